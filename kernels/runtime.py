@@ -1,0 +1,80 @@
+"""The one place where Taichi is started and where the rest of the program learns what it runs on.
+
+Taichi is started at the first use, never at import. Starting it a second time would invalidate every compiled kernel,
+so a second call with another architecture is an error.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import taichi as ti
+import torch
+
+ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan", "metal")
+
+
+class RuntimeUnavailable(RuntimeError):
+    """The requested architecture cannot be used on this machine, or another one is already running."""
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """What is running: Taichi's architecture, torch's device and the number of CPU threads of both."""
+
+    arch: str
+    device: torch.device
+    threads: int
+
+
+_running: Runtime | None = None
+
+
+def available_cores() -> int:
+    """CPU cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def start(arch: str = "auto", threads: int | None = None) -> Runtime:
+    """Start Taichi once, and tell what was started.
+
+    Args:
+        arch: one of `ARCHITECTURES`; "auto" takes CUDA where torch and Taichi both see a device, else the CPU.
+        threads: CPU threads of Taichi's kernels; default all cores this process may use. Torch is set to one thread,
+            because its small matrix products lose far more to a busy second core than they gain from it.
+
+    Raises:
+        RuntimeUnavailable: unknown or unusable architecture, or a different one is running already.
+    """
+    global _running
+    if arch not in ARCHITECTURES:
+        raise RuntimeUnavailable(f"arch: {arch!r} is not one of {', '.join(ARCHITECTURES)}")
+    if _running is not None:
+        if arch not in ("auto", _running.arch):
+            raise RuntimeUnavailable(f"arch: {_running.arch!r} is running already, so {arch!r} cannot be started")
+        return _running
+    if arch == "auto":
+        arch = "cuda" if torch.cuda.is_available() else "cpu"
+    if arch == "cuda" and not torch.cuda.is_available():
+        raise RuntimeUnavailable("arch: 'cuda' was asked for, but torch sees no CUDA device here")
+    threads = threads or available_cores()
+    try:
+        ti.init(
+            arch=getattr(ti, arch),
+            cpu_max_num_threads=threads,
+            offline_cache=True,
+            fast_math=False,
+            log_level=ti.ERROR,
+        )
+    except Exception as error:
+        raise RuntimeUnavailable(f"arch: {arch!r} could not be started: {error}") from error
+    torch.set_num_threads(1)
+    device = torch.device("cuda" if arch == "cuda" else "cpu")
+    _running = Runtime(arch, device, threads)
+    return _running
+
+
+def synchronize() -> None:
+    """Wait until all launched kernels are done (a no-op on the CPU, needed before a clock is read on a GPU)."""
+    ti.sync()
