@@ -19,8 +19,8 @@ def philox(counter: uint4, key_low: ti.u32, key_high: ti.u32) -> uint4:
     k0 = key_low
     k1 = key_high
     for _ in range(10):
-        product0 = ti.cast(0xD2511F53, ti.u64) * ti.cast(c[0], ti.u64)
-        product1 = ti.cast(0xCD9E8D57, ti.u64) * ti.cast(c[2], ti.u64)
+        product0 = ti.u64(0xD2511F53) * ti.cast(c[0], ti.u64)
+        product1 = ti.u64(0xCD9E8D57) * ti.cast(c[2], ti.u64)
         high0 = ti.cast(ti.bit_shr(product0, 32), ti.u32)
         high1 = ti.cast(ti.bit_shr(product1, 32), ti.u32)
         c = uint4(
@@ -29,14 +29,14 @@ def philox(counter: uint4, key_low: ti.u32, key_high: ti.u32) -> uint4:
             high0 ^ c[3] ^ k1,
             ti.cast(product0, ti.u32),
         )
-        k0 += ti.cast(0x9E3779B9, ti.u32)
-        k1 += ti.cast(0xBB67AE85, ti.u32)
+        k0 += ti.u32(0x9E3779B9)
+        k1 += ti.u32(0xBB67AE85)
     return c
 
 
 @ti.func
 def unit(word: ti.u32) -> ti.f32:
-    """A 32-bit word as a number in the open interval (0, 1), on a lattice of 2⁻²⁴ offset by half a step."""
+    """A 32-bit word as a number in the open interval (0, 1), on a lattice of 2⁻²³ offset by half a step."""
     return (ti.cast(ti.bit_shr(word, 9), ti.f32) + 0.5) * (1.0 / 8388608.0)
 
 
@@ -70,7 +70,8 @@ def poisson(mean: ti.f32, u: ti.f32) -> ti.f32:
     probability = ti.exp(-mean)
     below = probability
     count = 0.0
-    while u > below and count < 200.0:
+    # Rounding can keep the sum below the largest u for ever; the tail ends where its terms no longer count.
+    while u > below and (count < mean or probability > 1e-9):
         count += 1.0
         probability *= mean / count
         below += probability

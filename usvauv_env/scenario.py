@@ -16,6 +16,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from kernels.errors import UserError
+
 MAX_AUVS = 16
 MAX_NODES = 500
 MAX_VORTICES = 16
@@ -25,8 +27,8 @@ NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class ScenarioError(ValueError):
-    """A scenario cannot be used; the message is one line that names the file, the field, its value and what is allowed."""
+class ScenarioError(UserError, ValueError):
+    """A scenario cannot be used; the message is one line naming the file, the field, its value and what is allowed."""
 
 
 class Section(BaseModel):
@@ -151,7 +153,7 @@ class Usbl(Section):
     )
 
     def carrier(self, auv: int, count: int) -> float:
-        """Carrier of AUV number `auv` in a team of `count`, Hz: the listed ones, then an even spread between the limits."""
+        """Carrier of AUV number `auv` in a team of `count`, Hz: the listed ones, then evenly between the limits."""
         listed = len(self.carriers)
         if auv < listed:
             return self.carriers[auv]
@@ -289,7 +291,7 @@ class Scenario(Section):
             if 2 * margin >= smaller:
                 raise ValueError(f"{field} must be below half the area's smaller side, {smaller / 2:g}")
         room = (self.area.width - 2 * self.auv.start_margin) * (self.area.length - 2 * self.auv.start_margin)
-        if self.auv.count * self.auv.start_separation**2 > room:
+        if self.auv.count * self.auv.start_separation**2 > 0.5 * room:  # well below where random placing jams
             raise ValueError(f"auv.start_separation is too large for {self.auv.count} AUVs in this area")
         if not self.auv.speed_min <= self.reference.straight_speed <= self.auv.speed_max:
             raise ValueError("reference.straight_speed must lie between auv.speed_min and auv.speed_max")

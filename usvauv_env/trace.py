@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import xarray
 
+from kernels.errors import UserError
 from usvauv_env.scenario import Scenario
 
 # Dimensions of each array field; also the order of axes in the file.
@@ -43,7 +44,7 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
 }
 
 
-class TraceError(ValueError):
+class TraceError(UserError, ValueError):
     """A trace file cannot be read."""
 
 

@@ -1,0 +1,8 @@
+"""The one kind of error that a user can cause and mend."""
+
+
+class UserError(Exception):
+    """Something asked for cannot be done; the message is one line that says what, and what is allowed.
+
+    The command line prints it without a traceback and exits with code 2.
+    """

@@ -1,0 +1,111 @@
+"""Column numbers of the mission's arrays: the one place that says what stands where.
+
+Arrays (float32 unless said): W worlds, K AUVs, M nodes, V vortices.
+
+    p        (P,)        numbers of the scenario            `Parameter`
+    link     (K, C)      acoustic constants of each AUV     `usbl.link_table`
+    auv      (W, K, A)   `AuvColumn`
+    node     (W, M, 4)   `NodeColumn`
+    vortex   (W, V, 4)   x0, y0, Γ, δ
+    boat     (W, B)      `BoatColumn`
+    estimate (W, K, 3)   what the boat knows of each AUV: measured x, y, and the vertical separation
+    clock    (W, 2)      int32: episode, mission steps done
+    lane     (W,)        int32: which sea of the pool the world sails on
+"""
+
+import taichi as ti
+
+
+def _columns(*names: str) -> type:
+    """A class whose attributes are the column numbers of the given names, in order."""
+    return type("Columns", (), {**{name: index for index, name in enumerate(names)}, "names": names})
+
+
+Parameter = _columns(
+    "step",
+    "width",
+    "length",
+    "diagonal",
+    "first_world",
+    "circulation_min",
+    "circulation_max",
+    "alternate",
+    "core_radius_min",
+    "core_radius_max",
+    "random_vortices",
+    "tilt",
+    "attitude_error",
+    "top_speed",
+    "drifts",
+    "strategy",
+    "hold_x",
+    "hold_y",
+    "information_form",
+    "separation_boat",
+    "separation_node",
+    "speed_min",
+    "speed_max",
+    "polar",
+    "start_margin",
+    "start_separation",
+    "safe_distance",
+    "collision_distance",
+    "hover_radius",
+    "node_margin",
+    "buffer",
+    "start_backlog",
+    "payload",
+    "data_level",
+    "data_frequency",
+    "data_bandwidth",
+    "data_demonstration",
+    "distance_weight",
+    "observed_current",
+    "progress",
+    "weight_distance",
+    "weight_border",
+    "weight_overflow",
+    "weight_proximity",
+    "weight_service",
+    "weight_power",
+    "weight_collaboration",
+    "farthest",
+)
+AuvColumn = _columns(
+    "x",
+    "y",
+    "water_x",
+    "water_y",
+    "current_x",
+    "current_y",
+    "target",
+    "hover",
+    "rate",
+    "cargo",
+    "covariance_xx",
+    "covariance_xy",
+    "covariance_yy",
+    "power",
+    "hovering",
+    "service_rate",
+    "delivered",
+    "border",
+    "fix_error",
+)
+NodeColumn = _columns("x", "y", "rate", "backlog")
+BoatColumn = _columns("x", "y", "goal_x", "goal_y", "elevation", "slope_x", "slope_y", "overflowing", "collisions")
+RewardTerm = _columns("distance", "border", "overflow", "proximity", "service", "power", "collaboration")
+Strategy = _columns("fim", "hold", "centroid")
+Draw = _columns("node", "auv", "vortex", "vortex_sign", "fix", "attitude", "arrival")
+
+MEASURES = AuvColumn.names[AuvColumn.power : AuvColumn.fix_error + 1]
+
+vec2 = ti.types.vector(2, ti.f32)
+vec3 = ti.types.vector(3, ti.f32)
+array1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
+array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
+array3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
+array4 = ti.types.ndarray(dtype=ti.f32, ndim=4)
+index1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
+index2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
+mask1 = ti.types.ndarray(dtype=ti.u8, ndim=1)

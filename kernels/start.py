@@ -1,0 +1,120 @@
+"""The start of an episode, batched over worlds."""
+
+import taichi as ti
+
+from kernels import boat as usv
+from kernels import random, task
+from kernels.layout import (
+    AuvColumn,
+    BoatColumn,
+    Draw,
+    NodeColumn,
+    Parameter,
+    array1,
+    array2,
+    array3,
+    array4,
+    index1,
+    index2,
+    mask1,
+    vec2,
+)
+
+START_ATTEMPTS = 256
+
+
+@ti.kernel
+def begin_episodes(
+    p: array1,
+    arrival_rates: array1,
+    link: array2,
+    fixed_vortex: array2,
+    key_low: ti.u32,
+    key_high: ti.u32,
+    chosen: mask1,
+    eta: array4,
+    lane: index1,
+    cells_x: ti.i32,
+    cells_y: ti.i32,
+    clock: index2,
+    auv: array3,
+    node: array3,
+    vortices: array3,
+    boat: array2,
+    estimate: array3,
+    observation: array3,
+):
+    """Begin the next episode of each chosen world: draw its nodes, vortices and AUVs, place the boat, take a first fix.
+
+    AUVs are deployed at known places, so the boat starts where its strategy puts it for their true positions.
+    """
+    for w in range(clock.shape[0]):
+        if chosen[w] != 0:
+            episode = clock[w, 0] + 1
+            clock[w, 0] = episode
+            clock[w, 1] = 0
+            num_rates = arrival_rates.shape[0]
+            for i in range(node.shape[1]):
+                u = random.uniforms(task.address(p, w, episode, 0, Draw.node, i), key_low, key_high)
+                margin = p[Parameter.node_margin]
+                node[w, i, NodeColumn.x] = margin + u[0] * (p[Parameter.width] - 2 * margin)
+                node[w, i, NodeColumn.y] = margin + u[1] * (p[Parameter.length] - 2 * margin)
+                node[w, i, NodeColumn.rate] = arrival_rates[ti.min(ti.cast(u[2] * num_rates, ti.i32), num_rates - 1)]
+                node[w, i, NodeColumn.backlog] = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
+            for v in range(vortices.shape[1]):
+                if p[Parameter.random_vortices] > 0.5:
+                    u = random.uniforms(task.address(p, w, episode, 0, Draw.vortex, v), key_low, key_high)
+                    vortices[w, v, 0] = u[0] * p[Parameter.width]
+                    vortices[w, v, 1] = u[1] * p[Parameter.length]
+                    vortices[w, v, 2] = p[Parameter.circulation_min] + u[2] * (
+                        p[Parameter.circulation_max] - p[Parameter.circulation_min]
+                    )
+                    vortices[w, v, 3] = p[Parameter.core_radius_min] + u[3] * (
+                        p[Parameter.core_radius_max] - p[Parameter.core_radius_min]
+                    )
+                else:
+                    for c in range(4):
+                        vortices[w, v, c] = fixed_vortex[v, c]
+                if p[Parameter.alternate] > 0.5:
+                    u = random.uniforms(task.address(p, w, episode, 0, Draw.vortex_sign, v), key_low, key_high)
+                    if u[0] < 0.5:
+                        vortices[w, v, 2] = -vortices[w, v, 2]
+            for k in range(auv.shape[1]):
+                for c in range(auv.shape[2]):
+                    auv[w, k, c] = 0.0
+                auv[w, k, AuvColumn.target] = -1.0
+                searching = True
+                attempt = 0
+                while searching:
+                    draw = task.address(p, w, episode, attempt, Draw.auv, k)
+                    u = random.uniforms(draw, key_low, key_high)
+                    margin = p[Parameter.start_margin]
+                    x = margin + u[0] * (p[Parameter.width] - 2 * margin)
+                    y = margin + u[1] * (p[Parameter.length] - 2 * margin)
+                    auv[w, k, AuvColumn.x] = x
+                    auv[w, k, AuvColumn.y] = y
+                    searching = False
+                    for j in range(k):
+                        apart = vec2(x - auv[w, j, AuvColumn.x], y - auv[w, j, AuvColumn.y]).norm()
+                        if apart < p[Parameter.start_separation]:
+                            searching = True
+                    attempt += 1
+                    if attempt == START_ATTEMPTS:
+                        searching = False
+                estimate[w, k, 0] = auv[w, k, AuvColumn.x]
+                estimate[w, k, 1] = auv[w, k, AuvColumn.y]
+                estimate[w, k, 2] = p[Parameter.separation_boat]
+            for c in range(boat.shape[1]):
+                boat[w, c] = 0.0
+            usv.plan(p, link, boat, estimate, w)
+            boat[w, BoatColumn.x] = boat[w, BoatColumn.goal_x]
+            boat[w, BoatColumn.y] = boat[w, BoatColumn.goal_y]
+            usv.ride(p, boat, eta, lane, cells_x, cells_y, w)
+            for k in range(auv.shape[1]):
+                counter = task.address(p, w, episode, 0, Draw.fix, k)
+                tilt_counter = task.address(p, w, episode, 0, Draw.attitude, 0)
+                usv.take_fix(p, link, auv, boat, estimate, counter, tilt_counter, key_low, key_high, w, k)
+            for k in range(auv.shape[1]):
+                task.choose_target(p, auv, node, estimate, w, k)
+            for k in range(auv.shape[1]):
+                task.observe(p, auv, node, boat, vortices, estimate, observation, w, k)

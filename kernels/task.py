@@ -1,0 +1,84 @@
+"""Rules of the data-collection task that the start of an episode and every step share."""
+
+import taichi as ti
+
+from kernels import random, vortex
+from kernels.layout import AuvColumn, BoatColumn, NodeColumn, Parameter
+
+
+@ti.func
+def address(p: ti.template(), w, episode, step, draw, index):
+    """Counter of a random draw: the world's own index, its episode, its mission step, and what the draw is for."""
+    return random.uint4(
+        ti.cast(w + ti.cast(p[Parameter.first_world], ti.i32), ti.u32),
+        ti.cast(episode, ti.u32),
+        ti.cast(step, ti.u32),
+        ti.cast(draw * 65536 + index, ti.u32),
+    )
+
+
+@ti.func
+def choose_target(p: ti.template(), auv: ti.template(), node: ti.template(), estimate: ti.template(), w, k):
+    """Give AUV k the free node with the largest λ b/C − α d, d from its measured position.
+
+    Its present target, the node it has just emptied, is not free: lying at no distance it would win again at once, and
+    empty services would be counted without end.
+    """
+    best = -1
+    best_value = -1e30
+    for i in range(node.shape[1]):
+        free = True
+        for j in range(auv.shape[1]):
+            if ti.cast(auv[w, j, AuvColumn.target], ti.i32) == i:
+                free = False
+        if free:
+            dx = node[w, i, NodeColumn.x] - estimate[w, k, 0]
+            dy = node[w, i, NodeColumn.y] - estimate[w, k, 1]
+            value = node[w, i, NodeColumn.rate] * node[w, i, NodeColumn.backlog] / p[Parameter.buffer] - p[
+                Parameter.distance_weight
+            ] * ti.sqrt(dx * dx + dy * dy)
+            if value > best_value:
+                best = i
+                best_value = value
+    if best < 0:  # more AUVs than nodes: share the nearest by index
+        best = k % node.shape[1]
+    auv[w, k, AuvColumn.target] = ti.cast(best, ti.f32)
+
+
+@ti.func
+def observe(
+    p: ti.template(),
+    auv: ti.template(),
+    node: ti.template(),
+    boat: ti.template(),
+    vortices: ti.template(),
+    estimate: ti.template(),
+    observation: ti.template(),
+    w,
+    k,
+):
+    """Write what AUV k observes; the layout is documented in `usvauv_env.world.World`."""
+    scale = 1.0 / p[Parameter.diagonal]
+    x = estimate[w, k, 0]
+    y = estimate[w, k, 1]
+    slot = 0
+    for j in range(auv.shape[1]):
+        if j != k:
+            observation[w, k, slot] = (estimate[w, j, 0] - x) * scale
+            observation[w, k, slot + 1] = (estimate[w, j, 1] - y) * scale
+            slot += 2
+    target = ti.cast(auv[w, k, AuvColumn.target], ti.i32)
+    observation[w, k, slot] = (node[w, target, NodeColumn.x] - x) * scale
+    observation[w, k, slot + 1] = (node[w, target, NodeColumn.y] - y) * scale
+    observation[w, k, slot + 2] = x * scale
+    observation[w, k, slot + 3] = y * scale
+    observation[w, k, slot + 4] = auv[w, k, AuvColumn.border]
+    observation[w, k, slot + 5] = boat[w, BoatColumn.overflowing] / node.shape[1]
+    here = vortex.current(vortices, w, auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
+    auv[w, k, AuvColumn.current_x] = here[0]
+    auv[w, k, AuvColumn.current_y] = here[1]
+    if p[Parameter.observed_current] > 0.5:
+        observation[w, k, slot + 6] = here.norm()
+    if p[Parameter.observed_current] > 1.5:
+        observation[w, k, slot + 7] = here[0]
+        observation[w, k, slot + 8] = here[1]

@@ -1,0 +1,101 @@
+"""What the algorithms have in common: their networks, their optimisers, and the state of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from policies.config import TrainingConfig
+from policies.networks import StackedMLP
+from policies.replay import Batch
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Shape of the learning problem.
+
+    Attributes:
+        stack: S independent learners (1 if the AUVs share one).
+        observation: features F of one AUV.
+        action: components A of one action.
+    """
+
+    stack: int
+    observation: int
+    action: int
+
+
+class Learner(nn.Module):
+    """S independent learners of one algorithm. All tensors have the leading axis S; losses are summed over it.
+
+    Because Adam works element by element and the networks share no weight, a stack learns exactly as its members would
+    alone. `generator` is the source of every random number, on the device of the networks.
+    """
+
+    actor: StackedMLP
+
+    def __init__(self, config: TrainingConfig, generator: torch.Generator):
+        super().__init__()
+        self.config = config
+        self.generator = generator
+        self.updates = 0
+        self.optimisers: dict[str, torch.optim.Adam] = {}
+
+    @staticmethod
+    def make_actor(sizes: Sizes, config: TrainingConfig, generator: torch.Generator) -> StackedMLP:
+        """Untrained actors of this algorithm; their first actions are near zero."""
+        raise NotImplementedError
+
+    def optimise(self, name: str, parameters) -> None:
+        """Give parameters an optimiser of that name."""
+        self.optimisers[name] = torch.optim.Adam(parameters, lr=self.config.learning_rate, fused=True)
+
+    def descend(self, name: str, loss: Tensor) -> None:
+        """One step of the named optimiser, along the gradient of `loss` with respect to its own parameters only."""
+        optimiser = self.optimisers[name]
+        parameters = optimiser.param_groups[0]["params"]
+        for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters), strict=True):
+            parameter.grad = gradient
+        optimiser.step()
+
+    @torch.no_grad()
+    def follow(self, targets: nn.Module, networks: nn.Module) -> None:
+        """Move target networks by τ towards the networks: θ' ← θ' + τ (θ − θ')."""
+        torch._foreach_lerp_(list(targets.parameters()), list(networks.parameters()), self.config.tau)
+
+    @torch.no_grad()
+    def noisy(self, action: Tensor, deviation: float | Tensor, limit: float = float("inf")) -> Tensor:
+        """The action plus normal noise, cut off at ±limit, kept in [−1, 1]."""
+        noise = torch.randn(action.shape, generator=self.generator, device=action.device) * deviation
+        return (action + noise.clamp(-limit, limit)).clamp(-1.0, 1.0)
+
+    def explore(self, observation: Tensor) -> Tensor:
+        """Actions (S, B, A) to try while learning, for observations (S, B, F)."""
+        raise NotImplementedError
+
+    def update(self, batch: Batch) -> dict[str, Tensor]:
+        """Learn from one batch; returns the figures to show, as tensors without gradient."""
+        raise NotImplementedError
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Everything that changes while learning, by name."""
+        state = dict(self.state_dict())
+        for name, optimiser in self.optimisers.items():
+            for index, parameter in enumerate(optimiser.param_groups[0]["params"]):
+                for key, value in optimiser.state[parameter].items():
+                    state[f"optimiser.{name}.{index}.{key}"] = value
+        return state
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """The inverse of `tensors`."""
+        self.load_state_dict({key: value for key, value in state.items() if not key.startswith("optimiser.")})
+        for name, optimiser in self.optimisers.items():
+            moments: dict[int, dict[str, Tensor]] = {}
+            prefix = f"optimiser.{name}."
+            for key, value in state.items():
+                if key.startswith(prefix):
+                    index, moment = key.removeprefix(prefix).split(".")
+                    moments.setdefault(int(index), {})[moment] = value
+            optimiser.load_state_dict({"state": moments, "param_groups": optimiser.state_dict()["param_groups"]})

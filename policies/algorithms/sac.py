@@ -1,0 +1,69 @@
+"""Soft actor-critic with a learned temperature.
+
+Haarnoja et al., "Soft actor-critic algorithms and applications", 2018, arXiv:1812.05905, with n-step returns (the
+entropy of the steps in between is left out).
+"""
+
+from __future__ import annotations
+
+import copy
+
+import torch
+from torch import Tensor, nn
+
+from policies.algorithms.learner import Learner, Sizes
+from policies.config import TrainingConfig
+from policies.networks import Critic, GaussianActor
+from policies.replay import Batch
+
+
+class SAC(Learner):
+    @staticmethod
+    def make_actor(sizes: Sizes, config: TrainingConfig, generator: torch.Generator) -> GaussianActor:
+        layers = (sizes.observation, *config.hidden, 2 * sizes.action)
+        return GaussianActor(sizes.stack, layers, generator, output_gain=0.01)
+
+    def __init__(self, sizes: Sizes, config: TrainingConfig, generator: torch.Generator):
+        super().__init__(config, generator)
+        self.actor = self.make_actor(sizes, config, generator)
+        self.critics = Critic(
+            2, sizes.stack, sizes.observation, sizes.action, config.hidden, generator, config.layer_norm
+        )
+        self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
+        # One temperature for each learner, started small: the rewards are of order one.
+        self.log_alpha = nn.Parameter(torch.full((sizes.stack, 1), -3.0, device=generator.device))
+        self.target_entropy = -float(sizes.action)
+        self.optimise("actor", self.actor.parameters())
+        self.optimise("critics", self.critics.parameters())
+        self.optimise("temperature", [self.log_alpha])
+
+    @torch.no_grad()
+    def explore(self, observation: Tensor) -> Tensor:
+        return self.actor.sample(observation, self.generator)[0]
+
+    def update(self, batch: Batch) -> dict[str, Tensor]:
+        alpha = self.log_alpha.detach().exp()
+        with torch.no_grad():
+            next_action, next_log_density = self.actor.sample(batch.next_observation, self.generator)
+            next_value = self.target_critics(batch.next_observation, next_action).amin(0) - alpha * next_log_density
+            target = batch.reward + batch.discount * next_value
+
+        value = self.critics(batch.observation, batch.action)
+        critic_loss = (value - target).square().mean(-1).sum(0)
+        self.descend("critics", critic_loss.sum())
+
+        action, log_density = self.actor.sample(batch.observation, self.generator)
+        actor_loss = (alpha * log_density - self.critics(batch.observation, action).amin(0)).mean(-1)
+        self.descend("actor", actor_loss.sum())
+
+        surprise = (log_density.detach() + self.target_entropy).mean(-1, keepdim=True)
+        self.descend("temperature", -(self.log_alpha * surprise).sum())
+
+        self.follow(self.target_critics, self.critics)
+        self.updates += 1
+        return {
+            "critic_loss": critic_loss.detach().mean(),
+            "value": value.detach().mean(),
+            "temperature": alpha.mean(),
+            "entropy": -log_density.detach().mean(),
+        }

@@ -1,0 +1,174 @@
+"""Policies and training runs on disk: tensors in safetensors, everything else in JSON, so that loading runs no code.
+
+    NAME/policy.json            what it is, how it was made, how it scored
+    NAME/policy.safetensors     actor weights and whitening
+    NAME/training.json          counters of a run that can go on
+    NAME/training.safetensors   networks, optimisers, replay, generator, world
+
+A directory is written beside its place and moved there when it is complete.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from policies.algorithms import ALGORITHMS, Sizes
+from policies.config import TrainingConfig
+from policies.frames import ACTION_SIZE, FRAMES, Layout
+from policies.learned import LearnedPolicy, Whitening
+from policies.policy import PolicyError
+from usvauv_env.scenario import Scenario, ScenarioError
+
+FORMAT = 1
+POLICY, TRAINING = "policy", "training"
+
+
+def write(directory: Path, parts: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Tensor]]]) -> None:
+    """Write `part.json` and `part.safetensors` for each part; the directory changes as a whole or not at all.
+
+    Raises:
+        PolicyError: the place cannot be written.
+    """
+    directory = Path(directory)
+    try:
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
+        try:
+            partial.chmod(0o755)
+            for part, (about, tensors) in parts.items():
+                (partial / f"{part}.json").write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+                save_file({name: value.contiguous() for name, value in tensors.items()}, _tensors(partial, part))
+            _swap(partial, directory)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+    except OSError as error:
+        raise PolicyError(f"{directory}: cannot be written: {error}") from None
+
+
+def _swap(new: Path, place: Path) -> None:
+    """Put the directory `new` into its place; what was there comes back if that fails."""
+    old = new.with_name(new.name + "-old")
+    if place.exists():
+        os.replace(place, old)
+    try:
+        os.replace(new, place)
+    except OSError:
+        if old.exists():
+            os.replace(old, place)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _tensors(directory: Path, part: str) -> Path:
+    return directory / f"{part}.safetensors"
+
+
+def read(directory: Path, part: str, device: torch.device) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """What `write` stored for a part.
+
+    Raises:
+        PolicyError: missing or damaged.
+    """
+    path = directory / f"{part}.json"
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(about, dict) or about.get("format") != FORMAT:
+            raise PolicyError(f"{path}: not a checkpoint of format {FORMAT}")
+        path = _tensors(directory, part)
+        return about, load_file(path, device=str(device))
+    except FileNotFoundError:
+        raise PolicyError(f"{directory}: checkpoint is missing {path.name}") from None
+    except (OSError, ValueError, SafetensorError) as error:
+        if isinstance(error, PolicyError):
+            raise
+        raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
+
+
+def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, Any]) -> tuple[dict, dict]:
+    """JSON and tensors of a policy; `about` adds how it was made and how it scored."""
+    scenario = policy.scenario
+    content = {
+        "format": FORMAT,
+        "algorithm": config.algorithm,
+        "observation_size": Layout.of(scenario).size,
+        "num_auvs": scenario.auv.count,
+        "action": scenario.auv.action,
+        **about,
+        "training": asdict(config),
+        "scenario": scenario.to_dict(),
+    }
+    tensors = {f"actor.{name}": value for name, value in policy.actor.state_dict().items()}
+    tensors["whitening.mean"] = policy.whitening.mean
+    tensors["whitening.deviation"] = policy.whitening.deviation
+    return content, tensors
+
+
+def load_policy(
+    directory: Path, name: str, scenario: Scenario | None = None, device: torch.device | None = None
+) -> LearnedPolicy:
+    """The policy of a checkpoint directory, for `scenario` (default: the one it was trained in).
+
+    Raises:
+        PolicyError: missing, damaged, or made for other sizes than the scenario's.
+    """
+    device = device or torch.device("cpu")
+    content, tensors = read(directory, POLICY, device)
+    path = directory / f"{POLICY}.json"
+    config = read_config(content, path)
+    try:
+        own = Scenario.from_dict(content["scenario"], str(path))
+    except (KeyError, ScenarioError) as error:
+        raise PolicyError(f"{path}: checkpoint is damaged: scenario: {error}") from None
+    sizes = Sizes(1 if config.shared else own.auv.count, FRAMES[config.frame](own).features, ACTION_SIZE)
+    actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator(device))
+    try:
+        if not all(value.isfinite().all() for value in tensors.values()):
+            raise RuntimeError("a value is not finite")
+        whitening = Whitening(tensors.pop("whitening.mean"), tensors.pop("whitening.deviation"))
+        actor.load_state_dict({key.removeprefix("actor."): value for key, value in tensors.items()})
+    except (KeyError, RuntimeError) as error:
+        first = str(error).strip().splitlines()[-1].strip()
+        raise PolicyError(f"{_tensors(directory, POLICY)}: checkpoint is damaged: {first}") from None
+    shape = (sizes.observation,)
+    if whitening.mean.shape != shape or whitening.deviation.shape != shape:
+        raise PolicyError(f"{_tensors(directory, POLICY)}: checkpoint is damaged: whitening is not {shape[0]} numbers")
+    policy = LearnedPolicy(name, own, config.frame, whitening, actor.requires_grad_(False), config.shared)
+    if scenario is None:
+        return policy
+    policy.check(scenario)
+    return LearnedPolicy(name, scenario, config.frame, whitening, actor, config.shared)
+
+
+def read_config(content: Mapping[str, Any], path: Path) -> TrainingConfig:
+    """The settings recorded in a checkpoint's JSON."""
+    settings = content.get("training")
+    if not isinstance(settings, dict):
+        raise PolicyError(f"{path}: checkpoint is damaged: no training settings")
+    return TrainingConfig.from_dict(settings, str(path))
+
+
+def read_run(directory: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]:
+    """Scenario, settings and JSON of the run that `Trainer` keeps in a directory, to build its world before resuming.
+
+    Raises:
+        PolicyError: there is no such run, or it is damaged.
+    """
+    last = Path(directory) / "last"
+    content, _ = read(last, POLICY, torch.device("cpu"))
+    path = last / f"{POLICY}.json"
+    try:
+        return Scenario.from_dict(content["scenario"], str(path)), read_config(content, path), content
+    except (KeyError, ScenarioError) as error:
+        raise PolicyError(f"{path}: checkpoint is damaged: scenario: {error}") from None

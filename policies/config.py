@@ -1,0 +1,86 @@
+"""Settings of a training run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from policies.policy import PolicyError
+
+ALGORITHM_NAMES = ("sac", "td3", "ddpg")
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """What a training run is made of, next to its scenario.
+
+    Attributes:
+        algorithm: "sac", "td3" or "ddpg".
+        num_worlds: W, worlds stepped together. Each step stores W transitions for each AUV.
+        seed: of the training worlds, the initial weights, the exploration and the sampling.
+        shared: one network for all AUVs, trained on the transitions of all; else each AUV learns alone.
+        frame: "target" or "world", see `frames`.
+        hidden: width of each hidden layer.
+        gamma: discount γ of one mission step.
+        n_step: steps n of reward before the bootstrap.
+        batch: transitions per learner in one update.
+        updates: gradient updates for each step of all worlds.
+        learning_rate: of Adam, for actor, critics and temperature.
+        tau: share of the way the target networks go towards the networks in each update.
+        noise: standard deviation of the exploration noise of TD3 and DDPG.
+        replay: capacity in transitions per AUV.
+        warmup: world-steps of the untrained policy, with its exploration, before the first update.
+        reward_scale: factor on the reward before it is learned from.
+        layer_norm: normalise the critics' hidden layers.
+    """
+
+    algorithm: str = "sac"
+    num_worlds: int = 128
+    seed: int = 0
+    shared: bool = False
+    frame: str = "target"
+    hidden: tuple[int, ...] = (128, 128)
+    gamma: float = 0.99
+    n_step: int = 5
+    batch: int = 512
+    updates: int = 1
+    learning_rate: float = 1e-3
+    tau: float = 0.01
+    noise: float = 0.2
+    replay: int = 500_000
+    warmup: int = 20_000
+    reward_scale: float = 0.1
+    layer_norm: bool = True
+
+    def __post_init__(self):
+        allowed = {
+            "algorithm": (self.algorithm in ALGORITHM_NAMES, f"one of {', '.join(ALGORITHM_NAMES)}"),
+            "frame": (self.frame in ("target", "world"), "target or world"),
+            "hidden": (
+                bool(self.hidden) and all(width >= 1 for width in self.hidden),
+                "one width or more, each above 0",
+            ),
+            "gamma": (0.0 <= self.gamma < 1.0, "at least 0 and below 1"),
+            "learning_rate": (self.learning_rate > 0.0, "above 0"),
+            "tau": (0.0 < self.tau <= 1.0, "above 0 and at most 1"),
+            "noise": (self.noise >= 0.0, "at least 0"),
+            "reward_scale": (self.reward_scale > 0.0, "above 0"),
+            "warmup": (self.warmup >= 0, "at least 0"),
+        }
+        for name in ("num_worlds", "n_step", "batch", "updates"):
+            allowed[name] = (getattr(self, name) >= 1, "at least 1")
+        allowed["replay"] = (self.replay >= self.num_worlds * (self.n_step + 3), "at least num_worlds · (n_step + 3)")
+        for name, (right, rule) in allowed.items():
+            if not right:
+                raise PolicyError(f"training: {name} = {getattr(self, name)!r}: must be {rule}")
+
+    @classmethod
+    def from_dict(cls, values: dict, source: str) -> TrainingConfig:
+        """The inverse of `dataclasses.asdict`, from JSON; `source` names the file in an error message."""
+        known = {field.name for field in fields(cls)}
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise PolicyError(f"{source}: checkpoint is damaged: unknown training settings {', '.join(unknown)}")
+        try:
+            return cls(**{**values, "hidden": tuple(values["hidden"])})
+        except (KeyError, TypeError, PolicyError) as error:
+            raise PolicyError(f"{source}: checkpoint is damaged: {error}") from None

@@ -1,0 +1,95 @@
+"""Policies without learning: the yardsticks a learned one has to beat."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from policies.frames import Layout, command, rotate, unit, unrotate
+from policies.policy import Policy, PolicyError
+from usvauv_env.scenario import Scenario
+
+
+class ConstantSpeed(Policy):
+    """A heuristic that travels at one speed through the water."""
+
+    reference: str
+
+    def __init__(self, name: str, scenario: Scenario, speed: float | None):
+        super().__init__(name, scenario)
+        auv = scenario.auv
+        self.speed = getattr(scenario.reference, self.reference) if speed is None else speed
+        if not auv.speed_min <= self.speed <= auv.speed_max:
+            raise PolicyError(
+                f"policy {name}: speed must lie between {auv.speed_min:g} and {auv.speed_max:g} m/s in "
+                f"scenario {scenario.name!r}"
+            )
+
+    def bearing(self, observation: Tensor) -> Tensor:
+        """Unit vector towards the measured target, (W, K, 2)."""
+        return unit(Layout.of(self.scenario).target(observation))
+
+
+class Straight(ConstantSpeed):
+    """Heads for the target through the water."""
+
+    reference = "straight_speed"
+
+    def act(self, observation: Tensor) -> Tensor:
+        return command(self.bearing(observation), self.speed, self.scenario)
+
+
+class Crab(ConstantSpeed):
+    """Heads so that the track over ground points at the target.
+
+    With the current's component c_⊥ across the bearing, the course is off the bearing by the angle whose sine is
+    −c_⊥ / V. A component above V cannot be compensated; the course is then straight against it.
+    """
+
+    reference = "crab_speed"
+
+    def attach(self, world) -> None:
+        self.world = world
+
+    def act(self, observation: Tensor) -> Tensor:
+        bearing = self.bearing(observation)
+        across = unrotate(self.world.current().to(bearing), bearing)[..., 1]
+        sine = (-across / self.speed).clamp(-1.0, 1.0)
+        course = torch.stack(((1.0 - sine.square()).clamp_min(0.0).sqrt(), sine), -1)
+        return command(rotate(course, bearing), self.speed, self.scenario)
+
+
+class Random(Policy):
+    """Uniform actions, drawn anew in every step; the n-th step after `attach` is a function of the seed alone.
+
+    The draw is a hash of (seed, step, world, AUV, component), so it is the same for any number of worlds.
+    """
+
+    def __init__(self, name: str, scenario: Scenario, seed: int = 0):
+        super().__init__(name, scenario)
+        self.seed = seed
+        self.step = 0
+
+    def attach(self, world) -> None:
+        self.step = 0
+
+    def act(self, observation: Tensor) -> Tensor:
+        worlds, auvs = observation.shape[:2]
+        index = torch.arange(worlds * auvs * 2, device=observation.device) + (self.step << 32)
+        self.step += 1
+        bits = mix(mix(index) ^ mix(torch.full_like(index, self.seed)))
+        uniform = (bits >> 40 & 0xFFFFFF).float() / 2.0**24
+        return (2.0 * uniform - 1.0).view(worlds, auvs, 2)
+
+
+def mix(x: Tensor) -> Tensor:
+    """SplitMix64's finaliser on int64, whose products wrap (Steele, Lea, Flood 2014, doi 10.1145/2660193.2660195)."""
+    x = x + signed(0x9E3779B97F4A7C15)
+    x = (x ^ (x >> 30 & (1 << 34) - 1)) * signed(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> 27 & (1 << 37) - 1)) * signed(0x94D049BB133111EB)
+    return x ^ (x >> 31 & (1 << 33) - 1)
+
+
+def signed(constant: int) -> int:
+    """The two's complement of a 64-bit constant, as torch's int64 wants it."""
+    return constant - (1 << 64) if constant >= 1 << 63 else constant

@@ -1,0 +1,57 @@
+"""A policy that was learned: whitened features, a stack of actor networks, a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from policies.frames import FRAMES
+from policies.networks import StackedMLP
+from policies.policy import Policy
+from policies.replay import stack, unstack
+from usvauv_env.scenario import Scenario
+
+CLIP = 8.0
+
+
+@dataclass
+class Whitening:
+    """Brings features to zero mean and unit variance: (f − mean) / deviation, cut off at ±8; mean, deviation (F,)."""
+
+    mean: Tensor
+    deviation: Tensor
+
+    @classmethod
+    def identity(cls, features: int, device: torch.device) -> Whitening:
+        return cls(torch.zeros(features, device=device), torch.ones(features, device=device))
+
+    @classmethod
+    def of(cls, samples: Tensor) -> Whitening:
+        """Measured on features (..., F). One that hardly varies there keeps its own scale."""
+        flat = samples.flatten(0, -2)
+        deviation = flat.std(0, correction=0)
+        return cls(flat.mean(0), torch.where(deviation > 1e-3, deviation, torch.ones_like(deviation)))
+
+    def __call__(self, features: Tensor) -> Tensor:
+        return ((features - self.mean) / self.deviation).clamp(-CLIP, CLIP)
+
+
+class LearnedPolicy(Policy):
+    """Actors (one for each AUV, or a shared one) behind a frame."""
+
+    def __init__(
+        self, name: str, scenario: Scenario, frame: str, whitening: Whitening, actor: StackedMLP, shared: bool
+    ):
+        super().__init__(name, scenario)
+        self.frame = FRAMES[frame](scenario)
+        self.whitening = whitening
+        self.actor = actor
+        self.shared = shared
+
+    @torch.no_grad()
+    def act(self, observation: Tensor) -> Tensor:
+        features = self.whitening(self.frame.encode(observation))
+        action = unstack(self.actor(stack(features, self.shared)), observation.shape[1])
+        return self.frame.decode(observation, action)

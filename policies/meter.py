@@ -1,0 +1,53 @@
+"""Figures of a training run, gathered over a window of steps."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+class Meter:
+    """Sums what the worlds measure, on their device, and turns it into the figures people read.
+
+    Rates are given as an episode would count them: `services`, `sdr` and `border` for one episode of one world.
+    """
+
+    def __init__(self, world):
+        self.world = world
+        self.reset()
+
+    def reset(self) -> None:
+        device = self.world.device
+        self.terms = torch.zeros(len(self.world.reward_names), dtype=torch.float64, device=device)
+        self.measures = torch.zeros(len(self.world.measure_names), dtype=torch.float64, device=device)
+        self.services = torch.zeros((), dtype=torch.int64, device=device)
+        self.rows = 0
+        self.losses: list[dict[str, Tensor]] = []
+
+    def add(self, info: dict[str, Tensor]) -> None:
+        """Count one step of all worlds."""
+        measures = info["measures"]
+        self.terms += info["reward_terms"].sum((0, 1))
+        self.measures += measures.sum((0, 1))
+        self.services += (measures[..., self.world.measure_names.index("service_rate")] > 0).sum()
+        self.rows += 1
+
+    def figures(self) -> dict:
+        """arps, sdr, ec, services, border, fix_error; reward: each term, mean per step summed over AUVs; learner."""
+        world = self.world
+        world_steps = max(self.rows, 1) * world.num_worlds
+        episodes = world_steps / world.steps
+        auv_steps = world_steps * world.num_auvs
+        terms = (self.terms / world_steps).tolist()
+        sums = dict(zip(world.measure_names, self.measures.tolist(), strict=True))
+        names = self.losses[0] if self.losses else ()
+        return {
+            "arps": sum(terms),
+            "sdr": sums["service_rate"] / episodes,
+            "ec": sums["power"] / max(auv_steps - sums["hovering"], 1.0),
+            "services": int(self.services) / episodes,
+            "border": sums["border"] / episodes,
+            "fix_error": sums["fix_error"] / auv_steps,
+            "reward": dict(zip(world.reward_names, terms, strict=True)),
+            "learner": {name: float(torch.stack([loss[name] for loss in self.losses]).mean()) for name in names},
+        }

@@ -1,0 +1,115 @@
+"""Stacks of independent networks, evaluated together.
+
+S networks of the same shape hold their weights in one tensor with a leading axis, so that a layer of all of them is one
+batched matrix product. Their gradients do not mix: each network's output depends on its own slice of the weights only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+LOG_STD_MIN, LOG_STD_MAX = -5.0, 1.0
+
+
+class StackedMLP(nn.Module):
+    """S multilayer perceptrons with ReLU: x (S, B, inputs) → (S, B, outputs).
+
+    Args:
+        stack: number S of independent networks.
+        sizes: inputs, width of each hidden layer, outputs.
+        generator: source of the initial weights, uniform within ±1/√(inputs of the layer).
+        layer_norm: normalise each hidden layer before its ReLU, without learned scale.
+        output_gain: factor on the initial weights of the last layer.
+    """
+
+    def __init__(
+        self,
+        stack: int,
+        sizes: Sequence[int],
+        generator: torch.Generator,
+        layer_norm: bool = False,
+        output_gain: float = 1.0,
+    ):
+        super().__init__()
+        self.layer_norm = layer_norm
+        self.weights = nn.ParameterList()
+        self.biases = nn.ParameterList()
+        device = generator.device
+        for inputs, outputs in pairwise(sizes):
+            bound = 1.0 / math.sqrt(inputs)
+            weight = torch.rand((stack, inputs, outputs), generator=generator, device=device)
+            bias = torch.rand((stack, 1, outputs), generator=generator, device=device)
+            self.weights.append(nn.Parameter((2.0 * weight - 1.0) * bound))
+            self.biases.append(nn.Parameter((2.0 * bias - 1.0) * bound))
+        with torch.no_grad():
+            self.weights[-1].mul_(output_gain)
+            self.biases[-1].mul_(output_gain)
+
+    def forward(self, x: Tensor) -> Tensor:
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = torch.baddbmm(bias, x, weight)
+            if self.layer_norm:
+                x = functional.layer_norm(x, x.shape[-1:])
+            x = functional.relu(x)
+        return torch.baddbmm(self.biases[-1], x, self.weights[-1])
+
+
+class DeterministicActor(StackedMLP):
+    """Actions (S, B, A) in [−1, 1] by a tanh at the output, as in DDPG and TD3."""
+
+    def forward(self, observation: Tensor) -> Tensor:
+        return torch.tanh(super().forward(observation))
+
+
+class GaussianActor(StackedMLP):
+    """A normal distribution squashed by tanh, as in SAC; the network gives its mean and log deviation."""
+
+    def _distribution(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        mean, log_std = super().forward(observation).chunk(2, dim=-1)
+        # A smooth squash keeps a gradient at both ends of the allowed range.
+        middle, half = (LOG_STD_MAX + LOG_STD_MIN) / 2, (LOG_STD_MAX - LOG_STD_MIN) / 2
+        return mean, middle + half * torch.tanh(log_std)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """The mode's action, (S, B, A) in [−1, 1]."""
+        return torch.tanh(super().forward(observation).chunk(2, dim=-1)[0])
+
+    def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """A reparametrised action (S, B, A) and its log-probability density (S, B)."""
+        mean, log_std = self._distribution(observation)
+        noise = torch.randn(mean.shape, generator=generator, device=mean.device)
+        raw = mean + log_std.exp() * noise
+        log_normal = -0.5 * noise.square() - log_std - 0.5 * math.log(2.0 * math.pi)
+        # log(1 − tanh² x) = 2 (log 2 − x − softplus(−2x)), which stays finite where tanh x rounds to 1.
+        log_slope = 2.0 * (math.log(2.0) - raw - functional.softplus(-2.0 * raw))
+        return torch.tanh(raw), (log_normal - log_slope).sum(-1)
+
+
+class Critic(nn.Module):
+    """Action values Q of C critics for each of S agents: observation (S, B, F), action (S, B, A) → (C, S, B)."""
+
+    def __init__(
+        self,
+        critics: int,
+        stack: int,
+        observation_size: int,
+        action_size: int,
+        hidden: Sequence[int],
+        generator: torch.Generator,
+        layer_norm: bool,
+    ):
+        super().__init__()
+        self.critics = critics
+        sizes = (observation_size + action_size, *hidden, 1)
+        self.network = StackedMLP(critics * stack, sizes, generator, layer_norm)
+
+    def forward(self, observation: Tensor, action: Tensor) -> Tensor:
+        stack, batch, _ = observation.shape
+        x = torch.cat((observation, action), -1).expand(self.critics, -1, -1, -1)
+        return self.network(x.reshape(self.critics * stack, batch, -1)).view(self.critics, stack, batch)

@@ -1,0 +1,261 @@
+"""Off-policy training in many worlds at once."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from policies import checkpoint
+from policies.algorithms import ALGORITHMS, Sizes
+from policies.checkpoint import FORMAT, POLICY, TRAINING
+from policies.config import TrainingConfig
+from policies.frames import ACTION_SIZE, FRAMES
+from policies.learned import LearnedPolicy, Whitening
+from policies.meter import Meter
+from policies.policy import PolicyError
+from policies.replay import Replay, stack, unstack
+
+WINDOW = 100  # steps of all worlds between two reports
+EVALUATIONS = 10  # evaluations in a run
+
+Evaluate = Callable[[LearnedPolicy], Mapping[str, float]]
+Callback = Callable[[dict[str, Any]], None]
+
+
+class Trainer:
+    """Trains a policy: act with exploration, step the worlds, store, update.
+
+    While the worlds take their step on one core, the updates run on another, on what was stored before that step; the
+    result does not depend on which of the two is faster. Worlds are truncated together and reset together; a truncated
+    transition bootstraps, a terminated one does not.
+
+    Args:
+        world: the worlds to train in, on a seed of their own.
+        config: settings; `config.num_worlds` must be the world's.
+        directory: where `last`, `best` and `tensorboard` are kept; None: nothing is written.
+        evaluate: policy → figures with at least "arps", on other worlds than the training ones; called `EVALUATIONS`
+            times in a run. The policy with the highest arps is kept as `best`.
+        provenance: what is recorded in every checkpoint beside the figures, such as command and commit.
+    """
+
+    def __init__(
+        self,
+        world,
+        config: TrainingConfig,
+        directory: str | Path | None = None,
+        evaluate: Evaluate | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ):
+        if config.num_worlds != world.num_worlds:
+            raise PolicyError(f"training: num_worlds = {config.num_worlds}, but the world has {world.num_worlds}")
+        self.world, self.config = world, config
+        self.directory = None if directory is None else Path(directory)
+        self.evaluate = evaluate
+        self.provenance = dict(provenance or {})
+        device = world.device
+        self.frame = FRAMES[config.frame](world.scenario)
+        self.generator = torch.Generator(device).manual_seed(config.seed)
+        sizes = Sizes(1 if config.shared else world.num_auvs, self.frame.features, ACTION_SIZE)
+        self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
+        shape = (world.num_worlds, world.num_auvs, self.frame.features, ACTION_SIZE)
+        self.replay = Replay(config.replay // world.num_worlds, shape, device, config.shared)
+        self.whitening = Whitening.identity(self.frame.features, device)
+        self.meter = Meter(world)
+        self.observation: Tensor | None = None
+        self.steps = 0
+        self.seconds = 0.0
+        self.best = -math.inf
+        self.evaluation: dict[str, float] = {}
+        self.stopped = False
+
+    def policy(self, name: str = "training") -> LearnedPolicy:
+        """The policy as it is now; it goes on learning with the trainer."""
+        config = self.config
+        return LearnedPolicy(name, self.world.scenario, config.frame, self.whitening, self.learner.actor, config.shared)
+
+    def train(self, steps: int, callback: Callback = lambda figures: None) -> dict[str, Any]:
+        """Train until `steps` world-steps are done in all, or until Ctrl-C (then `stopped` is true).
+
+        Returns:
+            The last figures, as `callback` got them: steps, total, seconds, eta, steps_per_second, updates, those of
+            `Meter.figures`, and evaluation.
+        """
+        begun, seconds_before, steps_before = time.perf_counter(), self.seconds, self.steps
+        if self.observation is None:
+            self.observation = self.world.reset().clone()
+        figures: dict[str, Any] = {}
+        self.stopped = False
+        with self._writer() as write, self._interruptible(), ThreadPoolExecutor(1) as pool:
+            while self.steps < steps and not self.stopped:
+                self._advance(pool)
+                done = self.steps >= steps
+                due = self._evaluations_due(steps) > self._evaluations_due(steps, self.steps - self.world.num_worlds)
+                if due and not self.stopped:
+                    self._judge()
+                if due or done or self.stopped or self.meter.rows == WINDOW:
+                    elapsed = time.perf_counter() - begun
+                    self.seconds = seconds_before + elapsed
+                    rate = (self.steps - steps_before) / elapsed
+                    figures = {
+                        "steps": self.steps,
+                        "total": steps,
+                        "seconds": self.seconds,
+                        "eta": (steps - self.steps) / rate,
+                        "steps_per_second": rate,
+                        "updates": self.learner.updates,
+                        **self.meter.figures(),
+                        "evaluation": self.evaluation,
+                    }
+                    self.meter.reset()
+                    write(figures)
+                    callback(figures)
+                if self.directory is not None and (due or done or self.stopped):
+                    self.save()
+        return figures
+
+    def _evaluations_due(self, total: int, steps: int | None = None) -> int:
+        """Evaluations that belong to a run of `total` world-steps by the time `steps` are done."""
+        return (self.steps if steps is None else steps) * EVALUATIONS // total
+
+    def _advance(self, pool: ThreadPoolExecutor) -> None:
+        """One step of all worlds and the updates that go with it."""
+        config, world = self.config, self.world
+        features = self.whitening(self.frame.encode(self.observation))
+        learning = self.steps >= config.warmup and self.replay.size > config.n_step + 1
+        if learning and self.learner.updates == 0:
+            features = self._whiten(features)
+        action = unstack(self.learner.explore(stack(features, config.shared)), world.num_auvs)
+        step = pool.submit(world.step, self.frame.decode(self.observation, action))
+        if learning:
+            for _ in range(config.updates):
+                batch = self.replay.sample(config.batch, config.n_step, config.gamma, self.generator)
+                self.meter.losses.append(self.learner.update(batch))
+        observation, reward, terminated, truncated, info = step.result()
+        self.replay.add(features, action, reward * config.reward_scale, terminated)
+        self.meter.add(info)
+        self.steps += world.num_worlds
+        if bool(truncated[0, 0]):
+            self.replay.finish(self.whitening(self.frame.encode(observation)))
+            observation = world.reset()
+        self.observation = observation.clone()
+
+    def _whiten(self, features: Tensor) -> Tensor:
+        """Measure the whitening on the steps before learning, once; bring what was stored, and `features`, up to it."""
+        stored = self.replay.observation[: self.replay.size]
+        self.whitening = Whitening.of(stored)
+        stored.copy_(self.whitening(stored))
+        return self.whitening(features)
+
+    def _judge(self) -> None:
+        """Evaluate, and keep the policy if it is the best so far."""
+        if self.evaluate is None:
+            return
+        self.evaluation = {name: float(value) for name, value in self.evaluate(self.policy()).items()}
+        if self.evaluation["arps"] > self.best:
+            self.best = self.evaluation["arps"]
+            if self.directory is not None:
+                checkpoint.write(self.directory / "best", {POLICY: self._describe()})
+
+    def _describe(self) -> tuple[dict, dict[str, Tensor]]:
+        about = {
+            "score": self.evaluation.get("arps"),
+            "evaluation": self.evaluation,
+            "steps": self.steps,
+            "updates": self.learner.updates,
+            "seconds": round(self.seconds, 1),
+            **self.provenance,
+        }
+        return checkpoint.describe(self.policy(), self.config, about)
+
+    def save(self) -> None:
+        """Write `last`: the policy and all that is needed to go on."""
+        counters = {
+            "format": FORMAT,
+            "steps": self.steps,
+            "seconds": self.seconds,
+            "best": self.best if math.isfinite(self.best) else None,
+            "evaluation": self.evaluation,
+            "updates": self.learner.updates,
+            "head": self.replay.head,
+            "size": self.replay.size,
+        }
+        tensors = {"observation": self.observation, "generator": self.generator.get_state()}
+        for group, values in (
+            ("learner", self.learner.tensors()),
+            ("replay", self.replay.tensors()),
+            ("world", self.world.state()),
+        ):
+            tensors |= {f"{group}.{name}": value for name, value in values.items()}
+        parts = {POLICY: self._describe(), TRAINING: (counters, tensors)}
+        checkpoint.write(self.directory / "last", parts)
+
+    def resume(self) -> None:
+        """Go on where the run in `directory` was saved; on the CPU as if it had never stopped.
+
+        Raises:
+            PolicyError: nothing to resume there, damaged, or of another configuration.
+        """
+        last = self.directory / "last"
+        counters, tensors = checkpoint.read(last, TRAINING, self.world.device)
+        groups: dict[str, dict[str, Tensor]] = {"learner": {}, "replay": {}, "world": {}}
+        try:
+            self.observation = tensors.pop("observation")
+            self.generator.set_state(tensors.pop("generator").cpu())
+            for name, value in tensors.items():
+                group, _, rest = name.partition(".")
+                groups[group][rest] = value
+            self.learner.restore(groups["learner"])
+            self.learner.updates = counters["updates"]
+            self.replay.restore(groups["replay"], counters["head"], counters["size"])
+            self.world.load(groups["world"])
+            self.steps, self.seconds = counters["steps"], counters["seconds"]
+            self.evaluation = counters["evaluation"]
+            self.best = -math.inf if counters["best"] is None else counters["best"]
+        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+            raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None
+        self.whitening = checkpoint.load_policy(last, "training", device=self.world.device).whitening
+
+    @contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """Let Ctrl-C end the run after the step it falls into. Signals reach the main thread only."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def stop(signum, frame) -> None:
+            self.stopped = True
+
+        before = signal.signal(signal.SIGINT, stop)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+    @contextmanager
+    def _writer(self) -> Iterator[Callback]:
+        """A function that writes figures for TensorBoard."""
+        if self.directory is None:
+            yield lambda figures: None
+            return
+        from torch.utils.tensorboard import SummaryWriter  # takes a second to import
+
+        with SummaryWriter(self.directory / "tensorboard", purge_step=self.steps) as writer:
+
+            def write(figures: Mapping[str, Any], prefix: str = "") -> None:
+                for name, value in figures.items():
+                    if isinstance(value, Mapping):
+                        write(value, f"{name}/")
+                    elif prefix or name not in ("steps", "total", "seconds", "eta"):
+                        writer.add_scalar(prefix + name if prefix else f"run/{name}", value, self.steps)
+
+            yield write

@@ -1,0 +1,134 @@
+"""Packed grids: the same sea in every packing and for any number of threads, and sampling between cells."""
+
+import hashlib
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from kernels import c_grid
+from kernels.shallow_water import ShallowWater
+from tests.test_shallow_water import centres, many, order, rough_bed
+
+THREADS = """
+import sys
+from kernels import forward_backward, runtime
+runtime.start("cpu", threads=int(sys.argv[1]))
+forward_backward.CACHE = int(sys.argv[2])
+from tests.test_c_grid import fingerprint
+print(fingerprint(1), fingerprint(5), fingerprint(40))
+"""
+
+
+def storm(num_seas: int) -> ShallowWater:
+    """Forced, rough, over a rough bed; sea s is the same for any number of seas."""
+    nx, ny = 61, 200
+    solver = ShallowWater(
+        size=(122, 400),
+        cells=(nx, ny),
+        depth=rough_bed(nx, ny),
+        interval=1.5,
+        forced_edge="north",
+        drag=0.01,
+        num_seas=num_seas,
+    )
+    seas = [np.random.default_rng(s) for s in range(num_seas)]
+    solver.set_forcing(*(np.stack([r.uniform(1, 9, 4) for r in seas]) for _ in range(3)))
+    solver.set_state(np.stack([r.normal(size=(ny, nx)) for r in seas]))
+    for _ in range(2):
+        solver.advance()
+    return solver
+
+
+def fingerprint(num_seas: int) -> str:
+    solver = storm(num_seas)
+    return hashlib.sha256(solver.elevation().tobytes() + np.stack(solver.velocity()).tobytes()).hexdigest()
+
+
+class TestSameSea:
+    def test_strips_and_pool_agree_bit_for_bit(self):
+        alone, few, many_seas = storm(1), storm(5), storm(40)
+        assert alone.eta.shape[0] == few.eta.shape[0] == 1
+        assert alone.eta.shape[2] < few.eta.shape[2]  # strips of one sea, against one sea a lane
+        np.testing.assert_array_equal(alone.elevation()[0], few.elevation()[0])
+        np.testing.assert_array_equal(few.elevation(), many_seas.elevation()[:5])
+        np.testing.assert_array_equal(few.velocity(), np.stack(many_seas.velocity())[:, :5])
+
+    @pytest.mark.parametrize(("threads", "cache"), [(1, 2**20), (7, 1)])
+    def test_any_number_of_threads_gives_the_same_bits(self, threads, cache):
+        """Threads decide into how many bands the rows are cut, here one or six, some with neighbours on both sides, and
+        the cache how many substeps are taken at once, here all or two.
+        """
+        here = f"{fingerprint(1)} {fingerprint(5)} {fingerprint(40)}"
+        command = [sys.executable, "-c", THREADS, str(threads), str(cache)]
+        there = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[1])
+        assert there.stdout.splitlines()[-1:] == [here], there.stderr
+
+
+@ti.kernel
+def sample_all(
+    eta: ti.types.ndarray(dtype=ti.f32, ndim=4),
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    found: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    dx: ti.f32,
+    dy: ti.f32,
+    nx: ti.i32,
+    ny: ti.i32,
+):
+    for sea, p in ti.ndrange(found.shape[0], found.shape[1]):
+        surface = c_grid.sample(eta, sea, points[p, 0], points[p, 1], dx, dy, nx, ny)
+        for column in ti.static(range(3)):
+            found[sea, p, column] = surface[column]
+
+
+class TestSample:
+    X, Y = 120.0, 90.0
+
+    def sampled(self, surface, cells, num_seas, points):
+        nx, ny = cells
+        solver = ShallowWater(size=(self.X, self.Y), cells=cells, depth=10, interval=1, num_seas=num_seas)
+        solver.set_state(many(surface(centres(nx, self.X), centres(ny, self.Y)[:, None]), num_seas))
+        found = np.zeros((num_seas, len(points), 3), np.float32)
+        sample_all(solver.eta, points.astype(np.float32), found, solver.dx, solver.dy, nx, ny)
+        return found
+
+    @pytest.mark.parametrize(("cells", "num_seas"), [((40, 30), 1), ((9, 12), 1), ((3, 3), 2), ((20, 15), 18)])
+    def test_plane_is_exact_up_to_the_edge(self, cells, num_seas):
+        points = np.random.default_rng(3).uniform(0, 1, (300, 2)) * (self.X, self.Y)
+        points[:3] = (0, 0), (self.X, self.Y), (0, self.Y)
+        found = self.sampled(lambda x, y: 0.5 + 0.02 * x - 0.03 * y, cells, num_seas, points)
+        x, y = points.T
+        plane = np.stack([0.5 + 0.02 * x - 0.03 * y, 0.02 + 0 * x, -0.03 + 0 * x], axis=1)
+        scale = np.arange(1, num_seas + 1)[:, None, None]
+        np.testing.assert_allclose(found / scale, np.broadcast_to(plane, found.shape), atol=2e-6)
+
+    def test_elevation_and_slopes_are_second_order(self):
+        k, m = 2 * math.pi / self.X, 1.5 * math.pi / self.Y
+        points = np.random.default_rng(4).uniform(0, 1, (2000, 2)) * (self.X, self.Y)
+        x, y = points.T
+        exact = [np.cos(k * x) * np.cos(m * y), -k * np.sin(k * x) * np.cos(m * y), -m * np.cos(k * x) * np.sin(m * y)]
+        errors = []
+        for n in (40, 80):
+            found = self.sampled(lambda x, y: np.cos(k * x) * np.cos(m * y), (n, n), 1, points)[0]
+            errors.append(np.sqrt(np.mean((found - np.stack(exact, axis=1)) ** 2, axis=0)))
+        for series in zip(*errors, strict=True):
+            assert 1.8 < order(series) < 2.4
+
+    def test_slopes_are_continuous(self):
+        """Across cell borders and centres no step is larger than the surface's curvature allows."""
+        surface = lambda x, y: np.cos(0.1 * x) * np.cos(0.15 * y)  # noqa: E731
+        line = np.linspace(0, 1, 4001)[:, None] * (self.X, self.Y)
+        found = self.sampled(surface, (24, 18), 1, line)[0]
+        step = math.hypot(self.X, self.Y) / 4000
+        assert np.abs(np.diff(found, axis=0)).max() < 3 * step * 0.15
+
+    def test_outside_is_clamped(self):
+        inside, outside = np.array([[0.0, 40.0], [self.X, self.Y]]), np.array([[-30.0, 40.0], [1e6, 1e6]])
+        surface = lambda x, y: 0.1 * x + 0.2 * y  # noqa: E731
+        np.testing.assert_array_equal(
+            self.sampled(surface, (20, 15), 1, inside), self.sampled(surface, (20, 15), 1, outside)
+        )

@@ -1,0 +1,138 @@
+"""Counter-based random numbers: the published vectors, the distributions, and that a draw knows only its address."""
+
+import numpy as np
+import pytest
+import taichi as ti
+import torch
+from scipy import stats
+
+from kernels import random, runtime
+
+
+@pytest.fixture(scope="module")
+def device():
+    return runtime.start().device
+
+
+@ti.kernel
+def _philox(
+    counter: ti.types.ndarray(dtype=ti.i64, ndim=2),
+    key: ti.types.ndarray(dtype=ti.i64, ndim=2),
+    out: ti.types.ndarray(dtype=ti.i64, ndim=2),
+):
+    for i in range(counter.shape[0]):
+        address = random.uint4(0)
+        for j in ti.static(range(4)):
+            address[j] = ti.cast(counter[i, j], ti.u32)
+        word = random.philox(address, ti.cast(key[i, 0], ti.u32), ti.cast(key[i, 1], ti.u32))
+        for j in ti.static(range(4)):
+            out[i, j] = ti.cast(word[j], ti.i64)
+
+
+@ti.kernel
+def _draw(out: ti.types.ndarray(dtype=ti.f32, ndim=2), first: ti.u32, seed: ti.u32, normal: ti.i32):
+    for i in range(out.shape[0]):
+        address = random.uint4(first + ti.cast(i, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0))
+        draw = random.uniforms(address, seed, ti.u32(0))
+        if normal != 0:
+            draw = random.normals(address, seed, ti.u32(0))
+        for j in ti.static(range(4)):
+            out[i, j] = draw[j]
+
+
+@ti.kernel
+def _unit(word: ti.types.ndarray(dtype=ti.i64, ndim=1), out: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+    for i in range(word.shape[0]):
+        out[i] = random.unit(ti.cast(word[i], ti.u32))
+
+
+@ti.kernel
+def _poisson(mean: ti.f32, u: ti.types.ndarray(dtype=ti.f32, ndim=1), out: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+    for i in range(u.shape[0]):
+        out[i] = random.poisson(mean, u[i])
+
+
+def draw(device, n, normal=False, first=0, seed=1):
+    out = torch.empty((n, 4), dtype=torch.float32, device=device)
+    _draw(out, first, seed, int(normal))
+    return out.cpu().numpy()
+
+
+def test_published_vectors(device):
+    """Known answers of philox4x32-10 in the Random123 distribution (kat_vectors)."""
+    ones = 0xFFFFFFFF
+    pi = (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344)
+    counter = torch.tensor([[0] * 4, [ones] * 4, pi], dtype=torch.int64, device=device)
+    key = torch.tensor([[0, 0], [ones, ones], [0xA4093822, 0x299F31D0]], dtype=torch.int64, device=device)
+    out = torch.empty_like(counter)
+    _philox(counter, key, out)
+    assert [[f"{word & ones:08x}" for word in row] for row in out.tolist()] == [
+        ["6627e8d5", "e169c58d", "bc57ac4c", "9b00dbd8"],
+        ["408f276d", "41c83b0e", "a20bc7c6", "6d5451fd"],
+        ["d16cfe09", "94fdcceb", "5001e420", "24126ea1"],
+    ]
+
+
+def test_unit_is_open(device):
+    """The logarithm of Box–Muller never meets 0, nor does 1 occur."""
+    out = torch.empty(2, dtype=torch.float32, device=device)
+    _unit(torch.tensor([0, 0xFFFFFFFF], dtype=torch.int64, device=device), out)
+    assert 0 < out[0].item() == 2**-24
+    assert out[1].item() == 1 - 2**-24
+
+
+class TestDistribution:
+    n = 100_000
+
+    def test_uniform(self, device):
+        u = draw(device, self.n)
+        for j in range(4):
+            assert stats.kstest(u[:, j], "uniform").pvalue > 1e-3
+
+    def test_normal(self, device):
+        z = draw(device, self.n, normal=True)
+        for j in range(4):
+            assert stats.kstest(z[:, j], "norm").pvalue > 1e-3
+
+    def test_four_numbers_are_uncorrelated(self, device):
+        z = draw(device, self.n, normal=True)
+        correlation = np.corrcoef(np.concatenate([z, z**2], axis=1).T)
+        assert np.abs(correlation - np.eye(8)).max() < 5 / np.sqrt(self.n)
+
+    def test_neighbouring_addresses_are_uncorrelated(self, device):
+        z = draw(device, self.n, normal=True).ravel()
+        for lag in (1, 2, 4, 8):
+            assert abs(np.mean(z[lag:] * z[:-lag])) < 5 / np.sqrt(z.size)
+
+    @pytest.mark.parametrize("mean", [0.3, 3.0, 12.0, 40.0])
+    def test_poisson(self, device, mean):
+        u = torch.from_numpy(draw(device, self.n).ravel()).to(device)
+        out = torch.empty_like(u)
+        _poisson(mean, u, out)
+        count = np.bincount(out.cpu().numpy().astype(int))
+        expected = u.numel() * stats.poisson.pmf(np.arange(count.size), mean)
+        enough = expected > 10
+        chi2 = np.sum((count - expected)[enough] ** 2 / expected[enough])
+        assert stats.chi2.sf(chi2, enough.sum()) > 1e-3
+
+    @pytest.mark.parametrize("mean", [0.3, 3.0, 8.0, 12.0, 20.0, 40.0])
+    def test_poisson_tail_ends(self, device, mean):
+        """Rounding can keep the summed distribution below the largest u; the count must stay a plausible one."""
+        u = 1 - torch.arange(1, 200, 2, dtype=torch.float64) * 2**-24
+        u = u.to(torch.float32).to(device)
+        out = torch.empty_like(u)
+        _poisson(mean, u, out)
+        assert out.max().item() <= stats.poisson.isf(1e-10, mean)
+
+    def test_poisson_of_nothing(self, device):
+        out = torch.full((2,), -1.0, device=device)
+        _poisson(0.0, torch.tensor([0.1, 1 - 2**-24], device=device), out)
+        assert out.tolist() == [0, 0]
+
+
+class TestAddress:
+    def test_a_draw_does_not_depend_on_its_batch(self, device):
+        assert np.array_equal(draw(device, 1000)[700:], draw(device, 300, first=700))
+
+    def test_another_seed_is_another_sequence(self, device):
+        assert not np.any(draw(device, 1000, seed=1) == draw(device, 1000, seed=2))

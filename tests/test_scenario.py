@@ -1,0 +1,109 @@
+"""Scenarios: what ships, what is refused and how."""
+
+import tomllib
+from importlib import resources
+
+import pytest
+
+from usvauv_env import Scenario, ScenarioError
+
+
+@pytest.mark.parametrize("name", Scenario.shipped())
+class TestShipped:
+    def test_file_states_and_explains_every_field(self, name):
+        """The file is what `to_toml` prints: nothing is left to a default, each field has its comment."""
+        text = (resources.files("usvauv_env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
+        assert text == Scenario.load(name).to_toml()
+        fields = [line for line in text.splitlines() if line and not line.startswith("[")]
+        assert all("  # " in line and line.split("  # ")[1].strip() for line in fields)
+
+    def test_named_as_its_file(self, name):
+        assert Scenario.load(name).name == name
+
+
+def test_all_four_ship():
+    assert set(Scenario.shipped()) >= {"ideal", "extreme", "paper-ideal", "paper-extreme"}
+
+
+@pytest.mark.parametrize("name", ["paper-ideal", "paper-extreme"])
+def test_table_1(name):
+    """Table 1 of the paper, value by value."""
+    s = Scenario.load(name)
+    assert (s.area.width, s.area.length, s.area.depth) == (200, 200, 120)
+    assert s.acoustics.source_level == 135
+    assert s.usbl.carriers == (15000, 18000)
+    assert s.usbl.spacing == 0.033
+    assert s.sea.update_interval == 10
+    assert s.sea.cell_size == 4
+    if name == "paper-extreme":
+        assert s.sea.regular_period == 43200
+        assert s.sea.regular_amplitude == 5
+
+
+def test_vortices_of_reference_4():
+    current = Scenario.load("paper-extreme").current
+    assert current.centres == ((30, 23), (63, 45), (75, 77))
+    assert current.circulation_min == current.circulation_max == 8
+    assert current.core_radius_min == current.core_radius_max == 48
+    assert not current.alternate
+
+
+def test_toml_round_trip():
+    s = Scenario.load("extreme", ["auv.count=5", "current.centres=[[1, 2], [3.5, 4]]", 'name="a \\"b\\""'])
+    assert Scenario.from_dict(tomllib.loads(s.to_toml())) == s
+    assert Scenario.from_dict(s.to_dict()) == s
+
+
+@pytest.mark.parametrize(
+    ("override", "parts"),
+    [
+        ("auv.cout=3", ["auv.cout", "unknown field", "count"]),
+        ("auv.count=0", ["auv.count", "0", "greater than or equal to 1"]),
+        ("auv.count=17", ["auv.count", "17", "16"]),
+        ("auv.count=two", ["auv.count", "two", "integer"]),
+        ("auv.action=vektor", ["auv.action", "vektor", "vector", "polar"]),
+        ("area.depth=90", ["auv.depth", "area.depth"]),
+        ("boat.top_speed=nan", ["boat.top_speed", "nan"]),
+        ("sea.regular_amplitude=1", []),
+        ("sea.forced_edge=none", ["forced_edge", "irregular_rms"]),
+        ("auv.start_separation=150", ["auv.start_separation", "too large"]),
+        ("nodes.margin=100", ["nodes.margin", "100"]),
+        ("reference.straight_speed=3", ["reference.straight_speed", "speed_max"]),
+        ("auv", ["--set", "section.field=value"]),
+        ("name.x=1", ["--set", "not a section"]),
+    ],
+)
+def test_overrides(override, parts):
+    if not parts:
+        Scenario.load("extreme", [override])
+        return
+    with pytest.raises(ScenarioError) as error:
+        Scenario.load("extreme", [override])
+    message = str(error.value)
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
+
+
+def test_unknown_name_lists_the_shipped_ones():
+    with pytest.raises(ScenarioError, match="extreme, ideal"):
+        Scenario.load("extrem")
+
+
+def test_damaged_file_is_named(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text("[auv\ncount = 2")
+    with pytest.raises(ScenarioError, match=r"bad\.toml: not valid TOML"):
+        Scenario.load(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ScenarioError, match=r"bad\.toml: cannot be read"):
+        Scenario.load(path)
+
+
+def test_carriers_of_a_larger_team_stay_below_half_a_wavelength_apart():
+    s = Scenario.load("extreme", ["auv.count=16"])
+    carriers = [s.usbl.carrier(k, 16) for k in range(16)]
+    assert carriers[:2] == [15000, 18000]
+    assert len(set(carriers)) == 16
+    assert all(12000 < f <= 18000 for f in carriers[2:])
+    assert all(s.usbl.spacing < 0.5 * s.acoustics.sound_speed / f for f in carriers)

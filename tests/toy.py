@@ -1,0 +1,118 @@
+"""A small world with the interface of `usvauv_env.World`, in plain torch: points that visit targets in a square."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from policies.frames import Layout
+from usvauv_env.scenario import Scenario
+
+# Small networks on one core: a second thread only waits for the first.
+torch.set_num_threads(1)
+
+
+def scenario(**changes) -> Scenario:
+    """100 m square, 50 steps; `changes` are sections, such as auv={"count": 3}."""
+    sections = {
+        "name": "toy",
+        "area": {"width": 100.0, "length": 100.0},
+        "mission": {"duration": 50.0},
+        "observation": {"current": "vector"},
+    }
+    for name, values in changes.items():
+        sections[name] = sections.get(name, {}) | values
+    return Scenario.from_dict(sections)
+
+
+class ToyWorld:
+    """W worlds of K AUVs in a uniform current. A target within 6 m is served and drawn anew.
+
+    Reward: 0.1 for each metre closed on the target, 1 for a service, −0.02 times (speed / top speed)²: the best speed is
+    the highest.
+    """
+
+    reward_names = ("progress", "service", "effort")
+    measure_names = ("power", "hovering", "service_rate", "delivered", "border", "fix_error")
+
+    def __init__(self, toy: Scenario, num_worlds: int, seed: int = 0, terminates: bool = False):
+        self.scenario, self.num_worlds, self.num_auvs = toy, num_worlds, toy.auv.count
+        self.observation_size = Layout.of(toy).size
+        self.steps = toy.mission.steps
+        self.device = torch.device("cpu")
+        self.terminates = terminates
+        self.generator = torch.Generator().manual_seed(seed)
+        self.drift = torch.tensor([0.3, -0.2])
+
+    def _draw(self) -> Tensor:
+        shape = (self.num_worlds, self.num_auvs, 2)
+        return 10.0 + 80.0 * torch.rand(shape, generator=self.generator)
+
+    def reset(self) -> Tensor:
+        self.position, self.target = self._draw(), self._draw()
+        self.clock = torch.zeros((), dtype=torch.int64)
+        return self._observe()
+
+    def current(self) -> Tensor:
+        return self.drift.expand(self.num_worlds, self.num_auvs, 2)
+
+    def _observe(self) -> Tensor:
+        parts = []
+        for auv in range(self.num_auvs):
+            own = self.position[:, auv]
+            others = [self.position[:, j] - own for j in range(self.num_auvs) if j != auv]
+            places = torch.stack([*others, self.target[:, auv] - own, own], 1).flatten(1) / self.scenario.area.diagonal
+            current = torch.cat((self.drift.norm().view(1), self.drift)).expand(self.num_worlds, 3)
+            parts.append(torch.cat((places, torch.zeros(self.num_worlds, 2), current), -1))
+        return torch.stack(parts, 1)
+
+    def velocity(self, action: Tensor) -> Tensor:
+        """Velocity through the water, (W, K, 2), m/s."""
+        auv = self.scenario.auv
+        if auv.action == "polar":
+            heading = torch.pi * action[..., 0]
+            speed = auv.speed_min + (auv.speed_max - auv.speed_min) * (action[..., 1] + 1.0) / 2.0
+            return speed.unsqueeze(-1) * torch.stack((heading.cos(), heading.sin()), -1)
+        velocity = auv.speed_max * action
+        speed = velocity.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+        return velocity * (speed.clamp(auv.speed_min, auv.speed_max) / speed)
+
+    def step(self, action: Tensor):
+        assert action.shape == (self.num_worlds, self.num_auvs, 2)
+        assert action.abs().max() <= 1.0
+        velocity = self.velocity(action)
+        before = (self.target - self.position).norm(dim=-1)
+        self.position = (self.position + velocity + self.drift).clamp(0.0, 100.0)
+        after = (self.target - self.position).norm(dim=-1)
+        served = after < 6.0
+        effort = (velocity.norm(dim=-1) / self.scenario.auv.speed_max).square()
+        terms = torch.stack((0.1 * (before - after), 1.0 * served, -0.02 * effort), -1)
+        self.target = torch.where(served.unsqueeze(-1), self._draw(), self.target)
+        self.clock = self.clock + 1
+        zero = torch.zeros_like(after)
+        measures = torch.stack((effort, zero, 1.0 * served, zero, zero, zero), -1)
+        terminated = served if self.terminates else torch.zeros_like(served)
+        truncated = torch.full_like(served, bool(self.clock >= self.steps))
+        return self._observe(), terms.sum(-1), terminated, truncated, {"reward_terms": terms, "measures": measures}
+
+    def state(self) -> dict[str, Tensor]:
+        return {
+            "position": self.position,
+            "target": self.target,
+            "clock": self.clock,
+            "generator": self.generator.get_state(),
+        }
+
+    def load(self, state: dict[str, Tensor]) -> None:
+        self.position, self.target, self.clock = state["position"], state["target"], state["clock"]
+        self.generator.set_state(state["generator"])
+
+
+def mean_reward(world: ToyWorld, policy) -> float:
+    """Reward of an episode, mean over worlds and AUVs."""
+    policy.attach(world)
+    observation, total = world.reset(), 0.0
+    for _ in range(world.steps):
+        observation, reward, *_ = world.step(policy.act(observation))
+        total += float(reward.mean())
+    return total

@@ -1,0 +1,51 @@
+"""The `usvauv` command: registers the commands, turns a user's error into one line and exit code 2.
+
+Each command's module imports what it needs when it runs, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import NoReturn
+
+import typer
+
+from kernels.errors import UserError
+from usvauv_cli.commands import evaluate, scenarios, simulate, train
+
+INTERRUPTED = 130  # what a shell reports for Ctrl-C
+
+app = typer.Typer(
+    name="usvauv",
+    help="USV–AUV collaboration under extreme seas: simulate to a video, train policies, evaluate to a table.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+app.command("simulate")(simulate.simulate)
+app.command("train")(train.train)
+app.command("eval")(evaluate.evaluate)
+app.command("scenarios")(scenarios.scenarios)
+
+
+def main() -> NoReturn:
+    """Entry point of the installed command."""
+    try:
+        code = app(standalone_mode=False)
+    except UserError as error:
+        code = _fail(str(error))
+    except (KeyboardInterrupt, typer.Abort):
+        print("stopped", file=sys.stderr)
+        code = INTERRUPTED
+    except Exception as error:
+        # The command-line library's own usage errors, whichever copy of it typer brings along.
+        if not hasattr(error, "format_message"):
+            raise
+        code = _fail(" ".join(error.format_message().split()))
+    sys.exit(code or 0)
+
+
+def _fail(message: str) -> int:
+    print(f"error: {message}", file=sys.stderr)
+    return 2

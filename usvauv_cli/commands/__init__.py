@@ -1,0 +1,1 @@
+"""One file a command; each is thin: read the options, call the packages below, print."""

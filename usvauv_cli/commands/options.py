@@ -1,0 +1,37 @@
+"""Options that several commands share, declared once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kernels.errors import UserError
+
+ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same result.")]
+Arch = Annotated[str, typer.Option(help="Where the kernels run: auto, cpu, cuda, vulkan or metal.")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
+]
+
+
+def writable(path: Path) -> Path:
+    """The path itself, when a file can be created there.
+
+    Raises:
+        UserError: it is a folder, its folder is missing, or it cannot be written.
+    """
+    if path.is_dir():
+        raise UserError(f"--out {path}: is a folder, expected a file name")
+    if not path.parent.is_dir():
+        raise UserError(f"--out {path}: the folder {path.parent} does not exist")
+    probe = path.with_name(path.name + ".partial")
+    try:
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise UserError(f"--out {path}: cannot be written: {error.strerror}") from None
+    return path

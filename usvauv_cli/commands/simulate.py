@@ -1,0 +1,78 @@
+"""`usvauv simulate`: one mission on a live, finely resolved sea, to a video."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kernels.errors import UserError
+from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, writable
+
+
+def simulate(
+    scenario: ScenarioName = "extreme",
+    policy: Annotated[
+        str | None, typer.Option(help="Policy by name or checkpoint folder. Default: the best trained one that fits.")
+    ] = None,
+    usv: Annotated[str, typer.Option(help="Boat: fim, hold:X,Y or centroid.")] = "fim",
+    seed: Seed = 0,
+    duration: Annotated[float | None, typer.Option(min=0.1, help="Seconds to simulate; default an episode.")] = None,
+    out: Annotated[Path | None, typer.Option(help="MP4 to write; default usvauv-SCENARIO.mp4.")] = None,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Frame size in pixels.")] = "1280x720",
+    fps: Annotated[int, typer.Option(min=1, max=240, help="Frames a second; one frame is one mission step.")] = 30,
+    trace: Annotated[Path | None, typer.Option(help="Also save everything that happened, as NetCDF.")] = None,
+    arch: Arch = "auto",
+    overrides: Overrides = None,
+) -> None:
+    """Simulate one mission, with the sea solved live, and show it as a video.
+
+    **Examples:**
+
+    `usvauv simulate`
+
+    `usvauv simulate ideal --policy straight:1.5 --usv hold:100,100 --duration 300 --out calm.mp4`
+
+    `usvauv simulate --seed 7 --trace storm.nc --set current.count=8`
+    """
+    import policies
+    from usvauv_cli import console, report, video
+    from usvauv_env import Scenario, World
+    from usvauv_env.metrics import episode_metrics
+    from usvauv_env.rollout import record
+
+    width, height = parse_size(size)
+    setting = Scenario.load(scenario, overrides or ())
+    out = writable(out or Path(f"usvauv-{setting.name}.mp4"))
+    if trace:
+        writable(trace)
+    player = policies.load(policy or policies.default(setting), setting)
+    player.check(setting)
+    world = World(setting, 1, seed, usv, fine_sea=True, arch=arch)
+    player.attach(world)
+    steps = round(duration / setting.mission.step) if duration else world.steps
+    with console.progress("simulating", steps) as advance:
+        recorded = record(
+            world, player.act, player.name, steps=max(1, steps), surface=True, on_step=lambda _: advance(1)
+        )
+    with console.progress("drawing", len(recorded.time)) as advance:
+        video.render(recorded, out, (width, height), fps, progress=advance)
+    if trace:
+        recorded.save(trace)
+    report.mission_summary(episode_metrics(recorded)[0], recorded)
+    typer.echo(f"video: {out.resolve()}")
+    if trace:
+        typer.echo(f"trace: {trace.resolve()}")
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Read WIDTHxHEIGHT.
+
+    Raises:
+        UserError: not two whole numbers from 320 to 7680.
+    """
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.isdigit() and 320 <= int(part) <= 7680 for part in parts):
+        raise UserError(f"--size {text!r}: expected WIDTHxHEIGHT in pixels, each from 320 to 7680, like 1280x720")
+    return int(parts[0]), int(parts[1])

@@ -1,0 +1,105 @@
+"""`usvauv train`: learn a policy, watch it learn, keep the best."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kernels.errors import UserError
+from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed
+
+EVALUATION_EPISODES = 32
+EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained in
+
+
+def train(
+    scenario: ScenarioName = "extreme",
+    algorithm: Annotated[str, typer.Option(help="sac, td3 or ddpg.")] = "sac",
+    steps: Annotated[int, typer.Option(min=1, help="World-steps in all: one step of W worlds counts W.")] = 3_000_000,
+    worlds: Annotated[int, typer.Option(min=1, max=1 << 20, help="Worlds stepped together.")] = 128,
+    seed: Seed = 0,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
+    shared: Annotated[bool, typer.Option("--shared", help="One network for all AUVs instead of one each.")] = False,
+    usv: Annotated[str, typer.Option(help="Boat: fim, hold:X,Y or centroid.")] = "fim",
+    arch: Arch = "auto",
+    overrides: Overrides = None,
+) -> None:
+    """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with TensorBoard files beside them.
+
+    It is judged now and then on worlds it is not trained in, beside `straight` on the same worlds. Ctrl-C ends the run
+    cleanly; `--resume` goes on.
+
+    **Examples:**
+
+    `usvauv train`
+
+    `usvauv train ideal --algorithm td3 --steps 500000 --out runs/first`
+
+    `usvauv train --out runs/first --resume --steps 1000000`
+    """
+    import policies
+    from usvauv_cli import report
+    from usvauv_env import Scenario, World
+    from usvauv_env.metrics import episode_metrics
+    from usvauv_env.rollout import record
+
+    setting = Scenario.load(scenario, overrides or ())
+    out = out or Path("runs") / f"{setting.name}-{algorithm}-{seed}"
+    if (out / "last").exists() and not resume:
+        raise UserError(f"--out {out}: holds a run already; go on with --resume, or choose another folder")
+    if resume:
+        _, config = policies.read_run(out)
+    else:
+        config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
+    make_folder(out)
+
+    world = World(setting, config.num_worlds, config.seed, usv, arch=arch)
+    judges = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
+
+    def judge(policy: policies.Policy) -> dict[str, float]:
+        policy.attach(judges)
+        judges.rewind()
+        rows = episode_metrics(record(judges, policy.act, policy.name))
+        return report.mean_figures(rows)
+
+    yardstick = judge(policies.load("straight", setting))
+    trainer = policies.Trainer(world, config, out, judge, provenance(setting, steps))
+    if resume:
+        trainer.resume()
+    with report.training(yardstick, config.algorithm, setting.name) as show:
+        trainer.train(steps, show)
+    if trainer.stopped:
+        typer.echo(f"stopped at {trainer.steps} of {steps} world-steps; go on with: --out {out} --resume")
+    typer.echo(f"best arps {trainer.best:.3f} (straight {yardstick['arps']:.3f}) in {out / 'best'}")
+
+
+def make_folder(path: Path) -> None:
+    """Create a folder for a run.
+
+    Raises:
+        UserError: it cannot be created.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"--out {path}: cannot be made a folder: {error.strerror}") from None
+
+
+def provenance(scenario, steps: int) -> dict[str, str]:
+    """What is written beside a checkpoint so that it can be made again: command, commit, versions."""
+    import subprocess
+    import sys
+
+    import torch
+
+    def git(*arguments: str) -> str:
+        place = Path(__file__).parent
+        done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=False, cwd=place)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    commit = git("rev-parse", "HEAD") or "unknown"
+    dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
+    return {"command": " ".join(["usvauv", *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}

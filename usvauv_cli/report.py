@@ -1,0 +1,102 @@
+"""What the commands print: tables of metrics, the summary of a mission, the live table of a training run."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import groupby
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from usvauv_env.metrics import FIGURES, EpisodeMetrics
+from usvauv_env.trace import Trace
+
+SHOWN = {
+    "sdr": "SDR Mbit/s",
+    "ec": "EC W",
+    "arps": "ARPS",
+    "services": "services",
+    "delivered_mbit": "Mbit",
+    "energy_wh": "Wh",
+    "collisions": "collisions",
+    "border": "border",
+    "position_error_median": "fix error m",
+}
+
+
+def mean_figures(rows: Sequence[EpisodeMetrics]) -> dict[str, float]:
+    """Mean of every figure over episodes."""
+    return {name: statistics.fmean(getattr(row, name) for row in rows) for name in FIGURES}
+
+
+def metrics_table(rows: Sequence[EpisodeMetrics]) -> None:
+    """Print mean ± standard deviation over the episodes of each policy × strategy."""
+    table = Table(title=f"{rows[0].scenario}, seed {rows[0].seed}: mean ± standard deviation over episodes")
+    table.add_column("policy", no_wrap=True)
+    table.add_column("usv", no_wrap=True)
+    table.add_column("n", justify="right")
+    for title in SHOWN.values():
+        table.add_column(title, justify="right", no_wrap=True)
+    for (policy, usv), group in groupby(rows, key=lambda row: (row.policy, row.usv)):
+        episodes = list(group)
+        cells = []
+        for name in SHOWN:
+            values = [getattr(row, name) for row in episodes]
+            spread = statistics.stdev(values) if len(values) > 1 else 0.0
+            cells.append(f"{statistics.fmean(values):.2f} ± {spread:.2f}")
+        table.add_row(policy, usv, str(len(episodes)), *cells)
+    Console(width=None if Console().is_terminal else 170).print(table)
+
+
+def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
+    """Print what happened in one mission, in words."""
+    minutes, seconds = divmod(round(float(trace.time[-1])), 60)
+    heave = trace.boat_surface[:, 0, 0]
+    lines = [
+        f"{row.scenario}, policy {row.policy}, boat {row.usv}, seed {row.seed}: {minutes} min {seconds} s of mission",
+        f"  {row.services} services brought {row.delivered_mbit:.1f} Mbit (SDR {row.sdr:.2f} Mbit/s)"
+        f" for {row.energy_wh:.1f} Wh (EC {row.ec:.1f} W); ARPS {row.arps:.2f}",
+        f"  fixes are {row.position_error_median:.2f} m off in the median, {row.position_error_p95:.2f} m at 95 %;"
+        f" the boat heaved from {heave.min():+.2f} to {heave.max():+.2f} m",
+        f"  {row.collisions} steps too close, {row.border} moves refused at the border,"
+        f" {row.overflow} node-steps of overflow",
+    ]
+    print("\n".join(lines))
+
+
+@contextmanager
+def training(yardstick: dict[str, float], algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
+    """A live table of a training run; the function it gives shows new figures."""
+    console = Console()
+    with Live(console=console, refresh_per_second=4, transient=False) as live:
+
+        def show(figures: dict) -> None:
+            live.update(training_table(figures, yardstick, f"{algorithm} in {scenario}"))
+
+        yield show
+
+
+def training_table(figures: dict, yardstick: dict[str, float], title: str) -> Table:
+    """The live table: progress, figures of the training worlds, reward by term, evaluation beside `straight`."""
+    done, total = figures["steps"], figures["total"]
+    minutes, seconds = divmod(round(figures["eta"]), 60)
+    table = Table(title=f"training {title}: {done / total:.0%}, {minutes} min {seconds} s left", title_justify="left")
+    table.add_column("what")
+    table.add_column("training worlds", justify="right")
+    table.add_column("evaluation", justify="right")
+    table.add_column("straight", justify="right")
+    table.add_row("world-steps", f"{done:,} of {total:,}", "", "")
+    table.add_row("world-steps/s", f"{figures['steps_per_second']:,.0f}", "", "")
+    table.add_row("updates", f"{figures['updates']:,}", "", "")
+    evaluation = figures["evaluation"]
+    for name in ("arps", "sdr", "ec", "services", "collisions", "border", "position_error_mean"):
+        now = figures.get("fix_error" if name == "position_error_mean" else name)
+        shown = ("" if value is None else f"{value:.2f}" for value in (now, evaluation.get(name), yardstick[name]))
+        table.add_row(name, *shown)
+    for group in ("reward", "learner"):
+        for name, value in figures[group].items():
+            table.add_row(f"{group}: {name}", f"{value:.3f}", "", "")
+    return table

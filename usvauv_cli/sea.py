@@ -1,0 +1,148 @@
+"""The lowest layers of the map: the sea surface as coloured, shaded relief, and the current as drifting streaks."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import torch
+
+from kernels import runtime
+from kernels.vortex import sample_current
+from usvauv_cli import style
+from usvauv_cli.layout import MapView, nice_above
+from usvauv_cli.shapes import Glaze
+
+RELIEF_PIXELS = 160  # the relief is shaded at no more than this many pixels a side, then enlarged
+LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # from the north-west, as on printed maps
+
+
+class SeaSurface:
+    """Elevation as colour, slope as shade.
+
+    Attributes:
+        limit: elevation (m) of the colour scale's ends, ±, reached by one place in a hundred; 0 for a flat sea.
+    """
+
+    def __init__(self, surface: np.ndarray, view: MapView) -> None:
+        """`surface` (T, Y, X) m with row 0 in the south, or empty for a flat sea."""
+        self._surface = surface
+        self._view = view
+        self.limit = 0.0
+        highest = float(np.abs(surface).max()) if surface.size else 0.0
+        if highest < 1e-3:
+            return
+        usual = float(np.quantile(np.abs(surface[:: max(1, len(surface) // 50)]), 0.99))
+        self.limit = nice_above(max(usual, 0.1 * highest), (1, 1.5, 2, 3, 4, 5, 7, 10))
+        # Long waves are far too flat to throw a shade: steepen them until a steep place stands at about 30°.
+        some = surface[:: max(1, len(surface) // 20)].astype(np.float32)
+        slopes = [np.hypot(*self._slopes(self._small(field))) for field in some]
+        # A tide is as good as level: what slopes it has are rounding errors, and stay flat.
+        self._steepen = 0.55 / max(float(np.quantile(slopes, 0.98)), 1e-3 * self.limit)
+
+    def _small(self, field: np.ndarray) -> np.ndarray:
+        """The field with the north on top, at the resolution it is shaded at."""
+        area = self._view.rectangle
+        shrink = min(1.0, RELIEF_PIXELS / max(area.width, area.height))
+        shape = max(2, round(area.width * shrink)), max(2, round(area.height * shrink))
+        field = np.flipud(field).astype(np.float32)
+        if shape[0] >= field.shape[1] or shape[1] >= field.shape[0]:
+            return field  # enlarging before shading would show as a plaid
+        return cv2.resize(field, shape, interpolation=cv2.INTER_AREA)
+
+    @staticmethod
+    def _slopes(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Slope towards the east and the north, m per pixel."""
+        east = cv2.Sobel(field, cv2.CV_32F, 1, 0, scale=0.125, borderType=cv2.BORDER_REPLICATE)
+        south = cv2.Sobel(field, cv2.CV_32F, 0, 1, scale=0.125, borderType=cv2.BORDER_REPLICATE)
+        return east, -south
+
+    def paint(self, picture: np.ndarray, t: int) -> None:
+        """Draw the surface of step t over the map."""
+        region = self._view.rectangle.of(picture)
+        if self.limit == 0.0:
+            region[:] = style.SEA[2]
+            return
+        field = self._small(self._surface[t])
+        east, north = self._slopes(field)
+        east, north = east * self._steepen, north * self._steepen
+        normal_light = LIGHT[2] - LIGHT[0] * east - LIGHT[1] * north
+        shade = normal_light / np.sqrt(1.0 + east * east + north * north) / LIGHT[2]
+        index = np.clip((field / self.limit + 1.0) * 127.5, 0, 255).astype(np.uint8)
+        colours = _COLOURS[index] * np.clip(0.3 + 0.7 * shade, 0.4, 1.4)[:, :, None]
+        small = np.clip(colours, 0, 255).astype(np.uint8)
+        region[:] = cv2.resize(small, (region.shape[1], region.shape[0]), interpolation=cv2.INTER_CUBIC)
+
+
+def colour_scale(width: int, height: int) -> np.ndarray:
+    """The colours from lowest to highest, left to right, as a picture."""
+    return np.repeat(_COLOURS[np.linspace(0, 255, width).astype(int)][None], height, axis=0).astype(np.uint8)
+
+
+def _colour_table() -> np.ndarray:
+    stops = np.linspace(0, 255, len(style.SEA))
+    channels = np.array(style.SEA, float).T
+    return np.stack([np.interp(np.arange(256), stops, channel) for channel in channels], axis=1).astype(np.float32)
+
+
+_COLOURS = _colour_table()
+
+
+def current_at(vortex: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Velocity (P, 2) m/s of vortices (V, 4) at points (P, 2) m."""
+    device = runtime.start().device
+    arrays = (torch.from_numpy(np.array(array[None], np.float32)).to(device) for array in (vortex, points))
+    return sample_current(*arrays)[0].cpu().numpy().astype(float)
+
+
+class CurrentStreaks:
+    """Particles that drift with the current and draw short tails: a longer tail is a faster current.
+
+    Their paths are followed once; a frame only looks up where each particle is on its path. Every particle lives for
+    `LIVES` tail times and starts again, each at a different moment.
+
+    Attributes:
+        fastest: highest speed in the area, m/s. tail: time a tail stands for, s; infinite where there is no current.
+    """
+
+    TAIL_POINTS = 8
+    LIVES = 5
+
+    def __init__(self, vortex: np.ndarray, width: float, length: float, view: MapView, unit: float) -> None:
+        rectangle = view.rectangle
+        across = max(2, round(rectangle.width / (27 * unit)))
+        up = max(2, round(rectangle.height / (27 * unit)))
+        jitter = np.random.default_rng(1).uniform(-0.5, 0.5, (up, across, 2))
+        grid = np.stack(np.meshgrid(np.arange(across), np.arange(up)), axis=-1)
+        seeds = ((grid + 0.5 + 0.9 * jitter) / (across, up) * (width, length)).reshape(-1, 2)
+        self.fastest = float(np.hypot(*current_at(vortex, seeds).T).max()) if len(vortex) else 0.0
+        self.tail = math.inf
+        if self.fastest < 1e-3:
+            self.fastest = 0.0
+            return
+        # The fastest tail is 30 px of the design; a weak current is not made to look like a strong one.
+        self.tail = 30 * unit / (max(self.fastest, 0.1) * view.per_metre)
+        step = self.tail / self.TAIL_POINTS
+        path = [seeds]
+        for _ in range(self.LIVES * self.TAIL_POINTS):
+            middle = path[-1] + 0.5 * step * current_at(vortex, path[-1])
+            path.append(path[-1] + step * current_at(vortex, middle))
+        self._path = view.pixel(np.stack(path, axis=1))
+        life = (self.LIVES + 1) * self.TAIL_POINTS
+        self._start = np.random.default_rng(2).uniform(0, life, len(seeds))
+        self._life = life
+        self._step = step
+
+    def draw(self, glaze: Glaze, time: float, width: int) -> None:
+        """Draw the tails at a time in s."""
+        if self.fastest == 0.0:
+            return
+        age = (self._start + time / self._step) % self._life
+        ages = np.clip(age[:, None] - np.arange(self.TAIL_POINTS + 1), 0, self._path.shape[1] - 1.001)
+        whole = ages.astype(int)
+        part = (ages - whole)[:, :, None]
+        each = np.arange(len(age))[:, None]
+        tails = self._path[each, whole] * (1 - part) + self._path[each, whole + 1] * part
+        glaze.shine(tails, 0.22, width)
+        glaze.shine(tails[:, : self.TAIL_POINTS // 2 + 1], 0.5, width)

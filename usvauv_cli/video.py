@@ -1,0 +1,184 @@
+"""A trace as a video: frames drawn offscreen by OpenCV, encoded as H.264 in MP4, which every browser plays."""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from av.video.reformatter import VideoReformatter
+
+from kernels.errors import UserError
+from usvauv_cli import style
+from usvauv_cli.drawing import Map
+from usvauv_cli.layout import Layout
+from usvauv_cli.legend import draw_legend
+from usvauv_cli.panel import Panel
+from usvauv_cli.running import Running
+from usvauv_cli.surroundings import draw_surroundings
+from usvauv_env.trace import Trace
+
+SMALLEST, LARGEST = 320, 7680  # pixels a side
+
+
+class OutputError(UserError, ValueError):
+    """A file cannot be written as asked; the message is one line that names its path."""
+
+
+@dataclass(frozen=True)
+class VideoSummary:
+    """What was written.
+
+    Attributes:
+        path: of the file. frames: in it. size: width and height, pixels. fps: frames a second.
+        seconds: playing time. bytes: size of the file.
+        drawing_seconds, encoding_seconds: where the time went.
+    """
+
+    path: Path
+    frames: int
+    size: tuple[int, int]
+    fps: int
+    seconds: float
+    bytes: int
+    drawing_seconds: float
+    encoding_seconds: float
+
+
+class Painter:
+    """Draws the frames of a trace's world 0, which must be asked for in order."""
+
+    def __init__(self, trace: Trace, size: tuple[int, int], fps: int = 30) -> None:
+        trace = trace.episode(0)
+        width, height = size
+        area, running = trace.scenario.area, Running.of(trace)
+        self.layout = Layout.fit(width, height, area)
+        self._still = np.full((height, width, 3), style.BACKGROUND, np.uint8)
+        self._picture = np.empty_like(self._still)
+        self.map = Map(trace, running, self.layout)
+        draw_surroundings(self._still, self.map, self.layout, trace.scenario)
+        if self.layout.legend:
+            draw_legend(self._still, self.layout.legend, self.layout)
+        speed_up = fps * trace.scenario.mission.step
+        self.panel = Panel(self._still, trace, running, self.layout, self.map.view, speed_up)
+
+    def frame(self, t: int) -> np.ndarray:
+        """Picture (height, width, 3) BGR of step t; overwritten by the next."""
+        self.panel.advance(t)
+        np.copyto(self._picture, self._still)
+        self.map.draw(self._picture, t)
+        self.panel.draw(self._picture, t)
+        return self._picture
+
+
+def render(
+    trace: Trace,
+    out: str | Path,
+    size: tuple[int, int] = (1280, 720),
+    fps: int = 30,
+    progress: Callable[[int], object] = lambda frames: None,
+) -> VideoSummary:
+    """Draw world 0 of a trace, one frame a mission step, so that it plays fps × step times as fast as it happened.
+
+    Args:
+        out: MP4 file; it appears only when it is complete, under the same name as before or not at all.
+        size: width and height, pixels; an odd number is made even by leaving out one pixel, as yuv420p requires.
+        progress: called with 1 after each frame.
+
+    Raises:
+        OutputError: the file cannot be written, or the size is out of range.
+    """
+    out = Path(out)
+    width, height = (side - side % 2 for side in size)
+    if not all(SMALLEST <= side <= LARGEST for side in (width, height)):
+        raise OutputError(f"{out}: size {size[0]}x{size[1]}: each side must be from {SMALLEST} to {LARGEST} pixels")
+    frames = len(trace.time)
+    if frames == 0:
+        raise OutputError(f"{out}: there is nothing to show: the trace has no steps")
+    drawing = encoding = 0.0
+    with _one_drawing_thread(), _Encoder(out, width, height, fps) as encoder:
+        painter = Painter(trace, (width, height), fps)
+        for t in range(frames):
+            begin = time.perf_counter()
+            picture = painter.frame(t)
+            drawn = time.perf_counter()
+            encoder.add(picture)
+            drawing += drawn - begin
+            encoding += time.perf_counter() - drawn
+            progress(1)
+    return VideoSummary(out, frames, (width, height), fps, frames / fps, out.stat().st_size, drawing, encoding)
+
+
+@contextmanager
+def _one_drawing_thread() -> Iterator[None]:
+    """OpenCV's small shapes gain nothing from threads; the second core is the encoder's."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+@contextmanager
+def _named_error(out: Path) -> Iterator[None]:
+    """What goes wrong while writing, as one line that names the file."""
+    try:
+        yield
+    except (OSError, av.FFmpegError) as error:
+        raise OutputError(f"{out}: cannot be written: {error.strerror or error}") from None
+
+
+class _Encoder:
+    """An MP4 file that appears at its path when it is complete, and not at all after an error or Ctrl-C.
+
+    H.264 with the colours of BT.709, as players assume for video of this size; two threads beside the drawing one.
+    """
+
+    def __init__(self, out: Path, width: int, height: int, fps: int) -> None:
+        self._out = out
+        self._partial = out.with_name(out.name + ".partial")
+        with _named_error(out):
+            if out.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            self._partial.touch()  # PyAV would only try with the first packet, many frames later
+            self._container = av.open(str(self._partial), "w", format="mp4", options={"movflags": "faststart"})
+        self._converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
+        options = {
+            "preset": "veryfast",
+            "crf": "20",
+            "threads": "2",
+            "x264-params": "colorprim=bt709:transfer=bt709:colormatrix=bt709",
+        }
+        self._stream = self._container.add_stream("libx264", rate=fps, options=options)
+        self._stream.width, self._stream.height, self._stream.pix_fmt = width, height, "yuv420p"
+
+    def __enter__(self) -> _Encoder:
+        return self
+
+    def add(self, picture: np.ndarray) -> None:
+        """Append a picture (height, width, 3) BGR."""
+        frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+        converted = self._converter.reformat(frame, format="yuv420p", dst_colorspace="ITU709")
+        with _named_error(self._out):
+            self._container.mux(self._stream.encode(converted))
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is not None:
+                with suppress(OSError, av.FFmpegError):  # the first error is the one to report
+                    self._container.close()
+                return
+            with _named_error(self._out):
+                self._container.mux(self._stream.encode(None))
+                self._container.close()
+                os.replace(self._partial, self._out)
+        finally:
+            self._partial.unlink(missing_ok=True)

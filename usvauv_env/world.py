@@ -1,0 +1,227 @@
+"""The batched world: many missions side by side, stepped by one kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from kernels import collection, runtime, start
+from kernels.layout import MEASURES, AuvColumn, BoatColumn, NodeColumn, RewardTerm
+from usvauv_env.parameters import OBSERVED_CURRENT, UsvStrategy, fixed_vortices, link_table, pack_parameters
+from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.sea import build_sea, fine_cells
+
+MAX_WORLDS = 1 << 22
+STATE = ("auv", "node", "vortex", "boat", "estimate", "observation")
+
+
+def observation_size(scenario: Scenario) -> int:
+    """Numbers in one AUV's observation."""
+    return 2 * (scenario.auv.count - 1) + 6 + (0, 1, 3)[OBSERVED_CURRENT[scenario.observation.current]]
+
+
+class World:
+    """Many independent missions of one scenario, advanced together.
+
+    World w of seed s is the same mission, bit for bit, whatever `num_worlds`, the number of threads and what the other
+    worlds do: every random number is addressed by (seed, first_world + w, episode, step, draw). World w sails on sea
+    (first_world + w) modulo `sea.realisations`; the seas start anew when all worlds are reset together and run on when
+    only some are.
+
+    Observation of AUV k, float32 (num_worlds, num_auvs, observation_size); K AUVs, D the area's diagonal. Positions are
+    the measured ones, of the last fix:
+
+        index            quantity                                      unit   range
+        0 .. 2K-3        for each other AUV j: (x_j − x_k, y_j − y_k)  D      −1 .. 1
+        2K-2, 2K-1       target node minus own position                D      −1 .. 1
+        2K, 2K+1         own position                                  D      0 .. 1
+        2K+2             own last move was refused at the border       –      0 or 1
+        2K+3             share of nodes overflowing                    –      0 .. 1
+        2K+4             current speed at the AUV (Eq. 4)              m/s    ≥ 0     if observation.current ≠ "none"
+        2K+5, 2K+6       current at the AUV, x and y                   m/s    any     if observation.current = "vector"
+
+    Action, float32 (num_worlds, num_auvs, 2) in [−1, 1]: with auv.action = "vector" the velocity through the water over
+    speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear from speed_min (−1)
+    to speed_max (1).
+
+    Args:
+        scenario: what to simulate.
+        num_worlds: W ≥ 1.
+        seed: any integer from 0 to 2⁶⁴ − 1.
+        usv: "fim", "hold:X,Y" or "centroid".
+        first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
+        fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
+        arch: where to run, see `kernels.runtime.start`.
+
+    Raises:
+        ScenarioError: an argument out of range, or an unknown strategy.
+        RuntimeUnavailable: `arch` cannot be used here.
+    """
+
+    measure_names = MEASURES
+    reward_names = RewardTerm.names
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        seed: int = 0,
+        usv: str = "fim",
+        *,
+        first_world: int = 0,
+        fine_sea: bool = False,
+        arch: str = "auto",
+    ) -> None:
+        if not 1 <= num_worlds <= MAX_WORLDS:
+            raise ScenarioError(f"num_worlds = {num_worlds}: must be from 1 to {MAX_WORLDS}")
+        if not 0 <= seed < 1 << 64:
+            raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
+        if fine_sea and num_worlds != 1:
+            raise ScenarioError(f"num_worlds = {num_worlds}: a finely resolved sea carries exactly one world")
+        self.scenario = scenario
+        self.num_worlds = num_worlds
+        self.num_auvs = scenario.auv.count
+        self.seed = seed
+        self.strategy = UsvStrategy.parse(usv, scenario)
+        self.steps = scenario.mission.steps
+        self.observation_size = observation_size(scenario)
+        self.device = runtime.start(arch).device
+        self._key = (seed & 0xFFFFFFFF, seed >> 32)
+        self._first_world = first_world
+        self._sea_interval = max(1, round(scenario.sea.update_interval / scenario.mission.step))
+        self._fine_sea = fine_sea
+
+        def array(*shape: int) -> torch.Tensor:
+            return torch.zeros(shape, dtype=torch.float32, device=self.device)
+
+        num_nodes, num_vortices = scenario.nodes.count, max(scenario.current.vortices, 1)
+        team = (num_worlds, self.num_auvs)
+        self.auv = array(*team, len(AuvColumn.names))
+        self.node = array(num_worlds, num_nodes, len(NodeColumn.names))
+        self.vortex = array(num_worlds, num_vortices, 4)
+        self.boat = array(num_worlds, len(BoatColumn.names))
+        self.estimate = array(*team, 3)
+        self.observation = array(*team, self.observation_size)
+        self.reward = array(*team)
+        self.reward_terms = array(*team, len(RewardTerm.names))
+        self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
+        self._parameters = self._upload(pack_parameters(scenario, self.strategy, first_world))
+        self._link = self._upload(link_table(scenario))
+        self._arrival_rates = self._upload(np.array(scenario.nodes.arrival_rates, np.float32))
+        self._fixed_vortex = self._upload(fixed_vortices(scenario))
+        self._begin_sea(episode=0)
+
+    def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
+        """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation."""
+        if mask is None:
+            self._begin_sea(int(self._clock[0, 0]) + 1)
+            mask = torch.ones(self.num_worlds, dtype=torch.bool, device=self.device)
+        start.begin_episodes(
+            self._parameters,
+            self._arrival_rates,
+            self._link,
+            self._fixed_vortex,
+            *self._key,
+            mask.to(self.device, torch.uint8).contiguous(),
+            *self._sea_arguments,
+            self._clock,
+            self.auv,
+            self.node,
+            self.vortex,
+            self.boat,
+            self.estimate,
+            self.observation,
+        )
+        return self.observation
+
+    def step(self, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, dict]:
+        """Advance all worlds by one mission step.
+
+        Args:
+            action: (num_worlds, num_auvs, 2) in [−1, 1].
+
+        Returns:
+            observation (W, K, O); reward (W, K); terminated (W, K): a service ended the learner's value horizon, the
+            episode goes on; truncated (W, K): the episode's time is over, call `reset`; info with "reward_terms"
+            (W, K, R) named `reward_names` and "measures" (W, K, 6) named `measure_names`. All but terminated and
+            truncated are overwritten by the next step.
+        """
+        if self._steps_since_sea % self._sea_interval == 0:
+            self.sea.advance()
+        self._steps_since_sea += 1
+        collection.step(
+            self._parameters,
+            self._link,
+            *self._key,
+            *self._sea_arguments,
+            action.to(self.device, torch.float32).contiguous(),
+            self._clock,
+            self.auv,
+            self.node,
+            self.vortex,
+            self.boat,
+            self.estimate,
+            self.observation,
+            self.reward_terms,
+            self.reward,
+        )
+        served = self.auv[..., AuvColumn.service_rate] > 0
+        terminated = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
+        truncated = (self._clock[:, 1:] >= self.steps).expand(-1, self.num_auvs)
+        info = {"reward_terms": self.reward_terms, "measures": self.measures()}
+        return self.observation, self.reward, terminated, truncated, info
+
+    def rewind(self) -> None:
+        """Make the next `reset` begin the first episode again, as in a new world of the same seed."""
+        self._clock.fill_(-1)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Everything that decides the future of the worlds, as copies; `load` brings it back bit for bit."""
+        own = {name: getattr(self, name).clone() for name in STATE}
+        own["clock"] = self._clock.clone()
+        own["sea"], own["sea_clock"] = self.sea.state()
+        own["sea_episode"] = torch.tensor([self._sea_episode, self._steps_since_sea])
+        return own
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Go back to a state that `state` gave for a world of the same scenario, seed and size."""
+        episode, steps = state["sea_episode"].tolist()
+        self._begin_sea(episode)
+        self._steps_since_sea = steps
+        self.sea.load(state["sea"], state["sea_clock"])
+        for name in STATE:
+            getattr(self, name).copy_(state[name])
+        self._clock.copy_(state["clock"])
+
+    def measures(self) -> torch.Tensor:
+        """What the last step cost and brought, (num_worlds, num_auvs, 6), columns `measure_names`."""
+        return self.auv[..., AuvColumn.power : AuvColumn.fix_error + 1]
+
+    def current(self) -> torch.Tensor:
+        """True current at each AUV, (num_worlds, num_auvs, 2), m/s."""
+        return self.auv[..., AuvColumn.current_x : AuvColumn.current_y + 1]
+
+    def _begin_sea(self, episode: int) -> None:
+        """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
+        pool = self.scenario.sea.realisations
+        seed = self.seed + (episode << 64)
+        if self._fine_sea:
+            self.sea = build_sea(self.scenario, seed, 1, fine_cells(self.scenario), self._first_world % pool)
+            lane = torch.zeros(1, dtype=torch.int32)
+        else:
+            self.sea = build_sea(self.scenario, seed, pool)
+            lane = (torch.arange(self.num_worlds) + self._first_world) % pool
+        self._sea_arguments = (self.sea.eta, lane.to(self.device, torch.int32), self.sea.nx, self.sea.ny)
+        self._steps_since_sea = 0
+        self._sea_episode = episode
+
+    def _upload(self, numbers: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(np.ascontiguousarray(numbers, np.float32)).to(self.device)
+
+    def surface(self, pixels: int) -> np.ndarray:
+        """Elevation of world 0's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
+        elevation = self.sea.elevation()[0]
+        factor = -(-max(elevation.shape) // pixels)
+        rows, columns = (size // factor for size in elevation.shape)
+        blocks = elevation[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)
+        return blocks.mean(axis=(1, 3), dtype=np.float32)
