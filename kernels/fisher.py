@@ -8,7 +8,7 @@ turned by a right angle,
 
 which has no singularity beneath the boat and is positive definite as it stands (a, b ≥ 0). σ by the sonar equation
 gives power = 1 + 3/4 · paths · exponent (echo 2.5, transponder 1.75; under the demonstration's noise law 4 and 2.5)
-and a decay by absorption; a constant σ gives 1 and 0. These constants are in `usbl.link_table`. Three forms:
+and a decay by absorption; a constant σ gives 1 and 0. These constants are in `usbl.link_table`. Three forms of J:
 
 - PHASE, Eq. 1's two phase differences at known depth: T [s⁴ r̂r̂ᵀ + t̂t̂ᵀ] with s² = z²/q, so a = T z⁴/q² and
   b = T (1 + z²/q)/q. That is HᵀR⁻¹H with the Jacobian H exactly. What the noise's strength itself tells about the
@@ -20,6 +20,13 @@ and a decay by absorption; a constant σ gives 1 and 0. These constants are in `
   3 Σ T_k² s_k² + Σ_{i<j} T_i T_j (1 + s_i⁴)(1 + s_j⁴) sin²α_ij. It is the determinant of no information matrix. With
   a = 0 and b = T (1 + s⁴)/ρ² its second sum is a determinant of the same shape, its first one is added. sin²α jumps
   beneath the boat; ρ² + (1 m)² in place of ρ² makes it smooth.
+
+det J of that sum is the paper's criterion. It treats the fixes as measurements of one common offset, so one very good fix
+makes up for a bad one and the boat parks above one AUV. What is estimated are K positions; their information matrix is
+block diagonal, and its determinant is the product of the K determinants:
+
+- JOINT_PHASE: Σ_k ln det J_k = Σ_k 2 ln T_k + 2 ln(z_k²/q_k).
+- JOINT_FIX: Σ_k 2 ln T_k.
 """
 
 import taichi as ti
@@ -30,6 +37,8 @@ from kernels.usbl import DECAY, LEVEL, POWER, REFERENCE
 PHASE = 0
 FIX = 1
 PRINTED = 2
+JOINT_PHASE = 3
+JOINT_FIX = 4
 
 RING_STARTS = 8
 MAX_EVALUATIONS = 40
@@ -43,7 +52,7 @@ array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
 array3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
 
-def form(measurement: str = "phase", objective: str = "exact") -> int:
+def form(measurement: str = "phase", objective: str = "sum") -> int:
     """The code that kernels take for a scenario's planner.measurement and planner.objective.
 
     Raises:
@@ -51,10 +60,12 @@ def form(measurement: str = "phase", objective: str = "exact") -> int:
     """
     if measurement not in ("phase", "fix"):
         raise ValueError(f"measurement: {measurement!r} is not one of phase, fix")
-    if objective not in ("exact", "printed"):
-        raise ValueError(f"objective: {objective!r} is not one of exact, printed")
+    if objective not in ("joint", "sum", "printed"):
+        raise ValueError(f"objective: {objective!r} is not one of joint, sum, printed")
     if objective == "printed":
         return PRINTED
+    if objective == "joint":
+        return JOINT_PHASE if measurement == "phase" else JOINT_FIX
     return PHASE if measurement == "phase" else FIX
 
 
@@ -131,8 +142,50 @@ def information(estimate: ti.template(), w, num_auvs, link: ti.template(), form,
 
 
 @ti.func
+def joint_log_det(estimate: ti.template(), w, num_auvs, link: ti.template(), form, x, y) -> vec6:
+    """Σ_k ln det J_k, with its gradient (x, y) and Hessian (xx, xy, yy); arguments as `plan`."""
+    f = vec6(0.0)
+    for k in range(num_auvs):
+        dx = x - estimate[w, k, 0]
+        dy = y - estimate[w, k, 1]
+        z2 = squared_separation(estimate[w, k, 2])
+        q = dx * dx + dy * dy + z2
+        i = 1.0 / q
+        power = link[k, POWER]
+        value = 2.0 * log_T(link, k, q)
+        if form == JOINT_PHASE:
+            power += 1.0
+            value += 2.0 * ti.log(z2 * i)
+        # First and second derivative by q; q's own by x and y are 2 dx, 2 dy and 2.
+        decay = link[k, DECAY] / ti.sqrt(q)
+        f1 = -2.0 * power * i - decay
+        f2 = 2.0 * power * i * i + 0.5 * decay * i
+        f += vec6(
+            value,
+            2.0 * dx * f1,
+            2.0 * dy * f1,
+            2.0 * f1 + 4.0 * dx * dx * f2,
+            4.0 * dx * dy * f2,
+            2.0 * f1 + 4.0 * dy * dy * f2,
+        )
+    return f
+
+
+@ti.func
 def log_det(estimate: ti.template(), w, num_auvs, link: ti.template(), form, log_scale, x, y) -> vec6:
     """ln of the objective less 2 log_scale, with its gradient (x, y) and Hessian (xx, xy, yy); arguments as `plan`."""
+    f = vec6(0.0)
+    if form == JOINT_PHASE or form == JOINT_FIX:
+        f = joint_log_det(estimate, w, num_auvs, link, form, x, y)
+        f[0] -= 2.0 * log_scale
+    else:
+        f = summed_log_det(estimate, w, num_auvs, link, form, log_scale, x, y)
+    return f
+
+
+@ti.func
+def summed_log_det(estimate: ti.template(), w, num_auvs, link: ti.template(), form, log_scale, x, y) -> vec6:
+    """`log_det` of PHASE, FIX and PRINTED: ln det of the sum over AUVs."""
     P = vec6(0.0)  # J11, J22, J12 and E, each with its gradient and Hessian
     Q = vec6(0.0)
     R = vec6(0.0)
@@ -256,15 +309,15 @@ def climb(
 def plan(estimate: ti.template(), w, num_auvs, link: ti.template(), form, x_start, y_start, width, length) -> vec3:
     """The boat's best place in [0, width] × [0, length]: (x*, y*, ln det J there), det J in 1/m⁴.
 
-    Every local maximum found in dense searches lies uphill of an AUV, so a climb from each AUV and from one further
-    place finds the global one. The printed form dips straight above an AUV, where its sines vanish, and peaks on a ring
-    of radius about √|z| round it, so there the climbs start on that ring.
+    In dense searches over thousands of layouts the global maximum lay uphill of an AUV each time, so there is a climb
+    from every AUV and one from a further place. The printed form dips straight above an AUV, where its sines vanish,
+    and peaks on a ring of radius about √|z| round it, so there the climbs start on that ring.
 
     Args:
         estimate: (W, K, 3) estimated x, y and vertical separation of every AUV, m; `w` selects the world.
         num_auvs: K, at most the rows of `link`.
         link: (K, COLUMNS) of `usbl.link_table`.
-        form: PHASE, FIX or PRINTED.
+        form: one of the five codes above.
         x_start, y_start: the further place, m. Its maximum wins a tie within rounding, so a goal handed back in stays.
         width, length: m.
     """
@@ -332,7 +385,7 @@ def plan_batch(
     Args:
         link: (K, COLUMNS) float32 of `usbl.link_table`.
         points: (n, K, 3) float32, x, y and vertical separation of every AUV, m.
-        form: PHASE, FIX or PRINTED.
+        form: one of the five codes above.
         width, length: the box [0, width] × [0, length] the boat may be in, m.
         start: (n, 2) float32, a further place to start from, m; default the middle of the box.
 

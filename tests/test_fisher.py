@@ -9,7 +9,13 @@ from torch.func import grad, jacrev, vmap
 
 from kernels import acoustics, fisher, runtime, usbl
 
-FORMS = {"phase": fisher.PHASE, "fix": fisher.FIX, "printed": fisher.PRINTED}
+FORMS = {
+    "phase": fisher.PHASE,
+    "fix": fisher.FIX,
+    "printed": fisher.PRINTED,
+    "joint phase": fisher.JOINT_PHASE,
+    "joint fix": fisher.JOINT_FIX,
+}
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +78,10 @@ def log_objective(boat, auvs, link, form):
     T, s2 = log_T.exp(), z2 / q
     if form == fisher.FIX:
         return 2 * T.sum(-1).log()
+    if form == fisher.JOINT_FIX:
+        return T.square().log().sum(-1)
+    if form == fisher.JOINT_PHASE:
+        return (T * T * s2**2).log().sum(-1)
     cross = d[..., :, None, 0] * d[..., None, :, 1] - d[..., :, None, 1] * d[..., None, :, 0]
     if form == fisher.PRINTED:
         weight = T * (1 + s2**2) / (rho2 + 1)
@@ -368,9 +378,35 @@ class TestPlanner:
             goal = fisher.plan_batch(link, points, start=torch.tensor([[x, 100.0]], device=device))[0]
             assert abs(goal[0].item() - x) < 40
 
+    def test_joint_watches_all_where_the_sum_watches_one(self, device):
+        """Two like AUVs 120 m apart: the sum parks above one, the determinant of both positions between them."""
+        points = torch.tensor([[[40.0, 100.0, -100.0], [160.0, 100.0, -100.0]]], device=device)
+        link = table(device, 1).repeat(2, 1)
+        start = torch.tensor([[41.0, 100.0]], device=device)
+        summed = fisher.plan_batch(link, points, form=fisher.PHASE, start=start)[0, 0].item()
+        joint = fisher.plan_batch(link, points, form=fisher.JOINT_FIX, start=start)[0, 0].item()
+        assert min(abs(summed - 40), abs(summed - 160)) < 15
+        assert joint == pytest.approx(100, abs=0.1)
+
+    def test_joint_is_the_determinant_of_all_positions(self, device):
+        """Against the block-diagonal information matrix assembled from each AUV alone."""
+        K, n = 3, 40
+        points = random_layouts("depths", n, K, 200.0, 8).to(device)
+        boat = 200 * torch.rand(n, 2, generator=torch.Generator().manual_seed(9)).to(device)
+        link = table(device, K)
+        whole = torch.zeros(n, 2 * K, 2 * K, dtype=torch.float64)
+        for k in range(K):
+            J = fisher.information_batch(link[k : k + 1].contiguous(), points[:, k : k + 1].contiguous(), boat)
+            J = J.double().cpu()
+            whole[:, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = J[:, [0, 1, 1, 2]].reshape(n, 2, 2)
+        value = fisher.log_det_batch(link, points, boat, form=fisher.JOINT_PHASE)[:, 0].double().cpu()
+        torch.testing.assert_close(value, torch.linalg.slogdet(whole).logabsdet, atol=2e-4, rtol=0)
+
     def test_unknown_names_are_refused(self):
         with pytest.raises(ValueError, match="measurement: 'sound'"):
             fisher.form("sound")
         with pytest.raises(ValueError, match="objective: 'best'"):
             fisher.form("phase", "best")
-        assert [fisher.form("phase"), fisher.form("fix"), fisher.form("fix", "printed")] == list(FORMS.values())
+        codes = [fisher.form("phase"), fisher.form("fix"), fisher.form("fix", "printed")]
+        codes += [fisher.form("phase", "joint"), fisher.form("fix", "joint")]
+        assert codes == list(FORMS.values())

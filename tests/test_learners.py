@@ -11,7 +11,8 @@ import policies
 from policies import PolicyError, Trainer, TrainingConfig
 from policies.algorithms import ALGORITHMS, Sizes
 from policies.learned import Whitening
-from policies.networks import Critic, DeterministicActor, GaussianActor, StackedMLP
+from policies.networks import ACTION_GAIN, Critic, DeterministicActor, GaussianActor, StackedMLP
+from policies.noise import CorrelatedNoise
 from policies.replay import Batch, Replay, stack, unstack
 from tests.toy import ToyWorld, mean_reward, scenario
 
@@ -155,7 +156,7 @@ class TestNetworks:
         value = critic(observation, action)
         for twin in range(2):
             for agent in range(3):
-                x = torch.cat((observation[agent], action[agent]), -1)
+                x = torch.cat((observation[agent], ACTION_GAIN * action[agent]), -1)
                 torch.testing.assert_close(value[twin, agent], self.alone(critic.network, 3 * twin + agent, x)[:, 0])
 
     def test_the_squashed_density_integrates_to_one(self):
@@ -163,7 +164,9 @@ class TestNetworks:
         with torch.no_grad():
             actor.biases[-1][..., 0] = 0.3  # the mean; 0.8047 is a deviation of 1
             actor.biases[-1][..., 1] = 0.8047
-        action, log_density = actor.sample(torch.zeros(1, 200_000, 3), seeded(1))
+        action, log_density = actor.sample(
+            torch.zeros(1, 200_000, 3), torch.randn((1, 200_000, 1), generator=seeded(1))
+        )
         # The mean of 1/p over draws from p is the area they come from.
         inside = action[..., 0].abs() < 0.9
         area = ((-log_density).exp() * inside).mean().detach()
@@ -231,6 +234,15 @@ class TestLearners:
         figures = learner.update(random_batch(2))
         assert float(figures["entropy"]) > learner.target_entropy
         assert (learner.log_alpha < before).all()
+
+
+class TestNoise:
+    def test_variance_and_correlation(self):
+        noise = CorrelatedNoise((20_000,), 0.8, seeded())
+        path = torch.stack([noise.step() for _ in range(6)])
+        for lag in range(4):
+            # Standard error of a mean over 20000 products is below 0.01.
+            assert float((path[0] * path[lag]).mean()) == pytest.approx(0.8**lag, abs=0.04)
 
 
 class TestWhitening:

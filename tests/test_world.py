@@ -287,12 +287,27 @@ class TestTask:
             for targets in world.auv[..., AuvColumn.target].tolist():
                 assert len(set(targets)) == 6
 
+    def test_services_are_worth_their_way(self, extreme):
+        """No serving of one empty node after another: with α = 0.05 many services carry next to nothing."""
+        empty = {}
+        for weight in (extreme.nodes.distance_weight, 0.05):
+            world = World(Scenario.load("extreme", [f"nodes.distance_weight={weight}"]), num_worlds=64, seed=3)
+            observation, delivered = world.reset(), []
+            for _ in range(500):
+                observation, *_ = world.step(steer(observation))
+                measures = world.measures()
+                served = measures[..., world.measure_names.index("service_rate")] > 0
+                delivered.append(measures[..., world.measure_names.index("delivered")][served].clone())
+            empty[weight] = (torch.cat(delivered) < 0.1).float().mean().item()
+        assert empty[extreme.nodes.distance_weight] < 0.02
+        assert empty[0.05] > 0.1
+
     def test_target_rule(self):
         world = World(Scenario.load("ideal"), num_worlds=64, seed=3)
         world.reset()
         node, fix = world.node, world.estimate[:, 0, 0:2]
         distance = (node[..., 0:2] - fix[:, None]).norm(dim=-1)
-        value = node[..., NodeColumn.rate] * node[..., NodeColumn.backlog] / 5000 - 0.05 * distance
+        value = node[..., NodeColumn.rate] * node[..., NodeColumn.backlog] / 5000 - 0.015 * distance
         assert torch.equal(world.auv[:, 0, AuvColumn.target].long(), value.argmax(dim=1))
 
 

@@ -41,7 +41,8 @@ class World:
         2K+5, 2K+6       current at the AUV, x and y                   m/s    any     if observation.current = "vector"
 
     Action, float32 (num_worlds, num_auvs, 2) in [−1, 1]: with auv.action = "vector" the velocity through the water over
-    speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear from speed_min (−1)
+    speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear from
+    speed_min (−1)
     to speed_max (1).
 
     Args:
