@@ -21,9 +21,9 @@ and a decay by absorption; a constant σ gives 1 and 0. These constants are in `
   a = 0 and b = T (1 + s⁴)/ρ² its second sum is a determinant of the same shape, its first one is added. sin²α jumps
   beneath the boat; ρ² + (1 m)² in place of ρ² makes it smooth.
 
-det J of that sum is the paper's criterion. It treats the fixes as measurements of one common offset, so one very good fix
-makes up for a bad one and the boat parks above one AUV. What is estimated are K positions; their information matrix is
-block diagonal, and its determinant is the product of the K determinants:
+det J of that sum is the paper's criterion. It treats the fixes as measurements of one common offset, so one very good
+fix makes up for a bad one and the boat parks above one AUV. What is estimated are K positions; their information matrix
+is block diagonal, and its determinant is the product of the K determinants:
 
 - JOINT_PHASE: Σ_k ln det J_k = Σ_k 2 ln T_k + 2 ln(z_k²/q_k).
 - JOINT_FIX: Σ_k 2 ln T_k.

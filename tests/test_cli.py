@@ -2,8 +2,10 @@
 
 import csv
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import av
@@ -86,8 +88,27 @@ def test_train_then_resume_then_eval(tmp_path):
     assert list((tmp_path / "run" / "tensorboard").glob("events*"))
     refused = usvauv(*options, "--steps", 800, cwd=tmp_path, code=2).stderr
     assert "--resume" in refused
-    usvauv(*options, "--steps", 800, "--resume", cwd=tmp_path)
+    assert "--set" in usvauv(*options, "--steps", 800, "--resume", cwd=tmp_path, code=2).stderr
+    usvauv("train", "--out", "run", "--steps", 800, "--resume", cwd=tmp_path)
+    assert json.loads((tmp_path / "run" / "last" / "policy.json").read_text())["steps"] == 800
     usvauv("eval", "--policy", "run/last", "--episodes", 1, "--out", "m.csv", *SHORT, cwd=tmp_path)
+
+
+def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):
+    command = ["train", "extreme", "--out", "run", "--worlds", "8", "--steps", "100000000"]
+    with subprocess.Popen(
+        [*COMMAND, *command], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
+        deadline = time.monotonic() + 120
+        while not list(tmp_path.glob("run/tensorboard/events*")) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(1)
+        run.send_signal(signal.SIGINT)
+        stdout, stderr = run.communicate(timeout=60)
+    assert run.returncode == 0, stderr
+    assert "--resume" in stdout
+    assert "Traceback" not in stderr
+    assert (tmp_path / "run" / "last" / "policy.json").exists()
 
 
 def test_scenarios(tmp_path):

@@ -53,15 +53,21 @@ def evaluate(
         player.check(setting)
     rows = []
     total = len(players) * len(strategies) * episodes * setting.mission.steps
-    with console.progress("evaluating", total) as advance:
-        for strategy in strategies:
-            for player in players:
-                for first in range(0, episodes, WORLDS_PER_BATCH):
-                    worlds = min(WORLDS_PER_BATCH, episodes - first)
-                    world = World(setting, worlds, seed, strategy, first_world=first, arch=arch)
-                    player.attach(world)
-                    trace = record(world, player.act, player.name, on_step=lambda _, n=worlds: advance(n))
-                    rows += episode_metrics(trace, first)
+    try:
+        with console.progress("evaluating", total) as advance:
+            for strategy in strategies:
+                for player in players:
+                    for first in range(0, episodes, WORLDS_PER_BATCH):
+                        worlds = min(WORLDS_PER_BATCH, episodes - first)
+                        world = World(setting, worlds, seed, strategy, first_world=first, arch=arch)
+                        player.attach(world)
+                        trace = record(world, player.act, player.name, on_step=lambda _, n=worlds: advance(n))
+                        rows += episode_metrics(trace, first)
+    except KeyboardInterrupt:
+        if rows:
+            write_csv(rows, out)
+            typer.echo(f"stopped; the {len(rows)} episodes that are complete are in {out}")
+        raise
     write_csv(rows, out)
     report.metrics_table(rows)
     typer.echo(f"{len(rows)} episodes written to {out}")

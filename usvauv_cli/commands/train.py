@@ -21,7 +21,7 @@ def train(
     worlds: Annotated[int, typer.Option(min=1, max=1 << 20, help="Worlds stepped together.")] = 128,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out, as it was begun.")] = False,
     shared: Annotated[bool, typer.Option("--shared", help="One network for all AUVs instead of one each.")] = False,
     usv: Annotated[str, typer.Option(help="Boat: fim, hold:X,Y or centroid.")] = "fim",
     arch: Arch = "auto",
@@ -46,12 +46,14 @@ def train(
     from usvauv_env.metrics import episode_metrics
     from usvauv_env.rollout import record
 
+    if resume and overrides:
+        raise UserError("--set: a run that is resumed keeps the scenario it was begun with")
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path("runs") / f"{setting.name}-{algorithm}-{seed}"
-    if (out / "last").exists() and not resume:
-        raise UserError(f"--out {out}: holds a run already; go on with --resume, or choose another folder")
     if resume:
-        _, config = policies.read_run(out)
+        setting, config, _ = policies.read_run(out)
+    elif (out / "last").exists():
+        raise UserError(f"--out {out}: holds a run already; go on with --resume, or choose another folder")
     else:
         config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
     make_folder(out)

@@ -1,0 +1,1 @@
+"""Timings against baselines of the same run: `python -m benchmarks.NAME --json`."""
