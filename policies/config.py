@@ -27,6 +27,7 @@ class TrainingConfig:
         learning_rate: of Adam, for actor, critics and temperature.
         tau: share of the way the target networks go towards the networks in each update.
         noise: standard deviation of the exploration noise of TD3 and DDPG.
+        correlation: of the exploration noise between one step and the next, see `CorrelatedNoise`.
         replay: capacity in transitions per AUV.
         warmup: world-steps of the untrained policy, with its exploration, before the first update.
         reward_scale: factor on the reward before it is learned from.
@@ -38,14 +39,15 @@ class TrainingConfig:
     seed: int = 0
     shared: bool = False
     frame: str = "target"
-    hidden: tuple[int, ...] = (128, 128)
+    hidden: tuple[int, ...] = (64, 64)
     gamma: float = 0.99
-    n_step: int = 5
+    n_step: int = 10
     batch: int = 512
     updates: int = 1
     learning_rate: float = 1e-3
     tau: float = 0.01
     noise: float = 0.2
+    correlation: float = 0.9
     replay: int = 500_000
     warmup: int = 20_000
     reward_scale: float = 0.1
@@ -62,6 +64,7 @@ class TrainingConfig:
             "gamma": (0.0 <= self.gamma < 1.0, "at least 0 and below 1"),
             "learning_rate": (self.learning_rate > 0.0, "above 0"),
             "tau": (0.0 < self.tau <= 1.0, "above 0 and at most 1"),
+            "correlation": (0.0 <= self.correlation < 1.0, "at least 0 and below 1"),
             "noise": (self.noise >= 0.0, "at least 0"),
             "reward_scale": (self.reward_scale > 0.0, "above 0"),
             "warmup": (self.warmup >= 0, "at least 0"),

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 LOG_STD_MIN, LOG_STD_MAX = -5.0, 1.0
+ACTION_GAIN = 5.0
 
 
 class StackedMLP(nn.Module):
@@ -80,10 +81,9 @@ class GaussianActor(StackedMLP):
         """The mode's action, (S, B, A) in [−1, 1]."""
         return torch.tanh(super().forward(observation).chunk(2, dim=-1)[0])
 
-    def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """A reparametrised action (S, B, A) and its log-probability density (S, B)."""
+    def sample(self, observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+        """The action (S, B, A) made of standard normal noise (S, B, A), and its log-probability density (S, B)."""
         mean, log_std = self._distribution(observation)
-        noise = torch.randn(mean.shape, generator=generator, device=mean.device)
         raw = mean + log_std.exp() * noise
         log_normal = -0.5 * noise.square() - log_std - 0.5 * math.log(2.0 * math.pi)
         # log(1 − tanh² x) = 2 (log 2 − x − softplus(−2x)), which stays finite where tanh x rounds to 1.
@@ -92,7 +92,11 @@ class GaussianActor(StackedMLP):
 
 
 class Critic(nn.Module):
-    """Action values Q of C critics for each of S agents: observation (S, B, F), action (S, B, A) → (C, S, B)."""
+    """Action values Q of C critics for each of S agents: observation (S, B, F), action (S, B, A) → (C, S, B).
+
+    Actions enter amplified: those that are tried differ by a few tenths, features by ones, and what a single action
+    changes is small beside what the state decides.
+    """
 
     def __init__(
         self,
@@ -111,5 +115,5 @@ class Critic(nn.Module):
 
     def forward(self, observation: Tensor, action: Tensor) -> Tensor:
         stack, batch, _ = observation.shape
-        x = torch.cat((observation, action), -1).expand(self.critics, -1, -1, -1)
+        x = torch.cat((observation, ACTION_GAIN * action), -1).expand(self.critics, -1, -1, -1)
         return self.network(x.reshape(self.critics * stack, batch, -1)).view(self.critics, stack, batch)

@@ -22,6 +22,7 @@ from policies.config import TrainingConfig
 from policies.frames import ACTION_SIZE, FRAMES
 from policies.learned import LearnedPolicy, Whitening
 from policies.meter import Meter
+from policies.noise import CorrelatedNoise
 from policies.policy import PolicyError
 from policies.replay import Replay, stack, unstack
 
@@ -69,6 +70,7 @@ class Trainer:
         self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
         shape = (world.num_worlds, world.num_auvs, self.frame.features, ACTION_SIZE)
         self.replay = Replay(config.replay // world.num_worlds, shape, device, config.shared)
+        self.noise = CorrelatedNoise((*shape[:2], ACTION_SIZE), config.correlation, self.generator)
         self.whitening = Whitening.identity(self.frame.features, device)
         self.meter = Meter(world)
         self.observation: Tensor | None = None
@@ -134,7 +136,8 @@ class Trainer:
         learning = self.steps >= config.warmup and self.replay.size > config.n_step + 1
         if learning and self.learner.updates == 0:
             features = self._whiten(features)
-        action = unstack(self.learner.explore(stack(features, config.shared)), world.num_auvs)
+        action = self.learner.explore(stack(features, config.shared), stack(self.noise.step(), config.shared))
+        action = unstack(action, world.num_auvs)
         step = pool.submit(world.step, self.frame.decode(self.observation, action))
         if learning:
             for _ in range(config.updates):
@@ -189,7 +192,11 @@ class Trainer:
             "head": self.replay.head,
             "size": self.replay.size,
         }
-        tensors = {"observation": self.observation, "generator": self.generator.get_state()}
+        tensors = {
+            "observation": self.observation,
+            "noise": self.noise.value,
+            "generator": self.generator.get_state(),
+        }
         for group, values in (
             ("learner", self.learner.tensors()),
             ("replay", self.replay.tensors()),
@@ -210,6 +217,7 @@ class Trainer:
         groups: dict[str, dict[str, Tensor]] = {"learner": {}, "replay": {}, "world": {}}
         try:
             self.observation = tensors.pop("observation")
+            self.noise.value = tensors.pop("noise")
             self.generator.set_state(tensors.pop("generator").cpu())
             for name, value in tensors.items():
                 group, _, rest = name.partition(".")

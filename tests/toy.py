@@ -28,8 +28,8 @@ def scenario(**changes) -> Scenario:
 class ToyWorld:
     """W worlds of K AUVs in a uniform current. A target within 6 m is served and drawn anew.
 
-    Reward: 0.1 for each metre closed on the target, 1 for a service, −0.02 times (speed / top speed)²: the best speed is
-    the highest.
+    Reward: 0.1 for each metre closed on the target, 1 for a service, −0.02 times (speed / top speed)²: the best speed
+    is the highest.
     """
 
     reward_names = ("progress", "service", "effort")

@@ -1,7 +1,7 @@
 """Deep deterministic policy gradient.
 
 Lillicrap et al., "Continuous control with deep reinforcement learning", ICLR 2016, arXiv:1509.02971, with n-step
-returns (Barth-Maron et al., ICLR 2018, arXiv:1804.08617) and uncorrelated Gaussian exploration.
+returns (Barth-Maron et al., ICLR 2018, arXiv:1804.08617).
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class DDPG(Learner):
         self.optimise("critic", self.critic.parameters())
 
     @torch.no_grad()
-    def explore(self, observation: Tensor) -> Tensor:
-        return self.noisy(self.actor(observation), self.config.noise)
+    def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
+        return (self.actor(observation) + self.config.noise * noise).clamp(-1.0, 1.0)
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
         with torch.no_grad():

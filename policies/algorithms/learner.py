@@ -65,14 +65,12 @@ class Learner(nn.Module):
         """Move target networks by τ towards the networks: θ' ← θ' + τ (θ − θ')."""
         torch._foreach_lerp_(list(targets.parameters()), list(networks.parameters()), self.config.tau)
 
-    @torch.no_grad()
-    def noisy(self, action: Tensor, deviation: float | Tensor, limit: float = float("inf")) -> Tensor:
-        """The action plus normal noise, cut off at ±limit, kept in [−1, 1]."""
-        noise = torch.randn(action.shape, generator=self.generator, device=action.device) * deviation
-        return (action + noise.clamp(-limit, limit)).clamp(-1.0, 1.0)
+    def normal(self, shape: torch.Size) -> Tensor:
+        """Standard normal numbers."""
+        return torch.randn(shape, generator=self.generator, device=self.generator.device)
 
-    def explore(self, observation: Tensor) -> Tensor:
-        """Actions (S, B, A) to try while learning, for observations (S, B, F)."""
+    def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
+        """Actions (S, B, A) to try while learning, for observations (S, B, F), by standard normal noise (S, B, A)."""
         raise NotImplementedError
 
     def update(self, batch: Batch) -> dict[str, Tensor]:

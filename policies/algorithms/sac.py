@@ -38,13 +38,14 @@ class SAC(Learner):
         self.optimise("temperature", [self.log_alpha])
 
     @torch.no_grad()
-    def explore(self, observation: Tensor) -> Tensor:
-        return self.actor.sample(observation, self.generator)[0]
+    def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
+        return self.actor.sample(observation, noise)[0]
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
         alpha = self.log_alpha.detach().exp()
         with torch.no_grad():
-            next_action, next_log_density = self.actor.sample(batch.next_observation, self.generator)
+            noise = self.normal(batch.action.shape)
+            next_action, next_log_density = self.actor.sample(batch.next_observation, noise)
             next_value = self.target_critics(batch.next_observation, next_action).amin(0) - alpha * next_log_density
             target = batch.reward + batch.discount * next_value
 
@@ -52,7 +53,7 @@ class SAC(Learner):
         critic_loss = (value - target).square().mean(-1).sum(0)
         self.descend("critics", critic_loss.sum())
 
-        action, log_density = self.actor.sample(batch.observation, self.generator)
+        action, log_density = self.actor.sample(batch.observation, self.normal(batch.action.shape))
         actor_loss = (alpha * log_density - self.critics(batch.observation, action).amin(0)).mean(-1)
         self.descend("actor", actor_loss.sum())
 

@@ -38,13 +38,15 @@ class TD3(Learner):
         self.optimise("critics", self.critics.parameters())
 
     @torch.no_grad()
-    def explore(self, observation: Tensor) -> Tensor:
-        return self.noisy(self.actor(observation), self.config.noise)
+    def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
+        return (self.actor(observation) + self.config.noise * noise).clamp(-1.0, 1.0)
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
         with torch.no_grad():
             # Target policy smoothing, then the smaller of the twin targets.
-            next_action = self.noisy(self.target_actor(batch.next_observation), SMOOTHING, SMOOTHING_LIMIT)
+            next_action = self.target_actor(batch.next_observation)
+            noise = SMOOTHING * self.normal(next_action.shape)
+            next_action = (next_action + noise.clamp(-SMOOTHING_LIMIT, SMOOTHING_LIMIT)).clamp(-1.0, 1.0)
             next_value = self.target_critics(batch.next_observation, next_action).amin(0)
             target = batch.reward + batch.discount * next_value
 

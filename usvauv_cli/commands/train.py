@@ -17,7 +17,7 @@ EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained 
 def train(
     scenario: ScenarioName = "extreme",
     algorithm: Annotated[str, typer.Option(help="sac, td3 or ddpg.")] = "sac",
-    steps: Annotated[int, typer.Option(min=1, help="World-steps in all: one step of W worlds counts W.")] = 3_000_000,
+    steps: Annotated[int, typer.Option(min=1, help="World-steps in all: one step of W worlds counts W.")] = 2_000_000,
     worlds: Annotated[int, typer.Option(min=1, max=1 << 20, help="Worlds stepped together.")] = 128,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED.")] = None,
