@@ -149,8 +149,9 @@ def main() -> None:
         return
     print(result["machine"])
     print(
-        f"triad {result['triad_bytes_per_second'] / 1e9:.1f} GB/s; bound {result['bound_cell_steps_per_second'] / 1e9:.2f}"
-        f" G cell-steps/s; 50 × 50 grid: {result['table_1_grid_seconds_per_sea'] * 1e6:.1f} µs a sea and second"
+        f"triad {result['triad_bytes_per_second'] / 1e9:.1f} GB/s;"
+        f" bound {result['bound_cell_steps_per_second'] / 1e9:.2f} G cell-steps/s;"
+        f" 50 × 50 grid: {result['table_1_grid_seconds_per_sea'] * 1e6:.1f} µs a sea and second"
     )
     for row in result["sizes"]:
         rates = "  ".join(f"{name} {value / 1e9:.2f}" for name, value in row["cell_steps_per_second"].items())

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from usvauv_cli.console import LINE_EVERY
 from usvauv_env.metrics import FIGURES, EpisodeMetrics
 from usvauv_env.trace import Trace
 
@@ -69,14 +70,35 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
 
 @contextmanager
 def training(yardstick: dict[str, float], algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
-    """A live table of a training run; the function it gives shows new figures."""
+    """A live table of a training run, lines now and then where there is no terminal; what it gives shows new figures."""
     console = Console()
-    with Live(console=console, refresh_per_second=4, transient=False) as live:
+    title = f"{algorithm} in {scenario}"
+    if not console.is_terminal:
+        yield _line_printer(yardstick, title)
+        return
+    with Live(console=console, refresh_per_second=4) as live:
+        yield lambda figures: live.update(training_table(figures, yardstick, title))
 
-        def show(figures: dict) -> None:
-            live.update(training_table(figures, yardstick, f"{algorithm} in {scenario}"))
 
-        yield show
+def _line_printer(yardstick: dict[str, float], title: str) -> Callable[[dict], None]:
+    """A function that prints figures as one line, at most every `LINE_EVERY` seconds and at the end."""
+    printed = -LINE_EVERY
+
+    def show(figures: dict) -> None:
+        nonlocal printed
+        if figures["seconds"] - printed < LINE_EVERY and figures["steps"] < figures["total"]:
+            return
+        printed = figures["seconds"]
+        judged = figures["evaluation"].get("arps")
+        print(
+            f"{title}: {figures['steps']:,} of {figures['total']:,} world-steps, {figures['eta']:.0f} s left;"
+            f" arps {figures['arps']:.2f}, sdr {figures['sdr']:.2f}, ec {figures['ec']:.1f}"
+            + (f"; evaluated arps {judged:.2f}" if judged is not None else "")
+            + f" (straight {yardstick['arps']:.2f})",
+            flush=True,
+        )
+
+    return show
 
 
 def training_table(figures: dict, yardstick: dict[str, float], title: str) -> Table:
