@@ -70,7 +70,7 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
 
 @contextmanager
 def training(yardstick: dict[str, float], algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
-    """A live table of a training run, lines now and then where there is no terminal; what it gives shows new figures."""
+    """A live table of a training run (lines, where there is no terminal); the function it gives shows new figures."""
     console = Console()
     title = f"{algorithm} in {scenario}"
     if not console.is_terminal:
