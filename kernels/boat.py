@@ -2,8 +2,8 @@
 
 import taichi as ti
 
-from kernels import c_grid, fisher, random, usbl, vortex
-from kernels.layout import AuvColumn, BoatColumn, Parameter, Strategy, vec2, vec3
+from kernels import airy, c_grid, fisher, random, usbl, vortex
+from kernels.layout import AuvColumn, BoatColumn, Level, Parameter, Strategy, vec2, vec3
 
 
 @ti.func
@@ -34,12 +34,12 @@ def plan(p: ti.template(), link: ti.template(), boat: ti.template(), estimate: t
 
 
 @ti.func
-def move(p: ti.template(), boat: ti.template(), vortices: ti.template(), w):
-    """The reachable point nearest to the goal: top speed through the water, while the current carries the boat."""
+def move(p: ti.template(), boat: ti.template(), w):
+    """The reachable point nearest to the goal: top speed through the water, while the water carries the boat."""
     dt = p[Parameter.step]
     x = boat[w, BoatColumn.x]
     y = boat[w, BoatColumn.y]
-    drift = p[Parameter.drifts] * dt * vortex.current(vortices, w, x, y)
+    drift = p[Parameter.drifts] * dt * vec2(boat[w, BoatColumn.current_x], boat[w, BoatColumn.current_y])
     wanted = vec2(boat[w, BoatColumn.goal_x] - x, boat[w, BoatColumn.goal_y] - y) - drift
     reach = p[Parameter.top_speed] * dt
     far = wanted.norm()
@@ -50,21 +50,37 @@ def move(p: ti.template(), boat: ti.template(), vortices: ti.template(), w):
 
 
 @ti.func
-def ride(p: ti.template(), boat: ti.template(), eta: ti.template(), lane: ti.template(), cells_x, cells_y, w):
-    """Elevation and slope of the sea under the boat."""
+def ride(
+    p: ti.template(),
+    boat: ti.template(),
+    eta: ti.template(),
+    wave: ti.template(),
+    lane: ti.template(),
+    cells_x,
+    cells_y,
+    vortices: ti.template(),
+    w,
+):
+    """Elevation and slope of the sea under the boat, long and short waves, and the velocity of the water there."""
+    x = boat[w, BoatColumn.x]
+    y = boat[w, BoatColumn.y]
     surface = c_grid.sample(
         eta,
         lane[w],
-        boat[w, BoatColumn.x],
-        boat[w, BoatColumn.y],
+        x,
+        y,
         p[Parameter.width] / cells_x,
         p[Parameter.length] / cells_y,
         cells_x,
         cells_y,
     )
-    boat[w, BoatColumn.elevation] = surface[0]
-    boat[w, BoatColumn.slope_x] = surface[1]
-    boat[w, BoatColumn.slope_y] = surface[2]
+    storm = airy.motion(wave, lane[w], Level.surface, x, y)
+    current = vortex.current(vortices, w, x, y)
+    boat[w, BoatColumn.elevation] = surface[0] + storm[0]
+    boat[w, BoatColumn.slope_x] = surface[1] + storm[1]
+    boat[w, BoatColumn.slope_y] = surface[2] + storm[2]
+    boat[w, BoatColumn.current_x] = current[0] + storm[3]
+    boat[w, BoatColumn.current_y] = current[1] + storm[4]
 
 
 @ti.func

@@ -6,7 +6,7 @@ Everything in a world happens in program order inside its iteration and every ra
 
 import taichi as ti
 
-from kernels import acoustics, random, task, vehicle, vortex
+from kernels import acoustics, airy, random, task, vehicle
 from kernels import boat as usv
 from kernels.layout import (
     AuvColumn,
@@ -54,7 +54,6 @@ def move_auv(
     p: ti.template(),
     auv: ti.template(),
     node: ti.template(),
-    vortices: ti.template(),
     reward_terms: ti.template(),
     w,
     k,
@@ -65,7 +64,7 @@ def move_auv(
     dt = p[Parameter.step]
     x = auv[w, k, AuvColumn.x]
     y = auv[w, k, AuvColumn.y]
-    current = vortex.current(vortices, w, x, y)
+    current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
     before = distance_to_target(auv, node, w, k)
     closed = 0.0
     auv[w, k, AuvColumn.border] = 0.0
@@ -178,6 +177,7 @@ def step(
     key_low: ti.u32,
     key_high: ti.u32,
     eta: array4,
+    wave: airy.waves,
     lane: index1,
     cells_x: ti.i32,
     cells_y: ti.i32,
@@ -199,10 +199,10 @@ def step(
         clock[w, 1] = now
         num_auvs = auv.shape[1]
         for k in range(num_auvs):
-            move_auv(p, auv, node, vortices, reward_terms, w, k, action[w, k, 0], action[w, k, 1])
+            move_auv(p, auv, node, reward_terms, w, k, action[w, k, 0], action[w, k, 1])
         usv.plan(p, link, boat, estimate, w)
-        usv.move(p, boat, vortices, w)
-        usv.ride(p, boat, eta, lane, cells_x, cells_y, w)
+        usv.move(p, boat, w)
+        usv.ride(p, boat, eta, wave, lane, cells_x, cells_y, vortices, w)
         for k in range(num_auvs):
             draw = task.address(p, w, episode, now, Draw.fix, k)
             attitude_draw = task.address(p, w, episode, now, Draw.attitude, 0)
@@ -216,4 +216,4 @@ def step(
                 node[w, ti.cast(auv[w, k, AuvColumn.target], ti.i32), NodeColumn.backlog] = 0.0
                 task.choose_target(p, auv, node, estimate, w, k)
         for k in range(num_auvs):
-            task.observe(p, auv, node, boat, vortices, estimate, observation, w, k)
+            task.observe(p, auv, node, boat, vortices, wave, lane, estimate, observation, w, k)

@@ -11,6 +11,7 @@ Arrays (float32 unless said): W worlds, K AUVs, M nodes, V vortices.
     estimate (W, K, 3)   what the boat knows of each AUV: measured x, y, and the vertical separation
     clock    (W, 2)      int32: episode, mission steps done
     lane     (W,)        int32: which sea of the pool the world sails on
+    wave     (seas, groups, columns, LANES)  the storm's components, see `kernels.airy`; velocities at `Level`
 """
 
 import taichi as ti
@@ -93,9 +94,22 @@ AuvColumn = _columns(
     "fix_error",
 )
 NodeColumn = _columns("x", "y", "rate", "backlog")
-BoatColumn = _columns("x", "y", "goal_x", "goal_y", "elevation", "slope_x", "slope_y", "overflowing", "collisions")
+BoatColumn = _columns(
+    "x",
+    "y",
+    "goal_x",
+    "goal_y",
+    "elevation",
+    "slope_x",
+    "slope_y",
+    "current_x",
+    "current_y",
+    "overflowing",
+    "collisions",
+)
 RewardTerm = _columns("distance", "border", "overflow", "proximity", "service", "power", "collaboration")
 Strategy = _columns("fim", "hold", "centroid")
+Level = _columns("surface", "cruise")
 Draw = _columns("node", "auv", "vortex", "vortex_sign", "fix", "attitude", "arrival")
 
 MEASURES = AuvColumn.names[AuvColumn.power : AuvColumn.fix_error + 1]

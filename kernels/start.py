@@ -2,8 +2,8 @@
 
 import taichi as ti
 
+from kernels import airy, random, task
 from kernels import boat as usv
-from kernels import random, task
 from kernels.layout import (
     AuvColumn,
     BoatColumn,
@@ -33,6 +33,7 @@ def begin_episodes(
     key_high: ti.u32,
     chosen: mask1,
     eta: array4,
+    wave: airy.waves,
     lane: index1,
     cells_x: ti.i32,
     cells_y: ti.i32,
@@ -109,7 +110,7 @@ def begin_episodes(
             usv.plan(p, link, boat, estimate, w)
             boat[w, BoatColumn.x] = boat[w, BoatColumn.goal_x]
             boat[w, BoatColumn.y] = boat[w, BoatColumn.goal_y]
-            usv.ride(p, boat, eta, lane, cells_x, cells_y, w)
+            usv.ride(p, boat, eta, wave, lane, cells_x, cells_y, vortices, w)
             for k in range(auv.shape[1]):
                 counter = task.address(p, w, episode, 0, Draw.fix, k)
                 tilt_counter = task.address(p, w, episode, 0, Draw.attitude, 0)
@@ -117,4 +118,4 @@ def begin_episodes(
             for k in range(auv.shape[1]):
                 task.choose_target(p, auv, node, estimate, w, k)
             for k in range(auv.shape[1]):
-                task.observe(p, auv, node, boat, vortices, estimate, observation, w, k)
+                task.observe(p, auv, node, boat, vortices, wave, lane, estimate, observation, w, k)

@@ -2,8 +2,8 @@
 
 import taichi as ti
 
-from kernels import random, vortex
-from kernels.layout import AuvColumn, BoatColumn, NodeColumn, Parameter
+from kernels import airy, random, vortex
+from kernels.layout import AuvColumn, BoatColumn, Level, NodeColumn, Parameter, vec2
 
 
 @ti.func
@@ -52,12 +52,17 @@ def observe(
     node: ti.template(),
     boat: ti.template(),
     vortices: ti.template(),
+    wave: ti.template(),
+    lane: ti.template(),
     estimate: ti.template(),
     observation: ti.template(),
     w,
     k,
 ):
-    """Write what AUV k observes; the layout is documented in `usvauv_env.world.World`."""
+    """Write what AUV k observes; the layout is documented in `usvauv_env.world.World`.
+
+    The water's velocity at the AUV is kept: it carries the AUV during the coming step.
+    """
     scale = 1.0 / p[Parameter.diagonal]
     x = estimate[w, k, 0]
     y = estimate[w, k, 1]
@@ -74,7 +79,8 @@ def observe(
     observation[w, k, slot + 3] = y * scale
     observation[w, k, slot + 4] = auv[w, k, AuvColumn.border]
     observation[w, k, slot + 5] = boat[w, BoatColumn.overflowing] / node.shape[1]
-    here = vortex.current(vortices, w, auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
+    storm = airy.motion(wave, lane[w], Level.cruise, auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
+    here = vortex.current(vortices, w, auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y]) + vec2(storm[3], storm[4])
     auv[w, k, AuvColumn.current_x] = here[0]
     auv[w, k, AuvColumn.current_y] = here[1]
     if p[Parameter.observed_current] > 0.5:

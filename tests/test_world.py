@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.layout import AuvColumn, BoatColumn, NodeColumn, RewardTerm
+from kernels import airy
+from kernels.layout import AuvColumn, BoatColumn, Level, NodeColumn, RewardTerm
 from usvauv_env import Scenario, ScenarioError, World
 
 
@@ -140,6 +141,11 @@ class TestStart:
         changed = (world.node != before).any(dim=2).any(dim=1)
         assert changed.tolist() == [False, True, False, True]
 
+    def test_no_vortices_no_current(self, extreme):
+        world = World(Scenario.load("extreme", ["current.count=0", "storm.spectrum=none"]), num_worlds=8, seed=2)
+        world.reset()
+        assert torch.equal(world.current(), torch.zeros(8, 2, 2))
+
     def test_currents_of_extreme_are_as_stated(self, extreme):
         world = World(extreme, num_worlds=2000, seed=2)
         world.reset()
@@ -214,6 +220,69 @@ class TestMotion:
         estimates_before_last_fix = world.boat[:, BoatColumn.goal_x : BoatColumn.goal_y + 1]
         truth = world.auv[..., 0:2].mean(dim=1)
         assert (estimates_before_last_fix - truth).norm(dim=-1).max() < 4
+
+
+def storm_at(world: World, xy: torch.Tensor, level: int) -> torch.Tensor:
+    """Storm (η, η_x, η_y, u, v, w) at the point (x, y) of each world; world w sails on sea w."""
+    return airy.sample(world.storm.wave, xy[:, None].contiguous(), level)[:, 0]
+
+
+class TestStorm:
+    quiet = (
+        "sea.start_rms=0",
+        "sea.forced_edge=none",
+        "sea.irregular_rms=0",
+        "current.circulation_min=0",
+        "current.circulation_max=0",
+    )
+
+    def test_it_lifts_tilts_and_carries_the_boat(self):
+        """Nothing but the storm moves here; the boat drifts with the water of the step before."""
+        world = World(Scenario.load("extreme", self.quiet), num_worlds=16, seed=3, usv="hold:60,80")
+        run(world, 7)
+        before = world.boat.clone()
+        world.boat[:, BoatColumn.x] = 90.0  # 42 m from where it is to be held
+        world.step(torch.zeros(16, 2, 2))
+        boat = world.boat
+        seen = storm_at(world, boat[:, BoatColumn.x : BoatColumn.y + 1], Level.surface)
+        torch.testing.assert_close(boat[:, BoatColumn.elevation : BoatColumn.current_y + 1], seen[:, :5])
+        assert seen[:, 0].std() > 0.8
+        drift = before[:, BoatColumn.current_x : BoatColumn.current_y + 1]
+        moved = boat[:, 0:2] - torch.stack([torch.full((16,), 90.0), before[:, BoatColumn.y]], dim=1)
+        torch.testing.assert_close((moved - drift).norm(dim=1), torch.full((16,), 4.0), atol=1e-4, rtol=0)
+
+    def test_it_carries_the_auvs_a_little(self):
+        world = World(Scenario.load("extreme", self.quiet), num_worlds=16, seed=3)
+        run(world, 7)
+        for k in (0, 1):
+            seen = storm_at(world, world.auv[:, k, 0:2], Level.cruise)
+            torch.testing.assert_close(world.current()[:, k], seen[:, 3:5])
+        assert 0.02 < world.current().norm(dim=-1).mean() < 0.1
+
+    def test_surface_shows_the_storm_of_the_world_s_own_sea(self):
+        scenario = Scenario.load("extreme", self.quiet)
+        world = World(scenario, num_worlds=1, seed=3, first_world=5)
+        fine = World(scenario, num_worlds=1, seed=3, first_world=5, fine_sea=True)
+        for each in (world, fine):
+            run(each, 3)
+        x = (np.arange(50) + 0.5) * 4
+        np.testing.assert_allclose(world.surface(50), world.storm.elevation(5, x, x), atol=1e-5)
+        x = (np.arange(128) + 0.5) * 200 / 128
+        np.testing.assert_allclose(fine.surface(128), world.storm.elevation(5, x, x), atol=1e-5)
+
+    def test_storm_of_extreme_is_as_stated(self, extreme):
+        """WMO sea state 7 on the long waves: rms elevation 2.6 m, rms slope 0.107, the boat's water at 1.33 m/s."""
+        assert 6 <= extreme.storm.significant_height < 9
+        world = World(extreme, num_worlds=64, seed=2)
+        observation = world.reset()
+        boat = []
+        for _ in range(200):
+            observation, *_ = world.step(steer(observation))
+            boat.append(world.boat.clone())
+        square = torch.stack(boat).square().mean(dim=(0, 1))
+        assert square[BoatColumn.elevation].sqrt() == pytest.approx(2.6, abs=0.3)
+        assert (square[BoatColumn.slope_x] + square[BoatColumn.slope_y]).sqrt() == pytest.approx(0.107, abs=0.005)
+        assert (square[BoatColumn.current_x] + square[BoatColumn.current_y]).sqrt() == pytest.approx(1.33, abs=0.1)
 
 
 class TestTask:

@@ -99,7 +99,7 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
         "alternate": s.current.alternate,
         "core_radius_min": s.current.core_radius_min,
         "core_radius_max": s.current.core_radius_max,
-        "random_vortices": not s.current.centres,
+        "random_vortices": s.current.count > 0 and not s.current.centres,
         "tilt": s.usbl.tilt,
         "attitude_error": s.usbl.attitude_error,
         "top_speed": s.boat.top_speed,
@@ -142,9 +142,9 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
 
 
 def fixed_vortices(scenario: Scenario) -> np.ndarray:
-    """Vortices at given centres, (V, 4); their mean circulation and core radius. Unused rows when they are drawn."""
+    """Vortices at given centres, (V, 4); their mean circulation and core radius. One of no circulation where there is none."""
     current = scenario.current
-    table = np.zeros((max(current.vortices, 1), 4), np.float32)
+    table = np.tile(np.array([0.0, 0.0, 0.0, 1.0], np.float32), (max(current.vortices, 1), 1))
     for row, centre in zip(table, current.centres, strict=False):
         circulation = 0.5 * (current.circulation_min + current.circulation_max)
         row[:] = (*centre, circulation, 0.5 * (current.core_radius_min + current.core_radius_max))

@@ -92,6 +92,21 @@ class Sea(Section):
         return self
 
 
+class Storm(Section):
+    """Short waves: a directional Airy sea upon the long waves of `Sea`."""
+
+    spectrum: Literal["none", "jonswap", "pm", "tma"] = Field(
+        "none", description="JONSWAP, Pierson–Moskowitz, TMA (JONSWAP in water of finite depth), or no short waves"
+    )
+    significant_height: Positive = Field(6.5, description="significant height Hs = 4 √m0, m; WMO sea state 7: 6 to 9")
+    peak_period: Positive = Field(11.0, description="peak period Tp, s")
+    gamma: float = Field(2.2, ge=1, le=20, description="peak enhancement γ; Pierson–Moskowitz has 1")
+    direction: Finite = Field(math.pi, description="mean direction of travel, from east towards north, rad")
+    spreading: float = Field(10.0, ge=0, le=1000, description="s of the spreading cos^2s(½Δθ)")
+    components: int = Field(64, ge=8, le=1024, description="number of component waves in a sea")
+    shortest_wave: Positive = Field(20.0, description="shortest wave length that moves and tilts the boat, m")
+
+
 class Current(Section):
     """Superposed Lamb–Oseen vortices (Eq. 8)."""
 
@@ -270,6 +285,7 @@ class Scenario(Section):
     area: Area = Field(default_factory=Area, description="the operating area")
     mission: Mission = Field(default_factory=Mission, description="clock of the mission")
     sea: Sea = Field(default_factory=Sea, description="sea surface: shallow-water equations (Eq. 6)")
+    storm: Storm = Field(default_factory=Storm, description="short waves upon it: a directional Airy sea")
     current: Current = Field(default_factory=Current, description="current: Lamb–Oseen vortices (Eq. 8)")
     acoustics: Acoustics = Field(default_factory=Acoustics, description="sonar equation of the positioning link")
     usbl: Usbl = Field(default_factory=Usbl, description="ultra-short baseline positioning (Eq. 1)")
@@ -300,7 +316,18 @@ class Scenario(Section):
             raise ValueError("nodes.arrival_rates times mission.step must not be above 80 packets")
         if self.sea.cell_size * 4 > smaller:
             raise ValueError("sea.cell_size must leave at least four cells across the area")
+        if self.storm.spectrum != "none":
+            self._check_storm()
         return self
+
+    def _check_storm(self) -> None:
+        g, depth, storm = self.sea.gravity, self.area.depth, self.storm
+        shortest = 2 * math.pi / storm.shortest_wave
+        if math.sqrt(g * shortest * math.tanh(shortest * depth)) < 4 * math.pi / storm.peak_period:
+            raise ValueError("storm.shortest_wave must have at least twice the frequency of storm.peak_period")
+        highest = min(0.1 * g * storm.peak_period**2 / (2 * math.pi), 0.6 * depth)  # beyond that waves break
+        if storm.significant_height > highest:
+            raise ValueError(f"storm.significant_height must not be above {highest:.3g} m, where such waves break")
 
     @staticmethod
     def shipped() -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from kernels.shallow_water import ShallowWater
 from usvauv_env.scenario import Scenario
+from usvauv_env.storm import AirySea, build_storm
 
 RESONANT_GAIN = 10.0  # |1/cos kL| from which a component starts from rest instead of in its steady state
 
@@ -65,7 +66,7 @@ def build_sea(
     eta, u, v = np.zeros((num_seas, ny, nx)), np.zeros((num_seas, ny, nx + 1)), np.zeros((num_seas, ny + 1, nx))
     waves = []
     for index in range(num_seas):
-        edge_seed, start_seed = np.random.SeedSequence([seed, first + index]).spawn(2)
+        edge_seed, start_seed = np.random.SeedSequence(seed, spawn_key=(first + index,)).spawn(2)
         wave = draw_edge_wave(scenario, np.random.Generator(np.random.Philox(edge_seed)))
         eta[index] = start_elevation(scenario, np.random.Generator(np.random.Philox(start_seed)), nx, ny)
         add_seiche(scenario, wave, eta[index], u[index], v[index])
@@ -73,6 +74,27 @@ def build_sea(
     solver.set_forcing(*(np.stack([getattr(w, name) for w in waves]) for name in ("amplitude", "period", "phase")))
     solver.set_state(eta, u, v)
     return solver
+
+
+def build_short_waves(scenario: Scenario, seed: int, num_seas: int, first: int = 0) -> AirySea:
+    """The storm upon the seas of `build_sea`, with velocities at the levels `kernels.layout.Level`."""
+    area, sea, storm, cruise = scenario.area, scenario.sea, scenario.storm, scenario.auv.depth
+    return build_storm(
+        spectrum=storm.spectrum,
+        significant_height=storm.significant_height,
+        peak_period=storm.peak_period,
+        gamma=storm.gamma,
+        direction=storm.direction,
+        spreading=storm.spreading,
+        components=storm.components,
+        shortest_wave=storm.shortest_wave,
+        depth=area.depth,
+        gravity=sea.gravity,
+        levels=(0.0, -min(cruise, area.depth)),
+        seed=seed,
+        num_seas=num_seas,
+        first=first,
+    )
 
 
 def draw_edge_wave(scenario: Scenario, random: np.random.Generator) -> EdgeWave:

@@ -9,7 +9,7 @@ from kernels import collection, runtime, start
 from kernels.layout import MEASURES, AuvColumn, BoatColumn, NodeColumn, RewardTerm
 from usvauv_env.parameters import OBSERVED_CURRENT, UsvStrategy, fixed_vortices, link_table, pack_parameters
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea import build_sea, fine_cells
+from usvauv_env.sea import build_sea, build_short_waves, fine_cells
 
 MAX_WORLDS = 1 << 22
 STATE = ("auv", "node", "vortex", "boat", "estimate", "observation")
@@ -150,6 +150,7 @@ class World:
         if self._steps_since_sea % self._sea_interval == 0:
             self.sea.advance()
         self._steps_since_sea += 1
+        self.storm.move_to(self._steps_since_sea * self.scenario.mission.step)
         collection.step(
             self._parameters,
             self._link,
@@ -190,6 +191,7 @@ class World:
         self._begin_sea(episode)
         self._steps_since_sea = steps
         self.sea.load(state["sea"], state["sea_clock"])
+        self.storm.move_to(steps * self.scenario.mission.step)
         for name in STATE:
             getattr(self, name).copy_(state[name])
         self._clock.copy_(state["clock"])
@@ -199,7 +201,7 @@ class World:
         return self.auv[..., AuvColumn.power : AuvColumn.fix_error + 1]
 
     def current(self) -> torch.Tensor:
-        """True current at each AUV, (num_worlds, num_auvs, 2), m/s."""
+        """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: vortices and waves."""
         return self.auv[..., AuvColumn.current_x : AuvColumn.current_y + 1]
 
     def _begin_sea(self, episode: int) -> None:
@@ -207,12 +209,16 @@ class World:
         pool = self.scenario.sea.realisations
         seed = self.seed + (episode << 64)
         if self._fine_sea:
-            self.sea = build_sea(self.scenario, seed, 1, fine_cells(self.scenario), self._first_world % pool)
+            first = self._first_world % pool
+            self.sea = build_sea(self.scenario, seed, 1, fine_cells(self.scenario), first)
+            self.storm = build_short_waves(self.scenario, seed, 1, first)
             lane = torch.zeros(1, dtype=torch.int32)
         else:
             self.sea = build_sea(self.scenario, seed, pool)
+            self.storm = build_short_waves(self.scenario, seed, pool)
             lane = (torch.arange(self.num_worlds) + self._first_world) % pool
-        self._sea_arguments = (self.sea.eta, lane.to(self.device, torch.int32), self.sea.nx, self.sea.ny)
+        lane = lane.to(self.device, torch.int32)
+        self._sea_arguments = (self.sea.eta, self.storm.wave, lane, self.sea.nx, self.sea.ny)
         self._steps_since_sea = 0
         self._sea_episode = episode
 
@@ -221,8 +227,12 @@ class World:
 
     def surface(self, pixels: int) -> np.ndarray:
         """Elevation of world 0's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
-        elevation = self.sea.elevation()[0]
+        lane = int(self._sea_arguments[2][0])
+        elevation = self.sea.elevation()[lane]
         factor = -(-max(elevation.shape) // pixels)
         rows, columns = (size // factor for size in elevation.shape)
         blocks = elevation[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)
-        return blocks.mean(axis=(1, 3), dtype=np.float32)
+        x, y = (
+            (np.arange(count) + 0.5) * (factor * cell) for count, cell in ((columns, self.sea.dx), (rows, self.sea.dy))
+        )
+        return blocks.mean(axis=(1, 3), dtype=np.float32) + self.storm.elevation(lane, x, y)
