@@ -18,7 +18,8 @@ from usvauv_cli.sea import CurrentStreaks, SeaSurface, current_at
 from usvauv_cli.text import shorten, text_width, write
 from usvauv_cli.video import OutputError, Painter, render
 from usvauv_env.metrics import episode_metrics
-from usvauv_env.scenario import Area, Scenario
+from usvauv_env.scenario import Scenario
+from usvauv_env.sections import Area
 from usvauv_env.trace import Trace
 
 

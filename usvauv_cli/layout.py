@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv_env.scenario import Area
+from usvauv_env.sections import Area
 
 
 class Rectangle(NamedTuple):

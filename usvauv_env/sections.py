@@ -1,0 +1,262 @@
+"""The sections of a scenario: every number, with its range, unit and meaning.
+
+All values are SI: metres, seconds, radians, watts, hertz.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+MAX_AUVS = 16
+MAX_NODES = 500
+MAX_VORTICES = 16
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+
+class Area(Section):
+    width: float = Field(200.0, ge=40, le=20000, description="extent in x (east), m")
+    length: float = Field(200.0, ge=40, le=20000, description="extent in y (north), m")
+    depth: float = Field(120.0, ge=5, le=11000, description="water depth h, m")
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the area's diagonal, m."""
+        return math.hypot(self.width, self.length)
+
+
+class Mission(Section):
+    step: float = Field(1.0, gt=0, le=10, description="mission step, s")
+    duration: float = Field(1000.0, gt=0, le=1e6, description="length of an episode, s")
+
+    @property
+    def steps(self) -> int:
+        """Mission steps in an episode."""
+        return max(1, round(self.duration / self.step))
+
+
+class Sea(Section):
+    """Shallow-water surface (Eq. 6), its forcing at one edge and its start."""
+
+    cell_size: float = Field(4.0, ge=0.05, le=1000, description="grid spacing while training and evaluating, m")
+    fine_cells: int = Field(512, ge=16, le=8192, description="cells along the longer side when simulated live")
+    gravity: Positive = Field(9.81, description="gravitational acceleration g, m/s²")
+    drag: NonNegative = Field(0.0, description="linear bottom drag rate, 1/s; keeps a resonant basin finite")
+    update_interval: Positive = Field(1.0, description="time between updates of the surface seen by the boat, s")
+    realisations: int = Field(
+        16, ge=1, le=4096, description="different seas in a batch; world w sails on sea w modulo this"
+    )
+    forced_edge: Literal["none", "west", "east", "south", "north"] = Field(
+        "none", description="edge where the elevation is prescribed; all other edges are reflecting walls"
+    )
+    regular_amplitude: NonNegative = Field(
+        0.0, description="amplitude of the regular wave or tide at the forced edge, m"
+    )
+    regular_period: Positive = Field(43200.0, description="its period, s (Table 1's tide: 43200)")
+    irregular_rms: NonNegative = Field(
+        0.0, description="rms elevation of the irregular long waves at the forced edge, m"
+    )
+    irregular_components: int = Field(16, ge=1, le=256, description="number of their components, equal energy each")
+    irregular_period_min: Positive = Field(75.0, description="their shortest period, s")
+    irregular_period_max: Positive = Field(300.0, description="their longest period, s")
+    start_rms: NonNegative = Field(0.0, description="rms elevation of the seeded standing waves the sea starts with, m")
+    start_modes: int = Field(4, ge=1, le=16, description="highest number of half wavelengths across the area in them")
+
+    @model_validator(mode="after")
+    def _check(self) -> Sea:
+        if self.irregular_period_max < self.irregular_period_min:
+            raise ValueError("irregular_period_max must not be below irregular_period_min")
+        if self.forced_edge == "none" and (self.regular_amplitude > 0 or self.irregular_rms > 0):
+            raise ValueError("forced_edge must name an edge when regular_amplitude or irregular_rms is above 0")
+        return self
+
+
+class Storm(Section):
+    """Short waves: a directional Airy sea upon the long waves of `Sea`."""
+
+    spectrum: Literal["none", "jonswap", "pm", "tma"] = Field(
+        "none", description="JONSWAP, Pierson–Moskowitz, TMA (JONSWAP in water of finite depth), or no short waves"
+    )
+    significant_height: Positive = Field(6.5, description="significant height Hs = 4 √m0, m; WMO sea state 7: 6 to 9")
+    peak_period: Positive = Field(11.0, description="peak period Tp, s")
+    gamma: float = Field(2.2, ge=1, le=20, description="peak enhancement γ; Pierson–Moskowitz has 1")
+    direction: Finite = Field(math.pi, description="mean direction of travel, from east towards north, rad")
+    spreading: float = Field(10.0, ge=0, le=1000, description="s of the spreading cos^2s(½Δθ)")
+    components: int = Field(64, ge=8, le=1024, description="number of component waves in a sea")
+    shortest_wave: Positive = Field(20.0, description="shortest wave length that moves and tilts the boat, m")
+
+
+class Current(Section):
+    """Superposed Lamb–Oseen vortices (Eq. 8)."""
+
+    centres: tuple[tuple[Finite, Finite], ...] = Field(
+        (), max_length=MAX_VORTICES, description="fixed vortex centres [[x, y], ...], m; empty: drawn anew each episode"
+    )
+    count: int = Field(0, ge=0, le=MAX_VORTICES, description="number of vortices drawn when no centres are given")
+    circulation_min: NonNegative = Field(0.0, description="smallest |Γ|, m²/s")
+    circulation_max: NonNegative = Field(0.0, description="largest |Γ|, m²/s")
+    alternate: bool = Field(True, description="draw the sign of Γ at random; false: all turn anticlockwise")
+    core_radius_min: Positive = Field(30.0, description="smallest core radius δ, m")
+    core_radius_max: Positive = Field(30.0, description="largest core radius δ, m")
+
+    @model_validator(mode="after")
+    def _check(self) -> Current:
+        if self.circulation_max < self.circulation_min:
+            raise ValueError("circulation_max must not be below circulation_min")
+        if self.core_radius_max < self.core_radius_min:
+            raise ValueError("core_radius_max must not be below core_radius_min")
+        return self
+
+    @property
+    def vortices(self) -> int:
+        """Number of vortices in a world."""
+        return len(self.centres) or self.count
+
+
+class Acoustics(Section):
+    """Sonar equation of the positioning link and of the noise."""
+
+    sound_speed: float = Field(1500.0, ge=1300, le=1700, description="speed of sound c, m/s")
+    source_level: float = Field(
+        135.0, ge=0, le=260, description="source level of the positioning tone, dB re 1 µPa at 1 m"
+    )
+    target_strength: float = Field(3.0, ge=-60, le=60, description="target strength of the echo, dB")
+    path: Literal["echo", "transponder"] = Field("echo", description="two-way echo or one-way transponder")
+    shipping: float = Field(0.5, ge=0, le=1, description="shipping activity in the noise, 0 to 1")
+    wind: float = Field(0.0, ge=0, le=60, description="wind speed in the noise, m/s")
+    bandwidth: Positive = Field(1000.0, description="receiver bandwidth of the positioning link, Hz")
+    noise_law: Literal["amplitude", "demonstration"] = Field(
+        "amplitude", description="noise relative to the tone: 10^(−SNR/20), or the demonstration's 10^(−SNR/10)"
+    )
+
+
+class Usbl(Section):
+    """Ultra-short baseline array and its estimator (Eq. 1)."""
+
+    spacing: float = Field(0.033, gt=0, le=10, description="array spacing d, m")
+    carriers: tuple[Positive, ...] = Field(
+        (15000.0, 18000.0), min_length=1, max_length=MAX_AUVS, description="carrier of each AUV, Hz"
+    )
+    carrier_min: Positive = Field(12000.0, description="carriers of further AUVs are spread from here ..., Hz")
+    carrier_max: Positive = Field(18000.0, description="... to here, Hz")
+    periods: int = Field(10, ge=1, le=10000, description="length of the tone, carrier periods")
+    sampling_rate: Positive = Field(2.016e6, description="sampling rate, Hz")
+    tilt: bool = Field(False, description="the array tilts with the surface under the boat")
+    attitude_error: float = Field(
+        0.0, ge=0, le=0.5, description="standard deviation of the residual attitude error per axis, rad"
+    )
+
+    def carrier(self, auv: int, count: int) -> float:
+        """Carrier of AUV number `auv` in a team of `count`, Hz: the listed ones, then evenly between the limits."""
+        listed = len(self.carriers)
+        if auv < listed:
+            return self.carriers[auv]
+        share = (auv - listed + 1) / (count - listed + 1)
+        return self.carrier_min + share * (self.carrier_max - self.carrier_min)
+
+
+class Boat(Section):
+    top_speed: float = Field(4.0, gt=0, le=1e4, description="top speed through the water, m/s")
+    drifts: bool = Field(True, description="the current carries the boat")
+
+
+class Planner(Section):
+    """What the boat maximises when it plans by Fisher information (Eq. 2–3)."""
+
+    measurement: Literal["phase", "fix"] = Field(
+        "phase", description="information of Eq. 1's phases at known depth, or of the whole fix (phases and delay)"
+    )
+    noise: Literal["range", "constant"] = Field(
+        "range", description="phase noise that grows with range by the sonar equation, or one constant"
+    )
+    objective: Literal["joint", "sum", "printed"] = Field(
+        "joint",
+        description="determinant of the information on all positions, of the paper's sum, or what Eq. 3 prints",
+    )
+
+
+class Auv(Section):
+    count: int = Field(2, ge=1, le=MAX_AUVS, description="number of AUVs")
+    depth: Positive = Field(100.0, description="cruise depth, m")
+    separation: Literal["geometry", "demonstration"] = Field(
+        "geometry",
+        description="vertical distances by geometry, or the demonstration's: the water depth both to boat and to node",
+    )
+    speed_min: Positive = Field(1.2, description="lowest speed through the water, m/s")
+    speed_max: Positive = Field(2.2, description="highest speed through the water, m/s")
+    action: Literal["vector", "polar"] = Field(
+        "vector", description="action as a velocity vector, or as (heading, speed)"
+    )
+    start_margin: NonNegative = Field(10.0, description="least distance from the border at the start, m")
+    start_separation: NonNegative = Field(20.0, description="least distance between AUVs at the start, m")
+    safe_distance: NonNegative = Field(12.0, description="distance below which the reward punishes proximity, m")
+    collision_distance: NonNegative = Field(5.0, description="distance below which a step counts as a collision, m")
+    hover_radius: Positive = Field(6.0, description="horizontal distance at which an AUV starts to serve its node, m")
+
+    @model_validator(mode="after")
+    def _check(self) -> Auv:
+        if self.speed_max < self.speed_min:
+            raise ValueError("speed_max must not be below speed_min")
+        return self
+
+
+class Nodes(Section):
+    count: int = Field(30, ge=1, le=MAX_NODES, description="number of sensor nodes on the bed")
+    margin: NonNegative = Field(10.0, description="least distance from the border, m")
+    arrival_rates: tuple[NonNegative, ...] = Field(
+        (3.0, 5.0, 8.0, 12.0), min_length=1, max_length=16, description="a node's λ is drawn from these, packets/s"
+    )
+    buffer: Positive = Field(5000.0, description="buffer capacity C, packets")
+    start_backlog: NonNegative = Field(1000.0, description="backlog at the start is uniform from 0 to this, packets")
+    payload: Positive = Field(2.0, description="data in a full buffer, Mbit")
+    distance_weight: NonNegative = Field(0.015, description="α of the target rule λ b/C − α d, 1/(m s)")
+    source_power: Positive = Field(0.03, description="acoustic source power, W")
+    frequency: Positive = Field(20000.0, description="carrier of the data link, Hz")
+    bandwidth: Positive = Field(10000.0, description="bandwidth of the data link, Hz")
+    rate_law: Literal["shannon", "demonstration"] = Field(
+        "shannon", description="B log2(1 + 10^(SNR/10)), or the demonstration's B log2(1 + 10^SNR) with SNR in dB"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Nodes:
+        if self.start_backlog > self.buffer:
+            raise ValueError("start_backlog must not be above buffer")
+        return self
+
+
+class Observation(Section):
+    current: Literal["none", "speed", "vector"] = Field(
+        "speed", description="the perceived current: not at all, its speed (Eq. 4), or speed and both components"
+    )
+
+
+class Reward(Section):
+    """Weights of the named reward terms, each multiplied with a quantity that is positive when present."""
+
+    distance_form: Literal["progress", "distance"] = Field(
+        "progress", description="metres closed on the same target, or minus the distance to it (the paper's form)"
+    )
+    distance: Finite = Field(0.6, description="weight of the distance term, 1/m")
+    border: Finite = Field(-0.1, description="weight of a refused move across the border")
+    overflow: Finite = Field(-0.05, description="weight of each overflowing node")
+    proximity: Finite = Field(-6.0, description="weight of each metre below the safe distance, 1/m")
+    service: Finite = Field(12.0, description="weight of a completed service")
+    power: Finite = Field(-0.085, description="weight of the power, 1/W")
+    collaboration: Finite = Field(0.1, description="weight of Eq. 5's l_max / l")
+    service_terminates: bool = Field(False, description="a service ends the learner's value horizon (the paper's form)")
+
+
+class Reference(Section):
+    """Best constant speeds of the heuristics, found once by `usvauv eval` over the speeds and recorded here."""
+
+    straight_speed: Positive = Field(1.2, description="best constant speed of `straight`, m/s")
+    crab_speed: Positive = Field(1.2, description="best constant speed of `crab`, m/s")
