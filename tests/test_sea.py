@@ -186,3 +186,14 @@ class TestResolution:
             found += np.mean((seen - between_cells(fine.elevation()[0].astype(float), (50, 50))) ** 2)
         assert math.sqrt(found) < math.sqrt(predicted) / 2
         assert math.sqrt(found / 10) < 0.05 * np.std(seen)
+
+
+def test_extreme_has_five_metre_crests():
+    """As the scenario says: the median over its seas of the highest long-wave crest of an episode."""
+    scenario = Scenario.load("extreme")
+    sea = build_sea(scenario, 7, 32)
+    highest = np.zeros(32)
+    for _ in range(1000):
+        sea.advance()
+        highest = np.maximum(highest, sea.elevation()[:, 25, 25])
+    assert 4.5 < np.median(highest) < 5.5

@@ -142,7 +142,7 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
 
 
 def fixed_vortices(scenario: Scenario) -> np.ndarray:
-    """Vortices at given centres, (V, 4), with the mean circulation and core radius; one without any where there is none."""
+    """Vortices at given centres, (V, 4), of mean circulation and core radius; one of no circulation for none."""
     current = scenario.current
     table = np.tile(np.array([0.0, 0.0, 0.0, 1.0], np.float32), (max(current.vortices, 1), 1))
     for row, centre in zip(table, current.centres, strict=False):
