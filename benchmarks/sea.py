@@ -77,9 +77,7 @@ def ours(n: int, steps: int) -> float:
     """Seconds of one step of our solver, when `steps` of them are asked for at once."""
     dx = 4.0
     step = 0.9 * dx / np.sqrt(2 * GRAVITY * DEPTH)
-    sea = ShallowWater(
-        size=(n * dx, n * dx), cells=(n, n), depth=DEPTH, gravity=GRAVITY, interval=float(step * steps)
-    )
+    sea = ShallowWater(size=(n * dx, n * dx), cells=(n, n), depth=DEPTH, gravity=GRAVITY, interval=float(step * steps))
     wave = np.cos(np.pi * (np.arange(n) + 0.5) / n)
     sea.set_state(np.multiply.outer(wave, wave)[None].astype(np.float32))
     return best_time(sea.advance) / sea.substeps

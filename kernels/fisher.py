@@ -142,6 +142,15 @@ def information(estimate: ti.template(), w, num_auvs, link: ti.template(), form,
 
 
 @ti.func
+def scale_of(form, num_auvs, log_scale):
+    """What ln of the objective loses when every T is divided by exp(log_scale): det J has T², the joint forms T²ᴷ."""
+    scale = 2.0 * log_scale
+    if form == JOINT_PHASE or form == JOINT_FIX:
+        scale *= num_auvs
+    return scale
+
+
+@ti.func
 def joint_log_det(estimate: ti.template(), w, num_auvs, link: ti.template(), form, x, y) -> vec6:
     """Σ_k ln det J_k, with its gradient (x, y) and Hessian (xx, xy, yy); arguments as `plan`."""
     f = vec6(0.0)
@@ -173,11 +182,11 @@ def joint_log_det(estimate: ti.template(), w, num_auvs, link: ti.template(), for
 
 @ti.func
 def log_det(estimate: ti.template(), w, num_auvs, link: ti.template(), form, log_scale, x, y) -> vec6:
-    """ln of the objective less 2 log_scale, with its gradient (x, y) and Hessian (xx, xy, yy); arguments as `plan`."""
+    """ln of the objective less `scale_of`, with its gradient (x, y) and Hessian (xx, xy, yy); arguments as `plan`."""
     f = vec6(0.0)
     if form == JOINT_PHASE or form == JOINT_FIX:
         f = joint_log_det(estimate, w, num_auvs, link, form, x, y)
-        f[0] -= 2.0 * log_scale
+        f[0] -= scale_of(form, num_auvs, log_scale)
     else:
         f = summed_log_det(estimate, w, num_auvs, link, form, log_scale, x, y)
     return f
@@ -341,7 +350,7 @@ def plan(estimate: ti.template(), w, num_auvs, link: ti.template(), form, x_star
         top = climb(estimate, w, num_auvs, link, form, log_scale, x, y, width, length)
         if top[2] > best[2] + 5e-7:
             best = top
-    best[2] += 2.0 * log_scale
+    best[2] += scale_of(form, num_auvs, log_scale)
     return best
 
 
@@ -358,7 +367,7 @@ def _log_det_batch(link: array2, points: array3, boat: array2, form: ti.i32, out
     for i in range(points.shape[0]):
         log_scale = reference_log_T(points, i, points.shape[1], link)
         f = log_det(points, i, points.shape[1], link, form, log_scale, boat[i, 0], boat[i, 1])
-        f[0] += 2.0 * log_scale
+        f[0] += scale_of(form, points.shape[1], log_scale)
         for j in ti.static(range(6)):
             out[i, j] = f[j]
 

@@ -31,8 +31,8 @@ def usvauv(*arguments: object, cwd: Path, code: int = 0) -> subprocess.Completed
 
 def test_help_names_every_command(tmp_path):
     text = usvauv("--help", cwd=tmp_path).stdout
-    assert all(command in text for command in ("simulate", "train", "eval", "scenarios"))
-    for command in ("simulate", "train", "eval"):
+    assert all(command in text for command in ("simulate", "train", "eval", "plan", "scenarios"))
+    for command in ("simulate", "train", "eval", "plan"):
         assert "Example" in usvauv(command, "--help", cwd=tmp_path).stdout
 
 
@@ -130,6 +130,7 @@ def test_scenarios(tmp_path):
         (["simulate", "--usv", "hold:999,0"], ["hold:999,0", "area"]),
         (["simulate", "--size", "12x9"], ["--size", "12x9"]),
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),
+        (["simulate", "--trace", "missing/a.nc"], ["--trace missing/a.nc", "does not exist"]),
         (["simulate", "--arch", "abacus"], ["abacus", "cuda"]),
         (["eval", "--policy", "."], ["policy.json", "missing"]),
         (["eval", "--episodes", "0"], ["episodes", "0"]),

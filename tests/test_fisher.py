@@ -344,7 +344,8 @@ class TestPlanner:
         reached = log_objective(out[:, :2], points.double(), link.double().cpu(), form)
         gap = best_by_dense_search(points, link.cpu(), form, box) - reached
         assert gap.max() < 1e-5
-        assert (out[:, 2] - reached).abs().max() < 1e-5
+        # The value is a sum of 2K logarithms in single precision.
+        assert ((out[:, 2] - reached).abs() / (5 + reached.abs())).max() < 2e-6
 
     @pytest.mark.parametrize("noise", [{"planner_noise": "constant"}, {"noise_law": "demonstration"}])
     def test_other_noise(self, device, noise):

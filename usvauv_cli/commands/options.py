@@ -18,20 +18,20 @@ Overrides = Annotated[
 ]
 
 
-def writable(path: Path) -> Path:
-    """The path itself, when a file can be created there.
+def writable(path: Path, option: str = "--out") -> Path:
+    """The path itself, when a file can be created there; `option` is what gave it.
 
     Raises:
         UserError: it is a folder, its folder is missing, or it cannot be written.
     """
     if path.is_dir():
-        raise UserError(f"--out {path}: is a folder, expected a file name")
+        raise UserError(f"{option} {path}: is a folder, expected a file name")
     if not path.parent.is_dir():
-        raise UserError(f"--out {path}: the folder {path.parent} does not exist")
+        raise UserError(f"{option} {path}: the folder {path.parent} does not exist")
     probe = path.with_name(path.name + ".partial")
     try:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise UserError(f"--out {path}: cannot be written: {error.strerror}") from None
+        raise UserError(f"{option} {path}: cannot be written: {error.strerror}") from None
     return path

@@ -46,7 +46,7 @@ def simulate(
     setting = Scenario.load(scenario, overrides or ())
     out = writable(out or Path(f"usvauv-{setting.name}.mp4"))
     if trace:
-        writable(trace)
+        writable(trace, "--trace")
     player = policies.load(policy or policies.default(setting), setting)
     player.check(setting)
     world = World(setting, 1, seed, usv, fine_sea=True, arch=arch)

@@ -1,0 +1,214 @@
+"""World-steps and agent-steps a second, memory and start of the batched world, with VMAS beside it.
+
+    python -m benchmarks.worlds --json
+
+Scenario `extreme` with all its physics: sea, currents, a plan of the boat every step, fixes, 30 nodes, 2 AUVs. Resets
+at the end of an episode are in the time. "environment" steps with random actions drawn before; "with_policy" with those
+of the best shipped policy, inferred each step. The third column of the usual form, with training, depends on the
+learner and is left to the training benchmark; here it is null. VMAS is not in any extra: `pip install vmas`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable
+
+import torch
+
+import policies
+from benchmarks.machine import best_time, describe
+from kernels import runtime
+from usvauv_env import Scenario, World
+
+ACTIONS = 16  # different sets of random actions, taken in turn
+VMAS_WORLDS = 4096
+VMAS_TASKS = {"navigation": {"n_agents": 2}, "simple_spread": {}}
+
+START = """
+import json, time
+import torch, policies
+from usvauv_env import Scenario, World
+scenario = Scenario.load("extreme")
+begin = time.perf_counter()
+world = World(scenario, 512)
+world.reset()
+ready = time.perf_counter()
+world.step(torch.zeros(512, world.num_auvs, 2, device=world.device))[1].cpu()
+print(json.dumps({"ready": ready - begin, "first_step_done": time.perf_counter() - begin}))
+"""
+
+
+def stepper(world: World, act: Callable[[torch.Tensor], torch.Tensor] | None) -> Callable[[], None]:
+    """One world-step of all worlds, with a reset where the episode ends; `act` None takes random actions."""
+    generator = torch.Generator().manual_seed(0)
+    shape = (ACTIONS, world.num_worlds, world.num_auvs, 2)
+    actions = (2 * torch.rand(shape, generator=generator) - 1).to(world.device)
+    observation, done = world.reset(), 0
+
+    def step() -> None:
+        nonlocal observation, done
+        if done == world.steps:
+            observation, done = world.reset(), 0
+        observation = world.step(actions[done % ACTIONS] if act is None else act(observation))[0]
+        done += 1
+
+    return step
+
+
+def rates(world: World, act: Callable[[torch.Tensor], torch.Tensor] | None, seconds: float) -> dict[str, float]:
+    """World-steps and agent-steps a second."""
+    per_second = world.num_worlds / best_time(stepper(world, act), seconds)
+    return {"world_steps_per_second": per_second, "agent_steps_per_second": per_second * world.num_auvs}
+
+
+def measure_batch(num_worlds: int, policy: policies.Policy, seconds: float) -> dict[str, object]:
+    """The columns of one batch size."""
+    world = World(policy.scenario, num_worlds)
+    policy.attach(world)
+    return {
+        "worlds": num_worlds,
+        "environment": rates(world, None, seconds),
+        "with_policy": rates(world, policy.act, seconds),
+        "with_training": None,
+    }
+
+
+def measure_scaling(section: str, values: tuple[int, ...], worlds: int, seconds: float) -> list[dict[str, object]]:
+    """Cost of the environment alone as a count of the scenario grows."""
+    rows = []
+    for value in values:
+        scenario = Scenario.load("extreme", [f"{section}.count={value}"])
+        rows.append({"count": value, "worlds": worlds, **rates(World(scenario, worlds), None, seconds)})
+    return rows
+
+
+def tensors(thing: object) -> list[torch.Tensor]:
+    """Every tensor among an object's attributes, also inside tuples."""
+    found = []
+    for value in vars(thing).values():
+        found += [part for part in (value if isinstance(value, tuple) else (value,)) if isinstance(part, torch.Tensor)]
+    return found
+
+
+def measure_memory() -> dict[str, float]:
+    """Bytes of a world's tensors by what they are: one's own, shared by all worlds, the pool of seas."""
+    worlds = 4096
+    world = World(Scenario.load("extreme"), worlds)
+    world.reset()
+    sea = {tensor.data_ptr(): tensor for tensor in tensors(world.sea)}
+    own, shared = 0, 0
+    for tensor in tensors(world):
+        if tensor.data_ptr() in sea:
+            continue
+        if tensor.shape[0] == worlds:
+            own += tensor.nbytes
+        else:
+            shared += tensor.nbytes
+    return {
+        "bytes_per_world": own / worlds,
+        "bytes_shared": shared,
+        "bytes_sea_pool": sum(tensor.nbytes for tensor in sea.values()),
+    }
+
+
+def measure_start() -> dict[str, dict[str, float]]:
+    """Seconds until 512 worlds stand reset, imports apart, with an empty, then a full kernel cache."""
+    results = {}
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {**os.environ, "TI_OFFLINE_CACHE_FILE_PATH": cache}
+        for name in ("cold", "cached"):
+            command = [sys.executable, "-c", START]
+            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+            results[name] = json.loads(done.stdout.splitlines()[-1])
+    return results
+
+
+def measure_vmas(threads: int, seconds: float) -> dict[str, object]:
+    """VMAS's tasks with random actions on as many threads as ours has; nulls with the reason where it is missing."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            vmas = importlib.import_module("vmas")
+    except ImportError as error:
+        return {**dict.fromkeys(VMAS_TASKS), "reason": f"vmas cannot be imported: {error}"}
+    device = runtime.start().device
+    torch.set_num_threads(threads)
+    results = {}
+    for task, settings in VMAS_TASKS.items():
+        env = vmas.make_env(task, num_envs=VMAS_WORLDS, device=device, seed=0, **settings)
+        env.reset()
+        actions = [2 * torch.rand(VMAS_WORLDS, 2, device=device) - 1 for _ in env.agents]
+        per_second = VMAS_WORLDS / best_time(lambda env=env, actions=actions: env.step(actions), seconds)
+        results[task] = {
+            "worlds": VMAS_WORLDS,
+            "agents": len(env.agents),
+            "world_steps_per_second": per_second,
+            "agent_steps_per_second": per_second * len(env.agents),
+        }
+    torch.set_num_threads(1)
+    return results
+
+
+def measure(largest: int, seconds: float) -> dict[str, object]:
+    """All figures."""
+    machine = describe()
+    name = policies.available()[0]
+    scenario = Scenario.load("extreme")
+    policy = policies.load(name, scenario)
+    sizes = [size for size in (1, 4, 16, 64, 256, 1024, 4096, 16384) if size <= largest]
+    batches = [measure_batch(size, policy, seconds) for size in sizes]
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # of the batches, before VMAS
+    worlds = min(1024, largest)
+    vmas = measure_vmas(machine["threads"], seconds)
+    best = max(row["environment"]["agent_steps_per_second"] for row in batches)
+    navigation = vmas["navigation"]
+    return {
+        "machine": machine,
+        "policy": name,
+        "batches": batches,
+        "best_agent_steps_per_second": best,
+        "over_vmas_navigation": best / navigation["agent_steps_per_second"] if navigation else None,
+        "auvs": measure_scaling("auv", (2, 4, 8, 16), worlds, seconds),
+        "nodes": measure_scaling("nodes", (30, 100, 500), worlds, seconds),
+        "memory": measure_memory(),
+        "start_seconds": measure_start(),
+        "vmas": vmas,
+        "peak_resident_bytes": peak,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    parser.add_argument("--largest", type=int, default=16384, help="largest number of worlds")
+    parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
+    arguments = parser.parse_args()
+    result = measure(arguments.largest, arguments.seconds)
+    if arguments.json:
+        print(json.dumps(result, indent=1))
+        return
+    print(result["machine"])
+    print(f"agent-steps/s: environment alone, with {result['policy']}")
+    for row in result["batches"]:
+        alone, inferred = (row[name]["agent_steps_per_second"] for name in ("environment", "with_policy"))
+        print(f"{row['worlds']:6d} worlds: {alone:12,.0f}  {inferred:12,.0f}")
+    for name, rows in (("AUVs", result["auvs"]), ("nodes", result["nodes"])):
+        for row in rows:
+            print(f"{row['worlds']} worlds, {row['count']} {name}: {row['world_steps_per_second']:,.0f} world-steps/s")
+    print("memory:", result["memory"])
+    print("start, s:", result["start_seconds"])
+    print("VMAS:", result["vmas"])
+    if result["over_vmas_navigation"]:
+        print(f"best over VMAS navigation: {result['over_vmas_navigation']:.0f}")
+
+
+if __name__ == "__main__":
+    main()

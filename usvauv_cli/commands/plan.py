@@ -1,0 +1,228 @@
+"""`usvauv plan`: where should the boat be, given where its AUVs are? A table, a figure, JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kernels.errors import UserError
+from usvauv_cli.commands.options import Arch, Overrides, writable
+
+if TYPE_CHECKING:
+    from usvauv_env import Scenario
+
+MEASUREMENTS = ("fix", "phase")
+OBJECTIVES = ("joint", "sum", "printed")
+FORMATS = (".png", ".pdf", ".svg")
+
+
+def plan(
+    auv: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y,Z", help="An AUV: east, north and depth (positive down), m; up to 16 times."),
+    ] = None,
+    scenario: Annotated[
+        str, typer.Option(metavar="S", help="Array, sonar, noise and area: shipped name or path of a TOML file.")
+    ] = "extreme",
+    objective: Annotated[
+        str | None,
+        typer.Option(
+            help="joint: information on all positions; sum: on one offset common to all fixes, the paper's Eq. 2;"
+            " printed: the paper's Eq. 3 as it stands. Default: the scenario's."
+        ),
+    ] = None,
+    measurement: Annotated[
+        str | None,
+        typer.Option(
+            help="What the USBL measures. fix: two phases and the slant range; phase: the phases alone, the depth being"
+            " known from a gauge. Default: the scenario's."
+        ),
+    ] = None,
+    compare: Annotated[
+        list[str] | None, typer.Option(metavar="X,Y", help="A place of the boat to compare with, m; may be repeated.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Figure: .png, .pdf or .svg. Default plan.png; none with --json - alone.")
+    ] = None,
+    json_file: Annotated[
+        str | None, typer.Option("--json", metavar="FILE", help="Result as JSON; - is standard output.")
+    ] = None,
+    arch: Arch = "auto",
+    overrides: Overrides = None,
+) -> None:
+    """Where should the boat be? Find the place from which a USBL locates all its AUVs best, and the errors to expect.
+
+    Nothing is learned or simulated: the place maximises ln det J, the Fisher information J of the fixes in metres, over
+    the whole area. The table gives the error of one fix of each AUV from there, from the AUVs' centroid and from every
+    `--compare`: standard deviations along the major and minor axis of its horizontal error ellipse, and the rms of both
+    over all AUVs. They include noise by the sonar equation, the range error and `usbl.attitude_error`, for an array
+    that lies level. The best determinant weighs each AUV's error by its ratio, so another place can have a slightly
+    smaller rms. The attitude error, in a fix the same from everywhere, does not count in J.
+    "?" marks a fix whose phases are within three standard deviations of wrapping, where it may be ambiguous.
+
+    **Examples:**
+
+    `usvauv plan --auv 60,80,100 --auv 150,120,90 --compare 0,0`
+
+    Your own USBL, a transponder in a 600 m wide area: `usvauv plan --auv 100,80,40 --auv 450,300,180
+    --set area.width=600 --set area.length=400 --set area.depth=250 --set acoustics.path=transponder
+    --set acoustics.source_level=170 --set usbl.spacing=0.025 --set usbl.attitude_error=0.003`
+
+    For a script: `usvauv plan --auv 60,80,100 --auv 150,120,90 --json - | jq .optimum`
+
+    **JSON:** *scenario*, *objective*, *measurement*, *attitude_error* (rad); *area*: *width*, *length*, *depth* (m);
+    *auvs*: *x*, *y*, *depth* (m), *carrier* (Hz); *optimum*, *centroid* and the list *compare*: *x*, *y* (m), *log_det*
+    (ln det J, lengths in m), *rms* (m) and one of *errors* per AUV: *range* (slant, m), *major*, *minor* (1-σ, m),
+    *angle* of the major axis (rad, anticlockwise from east), *ambiguous*.
+    """
+    import json
+
+    from usvauv_env import Scenario
+    from usvauv_env.positioning import solve
+
+    setting = Scenario.load(scenario, overrides or ())
+    objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)
+    measurement = choice("--measurement", measurement or setting.planner.measurement, MEASUREMENTS)
+    auvs = [auv_position(text, setting) for text in auv or ()]
+    if not auvs:
+        raise UserError("--auv: give each AUV as X,Y,Z in metres, Z its depth, for example --auv 60,80,100")
+    setting = with_team(setting, auvs)
+    others = [boat_position(text, setting) for text in compare or ()]
+    to_stdout = json_file == "-"
+    if out is None and not to_stdout:
+        out = Path("plan.png")
+    if out:
+        if out.suffix.lower() not in FORMATS:
+            raise UserError(f"--out {out}: allowed endings are {', '.join(FORMATS)}")
+        writable(out)
+    if json_file and not to_stdout:
+        writable(Path(json_file), "--json")
+
+    result, landscape = solve(setting, auvs, others, objective, measurement, arch)
+    if json_file:
+        text = json.dumps(result, indent=1)
+        if to_stdout:
+            typer.echo(text)
+        else:
+            Path(json_file).write_text(text + "\n", encoding="utf-8")
+    if out:
+        from usvauv_cli import plan_figure
+
+        plan_figure.draw(result, landscape, out)
+    if not to_stdout:
+        print_table(result)
+        for path in filter(None, (out, json_file)):
+            typer.echo(f"written: {Path(path).resolve()}")
+
+
+def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
+    """The value itself, when it is allowed.
+
+    Raises:
+        UserError: it is not.
+    """
+    if value not in allowed:
+        raise UserError(f"{option} {value!r}: allowed are {', '.join(allowed)}")
+    return value
+
+
+def numbers(option: str, text: str, form: str) -> list[float]:
+    """Comma-separated numbers, as many as `form` names, for example X,Y.
+
+    Raises:
+        UserError: another count, or not numbers.
+    """
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != len(form.split(",")):
+        raise UserError(f"{option} {text!r}: expected {form} in metres")
+    return values
+
+
+def inside(option: str, text: str, scenario: Scenario, x: float, y: float) -> None:
+    """
+    Raises:
+        UserError: (x, y) is outside the scenario's area.
+    """
+    area = scenario.area
+    if not (0 <= x <= area.width and 0 <= y <= area.length):
+        raise UserError(
+            f"{option} {text!r}: outside the area [0, {area.width:g}] × [0, {area.length:g}] m;"
+            " --set area.width=… and area.length=… change it"
+        )
+
+
+def auv_position(text: str, scenario: Scenario) -> tuple[float, float, float]:
+    """Read X,Y,Z of an AUV in the area and between surface and bed.
+
+    Raises:
+        UserError: it is not.
+    """
+    x, y, depth = numbers("--auv", text, "X,Y,Z")
+    inside("--auv", text, scenario, x, y)
+    if not 0 < depth <= scenario.area.depth:
+        raise UserError(
+            f"--auv {text!r}: the depth must be above 0 and at most the water's {scenario.area.depth:g} m;"
+            " --set area.depth=… changes it"
+        )
+    return x, y, depth
+
+
+def boat_position(text: str, scenario: Scenario) -> tuple[float, float]:
+    """Read X,Y of the boat in the area.
+
+    Raises:
+        UserError: it is not.
+    """
+    x, y = numbers("--compare", text, "X,Y")
+    inside("--compare", text, scenario, x, y)
+    return x, y
+
+
+def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Scenario:
+    """The scenario with as many AUVs as are given, their mean depth being its cruise depth.
+
+    Raises:
+        UserError: more than it can have.
+    """
+    from usvauv_env.sections import MAX_AUVS
+
+    if len(auvs) > MAX_AUVS:
+        raise UserError(f"--auv: {len(auvs)} AUVs given, at most {MAX_AUVS} are possible")
+    depth = sum(auv[2] for auv in auvs) / len(auvs)
+    team = scenario.auv.model_copy(update={"count": len(auvs), "depth": depth, "separation": "geometry"})
+    return scenario.model_copy(update={"auv": team})
+
+
+def print_table(result: dict) -> None:
+    """Print every place with ln det J and the errors of every AUV from there."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    best = result["optimum"]
+    table = Table(box=box.SIMPLE_HEAD, title_justify="left")
+    for name in ("boat", "x m", "y m", "ln det J", "rms m", "AUV", "range m", "major m", "minor m", ""):
+        table.add_column(name, justify="left" if name in ("boat", "") else "right", no_wrap=True)
+    places = [("optimum", best), ("centroid", result["centroid"]), *(("compare", p) for p in result["compare"])]
+    for name, place in places:
+        head = (name, *(f"{place[key]:.2f}" for key in ("x", "y", "log_det")), f"{place['rms']:.3f}")
+        for k, error in enumerate(place["errors"], 1):
+            cells = (str(k), f"{error['range']:.1f}", f"{error['major']:.3f}", f"{error['minor']:.3f}")
+            table.add_row(*(head if k == 1 else [""] * 5), *cells, "?" if error["ambiguous"] else "")
+        table.add_section()
+    typer.echo(
+        f"Boat at x = {best['x']:.2f} m, y = {best['y']:.2f} m: ln det J = {best['log_det']:.3f},"
+        f" a fix is {best['rms']:.2f} m off (rms)"
+    )
+    typer.echo(
+        f"{result['scenario']}, objective {result['objective']}, measurement {result['measurement']}; errors 1-σ"
+    )
+    console = Console(width=None if Console().is_terminal else 120)
+    console.print(table)
+    if any(error["ambiguous"] for _, place in places for error in place["errors"]):
+        typer.echo("? the phases are about to wrap here: the fix may be ambiguous, far beyond these errors")

@@ -1,0 +1,199 @@
+"""Figure of `usvauv plan`: the information over the area, the AUVs, the places of the boat, the error ellipses."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
+
+from usvauv_cli import style
+
+SIGMAS = 2
+# Half an ellipse's major axis over the shorter side of the area, at most: from the optimum, from any place.
+LARGEST_BEST, LARGEST = 0.12, 0.25
+FACTORS = (1.05, 1.1, 1.25, 1.5, 2, 3, 5, 10, 20, 50)
+LINES = {"joint": "Error by noise, geometric mean", "sum": "Error by noise of a common offset"}
+HANDLE = 55  # by which headings stand left of the texts they head, pixels
+MAP = 6.0  # longer side of the map, inches
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+PLACES = ("#ffb020", "#ff6f61", "#c9f26b", "#7df9ff", "#ff9dd6", "#b7a0ff")
+
+
+def web(colour: style.Colour) -> str:
+    """Web colour of the video's BGR."""
+    blue, green, red = colour
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+TEXT, MUTED, CARD, EDGE = web(style.TEXT), web(style.MUTED), web(style.BACKGROUND), web(style.OUTLINE)
+SEA = LinearSegmentedColormap.from_list("sea", [web(colour) for colour in style.SEA] + ["#c4e4e3"])
+
+
+def magnification(result: dict) -> float:
+    """The largest of ..., 1, 2, 3, 5, 10, ... by which the error ellipses can be drawn larger and still fit."""
+    best = max(error["major"] for error in result["optimum"]["errors"])
+    worst = max(error["major"] for place in (result["optimum"], *result["compare"]) for error in place["errors"])
+    side = min(result["area"]["width"], result["area"]["length"])
+    room = min(LARGEST_BEST / best, LARGEST / worst) * side / SIGMAS
+    decade = 10.0 ** math.floor(math.log10(room))
+    return decade * max(step for step in (1, 2, 3, 5) if step * decade <= room)
+
+
+def metres(value: float) -> str:
+    """Three digits of a length in m, without an exponent."""
+    return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
+
+
+def place_colour(i: int) -> str:
+    """Colour of compared place number `i`."""
+    return PLACES[i % len(PLACES)]
+
+
+def letter_of(i: int) -> str:
+    """Letter of compared place number `i`."""
+    return LETTERS[i % len(LETTERS)]
+
+
+def draw(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
+    """Draw the result of a plan and save it, the format by the file's suffix.
+
+    Args:
+        result: what `usvauv plan --json` writes.
+        landscape: x (n,) and y (m,) in m and ln det J (m, n) there.
+        path: file to write.
+    """
+    width, length = result["area"]["width"], result["area"]["length"]
+    # In inches: the map, within 6 × 6, then the colour bar and the legend, as tall as its rows need; above, the title.
+    across, along = (MAP * side / max(width, length) for side in (width, length))
+    across = max(across, 1.0)
+    rows = 8 + len(result["auvs"]) + len(result["compare"])
+    below = max(along, 0.21 * rows) - along
+    total = np.array([across + 5.2, along + below + 1.75])
+    figure = Figure(figsize=tuple(total), facecolor=CARD)
+
+    def place(x: float, y: float, *size: float) -> tuple[float, ...]:
+        return tuple(np.array([x, y, *size]) / np.tile(total, 2)[: 2 + len(size)])
+
+    axes = figure.add_axes(place(0.8, 0.65 + below, across, along))
+    bar = figure.add_axes(place(1.0 + across, 0.65 + below, 0.15, along))
+    draw_landscape(result, landscape, axes, bar)
+    scale = draw_places(result, axes)
+    draw_legend(result, scale, figure, place(1.85 + across, 0.78 + below + along))
+    best = result["optimum"]
+    title = f"Best place for the boat: ({best['x']:.1f}, {best['y']:.1f}) m"
+    about = f"{result['scenario']} · objective {result['objective']} · measurement {result['measurement']}"
+    figure.text(*place(0.8, total[1] - 0.45), title, color=TEXT, fontsize=15, fontweight="bold")
+    figure.text(*place(0.8, total[1] - 0.72), about, color=MUTED, fontsize=10)
+    figure.savefig(path, dpi=150, facecolor=CARD)
+
+
+def draw_landscape(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], axes: Axes, bar: Axes) -> None:
+    """ln det J as filled contours; lines where the error by noise is a given multiple of the best.
+
+    det J has the unit m⁻² for every axis of every error ellipse it takes in, so the error's geometric mean over those
+    axes goes with det J^(−1/(2 · axes)). What the paper prints is no determinant of information, so it has no lines.
+    """
+    x, y, value = landscape
+    low, high = np.percentile(value, 0.5), max(value.max(), result["optimum"]["log_det"])
+    filled = axes.contourf(x, y, value, levels=np.linspace(low, high + 1e-3, 41), cmap=SEA, extend="min")
+    filled.set_edgecolor("face")  # no hairlines between the bands in PDF and SVG
+    ellipse_axes = 2 * len(result["auvs"]) if result["objective"] == "joint" else 2
+    levels = {result["optimum"]["log_det"] - 2 * ellipse_axes * math.log(factor): factor for factor in FACTORS}
+    drawn = sorted(level for level in levels if value.min() < level < value.max())
+    if drawn and result["objective"] in LINES:
+        lines = axes.contour(x, y, value, levels=drawn, colors=TEXT, linewidths=0.7, linestyles="solid", alpha=0.65)
+        labels = axes.clabel(lines, fmt={level: f"×{factor:g}" for level, factor in levels.items()}, fontsize=8)
+        for label in labels:
+            label.set(color=TEXT, path_effects=[withStroke(linewidth=2, foreground=EDGE)])
+    axes.set(xlim=(0, x[-1]), ylim=(0, y[-1]), aspect="equal")
+    axes.set_xlabel("x (east), m", color=MUTED)
+    axes.set_ylabel("y (north), m", color=MUTED)
+    shades = ScalarMappable(Normalize(low, high), SEA)
+    ticks = max(1, round(7 * min(1.0, y[-1] / x[-1])))
+    scale = axes.figure.colorbar(shades, cax=bar, ticks=MaxNLocator(ticks))
+    scale.outline.set_visible(False)
+    bar.set_title("ln det J", color=MUTED, fontsize=9.5, loc="left", pad=8)
+    for area in (axes, bar):
+        area.tick_params(colors=MUTED, labelsize=9, length=0, pad=9 if area is axes else 4)
+        for spine in area.spines.values():
+            spine.set_visible(False)
+
+
+def draw_places(result: dict, axes: Axes) -> float:
+    """AUVs, their ellipses from the optimum and every compared place, the places; returns the magnification."""
+    best, others, centroid = result["optimum"], result["compare"], result["centroid"]
+    scale = magnification(result)
+    shadow = [withStroke(linewidth=3, foreground=EDGE)]
+    for place, colour, dash in [(best, TEXT, "-"), *((p, place_colour(i), (0, (4, 2))) for i, p in enumerate(others))]:
+        for auv, error in zip(result["auvs"], place["errors"], strict=True):
+            size = [2 * SIGMAS * scale * error[axis] for axis in ("major", "minor")]
+            ellipse = Ellipse((auv["x"], auv["y"]), *size, angle=math.degrees(error["angle"]), fill=False)
+            ellipse.set(edgecolor=colour, linestyle=dash, linewidth=1.5, zorder=4)
+            ellipse.set_path_effects(shadow if place is best else [])
+            axes.add_patch(ellipse)
+    above = {"clip_on": False, "mec": EDGE}
+    for k, auv in enumerate(result["auvs"]):
+        colour = web(style.auv_colour(k))
+        axes.plot(auv["x"], auv["y"], "o", ms=7, mfc=colour, mew=1, zorder=5, **above)
+        label = axes.annotate(str(k + 1), (auv["x"], auv["y"]), (6, 6), textcoords="offset points", zorder=6)
+        label.set(color=colour, fontsize=11, fontweight="bold", path_effects=shadow)
+    for i, place in enumerate(others):
+        axes.plot(place["x"], place["y"], "s", ms=13, mfc=place_colour(i), mew=1.2, zorder=7, **above)
+        letter = axes.annotate(letter_of(i), (place["x"], place["y"]), ha="center", va="center_baseline", zorder=8)
+        letter.set(color=EDGE, fontsize=8, fontweight="bold")
+    axes.plot(centroid["x"], centroid["y"], "+", ms=12, mew=2, color=TEXT, path_effects=shadow, zorder=8)
+    axes.plot(best["x"], best["y"], "*", ms=20, mfc=TEXT, mew=1.2, zorder=9, **above)
+    return scale
+
+
+def draw_legend(result: dict, scale: float, figure: Figure, corner: tuple[float, float]) -> None:
+    """What the marks are: places with their rms error, AUVs with their error from the optimum, lines."""
+
+    def mark(marker: str, colour: str, size: float) -> Line2D:
+        edge = (TEXT, 2) if marker == "+" else (EDGE, 1)
+        return Line2D([], [], marker=marker, ls="none", ms=size, mfc=colour, mec=edge[0], mew=edge[1])
+
+    def line(colour: str, style: str, width: float = 1.5) -> Line2D:
+        return Line2D([], [], color=colour, ls=style, lw=width)
+
+    def heading(text: str) -> tuple[Line2D, str]:
+        return line("none", "none"), text
+
+    best, centroid = result["optimum"], result["centroid"]
+    entries = [
+        heading("Boat: rms error of a fix"),
+        (mark("*", TEXT, 15), f"optimum   {metres(best['rms'])} m"),
+        (mark("+", TEXT, 9), f"centroid   {metres(centroid['rms'])} m"),
+    ]
+    for i, place in enumerate(result["compare"]):
+        text = f"{letter_of(i)} ({place['x']:g}, {place['y']:g})   {metres(place['rms'])} m"
+        entries.append((mark("s", place_colour(i), 9), text))
+    entries.append(heading("AUV: 1-σ from the optimum"))
+    for k, (auv, error) in enumerate(zip(result["auvs"], best["errors"], strict=True)):
+        text = f"{k + 1}, {auv['depth']:g} m deep   {metres(error['major'])} × {metres(error['minor'])} m"
+        entries.append((mark("o", web(style.auv_colour(k)), 7), text))
+    entries.append(heading(f"{SIGMAS}-σ ellipses, drawn × {scale:g}"))
+    entries.append((line(TEXT, "-"), "from the optimum"))
+    if result["compare"]:
+        letters = [letter_of(i) for i in range(len(result["compare"]))]
+        text = "from " + ", ".join(letters) + (", each in its colour" if len(letters) > 1 else "")
+        entries.append((line(place_colour(0), "--"), text))
+    if result["objective"] in LINES:
+        entries.append(heading(LINES[result["objective"]]))
+        entries.append((line(TEXT, "-", 0.7), "as a multiple of the best"))
+    handles, texts = zip(*entries, strict=True)
+    legend = figure.legend(
+        handles, texts, loc="upper left", bbox_to_anchor=corner, frameon=False, labelcolor=TEXT, fontsize=9.5
+    )
+    for handle, text in zip(handles, legend.get_texts(), strict=True):
+        if handle.get_color() == "none":
+            text.set(color=MUTED, x=-HANDLE)
