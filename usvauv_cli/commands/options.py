@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +11,22 @@ import typer
 from kernels.errors import UserError
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same result.")]
+Seed = Annotated[int, typer.Option(help="Seed from 0 up; the same seed gives the same result.")]
 Arch = Annotated[str, typer.Option(help="Where the kernels run: auto, cpu, cuda, vulkan or metal.")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
 ]
+
+
+def at_least(option: str, value: float, least: float) -> None:
+    """Refuse a number that is too small or infinite, naming the option, the value and the limit.
+
+    Raises:
+        UserError: `value` is below `least`, or not finite.
+    """
+    if not least <= value < math.inf:
+        raise UserError(f"{option} {value}: must be at least {least}, and finite")
 
 
 def writable(path: Path, option: str = "--out") -> Path:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, writable
+from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_least, writable
 
 
 def simulate(
@@ -18,10 +18,10 @@ def simulate(
     ] = None,
     usv: Annotated[str, typer.Option(help="Boat: fim, hold:X,Y or centroid.")] = "fim",
     seed: Seed = 0,
-    duration: Annotated[float | None, typer.Option(min=0.1, help="Seconds to simulate; default an episode.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Seconds to simulate; default an episode.")] = None,
     out: Annotated[Path | None, typer.Option(help="MP4 to write; default usvauv-SCENARIO.mp4.")] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="Frame size in pixels.")] = "1280x720",
-    fps: Annotated[int, typer.Option(min=1, max=240, help="Frames a second; one frame is one mission step.")] = 30,
+    fps: Annotated[int, typer.Option(help="Frames a second; one frame is one mission step.")] = 30,
     trace: Annotated[Path | None, typer.Option(help="Also save everything that happened, as NetCDF.")] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
@@ -43,6 +43,8 @@ def simulate(
     from usvauv_env.rollout import record
 
     width, height = parse_size(size)
+    at_least("--fps", fps, 1)
+    at_least("--duration", 1.0 if duration is None else duration, 0.1)
     setting = Scenario.load(scenario, overrides or ())
     out = writable(out or Path(f"usvauv-{setting.name}.mp4"))
     if trace:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed
+from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_least
 
 EVALUATION_EPISODES = 32
 EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained in
@@ -17,8 +17,8 @@ EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained 
 def train(
     scenario: ScenarioName = "extreme",
     algorithm: Annotated[str, typer.Option(help="sac, td3 or ddpg.")] = "sac",
-    steps: Annotated[int, typer.Option(min=1, help="World-steps in all: one step of W worlds counts W.")] = 2_000_000,
-    worlds: Annotated[int, typer.Option(min=1, max=1 << 20, help="Worlds stepped together.")] = 128,
+    steps: Annotated[int, typer.Option(help="World-steps in all: one step of W worlds counts W.")] = 2_000_000,
+    worlds: Annotated[int, typer.Option(help="Worlds stepped together.")] = 128,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out, as it was begun.")] = False,
@@ -46,6 +46,8 @@ def train(
     from usvauv_env.metrics import episode_metrics
     from usvauv_env.rollout import record
 
+    at_least("--steps", steps, 1)
+    at_least("--worlds", worlds, 1)
     if resume and overrides:
         raise UserError("--set: a run that is resumed keeps the scenario it was begun with")
     setting = Scenario.load(scenario, overrides or ())
