@@ -197,3 +197,33 @@ def test_extreme_has_five_metre_crests():
         sea.advance()
         highest = np.maximum(highest, sea.elevation()[:, 25, 25])
     assert 4.5 < np.median(highest) < 5.5
+
+
+def test_table_1_tide_is_flat():
+    """Five metres high and flat to 2 µm by Eq. 7 (λ is 1482 km, the area 0.2 km); solved, to single precision."""
+    kL = 2 * math.pi / 43200 / math.sqrt(9.81 * 120) * 200
+    assert 5 * (1 / math.cos(kL) - 1) < 2e-6
+    sea = build_sea(Scenario.load("paper-extreme"), 0, 1, (50, 50))
+    for _ in range(3):
+        sea.advance()
+    elevation = sea.elevation()[0]
+    assert elevation.mean() == pytest.approx(5.0, abs=1e-3)
+    assert np.ptp(elevation) < 64 * np.spacing(np.float32(5))
+
+
+def test_resonance_is_at_a_quarter_wave():
+    """Forced at T = 4L/√(gh) = 23.3 s the elevation at the wall grows alike each period; at 30 s it does not grow."""
+    amplitude = {}
+    for period in (4 * 200 / math.sqrt(9.81 * 120), 30.0):
+        overrides = ["sea.forced_edge=east", "sea.regular_amplitude=0.1", f"sea.regular_period={period}"]
+        sea = build_sea(Scenario.load("ideal", overrides), 0, 1, (50, 50))
+        wall = []
+        for _ in range(int(12 * period)):
+            sea.advance()
+            wall.append(abs(sea.elevation()[0, :, 0]).max())
+        wall = np.array(wall)
+        amplitude[period] = [wall[int((n - 1) * period) : int(n * period)].max() for n in (5, 10)]
+    assert min(amplitude) == pytest.approx(23.317, abs=1e-3)
+    resonant, other = (amplitude[period] for period in sorted(amplitude))
+    assert resonant[1] / resonant[0] == pytest.approx(2, rel=0.1)
+    assert other[1] == pytest.approx(other[0], rel=0.1)
