@@ -100,8 +100,8 @@ def fill_ghost(
 
     Wall: the mirror image.
 
-    Radiating: the state between the first cell and a still sea outside, by the Riemann invariants u + 2 c that leaves the
-    one and −2 c that leaves the other.
+    Radiating: the state between the first cell and a still sea outside, by the Riemann invariants u + 2 c that leaves
+    the one and −2 c that leaves the other.
 
     Forced: the elevation that has the prescribed one as its mean with the mirror cell, and the velocity by the
     invariant that arrives there from inside. Surface and velocity inside are continued linearly where both cells are
