@@ -3,13 +3,14 @@
 A packed field has the shape (blocks, rows, W, LANES): vectors of LANES numbers that one machine instruction takes
 together. There are two ways of filling the lanes, and one source for both.
 
-- *pool*, several seas: lane l of block b is sea 16 b + l, and W = nx + 1.
-- *strips*, one sea: lane l holds columns l W to l W + W − 1, so W = ⌈(nx + 1)/16⌉; W ≤ nx tells strips from pool.
+- *pool*, several seas: lane l of block b is sea 16 b + l, and W = nx + o.
+- *strips*, one sea: lane l holds columns l W to l W + W − 1, so W = ⌈(nx + o)/16⌉; W ≤ nx tells strips from pool.
 
 Rows 0 to ny − 1 and columns 0 to nx − 1 are water. U[j] and V[i] are the faces west of column j and south of row i, so
 column nx and row ny hold the eastern and northern edge, and columns are cyclic, so that the last one (of the last
-lane, in strips) lies west of column 0. These outer cells hold the prescribed elevation of a forced edge; all their
-other faces are shut. Rows above ny belong to the time loop: the row south of row 0, and copies.
+lane, in strips) lies west of column 0. These outer cells hold the elevation outside an open edge; all their other
+faces are shut. There are o = 2 outer columns where west and east are both open, else one. Rows above ny belong to the
+time loop: the row south of row 0, and copies.
 """
 
 import math
@@ -26,11 +27,12 @@ vec3 = ti.types.vector(3, ti.f32)
 
 @dataclass(frozen=True)
 class Packing:
-    """Way of packing the fields (num_seas, ny + 1, nx + 1) of a number of seas."""
+    """Way of packing the fields (num_seas, ny + 1, nx + 1) of a number of seas; `outer` is the number o above."""
 
     num_seas: int
     nx: int
     ny: int
+    outer: int = 1
 
     @property
     def strips(self) -> bool:
@@ -45,33 +47,36 @@ class Packing:
     @property
     def columns(self) -> int:
         """Number W of vectors in a row."""
-        return math.ceil((self.nx + 1) / LANES) if self.strips else self.nx + 1
+        columns = self.nx + self.outer
+        return math.ceil(columns / LANES) if self.strips else columns
 
-    def pack(self, field: np.ndarray, packed: torch.Tensor) -> None:
-        """Write the first rows and columns (num_seas, rows, columns) of a field, and zero elsewhere."""
-        packed.zero_()
+    def pack(self, field: np.ndarray, packed: torch.Tensor, first: int) -> None:
+        """Write rows of a field (num_seas, rows, nx + 1) to the rows from `first` on."""
         rows, columns = field.shape[1:]
         field = torch.as_tensor(field, dtype=torch.float32)
         if self.strips:
             field = torch.nn.functional.pad(field, (0, self.columns * LANES - columns))
-            packed[0, :rows] = field.view(rows, LANES, self.columns).transpose(1, 2)
+            packed[0, first : first + rows] = field.view(rows, LANES, self.columns).transpose(1, 2)
         else:
             field = torch.nn.functional.pad(field, (0, 0, 0, 0, 0, self.blocks * LANES - self.num_seas))
-            packed[:, :rows, :columns] = field.view(self.blocks, LANES, rows, columns).permute(0, 2, 3, 1)
+            lanes = field.view(self.blocks, LANES, rows, columns).permute(0, 2, 3, 1)
+            packed[:, first : first + rows, :columns] = lanes
 
-    def unpack(self, packed: torch.Tensor) -> np.ndarray:
-        """The field (num_seas, ny + 1, nx + 1), a copy."""
-        packed = packed[:, : self.ny + 1].cpu()
+    def unpack(self, packed: torch.Tensor, first: int, last: int) -> np.ndarray:
+        """Rows `first` to `last` − 1 of the field as (num_seas, rows, nx + 1)."""
+        packed = packed[:, first:last].cpu()
         if self.strips:
-            return packed.transpose(2, 3).reshape(1, self.ny + 1, -1)[:, :, : self.nx + 1].numpy()
-        return packed.permute(0, 3, 1, 2).flatten(0, 1)[: self.num_seas].numpy().copy()
+            return packed.transpose(2, 3).reshape(1, last - first, -1)[:, :, : self.nx + 1].numpy()
+        return packed[:, :, : self.nx + 1].permute(0, 3, 1, 2).flatten(0, 1)[: self.num_seas].numpy()
 
     def spread(self, field: np.ndarray) -> np.ndarray:
-        """A field (rows, nx + 1) that all seas have in common as (rows, W, LANES)."""
-        if not self.strips:
-            return np.repeat(field[:, :, None], LANES, axis=2)
-        wide = np.pad(field, ((0, 0), (0, self.columns * LANES - self.nx - 1)))
-        return wide.reshape(len(field), LANES, self.columns).swapaxes(1, 2)
+        """A field (rows, up to nx + 1) that all seas have in common as (rows, W, LANES), f32."""
+        rows, columns = field.shape
+        wide = np.zeros((rows, self.columns * (LANES if self.strips else 1)), np.float32)
+        wide[:, :columns] = field
+        if self.strips:
+            return wide.reshape(rows, LANES, self.columns).swapaxes(1, 2)
+        return np.repeat(wide[:, :, None], LANES, axis=2)
 
 
 @ti.func

@@ -10,13 +10,12 @@ from kernels.c_grid import LANES
 vector = ti.types.vector(LANES, ti.f32)
 vectors = ti.types.ndarray(dtype=vector, ndim=1)
 integers = ti.types.ndarray(dtype=ti.i32, ndim=3)
+sides = ti.types.vector(4, ti.f32)  # west, east, south, north
 
 # Rough costs that decide how many substeps a launch marches: of a launch (s), of a cell and substep (s), and the bytes
 # of state that a wavefront may keep warm, half of a common second-level cache.
 LAUNCH, CELL, CACHE = 1e-4, 3e-10, 512 * 1024
 SHORTEST = 32  # rows of a band: fewer would mostly be copies
-
-WALLS, FORCED_COLUMN, FORCED_SOUTH, FORCED_NORTH = range(4)
 
 
 @ti.kernel
@@ -24,16 +23,19 @@ def march(
     state: vectors,
     C: vectors,
     edge_elevation: vectors,
+    resistance: vectors,
+    kept: vectors,
     plan: integers,
+    share: sides,
     blocks: ti.i32,
     W: ti.i32,
+    nx: ti.i32,
     first: ti.i32,
     substeps: ti.i32,
     a: ti.f32,
-    edge: ti.i32,
-    edge_column: ti.i32,
-    edge_lane: ti.i32,
     strips: ti.template(),
+    radiating: ti.template(),
+    sponge: ti.template(),
 ):
     """Substeps `first` to `first + substeps − 1` of an interval, in place.
 
@@ -43,6 +45,11 @@ def march(
     row is fetched once for all of them. Around a band lie copies of its neighbours' rows, of which every substep spoils
     one. No value depends on how the rows are cut into bands, or on the number of threads.
 
+    At an open edge the outer cell is given the elevation E ± R U, with the transport U before the substep: prescribed
+    with R = 0, and with 1/R the celerity of waves (and the fitting C) a passage for waves that leave (`ShallowWater`).
+
+    In a sponge U and V keep shares Fx a and Fy a, and η ← B η − ½ (1 + B) (δx U + δy V), B = Gx Gy.
+
     Arrays are indexed by hand: Taichi works out the index of an array of several axes anew for every element, which
     costs up to half the speed.
 
@@ -51,18 +58,35 @@ def march(
         C: (rows of coefficients, 2, W), Cx and Cy: g h (Δt/Δx)²/(1 + r Δt/2) at western and southern faces, where rows
             that are equal may stand once.
         edge_elevation: (blocks, substeps of the interval), prescribed elevation, m.
+        resistance: R of the faces south (W,) and north (W,), west (ny + 1,) and east (ny + 1,); anything if `radiating`
+            is false.
+        kept: Fx (W,), Gx (W,), Fy (ny + 1,) and Gy (ny + 1,); anything if `sponge` is false.
         plan: (bands, 4, longest): for each row k of a band from south to north its place in `state`, the row it is a
             copy of (or its place), and its row of coefficients; last (number of rows, 1 if rows of a neighbour lie
             south, the same for north).
+        share: E over the prescribed elevation on each side; negative for walls.
+        nx: columns of water.
         a: (1 − r Δt/2)/(1 + r Δt/2).
-        edge: WALLS, FORCED_COLUMN (west or east), FORCED_SOUTH or FORCED_NORTH.
-        edge_column, edge_lane: where a forced column's elevation is kept; lane −1: in all.
         strips: whether lanes are strips of one sea.
+        radiating: whether any R is above 0.
+        sponge: whether anything is kept less than whole.
     """
     bands = plan.shape[0]
     size = state.shape[0] // 3  # of one field
     rows = size // (blocks * W)
     table = edge_elevation.shape[0] // blocks
+    ny = 0
+    if ti.static(radiating):
+        ny = (resistance.shape[0] - 2 * W) // 2 - 1
+    if ti.static(sponge):
+        ny = (kept.shape[0] - 2 * W) // 2 - 1
+    east_column = nx
+    east_lane = -1
+    west_lane = -1
+    if ti.static(strips):
+        east_lane = nx // W
+        east_column = nx % W
+        west_lane = LANES - 1
     ti.loop_config(block_dim=1)
     for task in range(blocks * bands):
         band = task % bands
@@ -80,37 +104,64 @@ def march(
         count = plan[band, 3, 0]
         copied_south = plan[band, 3, 1]
         copied_north = plan[band, 3, 2]
-        forced_lanes = only_lane(edge_lane)
+        west_lanes = only_lane(west_lane)
+        east_lanes = only_lane(east_lane)
         for front in range(1, count + substeps - 1):
             for s in range(substeps):
                 k = front - s
                 if k > s * copied_south and k < count - s * copied_north:
                     north = (block * rows + plan[band, 0, k]) * W
                     south = (block * rows + plan[band, 0, k - 1]) * W
-                    outside = edge_elevation[block * table + first + s]
-                    if edge == FORCED_COLUMN:
-                        n = north + edge_column
-                        state[n] = forced_lanes * outside + (1.0 - forced_lanes) * state[n]
-                    if edge == FORCED_SOUTH and k == 1 and copied_south == 0:
+                    row = plan[band, 1, k]
+                    prescribed = edge_elevation[block * table + first + s]
+                    if share[0] >= 0:
+                        n = north + W - 1
+                        outside = share[0] * prescribed
+                        if ti.static(radiating):
+                            outside = outside - resistance[2 * W + row] * from_lane_above(state[north + size], strips)
+                        state[n] = west_lanes * outside + (1.0 - west_lanes) * state[n]
+                    if share[1] >= 0:
+                        n = north + east_column
+                        outside = share[1] * prescribed
+                        if ti.static(radiating):
+                            outside = outside + resistance[2 * W + ny + 1 + row] * state[n + size]
+                        state[n] = east_lanes * outside + (1.0 - east_lanes) * state[n]
+                    if share[2] >= 0 and k == 1 and copied_south == 0:
                         for j in range(W):
+                            outside = share[2] * prescribed
+                            if ti.static(radiating):
+                                outside = outside - resistance[j] * state[north + 2 * size + j]
                             state[south + j] = outside
-                    if edge == FORCED_NORTH and k == count - 1 and copied_north == 0:
+                    if share[3] >= 0 and k == count - 1 and copied_north == 0:
                         for j in range(W):
+                            outside = share[3] * prescribed
+                            if ti.static(radiating):
+                                outside = outside + resistance[W + j] * state[north + 2 * size + j]
                             state[north + j] = outside
-                    advance_row(state, C, north, south, plan[band, 2, k] * 2 * W, W, size, a, strips)
+                    c = plan[band, 2, k] * 2 * W
+                    kept_V = vector(1.0)
+                    kept_eta = vector(1.0)
+                    if ti.static(sponge):
+                        kept_V = kept[2 * W + row]
+                        kept_eta = kept[2 * W + ny + 1 + ti.min(plan[band, 1, k - 1], ny)]
+                    advance_row(state, C, kept, north, south, c, W, size, a, kept_V, kept_eta, strips, sponge)
 
 
 @ti.func
 def advance_row(
     state: ti.template(),
     C: ti.template(),
+    kept: ti.template(),
     north: ti.i32,
     south: ti.i32,
     c: ti.i32,
     W: ti.i32,
     size: ti.i32,
     a: ti.f32,
+    kept_V: vector,
+    kept_eta: vector,
     strips: ti.template(),
+    sponge: ti.template(),
 ):
     """One substep of the transports of the row at `north` and then of the elevation of the row at `south` below it."""
     west = from_lane_below(state[north + W - 1], strips)
@@ -119,33 +170,49 @@ def advance_row(
     U_west = U_first
     for j in range(W - 1):
         U_east = state[south + size + j + 1]
-        west = advance_cell(state, C, north + j, south + j, c + j, W, size, a, west, U_west, U_east)
+        west = advance_cell(
+            state, C, kept, north, south, c, j, W, size, a, kept_V, kept_eta, west, U_west, U_east, sponge
+        )
         U_west = U_east
     j = W - 1
-    advance_cell(state, C, north + j, south + j, c + j, W, size, a, west, U_west, U_wrapped)
+    advance_cell(state, C, kept, north, south, c, j, W, size, a, kept_V, kept_eta, west, U_west, U_wrapped, sponge)
 
 
 @ti.func
 def advance_cell(
     state: ti.template(),
     C: ti.template(),
+    kept: ti.template(),
     north: ti.i32,
     south: ti.i32,
     c: ti.i32,
+    j: ti.i32,
     W: ti.i32,
     size: ti.i32,
     a: ti.f32,
+    kept_V: vector,
+    kept_eta: vector,
     west: vector,
     U_west: vector,
     U_east: vector,
+    sponge: ti.template(),
 ) -> vector:
-    """One cell of `advance_row`; returns the elevation at `north`, the western one of the next cell."""
-    here = state[north]
-    below = state[south]
-    state[north + size] = a * state[north + size] - C[c] * (here - west)
-    V_north = a * state[north + 2 * size] - C[c + W] * (here - below)
-    state[north + 2 * size] = V_north
-    state[south] = below - (U_east - U_west) - (V_north - state[south + 2 * size])
+    """Column j of `advance_row`; returns the elevation in the row at `north`, the western one of the next column."""
+    n = north + j
+    m = south + j
+    here = state[n]
+    below = state[m]
+    if ti.static(sponge):
+        B = kept[W + j] * kept_eta
+        state[n + size] = a * kept[j] * state[n + size] - C[c + j] * (here - west)
+        V_north = a * kept_V * state[n + 2 * size] - C[c + W + j] * (here - below)
+        state[n + 2 * size] = V_north
+        state[m] = B * below - (0.5 + 0.5 * B) * ((U_east - U_west) + (V_north - state[m + 2 * size]))
+    else:
+        state[n + size] = a * state[n + size] - C[c + j] * (here - west)
+        V_north = a * state[n + 2 * size] - C[c + W + j] * (here - below)
+        state[n + 2 * size] = V_north
+        state[m] = below - (U_east - U_west) - (V_north - state[m + 2 * size])
     return here
 
 

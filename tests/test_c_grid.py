@@ -12,19 +12,26 @@ import taichi as ti
 
 from kernels import c_grid
 from kernels.shallow_water import ShallowWater
-from tests.test_shallow_water import centres, many, order, rough_bed
+from tests.cases.plain import centres, many, rough_bed
 
 THREADS = """
 import sys
 from kernels import forward_backward, runtime
 runtime.start("cpu", threads=int(sys.argv[1]))
 forward_backward.CACHE = int(sys.argv[2])
-from tests.test_c_grid import fingerprint
-print(fingerprint(1), fingerprint(5), fingerprint(40))
+from tests.test_c_grid import CLOSED, OPEN, fingerprint
+print(*(fingerprint(n, edges) for n in (1, 5, 40) for edges in (CLOSED, OPEN)))
 """
+CLOSED = {"north": "forced"}
+OPEN = {"west": "radiating", "east": "incident", "south": "sponge", "north": "forced"}
 
 
-def storm(num_seas: int) -> ShallowWater:
+def order(errors: list[float]) -> float:
+    """Order of convergence of errors on grids that are refined by two."""
+    return math.log2(errors[-2] / errors[-1])
+
+
+def storm(num_seas: int, edges: dict[str, str]) -> ShallowWater:
     """Forced, rough, over a rough bed; sea s is the same for any number of seas."""
     nx, ny = 61, 200
     solver = ShallowWater(
@@ -32,7 +39,8 @@ def storm(num_seas: int) -> ShallowWater:
         cells=(nx, ny),
         depth=rough_bed(nx, ny),
         interval=1.5,
-        forced_edge="north",
+        edges=edges,
+        sponge_width=80.0 if "sponge" in edges.values() else None,
         drag=0.01,
         num_seas=num_seas,
     )
@@ -44,14 +52,15 @@ def storm(num_seas: int) -> ShallowWater:
     return solver
 
 
-def fingerprint(num_seas: int) -> str:
-    solver = storm(num_seas)
+def fingerprint(num_seas: int, edges: dict[str, str]) -> str:
+    solver = storm(num_seas, edges)
     return hashlib.sha256(solver.elevation().tobytes() + np.stack(solver.velocity()).tobytes()).hexdigest()
 
 
 class TestSameSea:
-    def test_strips_and_pool_agree_bit_for_bit(self):
-        alone, few, many_seas = storm(1), storm(5), storm(40)
+    @pytest.mark.parametrize("edges", [CLOSED, OPEN], ids=["closed", "open"])
+    def test_strips_and_pool_agree_bit_for_bit(self, edges):
+        alone, few, many_seas = (storm(num_seas, edges) for num_seas in (1, 5, 40))
         assert alone.eta.shape[0] == few.eta.shape[0] == 1
         assert alone.eta.shape[2] < few.eta.shape[2]  # strips of one sea, against one sea a lane
         np.testing.assert_array_equal(alone.elevation()[0], few.elevation()[0])
@@ -63,7 +72,7 @@ class TestSameSea:
         """Threads decide into how many bands the rows are cut, here one or six, some with neighbours on both sides, and
         the cache how many substeps are taken at once, here all or two.
         """
-        here = f"{fingerprint(1)} {fingerprint(5)} {fingerprint(40)}"
+        here = " ".join(fingerprint(n, edges) for n in (1, 5, 40) for edges in (CLOSED, OPEN))
         command = [sys.executable, "-c", THREADS, str(threads), str(cache)]
         there = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[1])
         assert there.stdout.splitlines()[-1:] == [here], there.stderr

@@ -1,0 +1,53 @@
+"""What a validation case is: a formula, a run at a resolution, and what is expected of its errors."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Errors of a quantity at each of a case's resolutions."""
+
+    resolutions: tuple[int, ...]
+    errors: tuple[float, ...]
+
+    @property
+    def orders(self) -> tuple[float, ...]:
+        """Order of convergence between neighbouring resolutions; not a number where an error is zero."""
+        pairs = zip(pairwise(self.errors), pairwise(self.resolutions), strict=True)
+        return tuple(
+            math.log(a / b) / math.log(fine / coarse) if a > 0 and b > 0 else math.nan
+            for (a, b), (coarse, fine) in pairs
+        )
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case whose truth is known without the solver.
+
+    Args:
+        name: what is computed.
+        formula: the truth, as in a paper.
+        source: where the formula is from.
+        run: the errors by quantity at a resolution.
+        resolutions: those it is run at, the finest last.
+        tolerance: greatest error allowed at the finest, by quantity.
+        order: bounds of the order between the two finest, by quantity; quantities that are missing have none.
+        slow: whether it is left out of the quick tests.
+    """
+
+    name: str
+    formula: str
+    source: str
+    run: Callable[[int], Mapping[str, float]]
+    resolutions: tuple[int, ...]
+    tolerance: Mapping[str, float]
+    order: Mapping[str, tuple[float, float]]
+    slow: bool = False
+
+    def measure(self) -> dict[str, Measurement]:
+        """Run it at all resolutions."""
+        runs = [self.run(n) for n in self.resolutions]
+        return {name: Measurement(self.resolutions, tuple(float(r[name]) for r in runs)) for name in self.tolerance}

@@ -1,0 +1,113 @@
+"""The nonlinear solver's cases for the table; their solutions are those of `tests.test_nonlinear`, which tests them."""
+
+import numpy as np
+
+from kernels.nonlinear import NonlinearShallowWater
+from tests import test_nonlinear as known
+from tests.cases.case import Case
+from tests.cases.plain import SIDES, centres
+
+
+def dam_break(n: int, behind: float, before: float) -> dict[str, float]:
+    x = centres(n, 10.0) - 5
+    solver = known.channel(n, 10.0, bed=0.0, interval=6.0)
+    solver.set_state(np.where(x < 0, behind, before))
+    solver.advance()
+    h, u = known.stoker(x, 6.0, behind, before) if before else known.ritter(x, 6.0, behind)
+    computed = solver.depth()[0]
+    return {"h": known.relative_L1(computed, h), "hu": known.relative_L1(computed * solver.velocity()[0][0], h * u)}
+
+
+def radial(n: int) -> dict[str, float]:
+    case = known.RadialDamBreak()
+    r, h = case.reference()
+    x = centres(4 * n, case.size) - case.size / 2
+    exact = np.interp(np.hypot(x, x[:, None]), r, h).reshape(n, 4, n, 4).mean(axis=(1, 3))
+    return {"h": known.relative_L1(case.solve(n).depth(), exact)}
+
+
+def thacker(n: int, case: type[known.Thacker]) -> dict[str, float]:
+    """After a period; the shore on the row next to the middle, in cells."""
+    exact = case(n)
+    (solver,) = exact.solve(1)
+    h, _, _ = exact.solution(exact.period)
+    wet = exact.x[n // 2, solver.depth()[n // 2] > 2e-3 * exact.h0]
+    west, east = exact.shores(exact.period, exact.y[n // 2, 0])
+    ends = abs(wet.min() - solver.dx / 2 - west), abs(wet.max() + solver.dx / 2 - east)
+    return {"h": known.relative_L1(solver.depth(), h), "shore": max(ends) / solver.dx}
+
+
+def rest(n: int) -> dict[str, float]:
+    x = centres(n, 200.0)
+    bed = -120 + 140 * np.exp(-((x - 100) ** 2 + (x[:, None] - 90) ** 2) / 900)
+    edges = dict.fromkeys(SIDES[:2], "forced")
+    solver = NonlinearShallowWater(size=(200, 200), cells=(n, n), bed=bed, interval=2.0, edges=edges)
+    solver.set_forcing(np.array([0.75]), np.array([1e30]), np.zeros(1))
+    solver.set_state(np.maximum(0.75, bed))
+    before = solver.elevation()
+    solver.advance()
+    return {"η": np.abs(solver.elevation() - before).max(), "u": np.abs(solver.velocity()).max()}
+
+
+CASES = (
+    Case(
+        "Stoker's dam break",
+        "rarefaction u + 2c = 2c_L, bore h_R | h_m by its jump conditions; 5 mm over 1 mm, 6 s; relative L1",
+        "Stoker 1957; SWASHES 4.1.1",
+        lambda n: dam_break(n, 5e-3, 1e-3),
+        (200, 400),
+        {"h": 1.7e-3, "hu": 1.1e-2},
+        {},
+        slow=True,
+    ),
+    Case(
+        "Ritter's dam break",
+        "h = (2 c_L − x/t)²/9g; 5 mm over dry ground, 6 s; relative L1",
+        "Ritter 1892; SWASHES 4.1.2",
+        lambda n: dam_break(n, 5e-3, 0.0),
+        (200, 400),
+        {"h": 1.6e-3, "hu": 1.1e-2},
+        {},
+        slow=True,
+    ),
+    Case(
+        "radial dam break",
+        "the equations in r, 2000 cells in f64; 10 m over 1 m, 0.69 s; relative L1",
+        "one-dimensional reference",
+        radial,
+        (50, 100),
+        {"h": 0.017},
+        {},
+        slow=True,
+    ),
+    Case(
+        "Thacker's plane",
+        "η = σ h0/a² (2x cos ωt + 2y sin ωt − σ), ω = √(2 g h0)/a, σ = a/2; one period",
+        "Thacker 1981; SWASHES 4.2.2",
+        lambda n: thacker(n, known.Plane),
+        (50, 100),
+        {"h": 0.0093, "shore": 2.0},
+        {"h": (1.4, 2.5)},
+        slow=True,
+    ),
+    Case(
+        "Thacker's paraboloid",
+        "η = h0 (√(1 − A²)/(1 − A cos ωt) − 1 − r²/a² ((1 − A²)/(1 − A cos ωt)² − 1)); one period",
+        "Thacker 1981; SWASHES 4.2.2",
+        lambda n: thacker(n, known.Paraboloid),
+        (50, 100),
+        {"h": 0.0093, "shore": 2.0},
+        {"h": (1.7, 2.5)},
+        slow=True,
+    ),
+    Case(
+        "lake at rest round an island",
+        "η = 0.75 m, u = 0 to the last bit",
+        "—",
+        rest,
+        (64,),
+        {"η": 0, "u": 0},
+        {},
+        True,
+    ),
+)

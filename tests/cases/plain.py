@@ -1,0 +1,123 @@
+"""The linear scheme written plainly in NumPy and f64, and grids and beds that several cases share."""
+
+import math
+
+import numpy as np
+
+from kernels.shallow_water import ShallowWater
+
+GRAVITY = 9.81
+ROUNDING = 2.0**-24  # half a unit in the last place of an f32 number near one
+SIDES = ("west", "east", "south", "north")
+SHARE = {"forced": 1, "incident": 2, "radiating": 0, "sponge": 0}  # of the prescribed elevation, outside
+
+
+def centres(cells: int, length: float) -> np.ndarray:
+    return (np.arange(cells) + 0.5) * (length / cells)
+
+
+def faces(cells: int, length: float) -> np.ndarray:
+    return np.arange(cells + 1) * (length / cells)
+
+
+def many(field: np.ndarray, num_seas: int) -> np.ndarray:
+    """The same field for each sea, times 1, 2, 3, … so that seas cannot be confused."""
+    return field * np.arange(1, num_seas + 1)[:, None, None]
+
+
+def from_wall(coordinate: np.ndarray, edge: str, length: float) -> np.ndarray:
+    """Distance from the wall opposite an open edge."""
+    return length - coordinate if edge in ("west", "south") else coordinate
+
+
+def waves(amplitude: float, period: float, phase: float = 0.0, num_seas: int = 1) -> tuple[np.ndarray, ...]:
+    """Arguments of `set_forcing` for one component, its amplitude times 1, 2, 3, … in each sea."""
+    each = np.arange(1.0, num_seas + 1)[:, None]
+    return amplitude * each, np.full_like(each, period), np.full_like(each, phase)
+
+
+def rough_bed(nx: int, ny: int) -> np.ndarray:
+    """Depths from 20 to 120 m with an island and a dry corner."""
+    depth = np.random.default_rng(5).uniform(20, 120, (ny, nx))
+    depth[ny // 3 : ny // 2, nx // 4 : nx // 3] = 0
+    depth[-3:, -2:] = 0
+    return depth
+
+
+class PlainScheme:
+    """The scheme of a solver for one sea, from rest; `advance_potential` is the two-array form for r = 0 and walls."""
+
+    def __init__(self, solver: ShallowWater, eta: np.ndarray, edge_elevation=lambda t: 0.0) -> None:
+        self.s, self.edge_elevation, self.steps = solver, edge_elevation, 0
+        self.dt = dt = solver.time_step
+        h = np.asarray(solver.depth, np.float64)
+        wet = np.pad(h, 1)
+        self.hx = np.where((wet[1:-1, 1:] > 0) & (wet[1:-1, :-1] > 0), (wet[1:-1, 1:] + wet[1:-1, :-1]) / 2, 0)
+        self.hy = np.where((wet[1:, 1:-1] > 0) & (wet[:-1, 1:-1] > 0), (wet[1:, 1:-1] + wet[:-1, 1:-1]) / 2, 0)
+        at = {"west": np.s_[:, 0], "east": np.s_[:, -1], "south": np.s_[0], "north": np.s_[-1]}
+        self.open = [
+            (kind, at[side], side in ("west", "east"), -1 if side in ("west", "south") else 1)
+            for side, kind in solver.edges.kind.items()
+            if kind != "wall"
+        ]
+        for _, place, across_x, _ in self.open:
+            (self.hx if across_x else self.hy)[place] = h[place]
+        self.h = h
+        self.eta = np.where(h > 0, eta, 0.0)
+        gx, gy = self.gradient(self.eta)
+        self.U, self.V = dt / 2 * GRAVITY * self.hx * gx, dt / 2 * GRAVITY * self.hy * gy
+        self.phi = dt / 2 * GRAVITY * self.eta
+        along = [(self.sponge(0, faces), self.sponge(0, centres)), (self.sponge(1, faces), self.sponge(1, centres))]
+        drag = (1 - solver.drag * dt / 2) / (1 + solver.drag * dt / 2)
+        self.keep_x, self.keep_y = drag * along[0][0], drag * along[1][0][:, None]
+        self.keep = along[0][1] * along[1][1][:, None]
+
+    def sponge(self, axis: int, places) -> np.ndarray:
+        """exp(−σ Δt), σ = 15/4 c/w d²: the celerity c of the deepest water in the layer, its width w, depth d in it."""
+        s, n = self.s, (self.s.nx, self.s.ny)[axis]
+        length = n * (s.dx, s.dy)[axis]
+        rate = 0 * places(n, length)
+        for side in SIDES[2 * axis : 2 * axis + 2]:
+            if s.edges.kind[side] == "sponge":
+                inside = lambda x, end=side: x if end in ("west", "south") else length - x  # noqa: E731
+                layer = inside(centres(n, length)) - (s.dx, s.dy)[axis] / 2 < s.edges.sponge_width
+                deepest = self.h[:, layer].max() if axis == 0 else self.h[layer].max()
+                d = np.maximum(1 - inside(places(n, length)) / s.edges.sponge_width, 0)
+                rate = rate + 15 / 4 * math.sqrt(GRAVITY * deepest) / s.edges.sponge_width * d**2
+        return np.exp(-rate * self.dt)
+
+    def gradient(self, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Differences on the faces; at an open edge to what stands outside of it, over half a cell."""
+        gx, gy = np.zeros_like(self.hx), np.zeros_like(self.hy)
+        gx[:, 1:-1], gy[1:-1] = np.diff(field, axis=1) / self.s.dx, np.diff(field, axis=0) / self.s.dy
+        for kind, place, across_x, away in self.open:
+            outside = SHARE[kind] * self.edge_elevation(self.steps * self.dt)
+            across, size = (gx, self.s.dx) if across_x else (gy, self.s.dy)
+            across[place] = away * (outside - field[place]) / (size / 2)
+        return gx, gy
+
+    def advance(self, substeps: int) -> np.ndarray:
+        dt = self.dt
+        for _ in range(substeps):
+            gx, gy = self.gradient(self.eta)
+            old = self.U, self.V
+            self.U = self.keep_x * self.U - (1 + self.keep_x) / 2 * dt * GRAVITY * self.hx * gx
+            self.V = self.keep_y * self.V - (1 + self.keep_y) / 2 * dt * GRAVITY * self.hy * gy
+            for kind, place, across_x, _ in self.open:
+                if kind != "forced":  # the elevation at the face has another U/c, of the old and the new transport
+                    W, before, size = (self.U, old[0], self.s.dx) if across_x else (self.V, old[1], self.s.dy)
+                    keep = np.broadcast_to(self.keep_x if across_x else self.keep_y, W.shape)[place]
+                    passing = (1 + keep) / 2 * dt / size * np.sqrt(GRAVITY * self.h[place])
+                    W[place] = (W[place] - passing * before[place]) / (1 + passing)
+            flow = dt * (np.diff(self.U, axis=1) / self.s.dx + np.diff(self.V, axis=0) / self.s.dy)
+            self.eta = self.keep * self.eta - (1 + self.keep) / 2 * flow
+            self.steps += 1
+        return self.eta
+
+    def advance_potential(self, substeps: int) -> np.ndarray:
+        s, dt = self.s, self.dt
+        for _ in range(substeps):
+            self.phi = self.phi - dt * GRAVITY * self.eta
+            gx, gy = self.gradient(self.phi)
+            self.eta = self.eta - dt * (np.diff(self.hx * gx, axis=1) / s.dx + np.diff(self.hy * gy, axis=0) / s.dy)
+        return self.eta
