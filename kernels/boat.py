@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from kernels import airy, c_grid, fisher, random, usbl, vortex
+from kernels import airy, c_grid, current, fisher, random, usbl
 from kernels.layout import AuvColumn, BoatColumn, Level, Parameter, Strategy, vec2, vec3
 
 
@@ -54,7 +54,13 @@ def ride(
     p: ti.template(),
     boat: ti.template(),
     eta: ti.template(),
+    U: ti.template(),
+    V: ti.template(),
+    unit_x,
+    unit_y,
     wave: ti.template(),
+    stream: ti.template(),
+    bed: ti.template(),
     lane: ti.template(),
     cells_x,
     cells_y,
@@ -75,12 +81,14 @@ def ride(
         cells_y,
     )
     storm = airy.motion(wave, lane[w], Level.surface, x, y)
-    current = vortex.current(vortices, w, x, y)
+    water = current.velocity(
+        p, vortices, stream, Level.surface, U, V, unit_x, unit_y, bed, lane[w], cells_x, cells_y, w, x, y
+    )
     boat[w, BoatColumn.elevation] = surface[0] + storm[0]
     boat[w, BoatColumn.slope_x] = surface[1] + storm[1]
     boat[w, BoatColumn.slope_y] = surface[2] + storm[2]
-    boat[w, BoatColumn.current_x] = current[0] + storm[3]
-    boat[w, BoatColumn.current_y] = current[1] + storm[4]
+    boat[w, BoatColumn.current_x] = water[0] + storm[3]
+    boat[w, BoatColumn.current_y] = water[1] + storm[4]
 
 
 @ti.func

@@ -6,7 +6,7 @@ Everything in a world happens in program order inside its iteration and every ra
 
 import taichi as ti
 
-from kernels import acoustics, airy, random, task, vehicle
+from kernels import acoustics, airy, random, regular_grid, task, vehicle
 from kernels import boat as usv
 from kernels.layout import (
     AuvColumn,
@@ -35,10 +35,13 @@ def distance_to_target(auv: ti.template(), node: ti.template(), w, k):
 
 
 @ti.func
-def begin_service(p: ti.template(), auv: ti.template(), node: ti.template(), w, k, distance):
+def begin_service(p: ti.template(), bed: ti.template(), auv: ti.template(), node: ti.template(), w, k, distance):
     """Fix the data to carry, the link's rate at this distance, and how long the AUV will hover for it."""
     target = ti.cast(auv[w, k, AuvColumn.target], ti.i32)
-    separation = p[Parameter.separation_node]
+    x = node[w, target, NodeColumn.x]
+    y = node[w, target, NodeColumn.y]
+    depth = regular_grid.sample(bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
+    separation = depth - p[Parameter.cruise]
     slant = ti.sqrt(distance * distance + separation * separation)
     snr = p[Parameter.data_level] - acoustics.transmission_loss(slant, p[Parameter.data_frequency])
     law = ti.cast(p[Parameter.data_demonstration], ti.i32)
@@ -52,6 +55,7 @@ def begin_service(p: ti.template(), auv: ti.template(), node: ti.template(), w, 
 @ti.func
 def move_auv(
     p: ti.template(),
+    bed: ti.template(),
     auv: ti.template(),
     node: ti.template(),
     reward_terms: ti.template(),
@@ -97,7 +101,7 @@ def move_auv(
         after = distance_to_target(auv, node, w, k)
         closed = before - after
         if after <= p[Parameter.hover_radius]:
-            begin_service(p, auv, node, w, k, after)
+            begin_service(p, bed, auv, node, w, k, after)
     if p[Parameter.progress] > 0.5:
         reward_terms[w, k, RewardTerm.distance] = closed
     else:
@@ -177,7 +181,13 @@ def step(
     key_low: ti.u32,
     key_high: ti.u32,
     eta: array4,
+    U: array4,
+    V: array4,
+    unit_x: ti.f32,
+    unit_y: ti.f32,
     wave: airy.waves,
+    stream: array4,
+    bed: array4,
     lane: index1,
     cells_x: ti.i32,
     cells_y: ti.i32,
@@ -199,10 +209,10 @@ def step(
         clock[w, 1] = now
         num_auvs = auv.shape[1]
         for k in range(num_auvs):
-            move_auv(p, auv, node, reward_terms, w, k, action[w, k, 0], action[w, k, 1])
+            move_auv(p, bed, auv, node, reward_terms, w, k, action[w, k, 0], action[w, k, 1])
         usv.plan(p, link, boat, estimate, w)
         usv.move(p, boat, w)
-        usv.ride(p, boat, eta, wave, lane, cells_x, cells_y, vortices, w)
+        usv.ride(p, boat, eta, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices, w)
         for k in range(num_auvs):
             draw = task.address(p, w, episode, now, Draw.fix, k)
             attitude_draw = task.address(p, w, episode, now, Draw.attitude, 0)
@@ -216,4 +226,7 @@ def step(
                 node[w, ti.cast(auv[w, k, AuvColumn.target], ti.i32), NodeColumn.backlog] = 0.0
                 task.choose_target(p, auv, node, estimate, w, k)
         for k in range(num_auvs):
-            task.observe(p, auv, node, boat, vortices, wave, lane, estimate, observation, w, k)
+            task.observe(
+                p, auv, node, boat, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices,
+                estimate, observation, w, k,
+            )  # fmt: skip

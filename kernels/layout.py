@@ -11,6 +11,9 @@ Arrays (float32 unless said): W worlds, K AUVs, M nodes, V vortices.
     estimate (W, K, 3)   what the boat knows of each AUV: measured x, y, and the vertical separation
     clock    (W, 2)      int32: episode, mission steps done
     lane     (W,)        int32: which sea of the pool the world sails on
+    stream   (L, ., ., 2) real current at `Level`, see `kernels.regular_grid`
+    bed      (1, ., ., 1) depth h, m, likewise
+    U, V     packed transports of the long waves, see `kernels.long_waves`
     wave     (seas, groups, columns, LANES)  the storm's components, see `kernels.airy`; velocities at `Level`
 """
 
@@ -43,7 +46,7 @@ Parameter = _columns(
     "hold_y",
     "information_form",
     "separation_boat",
-    "separation_node",
+    "cruise",
     "speed_min",
     "speed_max",
     "polar",

@@ -33,7 +33,13 @@ def begin_episodes(
     key_high: ti.u32,
     chosen: mask1,
     eta: array4,
+    U: array4,
+    V: array4,
+    unit_x: ti.f32,
+    unit_y: ti.f32,
     wave: airy.waves,
+    stream: array4,
+    bed: array4,
     lane: index1,
     cells_x: ti.i32,
     cells_y: ti.i32,
@@ -110,7 +116,7 @@ def begin_episodes(
             usv.plan(p, link, boat, estimate, w)
             boat[w, BoatColumn.x] = boat[w, BoatColumn.goal_x]
             boat[w, BoatColumn.y] = boat[w, BoatColumn.goal_y]
-            usv.ride(p, boat, eta, wave, lane, cells_x, cells_y, vortices, w)
+            usv.ride(p, boat, eta, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices, w)
             for k in range(auv.shape[1]):
                 counter = task.address(p, w, episode, 0, Draw.fix, k)
                 tilt_counter = task.address(p, w, episode, 0, Draw.attitude, 0)
@@ -118,4 +124,7 @@ def begin_episodes(
             for k in range(auv.shape[1]):
                 task.choose_target(p, auv, node, estimate, w, k)
             for k in range(auv.shape[1]):
-                task.observe(p, auv, node, boat, vortices, wave, lane, estimate, observation, w, k)
+                task.observe(
+                    p, auv, node, boat, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices,
+                    estimate, observation, w, k,
+                )  # fmt: skip

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from kernels import airy, random, vortex
+from kernels import airy, current, random
 from kernels.layout import AuvColumn, BoatColumn, Level, NodeColumn, Parameter, vec2
 
 
@@ -51,9 +51,17 @@ def observe(
     auv: ti.template(),
     node: ti.template(),
     boat: ti.template(),
-    vortices: ti.template(),
+    U: ti.template(),
+    V: ti.template(),
+    unit_x,
+    unit_y,
     wave: ti.template(),
+    stream: ti.template(),
+    bed: ti.template(),
     lane: ti.template(),
+    cells_x,
+    cells_y,
+    vortices: ti.template(),
     estimate: ti.template(),
     observation: ti.template(),
     w,
@@ -79,8 +87,13 @@ def observe(
     observation[w, k, slot + 3] = y * scale
     observation[w, k, slot + 4] = auv[w, k, AuvColumn.border]
     observation[w, k, slot + 5] = boat[w, BoatColumn.overflowing] / node.shape[1]
-    storm = airy.motion(wave, lane[w], Level.cruise, auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
-    here = vortex.current(vortices, w, auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y]) + vec2(storm[3], storm[4])
+    true_x = auv[w, k, AuvColumn.x]
+    true_y = auv[w, k, AuvColumn.y]
+    storm = airy.motion(wave, lane[w], Level.cruise, true_x, true_y)
+    here = vec2(storm[3], storm[4])
+    here += current.velocity(
+        p, vortices, stream, Level.cruise, U, V, unit_x, unit_y, bed, lane[w], cells_x, cells_y, w, true_x, true_y
+    )
     auv[w, k, AuvColumn.current_x] = here[0]
     auv[w, k, AuvColumn.current_y] = here[1]
     if p[Parameter.observed_current] > 0.5:

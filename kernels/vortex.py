@@ -5,6 +5,12 @@
 
 A vortex is four numbers (x0, y0, Γ, δ): centre (m), circulation (m²/s, positive anticlockwise), core radius (m).
 Its peak speed is 0.6382 Γ/(2πδ) at r = 1.1209 δ. Source: Lamb, "Hydrodynamics" (6th ed.), §334a.
+
+With a viscosity ν a core spreads, dδ²/dt = 4ν, and the circulation stays: a lone vortex is then an exact solution of
+the Navier–Stokes equations. Where vortices carry one another, a centre moves with the mean of the others' velocity over
+the vorticity of its own core, which is the velocity of a vortex with δ² = δ_i² + δ_j² at the centre (a Gaussian folded
+with a Gaussian). That is the exact motion of the centroid of a circular core (Euler's equations, first moment), and it
+keeps the impulse Σ Γ_i X_i and, in ideal fluid, the energy; cores do not deform.
 """
 
 import taichi as ti
@@ -38,6 +44,19 @@ def current(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
 
 
 @ti.func
+def carrying(vortex: ti.template(), w: ti.i32, carried: ti.i32) -> vec2:
+    """Velocity (m/s) of the centre of a vortex that the others of its world carry."""
+    V = vec2(0.0, 0.0)
+    for v in range(vortex.shape[1]):
+        dx = vortex[w, carried, 0] - vortex[w, v, 0]
+        dy = vortex[w, carried, 1] - vortex[w, v, 1]
+        delta2 = vortex[w, v, 3] * vortex[w, v, 3] + vortex[w, carried, 3] * vortex[w, carried, 3]
+        rotation = vortex[w, v, 2] / (TWO_PI * delta2) * core_factor((dx * dx + dy * dy) / delta2)
+        V += vec2(-rotation * dy, rotation * dx)  # its own part is 0: it is at no distance
+    return V
+
+
+@ti.func
 def vorticity(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32:
     """Vorticity ϖ (1/s) at (x, y) in world w; `vortex` has shape (W, V, 4)."""
     total = 0.0
@@ -47,6 +66,40 @@ def vorticity(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32:
         delta2 = vortex[w, v, 3] * vortex[w, v, 3]
         total += 2.0 * vortex[w, v, 2] / (TWO_PI * delta2) * ti.exp(-(dx * dx + dy * dy) / delta2)
     return total
+
+
+@ti.kernel
+def _evolve(
+    vortex: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    kept: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    dt: ti.f32,
+    viscosity: ti.f32,
+    mutual: ti.i32,
+):
+    """`kept` (W, V, 7): centre and δ² at the beginning, velocity, and the weighted sum of velocities."""
+    for w in range(vortex.shape[0]):
+        for v in range(vortex.shape[1]):
+            kept[w, v, 0] = vortex[w, v, 0]
+            kept[w, v, 1] = vortex[w, v, 1]
+            kept[w, v, 2] = vortex[w, v, 3] * vortex[w, v, 3]
+            kept[w, v, 5] = 0.0
+            kept[w, v, 6] = 0.0
+        if mutual != 0:
+            for stage in ti.static(range(4)):
+                for v in range(vortex.shape[1]):
+                    V = carrying(vortex, w, v)
+                    for axis in ti.static(range(2)):
+                        kept[w, v, 3 + axis] = V[axis]
+                        kept[w, v, 5 + axis] += ti.static((1 / 6, 1 / 3, 1 / 3, 1 / 6)[stage]) * V[axis]
+                reach = ti.static((0.5, 0.5, 1.0, 0.0)[stage]) * dt
+                for v in range(vortex.shape[1]):
+                    for axis in ti.static(range(2)):
+                        vortex[w, v, axis] = kept[w, v, axis] + reach * kept[w, v, 3 + axis]
+                    vortex[w, v, 3] = ti.sqrt(kept[w, v, 2] + 4.0 * viscosity * reach)
+        for v in range(vortex.shape[1]):
+            for axis in ti.static(range(2)):
+                vortex[w, v, axis] = kept[w, v, axis] + dt * kept[w, v, 5 + axis]
+            vortex[w, v, 3] = ti.sqrt(kept[w, v, 2] + 4.0 * viscosity * dt)
 
 
 @ti.kernel
@@ -69,6 +122,19 @@ def _sample_vorticity(
 ):
     for w, p in ti.ndrange(points.shape[0], points.shape[1]):
         out[w, p] = vorticity(vortex, w, points[w, p, 0], points[w, p, 1])
+
+
+def evolve(vortex: torch.Tensor, kept: torch.Tensor, dt: float, viscosity: float, mutual: bool) -> None:
+    """Let vortices spread and carry one another for a time, in place, by the classical Runge–Kutta method.
+
+    Args:
+        vortex: (W, V, 4) float32.
+        kept: (W, V, 7) float32, room to work in.
+        dt: s; a vortex should not move further than a fraction of a core radius in it.
+        viscosity: ν ≥ 0, m²/s.
+        mutual: whether the centres move.
+    """
+    _evolve(vortex, kept, dt, viscosity, int(mutual))
 
 
 def sample_current(vortex: torch.Tensor, points: torch.Tensor) -> torch.Tensor:

@@ -4,8 +4,11 @@ import math
 
 import numpy as np
 import pytest
+import torch
 
-from usvauv_env.scenario import Scenario
+from kernels.c_grid import Packing
+from kernels.layout import BoatColumn
+from usvauv_env import Scenario, World
 from usvauv_env.sea import build_sea, coarse_cells, draw_edge_wave, fine_cells
 
 EDGES = ["west", "east", "south", "north"]
@@ -122,6 +125,41 @@ class TestForcing:
         drag = build_sea(scenario(**wave, drag=0.2), 0, 1).elevation()
         assert 0.5 < np.abs(drag).max() < 10
 
+    def test_open_basin_carries_a_progressive_wave(self):
+        """Forced in the west with an open east: e^{i(ωt − kx)} from the start on, in exact arithmetic."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 60.0}
+        sea = build_sea(scenario(forced_edge="west", radiating_edges=["east"], **wave), 0, 1, (100, 20))
+        k = 2 * math.pi / 60 / math.sqrt(9.81 * 120)
+        x = (np.arange(100) + 0.5) * 2
+        for _ in range(90):
+            expected = np.cos(2 * math.pi / 60 * sea.time - k * x)
+            np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=1e-3)
+            sea.advance()
+
+    def test_sponge_takes_it(self):
+        """A layer of the wave's own length at the far end: what comes back is below one in a hundred."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 5.0, "sponge_width": 171.0}
+        sea = build_sea(scenario(400.0, forced_edge="west", sponge_edges=["east"], **wave), 0, 1, (400, 10))
+        k = 2 * math.pi / 5 / math.sqrt(9.81 * 120)
+        x = np.arange(400) + 0.5
+        for _ in range(60):
+            sea.advance()
+        expected = np.cos(2 * math.pi / 5 * sea.time - k * x)
+        np.testing.assert_allclose(sea.elevation()[0, 5, :200], expected[:200], atol=0.02)
+        assert np.abs(sea.elevation()[0, 5, 380:]).max() < 0.3
+
+    def test_incoming_wave(self):
+        """Prescribed as the incoming wave at the open edge before a wall: twice its amplitude stands at the wall."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 40.0, "forcing": "incident"}
+        sea = build_sea(scenario(forced_edge="west", **wave), 0, 1, (100, 20))
+        k = 2 * math.pi / 40 / math.sqrt(9.81 * 120)
+        x = (np.arange(100) + 0.5) * 2
+        for _ in range(90):
+            t = sea.time * 2 * math.pi / 40
+            expected = np.cos(t - k * x) + np.cos(t + k * (x - 400))
+            np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=2e-3)
+            sea.advance()
+
     def test_nothing_shocks(self):
         """The record at the wall is smooth: no second difference in time is larger than the waves' own, a ω² dt²."""
         storm = scenario(forced_edge="west", irregular_rms=1.0, update_interval=1.0)
@@ -186,6 +224,81 @@ class TestResolution:
             found += np.mean((seen - between_cells(fine.elevation()[0].astype(float), (50, 50))) ** 2)
         assert math.sqrt(found) < math.sqrt(predicted) / 2
         assert math.sqrt(found / 10) < 0.05 * np.std(seen)
+
+
+CALM = {"forced_edge": "south", "irregular_rms": 0.02, "start_rms": 0.01, "start_modes": 2, "update_interval": 2.0}
+
+
+class TestNonlinear:
+    def test_small_waves_are_linear(self):
+        """Amplitudes of 1e-4 of the depth: the two solvers differ by their own errors of second order only."""
+        differences = []
+        for cells in ((25, 25), (50, 50)):
+            linear, nonlinear = (
+                build_sea(scenario(**CALM, equations=equations), 3, 2, cells) for equations in ("linear", "nonlinear")
+            )
+            np.testing.assert_allclose(linear.elevation(), nonlinear.elevation(), atol=1e-6)
+            for _ in range(5):
+                linear.advance()
+                nonlinear.advance()
+            differences.append(np.abs(linear.elevation() - nonlinear.elevation()).max() / np.std(linear.elevation()))
+        assert differences[1] < 0.4 * differences[0]
+        assert differences[1] < 0.1
+
+    def test_packed_for_the_boats(self):
+        """The packed elevation is the solvers' own, and goes back with the state, bit for bit."""
+        sea = build_sea(scenario(**CALM, equations="nonlinear"), 3, 19, (20, 15))
+        fields, clocks = sea.state()
+        before = sea.elevation()
+        sea.advance()
+        after = sea.elevation()
+        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], after)
+        assert np.abs(after - before).max() > 1e-3
+        sea.load(fields, clocks)
+        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], before)
+        sea.advance()
+        np.testing.assert_array_equal(sea.elevation(), after)
+        assert sea.time == 2.0
+
+    def test_high_waves_over_shallow_water_steepen(self):
+        """A wave of a fifth of the depth: the crest catches up with the trough before it, unlike the linear one."""
+        about = {"forced_edge": "west", "radiating_edges": ["east"], "regular_amplitude": 1.0, "regular_period": 20.0}
+        steepest = {}
+        for equations in ("linear", "nonlinear"):
+            sea = build_sea(
+                Scenario.from_dict(
+                    {
+                        "area": {"width": 200, "length": 40, "depth": 5},
+                        "auv": {"depth": 3, "start_separation": 5},
+                        "sea": {**about, "equations": equations},
+                    }
+                ),
+                0,
+                1,
+                (200, 10),
+            )
+            for _ in range(60):
+                sea.advance()
+            slope = np.diff(sea.elevation()[0, 5, 50:190])
+            steepest[equations] = slope.max() / -slope.min(), -slope.min() / slope.max()
+        assert max(steepest["linear"]) < 1.1
+        assert max(steepest["nonlinear"]) > 1.5
+
+    def test_carries_a_mission(self):
+        """A world sails on it, and goes back with its state."""
+        overrides = ["sea.equations=nonlinear", "sea.realisations=2"]
+        world = World(Scenario.load("extreme", overrides), 3, seed=1)
+        world.reset()
+        action = torch.full((3, 2, 2), 0.5)
+        for _ in range(3):
+            world.step(action)
+        state = world.state()
+        world.step(action)
+        boat = world.boat.clone()
+        world.load(state)
+        world.step(action)
+        assert torch.equal(world.boat, boat)
+        assert boat[:, BoatColumn.elevation].abs().min() > 0
 
 
 def test_extreme_has_five_metre_crests():

@@ -14,7 +14,7 @@ from usvauv_cli.drawing import error_axes
 from usvauv_cli.layout import Layout, MapView, Rectangle
 from usvauv_cli.plot import TimePlot
 from usvauv_cli.running import Running
-from usvauv_cli.sea import CurrentStreaks, SeaSurface, current_at
+from usvauv_cli.sea import CurrentStreaks, SeaSurface
 from usvauv_cli.text import shorten, text_width, write
 from usvauv_cli.video import OutputError, Painter, render
 from usvauv_env.metrics import episode_metrics
@@ -93,7 +93,6 @@ def synthetic_trace(
         reward_names=("service",),
         node_position=node,
         node_rate=rate,
-        vortex=vortex,
         time=time,
         auv_position=position,
         auv_velocity=velocity,
@@ -112,6 +111,8 @@ def synthetic_trace(
         backlog=backlog,
         overflowing=(backlog >= 5000).sum(-1).astype(np.int16),
         collisions=np.zeros((steps, worlds), np.int16),
+        vortex=np.broadcast_to(vortex, (steps, *vortex.shape)),
+        stream=np.zeros((0, 0, 2)),
         surface=surface if sea else np.zeros((0, 0, 0), np.float32),
     )
 
@@ -302,20 +303,20 @@ class TestMap:
         north_west, south_east = picture[42, 42].mean(), picture[77, 77].mean()  # equally high
         assert north_west > south_east + 5
 
-    def test_current_is_the_worlds(self):
-        vortex = np.array([[80.0, 120.0, 200.0, 30.0], [20.0, 30.0, -150.0, 40.0]])
-        points = np.random.default_rng(0).uniform(0, 200, (50, 2))
-        expected = np.zeros((50, 2))
+    VORTEX = np.array([[80.0, 120.0, 200.0, 30.0], [20.0, 30.0, -150.0, 40.0]])
+    STREAM = np.array([[[0.1, 0.2], [0.3, 0.2]], [[0.1, -0.2], [0.3, -0.2]]])  # 0.1 + 0.2 x/200, 0.2 − 0.4 y/200
+
+    def current(self, vortex: np.ndarray, points: np.ndarray) -> np.ndarray:
+        expected = np.stack([0.1 + 0.001 * points[:, 0], 0.2 - 0.002 * points[:, 1]], 1)
         for x0, y0, circulation, radius in vortex:
             dx, dy = points[:, 0] - x0, points[:, 1] - y0
             r2 = dx**2 + dy**2
             turn = circulation / (2 * np.pi * r2) * -np.expm1(-r2 / radius**2)
             expected += np.stack([-turn * dy, turn * dx], 1)
-        np.testing.assert_allclose(current_at(vortex, points), expected, atol=1e-5)
+        return expected
 
-    def test_streaks_drift_with_the_current(self):
-        view = MapView(Area(), Rectangle(0, 0, 600, 600))
-        streaks = CurrentStreaks(np.array([[100.0, 100.0, 250.0, 40.0]]), 200.0, 200.0, view, 1.0)
+    def drift(self, streaks: CurrentStreaks) -> tuple[np.ndarray, np.ndarray]:
+        """Where particles are (m) and how far they move in half a second (m), those that move visibly."""
         seen = []
 
         class Recorder:
@@ -327,11 +328,28 @@ class TestMap:
         first, second = seen[0][:, 0], seen[2][:, 0]
         moving = (np.hypot(*(second - first).T) > 0) & (np.hypot(*(first - seen[0][:, -1]).T) > 5)
         metres = (second - first)[moving] * (1 / 3, -1 / 3)
-        places = np.stack([first[moving, 0] + 0.5, 599.5 - first[moving, 1]], 1) / 3
-        expected = 0.5 * current_at(np.array([[100.0, 100.0, 250.0, 40.0]]), places)
-        close = np.hypot(*(metres - expected).T) < 0.05
-        assert moving.sum() > 100
-        assert close.mean() > 0.97  # the rest ended its life in between
+        return np.stack([first[moving, 0] + 0.5, 599.5 - first[moving, 1]], 1) / 3, metres
+
+    @pytest.mark.parametrize("moved", [False, True])
+    def test_streaks_drift_with_the_current(self, moved):
+        view = MapView(Area(), Rectangle(0, 0, 600, 600))
+        vortex = self.VORTEX
+        streaks = CurrentStreaks(vortex, self.STREAM, 200.0, 200.0, view, 1.0)
+        points = np.random.default_rng(0).uniform(0, 200, (4000, 2))
+        assert streaks.fastest == pytest.approx(np.hypot(*self.current(vortex, points).T).max(), rel=0.1)
+        if moved:
+            vortex = vortex + np.array([30.0, -40.0, 0.0, 10.0])
+            streaks.update(vortex)
+        places, metres = self.drift(streaks)
+        inside = ((places > 0) & (places < 200)).all(axis=1)  # outside, the stream is that of the edge
+        close = np.hypot(*(metres - 0.5 * self.current(vortex, places)).T) < 0.05
+        assert inside.sum() > 100
+        assert close[inside].mean() > 0.97  # the rest ended its life in between
+
+    def test_no_current_no_streaks(self):
+        view = MapView(Area(), Rectangle(0, 0, 600, 600))
+        streaks = CurrentStreaks(np.zeros((0, 4)), np.zeros((0, 0, 2)), 200.0, 200.0, view, 1.0)
+        assert streaks.fastest == 0
 
 
 class TestPanel:

@@ -8,7 +8,7 @@ import torch
 from scipy.special import lambertw
 
 from kernels import runtime
-from kernels.vortex import sample_current, sample_vorticity
+from kernels.vortex import evolve, sample_current, sample_vorticity
 
 # Baseline reference of the paper (Zhang et al., doi 10.1109/JIOT.2024.3395568): three vortices in a 120 m square.
 BASELINE = [(30.0, 23.0, 8.0, 48.0), (63.0, 45.0, 8.0, 48.0), (75.0, 77.0, 8.0, 48.0)]
@@ -116,3 +116,90 @@ def test_worlds_are_separate_and_none_means_still_water(device):
     assert torch.equal(both[1], sample_current(vortex[1:].contiguous(), points[1:])[0])
     assert not torch.equal(both[0], both[1])
     assert not sample_current(vortex[:, :0], points).any()
+
+
+def carried(device, vortices, dt, steps, viscosity=0.0, mutual=True):
+    """History (steps + 1, V, 4) of one world's vortices."""
+    vortex = torch.tensor([vortices], dtype=torch.float32, device=device)
+    kept = torch.zeros((*vortex.shape[:2], 7), device=device)
+    history = [vortex[0].double().cpu().numpy()]
+    for _ in range(steps):
+        evolve(vortex, kept, dt, viscosity, mutual)
+        history.append(vortex[0].double().cpu().numpy())
+    return np.stack(history)
+
+
+class TestEvolution:
+    def test_two_equal_vortices_orbit_with_the_exact_period(self, device):
+        """Ω = Γ/(πd²) (1 − e^{−d²/2δ²}) about their middle, at distance d: back home after 2π/Ω."""
+        Gamma, d, delta = 150.0, 50.0, 30.0
+        period = 2 * math.pi / (Gamma / (math.pi * d**2) * (1 - math.exp(-((d / delta) ** 2) / 2)))
+        history = carried(device, [(75.0, 100.0, Gamma, delta), (125.0, 100.0, Gamma, delta)], period / 400, 400)
+        assert np.abs(history[-1] - history[0]).max() < 2e-3
+        assert np.abs(history[200, 0, :2] - history[0, 1, :2]).max() < 2e-3
+        quarter = history[100]
+        assert np.abs(quarter[:, :2] - [(100, 75), (100, 125)]).max() < 2e-3  # anticlockwise
+
+    def test_point_vortices(self, device):
+        """Cores that are small beside the distance: the classical period 2π²d²/Γ of Helmholtz's pair."""
+        period = 2 * math.pi**2 * 50**2 / 150
+        history = carried(device, [(75.0, 100.0, 150.0, 5.0), (125.0, 100.0, 150.0, 5.0)], period / 400, 400)
+        assert np.abs(history[-1] - history[0]).max() < 2e-3
+
+    def test_a_centre_moves_with_the_mean_velocity_over_its_core(self, device):
+        """The mean of the other's velocity over a Gaussian core by Gauss–Hermite quadrature, and the first step."""
+        other, own = (130.0, 110.0, 150.0, 25.0), (100.0, 100.0, 40.0, 35.0)
+        nodes, weights = np.polynomial.hermite.hermgauss(40)
+        x, y = np.meshgrid(100 + 35 * nodes, 100 + 35 * nodes)
+        V, _ = field(device, [other], np.stack([x.ravel(), y.ravel()], axis=1))
+        mean = (np.outer(weights, weights).ravel()[:, None] * V).sum(axis=0) / math.pi
+        history = carried(device, [own, other], 0.1, 1)
+        np.testing.assert_allclose((history[1, 0, :2] - history[0, 0, :2]) / 0.1, mean, atol=2e-4)
+
+    def test_fourth_order(self, device):
+        """Errors of coarse steps shrink 16-fold when they are halved, before single precision is reached."""
+        vortices = [(90.0, 100.0, 150.0, 5.0), (110.0, 100.0, 150.0, 5.0)]
+        period = 2 * math.pi / (150 / (math.pi * 20**2) * (1 - math.exp(-8)))
+        errors = [np.abs(carried(device, vortices, period / n, n)[-1] - vortices).max() for n in (16, 32)]
+        assert 3.5 < math.log2(errors[0] / errors[1]) < 5.5
+
+    def test_a_pair_of_opposite_sign_goes_straight_on(self, device):
+        """At Γ/(2πd) (1 − e^{−d²/2δ²}), across the line between them."""
+        Gamma, d, delta = 100.0, 40.0, 30.0
+        speed = Gamma / (2 * math.pi * d) * (1 - math.exp(-((d / delta) ** 2) / 2))
+        end = carried(device, [(80.0, 50.0, Gamma, delta), (120.0, 50.0, -Gamma, delta)], 1.0, 300)[-1]
+        assert np.abs(end[:, :2] - [(80, 50 + 300 * speed), (120, 50 + 300 * speed)]).max() < 2e-3
+
+    def test_invariants(self, device):
+        """Circulation to the last bit; without viscosity the centre of circulation and the turning moment Σ Γ X²."""
+        history = carried(device, STRONG, 1.0, 1000)
+        assert (history[:, :, 2] == history[0, :, 2]).all()
+        for moment in (history[:, :, 0], history[:, :, 1], history[:, :, 0] ** 2 + history[:, :, 1] ** 2):
+            sums = (history[:, :, 2] * moment).sum(axis=1)
+            assert np.ptp(sums) < 1e-4 * np.abs(history[0, :, 2] * moment[0]).sum()
+        assert np.abs(history[-1, :, :2] - history[0, :, :2]).max() > 20
+
+    def test_growth(self, device):
+        """δ² = δ0² + 4νt, whether the centres move or not; the velocity is then that of Eq. 8 with the wider core."""
+        for mutual in (False, True):
+            history = carried(device, STRONG, 2.0, 500, viscosity=0.3, mutual=mutual)
+            np.testing.assert_allclose(history[-1, :, 3] ** 2, history[0, :, 3] ** 2 + 4 * 0.3 * 1000, rtol=3e-5)
+            assert (history[-1, :, :2] == history[0, :, :2]).all() == (not mutual)
+
+    def test_vorticity_obeys_the_heat_equation(self, device):
+        """ϖ_t = ν ∇²ϖ for a lone vortex, by central differences in time and space."""
+        nu, dt, h = 2.0, 5.0, 2.0
+        history = carried(device, [(100.0, 100.0, 150.0, 30.0)], dt, 2, viscosity=nu)
+        x, y = np.meshgrid(np.linspace(40, 160, 25), np.linspace(40, 160, 25))
+        points = np.stack([x.ravel(), y.ravel()], axis=1)
+        before, now, after = (field(device, vortices, points)[1] for vortices in history.tolist())
+        sides = [field(device, history[1].tolist(), points + shift)[1] for shift in ((h, 0), (-h, 0), (0, h), (0, -h))]
+        laplacian = (sum(sides) - 4 * now) / h**2
+        rate = (after - before) / (2 * dt)
+        assert np.abs(rate - nu * laplacian).max() < 0.02 * np.abs(rate).max()
+        assert np.ptp(rate) > 1e-6
+
+    def test_worlds_do_not_meet(self, device):
+        vortex = torch.tensor([STRONG, BASELINE], dtype=torch.float32, device=device)
+        evolve(vortex, torch.zeros((2, 3, 7), device=device), 5.0, 0.1, True)
+        np.testing.assert_array_equal(vortex[0].double().cpu(), carried(device, STRONG, 5.0, 1, 0.1)[-1])

@@ -144,10 +144,38 @@ class TestStart:
         changed = (world.node != before).any(dim=2).any(dim=1)
         assert changed.tolist() == [False, True, False, True]
 
-    def test_no_vortices_no_current(self, extreme):
-        world = World(Scenario.load("extreme", ["current.count=0", "storm.spectrum=none"]), num_worlds=8, seed=2)
+    def test_still_water_has_no_current(self):
+        world = World(Scenario.load("ideal"), num_worlds=8, seed=2)
         world.reset()
         assert torch.equal(world.current(), torch.zeros(8, 2, 2))
+
+    @pytest.mark.parametrize("equations", ["linear", "nonlinear"])
+    def test_long_waves_carry_the_vehicles(self, equations):
+        """Without vortices and storm: the solver's own velocity, bilinear between its cells, at AUVs and boat.
+
+        Waves of 75 s and more are resolved to a thousandth; the transports are half a substep (0.04 s) old.
+        """
+        only = ["current.count=0", "storm.spectrum=none", "sea.realisations=2", "sea.start_rms=0"]
+        only.append(f"sea.equations={equations}")
+        world = World(Scenario.load("extreme", [*only, "boat.top_speed=1e-3"]), num_worlds=64, seed=2)
+        world.reset()
+        for _ in range(20):
+            world.step(torch.rand(64, 2, 2, generator=torch.Generator().manual_seed(0)))
+        fields = np.stack(world.sea.velocity(), axis=-1)
+        cells = np.array([world.sea.dx, world.sea.dy])
+        boat = world.boat[:, BoatColumn.x : BoatColumn.y + 1].numpy()[:, None]
+        place = np.concatenate([world.auv[..., AuvColumn.x : AuvColumn.y + 1].numpy(), boat], axis=1)
+        water = world.boat[:, None, BoatColumn.current_x : BoatColumn.current_y + 1].numpy()
+        found = np.concatenate([world.current().numpy(), water], axis=1)
+        p = place / cells - 0.5
+        low = np.clip(np.floor(p).astype(int), 0, 48)
+        (a, b), (j, i) = np.moveaxis(p - low, -1, 0)[..., None], np.moveaxis(low, -1, 0)
+        sea = (np.arange(64) % 2)[:, None]
+        south = (1 - a) * fields[sea, i, j] + a * fields[sea, i, j + 1]
+        north = (1 - a) * fields[sea, i + 1, j] + a * fields[sea, i + 1, j + 1]
+        expected = (1 - b) * south + b * north
+        assert np.abs(expected).max() > 0.05
+        assert np.abs(found - expected).max() < 0.01 * np.abs(expected).max()
 
     def test_currents_of_extreme_are_as_stated(self, extreme):
         world = World(extreme, num_worlds=2000, seed=2)

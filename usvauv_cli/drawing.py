@@ -40,7 +40,7 @@ class Map:
         self.view = MapView(scenario.area, layout.map)
         self.surface = SeaSurface(trace.surface, self.view)
         self.streaks = CurrentStreaks(
-            trace.vortex[0], scenario.area.width, scenario.area.length, self.view, layout.unit
+            trace.vortex[0, 0], trace.stream, scenario.area.width, scenario.area.length, self.view, layout.unit
         )
         self._step = scenario.mission.step
         # The streaks show the true drift, unless steps are so long that the eye could not follow it.
@@ -59,6 +59,7 @@ class Map:
         """Draw step t over the map's rectangle."""
         self.surface.paint(picture, t)
         self._glaze.clear()
+        self.streaks.update(self._trace.vortex[t, 0])
         self.streaks.draw(self._glaze, t * self._streak_step, self._layout.px(1.2))
         self._draw_trails(t)
         self._draw_links(t)

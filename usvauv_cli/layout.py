@@ -56,8 +56,8 @@ class Layout:
     legend: Rectangle | None
 
     @classmethod
-    def fit(cls, width: int, height: int, area: Area) -> Layout:
-        """Share a frame between the map of an area, its sides in proportion, and the panel."""
+    def fit(cls, width: int, height: int, area: Area, with_legend: bool = True) -> Layout:
+        """Share a frame between the map of an area, its sides in proportion, the panel and, if wanted, the legend."""
         long, short = max(width, height), min(width, height)
         unit = max(min(long / 1280, short / 720), 0.72 * min(1.0, long / 640))
         upright = height > width
@@ -74,10 +74,10 @@ class Layout:
         across, up = max(round(scale * area.width), 8), max(round(scale * area.length), 8)
         below, legend = round(LEGEND_HEIGHT * unit), None
         spare = room_y - up
-        if spare >= below + gap and room_x >= 500 * unit:
+        if with_legend and spare >= below + gap and room_x >= 500 * unit:
             spare -= below + gap
             legend = Rectangle(margin, top + spare // 2 + up + bottom + gap, room_x + left + right - 2 * margin, below)
-        elif panel.height >= SMALLEST_PANEL * unit:
+        elif with_legend and panel.height >= SMALLEST_PANEL * unit:
             panel = panel._replace(height=panel.height - below - gap)
             legend = Rectangle(panel.left, panel.bottom + gap, panel.width, below)
         area_map = Rectangle(left + (room_x - across) // 2, top + spare // 2, across, up)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from usvauv_cli import glyphs, shapes, style
+from usvauv_cli.cards import draw_card
 from usvauv_cli.layout import Layout, Rectangle
-from usvauv_cli.panel import draw_card
 from usvauv_cli.text import shorten, text_width, write
 
 Symbol = Callable[[np.ndarray, np.ndarray, Layout], None]

@@ -1,8 +1,12 @@
-"""Plots over the time of the mission: drawn whole beforehand, then uncovered from left to right."""
+"""Plots over time: drawn whole beforehand and uncovered from left to right, or drawn as the time comes.
+
+And plots over a distance, drawn anew in each frame.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -76,12 +80,16 @@ class TimePlot:
             row = float(self.y(tick))
             shapes.stroke(still, np.array([(box.left, row), (box.right, row)]), style.LINE)
             write(still, f"{tick:g}", (box.left - 5 * unit, row + 0.36 * size), size, style.MUTED, anchor="right")
-        few = max(2.0, box.width / (56 * unit))
-        spacing = next((s for s in TIME_TICKS if self._duration / s <= few), nice_above(self._duration / few))
-        for time in np.arange(0, self._duration * 1.0001, spacing):
+        for time, words in self._time_ticks():
             column = float(self.x(time))
             shapes.stroke(still, np.array([(column, box.bottom), (column, box.bottom + 3 * unit)]), style.LINE)
-            write(still, clock(time), (column, box.bottom + 14 * unit), size, style.MUTED, anchor="centre")
+            write(still, words, (column, box.bottom + 14 * unit), size, style.MUTED, anchor="centre")
+
+    def _time_ticks(self) -> list[tuple[float, str]]:
+        """Where the axis below has a mark, and what it says there."""
+        few = max(2.0, self.box.width / (56 * self._unit))
+        spacing = next((s for s in TIME_TICKS if self._duration / s <= few), nice_above(self._duration / few))
+        return [(time, clock(time)) for time in np.arange(0, self._duration * 1.0001, spacing)]
 
     def _points(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
         inside = np.stack([self.x(time) - self.box.left, self.y(values) - self.box.top], 1)
@@ -116,3 +124,44 @@ class TimePlot:
         """A vertical line at the present."""
         column = round(float(self.x(time)))
         picture[self.box.top : self.box.bottom, column : column + max(1, round(self._unit))] = style.MUTED
+
+
+class LivePlot(TimePlot):
+    """A plot whose curves grow as the time comes."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._ends: dict[Colour, np.ndarray] = {}
+
+    def extend(self, time: float, value: float, colour: Colour) -> None:
+        """Go on with the curve of a colour to a value, on the still picture."""
+        end = self._points(np.array([time]), np.array([value]))[0]
+        begin = self._ends.get(colour, end)
+        width, zoom = max(1, round(1.7 * self._unit * self._zoom)), self._zoom
+        shapes.stroke(self._fine, np.stack([begin, end]), colour, width)
+        self._ends[colour] = end
+        first = max(0, int((begin[0] - 2 * width) / zoom))
+        last = min(self.box.width, int((end[0] + 2 * width) / zoom) + 1)
+        fine = self._fine[:, first * zoom : last * zoom]
+        size = last - first, self.box.height
+        self.box.of(self._still)[:, first:last] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+
+
+class SectionPlot(TimePlot):
+    """A plot over a distance in m: what the base calls time is the distance."""
+
+    def _time_ticks(self) -> list[tuple[float, str]]:
+        spacing = nice_above(self._duration / max(2.0, self.box.width / (64 * self._unit)))
+        return [(x, f"{x:g}") for x in np.arange(0, self._duration * 1.0001, spacing)]
+
+    def draw(self, picture: np.ndarray, distance: np.ndarray, level: np.ndarray, bounds: np.ndarray) -> None:
+        """The water up to its level (P,) m; thin lines at the lowest and the highest one, `bounds` (2, P) m."""
+        fine, width = self._fine.copy(), max(1, round(1.7 * self._unit * self._zoom))
+        points = self._points(distance, level)
+        bottom = [(points[-1, 0], fine.shape[0]), (points[0, 0], fine.shape[0])]
+        shapes.fill(fine, np.concatenate([points, bottom]), style.mix(style.CARD, style.SEA[3], 0.55))
+        for edge in bounds:
+            shapes.stroke(fine, self._points(distance, edge), style.mix(style.CARD, style.MUTED, 0.7), width // 2)
+        shapes.stroke(fine, points, style.SEA[4], width)
+        size = self.box.width, self.box.height
+        self.box.of(picture)[:] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from kernels import runtime
-from kernels.vortex import sample_current
+from kernels.current import follow
 from usvauv_cli import style
 from usvauv_cli.layout import MapView, nice_above
 from usvauv_cli.shapes import Glaze
@@ -25,10 +25,16 @@ class SeaSurface:
         limit: elevation (m) of the colour scale's ends, ±, reached by one place in a hundred; 0 for a flat sea.
     """
 
-    def __init__(self, surface: np.ndarray, view: MapView) -> None:
-        """`surface` (T, Y, X) m with row 0 in the south, or empty for a flat sea."""
+    def __init__(self, surface: np.ndarray, view: MapView, pixels: int = RELIEF_PIXELS) -> None:
+        """
+        Args:
+            surface: what the scales are fitted to, (T, Y, X) m with row 0 in the south, or empty for a flat sea.
+            view: the map.
+            pixels: most pixels a side that are shaded before enlarging.
+        """
         self._surface = surface
         self._view = view
+        self._pixels = pixels
         self.limit = 0.0
         highest = float(np.abs(surface).max()) if surface.size else 0.0
         if highest < 1e-3:
@@ -44,7 +50,7 @@ class SeaSurface:
     def _small(self, field: np.ndarray) -> np.ndarray:
         """The field with the north on top, at the resolution it is shaded at."""
         area = self._view.rectangle
-        shrink = min(1.0, RELIEF_PIXELS / max(area.width, area.height))
+        shrink = min(1.0, self._pixels / max(area.width, area.height))
         shape = max(2, round(area.width * shrink)), max(2, round(area.height * shrink))
         field = np.flipud(field).astype(np.float32)
         if shape[0] >= field.shape[1] or shape[1] >= field.shape[0]:
@@ -64,15 +70,21 @@ class SeaSurface:
         if self.limit == 0.0:
             region[:] = style.SEA[2]
             return
-        field = self._small(self._surface[t])
+        small = self.relief(self._surface[t])
+        region[:] = cv2.resize(small, (region.shape[1], region.shape[0]), interpolation=cv2.INTER_CUBIC)
+
+    def relief(self, field: np.ndarray) -> np.ndarray:
+        """A surface (Y, X) m, row 0 in the south, as a picture with the north on top, at the resolution of shading."""
+        field = self._small(field)
+        if self.limit == 0.0:
+            return np.full((*field.shape, 3), style.SEA[2], np.uint8)
         east, north = self._slopes(field)
         east, north = east * self._steepen, north * self._steepen
         normal_light = LIGHT[2] - LIGHT[0] * east - LIGHT[1] * north
         shade = normal_light / np.sqrt(1.0 + east * east + north * north) / LIGHT[2]
         index = np.clip((field / self.limit + 1.0) * 127.5, 0, 255).astype(np.uint8)
         colours = _COLOURS[index] * np.clip(0.3 + 0.7 * shade, 0.4, 1.4)[:, :, None]
-        small = np.clip(colours, 0, 255).astype(np.uint8)
-        region[:] = cv2.resize(small, (region.shape[1], region.shape[0]), interpolation=cv2.INTER_CUBIC)
+        return np.clip(colours, 0, 255).astype(np.uint8)
 
 
 def colour_scale(width: int, height: int) -> np.ndarray:
@@ -89,50 +101,63 @@ def _colour_table() -> np.ndarray:
 _COLOURS = _colour_table()
 
 
-def current_at(vortex: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Velocity (P, 2) m/s of vortices (V, 4) at points (P, 2) m."""
-    device = runtime.start().device
-    arrays = (torch.from_numpy(np.array(array[None], np.float32)).to(device) for array in (vortex, points))
-    return sample_current(*arrays)[0].cpu().numpy().astype(float)
-
-
 class CurrentStreaks:
     """Particles that drift with the current and draw short tails: a longer tail is a faster current.
 
-    Their paths are followed once; a frame only looks up where each particle is on its path. Every particle lives for
-    `LIVES` tail times and starts again, each at a different moment.
+    A particle starts at its seed and lives for `LIVES` tail times, each born at a different moment. Its path is that in
+    the field as it stands, so where the field changes the picture changes with it, without jumps.
 
     Attributes:
-        fastest: highest speed in the area, m/s. tail: time a tail stands for, s; infinite where there is no current.
+        fastest: highest speed in the area at the start, m/s. tail: time a tail stands for, s; infinite without current.
     """
 
     TAIL_POINTS = 8
     LIVES = 5
 
-    def __init__(self, vortex: np.ndarray, width: float, length: float, view: MapView, unit: float) -> None:
+    def __init__(
+        self, vortex: np.ndarray, stream: np.ndarray, width: float, length: float, view: MapView, unit: float
+    ) -> None:
+        """Vortices (V, 4) at the start, and the real current (rows, columns, 2) m/s, empty for none."""
         rectangle = view.rectangle
         across = max(2, round(rectangle.width / (27 * unit)))
         up = max(2, round(rectangle.height / (27 * unit)))
         jitter = np.random.default_rng(1).uniform(-0.5, 0.5, (up, across, 2))
         grid = np.stack(np.meshgrid(np.arange(across), np.arange(up)), axis=-1)
-        seeds = ((grid + 0.5 + 0.9 * jitter) / (across, up) * (width, length)).reshape(-1, 2)
-        self.fastest = float(np.hypot(*current_at(vortex, seeds).T).max()) if len(vortex) else 0.0
+        self._seeds = ((grid + 0.5 + 0.9 * jitter) / (across, up) * (width, length)).reshape(-1, 2)
+        self._stream = stream if stream.size else np.zeros((2, 2, 2))
+        self._size, self._view = (width, length), view
+        self._vortex = vortex
+        moved = self._follow(1.0, 1)
+        self.fastest = float(np.hypot(*(moved[:, 1] - moved[:, 0]).T).max())
         self.tail = math.inf
         if self.fastest < 1e-3:
             self.fastest = 0.0
             return
         # The fastest tail is 30 px of the design; a weak current is not made to look like a strong one.
         self.tail = 30 * unit / (max(self.fastest, 0.1) * view.per_metre)
-        step = self.tail / self.TAIL_POINTS
-        path = [seeds]
-        for _ in range(self.LIVES * self.TAIL_POINTS):
-            middle = path[-1] + 0.5 * step * current_at(vortex, path[-1])
-            path.append(path[-1] + step * current_at(vortex, middle))
-        self._path = view.pixel(np.stack(path, axis=1))
-        life = (self.LIVES + 1) * self.TAIL_POINTS
-        self._start = np.random.default_rng(2).uniform(0, life, len(seeds))
-        self._life = life
-        self._step = step
+        self._step = self.tail / self.TAIL_POINTS
+        self._life = (self.LIVES + 1) * self.TAIL_POINTS
+        self._start = np.random.default_rng(2).uniform(0, self._life, len(self._seeds))
+        self._path = self._paths()
+
+    def _follow(self, step: float, count: int) -> np.ndarray:
+        """Paths (P, count + 1, 2) from the seeds, m."""
+        device = runtime.start().device
+        vortex, stream, seeds = (
+            torch.from_numpy(np.array(array, np.float32)).to(device)
+            for array in (self._vortex[None], self._stream[None], self._seeds)
+        )
+        return follow(vortex, stream, seeds, level=0, size=self._size, step=step, count=count).cpu().numpy()
+
+    def _paths(self) -> np.ndarray:
+        """Pixels (P, points, 2) of a whole life."""
+        return self._view.pixel(self._follow(self._step, self.LIVES * self.TAIL_POINTS).astype(float))
+
+    def update(self, vortex: np.ndarray) -> None:
+        """Vortices (V, 4) as they are now."""
+        if self.fastest > 0 and not np.array_equal(vortex, self._vortex):
+            self._vortex = vortex
+            self._path = self._paths()
 
     def draw(self, glaze: Glaze, time: float, width: int) -> None:
         """Draw the tails at a time in s."""

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from usvauv_cli import shapes, style
-from usvauv_cli.drawing import Map
-from usvauv_cli.layout import Layout, nice, nice_above
-from usvauv_cli.sea import colour_scale
+from usvauv_cli.layout import Layout, MapView, nice, nice_above
+from usvauv_cli.sea import CurrentStreaks, SeaSurface, colour_scale
 from usvauv_cli.text import text_width, write
 from usvauv_env.scenario import Scenario
+from usvauv_env.sections import Area
 
 
-def draw_surroundings(picture: np.ndarray, scene: Map, layout: Layout, scenario: Scenario) -> None:
-    """Draw them once on the still background."""
-    _axes(picture, scene, layout, scenario)
+class Scene(Protocol):
+    """A map: metres to pixels, and the layers whose scales stand above it."""
+
+    view: MapView
+    surface: SeaSurface
+    streaks: CurrentStreaks
 
 
-def _axes(picture: np.ndarray, scene: Map, layout: Layout, scenario: Scenario) -> None:
-    unit, box, area = layout.unit, layout.map, scenario.area
+def draw_surroundings(picture: np.ndarray, scene: Scene, layout: Layout, area: Area, note: str) -> None:
+    """Draw them once on the still background, with a note below the map if there is room."""
+    unit, box = layout.unit, layout.map
     corners = [(0, 0), (area.width, 0), (area.width, area.length), (0, area.length)]
     frame = scene.view.pixel(np.array(corners, float)) + np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)]) * unit
     shapes.stroke(picture, frame, style.LINE, layout.px(1.5), closed=True)
@@ -35,7 +41,6 @@ def _axes(picture: np.ndarray, scene: Map, layout: Layout, scenario: Scenario) -
     east = "metres east →"
     write(picture, east, (box.right, below), size, style.MUTED, anchor="right")
     room = box.width - text_width(east, size) - _scale_bar(picture, scene, layout, below) - 30 * unit
-    note = _view_note(scenario)
     if text_width(note, size) < room:
         position = box.right - text_width(east, size) - 15 * unit, below
         write(picture, note, position, size, style.MUTED, anchor="right")
@@ -44,12 +49,13 @@ def _axes(picture: np.ndarray, scene: Map, layout: Layout, scenario: Scenario) -
         write(picture, "metres north ↑", (free[0], box.top - 8 * unit), size, style.MUTED)
 
 
-def _view_note(scenario: Scenario) -> str:
+def view_note(scenario: Scenario) -> str:
+    """From where a mission is seen."""
     below = scenario.auv.depth if scenario.auv.separation == "geometry" else scenario.area.depth
     return f"seen from above, AUVs {below:g} m below the boat"
 
 
-def _scale_bar(picture: np.ndarray, scene: Map, layout: Layout, below: float) -> float:
+def _scale_bar(picture: np.ndarray, scene: Scene, layout: Layout, below: float) -> float:
     """Draw it at the left and return its width with its text."""
     unit, box = layout.unit, layout.map
     length = nice(0.25 * box.width / scene.view.per_metre)
@@ -62,7 +68,7 @@ def _scale_bar(picture: np.ndarray, scene: Map, layout: Layout, below: float) ->
     return bar + 8 * unit + text_width(text, 11 * unit)
 
 
-def _scales(picture: np.ndarray, scene: Map, layout: Layout) -> float:
+def _scales(picture: np.ndarray, scene: Scene, layout: Layout) -> float:
     """Above the map, from the right: colours of the sea, speed of the current. Return where they begin."""
     unit, size = layout.unit, 11 * layout.unit
     right, line = layout.map.right, layout.map.top - 8 * unit

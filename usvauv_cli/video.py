@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -22,10 +23,11 @@ from usvauv_cli.layout import Layout
 from usvauv_cli.legend import draw_legend
 from usvauv_cli.panel import Panel
 from usvauv_cli.running import Running
-from usvauv_cli.surroundings import draw_surroundings
+from usvauv_cli.surroundings import draw_surroundings, view_note
 from usvauv_env.trace import Trace
 
 SMALLEST, LARGEST = 320, 7680  # pixels a side
+KEYFRAMES = 250  # from one picture that is stored whole to the next, the encoder's own choice
 
 
 class OutputError(UserError, ValueError):
@@ -63,7 +65,7 @@ class Painter:
         self._still = np.full((height, width, 3), style.BACKGROUND, np.uint8)
         self._picture = np.empty_like(self._still)
         self.map = Map(trace, running, self.layout)
-        draw_surroundings(self._still, self.map, self.layout, trace.scenario)
+        draw_surroundings(self._still, self.map, self.layout, area, view_note(trace.scenario))
         if self.layout.legend:
             draw_legend(self._still, self.layout.legend, self.layout)
         speed_up = fps * trace.scenario.mission.step
@@ -96,14 +98,12 @@ def render(
         OutputError: the file cannot be written, or the size is out of range.
     """
     out = Path(out)
-    width, height = (side - side % 2 for side in size)
-    if not all(SMALLEST <= side <= LARGEST for side in (width, height)):
-        raise OutputError(f"{out}: size {size[0]}x{size[1]}: each side must be from {SMALLEST} to {LARGEST} pixels")
+    width, height = even(size, out)
     frames = len(trace.time)
     if frames == 0:
         raise OutputError(f"{out}: there is nothing to show: the trace has no steps")
     drawing = encoding = 0.0
-    with _one_drawing_thread(), _Encoder(out, width, height, fps) as encoder:
+    with one_drawing_thread(), Encoder(out, width, height, fps) as encoder:
         painter = Painter(trace, (width, height), fps)
         for t in range(frames):
             begin = time.perf_counter()
@@ -116,8 +116,20 @@ def render(
     return VideoSummary(out, frames, (width, height), fps, frames / fps, out.stat().st_size, drawing, encoding)
 
 
+def even(size: tuple[int, int], out: Path) -> tuple[int, int]:
+    """The size as yuv420p can have it.
+
+    Raises:
+        OutputError: it is out of range; the message names the file `out`.
+    """
+    width, height = (side - side % 2 for side in size)
+    if not all(SMALLEST <= side <= LARGEST for side in (width, height)):
+        raise OutputError(f"{out}: size {size[0]}x{size[1]}: each side must be from {SMALLEST} to {LARGEST} pixels")
+    return width, height
+
+
 @contextmanager
-def _one_drawing_thread() -> Iterator[None]:
+def one_drawing_thread() -> Iterator[None]:
     """OpenCV's small shapes gain nothing from threads; the second core is the encoder's."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -128,7 +140,7 @@ def _one_drawing_thread() -> Iterator[None]:
 
 
 @contextmanager
-def _named_error(out: Path) -> Iterator[None]:
+def named_error(out: Path) -> Iterator[None]:
     """What goes wrong while writing, as one line that names the file."""
     try:
         yield
@@ -136,7 +148,7 @@ def _named_error(out: Path) -> Iterator[None]:
         raise OutputError(f"{out}: cannot be written: {error.strerror or error}") from None
 
 
-class _Encoder:
+class Encoder:
     """An MP4 file that appears at its path when it is complete, and not at all after an error or Ctrl-C.
 
     H.264 with the colours of BT.709, as players assume for video of this size; two threads beside the drawing one.
@@ -145,30 +157,21 @@ class _Encoder:
     def __init__(self, out: Path, width: int, height: int, fps: int) -> None:
         self._out = out
         self._partial = out.with_name(out.name + ".partial")
-        with _named_error(out):
+        with named_error(out):
             if out.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             self._partial.touch()  # PyAV would only try with the first packet, many frames later
             self._container = av.open(str(self._partial), "w", format="mp4", options={"movflags": "faststart"})
         self._converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
-        options = {
-            "preset": "veryfast",
-            "crf": "20",
-            "threads": "2",
-            "x264-params": "colorprim=bt709:transfer=bt709:colormatrix=bt709",
-        }
-        self._stream = self._container.add_stream("libx264", rate=fps, options=options)
-        self._stream.width, self._stream.height, self._stream.pix_fmt = width, height, "yuv420p"
+        self._stream = _add_stream(self._container, width, height, fps)
 
-    def __enter__(self) -> _Encoder:
+    def __enter__(self) -> Encoder:
         return self
 
     def add(self, picture: np.ndarray) -> None:
         """Append a picture (height, width, 3) BGR."""
-        frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
-        converted = self._converter.reformat(frame, format="yuv420p", dst_colorspace="ITU709")
-        with _named_error(self._out):
-            self._container.mux(self._stream.encode(converted))
+        with named_error(self._out):
+            self._container.mux(self._stream.encode(_convert(picture, self._converter)))
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
@@ -176,9 +179,47 @@ class _Encoder:
                 with suppress(OSError, av.FFmpegError):  # the first error is the one to report
                     self._container.close()
                 return
-            with _named_error(self._out):
+            with named_error(self._out):
                 self._container.mux(self._stream.encode(None))
                 self._container.close()
                 os.replace(self._partial, self._out)
         finally:
             self._partial.unlink(missing_ok=True)
+
+
+def _add_stream(container: av.container.OutputContainer, width: int, height: int, fps: int) -> av.VideoStream:
+    options = {
+        "preset": "veryfast",
+        "crf": "20",
+        "threads": "2",
+        "x264-params": "colorprim=bt709:transfer=bt709:colormatrix=bt709",
+    }
+    stream = container.add_stream("libx264", rate=fps, options=options)
+    stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+    return stream
+
+
+def _convert(picture: np.ndarray, converter: VideoReformatter) -> av.VideoFrame:
+    frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+    return converter.reformat(frame, format="yuv420p", dst_colorspace="ITU709")
+
+
+def expected_bytes(pictures: list[np.ndarray], frames: int, fps: int) -> int:
+    """Size to expect of a video of so many frames that goes on as its first pictures begin.
+
+    A whole picture comes every `KEYFRAMES` frames; of the others only the changes are stored.
+    """
+    whole, all_of_them = _encoded_bytes(pictures[:1], fps), _encoded_bytes(pictures, fps)
+    change = (all_of_them - whole) / max(len(pictures) - 1, 1)
+    return round(whole + change * (frames - 1) + (whole - change) * ((frames - 1) // KEYFRAMES))
+
+
+def _encoded_bytes(pictures: list[np.ndarray], fps: int) -> int:
+    height, width = pictures[0].shape[:2]
+    memory, converter = io.BytesIO(), VideoReformatter()
+    with av.open(memory, "w", format="mp4") as container:
+        stream = _add_stream(container, width, height, fps)
+        for picture in pictures:
+            container.mux(stream.encode(_convert(picture, converter)))
+        container.mux(stream.encode(None))
+    return memory.getbuffer().nbytes

@@ -26,8 +26,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from kernels import airy
+from kernels.layout import Level
 from usvauv_env.scenario import Scenario
+from usvauv_env.sea import fastest
 from usvauv_env.storm import band
+from usvauv_env.water import mean_depth, real_current
 from usvauv_env.world import World, observation_size
 
 POSITION_BOUND = 2.0  # of the area's diagonal: the area itself spans 1, the rest is for fixes that lie outside it
@@ -59,12 +62,16 @@ def auv_observation_space(scenario: Scenario) -> Box:
 
 def current_bound(scenario: Scenario) -> float:
     """Largest speed of the water at an AUV, m/s: the sum of all vortices' peak speeds, which no superposition exceeds,
-    and six times the rms orbital speed of the storm at cruise depth, exceeded less than once in 10⁸ if Gaussian.
+    the fastest real current, the bound of the long waves, and six times the rms orbital speed of the storm at cruise
+    depth, exceeded less than once in 10⁸ if Gaussian.
     """
     current, storm = scenario.current, scenario.storm
     peak = current.vortices * VORTEX_PEAK * current.circulation_max / current.core_radius_min
+    peak += fastest(scenario)
+    if (flow := real_current(scenario)) is not None:
+        peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
     if storm.spectrum != "none":
-        depth, gravity = scenario.area.depth, scenario.sea.gravity
+        depth, gravity = mean_depth(scenario), scenario.sea.gravity
         omega, S = band(storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, depth, gravity)
         C, _ = airy.decay(airy.wavenumber(omega, depth, gravity), -min(scenario.auv.depth, depth), depth)
         peak += 6 * storm.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S))

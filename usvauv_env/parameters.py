@@ -49,11 +49,9 @@ class UsvStrategy:
         raise ScenarioError(f"usv: {text!r}: allowed are fim, hold:X,Y and centroid")
 
 
-def vertical_separation(scenario: Scenario) -> tuple[float, float]:
-    """Vertical distances from the mean surface to an AUV, and from an AUV to a node, m."""
-    if scenario.auv.separation == "demonstration":
-        return scenario.area.depth, scenario.area.depth
-    return scenario.auv.depth, scenario.area.depth - scenario.auv.depth
+def boat_separation(scenario: Scenario) -> float:
+    """Vertical distance from the mean surface to an AUV as positioning takes it, m."""
+    return scenario.area.depth if scenario.auv.separation == "demonstration" else scenario.auv.depth
 
 
 def data_level(scenario: Scenario) -> float:
@@ -80,14 +78,13 @@ def link_table(scenario: Scenario) -> np.ndarray:
         periods=s.usbl.periods,
         sampling_rate=s.usbl.sampling_rate,
         planner_noise=s.planner.noise,
-        reference_range=vertical_separation(s)[0],
+        reference_range=boat_separation(s),
     )
 
 
 def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int) -> np.ndarray:
     """All numbers of a scenario in the order of `kernels.layout.Parameter`, float32."""
     s = scenario
-    to_boat, to_node = vertical_separation(s)
     numbers = {
         "step": s.mission.step,
         "width": s.area.width,
@@ -108,8 +105,8 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
         "hold_x": strategy.x,
         "hold_y": strategy.y,
         "information_form": fisher.form(s.planner.measurement, s.planner.objective),
-        "separation_boat": to_boat,
-        "separation_node": to_node,
+        "separation_boat": boat_separation(s),
+        "cruise": 0.0 if s.auv.separation == "demonstration" else s.auv.depth,
         "speed_min": s.auv.speed_min,
         "speed_max": s.auv.speed_max,
         "polar": s.auv.action == "polar",
@@ -136,7 +133,7 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
         "weight_service": s.reward.service,
         "weight_power": s.reward.power,
         "weight_collaboration": s.reward.collaboration,
-        "farthest": math.hypot(s.area.diagonal, to_boat),
+        "farthest": math.hypot(s.area.diagonal, boat_separation(s)),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
 

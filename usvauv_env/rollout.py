@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from kernels.layout import AuvColumn, BoatColumn, NodeColumn, RewardTerm
+from kernels.layout import AuvColumn, BoatColumn, Level, NodeColumn, RewardTerm
 from usvauv_env.trace import Trace
 from usvauv_env.world import World
 
@@ -33,10 +33,11 @@ def record(
     """
     steps = steps or world.steps
     auv, boat, node, terms = [], [], [], []
-    fixes, surfaces = [], []
+    fixes, vortices, surfaces = [], [], []
+    kept = world.scenario.current.vortices
     observation = world.reset()
+    stream = world.stream(Level.cruise)
     node_table = world.node.cpu().numpy().copy()
-    vortex = world.vortex[:, : world.scenario.current.vortices].cpu().numpy().copy()
     for done in range(1, steps + 1):
         observation = world.step(act(observation))[0]
         auv.append(world.auv.cpu().numpy().copy())
@@ -44,6 +45,7 @@ def record(
         node.append(world.node[..., NodeColumn.backlog].cpu().numpy().copy())
         terms.append(world.reward_terms.cpu().numpy().copy())
         fixes.append(world.estimate[..., :2].cpu().numpy().copy())
+        vortices.append(world.vortex[:, :kept].cpu().numpy().copy())
         if surface:
             surfaces.append(world.surface(SURFACE_PIXELS))
         on_step(done)
@@ -61,7 +63,6 @@ def record(
         reward_names=RewardTerm.names,
         node_position=node_table[..., NodeColumn.x : NodeColumn.y + 1],
         node_rate=node_table[..., NodeColumn.rate],
-        vortex=vortex,
         time=np.arange(1, steps + 1) * world.scenario.mission.step,
         auv_position=vehicles[..., AuvColumn.x : AuvColumn.y + 1],
         auv_velocity=vehicles[..., AuvColumn.water_x : AuvColumn.water_y + 1],
@@ -80,5 +81,7 @@ def record(
         backlog=np.stack(node),
         overflowing=boats[..., BoatColumn.overflowing].astype(np.int16),
         collisions=boats[..., BoatColumn.collisions].astype(np.int16),
+        vortex=np.stack(vortices),
+        stream=stream,
         surface=np.stack(surfaces) if surface else np.zeros((0, 0, 0), np.float32),
     )

@@ -33,6 +33,7 @@ from usvauv_env.sections import (
     Section,
     Storm,
     Usbl,
+    Water,
 )
 
 
@@ -52,6 +53,7 @@ class Scenario(Section):
     mission: Mission = Field(default_factory=Mission, description="clock of the mission")
     sea: Sea = Field(default_factory=Sea, description="sea surface: shallow-water equations (Eq. 6)")
     storm: Storm = Field(default_factory=Storm, description="short waves upon it: a directional Airy sea")
+    water: Water = Field(default_factory=Water, description="real bed and currents from files")
     current: Current = Field(default_factory=Current, description="current: Lamb–Oseen vortices (Eq. 8)")
     acoustics: Acoustics = Field(default_factory=Acoustics, description="sonar equation of the positioning link")
     usbl: Usbl = Field(default_factory=Usbl, description="ultra-short baseline positioning (Eq. 1)")

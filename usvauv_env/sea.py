@@ -11,9 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kernels.nonlinear import NonlinearShallowWater
 from kernels.shallow_water import ShallowWater
+from usvauv_env.nonlinear_sea import NonlinearSeas
 from usvauv_env.scenario import Scenario
 from usvauv_env.storm import AirySea, build_storm
+from usvauv_env.water import mean_depth, still_depth
 
 RESONANT_GAIN = 10.0  # |1/cos kL| from which a component starts from rest instead of in its steady state
 
@@ -41,44 +44,63 @@ def fine_cells(scenario: Scenario) -> tuple[int, int]:
 
 def build_sea(
     scenario: Scenario, seed: int, num_seas: int, cells: tuple[int, int] | None = None, first: int = 0
-) -> ShallowWater:
+) -> ShallowWater | NonlinearSeas:
     """Seas `first` to `first` + `num_seas` − 1 of a seed at t = 0; `advance` moves them on by `sea.update_interval`.
 
     Args:
-        scenario: its sections `area` and `sea` are used.
+        scenario: its sections `area`, `water` and `sea` are used.
         seed: any non-negative integer.
         num_seas: number of seas.
         cells: (nx, ny); default `coarse_cells`.
         first: index of the first sea.
     """
-    area, sea = scenario.area, scenario.sea
-    solver = ShallowWater(
-        size=(area.width, area.length),
-        cells=cells or coarse_cells(scenario),
-        depth=area.depth,
-        gravity=sea.gravity,
-        drag=sea.drag,
-        forced_edge=sea.forced_edge,
-        num_seas=num_seas,
-        interval=sea.update_interval,
-    )
-    nx, ny = solver.nx, solver.ny
-    eta, u, v = np.zeros((num_seas, ny, nx)), np.zeros((num_seas, ny, nx + 1)), np.zeros((num_seas, ny + 1, nx))
-    waves = []
-    for index in range(num_seas):
-        edge_seed, start_seed = np.random.SeedSequence(seed, spawn_key=(first + index,)).spawn(2)
-        wave = draw_edge_wave(scenario, np.random.Generator(np.random.Philox(edge_seed)))
-        eta[index] = start_elevation(scenario, np.random.Generator(np.random.Philox(start_seed)), nx, ny)
-        add_seiche(scenario, wave, eta[index], u[index], v[index])
-        waves.append(wave)
+    sea = scenario.sea
+    cells = cells or coarse_cells(scenario)
+    depth = still_depth(scenario, cells)
+    size = scenario.area.width, scenario.area.length
+    about = {"size": size, "cells": cells, "interval": sea.update_interval, "gravity": sea.gravity, "drag": sea.drag}
+    drawn = [_draw(scenario, seed, first + index, cells, float(depth[depth > 0].mean())) for index in range(num_seas)]
+    if sea.equations == "nonlinear":
+        solvers = []
+        for wave, eta, u, v in drawn:
+            solver = NonlinearShallowWater(**about, bed=-depth, edges=edges(scenario))
+            solver.set_forcing(wave.amplitude, wave.period, wave.phase)
+            solver.set_state(eta, (u[:, 1:] + u[:, :-1]) / 2, (v[1:] + v[:-1]) / 2)
+            solvers.append(solver)
+        return NonlinearSeas(solvers)
+    about["sponge_width"] = sea.sponge_width if sea.sponge_edges else None
+    solver = ShallowWater(**about, depth=np.maximum(depth, 0), edges=edges(scenario), num_seas=num_seas)
+    waves, eta, u, v = zip(*drawn, strict=True)
     solver.set_forcing(*(np.stack([getattr(w, name) for w in waves]) for name in ("amplitude", "period", "phase")))
-    solver.set_state(eta, u, v)
+    solver.set_state(np.stack(eta), np.stack(u), np.stack(v))
     return solver
+
+
+def edges(scenario: Scenario) -> dict[str, str]:
+    """Kind of each edge that is not a wall, as the solvers name them."""
+    sea = scenario.sea
+    kinds = dict.fromkeys(sea.radiating_edges, "radiating") | dict.fromkeys(sea.sponge_edges, "sponge")
+    if sea.forced_edge != "none":
+        kinds[sea.forced_edge] = "forced" if sea.forcing == "elevation" else "incident"
+    return kinds
+
+
+def _draw(
+    scenario: Scenario, seed: int, index: int, cells: tuple[int, int], depth: float
+) -> tuple[EdgeWave, np.ndarray, np.ndarray, np.ndarray]:
+    """Forcing of one sea, and its start: elevation (ny, nx) and velocities (ny, nx + 1), (ny + 1, nx)."""
+    nx, ny = cells
+    edge_seed, start_seed = np.random.SeedSequence(seed, spawn_key=(index,)).spawn(2)
+    wave = draw_edge_wave(scenario, np.random.Generator(np.random.Philox(edge_seed)))
+    eta = start_elevation(scenario, np.random.Generator(np.random.Philox(start_seed)), nx, ny)
+    u, v = np.zeros((ny, nx + 1)), np.zeros((ny + 1, nx))
+    add_response(scenario, wave, depth, eta, u, v)
+    return wave, eta, u, v
 
 
 def build_short_waves(scenario: Scenario, seed: int, num_seas: int, first: int = 0) -> AirySea:
     """The storm upon the seas of `build_sea`, with velocities at the levels `kernels.layout.Level`."""
-    area, sea, storm, cruise = scenario.area, scenario.sea, scenario.storm, scenario.auv.depth
+    sea, storm, cruise, depth = scenario.sea, scenario.storm, scenario.auv.depth, mean_depth(scenario)
     return build_storm(
         spectrum=storm.spectrum,
         significant_height=storm.significant_height,
@@ -88,9 +110,9 @@ def build_short_waves(scenario: Scenario, seed: int, num_seas: int, first: int =
         spreading=storm.spreading,
         components=storm.components,
         shortest_wave=storm.shortest_wave,
-        depth=area.depth,
+        depth=depth,
         gravity=sea.gravity,
-        levels=(0.0, -min(cruise, area.depth)),
+        levels=(0.0, -min(cruise, depth)),
         seed=seed,
         num_seas=num_seas,
         first=first,
@@ -142,34 +164,42 @@ def start_elevation(scenario: Scenario, random: np.random.Generator, nx: int, ny
     return modes_y @ (share / np.sqrt(np.outer(square_y, square_x))) @ modes_x.T
 
 
-def add_seiche(scenario: Scenario, wave: EdgeWave, eta: np.ndarray, u: np.ndarray, v: np.ndarray) -> None:
-    """Add the steady response of the basin to the edge wave at t = 0 (Eq. 7), so that the forcing sets in smoothly.
+def add_response(
+    scenario: Scenario, wave: EdgeWave, depth: float, eta: np.ndarray, u: np.ndarray, v: np.ndarray
+) -> None:
+    """Add the steady response of the basin to the edge wave at t = 0, so that the forcing sets in smoothly.
 
-    With s the distance from the wall opposite the edge at s = L and Z = a e^{i(ωt + φ)}:
-        η = Re Z cos(ks)/cos(kL),   u_s = Re Z g k sin(ks) / ((iω + r) cos(kL)),   g h k² = ω² − i ω r.
-    Components with |1/cos kL| above `RESONANT_GAIN` start from rest: their steady state is out of reach without drag.
+    With s the distance from the opposite edge, the forced one at s = L, and R = 1 for a wall at s = 0, 0 for an open or
+    absorbing edge:
+        η = Re B (e^{iks} + R e^{−iks}),   u_s = −Re i g k B (e^{iks} − R e^{−iks})/(iω + r),   g h k² = ω² − i ω r,
+    B = Z/(e^{ikL} + R e^{−ikL}) where Z = a e^{iφ} is the elevation at the edge (with R = 1 that is Eq. 7), and
+    B = Z e^{−ikL} where it is the incoming wave there. Components with |1/cos kL| above `RESONANT_GAIN` start from
+    rest: their steady state is out of reach without drag. Over an uneven bed this is the response of the mean depth,
+    and only nearly steady.
 
     Args:
+        depth: h, m.
         eta, u, v: (ny, nx), (ny, nx + 1) and (ny + 1, nx) elevation and face velocities, changed in place.
     """
-    area, sea = scenario.area, scenario.sea
+    sea = scenario.sea
     if sea.forced_edge == "none":
         return
     west_east = sea.forced_edge in ("west", "east")
     backwards = sea.forced_edge in ("west", "south")
-    length = area.width if west_east else area.length
+    length = _fetch(scenario)
     omega = 2 * math.pi / wave.period
-    k = np.sqrt((omega**2 - 1j * omega * sea.drag) / (sea.gravity * area.depth))
-    gain = 1 / np.cos(k * length)
-    Z = np.where(abs(gain) > RESONANT_GAIN, 0.0, gain) * wave.amplitude * np.exp(1j * wave.phase)
+    k, R, at_edge = _response(scenario, omega, depth)
+    B = np.where(abs(at_edge) * RESONANT_GAIN < 2 * R, 0.0, wave.amplitude * np.exp(1j * wave.phase) / at_edge)
 
     cells = eta.shape[1 if west_east else 0]
     centres = (np.arange(cells) + 0.5) * (length / cells)
     faces = np.arange(cells + 1) * (length / cells)
     if backwards:
         centres, faces = length - centres, length - faces
-    elevation = (Z * np.cos(np.outer(centres, k))).real.sum(axis=1)
-    speed = (Z * sea.gravity * k / (1j * omega + sea.drag) * np.sin(np.outer(faces, k))).real.sum(axis=1)
+    there, back = (np.exp(sign * 1j * np.outer(centres, k)) for sign in (1, -1))
+    elevation = (B * (there + R * back)).real.sum(axis=1)
+    there, back = (np.exp(sign * 1j * np.outer(faces, k)) for sign in (1, -1))
+    speed = -(1j * sea.gravity * k * B / (1j * omega + sea.drag) * (there - R * back)).real.sum(axis=1)
     speed = -speed if backwards else speed
     if west_east:
         eta += elevation
@@ -177,3 +207,40 @@ def add_seiche(scenario: Scenario, wave: EdgeWave, eta: np.ndarray, u: np.ndarra
     else:
         eta += elevation[:, None]
         v += speed[:, None]
+
+
+def fastest(scenario: Scenario) -> float:
+    """Bound on the speed of the water in long waves, m/s, except in resonance without drag.
+
+    Forced components in their steady state, all in phase, and the start's modes likewise (by Cauchy and Schwarz), each
+    mode with the speed √(g/h) of a progressive wave of its elevation.
+    """
+    sea, depth = scenario.sea, mean_depth(scenario)
+    start = 2 * sea.start_rms * (sea.start_modes + 1) * math.sqrt(sea.gravity / depth)
+    if sea.forced_edge == "none":
+        return start
+    band = np.linspace(1 / sea.irregular_period_max, 1 / sea.irregular_period_min, 257)
+    gains = []
+    for frequency in (np.array([1 / sea.regular_period]), band):
+        omega = 2 * math.pi * frequency
+        k, R, at_edge = _response(scenario, omega, depth)
+        shape = np.exp(1j * np.outer(np.linspace(0, _fetch(scenario), 65), k))
+        speed = np.abs(sea.gravity * k / ((1j * omega + sea.drag) * at_edge) * (shape - R / shape)).max()
+        gains.append(min(float(speed), RESONANT_GAIN))
+    irregular = sea.irregular_rms * math.sqrt(2 * sea.irregular_components)
+    return start + sea.regular_amplitude * gains[0] + irregular * gains[1]
+
+
+def _fetch(scenario: Scenario) -> float:
+    """Distance from the forced edge to the opposite one, m."""
+    return scenario.area.width if scenario.sea.forced_edge in ("west", "east") else scenario.area.length
+
+
+def _response(scenario: Scenario, omega: np.ndarray, depth: float) -> tuple[np.ndarray, float, np.ndarray]:
+    """Wave number k, reflection R opposite to the forced edge, and Z/B there; see `add_response`."""
+    sea = scenario.sea
+    opposite = {"west": "east", "east": "west", "south": "north", "north": "south"}[sea.forced_edge]
+    R = 0.0 if opposite in (*sea.radiating_edges, *sea.sponge_edges) else 1.0
+    k = np.sqrt((omega**2 - 1j * omega * sea.drag) / (sea.gravity * depth))
+    arriving = np.exp(1j * k * _fetch(scenario))
+    return k, R, arriving if sea.forcing == "incident" else arriving + R / arriving

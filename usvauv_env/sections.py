@@ -6,9 +6,10 @@ All values are SI: metres, seconds, radians, watts, hertz.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from datetime import date, datetime
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 MAX_AUVS = 16
 MAX_NODES = 500
@@ -17,6 +18,7 @@ MAX_VORTICES = 16
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Side = Literal["west", "east", "south", "north"]
 
 
 class Section(BaseModel):
@@ -47,6 +49,9 @@ class Mission(Section):
 class Sea(Section):
     """Shallow-water surface (Eq. 6), its forcing at one edge and its start."""
 
+    equations: Literal["linear", "nonlinear"] = Field(
+        "linear", description="linear long waves, or nonlinear ones with bores and dry shores, which cost far more"
+    )
     cell_size: float = Field(4.0, ge=0.05, le=1000, description="grid spacing while training and evaluating, m")
     fine_cells: int = Field(512, ge=16, le=8192, description="cells along the longer side when simulated live")
     gravity: Positive = Field(9.81, description="gravitational acceleration g, m/s²")
@@ -56,8 +61,17 @@ class Sea(Section):
         16, ge=1, le=4096, description="different seas in a batch; world w sails on sea w modulo this"
     )
     forced_edge: Literal["none", "west", "east", "south", "north"] = Field(
-        "none", description="edge where the elevation is prescribed; all other edges are reflecting walls"
+        "none", description="edge where the elevation is prescribed"
     )
+    forcing: Literal["elevation", "incident"] = Field(
+        "elevation",
+        description="what is prescribed there: the elevation, or the wave that comes in, while others leave",
+    )
+    radiating_edges: tuple[Side, ...] = Field(
+        (), description="edges that long waves leave through; edges not named anywhere are reflecting walls"
+    )
+    sponge_edges: tuple[Side, ...] = Field((), description="edges with a layer in front that absorbs waves")
+    sponge_width: Positive = Field(40.0, description="width of that layer, m")
     regular_amplitude: NonNegative = Field(
         0.0, description="amplitude of the regular wave or tide at the forced edge, m"
     )
@@ -77,6 +91,12 @@ class Sea(Section):
             raise ValueError("irregular_period_max must not be below irregular_period_min")
         if self.forced_edge == "none" and (self.regular_amplitude > 0 or self.irregular_rms > 0):
             raise ValueError("forced_edge must name an edge when regular_amplitude or irregular_rms is above 0")
+        named = (self.forced_edge, *self.radiating_edges, *self.sponge_edges)
+        for side in named:
+            if named.count(side) > 1:
+                raise ValueError(f"forced_edge, radiating_edges and sponge_edges must not name an edge twice: {side}")
+        if self.equations == "nonlinear" and (self.sponge_edges or self.forcing == "incident"):
+            raise ValueError('equations = "nonlinear" must go without sponge_edges and with forcing = "elevation"')
         return self
 
 
@@ -95,6 +115,24 @@ class Storm(Section):
     shortest_wave: Positive = Field(20.0, description="shortest wave length that moves and tilts the boat, m")
 
 
+class Water(Section):
+    """The real bed and the real currents, read from CF-NetCDF files (`usvauv_env.ocean`)."""
+
+    bathymetry: str = Field("", description="file with the depth of the bed; empty: flat at area.depth")
+    currents: str = Field("", description="file with currents, added to the vortices; empty: none")
+    longitude: float = Field(
+        0.0, ge=-180, le=360, description="longitude of the area's south-west corner, degrees east"
+    )
+    latitude: float = Field(0.0, ge=-85, le=85, description="latitude of the area's south-west corner, degrees north")
+    start: str = Field("", description="ISO time at which the mission begins; empty: the first of the file")
+
+    @field_validator("start", mode="before")
+    @classmethod
+    def _as_text(cls, value: Any) -> Any:
+        """TOML has times of its own: an unquoted one is taken as what it says."""
+        return value.isoformat() if isinstance(value, date | datetime) else value
+
+
 class Current(Section):
     """Superposed Lamb–Oseen vortices (Eq. 8)."""
 
@@ -107,6 +145,8 @@ class Current(Section):
     alternate: bool = Field(True, description="draw the sign of Γ at random; false: all turn anticlockwise")
     core_radius_min: Positive = Field(30.0, description="smallest core radius δ, m")
     core_radius_max: Positive = Field(30.0, description="largest core radius δ, m")
+    viscosity: NonNegative = Field(0.0, description="eddy viscosity ν by which cores spread, dδ²/dt = 4ν, m²/s")
+    mutual: bool = Field(False, description="vortices carry one another")
 
     @model_validator(mode="after")
     def _check(self) -> Current:

@@ -21,7 +21,6 @@ from usvauv_env.scenario import Scenario
 DIMENSIONS: dict[str, tuple[str, ...]] = {
     "node_position": ("world", "node", "axis"),
     "node_rate": ("world", "node"),
-    "vortex": ("world", "vortex", "vortex_parameter"),
     "time": ("time",),
     "auv_position": ("time", "world", "auv", "axis"),
     "auv_velocity": ("time", "world", "auv", "axis"),
@@ -40,8 +39,11 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "backlog": ("time", "world", "node"),
     "overflowing": ("time", "world"),
     "collisions": ("time", "world"),
+    "vortex": ("time", "world", "vortex", "vortex_parameter"),
+    "stream": ("stream_y", "stream_x", "axis"),
     "surface": ("time", "y", "x"),
 }
+OPTIONAL = {"stream": (0, 0, 2), "surface": (0, 0, 0)}  # what may be empty, and how that looks
 
 
 class TraceError(UserError, ValueError):
@@ -56,7 +58,6 @@ class Trace:
         scenario, policy, usv, seed: what was run; world w of seed s is episode w.
         reward_names: names of the R reward terms.
         node_position: (W, M, 2) m. node_rate: (W, M) arrivals λ, packets/s.
-        vortex: (W, V, 4) x0 m, y0 m, Γ m²/s, δ m.
         time: (T,) s, at the end of each step.
         auv_position: (T, W, K, 2) true, m. auv_velocity: (T, W, K, 2) through the water, m/s, 0 while hovering.
         fix: (T, W, K, 2) measured position, m. fix_covariance: (T, W, K, 3) predicted xx, xy, yy of its error, m².
@@ -67,6 +68,9 @@ class Trace:
         boat_position, boat_goal: (T, W, 2) m. boat_surface: (T, W, 3) η m and its slopes η_x, η_y.
         backlog: (T, W, M) packets. overflowing: (T, W) nodes that lost packets in this step.
         collisions: (T, W) pairs of AUVs closer than the collision distance.
+        vortex: (T, W, V, 4) x0 m, y0 m, Γ m²/s, δ m.
+        stream: (rows, columns, 2) real current at cruise depth at the start (see `kernels.regular_grid`), m/s; empty
+            when there is none.
         surface: (T, Y, X) elevation of world 0's sea over the area, row 0 in the south, m; empty when not recorded.
     """
 
@@ -77,7 +81,6 @@ class Trace:
     reward_names: tuple[str, ...]
     node_position: np.ndarray
     node_rate: np.ndarray
-    vortex: np.ndarray
     time: np.ndarray
     auv_position: np.ndarray
     auv_velocity: np.ndarray
@@ -96,13 +99,15 @@ class Trace:
     backlog: np.ndarray
     overflowing: np.ndarray
     collisions: np.ndarray
+    vortex: np.ndarray
+    stream: np.ndarray
     surface: np.ndarray
 
     def save(self, path: str | Path) -> None:
         """Write NetCDF-4; the file appears only when it is complete."""
         path = Path(path)
         dataset = xarray.Dataset(
-            {name: (dimensions, getattr(self, name)) for name, dimensions in DIMENSIONS.items() if name != "surface"},
+            {name: (dimensions, getattr(self, name)) for name, dimensions in DIMENSIONS.items() if self._has(name)},
             attrs={
                 "title": "usvauv trace",
                 "scenario": json.dumps(self.scenario.to_dict()),
@@ -112,8 +117,6 @@ class Trace:
                 "reward_names": ",".join(self.reward_names),
             },
         )
-        if self.surface.size:
-            dataset["surface"] = (DIMENSIONS["surface"], self.surface)
         encoding = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars if dataset[name].ndim > 1}
         partial = path.with_name(path.name + ".partial")
         try:
@@ -133,7 +136,8 @@ class Trace:
             with xarray.open_dataset(path, engine="h5netcdf") as dataset:
                 dataset.load()
             arrays = {name: dataset[name].values for name in DIMENSIONS if name in dataset}
-            arrays.setdefault("surface", np.zeros((0, 0, 0), np.float32))
+            for name, shape in OPTIONAL.items():
+                arrays.setdefault(name, np.zeros(shape, np.float32))
             return cls(
                 scenario=Scenario.from_dict(json.loads(dataset.attrs["scenario"]), str(path)),
                 policy=dataset.attrs["policy"],
@@ -144,6 +148,9 @@ class Trace:
             )
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
+
+    def _has(self, name: str) -> bool:
+        return name not in OPTIONAL or getattr(self, name).size > 0
 
     def episode(self, world: int) -> Trace:
         """The same trace for one world only (the world axis stays, with length 1)."""

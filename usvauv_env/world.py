@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from kernels import collection, runtime, start
+from kernels import collection, runtime, start, vortex
 from kernels.layout import MEASURES, AuvColumn, BoatColumn, NodeColumn, RewardTerm
 from usvauv_env.parameters import OBSERVED_CURRENT, UsvStrategy, fixed_vortices, link_table, pack_parameters
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea import build_sea, build_short_waves, fine_cells
+from usvauv_env.water import bed, real_current
 
 MAX_WORLDS = 1 << 22
 STATE = ("auv", "node", "vortex", "boat", "estimate", "observation")
@@ -56,6 +57,7 @@ class World:
 
     Raises:
         ScenarioError: an argument out of range, or an unknown strategy.
+        OceanError: a file of `water` does not serve.
         RuntimeUnavailable: `arch` cannot be used here.
     """
 
@@ -110,6 +112,11 @@ class World:
         self._link = self._upload(link_table(scenario))
         self._arrival_rates = self._upload(np.array(scenario.nodes.arrival_rates, np.float32))
         self._fixed_vortex = self._upload(fixed_vortices(scenario))
+        self._bed = self._upload(bed(scenario))
+        self._flow = real_current(scenario)
+        self._stream = array(2, 2, 2, 2) if self._flow is None else self._upload(self._flow.at(0.0))
+        self._vortices_change = scenario.current.viscosity > 0 or scenario.current.mutual
+        self._room = array(num_worlds, num_vortices, 7)
         self._begin_sea(episode=0)
 
     def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
@@ -150,7 +157,10 @@ class World:
         if self._steps_since_sea % self._sea_interval == 0:
             self.sea.advance()
         self._steps_since_sea += 1
-        self.storm.move_to(self._steps_since_sea * self.scenario.mission.step)
+        self._set_clock()
+        if self._vortices_change:
+            current = self.scenario.current
+            vortex.evolve(self.vortex, self._room, self.scenario.mission.step, current.viscosity, current.mutual)
         collection.step(
             self._parameters,
             self._link,
@@ -191,7 +201,7 @@ class World:
         self._begin_sea(episode)
         self._steps_since_sea = steps
         self.sea.load(state["sea"], state["sea_clock"])
-        self.storm.move_to(steps * self.scenario.mission.step)
+        self._set_clock()
         for name in STATE:
             getattr(self, name).copy_(state[name])
         self._clock.copy_(state["clock"])
@@ -201,7 +211,7 @@ class World:
         return self.auv[..., AuvColumn.power : AuvColumn.fix_error + 1]
 
     def current(self) -> torch.Tensor:
-        """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: vortices and waves."""
+        """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: vortices, real current and storm."""
         return self.auv[..., AuvColumn.current_x : AuvColumn.current_y + 1]
 
     def _begin_sea(self, episode: int) -> None:
@@ -217,17 +227,31 @@ class World:
             self.sea = build_sea(self.scenario, seed, pool)
             self.storm = build_short_waves(self.scenario, seed, pool)
             lane = (torch.arange(self.num_worlds) + self._first_world) % pool
-        lane = lane.to(self.device, torch.int32)
-        self._sea_arguments = (self.sea.eta, self.storm.wave, lane, self.sea.nx, self.sea.ny)
+        self._lane = lane.to(self.device, torch.int32)
+        water = (self.sea.eta, *self.sea.transports, *self.sea.units, self.storm.wave, self._stream, self._bed)
+        self._sea_arguments = (*water, self._lane, self.sea.nx, self.sea.ny)
         self._steps_since_sea = 0
         self._sea_episode = episode
+        self._set_clock()
+
+    def _set_clock(self) -> None:
+        """Bring storm and real current to the time since the seas started."""
+        time = self._steps_since_sea * self.scenario.mission.step
+        self.storm.move_to(time)
+        if self._flow is not None and len(self._flow.times) > 1:
+            # Seas run on where only some worlds are reset; the current then stays as it was at the end of the file.
+            self._stream.copy_(torch.from_numpy(self._flow.at(min(time, self._flow.times[-1]))))
 
     def _upload(self, numbers: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(np.ascontiguousarray(numbers, np.float32)).to(self.device)
 
+    def stream(self, level: int) -> np.ndarray:
+        """Real current on its grid at a `kernels.layout.Level`, (rows, columns, 2), m/s; empty when there is none."""
+        return self._stream[level].cpu().numpy() if self._flow is not None else np.zeros((0, 0, 2), np.float32)
+
     def surface(self, pixels: int) -> np.ndarray:
         """Elevation of world 0's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
-        lane = int(self._sea_arguments[2][0])
+        lane = int(self._lane[0])
         elevation = self.sea.elevation()[lane]
         factor = -(-max(elevation.shape) // pixels)
         rows, columns = (size // factor for size in elevation.shape)

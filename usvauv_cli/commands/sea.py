@@ -1,0 +1,235 @@
+"""`usvauv sea`: the sea of a scenario alone, as a video, as CF-NetCDF or as a figure."""
+
+from __future__ import annotations
+
+import signal
+import statistics
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Protocol
+
+import typer
+
+from kernels.errors import UserError
+from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_least, writable
+from usvauv_cli.commands.simulate import parse_size
+
+if TYPE_CHECKING:
+    from usvauv_env.lone_sea import LoneSea
+
+FIGURES = (".png", ".pdf", ".svg")
+FORMATS = (".mp4", ".nc", *FIGURES)
+SPEED = 2.0  # how many times as fast as it happens a video plays, unless told
+FIGURE_INTERVAL = 0.5  # s; the shortest waves of a storm have periods above 2 s
+TRIAL_RECORDS, TRIAL_SECONDS = 3, 0.5  # least work from which the rest is estimated
+
+
+class Sink(Protocol):
+    """What takes the records: a context, as which its file appears when it ends, and not at all after an error."""
+
+    def __enter__(self) -> Sink: ...
+    def __exit__(self, *problem: object) -> None: ...
+
+    def add(self, sea: LoneSea) -> None:
+        """Take the sea as it is now."""
+
+    def expected_bytes(self, records: int) -> int:
+        """Size to expect of the file with so many records."""
+
+
+def sea(
+    scenario: ScenarioName = "extreme",
+    duration: Annotated[float, typer.Option(help="Seconds of sea.")] = 60.0,
+    resolution: Annotated[
+        float | None, typer.Option(metavar="M", help="Grid spacing, m. Default: the scenario's sea.fine_cells.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Video .mp4, data .nc or figure .png, .pdf, .svg; default usvauv-sea-SCENARIO.mp4."),
+    ] = None,
+    seed: Seed = 0,
+    interval: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds of sea from one frame or record to the next. Default: a video plays at twice the speed; data"
+            " come each sea.update_interval, for a figure each 0.5 s."
+        ),
+    ] = None,
+    fps: Annotated[int | None, typer.Option(help="Frames a second of a video; default 30.")] = None,
+    size: Annotated[
+        str | None, typer.Option(metavar="WxH", help="Frame size of a video in pixels; default 1280x720.")
+    ] = None,
+    arch: Arch = "auto",
+    overrides: Overrides = None,
+) -> None:
+    """Simulate the sea alone: long waves, storm and current, the same that `simulate` of this seed sails on.
+
+    The ending of `--out` says what is made of it:
+
+    **.mp4** a video: map with current, the surface from the side, a section along the waves, the level in the middle;
+
+    **.nc** CF-1.11 NetCDF for xarray, Panoply or ParaView: *elevation* and the long waves' depth-averaged velocity *u*,
+    *v* over (time, y, x), and the current; x is east, y north, times count from the start;
+
+    **.png**, **.pdf**, **.svg** a figure: maps at four times, a section over time, the level in the middle and its
+    spectrum.
+
+    Ctrl-C ends it early and keeps what there is.
+
+    **Examples:**
+
+    `usvauv sea --duration 60 --out storm.mp4`
+
+    `usvauv sea extreme --duration 600 --resolution 2 --out storm.nc --seed 3`
+
+    `usvauv sea --out calm.png --set storm.spectrum=none --set sea.irregular_rms=0.5`
+    """
+    from usvauv_cli import console
+    from usvauv_cli.plot import clock
+    from usvauv_env import Scenario
+    from usvauv_env.lone_sea import LoneSea, cells, first_vortices
+
+    setting = Scenario.load(scenario, overrides or ())
+    out = out or Path(f"usvauv-sea-{setting.name}.mp4")
+    kind = out.suffix.lower()
+    if kind not in FORMATS:
+        raise UserError(f"--out {out}: allowed endings are {', '.join(FORMATS)}")
+    for option, value in (("--fps", fps), ("--size", size)):
+        if value is not None and kind != ".mp4":
+            raise UserError(f"{option} {value}: is for a video, and --out {out} is none")
+    fps, pixels = 30 if fps is None else fps, parse_size(size or "1280x720")
+    at_least("--fps", fps, 1)
+    at_least("--duration", duration, 0.1)
+    if interval is None:
+        interval = {".mp4": SPEED / fps, ".nc": setting.sea.update_interval}.get(kind, FIGURE_INTERVAL)
+    at_least("--interval", interval, 1e-3)
+    if interval > duration:
+        raise UserError(f"--duration {duration:g}: must not be shorter than --interval, {interval:g} s")
+    shape = cells(setting, resolution)
+    writable(out)
+    # Real currents are read for as long as the mission lasts.
+    longer = setting.mission.model_copy(update={"duration": max(setting.mission.duration, duration)})
+    setting = setting.model_copy(update={"mission": longer})
+
+    records = round(duration / interval) + 1
+    water = LoneSea(setting, seed, shape, interval, first_vortices(setting, seed, arch))
+    if duration > water.end:
+        raise UserError(f"--duration {duration:g}: the file of currents ends {water.end:g} s after the start")
+    typer.echo(describe(water, records))
+    if kind == ".mp4":
+        typer.echo(
+            f"{records / fps:.3g} s of video at {fps} frames a second, {fps * interval:g} × the speed of the sea"
+        )
+    begun = time.perf_counter()
+    with stoppable() as stop, sink(out, water, records, pixels, fps) as file:
+        made, pace = trial(water, file, records, stop)
+        expected = file.expected_bytes(records)
+        typer.echo(f"expect about {duration_words((records - made) * pace)} of work and about {size_words(expected)}")
+        with console.progress("solving and writing", records) as advance:
+            advance(made)
+            while made < records and not stop.asked:
+                water.advance()
+                file.add(water)
+                made += 1
+                advance(1)
+    cost = f"{size_words(out.stat().st_size)} in {duration_words(time.perf_counter() - begun)}"
+    typer.echo(f"{ {'.mp4': 'video', '.nc': 'data'}.get(kind, 'figure') }: {out.resolve()} ({cost})")
+    if made < records:
+        typer.echo(f"stopped at {clock(water.time)} of {clock((records - 1) * interval)}; the file holds that much")
+        raise KeyboardInterrupt
+
+
+def describe(water: LoneSea, records: int) -> str:
+    """Grid and steps in two lines."""
+    area, (dx, dy) = water.scenario.area, water.spacing
+    spacing = f"{dx:.3g} m" if abs(dx / dy - 1) < 1e-3 else f"{dx:.3g} × {dy:.3g} m"
+    substeps = getattr(water.long_waves, "substeps", None)  # a solver may choose them as it goes
+    solved = f"in {substeps} of {1e3 * water.interval / substeps:.3g} ms" if substeps else "in as many as it takes"
+    return (
+        f"{water.scenario.name}, seed {water.seed}: {area.width:g} × {area.length:g} m of sea on"
+        f" {len(water.x)} × {len(water.y)} cells of {spacing}\n"
+        f"{(records - 1) * water.interval:g} s in {records - 1} steps of {water.interval:.4g} s, each solved {solved}"
+    )
+
+
+def sink(out: Path, water: LoneSea, records: int, pixels: tuple[int, int], fps: int) -> Sink:
+    """What the ending of the file's name asks for."""
+    kind = out.suffix.lower()
+    if kind == ".nc":
+        from usvauv_env.sea_record import SeaFile
+
+        return SeaFile(out, water)
+    from usvauv_env.lone_sea import survey
+
+    if kind == ".mp4":
+        from usvauv_cli.sea_video import SeaFilm
+
+        expected = survey(water.scenario, water.seed, (records - 1) * water.interval)
+        return SeaFilm(out, water, expected, records, pixels, fps)
+    from usvauv_cli.sea_figure import SeaFigure
+
+    return SeaFigure(out, water, records)
+
+
+@dataclass
+class Stop:
+    """Whether Ctrl-C was pressed."""
+
+    asked: bool = False
+
+
+@contextmanager
+def stoppable() -> Iterator[Stop]:
+    """Let Ctrl-C end the work after the step it falls into; a second one ends it at once. For the main thread only."""
+    stop = Stop()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def ask(*_: object) -> None:
+        stop.asked = True
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, ask)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def trial(water: LoneSea, file: Sink, records: int, stop: Stop) -> tuple[int, float]:
+    """Make the first records; returns how many, and the seconds each further one takes.
+
+    The first two are not timed: kernels are compiled in them.
+    """
+    made, seconds = 0, []
+    while made < records and not stop.asked and not (len(seconds) > TRIAL_RECORDS and sum(seconds) > TRIAL_SECONDS):
+        begun = time.perf_counter()
+        if made:
+            water.advance()
+        file.add(water)
+        made += 1
+        if made > 2:
+            seconds.append(time.perf_counter() - begun)
+    return made, statistics.median(seconds or [0.0])
+
+
+def duration_words(seconds: float) -> str:
+    """A time to two digits, in one unit."""
+    for unit, length in (("h", 3600), ("min", 60)):
+        if seconds >= 1.5 * length:
+            return f"{seconds / length:.2g} {unit}"
+    return f"{max(seconds, 1):.0f} s"
+
+
+def size_words(count: int) -> str:
+    """A size to three digits, in one unit."""
+    for unit, size in (("GB", 1e9), ("MB", 1e6)):
+        if count >= 0.95 * size:
+            return f"{count / size:.3g} {unit}"
+    return f"{max(count / 1e3, 1):.0f} kB"

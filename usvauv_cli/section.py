@@ -1,0 +1,45 @@
+"""A vertical section through the middle of the area, along the waves."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from usvauv_env.scenario import Scenario
+
+POINTS = 241
+INWARDS = {"west": 0.0, "south": math.pi / 2, "east": math.pi, "north": -math.pi / 2}  # from a forced edge
+
+
+def heading(scenario: Scenario) -> float:
+    """Where waves run, rad from east towards north: the storm's mean direction, else from the forced edge inwards."""
+    if scenario.storm.spectrum != "none":
+        return scenario.storm.direction
+    return INWARDS.get(scenario.sea.forced_edge, 0.0)
+
+
+class Section:
+    """The line from A, where waves come in, to B.
+
+    Attributes:
+        ends: A and B, (2, 2) m. length: from A to B, m. distance: of its points from A, (P,) m. points: (P, 2) m.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        area, angle = scenario.area, heading(scenario)
+        self._size = np.array([area.width, area.length])
+        direction = np.array([math.cos(angle), math.sin(angle)])
+        with np.errstate(divide="ignore"):
+            reach = float(np.min(self._size / 2 / np.abs(direction)))
+        self.ends = np.stack([self._size / 2 - reach * direction, self._size / 2 + reach * direction])
+        self.length = 2 * reach
+        self.distance = np.linspace(0, self.length, POINTS)
+        self.points = self.ends[0] + self.distance[:, None] * direction
+
+    def along(self, field: np.ndarray) -> np.ndarray:
+        """A field (Y, X) over the area, row 0 in the south, at the section's points, (P,)."""
+        place = self.points / self._size * (field.shape[1], field.shape[0]) - 0.5
+        place = np.ascontiguousarray(place[None], np.float32)
+        return cv2.remap(field, place, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)

@@ -1,0 +1,302 @@
+"""Reading fields on longitude and latitude lines from CF-NetCDF files: the variable, its axes, its units, its part.
+
+Variables and coordinates are recognised by the attributes that the CF conventions give them, never by their place in
+the file. Only the part that is asked for is read. Source: https://cfconventions.org.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import warnings
+from collections.abc import Hashable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray
+
+from kernels.errors import UserError
+
+AXES = ("time", "depth", "latitude", "longitude")
+VERTICAL_NAMES = ("depth", "depth_below_geoid", "height", "height_above_mean_sea_level", "altitude")
+DEGREES = {
+    "latitude": ("degrees_north", "degree_north", "degrees_n", "degree_n", "degreesn", "degreen"),
+    "longitude": ("degrees_east", "degree_east", "degrees_e", "degree_e", "degreese", "degreee"),
+}
+CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
+METRES = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    **dict.fromkeys(("km", "kilometer", "kilometers", "kilometre", "kilometres"), 1000.0),
+}
+METRES_PER_SECOND = {
+    **dict.fromkeys(("m s-1", "m/s", "m.s-1", "m s^-1", "m s**-1", "m/sec", "meter/sec", "meters/sec"), 1.0),
+    **dict.fromkeys(("meter second-1", "meters second-1", "metre second-1", "meters/second", "metres/second"), 1.0),
+    **dict.fromkeys(("cm s-1", "cm/s", "cm.s-1", "cm/sec"), 0.01),
+    **dict.fromkeys(("knot", "knots", "kt", "kn"), 1852 / 3600),
+}
+
+
+class OceanError(UserError, ValueError):
+    """A file of real water cannot be used; one line names the file, the variable, what is wrong and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One coordinate of a variable.
+
+    Attributes:
+        name, dimension: of the coordinate and its dimension in the file; a single number has the dimension "".
+        values: (N,) rising; degrees, m below the surface, or datetime64.
+        order: (N,) index in the file of each value.
+    """
+
+    name: str
+    dimension: str
+    values: np.ndarray
+    order: np.ndarray
+
+    def part(self, positions: np.ndarray) -> Axis:
+        """The axis at some of its positions."""
+        return Axis(self.name, self.dimension, self.values[positions], self.order[positions])
+
+    def unwrapped(self, centre: float) -> Axis:
+        """Longitudes within 180° of `centre`; a point that the file holds twice, 360° apart, is kept once."""
+        values = self.values - 360 * np.round((self.values - centre) / 360)
+        rank = np.argsort(values)
+        apart = np.diff(values[rank], prepend=-np.inf) > 1e-3 * np.diff(self.values).min()
+        rank = rank[apart]
+        return Axis(self.name, self.dimension, values[rank], self.order[rank])
+
+
+@dataclass(frozen=True)
+class Field:
+    """A variable of an open file with its axes by kind, as in `AXES`; `factor` brings it to SI units."""
+
+    path: str
+    name: str
+    array: xarray.DataArray
+    factor: float
+    axes: dict[str, Axis]
+
+    def read(self, axes: dict[str, Axis]) -> np.ndarray:
+        """Values at parts of its axes: (time, depth, latitude, longitude) float64, NaN where there are none."""
+        kinds = [kind for kind in AXES if kind in self.axes and self.axes[kind].dimension]
+        window = self.array.isel({axes[kind].dimension: axes[kind].order for kind in kinds}).load()
+        values = window.transpose(*(axes[kind].dimension for kind in kinds)).values.astype(np.float64) * self.factor
+        return np.expand_dims(values, tuple(i for i, kind in enumerate(AXES) if kind not in kinds))
+
+
+@contextmanager
+def open_file(path: str | Path) -> Iterator[xarray.Dataset]:
+    """A NetCDF file, its values unread, fill values and packing to be decoded, times not decoded.
+
+    NetCDF-4 is read with h5netcdf, NetCDF-3 with SciPy where it is installed.
+
+    Raises:
+        OceanError: no such file, not NetCDF, or damaged.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            engine = _engine(path, file.read(8))
+    except OSError as error:
+        raise OceanError(f"{path}: cannot be read: {error.strerror}") from None
+    try:
+        # HYCOM's `tau` has the units "hours since analysis", which cannot be decoded: only the time axis itself is.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", xarray.SerializationWarning)  # two different fill values: both are masked
+            dataset = xarray.open_dataset(path, engine=engine, decode_times=False)
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+        raise OceanError(f"{path}: cannot be read: {_first_line(error)}") from None
+    with dataset:
+        try:
+            yield dataset
+        except (OSError, RuntimeError) as error:
+            raise OceanError(f"{path}: damaged: {_first_line(error)}") from None
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [repr(error)])[0]
+
+
+def _engine(path: Path, magic: bytes) -> str:
+    if magic == b"\x89HDF\r\n\x1a\n":
+        return "h5netcdf"
+    if magic[:4] in (b"CDF\x01", b"CDF\x02", b"CDF\x05"):
+        if magic[3] != 5 and importlib.util.find_spec("scipy"):
+            return "scipy"
+        remedy = "converting with `nccopy -k nc4`"
+        if magic[3] != 5:
+            remedy = f"SciPy (pip install scipy) or {remedy}"
+        raise OceanError(f"{path}: a NetCDF-3 file, which needs {remedy}")
+    raise OceanError(f"{path}: not a NetCDF file")
+
+
+def find(dataset: xarray.Dataset, path: str | Path, standard_names: Sequence[str]) -> str | None:
+    """Name of the one variable with one of some standard names; None where there is none."""
+    found = [
+        name for name, variable in dataset.data_vars.items() if variable.attrs.get("standard_name") in standard_names
+    ]
+    if len(found) > 1:
+        one_of = " or ".join(sorted({dataset[name].attrs["standard_name"] for name in found}))
+        raise OceanError(f"{path}: {' and '.join(map(str, found))} both are {one_of}; the file must hold one of them")
+    return str(found[0]) if found else None
+
+
+def field(dataset: xarray.Dataset, path: str | Path, name: str, units: dict[str, float]) -> Field:
+    """A variable with its axes; `units` are those allowed, each with its factor to SI.
+
+    Raises:
+        OceanError: wrong units, a missing, unordered or unknown coordinate, a curvilinear grid.
+    """
+    array = dataset[name]
+    factor = _factor(array, f"{path}: {name}", units)
+    coordinates: list[tuple[str, str, str]] = []  # kind, name, dimension
+    for dimension in array.dims:
+        along = _along(dataset, array, dimension)
+        if along:
+            coordinates += along
+        elif array.sizes[dimension] == 1:
+            array = array.isel({dimension: 0}, drop=True)
+        else:
+            _refuse(dataset, f"{path}: {name}", dimension)
+    # A file cut at one depth or time may keep it as a single number.
+    known = {kind for kind, _, _ in coordinates}
+    single = ((_kind(variable), str(other)) for other, variable in array.coords.items() if variable.ndim == 0)
+    coordinates += [(kind, other, "") for kind, other in single if kind and kind not in known]
+    axes: dict[str, Axis] = {}
+    for kind, coordinate, dimension in coordinates:
+        for other in axes.values():
+            if (other.dimension and other.dimension == dimension) or axes.get(kind) is other:
+                both = f"{other.name} and {coordinate}"
+                raise OceanError(f"{path}: {name}: {both} are both coordinates of one dimension; one is allowed")
+        axes[kind] = _axis(dataset[coordinate], path, kind, dimension)
+    for kind in ("latitude", "longitude"):
+        if kind not in axes:
+            raise OceanError(
+                f"{path}: {name}: has no {kind} coordinate; "
+                f"it must have one with standard_name {kind!r} or units {DEGREES[kind][0]!r}"
+            )
+        if len(axes[kind].values) < 2:
+            raise OceanError(
+                f"{path}: {axes[kind].name}: has one value, {axes[kind].values[0]:g}; at least two are needed"
+            )
+    return Field(str(path), name, array, factor, axes)
+
+
+def _factor(array: xarray.DataArray, where: str, units: dict[str, float]) -> float:
+    given = array.attrs.get("units")
+    if given is None:
+        raise OceanError(f"{where}: has no units; allowed: {', '.join(units)}")
+    factor = units.get(" ".join(str(given).lower().split()))
+    if factor is None:
+        raise OceanError(f"{where}: units {given!r}; allowed: {', '.join(units)}")
+    return factor
+
+
+def _kind(variable: xarray.DataArray) -> str | None:
+    """What a coordinate measures, one of `AXES`, by its standard_name, units, positive and axis attributes."""
+    attributes = variable.attrs
+    standard_name, axis = attributes.get("standard_name"), attributes.get("axis")
+    units = str(attributes.get("units", "")).lower()
+    if standard_name in ("longitude", "latitude", "time"):
+        return standard_name
+    if standard_name in VERTICAL_NAMES:
+        return "depth"
+    for kind, names in DEGREES.items():
+        if units in names:
+            return kind
+    if standard_name is not None:  # anything else is a quantity of its own, such as grid_longitude
+        return None
+    if " since " in units or axis == "T":
+        return "time"
+    if str(attributes.get("positive")).lower() in ("up", "down") or axis == "Z":
+        return "depth"
+    if units in ("degrees", "degree") and axis in ("X", "Y"):
+        return "longitude" if axis == "X" else "latitude"
+    return None
+
+
+def _along(dataset: xarray.Dataset, array: xarray.DataArray, dimension: Hashable) -> list[tuple[str, str, str]]:
+    """Coordinates of one dimension as (kind, name, dimension): its own, or else others that lie on it alone."""
+    if dimension in dataset.variables and (kind := _kind(dataset[dimension])):
+        return [(kind, str(dimension), str(dimension))]
+    on_it = [dataset[name] for name, variable in dataset.variables.items() if variable.dims == (dimension,)]
+    return [(kind, str(other.name), str(dimension)) for other in on_it if (kind := _kind(other))]
+
+
+def _refuse(dataset: xarray.Dataset, where: str, dimension: Hashable) -> None:
+    """Say why a dimension without a known coordinate cannot be used."""
+    for name, variable in dataset.variables.items():
+        if variable.ndim == 2 and dimension in variable.dims and _kind(dataset[name]) in ("latitude", "longitude"):
+            raise OceanError(
+                f"{where}: lies on a curvilinear grid ({name} has dimensions {', '.join(map(str, variable.dims))}); "
+                "allowed: a grid of longitude and latitude lines, so regrid it first"
+            )
+    raise OceanError(
+        f"{where}: dimension {dimension!r} has no coordinate that is a longitude, latitude, depth or time "
+        "by its standard_name, units or axis"
+    )
+
+
+def _axis(variable: xarray.DataArray, path: str | Path, kind: str, dimension: str) -> Axis:
+    where = f"{path}: {variable.name}"
+    if not np.issubdtype(variable.dtype, np.number):
+        raise OceanError(f"{where}: is not numeric but {variable.dtype}")
+    raw = np.atleast_1d(variable.values.astype(np.float64))
+    if not np.isfinite(raw).all():
+        raise OceanError(f"{where}: value {int(np.flatnonzero(~np.isfinite(raw))[0])} is missing; all must be given")
+    if kind == "time":
+        values = _decode_time(raw, variable.attrs, where)
+    elif kind == "depth":
+        values = _decode_depth(raw, variable, where)
+    else:
+        values = _decode_degrees(raw, variable, where, kind)
+    steps = np.diff(values).astype(np.float64)
+    falling = len(steps) > 0 and steps[0] < 0
+    wrong = np.flatnonzero(steps >= 0 if falling else steps <= 0)
+    if len(wrong):
+        before, after = values[wrong[0]], values[wrong[0] + 1]
+        order = "is repeated" if before == after else f"follows {before}"
+        raise OceanError(f"{where}: is not in order: {after} {order}; values must rise or fall throughout")
+    order = np.arange(len(values))[:: -1 if falling else 1]
+    return Axis(str(variable.name), dimension, values[order], order)
+
+
+def _decode_degrees(raw: np.ndarray, variable: xarray.DataArray, where: str, kind: str) -> np.ndarray:
+    allowed = (*DEGREES[kind], "degrees", "degree")
+    units = variable.attrs.get("units")
+    if str(units).lower() not in allowed:
+        raise OceanError(f"{where}: units {units!r}; allowed: {', '.join(allowed)}")
+    limit = 90 if kind == "latitude" else 540
+    if abs(raw).max() > limit:
+        raise OceanError(f"{where}: {raw[abs(raw).argmax()]:g} degrees; allowed: -{limit} to {limit}")
+    return raw
+
+
+def _decode_depth(raw: np.ndarray, variable: xarray.DataArray, where: str) -> np.ndarray:
+    positive = variable.attrs.get("positive")
+    if positive is None:
+        standard_name = variable.attrs.get("standard_name", "")
+        positive = {"depth": "down", "depth_below_geoid": "down", "": "missing"}.get(standard_name, "up")
+    if (positive := str(positive).lower()) not in ("up", "down"):
+        raise OceanError(f"{where}: its attribute positive is {positive!r}; allowed: 'up', 'down'")
+    values = raw * _factor(variable, where, METRES) * (1 if positive == "down" else -1)
+    if values.min() < 0:
+        raise OceanError(f"{where}: {raw[values.argmin()]:g} with positive {positive!r} is above the surface")
+    return values
+
+
+def _decode_time(raw: np.ndarray, attributes: dict, where: str) -> np.ndarray:
+    units, calendar = attributes.get("units"), str(attributes.get("calendar", "standard")).lower()
+    if calendar not in CALENDARS:
+        raise OceanError(f"{where}: calendar {calendar!r}; allowed: {', '.join(CALENDARS)}")
+    coded = xarray.Dataset({"time": ("time", raw, {"units": units, "calendar": calendar})})
+    try:
+        values = xarray.decode_cf(coded)["time"].values
+    except (ValueError, TypeError, OverflowError):
+        values = raw
+    if not np.issubdtype(values.dtype, np.datetime64):
+        raise OceanError(f"{where}: units {units!r}; allowed: such as 'hours since 2000-01-01 00:00:00'")
+    return values.astype("datetime64[ns]")
