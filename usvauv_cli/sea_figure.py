@@ -19,7 +19,7 @@ from usvauv_cli.layout import MapView, Rectangle
 from usvauv_cli.plan_figure import CARD, EDGE, MUTED, TEXT, web
 from usvauv_cli.plot import clock
 from usvauv_cli.sea import SeaSurface
-from usvauv_cli.sea_video import LONG_WAVES, SHADED, paint_land, thumbnail, weather
+from usvauv_cli.sea_video import LONG_WAVES, SHADED, land, thumbnail, weather
 from usvauv_cli.section import Section
 from usvauv_env.lone_sea import LoneSea
 from usvauv_env.scenario import Scenario
@@ -53,10 +53,13 @@ class SeaFigure:
         self._sections: list[np.ndarray] = []
         self._storm: list[float] = []
         self._probes: list[np.ndarray] = []
-        self._rows, self._columns = (
+        rows, columns = (
             np.unique(np.linspace(0, count - 1, PROBES + 2).round().astype(int)[1:-1])
             for count in (len(sea.y), len(sea.x))
         )
+        probed = np.zeros_like(sea.wet)
+        probed[np.ix_(rows, columns)] = True
+        self._at = probed & sea.wet
 
     def add(self, sea: LoneSea) -> None:
         """Take in the sea as it is now."""
@@ -67,7 +70,7 @@ class SeaFigure:
             self._maps.append(self._last)
         self._times.append(sea.time)
         self._sections.append(self._section.along(small).astype(np.float32))
-        self._probes.append(surface.elevation[np.ix_(self._rows, self._columns)].ravel())
+        self._probes.append(surface.elevation[self._at])
         middle = len(sea.y) // 2, len(sea.x) // 2
         self._storm.append((float(surface.elevation[middle]), float(surface.storm[middle])))
 
@@ -97,7 +100,7 @@ class SeaFigure:
         maps = [figure.add_subplot(top[0, place]) for place in range(len(self._maps))]
         for axes, (time, field) in zip(maps, self._maps, strict=True):
             relief = surface.relief(field)
-            paint_land(relief, self._sea)
+            relief[land(self._sea, relief.shape[1], relief.shape[0])] = style.LAND
             self._draw_map(axes, relief)
             axes.set_title(f"t = {clock(time)}", color=TEXT, fontsize=11, loc="left")
             if axes is not maps[0]:

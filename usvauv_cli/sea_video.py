@@ -52,6 +52,9 @@ class SeaPainter:
         self.streaks = CurrentStreaks(sea.vortices, sea.stream(), area.width, area.length, self.view, layout.unit)
         self._streak_step = min(sea.interval, 0.25 * self.streaks.tail)
         self._glaze = Glaze(*layout.map)
+        self._land = land(sea, layout.map.width, layout.map.height)
+        shaded = self.surface.relief(first).shape
+        self._shaded_land = land(sea, shaded[1], shaded[0])
         self._section = Section(scenario)
         self._bounds = np.stack([np.full(len(self._section.distance), edge) for edge in (math.inf, -math.inf)])
         self._highest, self._lowest, self._squares, self._fastest = -math.inf, math.inf, 0.0, 0.0
@@ -104,7 +107,7 @@ class SeaPainter:
         self._measure(sea, surface)
         field = thumbnail(surface.elevation)
         relief = self.surface.relief(field)
-        paint_land(relief, sea)
+        relief[self._shaded_land] = style.LAND
         level = self._section.along(field)
         self._bounds[0] = np.minimum(self._bounds[0], level)
         self._bounds[1] = np.maximum(self._bounds[1], level)
@@ -135,7 +138,7 @@ class SeaPainter:
         self._lowest = min(self._lowest, float(surface.elevation.min(where=sea.wet, initial=math.inf)))
         part = surface.storm if self._storm else surface.elevation
         self._squares += float(np.mean(np.square(part), where=sea.wet, dtype=np.float64))
-        if self._frame == 0 or not sea.steady:
+        if self._frame == 0 or not (sea.steady or self._frame % self._fps):  # once a second of the video
             self._fastest = float(np.hypot(*np.moveaxis(sea.current(), -1, 0)).max())
 
     def figures(self, now: float) -> list[tuple[str, str]]:
@@ -155,9 +158,11 @@ class SeaPainter:
         box.of(picture)[:] = cv2.resize(relief, (box.width, box.height), interpolation=cv2.INTER_CUBIC)
         self._glaze.clear()
         self.streaks.draw(self._glaze, self._frame * self._streak_step, layout.px(1.2))
-        ends = self.view.pixel(self._section.ends)
-        self._glaze.strokes(shapes.dashes(*ends, 6 * layout.unit), style.WHITE, 0.75, layout.px(1.3))
         self._glaze.blend(picture)
+        box.of(picture)[self._land] = style.LAND
+        ends = self.view.pixel(self._section.ends)
+        for piece in shapes.dashes(*ends, 6 * layout.unit):
+            shapes.stroke(picture, piece, style.TEXT, layout.px(1.3))
         along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
         tip, side = ends.mean(axis=0) + 9 * layout.unit * along, np.array([-along[1], along[0]])
         head = [tip, *(tip - (13 * along - turn * 6 * side) * layout.unit for turn in (1, -1))]
@@ -212,12 +217,10 @@ def thumbnail(field: np.ndarray) -> np.ndarray:
     return cv2.resize(field, size, interpolation=cv2.INTER_AREA)
 
 
-def paint_land(relief: np.ndarray, sea: LoneSea) -> None:
-    """Colour the land in a picture of the sea, the north on top."""
-    if not sea.wet.all():
-        size = relief.shape[1], relief.shape[0]
-        land = cv2.resize((~sea.wet[::-1]).astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        relief[land > 0.5] = style.LAND
+def land(sea: LoneSea, width: int, height: int) -> np.ndarray:
+    """Where there is land in a picture of the area, the north on top, (height, width)."""
+    dry = (~sea.wet[::-1]).astype(np.float32)
+    return cv2.resize(dry, (width, height), interpolation=cv2.INTER_AREA) > 0.5
 
 
 def weather(sea: LoneSea) -> str:

@@ -91,7 +91,6 @@ class LoneSea:
         x, y: cell centres (nx,) and (ny,), m.
         depth: still-water depth at cell centres, at most 0 on land, (ny, nx), m. wet: where it is above 0.
         steady: the current does not change with time.
-        end: time from which the current is not known, s.
 
     Raises:
         ScenarioError: the seed is out of range.
@@ -114,8 +113,8 @@ class LoneSea:
         self.wet = self.depth > 0
         self._vortices_change = scenario.current.viscosity > 0 or scenario.current.mutual
         self._flow = real_current(scenario)
-        self.end = float(self._flow.times[-1]) if self._flow and len(self._flow.times) > 1 else math.inf
-        self.steady = not self._vortices_change and self.end == math.inf
+        flow_changes = self._flow is not None and len(self._flow.times) > 1
+        self.steady = not (self._vortices_change or flow_changes)
         paced = scenario.sea.model_copy(update={"update_interval": interval})
         self.long_waves = build_sea(scenario.model_copy(update={"sea": paced}), seed, 1, shape)
         self.storm = build_short_waves(scenario, seed, 1)

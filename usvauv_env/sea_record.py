@@ -9,6 +9,7 @@ from importlib import metadata
 from pathlib import Path
 
 import h5netcdf
+import h5py
 import numpy as np
 
 from usvauv_env.lone_sea import LoneSea
@@ -93,9 +94,9 @@ class SeaFile:
             " Sea Conditions, ICASSP 2025",
             comment="Simulated. x points east and y north of the area's south-west corner. The date is arbitrary: the"
             " first time is the start of the simulation.",
+            seed=str(sea.seed),
             scenario=scenario.to_toml(),
         )
-        self._file.attrs["seed"] = np.array(str(sea.seed).encode("ascii"))
 
     def _lay_out(self, sea: LoneSea) -> None:
         """Dimensions, coordinates with their bounds, and the variables.
@@ -152,6 +153,7 @@ class SeaFile:
 
 
 def _label(place: h5netcdf.File | h5netcdf.Variable, **attributes: str) -> None:
-    """Set attributes as character arrays: ParaView does not read variable-length strings."""
+    """Set attributes as texts of fixed length: ParaView does not read those of variable length."""
     for name, text in attributes.items():
-        place.attrs[name] = np.bytes_(text.encode("utf-8"))
+        encoded = text.encode("utf-8")
+        place.attrs[name] = np.array(encoded, h5py.string_dtype("utf-8", len(encoded)))

@@ -117,8 +117,6 @@ def sea(
 
     records = round(duration / interval) + 1
     water = LoneSea(setting, seed, shape, interval, first_vortices(setting, seed, arch))
-    if duration > water.end:
-        raise UserError(f"--duration {duration:g}: the file of currents ends {water.end:g} s after the start")
     typer.echo(describe(water, records))
     if kind == ".mp4":
         typer.echo(
@@ -148,7 +146,7 @@ def describe(water: LoneSea, records: int) -> str:
     area, (dx, dy) = water.scenario.area, water.spacing
     spacing = f"{dx:.3g} m" if abs(dx / dy - 1) < 1e-3 else f"{dx:.3g} × {dy:.3g} m"
     substeps = getattr(water.long_waves, "substeps", None)  # a solver may choose them as it goes
-    solved = f"in {substeps} of {1e3 * water.interval / substeps:.3g} ms" if substeps else "in as many as it takes"
+    solved = f"in {substeps} of {water.interval / substeps:.3g} s" if substeps else "in as many as it takes"
     return (
         f"{water.scenario.name}, seed {water.seed}: {area.width:g} × {area.length:g} m of sea on"
         f" {len(water.x)} × {len(water.y)} cells of {spacing}\n"
