@@ -44,16 +44,23 @@ def current(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
 
 
 @ti.func
-def carrying(vortex: ti.template(), w: ti.i32, carried: ti.i32) -> vec2:
-    """Velocity (m/s) of the centre of a vortex that the others of its world carry."""
-    V = vec2(0.0, 0.0)
+def carry(vortex: ti.template(), kept: ti.template(), w: ti.i32):
+    """Velocities (m/s) of all centres of a world by the other vortices, into columns 3 and 4 of `kept`.
+
+    Sums are written out: `+=` on an array would be an atomic.
+    """
     for v in range(vortex.shape[1]):
-        dx = vortex[w, carried, 0] - vortex[w, v, 0]
-        dy = vortex[w, carried, 1] - vortex[w, v, 1]
-        delta2 = vortex[w, v, 3] * vortex[w, v, 3] + vortex[w, carried, 3] * vortex[w, carried, 3]
-        rotation = vortex[w, v, 2] / (TWO_PI * delta2) * core_factor((dx * dx + dy * dy) / delta2)
-        V += vec2(-rotation * dy, rotation * dx)  # its own part is 0: it is at no distance
-    return V
+        kept[w, v, 3] = 0.0
+        kept[w, v, 4] = 0.0
+        for other in range(v):
+            dx = vortex[w, v, 0] - vortex[w, other, 0]
+            dy = vortex[w, v, 1] - vortex[w, other, 1]
+            delta2 = vortex[w, v, 3] * vortex[w, v, 3] + vortex[w, other, 3] * vortex[w, other, 3]
+            turn = core_factor((dx * dx + dy * dy) / delta2) / (TWO_PI * delta2)
+            kept[w, v, 3] = kept[w, v, 3] - vortex[w, other, 2] * turn * dy
+            kept[w, v, 4] = kept[w, v, 4] + vortex[w, other, 2] * turn * dx
+            kept[w, other, 3] = kept[w, other, 3] + vortex[w, v, 2] * turn * dy
+            kept[w, other, 4] = kept[w, other, 4] - vortex[w, v, 2] * turn * dx
 
 
 @ti.func
@@ -86,14 +93,12 @@ def _evolve(
             kept[w, v, 6] = 0.0
         if mutual != 0:
             for stage in ti.static(range(4)):
-                for v in range(vortex.shape[1]):
-                    V = carrying(vortex, w, v)
-                    for axis in ti.static(range(2)):
-                        kept[w, v, 3 + axis] = V[axis]
-                        kept[w, v, 5 + axis] += ti.static((1 / 6, 1 / 3, 1 / 3, 1 / 6)[stage]) * V[axis]
+                carry(vortex, kept, w)
+                share = ti.static((1 / 6, 1 / 3, 1 / 3, 1 / 6)[stage])
                 reach = ti.static((0.5, 0.5, 1.0, 0.0)[stage]) * dt
                 for v in range(vortex.shape[1]):
                     for axis in ti.static(range(2)):
+                        kept[w, v, 5 + axis] = kept[w, v, 5 + axis] + share * kept[w, v, 3 + axis]
                         vortex[w, v, axis] = kept[w, v, axis] + reach * kept[w, v, 3 + axis]
                     vortex[w, v, 3] = ti.sqrt(kept[w, v, 2] + 4.0 * viscosity * reach)
         for v in range(vortex.shape[1]):
