@@ -116,7 +116,8 @@ class World:
         self._flow = real_current(scenario)
         self._stream = array(2, 2, 2, 2) if self._flow is None else self._upload(self._flow.at(0.0))
         self._vortices_change = scenario.current.viscosity > 0 or scenario.current.mutual
-        self._room = array(num_worlds, num_vortices, 7)
+        if self._vortices_change:
+            self._room = array(num_worlds, num_vortices, 7)
         self._begin_sea(episode=0)
 
     def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
@@ -211,7 +212,9 @@ class World:
         return self.auv[..., AuvColumn.power : AuvColumn.fix_error + 1]
 
     def current(self) -> torch.Tensor:
-        """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: vortices, real current and storm."""
+        """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: all that `kernels.current` names, and
+        the storm.
+        """
         return self.auv[..., AuvColumn.current_x : AuvColumn.current_y + 1]
 
     def _begin_sea(self, episode: int) -> None:
