@@ -149,14 +149,14 @@ class TestStart:
         world.reset()
         assert torch.equal(world.current(), torch.zeros(8, 2, 2))
 
-    @pytest.mark.parametrize("equations", ["linear", "nonlinear"])
-    def test_long_waves_carry_the_vehicles(self, equations):
+    @pytest.mark.parametrize(("equations", "edge"), [("linear", "east"), ("linear", "north"), ("nonlinear", "north")])
+    def test_long_waves_carry_the_vehicles(self, equations, edge):
         """Without vortices and storm: the solver's own velocity, bilinear between its cells, at AUVs and boat.
 
         Waves of 75 s and more are resolved to a thousandth; the transports are half a substep (0.04 s) old.
         """
         only = ["current.count=0", "storm.spectrum=none", "sea.realisations=2", "sea.start_rms=0"]
-        only.append(f"sea.equations={equations}")
+        only += [f"sea.equations={equations}", f"sea.forced_edge={edge}"]
         world = World(Scenario.load("extreme", [*only, "boat.top_speed=1e-3"]), num_worlds=64, seed=2)
         world.reset()
         for _ in range(20):
