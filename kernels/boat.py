@@ -1,14 +1,14 @@
-"""The boat: where its strategy sends it, how it gets there, how it rides the sea, and the fixes it takes."""
+"""The boat: where its strategy sends it, how it gets there, and how it rides the sea."""
 
 import taichi as ti
 
-from kernels import airy, c_grid, current, fisher, random, usbl
-from kernels.layout import AuvColumn, BoatColumn, Level, Parameter, Strategy, vec2, vec3
+from kernels import airy, c_grid, current, fisher, horizon
+from kernels.layout import BoatColumn, Level, Parameter, Strategy, vec2
 
 
 @ti.func
-def plan(p: ti.template(), link: ti.template(), boat: ti.template(), estimate: ti.template(), w):
-    """The strategy's goal for the boat, from estimated positions only."""
+def destination(p: ti.template(), link: ti.template(), boat: ti.template(), estimate: ti.template(), w) -> vec2:
+    """Where the strategy would have the boat now, however far that is: what all kinds of `fim` have in common."""
     strategy = ti.cast(p[Parameter.strategy], ti.i32)
     goal = vec2(p[Parameter.hold_x], p[Parameter.hold_y])
     num_auvs = estimate.shape[1]
@@ -16,7 +16,7 @@ def plan(p: ti.template(), link: ti.template(), boat: ti.template(), estimate: t
         goal = vec2(0.0, 0.0)
         for k in range(num_auvs):
             goal += vec2(estimate[w, k, 0], estimate[w, k, 1]) / num_auvs
-    elif strategy == Strategy.fim:
+    elif strategy != Strategy.hold:
         best = fisher.plan(
             estimate,
             w,
@@ -29,8 +29,51 @@ def plan(p: ti.template(), link: ti.template(), boat: ti.template(), estimate: t
             p[Parameter.length],
         )
         goal = vec2(best[0], best[1])
+    return goal
+
+
+@ti.func
+def ahead(
+    p: ti.template(), link: ti.template(), boat: ti.template(), estimate: ti.template(), track: ti.template(), w
+) -> vec2:
+    """The goal of `fim-horizon`."""
+    outlook = horizon.Outlook(
+        criterion=ti.cast(p[Parameter.horizon_criterion], ti.i32),
+        attitude_error=p[Parameter.attitude_error],
+        variance=p[Parameter.current_variance],
+        correlation_time=p[Parameter.correlation_time],
+        top_speed=p[Parameter.top_speed],
+        step=p[Parameter.step],
+        steps=ti.cast(p[Parameter.horizon], ti.i32),
+    )
+    here = vec2(boat[w, BoatColumn.x], boat[w, BoatColumn.y])
+    last = vec2(boat[w, BoatColumn.goal_x], boat[w, BoatColumn.goal_y])
+    best = horizon.plan(track, estimate, w, link, outlook, here, last, p[Parameter.width], p[Parameter.length])
+    return vec2(best[0], best[1])
+
+
+@ti.func
+def head_for(p: ti.template(), boat: ti.template(), goal: vec2, w):
+    """Make a place the boat's goal, the nearest point of the area where it is outside."""
     boat[w, BoatColumn.goal_x] = ti.min(ti.max(goal[0], 0.0), p[Parameter.width])
     boat[w, BoatColumn.goal_y] = ti.min(ti.max(goal[1], 0.0), p[Parameter.length])
+
+
+@ti.func
+def plan(
+    p: ti.template(),
+    link: ti.template(),
+    options: ti.template(),
+    boat: ti.template(),
+    estimate: ti.template(),
+    track: ti.template(),
+    w,
+):
+    """Let the strategy choose the boat's goal, from estimated positions only."""
+    if ti.static(options.horizon):
+        head_for(p, boat, ahead(p, link, boat, estimate, track, w), w)
+    else:
+        head_for(p, boat, destination(p, link, boat, estimate, w), w)
 
 
 @ti.func
@@ -47,6 +90,8 @@ def move(p: ti.template(), boat: ti.template(), w):
         wanted *= reach / far
     boat[w, BoatColumn.x] = ti.min(ti.max(x + drift[0] + wanted[0], 0.0), p[Parameter.width])
     boat[w, BoatColumn.y] = ti.min(ti.max(y + drift[1] + wanted[1], 0.0), p[Parameter.length])
+    boat[w, BoatColumn.moved_x] = boat[w, BoatColumn.x] - x
+    boat[w, BoatColumn.moved_y] = boat[w, BoatColumn.y] - y
 
 
 @ti.func
@@ -89,36 +134,3 @@ def ride(
     boat[w, BoatColumn.slope_y] = surface[2] + storm[2]
     boat[w, BoatColumn.current_x] = water[0] + storm[3]
     boat[w, BoatColumn.current_y] = water[1] + storm[4]
-
-
-@ti.func
-def take_fix(
-    p: ti.template(),
-    link: ti.template(),
-    auv: ti.template(),
-    boat: ti.template(),
-    estimate: ti.template(),
-    counter,
-    attitude_counter,
-    key_low,
-    key_high,
-    w,
-    k,
-):
-    """USBL fix of AUV k from the boat on its wave: measured position, its predicted covariance and its true error."""
-    z = -(p[Parameter.separation_boat] + boat[w, BoatColumn.elevation])
-    offset = vec3(auv[w, k, AuvColumn.x] - boat[w, BoatColumn.x], auv[w, k, AuvColumn.y] - boat[w, BoatColumn.y], z)
-    slope = p[Parameter.tilt] * vec2(boat[w, BoatColumn.slope_x], boat[w, BoatColumn.slope_y])
-    noise = random.normals(counter, key_low, key_high)
-    tilt = random.normals(attitude_counter, key_low, key_high)
-    deviation = p[Parameter.attitude_error]
-    measured = usbl.fix(link, k, offset, slope, deviation, vec2(noise[0], noise[1]), noise[2], vec2(tilt[0], tilt[1]))
-    spread = usbl.horizontal_covariance(link, k, offset, slope, deviation, measured[3])
-    estimate[w, k, 0] = boat[w, BoatColumn.x] + measured[0]
-    estimate[w, k, 1] = boat[w, BoatColumn.y] + measured[1]
-    estimate[w, k, 2] = -z
-    auv[w, k, AuvColumn.covariance_xx] = spread[0]
-    auv[w, k, AuvColumn.covariance_xy] = spread[1]
-    auv[w, k, AuvColumn.covariance_yy] = spread[2]
-    error = vec2(measured[0] - offset[0], measured[1] - offset[1])
-    auv[w, k, AuvColumn.fix_error] = error.norm()

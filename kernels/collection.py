@@ -6,12 +6,13 @@ Everything in a world happens in program order inside its iteration and every ra
 
 import taichi as ti
 
-from kernels import acoustics, airy, random, regular_grid, task, vehicle
+from kernels import acoustics, airy, fixes, random, regular_grid, task, vehicle
 from kernels import boat as usv
 from kernels.layout import (
     AuvColumn,
     BoatColumn,
     Draw,
+    EstimateColumn,
     NodeColumn,
     Parameter,
     RewardTerm,
@@ -22,6 +23,7 @@ from kernels.layout import (
     index1,
     index2,
     vec2,
+    vec3,
 )
 
 
@@ -71,6 +73,8 @@ def move_auv(
     current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
     before = distance_to_target(auv, node, w, k)
     closed = 0.0
+    auv[w, k, AuvColumn.moved_x] = 0.0
+    auv[w, k, AuvColumn.moved_y] = 0.0
     auv[w, k, AuvColumn.border] = 0.0
     auv[w, k, AuvColumn.service_rate] = 0.0
     auv[w, k, AuvColumn.delivered] = 0.0
@@ -96,6 +100,8 @@ def move_auv(
         if inside:
             auv[w, k, AuvColumn.x] = moved[0]
             auv[w, k, AuvColumn.y] = moved[1]
+            auv[w, k, AuvColumn.moved_x] = moved[0] - x
+            auv[w, k, AuvColumn.moved_y] = moved[1] - y
         else:
             auv[w, k, AuvColumn.border] = 1.0
         after = distance_to_target(auv, node, w, k)
@@ -156,7 +162,7 @@ def reward(
                 boat[w, BoatColumn.collisions] = boat[w, BoatColumn.collisions] + 1.0
     dx = x - boat[w, BoatColumn.x]
     dy = y - boat[w, BoatColumn.y]
-    slant = ti.sqrt(dx * dx + dy * dy + estimate[w, k, 2] * estimate[w, k, 2])
+    slant = vec3(dx, dy, estimate[w, k, EstimateColumn.separation]).norm()
     served = 0.0
     if auv[w, k, AuvColumn.service_rate] > 0.0:
         served = 1.0
@@ -176,8 +182,10 @@ def reward(
 
 @ti.kernel
 def step(
+    options: ti.template(),
     p: array1,
     link: array2,
+    layers: array2,
     key_low: ti.u32,
     key_high: ti.u32,
     eta: array4,
@@ -198,6 +206,7 @@ def step(
     vortices: array3,
     boat: array2,
     estimate: array3,
+    track: array3,
     observation: array3,
     reward_terms: array3,
     total: array2,
@@ -210,13 +219,13 @@ def step(
         num_auvs = auv.shape[1]
         for k in range(num_auvs):
             move_auv(p, bed, auv, node, reward_terms, w, k, action[w, k, 0], action[w, k, 1])
-        usv.plan(p, link, boat, estimate, w)
+            if ti.static(options.tracker):
+                fixes.predict(p, auv, estimate, track, w, k)
+        usv.plan(p, link, options, boat, estimate, track, w)
         usv.move(p, boat, w)
         usv.ride(p, boat, eta, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices, w)
         for k in range(num_auvs):
-            draw = task.address(p, w, episode, now, Draw.fix, k)
-            attitude_draw = task.address(p, w, episode, now, Draw.attitude, 0)
-            usv.take_fix(p, link, auv, boat, estimate, draw, attitude_draw, key_low, key_high, w, k)
+            fixes.take(p, link, layers, options, auv, boat, estimate, track, episode, now, key_low, key_high, w, k)
         fill_nodes(p, node, boat, key_low, key_high, w, episode, now)
         boat[w, BoatColumn.collisions] = 0.0
         for k in range(num_auvs):
@@ -230,3 +239,5 @@ def step(
                 p, auv, node, boat, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices,
                 estimate, observation, w, k,
             )  # fmt: skip
+            if ti.static(options.tracker):
+                fixes.turn_to_next_step(p, auv, track, episode, now, key_low, key_high, w, k)

@@ -8,7 +8,9 @@ Arrays (float32 unless said): W worlds, K AUVs, M nodes, V vortices.
     node     (W, M, 4)   `NodeColumn`
     vortex   (W, V, 4)   x0, y0, Γ, δ
     boat     (W, B)      `BoatColumn`
-    estimate (W, K, 3)   what the boat knows of each AUV: measured x, y, and the vertical separation
+    estimate (W, K, E)   what the boat knows of each AUV    `EstimateColumn`
+    track    (W, K, T)   where there is a tracker           see `kernels.tracker`
+    layers   (N, 3)      the speed of sound                 see `kernels.rays`
     clock    (W, 2)      int32: episode, mission steps done
     lane     (W,)        int32: which sea of the pool the world sails on
     stream   (L, ., ., 2) real current at `Level`, see `kernels.regular_grid`
@@ -16,6 +18,8 @@ Arrays (float32 unless said): W worlds, K AUVs, M nodes, V vortices.
     U, V     packed transports of the long waves, see `kernels.long_waves`
     wave     (seas, groups, columns, LANES)  the storm's components, see `kernels.airy`; velocities at `Level`
 """
+
+from typing import NamedTuple
 
 import taichi as ti
 
@@ -46,6 +50,15 @@ Parameter = _columns(
     "hold_y",
     "information_form",
     "separation_boat",
+    "sound_speed",
+    "propagates",
+    "latency",
+    "packet_loss",
+    "current_variance",
+    "correlation_time",
+    "current_reading",
+    "horizon",
+    "horizon_criterion",
     "cruise",
     "speed_min",
     "speed_max",
@@ -89,13 +102,19 @@ AuvColumn = _columns(
     "covariance_xx",
     "covariance_xy",
     "covariance_yy",
+    "fix_x",
+    "fix_y",
+    "fix_flags",
+    "moved_x",
+    "moved_y",
     "power",
     "hovering",
     "service_rate",
     "delivered",
     "border",
-    "fix_error",
+    "position_error",
 )
+EstimateColumn = _columns("x", "y", "separation", "covariance_xx", "covariance_xy", "covariance_yy")
 NodeColumn = _columns("x", "y", "rate", "backlog")
 BoatColumn = _columns(
     "x",
@@ -107,15 +126,35 @@ BoatColumn = _columns(
     "slope_y",
     "current_x",
     "current_y",
+    "moved_x",
+    "moved_y",
     "overflowing",
     "collisions",
 )
 RewardTerm = _columns("distance", "border", "overflow", "proximity", "service", "power", "collaboration")
-Strategy = _columns("fim", "hold", "centroid")
+Strategy = _columns("fim", "fim_horizon", "hold", "centroid")
+Refraction = _columns("none", "ignored", "corrected")
 Level = _columns("surface", "cruise")
-Draw = _columns("node", "auv", "vortex", "vortex_sign", "fix", "attitude", "arrival")
+Draw = _columns("node", "auv", "vortex", "vortex_sign", "fix", "attitude", "arrival", "loss", "reading")
 
-MEASURES = AuvColumn.names[AuvColumn.power : AuvColumn.fix_error + 1]
+MEASURES = AuvColumn.names[AuvColumn.power : AuvColumn.position_error + 1]
+
+
+class Options(NamedTuple):
+    """What is compiled into the mission's kernels; what is not chosen costs neither time nor compilation.
+
+    Attributes:
+        waveform: fixes by sampled tones, not by the statistical model.
+        refraction: of `Refraction`: sound goes straight; it bends and the fix ignores that; or the fix corrects it.
+        tracker: the boat tracks its AUVs.
+        horizon: it plans by the tracks to come.
+    """
+
+    waveform: bool = False
+    refraction: int = Refraction.none
+    tracker: bool = False
+    horizon: bool = False
+
 
 vec2 = ti.types.vector(2, ti.f32)
 vec3 = ti.types.vector(3, ti.f32)

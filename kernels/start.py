@@ -2,12 +2,13 @@
 
 import taichi as ti
 
-from kernels import airy, random, task
+from kernels import airy, fixes, random, task
 from kernels import boat as usv
 from kernels.layout import (
     AuvColumn,
     BoatColumn,
     Draw,
+    EstimateColumn,
     NodeColumn,
     Parameter,
     array1,
@@ -25,9 +26,11 @@ START_ATTEMPTS = 256
 
 @ti.kernel
 def begin_episodes(
+    options: ti.template(),
     p: array1,
     arrival_rates: array1,
     link: array2,
+    layers: array2,
     fixed_vortex: array2,
     key_low: ti.u32,
     key_high: ti.u32,
@@ -49,6 +52,7 @@ def begin_episodes(
     vortices: array3,
     boat: array2,
     estimate: array3,
+    track: array3,
     observation: array3,
 ):
     """Begin the next episode of each chosen world: draw its nodes, vortices and AUVs, place the boat, take a first fix.
@@ -108,19 +112,21 @@ def begin_episodes(
                     attempt += 1
                     if attempt == START_ATTEMPTS:
                         searching = False
-                estimate[w, k, 0] = auv[w, k, AuvColumn.x]
-                estimate[w, k, 1] = auv[w, k, AuvColumn.y]
-                estimate[w, k, 2] = p[Parameter.separation_boat]
+                for c in range(estimate.shape[2]):
+                    estimate[w, k, c] = 0.0
+                estimate[w, k, EstimateColumn.x] = auv[w, k, AuvColumn.x]
+                estimate[w, k, EstimateColumn.y] = auv[w, k, AuvColumn.y]
+                estimate[w, k, EstimateColumn.separation] = p[Parameter.separation_boat]
+                if ti.static(options.tracker):
+                    fixes.begin_track(p, estimate, track, w, k)
             for c in range(boat.shape[1]):
                 boat[w, c] = 0.0
-            usv.plan(p, link, boat, estimate, w)
+            usv.head_for(p, boat, usv.destination(p, link, boat, estimate, w), w)
             boat[w, BoatColumn.x] = boat[w, BoatColumn.goal_x]
             boat[w, BoatColumn.y] = boat[w, BoatColumn.goal_y]
             usv.ride(p, boat, eta, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices, w)
             for k in range(auv.shape[1]):
-                counter = task.address(p, w, episode, 0, Draw.fix, k)
-                tilt_counter = task.address(p, w, episode, 0, Draw.attitude, 0)
-                usv.take_fix(p, link, auv, boat, estimate, counter, tilt_counter, key_low, key_high, w, k)
+                fixes.take(p, link, layers, options, auv, boat, estimate, track, episode, 0, key_low, key_high, w, k)
             for k in range(auv.shape[1]):
                 task.choose_target(p, auv, node, estimate, w, k)
             for k in range(auv.shape[1]):
@@ -128,3 +134,5 @@ def begin_episodes(
                     p, auv, node, boat, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices,
                     estimate, observation, w, k,
                 )  # fmt: skip
+                if ti.static(options.tracker):
+                    fixes.turn_to_next_step(p, auv, track, episode, 0, key_low, key_high, w, k)

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from kernels import airy, current, random
-from kernels.layout import AuvColumn, BoatColumn, Level, NodeColumn, Parameter, vec2
+from kernels.layout import AuvColumn, BoatColumn, EstimateColumn, Level, NodeColumn, Parameter, vec2
 
 
 @ti.func
@@ -32,8 +32,8 @@ def choose_target(p: ti.template(), auv: ti.template(), node: ti.template(), est
             if ti.cast(auv[w, j, AuvColumn.target], ti.i32) == i:
                 free = False
         if free:
-            dx = node[w, i, NodeColumn.x] - estimate[w, k, 0]
-            dy = node[w, i, NodeColumn.y] - estimate[w, k, 1]
+            dx = node[w, i, NodeColumn.x] - estimate[w, k, EstimateColumn.x]
+            dy = node[w, i, NodeColumn.y] - estimate[w, k, EstimateColumn.y]
             value = node[w, i, NodeColumn.rate] * node[w, i, NodeColumn.backlog] / p[Parameter.buffer] - p[
                 Parameter.distance_weight
             ] * ti.sqrt(dx * dx + dy * dy)
@@ -72,13 +72,13 @@ def observe(
     The water's velocity at the AUV is kept: it carries the AUV during the coming step.
     """
     scale = 1.0 / p[Parameter.diagonal]
-    x = estimate[w, k, 0]
-    y = estimate[w, k, 1]
+    x = estimate[w, k, EstimateColumn.x]
+    y = estimate[w, k, EstimateColumn.y]
     slot = 0
     for j in range(auv.shape[1]):
         if j != k:
-            observation[w, k, slot] = (estimate[w, j, 0] - x) * scale
-            observation[w, k, slot + 1] = (estimate[w, j, 1] - y) * scale
+            observation[w, k, slot] = (estimate[w, j, EstimateColumn.x] - x) * scale
+            observation[w, k, slot + 1] = (estimate[w, j, EstimateColumn.y] - y) * scale
             slot += 2
     target = ti.cast(auv[w, k, AuvColumn.target], ti.i32)
     observation[w, k, slot] = (node[w, target, NodeColumn.x] - x) * scale

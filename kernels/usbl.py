@@ -9,9 +9,16 @@ slant range S = |r| they measure
 Noise. A tone of N = periods · f_s/f samples in noise of relative amplitude σ_n has the phase variance 2σ_n²/N on one
 hydrophone (Cramér–Rao bound at known frequency: Kay, "Estimation Theory" (1993), §3.11), a difference of two has
 σ² = 4σ_n²/N. σ_n is 10^(−SNR/20), or the demonstration's 10^(−SNR/10), at the SNR of the true slant range. The delay
-is that of a correlator locked to the carrier, variance 2σ_n²/N/(2πf)², plus the sampling grid's T_s²/12, taken as
-Gaussian; an echo's path is travelled twice, which halves the range error. Cycle slips at low SNR are not modelled;
-phase differences wrap into (−π, π] as a real array's would.
+is that of a correlator locked to the carrier: the mean phase of the four hydrophones, of variance σ²/8 and independent
+of both differences, divided by 2πf. An echo's path is travelled twice, which halves the range error.
+
+Validity. With a² = 2/σ², the tone's energy over the noise on one hydrophone, the four hydrophones together measure the
+amplitude R = 2a + 7/(4a) + n (a noncentral χ of 8 degrees of freedom, to 1e-3), and their phases scatter with σ² 2a/R.
+A fix is DETECTED where R² is at least 8 + 4 · PERIOD_ENERGY · periods: above it the correlator's choice among the
+carrier's cycles is right in all but about one of a million fixes and phases are Gaussian, below it one or the other
+fails and no fix should be used. A fix has WRAPPED where a phase difference has left (−π, π], as it can with d near half
+a wavelength or above, and has NO_DEPTH where x̂'² + ŷ'² > Ŝ², as it can near the horizon. It is good where its flags
+are DETECTED and nothing else. `kernels.waveform` measures sampled tones instead, and `docs/positioning.md` compares.
 
 Attitude. The array is tilted by the surface slopes (pitch = atan ∂η/∂x, then roll about the pitched axis; heading is
 known). The fix is rotated back with the attitude measured, which is wrong by a residual error in pitch and roll.
@@ -34,16 +41,26 @@ ABSORPTION = 3  # dB/km
 NOISE_EXPONENT = 4  # σ_n² = 10^(−exponent · SNR/10): 1, or 2 for the demonstration's law
 SAMPLES = 5  # N
 RANGE_PER_PHASE = 6  # c/(2πf), halved for an echo, m/rad
-RANGE_GRID = 7  # standard deviation of the range from the sampling grid, m
+PERIODS = 7  # length of the tone in periods of its carrier
 LEVEL = 8  # the planner's information of one AUV at q = S², 1/m²: ln T = LEVEL − POWER ln(q/S_0²) − DECAY (√q − S_0)
 POWER = 9
 DECAY = 10
 REFERENCE = 11  # S_0, m; where it is near the ranges that occur, no digits of single precision are lost
 COLUMNS = 12
 
+# Bits of a fix's flags.
+DETECTED = 1  # the tone stands out of the noise; the receiver knows
+WRAPPED = 2  # a phase difference left (−π, π]; only the simulation knows, a receiver sees it if one axis alone wraps
+NO_DEPTH = 4  # the direction measured has no real depth; the receiver knows
+NO_RAY = 8  # no direct ray of sound leads from the AUV to the array: nothing is heard
+LOST = 16  # interrogation or reply was lost
+
+PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
+
 vec2 = ti.types.vector(2, ti.f32)
 vec3 = ti.types.vector(3, ti.f32)
 vec4 = ti.types.vector(4, ti.f32)
+vec5 = ti.types.vector(5, ti.f32)
 mat3 = ti.types.matrix(3, 3, ti.f32)
 
 
@@ -100,7 +117,7 @@ def link_table(
         row[NOISE_EXPONENT] = exponent
         row[SAMPLES] = periods * sampling_rate / f
         row[RANGE_PER_PHASE] = sound_speed / (2.0 * math.pi * f) / paths
-        row[RANGE_GRID] = sound_speed / sampling_rate / math.sqrt(12.0) / paths
+        row[PERIODS] = periods
         # T = κ²/(σ² q) with σ² = 4/N · 10^(−exponent · SNR/10) and SNR = SNR(1 m) − paths · (15 log10 S + α S/1000).
         snr = row[SNR_AT_1M] - paths * acoustics.transmission_loss(reference_range, f)
         row[LEVEL] = math.log(row[KAPPA] ** 2 * row[SAMPLES] / 4.0 / reference_range**2)
@@ -122,8 +139,8 @@ def phase_deviation(link: ti.template(), k: ti.i32, S: ti.f32) -> ti.f32:
 @ti.func
 def range_deviation(link: ti.template(), k: ti.i32, sigma: ti.f32) -> ti.f32:
     """Standard deviation (m) of the slant range Ŝ where phase differences have the standard deviation σ (rad)."""
-    delay = link[k, RANGE_PER_PHASE] * sigma * 0.7071067811865476  # one hydrophone has half a difference's variance
-    return ti.sqrt(delay * delay + link[k, RANGE_GRID] * link[k, RANGE_GRID])
+    # A hydrophone's phase has half the variance of a difference, the mean of four a quarter of that.
+    return link[k, RANGE_PER_PHASE] * sigma * 0.3535533905932738
 
 
 @ti.func
@@ -150,38 +167,95 @@ def wrap(phase: ti.f32) -> ti.f32:
 
 
 @ti.func
+def detection_threshold(link: ti.template(), k: ti.i32) -> ti.f32:
+    """Least amplitude R over the noise, all hydrophones together, at which a tone of AUV k counts as detected."""
+    return ti.sqrt(8.0 + 4.0 * PERIOD_ENERGY * link[k, PERIODS])
+
+
+@ti.func
+def measure(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, path: ti.f32, noise: vec4) -> vec5:
+    """What the receiver measures of a tone of AUV k: two phase differences (rad, unwrapped), range (m), amplitude, σ.
+
+    Args:
+        link: link table, (K, COLUMNS).
+        body: direction towards the AUV in the array's frame, a unit vector where sound goes straight.
+        S: slant range, m, which decides how loud the tone is. path: what the delay says it is, m.
+        noise: independent standard normal numbers for the two phases, the range and the amplitude.
+    """
+    sigma = phase_deviation(link, k, S)
+    # A tone that happens to be strong has the better phases. Below any detectable amplitude the law is of no use.
+    strength = 2.8284271247461903 / sigma
+    scatter = sigma * ti.sqrt(strength / ti.max(strength + noise[3], 0.5 * strength))
+    return vec5(
+        link[k, KAPPA] * body[0] + scatter * noise[0],
+        link[k, KAPPA] * body[1] + scatter * noise[1],
+        path + range_deviation(link, k, scatter) * noise[2],
+        strength + 3.5 / strength + noise[3],
+        sigma,
+    )
+
+
+@ti.func
+def located(
+    link: ti.template(),
+    k: ti.i32,
+    true_phase: vec2,
+    phase: vec2,
+    amplitude: ti.f32,
+    axes: mat3,
+    length: ti.f32,
+) -> vec4:
+    """The direction that follows from what was measured, in the world's frame, and the fix's flags.
+
+    Args:
+        link: link table, (K, COLUMNS).
+        true_phase, phase: phase differences (rad) of the true direction, unwrapped, and as measured.
+        amplitude: measured amplitude of the tone over the noise, all hydrophones together.
+        axes: the array's axes as measured, see `array_axes`.
+        length: of the direction; 1 where the speed of sound at the array is the one that κ supposes.
+    """
+    flags = 0
+    if amplitude >= detection_threshold(link, k):
+        flags = flags | DETECTED
+    # What is no wrap is an error within (−π, π): the two differ by a whole turn.
+    if ti.abs(phase - true_phase).max() > math.pi:
+        flags = flags | WRAPPED
+    x = phase[0] / link[k, KAPPA]
+    y = phase[1] / link[k, KAPPA]
+    zz = length * length - x * x - y * y
+    if zz < 0.0:
+        flags = flags | NO_DEPTH
+    r = axes.transpose() @ vec3(x, y, -ti.sqrt(ti.max(zz, 0.0)))
+    return vec4(r[0], r[1], r[2], ti.cast(flags, ti.f32))
+
+
+@ti.func
 def fix(
     link: ti.template(),
     k: ti.i32,
     offset: vec3,
     slope: vec2,
     attitude_error: ti.f32,
-    phase_noise: vec2,
-    range_noise: ti.f32,
+    noise: vec4,
     attitude_noise: vec2,
-) -> vec4:
-    """One fix of AUV k: the estimated offset from boat to AUV (m) and the σ it was drawn with (rad).
+) -> vec5:
+    """One fix of AUV k where sound goes straight: the estimated offset from boat to AUV (m), σ (rad), and the flags.
 
     Args:
         link: link table, (K, COLUMNS).
         offset: true position of the AUV minus that of the wave-borne boat, m; below the boat z is negative.
         slope: surface slopes (∂η/∂x, ∂η/∂y) under the boat; zero for an array that stays level.
         attitude_error: standard deviation of the error left in measured pitch and roll, rad.
-        phase_noise, range_noise, attitude_noise: independent standard normal numbers.
+        noise: as in `measure`. attitude_noise: of pitch and roll, likewise.
     """
     S = ti.max(offset.norm(), 1e-3)
-    sigma = phase_deviation(link, k, S)
     angles = attitude(slope)
-    body = array_axes(angles) @ offset
-    kappa = link[k, KAPPA]
-    phase_x = wrap(kappa * body[0] / S + sigma * phase_noise[0])
-    phase_y = wrap(kappa * body[1] / S + sigma * phase_noise[1])
-    S_measured = S + range_deviation(link, k, sigma) * range_noise
-    x = S_measured * phase_x / kappa
-    y = S_measured * phase_y / kappa
-    z = -ti.sqrt(ti.max(S_measured * S_measured - x * x - y * y, 0.0))
-    estimate = array_axes(angles + attitude_error * attitude_noise).transpose() @ vec3(x, y, z)
-    return vec4(estimate[0], estimate[1], estimate[2], sigma)
+    body = array_axes(angles) @ offset / S
+    heard = measure(link, k, body, S, S, noise)
+    axes = array_axes(angles + attitude_error * attitude_noise)
+    true_phase = link[k, KAPPA] * vec2(body[0], body[1])
+    found = located(link, k, true_phase, vec2(wrap(heard[0]), wrap(heard[1])), heard[3], axes, 1.0)
+    return vec5(heard[2] * found[0], heard[2] * found[1], heard[2] * found[2], heard[4], found[3])
 
 
 @ti.func
@@ -227,19 +301,52 @@ def _fixes(
     noise: ti.types.ndarray(dtype=ti.f32, ndim=2),
     estimate: ti.types.ndarray(dtype=ti.f32, ndim=2),
     covariance: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    flags: ti.types.ndarray(dtype=ti.i32, ndim=1),
 ):
     for i in range(offset.shape[0]):
         r = vec3(offset[i, 0], offset[i, 1], offset[i, 2])
         s = vec2(slope[i, 0], slope[i, 1])
         k = auv[i]
-        f = fix(
-            link, k, r, s, attitude_error, vec2(noise[i, 0], noise[i, 1]), noise[i, 2], vec2(noise[i, 3], noise[i, 4])
-        )
+        signal = vec4(noise[i, 0], noise[i, 1], noise[i, 2], 0.0)
+        if noise.shape[1] > 5:
+            signal[3] = noise[i, 5]
+        f = fix(link, k, r, s, attitude_error, signal, vec2(noise[i, 3], noise[i, 4]))
         C = horizontal_covariance(link, k, r, s, attitude_error, f[3])
         for j in ti.static(range(4)):
             estimate[i, j] = f[j]
         for j in ti.static(range(3)):
             covariance[i, j] = C[j]
+        flags[i] = ti.cast(f[4], ti.i32)
+
+
+def flagged_fixes(
+    link: torch.Tensor,
+    auv: torch.Tensor,
+    offset: torch.Tensor,
+    slope: torch.Tensor,
+    attitude_error: float,
+    noise: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Many fixes at once, for tests, tables and benchmarks.
+
+    Args:
+        link: (K, COLUMNS) float32, from `link_table`.
+        auv: (n,) int32, which row of the table each fix uses.
+        offset: (n, 3) float32, true offset from boat to AUV, m.
+        slope: (n, 2) float32, surface slopes.
+        attitude_error: rad.
+        noise: (n, 6) float32 standard normal numbers: two phases, range, pitch, roll, amplitude; with (n, 5) every tone
+            has its expected amplitude.
+
+    Returns:
+        (n, 4) estimated offset (m) and σ (rad); (n, 3) predicted horizontal covariance (xx, xy, yy), m²; (n,) int32
+        flags, see DETECTED, WRAPPED and NO_DEPTH.
+    """
+    estimate = torch.empty((offset.shape[0], 4), dtype=torch.float32, device=offset.device)
+    covariance = torch.empty((offset.shape[0], 3), dtype=torch.float32, device=offset.device)
+    flags = torch.empty(offset.shape[0], dtype=torch.int32, device=offset.device)
+    _fixes(link, auv, offset, slope, attitude_error, noise, estimate, covariance, flags)
+    return estimate, covariance, flags
 
 
 def fixes(
@@ -250,20 +357,5 @@ def fixes(
     attitude_error: float,
     noise: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Many fixes at once, for tests, tables and benchmarks.
-
-    Args:
-        link: (K, COLUMNS) float32, from `link_table`.
-        auv: (n,) int32, which row of the table each fix uses.
-        offset: (n, 3) float32, true offset from boat to AUV, m.
-        slope: (n, 2) float32, surface slopes.
-        attitude_error: rad.
-        noise: (n, 5) float32 standard normal numbers: two phases, range, pitch, roll.
-
-    Returns:
-        (n, 4) estimated offset (m) and σ (rad); (n, 3) predicted horizontal covariance (xx, xy, yy), m².
-    """
-    estimate = torch.empty((offset.shape[0], 4), dtype=torch.float32, device=offset.device)
-    covariance = torch.empty((offset.shape[0], 3), dtype=torch.float32, device=offset.device)
-    _fixes(link, auv, offset, slope, attitude_error, noise, estimate, covariance)
-    return estimate, covariance
+    """`flagged_fixes` without the flags."""
+    return flagged_fixes(link, auv, offset, slope, attitude_error, noise)[:2]

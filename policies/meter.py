@@ -33,7 +33,7 @@ class Meter:
         self.rows += 1
 
     def figures(self) -> dict:
-        """arps, sdr, ec, services, border, fix_error; reward: each term, mean per step summed over AUVs; learner."""
+        """arps, sdr, ec, services, border, position_error; reward: each term of a step, summed over AUVs; learner."""
         world = self.world
         world_steps = max(self.rows, 1) * world.num_worlds
         episodes = world_steps / world.steps
@@ -47,7 +47,7 @@ class Meter:
             "ec": sums["power"] / max(auv_steps - sums["hovering"], 1.0),
             "services": int(self.services) / episodes,
             "border": sums["border"] / episodes,
-            "fix_error": sums["fix_error"] / auv_steps,
+            "position_error": sums["position_error"] / auv_steps,
             "reward": dict(zip(world.reward_names, terms, strict=True)),
             "learner": {name: float(torch.stack([loss[name] for loss in self.losses]).mean()) for name in names},
         }

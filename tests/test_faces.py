@@ -327,9 +327,9 @@ class TestSpaces:
         assert 0.3 * bound < speed.max() < bound
 
     def test_wild_fixes_are_clamped(self):
-        """Twenty kilometres from an AUV the link carries nothing: fixes scatter far outside the area."""
-        far = ["area.width=20000", "area.length=20000", "sea.cell_size=1000", "usbl.spacing=0.005"]
-        scenario = Scenario.load("extreme", far)
+        """An attitude error of half a radian five kilometres above the AUVs: fixes scatter far outside the area."""
+        deep = ["area.depth=6000", "auv.depth=5000", "usbl.attitude_error=0.5", "acoustics.source_level=260"]
+        scenario = Scenario.load("extreme", deep)
         envs = gymnasium.make_vec(NAME, num_envs=16, scenario=scenario, usv="hold:0,0")
         observation, _ = envs.reset(seed=1)
         assert envs.world.observation.abs().max() > 2

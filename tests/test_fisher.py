@@ -291,7 +291,7 @@ class TestBound:
             d, z = (auvs[k, :2] - boat).double().cpu(), auvs[k, 2].item()
             S = math.hypot(d.norm().item(), z)
             s = sigma(2, [S, S])[k].item()
-            range_error = math.hypot(link[k, usbl.RANGE_PER_PHASE] * s / math.sqrt(2), link[k, usbl.RANGE_GRID])
+            range_error = link[k, usbl.RANGE_PER_PHASE] * s / math.sqrt(8)
             assert (range_error * d.norm() / S) ** 2 < 1e-6 * (S * s / link[k, usbl.KAPPA]) ** 2
 
 

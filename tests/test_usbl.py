@@ -1,4 +1,7 @@
-"""USBL fixes: the noise of a sampled tone, exact geometry, covariance as predicted, tilt and attitude error."""
+"""USBL fixes: the noise of a sampled tone, exact geometry, covariance as predicted, tilt and attitude error, validity.
+
+The same against tones as they are sampled is in `test_waveform.py`.
+"""
 
 import math
 
@@ -6,8 +9,9 @@ import numpy as np
 import pytest
 import taichi as ti
 import torch
+from scipy import stats
 
-from kernels import acoustics, runtime, usbl
+from kernels import acoustics, runtime, usbl, validity
 
 CARRIERS = (15000.0, 18000.0)
 LEVEL = (0.0, 0.0)
@@ -67,10 +71,10 @@ class TestNoise:
 
     @pytest.mark.parametrize(("path", "paths"), [("echo", 2), ("transponder", 1)])
     def test_range_error(self, device, path, paths):
-        """The delay's error at the carrier's phase and the sampling grid; an echo halves both."""
-        error, sigma, _ = fixes(device, (0.0, 0.0, -100.0), noise=torch.tensor([[0.0, 0, 1000, 0, 0]]), path=path)
-        delay = math.hypot(sigma / math.sqrt(2) / (2 * math.pi * CARRIERS[0]), 1 / 2.016e6 / math.sqrt(12))
-        assert -error[0, 2] / 1000 == pytest.approx(1500 * delay / paths, rel=1e-3)
+        """The delay is the mean phase of four hydrophones, half as noisy as one; an echo halves the range error."""
+        error, sigma, _ = fixes(device, (0.0, 0.0, -100.0), noise=torch.tensor([[0.0, 0, 1e5, 0, 0]]), path=path)
+        delay = sigma / math.sqrt(2) / math.sqrt(4) / (2 * math.pi * CARRIERS[0])
+        assert -error[0, 2] / 1e5 == pytest.approx(1500 * delay / paths, rel=1e-3)
 
     def test_error_at_100_m_is_near_20_cm(self, device):
         error, _, _ = fixes(device, (0.0, 0.0, -100.0))
@@ -145,6 +149,84 @@ def test_attitude_error_of_a_steep_array_far_to_the_side(device):
     case = {"slope": (0.4, -0.2), "attitude_error": 0.005, "source_level": 200.0}
     error, _, predicted = fixes(device, (-130.0, 90.0, -98.0), **case)
     assert np.abs(np.cov(error[:, :2].T) - predicted).max() < 0.01 * np.trace(predicted)
+
+
+def flagged(device, offset, *, slope=LEVEL, seed=9, **link):
+    """Flags (DRAWS,) of fixes of one geometry, and the two probabilities predicted for it."""
+    table = torch.from_numpy(usbl.link_table(CARRIERS, **link)).to(device)
+    auv = torch.zeros(DRAWS, dtype=torch.int32, device=device)
+    true = torch.tensor(offset, dtype=torch.float32, device=device).expand(DRAWS, 3).contiguous()
+    tilt = torch.tensor(slope, dtype=torch.float32, device=device).expand(DRAWS, 2).contiguous()
+    noise = torch.randn(DRAWS, 6, generator=torch.Generator().manual_seed(seed)).to(device)
+    _, _, flags = usbl.flagged_fixes(table, auv, true, tilt, 0.0, noise)
+    detected, usable = validity.good_probability(table, auv[:1], true[:1], tilt[:1])
+    return flags.cpu().numpy(), detected.item(), usable.item()
+
+
+def p_of_rate(sample, probability):
+    return stats.binomtest(int(sample.sum()), sample.size, min(max(probability, 0.0), 1.0)).pvalue
+
+
+class TestValidity:
+    def test_a_usual_fix_is_good(self, device):
+        flags, detected, usable = flagged(device, (70.0, -45.0, -104.0))
+        assert np.all(flags == usbl.DETECTED)
+        assert (detected, usable) == pytest.approx((1, 1))
+
+    @pytest.mark.parametrize("a", [14.8, 15.5, 15.81, 16.2, 17.0])
+    def test_detection_follows_the_tones_energy(self, device, a):
+        """Four hydrophones' energy over the noise is noncentral χ² of 8 degrees of freedom."""
+        S, f = 100.0, CARRIERS[0]
+        snr = 20 * math.log10(a / math.sqrt(10 * 2.016e6 / f / 2))
+        level = snr + acoustics.transmission_loss(S, f) + acoustics.noise_level(f, 1000.0, 0.5, 0.0)
+        flags, detected, _ = flagged(device, (0.0, 0.0, -S), source_level=level, path="transponder")
+        exact = stats.ncx2.sf(8 + 4 * usbl.PERIOD_ENERGY * 10, 8, 4 * a * a)
+        assert detected == pytest.approx(exact, abs=1e-3)
+        assert abs((flags & usbl.DETECTED > 0).mean() - exact) < 1e-3 + 5 * math.sqrt(0.25 / DRAWS)
+
+    def test_farther_than_the_tone_carries(self, device):
+        """At Table 1's source level an echo is lost between 400 and 800 m."""
+        for range_, all_or_none in ((400.0, True), (800.0, False)):
+            flags, detected, _ = flagged(device, (0.6 * range_, 0.0, -0.8 * range_))
+            assert np.all((flags & usbl.DETECTED > 0) == all_or_none)
+            assert detected == pytest.approx(float(all_or_none), abs=1e-6)
+
+    def test_a_loud_tone_has_the_better_phases(self, device):
+        """Amplitude and phases of one complex Gaussian: σ² falls as 2a/(2a + n)."""
+        noise = torch.zeros(2, 6)
+        noise[:, 0], noise[1, 5] = 1.0, 3.0
+        table = torch.from_numpy(usbl.link_table(CARRIERS, source_level=115.0)).to(device)
+        place = torch.tensor([[0.0, 0.0, -100.0]] * 2, device=device)
+        estimate, _, _ = usbl.flagged_fixes(
+            table, place.new_zeros(2, dtype=torch.int32), place, place.new_zeros(2, 2), 0.0, noise.to(device)
+        )
+        strength = math.sqrt(8) / estimate[0, 3].item()
+        ratio = (estimate[1, 0] / estimate[0, 0]).item()
+        assert ratio == pytest.approx(math.sqrt(strength / (strength + 3)), rel=1e-4)
+
+    @pytest.mark.parametrize(
+        "case",
+        [
+            {"offset": (100.0, 0.0, -3.0)},  # the horizon
+            {"offset": (70.0, 70.0, -12.0), "source_level": 118.0},
+            {"offset": (83.2, 5.0, -55.2), "spacing": 0.06},  # π on one axis
+            {"offset": (69.45, 69.45, -18.8), "spacing": 0.072},  # π on both
+            {"offset": (-70.0, 60.0, -42.2), "slope": (0.3, -0.35)},  # an array tilted towards the horizon
+        ],
+    )
+    def test_wraps_and_directions_without_depth(self, device, case):
+        flags, _, usable = flagged(device, **case)
+        usable_here = flags & (usbl.WRAPPED | usbl.NO_DEPTH) == 0
+        assert 0.02 < usable < 0.98
+        assert p_of_rate(usable_here, usable) > 1e-4
+
+    def test_without_noise_a_wrap_is_what_it_is(self, device):
+        for spacing, wrapped in ((0.033, 0), (0.1, usbl.WRAPPED)):
+            table = torch.from_numpy(usbl.link_table(CARRIERS, spacing=spacing)).to(device)
+            place = torch.tensor([[100.0, 0.0, -100.0]], device=device)
+            none = place.new_zeros(1, 6)
+            _, _, flags = usbl.flagged_fixes(table, none[:, 0].int(), place, place.new_zeros(1, 2), 0.0, none)
+            assert flags.item() == usbl.DETECTED | wrapped
 
 
 class TestLinkTable:

@@ -98,6 +98,9 @@ def synthetic_trace(
         auv_velocity=velocity,
         fix=position + errors,
         fix_covariance=covariance,
+        fix_flags=np.ones(shape, np.uint8),
+        estimate=position + errors,
+        estimate_covariance=covariance,
         target=target,
         hovering=hovering,
         power=np.where(hovering, 105.0, 160.0 + 10 * random.standard_normal(shape)),
@@ -374,10 +377,10 @@ class TestPanel:
     def test_running_series(self):
         trace = synthetic_trace(steps=90)
         running = Running.of(trace)
-        error = np.linalg.norm(trace.fix - trace.auv_position, axis=-1)[:, 0]
-        np.testing.assert_allclose(running.fix_error, error)
+        error = np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)[:, 0]
+        np.testing.assert_allclose(running.position_error, error)
         for t in (0, 10, 29, 30, 80):
-            np.testing.assert_allclose(running.fix_median[t], np.median(error[max(0, t - 29) : t + 1], axis=0))
+            np.testing.assert_allclose(running.error_median[t], np.median(error[max(0, t - 29) : t + 1], axis=0))
         done = trace.service_rate[:, 0] > 0
         np.testing.assert_allclose(running.service_share[done], 1.0)
         assert (running.service_share[trace.hovering[:, 0] == 0] == 0).all()
@@ -412,7 +415,7 @@ class TestPanel:
 
     def test_lens_shows_fixes_where_they_are(self):
         trace = synthetic_trace(steps=5, auvs=1, sea=False, vortices=0)
-        east = replace(trace, fix=trace.auv_position + np.array([0.3, 0.0]))
+        east = replace(trace, estimate=trace.auv_position + np.array([0.3, 0.0]))
         _, painter = paint(east, 4, (1280, 720))
         lenses = painter.panel._lenses
         frame, _ = paint(east, 4, (1280, 720))
@@ -466,7 +469,12 @@ class TestAnyShape:
 
     def test_perfect_fixes_are_drawn(self):
         trace = synthetic_trace(steps=3)
-        perfect = replace(trace, fix=trace.auv_position, fix_covariance=np.zeros_like(trace.fix_covariance))
+        perfect = replace(
+            trace,
+            fix=trace.auv_position,
+            estimate=trace.auv_position,
+            estimate_covariance=np.zeros_like(trace.fix_covariance),
+        )
         frame, _ = paint(perfect, 2)
         assert frame.any()
 

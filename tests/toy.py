@@ -33,7 +33,7 @@ class ToyWorld:
     """
 
     reward_names = ("progress", "service", "effort")
-    measure_names = ("power", "hovering", "service_rate", "delivered", "border", "fix_error")
+    measure_names = ("power", "hovering", "service_rate", "delivered", "border", "position_error")
 
     def __init__(self, toy: Scenario, num_worlds: int, seed: int = 0, terminates: bool = False):
         self.scenario, self.num_worlds, self.num_auvs = toy, num_worlds, toy.auv.count

@@ -128,8 +128,8 @@ class Map:
             share = self._running.service_share[t, auv]
             glyphs.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
         glyphs.auv(picture, position, self._running.heading[t, auv], 29 * layout.unit, colour, layout.zoom)
-        axes = self.view.vector(error_axes(self._trace.fix_covariance[t, 0, auv]))
-        fix = self.view.pixel(self._trace.fix[t, 0, auv])
+        axes = self.view.vector(error_axes(self._trace.estimate_covariance[t, 0, auv]))
+        fix = self.view.pixel(self._trace.estimate[t, 0, auv])
         if np.abs(axes).max() > 2 * layout.unit:
             shapes.stroke(picture, shapes.ellipse_points(fix, axes), colour, layout.px(1), closed=True)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # a smaller error is seen in the lens only

@@ -48,7 +48,7 @@ class Panel:
         return [*fixed, lenses, errors, rest - lenses - errors]
 
     def _plot_errors(self, box: Rectangle, duration: float) -> TimePlot:
-        unit, error = self._layout.unit, self._running.fix_error
+        unit, error = self._layout.unit, self._running.position_error
         low, high = np.quantile(error, (0.03, 0.998))
         low = max(float(low), 1e-9)
         plot = TimePlot(
@@ -65,7 +65,7 @@ class Panel:
         for auv in auvs:
             plot.dots(time, error[:, auv], style.mix(style.CARD, style.auv_colour(auv), 0.45))
         for auv in auvs:
-            plot.curve(time, self._running.fix_median[:, auv], style.auv_colour(auv))
+            plot.curve(time, self._running.error_median[:, auv], style.auv_colour(auv))
         plot.finish()
         return plot
 

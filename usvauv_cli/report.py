@@ -115,7 +115,7 @@ def training_table(figures: dict, yardstick: dict[str, float], title: str) -> Ta
     table.add_row("updates", f"{figures['updates']:,}", "", "")
     evaluation = figures["evaluation"]
     for name in ("arps", "sdr", "ec", "services", "collisions", "border", "position_error_mean"):
-        now = figures.get("fix_error" if name == "position_error_mean" else name)
+        now = figures.get("position_error" if name == "position_error_mean" else name)
         shown = ("" if value is None else f"{value:.2f}" for value in (now, evaluation.get(name), yardstick[name]))
         table.add_row(name, *shown)
     for group in ("reward", "learner"):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usvauv_env.metrics import fix_error
+from usvauv_env.metrics import position_error
 from usvauv_env.trace import Trace
 
 MEDIAN_WINDOW = 30.0  # s
@@ -20,8 +20,8 @@ class Running:
         sdr: (T,) sum of the data rates of all services so far, Mbit/s.
         ec: (T,) mean over AUVs of energy so far/(time − hovering time), W.
         services: (T,) completed so far. delivered: (T,) Mbit so far. full_now: (T,) nodes losing packets in this step.
-        fix_error: (T, K) horizontal distance from the true position to the fix, m.
-        fix_median: (T, K) its median over the last 30 s.
+        position_error: (T, K) horizontal distance from the true position to the estimate, m.
+        error_median: (T, K) its median over the last 30 s.
         heading: (T, K) of the AUVs, boat_heading: (T,) of the boat, anticlockwise from east, rad.
         service_share: (T, K) done part of the service going on, 0 when travelling.
     """
@@ -31,8 +31,8 @@ class Running:
     services: np.ndarray
     delivered: np.ndarray
     full_now: np.ndarray
-    fix_error: np.ndarray
-    fix_median: np.ndarray
+    position_error: np.ndarray
+    error_median: np.ndarray
     heading: np.ndarray
     boat_heading: np.ndarray
     service_share: np.ndarray
@@ -44,7 +44,7 @@ class Running:
         hovering = trace.hovering[:, 0].astype(bool)
         travelled = np.maximum(np.cumsum(~hovering, axis=0), 1)
         travel_power = np.cumsum(trace.power[:, 0].astype(float), axis=0) / travelled
-        error = fix_error(trace)[:, 0].astype(float)
+        error = position_error(trace)[:, 0].astype(float)
         moves = np.diff(trace.boat_position[:, 0].astype(float), axis=0, prepend=trace.boat_position[:1, 0])
         return cls(
             sdr=np.cumsum(rate.sum(axis=1)),
@@ -52,8 +52,8 @@ class Running:
             services=np.cumsum((rate > 0).sum(axis=1)),
             delivered=np.cumsum(trace.delivered[:, 0].astype(float).sum(axis=1)),
             full_now=trace.overflowing[:, 0],
-            fix_error=error,
-            fix_median=_running_median(error, max(1, round(MEDIAN_WINDOW / step))),
+            position_error=error,
+            error_median=_running_median(error, max(1, round(MEDIAN_WINDOW / step))),
             heading=_heading(trace.auv_velocity[:, 0], 1e-3),
             boat_heading=_heading(_smooth(moves[:, None], 5), 0.02 * step)[:, 0],
             service_share=_service_share(hovering, rate > 0),

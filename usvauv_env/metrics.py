@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from kernels.usbl import DETECTED
 from usvauv_env.trace import Trace
 
 
@@ -29,7 +31,8 @@ class EpisodeMetrics:
         energy_wh: energy of all AUVs, Wh.
         overflow: node-steps in which a full buffer lost packets.
         collisions: pair-steps below the collision distance. border: refused moves.
-        position_error_mean, _median, _p95: of |fix − truth| over all AUVs and steps, m.
+        position_error_mean, _median, _p95: of |estimate − truth| over all AUVs and steps, m.
+        fix_error_median: of |fix − truth| over all good fixes, m. fixes_good: share of fixes that were good.
     """
 
     scenario: str
@@ -49,15 +52,17 @@ class EpisodeMetrics:
     position_error_mean: float
     position_error_median: float
     position_error_p95: float
+    fix_error_median: float
+    fixes_good: float
 
 
 COLUMNS = tuple(field.name for field in fields(EpisodeMetrics))
 FIGURES = COLUMNS[5:]
 
 
-def fix_error(trace: Trace) -> np.ndarray:
-    """Distance between measured and true positions, (T, W, K), m."""
-    return np.linalg.norm(trace.fix - trace.auv_position, axis=-1)
+def position_error(trace: Trace) -> np.ndarray:
+    """Distance between estimated and true positions, (T, W, K), m."""
+    return np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)
 
 
 def energy_consumption(power: np.ndarray, hovering: np.ndarray, step: float) -> np.ndarray:
@@ -69,7 +74,9 @@ def energy_consumption(power: np.ndarray, hovering: np.ndarray, step: float) -> 
 def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics]:
     """One row for each world of a trace."""
     step = trace.scenario.mission.step
-    error = fix_error(trace)
+    error = position_error(trace)
+    fix_error = np.linalg.norm(trace.fix - trace.auv_position, axis=-1)
+    good = trace.fix_flags == DETECTED
     ec = energy_consumption(trace.power, trace.hovering, step)
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
     return [
@@ -91,6 +98,8 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             position_error_mean=float(error[:, w].mean()),
             position_error_median=float(np.median(error[:, w])),
             position_error_p95=float(np.quantile(error[:, w], 0.95)),
+            fix_error_median=float(np.median(fix_error[:, w][good[:, w]])) if good[:, w].any() else math.nan,
+            fixes_good=float(good[:, w].mean()),
         )
         for w in range(trace.node_position.shape[0])
     ]

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from kernels import acoustics, fisher, usbl
-from kernels.layout import Parameter, Strategy
+from kernels import acoustics, fisher, horizon, usbl, waveform
+from kernels.layout import Options, Parameter, Refraction, Strategy
 from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.sound_speed import SoundSpeedError, SoundSpeedProfile
+from usvauv_env.tracking import current_model
 
 OBSERVED_CURRENT = {"none": 0, "speed": 1, "vector": 2}
+KINDS = {"fim": "fim", "fim-horizon": "fim_horizon", "centroid": "centroid"}
+LAYER_TOLERANCE = 0.5  # m/s, see `SoundSpeedProfile.thinned`
 
 
 @dataclass(frozen=True)
 class UsvStrategy:
     """How the boat chooses where to go.
 
-    `fim`: maximise the determinant of the Fisher information of the fixes; `hold:X,Y`: stay at a point, m;
-    `centroid`: the mean of the measured AUV positions.
+    `fim`: head for the place that maximises the Fisher information of the fixes; `fim-horizon`: for the
+    one that is best for the tracks over the steps to come; `hold:X,Y`: stay at a point, m; `centroid`: the mean of the
+    estimated AUV positions.
     """
 
     name: str
@@ -35,8 +41,10 @@ class UsvStrategy:
             ScenarioError: unknown strategy, or a point outside the area.
         """
         kind, _, point = text.partition(":")
-        if kind in ("fim", "centroid") and not point:
-            return cls(kind, getattr(Strategy, kind))
+        if kind == "fim-horizon" and not scenario.tracker.enabled:
+            raise ScenarioError("usv: 'fim-horizon' looks ahead along tracks and needs tracker.enabled = true")
+        if kind in KINDS and not point:
+            return cls(kind, getattr(Strategy, KINDS[kind]))
         if kind == "hold":
             try:
                 x, y = (float(part) for part in point.split(","))
@@ -46,7 +54,7 @@ class UsvStrategy:
                 limits = f"[0, {scenario.area.width:g}] × [0, {scenario.area.length:g}]"
                 raise ScenarioError(f"usv: {text!r}: the point must lie in the area {limits}")
             return cls(f"hold:{x:g},{y:g}", Strategy.hold, x, y)
-        raise ScenarioError(f"usv: {text!r}: allowed are fim, hold:X,Y and centroid")
+        raise ScenarioError(f"usv: {text!r}: allowed are {', '.join(KINDS)} and hold:X,Y")
 
 
 def boat_separation(scenario: Scenario) -> float:
@@ -61,12 +69,79 @@ def data_level(scenario: Scenario) -> float:
     return acoustics.acoustic_source_level(nodes.source_power) - level
 
 
+@lru_cache(maxsize=4)
+def sound_speed_profile(scenario: Scenario) -> SoundSpeedProfile | None:
+    """Speed of sound against depth, or None where it is a constant.
+
+    Raises:
+        ScenarioError: the scenario has two profiles, or one that cannot be used.
+    """
+    acoustic, place = scenario.acoustics, scenario.water
+    if not (acoustic.sound_speed_profile or acoustic.temperature_salinity):
+        return None
+    field = "sound_speed_profile" if acoustic.sound_speed_profile else "temperature_salinity"
+    if acoustic.sound_speed_profile and acoustic.temperature_salinity:
+        raise ScenarioError("acoustics.sound_speed_profile and acoustics.temperature_salinity: give one of them")
+    try:
+        if acoustic.sound_speed_profile:
+            profile = SoundSpeedProfile.from_table(acoustic.sound_speed_profile)
+        else:
+            profile = SoundSpeedProfile.from_water(
+                acoustic.temperature_salinity,
+                latitude=place.latitude,
+                longitude=place.longitude,
+                salinity=acoustic.salinity,
+            )
+        profile.check_reaches(boat_separation(scenario))
+    except SoundSpeedError as error:
+        raise ScenarioError(f"acoustics.{field}: {error}") from None
+    return profile
+
+
+def sound_layers(scenario: Scenario) -> np.ndarray:
+    """The speed of sound for `kernels.rays`, (N, rays.COLUMNS)."""
+    profile = sound_speed_profile(scenario) or SoundSpeedProfile.constant(scenario.acoustics.sound_speed)
+    return profile.thinned(LAYER_TOLERANCE).layers()
+
+
+def sound_speed(scenario: Scenario) -> float:
+    """The one speed of sound by which the array turns phases into cosines and delays into metres, m/s."""
+    profile = sound_speed_profile(scenario)
+    if profile is None:
+        return scenario.acoustics.sound_speed
+    if scenario.usbl.refraction == "array":
+        return profile.at(0.0)
+    return profile.harmonic_mean(0.0, boat_separation(scenario))
+
+
+def options(scenario: Scenario, strategy: UsvStrategy) -> Options:
+    """What the mission's kernels are compiled for.
+
+    Raises:
+        ScenarioError: a tone too short for the waveform receiver.
+    """
+    s = scenario
+    if s.usbl.model == "waveform" and s.usbl.periods < waveform.FEWEST_PERIODS:
+        raise ScenarioError(
+            f"usbl.periods = {s.usbl.periods}: must be at least {waveform.FEWEST_PERIODS} with usbl.model = waveform"
+        )
+    refraction = Refraction.none
+    if sound_speed_profile(s) is not None:
+        refraction = Refraction.corrected if s.usbl.refraction == "corrected" else Refraction.ignored
+    return Options(
+        waveform=s.usbl.model == "waveform",
+        refraction=refraction,
+        tracker=s.tracker.enabled,
+        horizon=strategy.code == Strategy.fim_horizon,
+    )
+
+
 def link_table(scenario: Scenario) -> np.ndarray:
     """Acoustic constants of each AUV's positioning link, see `kernels.usbl.link_table`."""
     s = scenario
     return usbl.link_table(
         [s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)],
-        sound_speed=s.acoustics.sound_speed,
+        sound_speed=sound_speed(s),
         source_level=s.acoustics.source_level,
         target_strength=s.acoustics.target_strength,
         path=s.acoustics.path,
@@ -85,6 +160,7 @@ def link_table(scenario: Scenario) -> np.ndarray:
 def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int) -> np.ndarray:
     """All numbers of a scenario in the order of `kernels.layout.Parameter`, float32."""
     s = scenario
+    current_variance, correlation_time = current_model(s, link_table(s))
     numbers = {
         "step": s.mission.step,
         "width": s.area.width,
@@ -106,6 +182,15 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
         "hold_y": strategy.y,
         "information_form": fisher.form(s.planner.measurement, s.planner.objective),
         "separation_boat": boat_separation(s),
+        "sound_speed": sound_speed(s),
+        "propagates": s.usbl.propagation,
+        "latency": s.usbl.latency,
+        "packet_loss": s.usbl.packet_loss,
+        "current_variance": current_variance,
+        "correlation_time": correlation_time,
+        "current_reading": s.tracker.current_reading,
+        "horizon": s.planner.horizon,
+        "horizon_criterion": horizon.criterion_code("d"),
         "cruise": 0.0 if s.auv.separation == "demonstration" else s.auv.depth,
         "speed_min": s.auv.speed_min,
         "speed_max": s.auv.speed_max,

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from kernels.layout import AuvColumn, BoatColumn, Level, NodeColumn, RewardTerm
+from kernels.layout import AuvColumn, BoatColumn, EstimateColumn, Level, NodeColumn, RewardTerm
+from kernels.usbl import DETECTED
 from usvauv_env.trace import Trace
 from usvauv_env.world import World
 
@@ -33,7 +34,7 @@ def record(
     """
     steps = steps or world.steps
     auv, boat, node, terms = [], [], [], []
-    fixes, vortices, surfaces = [], [], []
+    estimates, vortices, surfaces = [], [], []
     kept = world.scenario.current.vortices
     observation = world.reset()
     stream = world.stream(Level.cruise)
@@ -44,17 +45,19 @@ def record(
         boat.append(world.boat.cpu().numpy().copy())
         node.append(world.node[..., NodeColumn.backlog].cpu().numpy().copy())
         terms.append(world.reward_terms.cpu().numpy().copy())
-        fixes.append(world.estimate[..., :2].cpu().numpy().copy())
+        estimates.append(world.estimate.cpu().numpy().copy())
         vortices.append(world.vortex[:, :kept].cpu().numpy().copy())
         if surface:
             surfaces.append(world.surface(SURFACE_PIXELS))
         on_step(done)
-    vehicles, boats = np.stack(auv), np.stack(boat)
-    del auv
+    vehicles, boats, known = np.stack(auv), np.stack(boat), np.stack(estimates)
+    del auv, estimates
 
     def column(name: str) -> np.ndarray:
         return vehicles[..., getattr(AuvColumn, name)]
 
+    flags = column("fix_flags").astype(np.uint8)
+    heard = (flags & DETECTED)[..., None] > 0
     return Trace(
         scenario=world.scenario,
         policy=policy,
@@ -66,8 +69,11 @@ def record(
         time=np.arange(1, steps + 1) * world.scenario.mission.step,
         auv_position=vehicles[..., AuvColumn.x : AuvColumn.y + 1],
         auv_velocity=vehicles[..., AuvColumn.water_x : AuvColumn.water_y + 1],
-        fix=np.stack(fixes),
+        fix=np.where(heard, vehicles[..., AuvColumn.fix_x : AuvColumn.fix_y + 1], np.float32(np.nan)),
         fix_covariance=vehicles[..., AuvColumn.covariance_xx : AuvColumn.covariance_yy + 1],
+        fix_flags=flags,
+        estimate=known[..., EstimateColumn.x : EstimateColumn.y + 1],
+        estimate_covariance=known[..., EstimateColumn.covariance_xx : EstimateColumn.covariance_yy + 1],
         target=column("target").astype(np.int16),
         hovering=column("hovering").astype(np.int8),
         power=column("power"),

@@ -32,6 +32,7 @@ from usvauv_env.sections import (
     Sea,
     Section,
     Storm,
+    Tracker,
     Usbl,
     Water,
 )
@@ -59,6 +60,7 @@ class Scenario(Section):
     usbl: Usbl = Field(default_factory=Usbl, description="ultra-short baseline positioning (Eq. 1)")
     boat: Boat = Field(default_factory=Boat, description="the USV")
     planner: Planner = Field(default_factory=Planner, description="Fisher-information path planning (Eq. 2–3)")
+    tracker: Tracker = Field(default_factory=Tracker, description="tracker of the AUVs")
     auv: Auv = Field(default_factory=Auv, description="the AUVs")
     nodes: Nodes = Field(default_factory=Nodes, description="sensor nodes and their data link")
     observation: Observation = Field(default_factory=Observation, description="what an AUV observes")

@@ -170,6 +170,15 @@ class Acoustics(Section):
         135.0, ge=0, le=260, description="source level of the positioning tone, dB re 1 µPa at 1 m"
     )
     target_strength: float = Field(3.0, ge=-60, le=60, description="target strength of the echo, dB")
+    sound_speed_profile: tuple[tuple[Finite, Finite], ...] = Field(
+        (), description="speed of sound against depth, [[m, m/s], ...], in place of the constant; empty: constant"
+    )
+    temperature_salinity: tuple[tuple[Finite, Finite, Finite], ...] = Field(
+        (), description="or the water itself, [[depth m, in-situ °C, salinity], ...]; the speed follows by TEOS-10"
+    )
+    salinity: Literal["practical", "absolute"] = Field(
+        "practical", description="kind of that salinity: practical (PSS-78, as a CTD gives it), or absolute, g/kg"
+    )
     path: Literal["echo", "transponder"] = Field("echo", description="two-way echo or one-way transponder")
     shipping: float = Field(0.5, ge=0, le=1, description="shipping activity in the noise, 0 to 1")
     wind: float = Field(0.0, ge=0, le=60, description="wind speed in the noise, m/s")
@@ -190,6 +199,18 @@ class Usbl(Section):
     carrier_max: Positive = Field(18000.0, description="... to here, Hz")
     periods: int = Field(10, ge=1, le=10000, description="length of the tone, carrier periods")
     sampling_rate: Positive = Field(2.016e6, description="sampling rate, Hz")
+    model: Literal["statistical", "waveform"] = Field(
+        "statistical", description="fixes drawn from their distribution, or measured from sampled tones in noise"
+    )
+    refraction: Literal["corrected", "mean", "array"] = Field(
+        "corrected",
+        description="with a profile: fixes follow the bent ray, or a straight one at the mean or the array's speed",
+    )
+    propagation: bool = Field(
+        False, description="a fix is of where the AUV was when its sound left it, not of where it is"
+    )
+    latency: float = Field(0.0, ge=0, le=10, description="time that then passes until a fix can be used, s")
+    packet_loss: float = Field(0.0, ge=0, lt=1, description="probability that a fix never arrives")
     tilt: bool = Field(False, description="the array tilts with the surface under the boat")
     attitude_error: float = Field(
         0.0, ge=0, le=0.5, description="standard deviation of the residual attitude error per axis, rad"
@@ -221,6 +242,16 @@ class Planner(Section):
     objective: Literal["joint", "sum", "printed"] = Field(
         "joint",
         description="determinant of the information on all positions, of the paper's sum, or what Eq. 3 prints",
+    )
+    horizon: int = Field(10, ge=1, le=1000, description="steps that `fim-horizon` looks ahead")
+
+
+class Tracker(Section):
+    """Kalman filter of each AUV's position and current, from its commanded velocity and its fixes."""
+
+    enabled: bool = Field(False, description="the AUVs' positions are those of a tracker, not of the last fix")
+    current_reading: NonNegative = Field(
+        0.0, description="standard deviation of an AUV's current meter, which the tracker reads, m/s; 0: there is none"
     )
 
 

@@ -26,6 +26,9 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "auv_velocity": ("time", "world", "auv", "axis"),
     "fix": ("time", "world", "auv", "axis"),
     "fix_covariance": ("time", "world", "auv", "component"),
+    "fix_flags": ("time", "world", "auv"),
+    "estimate": ("time", "world", "auv", "axis"),
+    "estimate_covariance": ("time", "world", "auv", "component"),
     "target": ("time", "world", "auv"),
     "hovering": ("time", "world", "auv"),
     "power": ("time", "world", "auv"),
@@ -60,7 +63,10 @@ class Trace:
         node_position: (W, M, 2) m. node_rate: (W, M) arrivals λ, packets/s.
         time: (T,) s, at the end of each step.
         auv_position: (T, W, K, 2) true, m. auv_velocity: (T, W, K, 2) through the water, m/s, 0 while hovering.
-        fix: (T, W, K, 2) measured position, m. fix_covariance: (T, W, K, 3) predicted xx, xy, yy of its error, m².
+        fix: (T, W, K, 2) measured position, m; NaN where nothing was detected. fix_covariance: (T, W, K, 3) predicted
+            xx, xy, yy of its error, m². fix_flags: (T, W, K) bits of `kernels.usbl`; good where it equals DETECTED.
+        estimate: (T, W, K, 2) where the boat takes the AUV to be: the last usable fix, or the tracker's, m.
+            estimate_covariance: (T, W, K, 3) likewise.
         target: (T, W, K) index of the node headed for. hovering: (T, W, K) serving its node during this step.
         power: (T, W, K) W. service_rate: (T, W, K) data rate of a service completed in this step, else 0, Mbit/s.
         delivered: (T, W, K) data of that service, Mbit. border: (T, W, K) a move was refused at the border.
@@ -86,6 +92,9 @@ class Trace:
     auv_velocity: np.ndarray
     fix: np.ndarray
     fix_covariance: np.ndarray
+    fix_flags: np.ndarray
+    estimate: np.ndarray
+    estimate_covariance: np.ndarray
     target: np.ndarray
     hovering: np.ndarray
     power: np.ndarray

@@ -5,15 +5,23 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from kernels import collection, runtime, start, vortex
-from kernels.layout import MEASURES, AuvColumn, BoatColumn, NodeColumn, RewardTerm
-from usvauv_env.parameters import OBSERVED_CURRENT, UsvStrategy, fixed_vortices, link_table, pack_parameters
+from kernels import collection, runtime, start, tracker, vortex
+from kernels.layout import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn, RewardTerm
+from usvauv_env.parameters import (
+    OBSERVED_CURRENT,
+    UsvStrategy,
+    fixed_vortices,
+    link_table,
+    options,
+    pack_parameters,
+    sound_layers,
+)
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea import build_sea, build_short_waves, fine_cells
 from usvauv_env.water import bed, real_current
 
 MAX_WORLDS = 1 << 22
-STATE = ("auv", "node", "vortex", "boat", "estimate", "observation")
+STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "observation")
 
 
 def observation_size(scenario: Scenario) -> int:
@@ -30,7 +38,7 @@ class World:
     only some are.
 
     Observation of AUV k, float32 (num_worlds, num_auvs, observation_size); K AUVs, D the area's diagonal. Positions are
-    the measured ones, of the last fix:
+    the estimated ones: of the last fix, or of the tracker:
 
         index            quantity                                      unit   range
         0 .. 2K-3        for each other AUV j: (x_j − x_k, y_j − y_k)  D      −1 .. 1
@@ -50,7 +58,7 @@ class World:
         scenario: what to simulate.
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1.
-        usv: "fim", "hold:X,Y" or "centroid".
+        usv: "fim", "fim-horizon", "hold:X,Y" or "centroid", see `UsvStrategy`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
         arch: where to run, see `kernels.runtime.start`.
@@ -103,13 +111,16 @@ class World:
         self.node = array(num_worlds, num_nodes, len(NodeColumn.names))
         self.vortex = array(num_worlds, num_vortices, 4)
         self.boat = array(num_worlds, len(BoatColumn.names))
-        self.estimate = array(*team, 3)
+        self.estimate = array(*team, len(EstimateColumn.names))
+        self.track = array(*(team if scenario.tracker.enabled else (1, 1)), tracker.COLUMNS)
         self.observation = array(*team, self.observation_size)
         self.reward = array(*team)
         self.reward_terms = array(*team, len(RewardTerm.names))
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._parameters = self._upload(pack_parameters(scenario, self.strategy, first_world))
+        self._options = options(scenario, self.strategy)
         self._link = self._upload(link_table(scenario))
+        self._layers = self._upload(sound_layers(scenario))
         self._arrival_rates = self._upload(np.array(scenario.nodes.arrival_rates, np.float32))
         self._fixed_vortex = self._upload(fixed_vortices(scenario))
         self._bed = self._upload(bed(scenario))
@@ -126,9 +137,11 @@ class World:
             self._begin_sea(int(self._clock[0, 0]) + 1)
             mask = torch.ones(self.num_worlds, dtype=torch.bool, device=self.device)
         start.begin_episodes(
+            self._options,
             self._parameters,
             self._arrival_rates,
             self._link,
+            self._layers,
             self._fixed_vortex,
             *self._key,
             mask.to(self.device, torch.uint8).contiguous(),
@@ -139,6 +152,7 @@ class World:
             self.vortex,
             self.boat,
             self.estimate,
+            self.track,
             self.observation,
         )
         return self.observation
@@ -163,8 +177,10 @@ class World:
             current = self.scenario.current
             vortex.evolve(self.vortex, self._room, self.scenario.mission.step, current.viscosity, current.mutual)
         collection.step(
+            self._options,
             self._parameters,
             self._link,
+            self._layers,
             *self._key,
             *self._sea_arguments,
             action.to(self.device, torch.float32).contiguous(),
@@ -174,6 +190,7 @@ class World:
             self.vortex,
             self.boat,
             self.estimate,
+            self.track,
             self.observation,
             self.reward_terms,
             self.reward,
@@ -209,7 +226,7 @@ class World:
 
     def measures(self) -> torch.Tensor:
         """What the last step cost and brought, (num_worlds, num_auvs, 6), columns `measure_names`."""
-        return self.auv[..., AuvColumn.power : AuvColumn.fix_error + 1]
+        return self.auv[..., AuvColumn.power : AuvColumn.position_error + 1]
 
     def current(self) -> torch.Tensor:
         """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: all that `kernels.current` names, and

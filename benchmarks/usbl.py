@@ -1,0 +1,212 @@
+"""Fixes a second: the statistical model, tones (two ways to draw their noise), and an lstsq per hydrophone in NumPy.
+
+    python -m benchmarks.usbl --json
+
+All make the same thing, a fix with its flags from boat to AUV by an echo, 15 kHz, ten periods at 2.016 MHz. The rates
+of `statistical` with noise drawn and of both waveforms include their random numbers. NumPy's is the demonstration's
+method, one fix after the other: the tone and its noise on each hydrophone, `numpy.linalg.lstsq` for the phase, the fix;
+its tone begins where the receiver expects it, so it is spared the search for the delay. It runs on one thread, where it
+is fastest. `threshold` and `agreement` hold what `docs/positioning.md` quotes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import torch
+
+from benchmarks.machine import best_time, describe
+from kernels import runtime, usbl, waveform
+from kernels.validity import good_probability
+
+CARRIER = 15000.0
+SAMPLING_RATE = 2.016e6
+SPACING = 0.033
+SOUND_SPEED = 1500.0
+OFFSET = (70.0, -45.0, -104.0)
+REFUSAL = math.sqrt(10 * usbl.PERIOD_ENERGY)  # a at the threshold of detection
+# Offset (m), SNR (dB), hydrophone spacing (m): usual, far to the side, at the threshold, near the horizon, wrapping.
+AGREEMENT = (
+    ((0.0, 0.0, -100.0), 21.3, 0.033),
+    ((70.0, -45.0, -104.0), 18.0, 0.033),
+    ((-130.0, 90.0, -98.0), 12.0, 0.033),
+    ((70.0, -45.0, -104.0), -4.3, 0.033),
+    ((80.0, 60.0, -9.0), 6.0, 0.033),
+    ((83.2, 5.0, -55.2), 10.0, 0.06),
+)
+STRENGTHS = (300.0, 50.0, 20.0, REFUSAL, 14.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.3)
+
+
+def places(count: int) -> tuple[torch.Tensor, ...]:
+    """Arguments of a batch of fixes: link, row, offset (spread over a wavelength of range), slope."""
+    device = runtime.start().device
+    offset = torch.tensor(OFFSET) * (1 + torch.linspace(-0.05, 0.05, count)[:, None] / math.hypot(*OFFSET))
+    link = torch.from_numpy(usbl.link_table((CARRIER,), spacing=SPACING))
+    slope = 0.05 * torch.randn((count, 2), generator=torch.Generator().manual_seed(1))
+    row = torch.zeros(count, dtype=torch.int32)
+    return tuple(part.to(device) for part in (link, row, offset, slope))
+
+
+def demonstration_fix(angle: np.ndarray, basis: np.ndarray, random: np.random.Generator, sigma_n: float) -> np.ndarray:
+    """One fix by the demonstration's method in NumPy: carrier phase (N,) of the samples, its cos and sin (N, 2)."""
+    S = math.hypot(*OFFSET)
+    phase = []
+    for axis in (0, 1):
+        for side in (1, -1):
+            lead = side * np.pi * CARRIER * SPACING / SOUND_SPEED * OFFSET[axis] / S
+            y = np.sin(angle + lead) + sigma_n * random.standard_normal(angle.size)
+            cosine, sine = np.linalg.lstsq(basis, y, rcond=None)[0]
+            phase.append(math.atan2(cosine, sine))
+    kappa = 2 * np.pi * CARRIER * SPACING / SOUND_SPEED
+    x, y = S * (phase[0] - phase[1]) / kappa, S * (phase[2] - phase[3]) / kappa
+    return np.array([x, y, -math.sqrt(S * S - x * x - y * y)])
+
+
+def demonstration_rate(seconds: float) -> float:
+    """Fixes a second of `demonstration_fix`."""
+    runtime.start()  # for the clock
+    random = np.random.default_rng(4)
+    angle = 2 * np.pi * CARRIER / SAMPLING_RATE * np.arange(round(10 * SAMPLING_RATE / CARRIER))
+    basis = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return 1 / best_time(lambda: demonstration_fix(angle, basis, random, 0.1), seconds)
+
+
+def demonstration_rate_on_one_thread(seconds: float) -> float:
+    """The same in a process of its own, because NumPy reads its number of threads once, when it is loaded."""
+    os.environ.update({f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")})
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(demonstration_rate, seconds).result()
+
+
+def measure_rates(seconds: float) -> dict[str, float]:
+    """Fixes a second of every way, and ratios to NumPy's."""
+    device = runtime.start().device
+    cpu = device.type == "cpu"
+    rates = {}
+
+    count = 1 << 20 if cpu else 1 << 24
+    case = places(count)
+    generator = torch.Generator(device).manual_seed(2)
+    noise = torch.randn((count, 6), generator=generator, device=device)
+    rates["statistical"] = count / best_time(lambda: usbl.flagged_fixes(*case, 0.002, noise), seconds)
+
+    def draw_and_fix() -> None:
+        usbl.flagged_fixes(*case, 0.002, torch.randn((count, 6), generator=generator, device=device))
+
+    rates["statistical_with_noise_drawn"] = count / best_time(draw_and_fix, seconds)
+
+    for name, sampled, size in (("waveform", False, 1 << 17), ("waveform_sampled", True, 1 << 13)):
+        count = size if cpu else size << 5
+        case = places(count)
+        rates[name] = count / best_time(lambda c=case, s=sampled: waveform.fixes(*c, 0.002, 3, sampled=s), seconds)
+
+    rates["numpy_lstsq"] = demonstration_rate_on_one_thread(seconds)
+    return rates
+
+
+def measure_threshold(count: int) -> list[dict[str, float]]:
+    """Tones from loud to lost, detected or not: how many are, errors over their bounds, and wrong periods."""
+    link, row, offset, _ = places(count)
+    level = torch.zeros((count, 2), device=offset.device)
+    S, N = math.hypot(*OFFSET), 10 * SAMPLING_RATE / CARRIER
+    loss = link[0, usbl.PATHS].item() * (15 * math.log10(S) + link[0, usbl.ABSORPTION].item() * S / 1000)
+    kappa = 2 * math.pi * CARRIER * SPACING / SOUND_SPEED
+    rows = []
+    for a in STRENGTHS:
+        snr = 20 * math.log10(a) - 10 * math.log10(N / 2)
+        link[0, usbl.SNR_AT_1M] = snr + loss
+        _, flags, measured = waveform.fixes(link, row, offset, level, 0.0, 5)
+        measured = measured.double()
+        error = measured[:, : waveform.PHASE_Y + 1] - kappa / S * torch.tensor(OFFSET[:2], device=offset.device)
+        error = torch.remainder(error + math.pi, 2 * math.pi) - math.pi
+        range_bound = SOUND_SPEED / (2 * math.pi * CARRIER) / 2 / (2 * a)
+        rows.append(
+            {
+                "energy_over_noise_db": 20 * math.log10(a),
+                "snr_db": snr,
+                "detected": (flags & usbl.DETECTED > 0).double().mean().item(),
+                "phase_variance_over_bound": error.square().mean().item() * a * a / 2,
+                "range_variance_over_bound": measured[:, waveform.RANGE_ERROR].square().mean().item() / range_bound**2,
+                "wrong_period": (measured[:, waveform.SLIP] != 0).double().mean().item(),
+            }
+        )
+    return rows
+
+
+def measure_agreement(count: int) -> list[dict[str, object]]:
+    """Sampled tones beside the statistical model: share of good fixes, and root mean square errors of those (m)."""
+    device = runtime.start().device
+    row = torch.zeros(count, dtype=torch.int32, device=device)
+    level = torch.zeros((count, 2), device=device)
+    noise = torch.randn((count, 6), generator=torch.Generator().manual_seed(6)).to(device)
+    rows = []
+    for place, snr, spacing in AGREEMENT:
+        S = math.hypot(*place)
+        offset = torch.tensor(place, device=device) * (1 + torch.linspace(-0.05, 0.05, count)[:, None].to(device) / S)
+        link = torch.from_numpy(usbl.link_table((CARRIER,), spacing=spacing)).to(device)
+        loss = link[0, usbl.PATHS] * (15 * math.log10(S) + link[0, usbl.ABSORPTION] * S / 1000)
+        link[0, usbl.SNR_AT_1M] = snr + loss
+        tones, tone_flags, _ = waveform.fixes(link, row, offset, level, 0.0, 7, sampled=True)
+        drawn, _, drawn_flags = usbl.flagged_fixes(link, row, offset, level, 0.0, noise)
+        detected, usable = good_probability(link, row[:1], offset[:1], level[:1])
+        result: dict[str, object] = {"offset": place, "snr_db": snr, "spacing": spacing}
+        result["good_predicted"] = (detected * usable).item()
+        for name, estimate, flags in (("waveform", tones, tone_flags), ("statistical", drawn, drawn_flags)):
+            good = flags == usbl.DETECTED
+            error = (estimate[:, :3] - offset)[good].double()
+            result[f"good_{name}"] = good.double().mean().item()
+            result[f"rms_{name}"] = error.square().mean(0).sqrt().tolist()
+        rows.append(result)
+    return rows
+
+
+def measure(seconds: float, count: int) -> dict[str, object]:
+    """All figures."""
+    rates = measure_rates(seconds)
+    return {
+        "machine": describe(),
+        "fixes_per_second": rates,
+        "over_numpy": {name: rates[name] / rates["numpy_lstsq"] for name in ("waveform", "waveform_sampled")},
+        "threshold": measure_threshold(count),
+        "agreement": measure_agreement(10_000),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    parser.add_argument("--seconds", type=float, default=2.0, help="time spent on each rate, s")
+    parser.add_argument("--count", type=int, default=400_000, help="fixes at each strength of the tone")
+    arguments = parser.parse_args()
+    result = measure(arguments.seconds, arguments.count)
+    if arguments.json:
+        print(json.dumps(result, indent=1))
+        return
+    print(result["machine"])
+    for name, rate in result["fixes_per_second"].items():
+        ratio = f", {result['over_numpy'][name]:,.1f} × NumPy" if name in result["over_numpy"] else ""
+        print(f"{name}: {rate:,.0f} fixes/s{ratio}")
+    print("energy over noise, SNR, detected, phase and range variance over their bounds, wrong periods")
+    for row in result["threshold"]:
+        print(
+            f"{row['energy_over_noise_db']:6.1f} dB {row['snr_db']:6.1f} dB {row['detected']:8.4f}"
+            f" {row['phase_variance_over_bound']:8.3f} {row['range_variance_over_bound']:9.2f}"
+            f" {row['wrong_period']:.1e}"
+        )
+    print("offset, SNR, spacing: good fixes predicted, by tones, statistical; errors in x, y, z by tones, statistical")
+    for row in result["agreement"]:
+        print(
+            f"{row['offset']} {row['snr_db']:.1f} dB {row['spacing']:g} m: {row['good_predicted']:.4f}"
+            f" {row['good_waveform']:.4f} {row['good_statistical']:.4f};"
+            + "".join(f" {error:.4f}" for error in (*row["rms_waveform"], *row["rms_statistical"]))
+        )
+
+
+if __name__ == "__main__":
+    main()
