@@ -1,39 +1,50 @@
-"""One step of the data-collection mission, batched over worlds: one kernel, one loop iteration a world.
-
-Everything in a world happens in program order inside its iteration and every random number is addressed by
-(world, episode, step, draw), so a world's history does not depend on how many others run beside it or on threads.
-"""
+"""The task of collecting data: nodes fill, AUVs go to them, hover and take what they hold."""
 
 import taichi as ti
 
-from kernels import acoustics, airy, fixes, random, regular_grid, task, vehicle
-from kernels import boat as usv
-from kernels.layout import (
-    AuvColumn,
-    BoatColumn,
-    Draw,
-    EstimateColumn,
-    NodeColumn,
-    Parameter,
-    RewardTerm,
-    array1,
-    array2,
-    array3,
-    array4,
-    index1,
-    index2,
-    vec2,
-    vec3,
-)
+from kernels import acoustics, random, regular_grid, task, vehicle
+from kernels.layout import AuvColumn, BoatColumn, Draw, EstimateColumn, NodeColumn, Parameter, RewardTerm, vec2
 
 
 @ti.func
-def distance_to_target(auv: ti.template(), node: ti.template(), w, k):
-    """True horizontal distance from AUV k to its target node, m."""
-    target = ti.cast(auv[w, k, AuvColumn.target], ti.i32)
-    dx = node[w, target, NodeColumn.x] - auv[w, k, AuvColumn.x]
-    dy = node[w, target, NodeColumn.y] - auv[w, k, AuvColumn.y]
-    return ti.sqrt(dx * dx + dy * dy)
+def place_nodes(p: ti.template(), arrival_rates: ti.template(), node: ti.template(), key_low, key_high, w, episode):
+    """Scatter the nodes of a new episode over the bed, with what has piled up in them."""
+    num_rates = arrival_rates.shape[0]
+    for i in range(node.shape[1]):
+        u = random.uniforms(task.address(p, w, episode, 0, Draw.node, i), key_low, key_high)
+        margin = p[Parameter.node_margin]
+        node[w, i, NodeColumn.x] = margin + u[0] * (p[Parameter.width] - 2 * margin)
+        node[w, i, NodeColumn.y] = margin + u[1] * (p[Parameter.length] - 2 * margin)
+        node[w, i, NodeColumn.rate] = arrival_rates[ti.min(ti.cast(u[2] * num_rates, ti.i32), num_rates - 1)]
+        node[w, i, NodeColumn.backlog] = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
+
+
+@ti.func
+def choose_target(p: ti.template(), auv: ti.template(), node: ti.template(), estimate: ti.template(), w, k):
+    """Give AUV k the free node with the largest λ b/C − α d, d from its measured position.
+
+    Its present target, the node it has just emptied, is not free: lying at no distance it would win again at once, and
+    empty services would be counted without end.
+    """
+    best = -1
+    best_value = -1e30
+    for i in range(node.shape[1]):
+        free = True
+        for j in range(auv.shape[1]):
+            if ti.cast(auv[w, j, AuvColumn.target], ti.i32) == i:
+                free = False
+        if free:
+            dx = node[w, i, NodeColumn.x] - estimate[w, k, EstimateColumn.x]
+            dy = node[w, i, NodeColumn.y] - estimate[w, k, EstimateColumn.y]
+            value = node[w, i, NodeColumn.rate] * node[w, i, NodeColumn.backlog] / p[Parameter.buffer] - p[
+                Parameter.distance_weight
+            ] * ti.sqrt(dx * dx + dy * dy)
+            if value > best_value:
+                best = i
+                best_value = value
+    if best < 0:  # more AUVs than nodes: share the nearest by index
+        best = k % node.shape[1]
+    auv[w, k, AuvColumn.target] = ti.cast(best, ti.f32)
 
 
 @ti.func
@@ -55,7 +66,7 @@ def begin_service(p: ti.template(), bed: ti.template(), auv: ti.template(), node
 
 
 @ti.func
-def move_auv(
+def move(
     p: ti.template(),
     bed: ti.template(),
     auv: ti.template(),
@@ -66,52 +77,30 @@ def move_auv(
     a0,
     a1,
 ):
-    """One step of AUV k: hover and send, or travel with the current; its distance and power terms are raw here."""
-    dt = p[Parameter.step]
-    x = auv[w, k, AuvColumn.x]
-    y = auv[w, k, AuvColumn.y]
-    current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
-    before = distance_to_target(auv, node, w, k)
-    closed = 0.0
-    auv[w, k, AuvColumn.moved_x] = 0.0
-    auv[w, k, AuvColumn.moved_y] = 0.0
-    auv[w, k, AuvColumn.border] = 0.0
-    auv[w, k, AuvColumn.service_rate] = 0.0
-    auv[w, k, AuvColumn.delivered] = 0.0
-    auv[w, k, AuvColumn.hovering] = 0.0
+    """One step of AUV k: hover and send, or travel with the current; its distance term is raw here."""
+    before = task.distance_to_target(auv, node, w, k)
+    after = before
+    task.forget_last_step(auv, w, k)
     if auv[w, k, AuvColumn.hover] > 0.0:
+        current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
         auv[w, k, AuvColumn.hovering] = 1.0
         auv[w, k, AuvColumn.water_x] = 0.0
         auv[w, k, AuvColumn.water_y] = 0.0
         auv[w, k, AuvColumn.power] = vehicle.hovering_power(current.norm())
-        auv[w, k, AuvColumn.hover] = auv[w, k, AuvColumn.hover] - dt
+        auv[w, k, AuvColumn.hover] = auv[w, k, AuvColumn.hover] - p[Parameter.step]
         if auv[w, k, AuvColumn.hover] <= 0.0:
             auv[w, k, AuvColumn.hover] = 0.0
             auv[w, k, AuvColumn.service_rate] = auv[w, k, AuvColumn.rate]
             auv[w, k, AuvColumn.delivered] = auv[w, k, AuvColumn.cargo]
     else:
-        velocity = vehicle.water_velocity(p, a0, a1)
-        auv[w, k, AuvColumn.water_x] = velocity[0]
-        auv[w, k, AuvColumn.water_y] = velocity[1]
-        auv[w, k, AuvColumn.power] = vehicle.travelling_power(velocity.norm())
-        moved = vec2(x, y) + dt * (velocity + current)
-        inside = moved[0] >= 0.0 and moved[0] <= p[Parameter.width]
-        inside = inside and moved[1] >= 0.0 and moved[1] <= p[Parameter.length]
-        if inside:
-            auv[w, k, AuvColumn.x] = moved[0]
-            auv[w, k, AuvColumn.y] = moved[1]
-            auv[w, k, AuvColumn.moved_x] = moved[0] - x
-            auv[w, k, AuvColumn.moved_y] = moved[1] - y
-        else:
-            auv[w, k, AuvColumn.border] = 1.0
-        after = distance_to_target(auv, node, w, k)
-        closed = before - after
+        task.travel(p, auv, w, k, a0, a1)
+        after = task.distance_to_target(auv, node, w, k)
         if after <= p[Parameter.hover_radius]:
             begin_service(p, bed, auv, node, w, k, after)
     if p[Parameter.progress] > 0.5:
-        reward_terms[w, k, RewardTerm.distance] = closed
+        reward_terms[w, k, RewardTerm.distance] = before - after
     else:
-        reward_terms[w, k, RewardTerm.distance] = -distance_to_target(auv, node, w, k)
+        reward_terms[w, k, RewardTerm.distance] = -after
 
 
 @ti.func
@@ -140,104 +129,9 @@ def fill_nodes(p: ti.template(), node: ti.template(), boat: ti.template(), key_l
 
 
 @ti.func
-def reward(
-    p: ti.template(),
-    auv: ti.template(),
-    boat: ti.template(),
-    estimate: ti.template(),
-    reward_terms: ti.template(),
-    total: ti.template(),
-    w,
-    k,
-):
-    """Weighted reward terms of AUV k, and their sum."""
-    too_near = 0.0
-    x = auv[w, k, AuvColumn.x]
-    y = auv[w, k, AuvColumn.y]
-    for j in range(auv.shape[1]):
-        if j != k:
-            apart = vec2(auv[w, j, AuvColumn.x] - x, auv[w, j, AuvColumn.y] - y).norm()
-            too_near += ti.max(0.0, p[Parameter.safe_distance] - apart)
-            if apart < p[Parameter.collision_distance] and j < k:
-                boat[w, BoatColumn.collisions] = boat[w, BoatColumn.collisions] + 1.0
-    dx = x - boat[w, BoatColumn.x]
-    dy = y - boat[w, BoatColumn.y]
-    slant = vec3(dx, dy, estimate[w, k, EstimateColumn.separation]).norm()
-    served = 0.0
-    if auv[w, k, AuvColumn.service_rate] > 0.0:
-        served = 1.0
-    distance = reward_terms[w, k, RewardTerm.distance]
-    reward_terms[w, k, RewardTerm.distance] = p[Parameter.weight_distance] * distance
-    reward_terms[w, k, RewardTerm.border] = p[Parameter.weight_border] * auv[w, k, AuvColumn.border]
-    reward_terms[w, k, RewardTerm.overflow] = p[Parameter.weight_overflow] * boat[w, BoatColumn.overflowing]
-    reward_terms[w, k, RewardTerm.proximity] = p[Parameter.weight_proximity] * too_near
-    reward_terms[w, k, RewardTerm.service] = p[Parameter.weight_service] * served
-    reward_terms[w, k, RewardTerm.power] = p[Parameter.weight_power] * auv[w, k, AuvColumn.power]
-    reward_terms[w, k, RewardTerm.collaboration] = p[Parameter.weight_collaboration] * p[Parameter.farthest] / slant
-    sum_of_terms = 0.0
-    for r in range(reward_terms.shape[2]):
-        sum_of_terms += reward_terms[w, k, r]
-    total[w, k] = sum_of_terms
-
-
-@ti.kernel
-def step(
-    options: ti.template(),
-    p: array1,
-    link: array2,
-    layers: array2,
-    key_low: ti.u32,
-    key_high: ti.u32,
-    eta: array4,
-    U: array4,
-    V: array4,
-    unit_x: ti.f32,
-    unit_y: ti.f32,
-    wave: airy.waves,
-    stream: array4,
-    bed: array4,
-    lane: index1,
-    cells_x: ti.i32,
-    cells_y: ti.i32,
-    action: array3,
-    clock: index2,
-    auv: array3,
-    node: array3,
-    vortices: array3,
-    boat: array2,
-    estimate: array3,
-    track: array3,
-    observation: array3,
-    reward_terms: array3,
-    total: array2,
-):
-    """Advance every world by one mission step; `total` (W, K) is the reward, `reward_terms` (W, K, R) its parts."""
-    for w in range(clock.shape[0]):
-        episode = clock[w, 0]
-        now = clock[w, 1] + 1
-        clock[w, 1] = now
-        num_auvs = auv.shape[1]
-        for k in range(num_auvs):
-            move_auv(p, bed, auv, node, reward_terms, w, k, action[w, k, 0], action[w, k, 1])
-            if ti.static(options.tracker):
-                fixes.predict(p, auv, estimate, track, w, k)
-        usv.plan(p, link, options, boat, estimate, track, w)
-        usv.move(p, boat, w)
-        usv.ride(p, boat, eta, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices, w)
-        for k in range(num_auvs):
-            fixes.take(p, link, layers, options, auv, boat, estimate, track, episode, now, key_low, key_high, w, k)
-        fill_nodes(p, node, boat, key_low, key_high, w, episode, now)
-        boat[w, BoatColumn.collisions] = 0.0
-        for k in range(num_auvs):
-            reward(p, auv, boat, estimate, reward_terms, total, w, k)
-        for k in range(num_auvs):
-            if auv[w, k, AuvColumn.service_rate] > 0.0:
-                node[w, ti.cast(auv[w, k, AuvColumn.target], ti.i32), NodeColumn.backlog] = 0.0
-                task.choose_target(p, auv, node, estimate, w, k)
-        for k in range(num_auvs):
-            task.observe(
-                p, auv, node, boat, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices,
-                estimate, observation, w, k,
-            )  # fmt: skip
-            if ti.static(options.tracker):
-                fixes.turn_to_next_step(p, auv, track, episode, now, key_low, key_high, w, k)
+def empty_served(p: ti.template(), auv: ti.template(), node: ti.template(), estimate: ti.template(), w):
+    """Empty the nodes whose service was completed in this step, and send their AUVs on."""
+    for k in range(auv.shape[1]):
+        if auv[w, k, AuvColumn.service_rate] > 0.0:
+            node[w, ti.cast(auv[w, k, AuvColumn.target], ti.i32), NodeColumn.backlog] = 0.0
+            choose_target(p, auv, node, estimate, w, k)

@@ -69,6 +69,7 @@ Parameter = _columns(
     "collision_distance",
     "hover_radius",
     "node_margin",
+    "formation_radius",
     "buffer",
     "start_backlog",
     "payload",
@@ -135,6 +136,7 @@ RewardTerm = _columns("distance", "border", "overflow", "proximity", "service", 
 Strategy = _columns("fim", "fim_horizon", "hold", "centroid")
 Refraction = _columns("none", "ignored", "corrected")
 Level = _columns("surface", "cruise")
+Task = _columns("collection", "station_keeping")
 Draw = _columns("node", "auv", "vortex", "vortex_sign", "fix", "attitude", "arrival", "loss", "reading")
 
 MEASURES = AuvColumn.names[AuvColumn.power : AuvColumn.position_error + 1]
@@ -144,12 +146,14 @@ class Options(NamedTuple):
     """What is compiled into the mission's kernels; what is not chosen costs neither time nor compilation.
 
     Attributes:
+        task: of `Task`.
         waveform: fixes by sampled tones, not by the statistical model.
         refraction: of `Refraction`: sound goes straight; it bends and the fix ignores that; or the fix corrects it.
         tracker: the boat tracks its AUVs.
         horizon: it plans by the tracks to come.
     """
 
+    task: int = Task.collection
     waveform: bool = False
     refraction: int = Refraction.none
     tracker: bool = False

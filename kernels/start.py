@@ -2,15 +2,15 @@
 
 import taichi as ti
 
-from kernels import airy, fixes, random, task
+from kernels import airy, collection, fixes, random, station_keeping, task
 from kernels import boat as usv
 from kernels.layout import (
     AuvColumn,
     BoatColumn,
     Draw,
     EstimateColumn,
-    NodeColumn,
     Parameter,
+    Task,
     array1,
     array2,
     array3,
@@ -64,14 +64,10 @@ def begin_episodes(
             episode = clock[w, 0] + 1
             clock[w, 0] = episode
             clock[w, 1] = 0
-            num_rates = arrival_rates.shape[0]
-            for i in range(node.shape[1]):
-                u = random.uniforms(task.address(p, w, episode, 0, Draw.node, i), key_low, key_high)
-                margin = p[Parameter.node_margin]
-                node[w, i, NodeColumn.x] = margin + u[0] * (p[Parameter.width] - 2 * margin)
-                node[w, i, NodeColumn.y] = margin + u[1] * (p[Parameter.length] - 2 * margin)
-                node[w, i, NodeColumn.rate] = arrival_rates[ti.min(ti.cast(u[2] * num_rates, ti.i32), num_rates - 1)]
-                node[w, i, NodeColumn.backlog] = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
+            if ti.static(options.task == Task.collection):
+                collection.place_nodes(p, arrival_rates, node, key_low, key_high, w, episode)
+            else:
+                station_keeping.place_stations(p, node, key_low, key_high, w, episode)
             for v in range(vortices.shape[1]):
                 if p[Parameter.random_vortices] > 0.5:
                     u = random.uniforms(task.address(p, w, episode, 0, Draw.vortex, v), key_low, key_high)
@@ -128,7 +124,10 @@ def begin_episodes(
             for k in range(auv.shape[1]):
                 fixes.take(p, link, layers, options, auv, boat, estimate, track, episode, 0, key_low, key_high, w, k)
             for k in range(auv.shape[1]):
-                task.choose_target(p, auv, node, estimate, w, k)
+                if ti.static(options.task == Task.collection):
+                    collection.choose_target(p, auv, node, estimate, w, k)
+                else:
+                    station_keeping.take_station(auv, w, k)
             for k in range(auv.shape[1]):
                 task.observe(
                     p, auv, node, boat, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices,

@@ -1,8 +1,8 @@
-"""Rules of the data-collection task that the start of an episode and every step share."""
+"""What all tasks share: where a random draw is, how an AUV travels and what it observes."""
 
 import taichi as ti
 
-from kernels import airy, current, random
+from kernels import airy, current, random, vehicle
 from kernels.layout import AuvColumn, BoatColumn, EstimateColumn, Level, NodeColumn, Parameter, vec2
 
 
@@ -18,31 +18,45 @@ def address(p: ti.template(), w, episode, step, draw, index):
 
 
 @ti.func
-def choose_target(p: ti.template(), auv: ti.template(), node: ti.template(), estimate: ti.template(), w, k):
-    """Give AUV k the free node with the largest λ b/C − α d, d from its measured position.
+def distance_to_target(auv: ti.template(), node: ti.template(), w, k):
+    """True horizontal distance from AUV k to its target, m."""
+    target = ti.cast(auv[w, k, AuvColumn.target], ti.i32)
+    return vec2(
+        node[w, target, NodeColumn.x] - auv[w, k, AuvColumn.x], node[w, target, NodeColumn.y] - auv[w, k, AuvColumn.y]
+    ).norm()
 
-    Its present target, the node it has just emptied, is not free: lying at no distance it would win again at once, and
-    empty services would be counted without end.
-    """
-    best = -1
-    best_value = -1e30
-    for i in range(node.shape[1]):
-        free = True
-        for j in range(auv.shape[1]):
-            if ti.cast(auv[w, j, AuvColumn.target], ti.i32) == i:
-                free = False
-        if free:
-            dx = node[w, i, NodeColumn.x] - estimate[w, k, EstimateColumn.x]
-            dy = node[w, i, NodeColumn.y] - estimate[w, k, EstimateColumn.y]
-            value = node[w, i, NodeColumn.rate] * node[w, i, NodeColumn.backlog] / p[Parameter.buffer] - p[
-                Parameter.distance_weight
-            ] * ti.sqrt(dx * dx + dy * dy)
-            if value > best_value:
-                best = i
-                best_value = value
-    if best < 0:  # more AUVs than nodes: share the nearest by index
-        best = k % node.shape[1]
-    auv[w, k, AuvColumn.target] = ti.cast(best, ti.f32)
+
+@ti.func
+def travel(p: ti.template(), auv: ti.template(), w, k, a0, a1):
+    """Move AUV k for one step as commanded and with the water; a move across the border is refused."""
+    velocity = vehicle.water_velocity(p, a0, a1)
+    auv[w, k, AuvColumn.water_x] = velocity[0]
+    auv[w, k, AuvColumn.water_y] = velocity[1]
+    auv[w, k, AuvColumn.power] = vehicle.travelling_power(velocity.norm())
+    x = auv[w, k, AuvColumn.x]
+    y = auv[w, k, AuvColumn.y]
+    current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
+    moved = vec2(x, y) + p[Parameter.step] * (velocity + current)
+    inside = moved[0] >= 0.0 and moved[0] <= p[Parameter.width]
+    inside = inside and moved[1] >= 0.0 and moved[1] <= p[Parameter.length]
+    if inside:
+        auv[w, k, AuvColumn.x] = moved[0]
+        auv[w, k, AuvColumn.y] = moved[1]
+        auv[w, k, AuvColumn.moved_x] = moved[0] - x
+        auv[w, k, AuvColumn.moved_y] = moved[1] - y
+    else:
+        auv[w, k, AuvColumn.border] = 1.0
+
+
+@ti.func
+def forget_last_step(auv: ti.template(), w, k):
+    """Clear what AUV k did in the step before."""
+    auv[w, k, AuvColumn.moved_x] = 0.0
+    auv[w, k, AuvColumn.moved_y] = 0.0
+    auv[w, k, AuvColumn.border] = 0.0
+    auv[w, k, AuvColumn.service_rate] = 0.0
+    auv[w, k, AuvColumn.delivered] = 0.0
+    auv[w, k, AuvColumn.hovering] = 0.0
 
 
 @ti.func

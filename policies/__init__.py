@@ -14,7 +14,7 @@ from pathlib import Path
 
 from policies.checkpoint import load_policy, read_run
 from policies.config import TrainingConfig
-from policies.heuristics import Crab, Random, Straight
+from policies.heuristics import Crab, Keep, Random, Straight
 from policies.learned import LearnedPolicy
 from policies.policy import Policy, PolicyError
 from policies.trainer import Trainer
@@ -30,10 +30,12 @@ __all__ = [
     "default",
     "load",
     "read_run",
+    "yardstick",
 ]
 
 CONSTANT_SPEED = {"straight": Straight, "crab": Crab}
-HEURISTICS = (*CONSTANT_SPEED, "random")
+WITHOUT_PARAMETER = {"keep": Keep, "random": Random}
+HEURISTICS = (*CONSTANT_SPEED, *WITHOUT_PARAMETER)
 
 
 def _shipped() -> Path:
@@ -55,14 +57,19 @@ def available() -> list[str]:
 
 
 def default(scenario: Scenario) -> str:
-    """The best shipped policy that fits a scenario, or `crab` where none does."""
+    """The best shipped policy that fits a scenario; where none does `crab`, or `keep` where stations are to be held."""
     for name in trained():
         try:
             load(name, scenario).check(scenario)
         except PolicyError:
             continue
         return name
-    return "crab"
+    return "crab" if scenario.task == "data-collection" else "keep"
+
+
+def yardstick(scenario: Scenario) -> str:
+    """The heuristic that a learned policy has to beat."""
+    return "straight" if scenario.task == "data-collection" else "keep"
 
 
 def load(name: str | Path, scenario: Scenario | None = None) -> Policy:
@@ -82,10 +89,10 @@ def load(name: str | Path, scenario: Scenario | None = None) -> Policy:
     base, _, parameter = text.partition(":")
     if base in HEURISTICS:
         scenario = scenario or Scenario.load("extreme")
-        if base == "random":
+        if base in WITHOUT_PARAMETER:
             if parameter:
-                raise PolicyError(f"policy {text}: random takes no parameter")
-            return Random(text, scenario)
+                raise PolicyError(f"policy {text}: {base} takes no parameter")
+            return WITHOUT_PARAMETER[base](text, scenario)
         return CONSTANT_SPEED[base](text, scenario, _speed(text, parameter) if ":" in text else None)
     directory = Path(name)
     if not directory.is_dir():

@@ -59,6 +59,23 @@ class Crab(ConstantSpeed):
         return command(rotate(course, bearing), self.speed, self.scenario)
 
 
+class Keep(Policy):
+    """Goes to its target and stays there: the velocity over ground that would reach it in one step, as fast as it may.
+
+    For the task station-keeping; it knows the current at the AUV and the place that was measured.
+    """
+
+    def attach(self, world) -> None:
+        self.world = world
+
+    def act(self, observation: Tensor) -> Tensor:
+        auv, step = self.scenario.auv, self.scenario.mission.step
+        away = Layout.of(self.scenario).target(observation) * self.scenario.area.diagonal
+        velocity = away / step - self.world.current().to(observation)
+        speed = velocity.norm(dim=-1).clamp(auv.speed_min, auv.speed_max)
+        return command(unit(velocity), speed, self.scenario)
+
+
 class Random(Policy):
     """Uniform actions, drawn anew in every step; the n-th step after `attach` is a function of the seed alone.
 

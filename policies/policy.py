@@ -29,10 +29,11 @@ class Policy:
         """Refuse a world, or a scenario, whose observation or action this policy was not made for.
 
         Raises:
-            PolicyError: number of AUVs, observation size or form of the action differ.
+            PolicyError: task, number of AUVs, observation size or form of the action differ.
         """
         scenario = getattr(world, "scenario", world)
         for quantity, own, needed in (
+            ("task", self.scenario.task, scenario.task),
             ("number of AUVs", self.scenario.auv.count, scenario.auv.count),
             ("observation size", Layout.of(self.scenario).size, Layout.of(scenario).size),
             ("action form", self.scenario.auv.action, scenario.auv.action),

@@ -40,6 +40,10 @@ def small_trace() -> Trace:
     arrays["fix"][:, 0, 1] = [[0, 1], [0, 2], [0, 50], [0, 4]]
     arrays["fix_flags"][:, 0, 0] = [1, 1, 0, 1]  # one is not heard
     arrays["fix_flags"][:, 0, 1] = [1, 1, 3, 1]  # one has wrapped
+    arrays["node_position"][0, 0] = [0, 7]
+    arrays["auv_position"][:, 0, 1] = [[3, 3], [3, 3], [0, 7], [0, 6]]
+    arrays["estimate"][:, 0, 1] += arrays["auv_position"][:, 0, 1]
+    arrays["fix"][:, 0, 1] += arrays["auv_position"][:, 0, 1]
     scenario = Scenario.from_dict({"name": "paper sheet", "mission": {"step": 2.0, "duration": 8.0}})
     return Trace(scenario=scenario, policy="p", usv="fim", seed=3, reward_names=("a", "b"), **arrays)
 
@@ -57,6 +61,7 @@ def test_metrics_by_hand():
     assert (row.overflow, row.collisions, row.border) == (4, 1, 1)
     assert row.position_error_mean == pytest.approx((5 + 4) / 8)
     assert row.position_error_median == pytest.approx(1)
+    assert row.target_distance == pytest.approx((4 * 7 + 5 + 5 + 0 + 1) / 8)
     assert row.fix_error_median == pytest.approx(np.median([10, 3, 7, 1, 2, 4]))
     assert row.fixes_good == pytest.approx(6 / 8)
     assert row.position_error_p95 == pytest.approx(np.quantile([5, 0, 0, 0, 1, 1, 1, 1], 0.95))
@@ -64,8 +69,8 @@ def test_metrics_by_hand():
 
 def test_csv_has_the_promised_columns(tmp_path):
     promised = (
-        "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh overflow collisions border "
-        "position_error_mean position_error_median position_error_p95 fix_error_median fixes_good"
+        "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh target_distance overflow "
+        "collisions border position_error_mean position_error_median position_error_p95 fix_error_median fixes_good"
     )
     assert " ".join(COLUMNS) == promised
     rows = episode_metrics(small_trace())

@@ -26,8 +26,8 @@ def angle(vector):
 class TestFace:
     def test_heuristics_follow_the_trained_ones(self):
         names = policies.available()
-        assert names[-3:] == ["straight", "crab", "random"]
-        assert names[:-3] == policies.trained()
+        assert names[-4:] == ["straight", "crab", "keep", "random"]
+        assert names[:-4] == policies.trained()
         for name in names:
             assert policies.load(name).name == name
 

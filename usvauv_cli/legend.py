@@ -71,27 +71,39 @@ ENTRIES: tuple[tuple[Symbol, str], ...] = (
     (_target, "way to the sensor node it heads for"),
     (_goal, "where the boat plans to go"),
     (_node, "sensor nodes: how full with data"),
-    (_fix, "true place of an AUV, and measured"),
+    (_fix, "true place of an AUV, and estimated"),
     (_full, "full: new data is being lost"),
-    (_ellipse, "2-σ ellipse: 86 % of fixes expected"),
+    (_ellipse, "2-σ ellipse: 86 % of errors expected"),
     (_service, "AUV hovers and takes over data"),
     (_current, "drifting streaks: water current"),
 )
 
+STATION_ENTRIES: tuple[tuple[Symbol, str], ...] = (
+    (_auv, "underwater vehicle (AUV), last 2 min"),
+    (_boat, "boat (USV): finds the AUVs by sound"),
+    (_target, "way to the station it holds"),
+    (_goal, "where the boat plans to go"),
+    (_current, "drifting streaks: water current"),
+    (_fix, "true place of an AUV, and estimated"),
+    (_node, "station"),
+    (_ellipse, "2-σ ellipse: 86 % of errors expected"),
+)
 
 ABBREVIATIONS = "SDR: data rates of all services, added up · EC: an AUV's energy per second of travel"
 
 
-def draw_legend(picture: np.ndarray, box: Rectangle, layout: Layout) -> None:
+def draw_legend(picture: np.ndarray, box: Rectangle, layout: Layout, task: str) -> None:
     """Two columns of symbols and words, and what the abbreviations stand for."""
     draw_card(picture, box, layout.unit)
     unit, size = layout.unit, 11 * layout.unit
-    rows, widest = len(ENTRIES) // 2, max(text_width(words, size) for _, words in ENTRIES)
+    entries = ENTRIES if task == "data-collection" else STATION_ENTRIES
+    rows, widest = len(entries) // 2, max(text_width(words, size) for _, words in entries)
     size *= min(1.0, (box.width / 2 - 48 * unit) / widest)
     position = box.left + 8 * unit, box.bottom - 5 * unit
-    write(picture, shorten(ABBREVIATIONS, size, box.width - 16 * unit), position, size, style.MUTED)
+    meaning = ABBREVIATIONS if task == "data-collection" else ABBREVIATIONS.split(" · ")[1]
+    write(picture, shorten(meaning, size, box.width - 16 * unit), position, size, style.MUTED)
     box = box._replace(top=box.top + round(3 * unit), height=box.height - round(22 * unit))
-    for place, (symbol, words) in enumerate(ENTRIES):
+    for place, (symbol, words) in enumerate(entries):
         left = box.left + (place % 2) * box.width / 2
         middle = box.top + (place // 2 + 0.5) * box.height / rows
         symbol(picture, np.array([left + 20 * unit, middle]), layout)

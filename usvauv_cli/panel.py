@@ -60,7 +60,10 @@ class Panel:
             self._layout,
             log=True,
         )
-        write_heading(self._still, unit, box, "Position error of the fixes, m", "dots: each fix · line: median of 30 s")
+        of, dots = ("tracker", "step") if self._trace.scenario.tracker.enabled else ("fixes", "fix")
+        write_heading(
+            self._still, unit, box, f"Position error of the {of}, m", f"dots: each {dots} · line: median of 30 s"
+        )
         time, auvs = self._trace.time, range(error.shape[1])
         for auv in auvs:
             plot.dots(time, error[:, auv], style.mix(style.CARD, style.auv_colour(auv), 0.45))
@@ -89,6 +92,14 @@ class Panel:
     def figures(self, t: int) -> list[tuple[str, str]]:
         """What the tiles say at step t: name with unit, and value."""
         running = self._running
+        if self._trace.scenario.task == "station-keeping":
+            return [
+                ("off station, m", f"{running.off_target[t]:.2f}"),
+                ("in the mean, m", f"{running.off_target[: t + 1].mean():.2f}"),
+                ("power now, W", f"{running.power[t]:.0f}"),
+                ("EC, W", f"{running.ec[t]:.1f}"),
+                ("AUVs too close", f"{self._trace.collisions[: t + 1, 0].sum()}"),
+            ]
         return [
             ("SDR, Mbit/s", f"{running.sdr[t]:.2f}"),
             ("EC, W", f"{running.ec[t]:.1f}"),

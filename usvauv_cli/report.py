@@ -24,7 +24,7 @@ SHOWN = {
     "energy_wh": "Wh",
     "collisions": "collisions",
     "border": "border",
-    "position_error_median": "fix error m",
+    "position_error_median": "error m",
 }
 
 
@@ -55,12 +55,18 @@ def metrics_table(rows: Sequence[EpisodeMetrics]) -> None:
 def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
     """Print what happened in one mission, in words."""
     minutes, seconds = divmod(round(float(trace.time[-1])), 60)
+    if trace.scenario.task == "station-keeping":
+        done = f"  {row.target_distance:.2f} m off station in the mean for {row.energy_wh:.1f} Wh (EC {row.ec:.1f} W)"
+    else:
+        done = (
+            f"  {row.services} services brought {row.delivered_mbit:.1f} Mbit (SDR {row.sdr:.2f} Mbit/s)"
+            f" for {row.energy_wh:.1f} Wh (EC {row.ec:.1f} W)"
+        )
     heave = trace.boat_surface[:, 0, 0]
     lines = [
         f"{row.scenario}, policy {row.policy}, boat {row.usv}, seed {row.seed}: {minutes} min {seconds} s of mission",
-        f"  {row.services} services brought {row.delivered_mbit:.1f} Mbit (SDR {row.sdr:.2f} Mbit/s)"
-        f" for {row.energy_wh:.1f} Wh (EC {row.ec:.1f} W); ARPS {row.arps:.2f}",
-        f"  fixes are {row.position_error_median:.2f} m off in the median, {row.position_error_p95:.2f} m at 95 %;"
+        f"{done}; ARPS {row.arps:.2f}",
+        f"  positions are {row.position_error_median:.2f} m off in the median, {row.position_error_p95:.2f} m at 95 %;"
         f" the boat heaved from {heave.min():+.2f} to {heave.max():+.2f} m",
         f"  {row.collisions} steps too close, {row.border} moves refused at the border,"
         f" {row.overflow} node-steps of overflow",
@@ -69,7 +75,7 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
 
 
 @contextmanager
-def training(yardstick: dict[str, float], algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
+def training(yardstick: dict, algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
     """A live table of a training run (lines, where there is no terminal); the function it gives shows new figures."""
     console = Console()
     title = f"{algorithm} in {scenario}"
@@ -80,7 +86,7 @@ def training(yardstick: dict[str, float], algorithm: str, scenario: str) -> Iter
         yield lambda figures: live.update(training_table(figures, yardstick, title))
 
 
-def _line_printer(yardstick: dict[str, float], title: str) -> Callable[[dict], None]:
+def _line_printer(yardstick: dict, title: str) -> Callable[[dict], None]:
     """A function that prints figures as one line, at most every `LINE_EVERY` seconds and at the end."""
     printed = -LINE_EVERY
 
@@ -94,22 +100,22 @@ def _line_printer(yardstick: dict[str, float], title: str) -> Callable[[dict], N
             f"{title}: {figures['steps']:,} of {figures['total']:,} world-steps, {figures['eta']:.0f} s left;"
             f" arps {figures['arps']:.2f}, sdr {figures['sdr']:.2f}, ec {figures['ec']:.1f}"
             + (f"; evaluated arps {judged:.2f}" if judged is not None else "")
-            + f" (straight {yardstick['arps']:.2f})",
+            + f" ({yardstick['policy']} {yardstick['arps']:.2f})",
             flush=True,
         )
 
     return show
 
 
-def training_table(figures: dict, yardstick: dict[str, float], title: str) -> Table:
-    """The live table: progress, figures of the training worlds, reward by term, evaluation beside `straight`."""
+def training_table(figures: dict, yardstick: dict, title: str) -> Table:
+    """The live table: progress, figures of the training worlds, reward by term, evaluation beside the yardstick."""
     done, total = figures["steps"], figures["total"]
     minutes, seconds = divmod(round(figures["eta"]), 60)
     table = Table(title=f"training {title}: {done / total:.0%}, {minutes} min {seconds} s left", title_justify="left")
     table.add_column("what")
     table.add_column("training worlds", justify="right")
     table.add_column("evaluation", justify="right")
-    table.add_column("straight", justify="right")
+    table.add_column(yardstick["policy"], justify="right")
     table.add_row("world-steps", f"{done:,} of {total:,}", "", "")
     table.add_row("world-steps/s", f"{figures['steps_per_second']:,.0f}", "", "")
     table.add_row("updates", f"{figures['updates']:,}", "", "")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usvauv_env.metrics import position_error
+from usvauv_env.metrics import position_error, target_distance
 from usvauv_env.trace import Trace
 
 MEDIAN_WINDOW = 30.0  # s
@@ -22,6 +22,7 @@ class Running:
         services: (T,) completed so far. delivered: (T,) Mbit so far. full_now: (T,) nodes losing packets in this step.
         position_error: (T, K) horizontal distance from the true position to the estimate, m.
         error_median: (T, K) its median over the last 30 s.
+        off_target: (T,) mean over AUVs of the distance to the target, m. power: (T,) of the AUVs together, W.
         heading: (T, K) of the AUVs, boat_heading: (T,) of the boat, anticlockwise from east, rad.
         service_share: (T, K) done part of the service going on, 0 when travelling.
     """
@@ -33,6 +34,8 @@ class Running:
     full_now: np.ndarray
     position_error: np.ndarray
     error_median: np.ndarray
+    off_target: np.ndarray
+    power: np.ndarray
     heading: np.ndarray
     boat_heading: np.ndarray
     service_share: np.ndarray
@@ -54,6 +57,8 @@ class Running:
             full_now=trace.overflowing[:, 0],
             position_error=error,
             error_median=_running_median(error, max(1, round(MEDIAN_WINDOW / step))),
+            off_target=target_distance(trace)[:, 0].mean(axis=1),
+            power=trace.power[:, 0].sum(axis=1),
             heading=_heading(trace.auv_velocity[:, 0], 1e-3),
             boat_heading=_heading(_smooth(moves[:, None], 5), 0.02 * step)[:, 0],
             service_share=_service_share(hovering, rate > 0),

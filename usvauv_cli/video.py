@@ -67,7 +67,7 @@ class Painter:
         self.map = Map(trace, running, self.layout)
         draw_surroundings(self._still, self.map, self.layout, area, view_note(trace.scenario))
         if self.layout.legend:
-            draw_legend(self._still, self.layout.legend, self.layout)
+            draw_legend(self._still, self.layout.legend, self.layout, trace.scenario.task)
         speed_up = fps * trace.scenario.mission.step
         self.panel = Panel(self._still, trace, running, self.layout, self.map.view, speed_up)
 

@@ -29,6 +29,7 @@ class EpisodeMetrics:
         arps: (1/T) Σ over steps and AUVs of the reward.
         services: number of completed services. delivered_mbit: their data, Mbit.
         energy_wh: energy of all AUVs, Wh.
+        target_distance: mean true distance of the AUVs to their targets, m.
         overflow: node-steps in which a full buffer lost packets.
         collisions: pair-steps below the collision distance. border: refused moves.
         position_error_mean, _median, _p95: of |estimate − truth| over all AUVs and steps, m.
@@ -46,6 +47,7 @@ class EpisodeMetrics:
     services: int
     delivered_mbit: float
     energy_wh: float
+    target_distance: float
     overflow: int
     collisions: int
     border: int
@@ -63,6 +65,12 @@ FIGURES = COLUMNS[5:]
 def position_error(trace: Trace) -> np.ndarray:
     """Distance between estimated and true positions, (T, W, K), m."""
     return np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)
+
+
+def target_distance(trace: Trace) -> np.ndarray:
+    """Distance between AUVs and their targets, true positions, (T, W, K), m."""
+    target = np.take_along_axis(trace.node_position[None], trace.target[..., None].astype(np.intp), axis=2)
+    return np.linalg.norm(target - trace.auv_position, axis=-1)
 
 
 def energy_consumption(power: np.ndarray, hovering: np.ndarray, step: float) -> np.ndarray:
@@ -92,6 +100,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             services=int((trace.service_rate[:, w] > 0).sum()),
             delivered_mbit=float(trace.delivered[:, w].sum(dtype=np.float64)),
             energy_wh=float(trace.power[:, w].sum(dtype=np.float64) * step / 3600),
+            target_distance=float(target_distance(trace)[:, w].mean()),
             overflow=int(trace.overflowing[:, w].sum()),
             collisions=int(trace.collisions[:, w].sum()),
             border=int(trace.border[:, w].sum()),

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from kernels import acoustics, fisher, horizon, usbl, waveform
-from kernels.layout import Options, Parameter, Refraction, Strategy
+from kernels.layout import Options, Parameter, Refraction, Strategy, Task
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv_env.tracking import current_model
@@ -129,6 +129,7 @@ def options(scenario: Scenario, strategy: UsvStrategy) -> Options:
     if sound_speed_profile(s) is not None:
         refraction = Refraction.corrected if s.usbl.refraction == "corrected" else Refraction.ignored
     return Options(
+        task=Task.station_keeping if s.task == "station-keeping" else Task.collection,
         waveform=s.usbl.model == "waveform",
         refraction=refraction,
         tracker=s.tracker.enabled,
@@ -201,6 +202,7 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
         "collision_distance": s.auv.collision_distance,
         "hover_radius": s.auv.hover_radius,
         "node_margin": s.nodes.margin,
+        "formation_radius": s.stations.radius,
         "buffer": s.nodes.buffer,
         "start_backlog": s.nodes.start_backlog,
         "payload": s.nodes.payload,

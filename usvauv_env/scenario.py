@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -31,6 +31,7 @@ from usvauv_env.sections import (
     Reward,
     Sea,
     Section,
+    Stations,
     Storm,
     Tracker,
     Usbl,
@@ -50,6 +51,9 @@ class Scenario(Section):
 
     name: str = Field("unnamed", min_length=1, description="name shown in tables and on videos")
     description: str = Field("", description="one sentence on what it stands for")
+    task: Literal["data-collection", "station-keeping"] = Field(
+        "data-collection", description="collect data from nodes, or hold a formation in the current"
+    )
     area: Area = Field(default_factory=Area, description="the operating area")
     mission: Mission = Field(default_factory=Mission, description="clock of the mission")
     sea: Sea = Field(default_factory=Sea, description="sea surface: shallow-water equations (Eq. 6)")
@@ -63,6 +67,7 @@ class Scenario(Section):
     tracker: Tracker = Field(default_factory=Tracker, description="tracker of the AUVs")
     auv: Auv = Field(default_factory=Auv, description="the AUVs")
     nodes: Nodes = Field(default_factory=Nodes, description="sensor nodes and their data link")
+    stations: Stations = Field(default_factory=Stations, description="formation of the task station-keeping")
     observation: Observation = Field(default_factory=Observation, description="what an AUV observes")
     reward: Reward = Field(default_factory=Reward, description="weights of the reward's named terms")
     reference: Reference = Field(default_factory=Reference, description="recorded speeds of the heuristics")
@@ -84,6 +89,8 @@ class Scenario(Section):
             raise ValueError("reference.crab_speed must lie between auv.speed_min and auv.speed_max")
         if self.mission.step * max(self.nodes.arrival_rates) > 80:  # the sampler's exp(−mean) must not underflow
             raise ValueError("nodes.arrival_rates times mission.step must not be above 80 packets")
+        if self.task == "station-keeping" and 2 * self.stations.radius > smaller:
+            raise ValueError(f"stations.radius must not be above half the area's smaller side, {smaller / 2:g}")
         if self.sea.cell_size * 4 > smaller:
             raise ValueError("sea.cell_size must leave at least four cells across the area")
         if self.storm.spectrum != "none":
@@ -98,6 +105,11 @@ class Scenario(Section):
         highest = min(0.1 * g * storm.peak_period**2 / (2 * math.pi), 0.6 * depth)  # beyond that waves break
         if storm.significant_height > highest:
             raise ValueError(f"storm.significant_height must not be above {highest:.3g} m, where such waves break")
+
+    @property
+    def targets(self) -> int:
+        """Number of places that AUVs can be sent to: nodes, or stations."""
+        return self.nodes.count if self.task == "data-collection" else self.auv.count
 
     @staticmethod
     def shipped() -> list[str]:

@@ -304,6 +304,12 @@ class Nodes(Section):
         return self
 
 
+class Stations(Section):
+    """The formation of the task "station-keeping"."""
+
+    radius: NonNegative = Field(40.0, description="radius of the circle on which the stations lie, one an AUV, m")
+
+
 class Observation(Section):
     current: Literal["none", "speed", "vector"] = Field(
         "speed", description="the perceived current: not at all, its speed (Eq. 4), or speed and both components"

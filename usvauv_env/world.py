@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from kernels import collection, runtime, start, tracker, vortex
+from kernels import mission, runtime, start, tracker, vortex
 from kernels.layout import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn, RewardTerm
 from usvauv_env.parameters import (
     OBSERVED_CURRENT,
@@ -105,7 +105,7 @@ class World:
         def array(*shape: int) -> torch.Tensor:
             return torch.zeros(shape, dtype=torch.float32, device=self.device)
 
-        num_nodes, num_vortices = scenario.nodes.count, max(scenario.current.vortices, 1)
+        num_nodes, num_vortices = scenario.targets, max(scenario.current.vortices, 1)
         team = (num_worlds, self.num_auvs)
         self.auv = array(*team, len(AuvColumn.names))
         self.node = array(num_worlds, num_nodes, len(NodeColumn.names))
@@ -176,7 +176,7 @@ class World:
         if self._vortices_change:
             current = self.scenario.current
             vortex.evolve(self.vortex, self._room, self.scenario.mission.step, current.viscosity, current.mutual)
-        collection.step(
+        mission.step(
             self._options,
             self._parameters,
             self._link,

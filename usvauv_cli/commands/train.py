@@ -29,8 +29,8 @@ def train(
 ) -> None:
     """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with TensorBoard files beside them.
 
-    It is judged now and then on worlds it is not trained in, beside `straight` on the same worlds. Ctrl-C ends the run
-    cleanly; `--resume` goes on.
+    It is judged now and then on worlds it is not trained in, beside `straight` on the same worlds (in station-keeping
+    beside `keep`). Ctrl-C ends the run cleanly; `--resume` goes on.
 
     **Examples:**
 
@@ -69,7 +69,8 @@ def train(
         rows = episode_metrics(record(judges, policy.act, policy.name))
         return report.mean_figures(rows)
 
-    yardstick = judge(policies.load("straight", setting))
+    reference = policies.yardstick(setting)
+    yardstick = judge(policies.load(reference, setting)) | {"policy": reference}
     trainer = policies.Trainer(world, config, out, judge, provenance(setting, steps))
     if resume:
         trainer.resume()
@@ -77,7 +78,7 @@ def train(
         trainer.train(steps, show)
     if trainer.stopped:
         typer.echo(f"stopped at {trainer.steps} of {steps} world-steps; go on with: --out {out} --resume")
-    typer.echo(f"best arps {trainer.best:.3f} (straight {yardstick['arps']:.3f}) in {out / 'best'}")
+    typer.echo(f"best arps {trainer.best:.3f} ({reference} {yardstick['arps']:.3f}) in {out / 'best'}")
 
 
 def make_folder(path: Path) -> None:
