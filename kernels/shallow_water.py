@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +14,7 @@ from kernels import runtime
 from kernels.c_grid import LANES, Packing, sample
 from kernels.edges import PLACES, RADIATING, SHARE, Edge, Edges, Side
 from kernels.forward_backward import march, plan_bands
+from kernels.launch import Launch
 
 __all__ = ["Edge", "ShallowWater", "Side", "sample"]
 
@@ -192,17 +194,25 @@ class ShallowWater:
         if not self.still:
             if not self._silent:
                 self._tabulate_edge()
-            launches = math.ceil(self.substeps / self._tile)
-            ends = [self.substeps * n // launches for n in range(launches + 1)]
-            arrays = self._state, self._C, self._edge_elevation, self._resistance, self._shares_kept
-            arguments = (*(array.view(-1, LANES) for array in arrays), self._plan, self.edges.shares())
-            grid = self._packing.blocks, self._packing.columns, self.nx
-            flags = self._packing.strips, self.edges.radiating, self.edges.sponge
-            with runtime.vectors_in_registers():
-                for first, last in pairwise(ends):
-                    march(*arguments, *grid, first, last - first, self._keep, *flags)
+            for launch in self._launches:
+                launch()
             self._at_rest = False
         self._intervals += 1
+
+    @cached_property
+    def _launches(self) -> list[Launch]:
+        """What makes an interval: launches of as many substeps each as a tile has."""
+        count = math.ceil(self.substeps / self._tile)
+        ends = [self.substeps * n // count for n in range(count + 1)]
+        arrays = self._state, self._C, self._edge_elevation, self._resistance, self._shares_kept
+        arguments = (*(array.view(-1, LANES) for array in arrays), self._plan, self.edges.shares())
+        grid = self._packing.blocks, self._packing.columns, self.nx
+        flags = self._packing.strips, self.edges.radiating, self.edges.sponge
+        with runtime.vectors_in_registers():
+            return [
+                Launch(march, *arguments, *grid, first, last - first, self._keep, *flags)
+                for first, last in pairwise(ends)
+            ]
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Copies of the packed fields and of the clock; with the same forcing, `load` brings them back bit for bit."""

@@ -16,6 +16,8 @@ keeps the impulse Σ Γ_i X_i and, in ideal fluid, the energy; cores do not defo
 import taichi as ti
 import torch
 
+from kernels.launch import Launch
+
 TWO_PI = 6.283185307179586
 vec2 = ti.types.vector(2, ti.f32)
 
@@ -129,8 +131,8 @@ def _sample_vorticity(
         out[w, p] = vorticity(vortex, w, points[w, p, 0], points[w, p, 1])
 
 
-def evolve(vortex: torch.Tensor, kept: torch.Tensor, dt: float, viscosity: float, mutual: bool) -> None:
-    """Let vortices spread and carry one another for a time, in place, by the classical Runge–Kutta method.
+def evolution(vortex: torch.Tensor, kept: torch.Tensor, dt: float, viscosity: float, mutual: bool) -> Launch:
+    """What lets vortices spread and carry one another for a time, in place, by the classical Runge–Kutta method.
 
     Args:
         vortex: (W, V, 4) float32.
@@ -139,7 +141,7 @@ def evolve(vortex: torch.Tensor, kept: torch.Tensor, dt: float, viscosity: float
         viscosity: ν ≥ 0, m²/s.
         mutual: whether the centres move.
     """
-    _evolve(vortex, kept, dt, viscosity, int(mutual))
+    return Launch(_evolve, vortex, kept, dt, viscosity, int(mutual))
 
 
 def sample_current(vortex: torch.Tensor, points: torch.Tensor) -> torch.Tensor:

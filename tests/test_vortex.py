@@ -8,7 +8,7 @@ import torch
 from scipy.special import lambertw
 
 from kernels import runtime
-from kernels.vortex import evolve, sample_current, sample_vorticity
+from kernels.vortex import evolution, sample_current, sample_vorticity
 
 # Baseline reference of the paper (Zhang et al., doi 10.1109/JIOT.2024.3395568): three vortices in a 120 m square.
 BASELINE = [(30.0, 23.0, 8.0, 48.0), (63.0, 45.0, 8.0, 48.0), (75.0, 77.0, 8.0, 48.0)]
@@ -124,7 +124,7 @@ def carried(device, vortices, dt, steps, viscosity=0.0, mutual=True):
     kept = torch.zeros((*vortex.shape[:2], 7), device=device)
     history = [vortex[0].double().cpu().numpy()]
     for _ in range(steps):
-        evolve(vortex, kept, dt, viscosity, mutual)
+        evolution(vortex, kept, dt, viscosity, mutual)()
         history.append(vortex[0].double().cpu().numpy())
     return np.stack(history)
 
@@ -201,5 +201,5 @@ class TestEvolution:
 
     def test_worlds_do_not_meet(self, device):
         vortex = torch.tensor([STRONG, BASELINE], dtype=torch.float32, device=device)
-        evolve(vortex, torch.zeros((2, 3, 7), device=device), 5.0, 0.1, True)
+        evolution(vortex, torch.zeros((2, 3, 7), device=device), 5.0, 0.1, True)()
         np.testing.assert_array_equal(vortex[0].double().cpu(), carried(device, STRONG, 5.0, 1, 0.1)[-1])

@@ -144,7 +144,7 @@ class TestVortices:
         world.reset()
         expected, room = world.vortex.clone(), torch.zeros(5, 4, 7)
         for _ in range(20):
-            vortex.evolve(expected, room, 1.0, 0.5, True)
+            vortex.evolution(expected, room, 1.0, 0.5, True)()
             world.step(torch.zeros(5, 2, 2))
         assert torch.equal(world.vortex, expected)
 

@@ -12,6 +12,7 @@ import torch
 from kernels import airy
 from kernels.layout import AuvColumn, BoatColumn, Level, NodeColumn, RewardTerm
 from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.sea import build_short_waves
 
 
 def steer(observation: torch.Tensor, num_auvs: int = 2, share: float = 0.7) -> torch.Tensor:
@@ -288,10 +289,17 @@ class TestStorm:
         fine = World(scenario, num_worlds=1, seed=3, first_world=5, fine_sea=True)
         for each in (world, fine):
             run(each, 3)
-        x = (np.arange(50) + 0.5) * 4
-        np.testing.assert_allclose(world.surface(50), world.storm.elevation(5, x, x), atol=1e-5)
-        x = (np.arange(128) + 0.5) * 200 / 128
-        np.testing.assert_allclose(fine.surface(128), world.storm.elevation(5, x, x), atol=1e-5)
+        pool = build_short_waves(scenario, 3, 16)
+        pool.move_to(3.0)
+        for each, cells in ((world, 50), (fine, 128)):
+            x = (np.arange(cells) + 0.5) * 200 / cells
+            np.testing.assert_allclose(each.surface(cells), pool.elevation(5, x, x), atol=1e-5)
+
+    def test_only_the_seas_that_are_sailed_on_are_solved(self, extreme):
+        for worlds, first, seas in ((1, 0, 1), (3, 5, 3), (3, 14, 16), (40, 3, 16)):
+            world = World(extreme, worlds, first_world=first)
+            assert len(world.storm.k) == seas
+            assert world.sea.num_seas == seas
 
     def test_extreme_is_as_it_says(self, extreme):
         """The numbers of the scenario's description, over whole missions of 256 worlds with all 16 seas.

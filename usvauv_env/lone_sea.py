@@ -108,13 +108,17 @@ class LoneSea:
             raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
         self.scenario, self.seed, self.interval = scenario, seed, interval
         self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
-        self._room = self._vortex.new_zeros((*self._vortex.shape[:2], 7))
         self.depth = still_depth(scenario, shape)
         self.wet = self.depth > 0
-        self._vortices_change = scenario.current.viscosity > 0 or scenario.current.mutual
+        self._evolve_vortices = None
+        current, self._pieces = scenario.current, math.ceil(interval / scenario.mission.step)
+        if (current.viscosity > 0 or current.mutual) and self._vortex.shape[1]:
+            room = self._vortex.new_zeros((*self._vortex.shape[:2], 7))
+            step = interval / self._pieces
+            self._evolve_vortices = vortex.evolution(self._vortex, room, step, current.viscosity, current.mutual)
         self._flow = real_current(scenario)
         flow_changes = self._flow is not None and len(self._flow.times) > 1
-        self.steady = not (self._vortices_change or flow_changes)
+        self.steady = self._evolve_vortices is None and not flow_changes
         paced = scenario.sea.model_copy(update={"update_interval": interval})
         self.long_waves = build_sea(scenario.model_copy(update={"sea": paced}), seed, 1, shape)
         self.storm = build_short_waves(scenario, seed, 1)
@@ -142,10 +146,9 @@ class LoneSea:
         self.long_waves.advance()
         self._steps += 1
         self.storm.move_to(self.time)
-        if self._vortices_change:
-            current, pieces = self.scenario.current, math.ceil(self.interval / self.scenario.mission.step)
-            for _ in range(pieces):
-                vortex.evolve(self._vortex, self._room, self.interval / pieces, current.viscosity, current.mutual)
+        if self._evolve_vortices:
+            for _ in range(self._pieces):
+                self._evolve_vortices()
 
     def surface(self) -> Surface:
         """The elevation now."""

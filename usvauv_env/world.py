@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from kernels import mission, runtime, start, tracker, vortex
+from kernels.launch import Launch
 from kernels.layout import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn, RewardTerm
 from usvauv_env.parameters import (
     OBSERVED_CURRENT,
@@ -126,9 +127,14 @@ class World:
         self._bed = self._upload(bed(scenario))
         self._flow = real_current(scenario)
         self._stream = array(2, 2, 2, 2) if self._flow is None else self._upload(self._flow.at(0.0))
-        self._vortices_change = scenario.current.viscosity > 0 or scenario.current.mutual
-        if self._vortices_change:
-            self._room = array(num_worlds, num_vortices, 7)
+        self._evolve_vortices = None
+        current = scenario.current
+        if current.viscosity > 0 or current.mutual:
+            room = array(num_worlds, num_vortices, 7)
+            self._evolve_vortices = vortex.evolution(
+                self.vortex, room, scenario.mission.step, current.viscosity, current.mutual
+            )
+        self._action = array(*team, 2)
         self._begin_sea(episode=0)
 
     def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
@@ -163,38 +169,25 @@ class World:
         Args:
             action: (num_worlds, num_auvs, 2) in [−1, 1].
 
+        Raises:
+            ValueError: an action of another shape.
+
         Returns:
             observation (W, K, O); reward (W, K); terminated (W, K): a service ended the learner's value horizon, the
             episode goes on; truncated (W, K): the episode's time is over, call `reset`; info with "reward_terms"
             (W, K, R) named `reward_names` and "measures" (W, K, 6) named `measure_names`. All but terminated and
             truncated are overwritten by the next step.
         """
+        if action.shape != self._action.shape:
+            raise ValueError(f"action has shape {tuple(action.shape)}: must be {tuple(self._action.shape)}")
         if self._steps_since_sea % self._sea_interval == 0:
             self.sea.advance()
         self._steps_since_sea += 1
         self._set_clock()
-        if self._vortices_change:
-            current = self.scenario.current
-            vortex.evolve(self.vortex, self._room, self.scenario.mission.step, current.viscosity, current.mutual)
-        mission.step(
-            self._options,
-            self._parameters,
-            self._link,
-            self._layers,
-            *self._key,
-            *self._sea_arguments,
-            action.to(self.device, torch.float32).contiguous(),
-            self._clock,
-            self.auv,
-            self.node,
-            self.vortex,
-            self.boat,
-            self.estimate,
-            self.track,
-            self.observation,
-            self.reward_terms,
-            self.reward,
-        )
+        if self._evolve_vortices:
+            self._evolve_vortices()
+        self._action.copy_(action)
+        self._step()
         served = self.auv[..., AuvColumn.service_rate] > 0
         terminated = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
         truncated = (self._clock[:, 1:] >= self.steps).expand(-1, self.num_auvs)
@@ -244,12 +237,36 @@ class World:
             self.storm = build_short_waves(self.scenario, seed, 1, first)
             lane = torch.zeros(1, dtype=torch.int32)
         else:
-            self.sea = build_sea(self.scenario, seed, pool)
-            self.storm = build_short_waves(self.scenario, seed, pool)
-            lane = (torch.arange(self.num_worlds) + self._first_world) % pool
+            first = self._first_world % pool
+            count = min(self.num_worlds, pool)
+            if first + count > pool:  # around the end of the pool
+                first, count = 0, pool
+            self.sea = build_sea(self.scenario, seed, count, first=first)
+            self.storm = build_short_waves(self.scenario, seed, count, first=first)
+            lane = (torch.arange(self.num_worlds) + self._first_world) % pool - first
         self._lane = lane.to(self.device, torch.int32)
         water = (self.sea.eta, *self.sea.transports, *self.sea.units, self.storm.wave, self._stream, self._bed)
         self._sea_arguments = (*water, self._lane, self.sea.nx, self.sea.ny)
+        self._step = Launch(
+            mission.step,
+            self._options,
+            self._parameters,
+            self._link,
+            self._layers,
+            *self._key,
+            *self._sea_arguments,
+            self._action,
+            self._clock,
+            self.auv,
+            self.node,
+            self.vortex,
+            self.boat,
+            self.estimate,
+            self.track,
+            self.observation,
+            self.reward_terms,
+            self.reward,
+        )
         self._steps_since_sea = 0
         self._sea_episode = episode
         self._set_clock()

@@ -1,0 +1,68 @@
+"""A bound launch is the call it stands for."""
+
+import numpy as np
+import pytest
+import taichi as ti
+import torch
+
+from kernels import runtime
+from kernels.launch import Launch
+
+vec3 = ti.types.vector(3, ti.f32)
+
+
+@ti.kernel
+def mix(
+    doubled: ti.template(),
+    x: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    lanes: ti.types.ndarray(dtype=vec3, ndim=1),
+    index: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    scale: ti.f32,
+    shift: ti.i32,
+    word: ti.u32,
+    weights: vec3,
+):
+    for i in range(x.shape[0]):
+        total = lanes[i].dot(weights) + ti.cast(ti.bit_shr(word, 16), ti.f32)
+        for j in range(x.shape[1]):
+            x[i, j] = scale * x[i, j] + ti.cast(index[i] + shift, ti.f32) + total
+            if ti.static(doubled):
+                x[i, j] = 2.0 * x[i, j]
+
+
+def arguments(device):
+    generator = torch.Generator().manual_seed(1)
+    x = torch.rand((5, 4), generator=generator).to(device)
+    lanes = torch.rand((5, 3), generator=generator).to(device)
+    return x, lanes, torch.arange(5, dtype=torch.int32, device=device), 0.5, -3, 0xFFFF1234, vec3(1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("doubled", [False, True])
+def test_same_as_the_call(doubled):
+    device = runtime.start().device
+    called, bound = arguments(device), arguments(device)
+    launch = Launch(mix, doubled, *bound)
+    for _ in range(3):
+        mix(doubled, *called)
+        launch()
+    assert torch.equal(called[0], bound[0])
+    expected = arguments(device)[0].double().cpu().numpy()
+    total = bound[1].double().cpu().numpy() @ [1, 2, 3] + 0xFFFF + np.arange(5) - 3
+    for _ in range(3):
+        expected = (2 if doubled else 1) * (0.5 * expected + total[:, None])
+    np.testing.assert_allclose(bound[0].cpu(), expected, rtol=1e-6)
+
+
+def test_arrays_are_read_anew_at_each_call():
+    bound = arguments(runtime.start().device)
+    launch = Launch(mix, False, *bound)
+    bound[0].zero_()
+    bound[1].zero_()
+    launch()
+    assert bound[0][:, 0].tolist() == [0xFFFF - 3.0 + i for i in range(5)]
+
+
+def test_a_strided_tensor_is_refused():
+    x, *rest = arguments(runtime.start().device)
+    with pytest.raises(ValueError, match="contiguous"):
+        Launch(mix, False, x.T, *rest)
