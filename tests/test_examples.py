@@ -1,0 +1,74 @@
+"""The examples that learn with other people's libraries: each for a few hundred steps of short missions."""
+
+import re
+import runpy
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.wrappers import FlattenObservation
+
+import usvauv_env
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+EXTREME = Path(usvauv_env.__file__).parent / "scenarios" / "extreme.toml"
+
+
+@pytest.fixture(scope="module")
+def short_missions(tmp_path_factory):
+    """The scenario extreme with missions of 40 steps, so that a few hundred steps hold several."""
+    text, changes = re.subn(r"(?m)^duration = [\d.]+", "duration = 40.0", EXTREME.read_text(encoding="utf-8"))
+    assert changes == 1
+    path = tmp_path_factory.mktemp("scenario") / "short.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """Small networks on busy cores: a second thread only waits for the first."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+# TorchRL 0.14's own classes inherit from one that it deprecates.
+@pytest.mark.filterwarnings("ignore:Creating .* which inherits from WeightUpdaterBase is deprecated:DeprecationWarning")
+@pytest.mark.parametrize(
+    ("name", "library", "steps", "reports"),
+    [
+        ("stable_baselines3_sac", "stable_baselines3", 300, 10),
+        ("cleanrl_td3", "torch", 400, 10),
+        ("torchrl_ppo", "torchrl", 400, 8),
+    ],
+)
+def test_learns(name, library, steps, reports, short_missions, tmp_path, monkeypatch, capsys):
+    """The reward rises from what random moves bring by a third of the way to zero, and mostly by far more."""
+    pytest.importorskip(library)
+    monkeypatch.chdir(tmp_path)  # what an example logs goes here
+    rewards = runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](
+        ["--steps", str(steps), "--scenario", str(short_missions), "--seed", "1"]
+    )
+    assert len(rewards) == reports
+    assert np.isfinite(rewards).all()
+    assert rewards[0] < -2.5
+    assert rewards[-1] > rewards[0] * 2 / 3
+    printed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("step ")]
+    assert len(printed) == reports
+    assert printed[-1].startswith(f"step {steps}: mean team reward {rewards[-1]:.2f} per step")
+
+
+def test_a_team_as_one_agent_of_stable_baselines3(short_missions):
+    """The single-environment face passes the library's check and is learned from over several missions."""
+    library = pytest.importorskip("stable_baselines3")
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    env = FlattenObservation(gymnasium.make("usvauv/DataCollection-v0", scenario=short_missions))
+    checker.check_env(env)
+    learner = library.SAC("MlpPolicy", env, learning_starts=50, batch_size=32, seed=1, device="cpu")
+    actor = [weight.clone() for weight in learner.actor.parameters()]
+    learner.learn(100)
+    assert len(learner.ep_info_buffer) == 2
+    assert any((new != old).any() for new, old in zip(learner.actor.parameters(), actor, strict=True))
