@@ -1,31 +1,38 @@
-"""The boat's planner against differential evolution, its gap to a dense search, and the rate of statistical fixes.
+"""The boat's planner against differential evolution, its gap to a dense search, and what a level array neglects.
 
     python -m benchmarks.plan --json
 
-Links are those of scenario `extreme`, the area is 200 m × 200 m. Two objectives: "joint fix", the determinant of the
-information on all positions by whole fixes (`ideal`, `extreme`), and "sum phase", of the paper's sum (`paper-*`).
-Differential evolution is SciPy's with its default settings on the same objective in NumPy, in two versions: one place a
-call, and a whole generation a call; ratios are to the faster. Gaps are differences of ln det, in double precision, to
-the best of a dense grid, polished by a pattern search that knows no derivatives.
+Links are those of scenario `extreme`, the area is 200 m × 200 m. Objectives "d fix", "a fix" and "e fix" are the
+determinant, the trace of the inverse and the least eigenvalue of the information on all positions by whole fixes, "sum
+phase" is the determinant of the paper's sum (`paper-*`). Differential evolution is SciPy's with its default settings on
+the same objective in NumPy, in two versions: one place a call, and a whole generation a call; ratios are to the faster.
+Gaps are differences of ln of the objective, in double precision, to the best of a dense grid, polished by a search that
+knows no derivatives. `tilt` is what ln of the objective loses, on a sea of slope 0.1, because the boat plans with a
+level array.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
+from collections.abc import Callable
 
 import numpy as np
 import torch
 from scipy.optimize import differential_evolution
 
 from benchmarks.machine import best_time, describe
-from kernels import fisher, runtime, usbl
+from kernels import optimality, planner, runtime, tilt, usbl
 from usvauv_env import Scenario
 from usvauv_env.parameters import link_table
 
 SIDE = 200.0
 TEAMS = (2, 4, 8, 16)
-OBJECTIVES = {"joint fix": fisher.JOINT_FIX, "sum phase": fisher.PHASE}
+FORMS = {
+    f"{objective} {measurement}": optimality.form(measurement, objective)
+    for objective, measurement in (("d", "fix"), ("a", "fix"), ("e", "fix"), ("sum", "phase"))
+}
 KINDS = ("anywhere", "near-collinear", "coincident", "beneath the boat", "any depth")
 GRID = 41
 PEAKS = 5  # grid points of each layout that are polished, beside its AUVs
@@ -49,70 +56,104 @@ def layouts(kind: str, count: int, auvs: int, random: np.random.Generator) -> np
     return np.concatenate([place, z[..., None]], axis=-1).astype(np.float32)
 
 
-def log_det(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarray:
-    """The objective in double precision: boat (..., 2) and auvs (..., K, 3) in m, link (K, COLUMNS)."""
+def log_objective(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarray:
+    """ln of the objective in double precision: boat (..., 2) and auvs (..., K, 3) in m, link (K, COLUMNS)."""
     dx, dy = boat[..., None, 0] - auvs[..., 0], boat[..., None, 1] - auvs[..., 1]
     z2 = auvs[..., 2] ** 2
     q = dx * dx + dy * dy + z2
     S0 = link[:, usbl.REFERENCE]
     log_T = link[:, usbl.LEVEL] - link[:, usbl.POWER] * np.log(q / S0**2) - link[:, usbl.DECAY] * (np.sqrt(q) - S0)
-    if form == fisher.JOINT_FIX:
-        return 2 * log_T.sum(-1)
-    T, s2 = np.exp(log_T), z2 / q
+    v = np.exp(-log_T) + link[:, usbl.ATTITUDE] * z2
+    if form == FORMS["d fix"]:
+        return -2 * np.log(v).sum(-1)
+    if form == FORMS["a fix"]:
+        return -np.log(2 * v.sum(-1))
+    if form == FORMS["e fix"]:
+        return -np.log(v.max(-1))
+    T, s2 = 1 / v, z2 / q
     a, b = T * s2 * s2, T * (1 + s2) / q
     xx, yy, xy = ((a + b * dy * dy).sum(-1), (a + b * dx * dx).sum(-1), (b * dx * dy).sum(-1))
     return np.log(xx * yy - xy * xy)
 
 
 def best_by_search(auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarray:
-    """Global maximum of each layout (n, K, 3): dense grid, then a pattern search from its best peaks and every AUV."""
+    """Global maximum of each layout (n, K, 3): dense grid, then a pattern search from its best peaks and every AUV.
+
+    A pattern search can get stuck at a kink, so for E, which has one maximum, there is `best_of_one_peak` too.
+    """
     axis = np.linspace(0, SIDE, GRID)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    value = np.concatenate([log_det(grid, part[:, None], link, form) for part in np.array_split(auvs, len(auvs) // 20)])
+    value = np.concatenate(
+        [log_objective(grid, part[:, None], link, form) for part in np.array_split(auvs, len(auvs) // 20)]
+    )
     padded = np.pad(value.reshape(-1, GRID, GRID), ((0, 0), (1, 1), (1, 1)), constant_values=-np.inf)
     around = [padded[:, i : i + GRID, j : j + GRID] for i in range(3) for j in range(3)]
     peaks = np.where(value >= np.max(around, axis=0).reshape(value.shape), value, -np.inf)
     x = grid[np.argsort(peaks, axis=1)[:, -PEAKS:]]
     x = np.concatenate([x, np.clip(auvs[..., :2], 0, SIDE)], axis=1)
-    best = log_det(x, auvs[:, None], link, form)
+    best = log_objective(x, auvs[:, None], link, form)
     h = np.full(x.shape[:2], SIDE / (GRID - 1))
     pattern = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j], float)
     while h.max() > 1e-4:
         there = np.clip(x[:, :, None] + h[..., None, None] * pattern, 0, SIDE)
-        height = log_det(there, auvs[:, None, None], link, form)
+        height = log_objective(there, auvs[:, None, None], link, form)
         leader = height.argmax(-1)[..., None]
         top = np.take_along_axis(height, leader, -1)[..., 0]
         better = top > best
         x = np.where(better[..., None], np.take_along_axis(there, leader[..., None], 2)[:, :, 0], x)
         best = np.where(better, top, best)
         h = np.where(better, h, 0.5 * h)
-    return best.max(1)
+    best = best.max(1)
+    return np.maximum(best, best_of_one_peak(auvs, link, form)) if form == FORMS["e fix"] else best
+
+
+def best_of_one_peak(auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarray:
+    """Maximum of each layout (n, K, 3) by golden sections in x of golden sections in y: the objective has one peak."""
+
+    def golden(f: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        low, high = np.zeros(len(auvs)), np.full(len(auvs), SIDE)
+        ratio = (math.sqrt(5) - 1) / 2
+        left, right = high - ratio * (high - low), low + ratio * (high - low)
+        at_left, at_right = f(left), f(right)
+        for _ in range(46):
+            higher = at_left > at_right
+            low, high = np.where(higher, low, left), np.where(higher, right, high)
+            new = np.where(higher, high - ratio * (high - low), low + ratio * (high - low))
+            height = f(new)
+            left, right = np.where(higher, new, right), np.where(higher, left, new)
+            at_left, at_right = np.where(higher, height, at_right), np.where(higher, at_left, height)
+        return np.maximum(at_left, at_right)
+
+    def column(x: np.ndarray) -> np.ndarray:
+        return golden(lambda y: log_objective(np.stack([x, y], axis=-1), auvs, link, form))
+
+    return golden(column)
 
 
 def evolution(auvs: np.ndarray, link: np.ndarray, form: int, whole_generation: bool) -> float:
-    """Highest ln det that SciPy's differential evolution finds for one layout (K, 3)."""
+    """Highest ln of the objective that SciPy's differential evolution finds for one layout (K, 3)."""
     settings = {"vectorized": True, "updating": "deferred"} if whole_generation else {}
     found = differential_evolution(
-        lambda x: -log_det(np.asarray(x).T, auvs, link, form), [(0, SIDE)] * 2, rng=0, **settings
+        lambda x: -log_objective(np.asarray(x).T, auvs, link, form), [(0, SIDE)] * 2, rng=0, **settings
     )
     return -float(found.fun)
 
 
 def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str, object]:
     """Rates, ratio and gap of one objective for teams of `auvs`."""
-    device, form = runtime.start().device, OBJECTIVES[name]
+    device, form = runtime.start().device, FORMS[name]
     link = torch.from_numpy(link_table(Scenario.load("extreme", [f"auv.count={auvs}"]))).to(device)
     exact_link = link.double().cpu().numpy()
     random = np.random.default_rng(auvs)
     batch = (1 << 17) // auvs if device.type == "cpu" else (1 << 24) // auvs
     points = torch.from_numpy(layouts("anywhere", batch, auvs, random)).to(device)
-    time = best_time(lambda: fisher.plan_batch(link, points, form=form, width=SIDE, length=SIDE), seconds)
+    time = best_time(lambda: planner.plan_batch(link, points, form=form, width=SIDE, length=SIDE), seconds)
     plans_per_second = batch / time
 
     trial = np.concatenate([layouts(kind, trials // len(KINDS), auvs, random) for kind in KINDS])
-    found = fisher.plan_batch(link, torch.from_numpy(trial).to(device), form=form, width=SIDE, length=SIDE)
+    found = planner.plan_batch(link, torch.from_numpy(trial).to(device), form=form, width=SIDE, length=SIDE)
     exact = trial.astype(float)
-    reached = log_det(found[:, :2].double().cpu().numpy(), exact, exact_link, form)
+    reached = log_objective(found[:, :2].double().cpu().numpy(), exact, exact_link, form)
     gap = best_by_search(exact, exact_link, form) - reached
 
     few = range(0, len(exact), max(1, len(exact) // 3))
@@ -136,28 +177,52 @@ def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str,
     }
 
 
-def measure_fixes(seconds: float) -> dict[str, float]:
-    """Statistical fixes with their covariance a second: noise at hand, and drawn by PyTorch in the same time."""
-    device = runtime.start().device
-    count = 1 << 20 if device.type == "cpu" else 1 << 24
-    scenario = Scenario.load("extreme")
-    link = torch.from_numpy(link_table(scenario)).to(device)
-    offset = torch.from_numpy(layouts("anywhere", count, 1, np.random.default_rng(0))[:, 0] - [SIDE / 2, SIDE / 2, 0])
-    offset = offset.float().contiguous().to(device)
-    slope = 0.05 * torch.randn((count, 2), generator=torch.Generator().manual_seed(1)).to(device)
-    index = (torch.arange(count, device=device) % 2).int()
-    generator = torch.Generator(device).manual_seed(2)
-    noise = torch.randn((count, 5), generator=generator, device=device)
+def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[str, object]:
+    """Loss in ln of the objective from planning level while the surface slopes towards a random direction."""
+    device, form = runtime.start().device, FORMS[name]
+    objective, measurement = optimality.OBJECTIVES[form // 2], form % 2
+    link = torch.from_numpy(link_table(Scenario.load("extreme", [f"auv.count={auvs}"]))).to(device)
+    random = np.random.default_rng(auvs)
+    team = layouts("anywhere", count, auvs, random)
+    level = planner.plan_batch(link, torch.from_numpy(team).to(device), form=form, width=SIDE, length=SIDE)
+    angle = 2 * math.pi * random.random(count)
+    tilt_of = torch.from_numpy(slope * np.stack([np.cos(angle), np.sin(angle)], axis=-1).astype(np.float32)).to(device)
 
-    def take(noise: torch.Tensor) -> None:
-        usbl.fixes(link, index, offset, slope, scenario.usbl.attitude_error, noise)
+    def value(boat: np.ndarray) -> np.ndarray:
+        """ln of the objective from boats (count, m, 2)."""
+        m = boat.shape[1]
+        place = np.broadcast_to(
+            np.concatenate([boat, np.zeros_like(boat[..., :1])], -1)[:, :, None], (count, m, auvs, 3)
+        )
+        offset = torch.from_numpy((team[:, None] - place).reshape(-1, 3).astype(np.float32)).to(device)
+        row = torch.arange(auvs, dtype=torch.int32, device=device).repeat(count * m)
+        slopes = tilt_of.repeat_interleave(m * auvs, dim=0).contiguous()
+        C = tilt.predict_batch(link, row, offset, slopes, measurement=measurement)[0].double().cpu().numpy()
+        xx, xy, yy = np.moveaxis(C.reshape(count, m, auvs, 3), -1, 0)
+        if objective == "d":
+            return -np.log(xx * yy - xy * xy).sum(-1)
+        if objective == "a":
+            return -np.log((xx + yy).sum(-1))
+        return -np.log((0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)).max(-1))
 
-    def draw_and_take() -> None:
-        take(torch.randn((count, 5), generator=generator, device=device))
-
+    planned = level[:, None, :2].double().cpu().numpy()
+    best, size = planned, SIDE / 2
+    cell = np.linspace(-1, 1, 41)
+    grid = np.stack(np.meshgrid(cell, cell), axis=-1).reshape(1, -1, 2)
+    for _ in range(4):
+        around = np.clip(best + size * grid, 0, SIDE)
+        best = np.take_along_axis(around, value(around).argmax(1)[:, None, None], 1)
+        size /= 8
+    loss = (value(best) - value(planned))[:, 0]
+    away = np.linalg.norm(best - planned, axis=-1)
     return {
-        "per_second": count / best_time(lambda: take(noise), seconds),
-        "per_second_with_noise_drawn": count / best_time(draw_and_take, seconds),
+        "auvs": auvs,
+        "objective": name,
+        "slope": slope,
+        "layouts": count,
+        "median_loss": float(np.median(loss)),
+        "largest_loss": float(loss.max()),
+        "median_distance": float(np.median(away)),
     }
 
 
@@ -165,8 +230,8 @@ def measure(teams: tuple[int, ...], trials: int, seconds: float) -> dict[str, ob
     """All figures."""
     return {
         "machine": describe(),
-        "plans": [measure_team(auvs, name, trials, seconds) for auvs in teams for name in OBJECTIVES],
-        "statistical_fixes": measure_fixes(seconds),
+        "plans": [measure_team(auvs, name, trials, seconds) for auvs in teams for name in FORMS],
+        "tilt": [measure_tilt(auvs, name, 100) for auvs in teams[:2] for name in FORMS if not name.startswith("sum")],
     }
 
 
@@ -187,11 +252,11 @@ def main() -> None:
             f" {row['over_differential_evolution']:,.0f} × differential evolution,"
             f" largest gap {row['largest_gap']:.1e} in {row['layouts']} layouts"
         )
-    fixes = result["statistical_fixes"]
-    print(
-        f"statistical fixes: {fixes['per_second'] / 1e6:.1f} million/s,"
-        f" with the noise drawn {fixes['per_second_with_noise_drawn'] / 1e6:.1f} million/s"
-    )
+    for row in result["tilt"]:
+        print(
+            f"{row['auvs']:2d} AUVs, {row['objective']}: planned level on a slope of {row['slope']:g},"
+            f" loss {row['median_loss']:.1e}, at most {row['largest_loss']:.1e}; {row['median_distance']:.1f} m away"
+        )
 
 
 if __name__ == "__main__":

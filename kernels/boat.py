@@ -2,27 +2,48 @@
 
 import taichi as ti
 
-from kernels import airy, c_grid, current, fisher, horizon
+from kernels import airy, c_grid, current, horizon, optimality, planner
 from kernels.layout import BoatColumn, Level, Parameter, Strategy, vec2
 
 
 @ti.func
-def destination(p: ti.template(), link: ti.template(), boat: ti.template(), estimate: ti.template(), w) -> vec2:
-    """Where the strategy would have the boat now, however far that is: what all kinds of `fim` have in common."""
-    strategy = ti.cast(p[Parameter.strategy], ti.i32)
-    goal = vec2(p[Parameter.hold_x], p[Parameter.hold_y])
+def destination(
+    p: ti.template(),
+    link: ti.template(),
+    options: ti.template(),
+    boat: ti.template(),
+    estimate: ti.template(),
+    reach,
+    w,
+) -> vec2:
+    """Where the strategy would have the boat, by where the AUVs are now; no farther than `reach` (m) for any `fim`."""
     num_auvs = estimate.shape[1]
-    if strategy == Strategy.centroid:
+    goal = vec2(p[Parameter.hold_x], p[Parameter.hold_y])
+    if ti.static(options.strategy == Strategy.centroid):
         goal = vec2(0.0, 0.0)
         for k in range(num_auvs):
             goal += vec2(estimate[w, k, 0], estimate[w, k, 1]) / num_auvs
-    elif strategy != Strategy.hold:
-        best = fisher.plan(
+    elif ti.static(options.strategy == Strategy.fim_greedy):
+        best = planner.greedy(
             estimate,
             w,
             num_auvs,
             link,
-            ti.cast(p[Parameter.information_form], ti.i32),
+            options.form,
+            boat[w, BoatColumn.x],
+            boat[w, BoatColumn.y],
+            reach,
+            p[Parameter.width],
+            p[Parameter.length],
+        )
+        goal = vec2(best[0], best[1])
+    elif ti.static(options.strategy != Strategy.hold):
+        best = planner.plan(
+            estimate,
+            w,
+            num_auvs,
+            link,
+            options.form,
             boat[w, BoatColumn.goal_x],
             boat[w, BoatColumn.goal_y],
             p[Parameter.width],
@@ -34,11 +55,17 @@ def destination(p: ti.template(), link: ti.template(), boat: ti.template(), esti
 
 @ti.func
 def ahead(
-    p: ti.template(), link: ti.template(), boat: ti.template(), estimate: ti.template(), track: ti.template(), w
+    p: ti.template(),
+    link: ti.template(),
+    options: ti.template(),
+    boat: ti.template(),
+    estimate: ti.template(),
+    track: ti.template(),
+    w,
 ) -> vec2:
     """The goal of `fim-horizon`."""
     outlook = horizon.Outlook(
-        criterion=ti.cast(p[Parameter.horizon_criterion], ti.i32),
+        criterion=ti.static(optimality.objective_of(options.form)),
         attitude_error=p[Parameter.attitude_error],
         variance=p[Parameter.current_variance],
         correlation_time=p[Parameter.correlation_time],
@@ -70,10 +97,11 @@ def plan(
     w,
 ):
     """Let the strategy choose the boat's goal, from estimated positions only."""
-    if ti.static(options.horizon):
-        head_for(p, boat, ahead(p, link, boat, estimate, track, w), w)
+    if ti.static(options.strategy == Strategy.fim_horizon):
+        head_for(p, boat, ahead(p, link, options, boat, estimate, track, w), w)
     else:
-        head_for(p, boat, destination(p, link, boat, estimate, w), w)
+        reach = p[Parameter.top_speed] * p[Parameter.step]
+        head_for(p, boat, destination(p, link, options, boat, estimate, reach, w), w)
 
 
 @ti.func

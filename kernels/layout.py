@@ -45,10 +45,8 @@ Parameter = _columns(
     "attitude_error",
     "top_speed",
     "drifts",
-    "strategy",
     "hold_x",
     "hold_y",
-    "information_form",
     "separation_boat",
     "sound_speed",
     "propagates",
@@ -58,7 +56,6 @@ Parameter = _columns(
     "correlation_time",
     "current_reading",
     "horizon",
-    "horizon_criterion",
     "cruise",
     "speed_min",
     "speed_max",
@@ -133,7 +130,7 @@ BoatColumn = _columns(
     "collisions",
 )
 RewardTerm = _columns("distance", "border", "overflow", "proximity", "service", "power", "collaboration")
-Strategy = _columns("fim", "fim_horizon", "hold", "centroid")
+Strategy = _columns("fim", "fim_greedy", "fim_horizon", "hold", "centroid")
 Refraction = _columns("none", "ignored", "corrected")
 Level = _columns("surface", "cruise")
 Task = _columns("collection", "station_keeping")
@@ -150,14 +147,16 @@ class Options(NamedTuple):
         waveform: fixes by sampled tones, not by the statistical model.
         refraction: of `Refraction`: sound goes straight; it bends and the fix ignores that; or the fix corrects it.
         tracker: the boat tracks its AUVs.
-        horizon: it plans by the tracks to come.
+        strategy: of the boat, of `Strategy`.
+        form: what it maximises, of `kernels.optimality.form`.
     """
 
     task: int = Task.collection
     waveform: bool = False
     refraction: int = Refraction.none
     tracker: bool = False
-    horizon: bool = False
+    strategy: int = Strategy.fim
+    form: int = 0
 
 
 vec2 = ti.types.vector(2, ti.f32)

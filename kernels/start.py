@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from kernels import airy, collection, fixes, random, station_keeping, task
+from kernels import airy, collection, fixes, planner, random, station_keeping, task
 from kernels import boat as usv
 from kernels.layout import (
     AuvColumn,
@@ -117,7 +117,7 @@ def begin_episodes(
                     fixes.begin_track(p, estimate, track, w, k)
             for c in range(boat.shape[1]):
                 boat[w, c] = 0.0
-            usv.head_for(p, boat, usv.destination(p, link, boat, estimate, w), w)
+            usv.head_for(p, boat, usv.destination(p, link, options, boat, estimate, planner.ANYWHERE, w), w)
             boat[w, BoatColumn.x] = boat[w, BoatColumn.goal_x]
             boat[w, BoatColumn.y] = boat[w, BoatColumn.goal_y]
             usv.ride(p, boat, eta, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices, w)

@@ -46,7 +46,8 @@ LEVEL = 8  # the planner's information of one AUV at q = S², 1/m²: ln T = LEVE
 POWER = 9
 DECAY = 10
 REFERENCE = 11  # S_0, m; where it is near the ranges that occur, no digits of single precision are lost
-COLUMNS = 12
+ATTITUDE = 12  # ε², square of the attitude error in the planner's information, rad²
+COLUMNS = 13
 
 # Bits of a fix's flags.
 DETECTED = 1  # the tone stands out of the noise; the receiver knows
@@ -80,6 +81,7 @@ def link_table(
     sampling_rate: float = 2.016e6,
     planner_noise: str = "range",
     reference_range: float = 100.0,
+    attitude_error: float = 0.0,
 ) -> np.ndarray:
     """Constants of every AUV's acoustic link, (K, COLUMNS) float32.
 
@@ -93,6 +95,7 @@ def link_table(
         planner_noise: "range", the planner's σ grows with range as the real one does, or "constant", it is that of the
             slant range `reference_range` everywhere. The fixes themselves always have the real one.
         reference_range: m, at least 1; a slant range typical for the task, for example the AUVs' depth.
+        attitude_error: ε that the planner reckons with, rad.
 
     Raises:
         ValueError: unknown path, noise law or planner noise.
@@ -125,6 +128,7 @@ def link_table(
         row[POWER] = 1.0 + 0.75 * exponent * paths if planner_noise == "range" else 1.0
         row[DECAY] = exponent * paths * alpha * acoustics.LN10 / 1e4 if planner_noise == "range" else 0.0
         row[REFERENCE] = reference_range
+        row[ATTITUDE] = attitude_error**2
     return table.astype(np.float32)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from kernels import fisher, horizon, runtime, tracker, usbl
+from kernels import horizon, optimality, planner, runtime, tracker, usbl
 
 CARRIERS = (15000.0, 18000.0, 12000.0, 14000.0, 16000.0, 17000.0)
 MODEL = {"attitude_error": math.radians(0.1), "variance": 0.22, "correlation_time": 180.0}
@@ -132,8 +132,10 @@ class TestPlan:
         link = links(2, device)
         model = MODEL | {"attitude_error": 0.0}
         found = horizon.plan_batch(track, estimate, link, boat, goal, steps=1, top_speed=300.0, **model)
-        best = fisher.plan_batch(link, estimate, form=fisher.JOINT_FIX)
-        at_found = fisher.log_det_batch(link, estimate, found[:, :2].contiguous(), form=fisher.JOINT_FIX)[:, 0]
+        best = planner.plan_batch(link, estimate, form=optimality.form("fix", "d"))
+        at_found = optimality.log_objective_batch(
+            link, estimate, found[:, :2].contiguous(), form=optimality.form("fix", "d")
+        )[:, 0]
         gap = (best[:, 2] - at_found).cpu().numpy()
         assert np.mean(gap < 1e-5) > 0.98  # one climb: of two maxima it may find the lower
         assert gap.max() < 0.1
@@ -233,7 +235,7 @@ def voyage(device, count, planner, *, top_speed, steps, seed, worlds=64):
 
 
 def to_the_optimum(link, track, estimate, boat, goal):
-    return fisher.plan_batch(link, estimate, form=fisher.JOINT_FIX, start=goal)[:, :2]
+    return planner.plan_batch(link, estimate, form=optimality.form("fix", "d"), start=goal)[:, :2]
 
 
 def ahead(steps, top_speed):

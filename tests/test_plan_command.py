@@ -9,14 +9,14 @@ import pytest
 import torch
 from matplotlib import image
 
-from kernels import fisher, runtime, usbl
+from kernels import optimality, planner, runtime, usbl
 from usvauv_cli.app import main
 from usvauv_env import Scenario
 from usvauv_env.parameters import link_table
 
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
 POSITIONS = [(60.0, 80.0, 100.0), (150.0, 120.0, 40.0)]
-PLACE_KEYS = {"x", "y", "log_det", "rms", "errors"}
+PLACE_KEYS = {"x", "y", "log_objective", "rms", "errors"}
 ERROR_KEYS = {"range", "major", "minor", "angle", "ambiguous"}
 
 
@@ -51,28 +51,28 @@ def link(scenario, count, depth):
 
 
 class TestOptimum:
-    @pytest.mark.parametrize("objective", ["joint", "sum", "printed"])
+    @pytest.mark.parametrize("objective", ["d", "a", "e", "sum", "paper"])
     @pytest.mark.parametrize("measurement", ["fix", "phase"])
     def test_is_that_of_the_planner(self, solve, objective, measurement):
         result = solve(*TEAM, "--objective", objective, "--measurement", measurement, "--compare", "20,180")
         device = runtime.start().device
-        form = fisher.form(measurement, objective)
+        form = optimality.form(measurement, objective)
         table, points = link("extreme", 2, 70).to(device), torch.tensor([POSITIONS], device=device)
-        expected = fisher.plan_batch(table, points, form=form)[0].tolist()
+        expected = planner.plan_batch(table, points, form=form)[0].tolist()
         best = result["optimum"]
         assert [best["x"], best["y"]] == pytest.approx(expected[:2], abs=1e-4)
-        assert best["log_det"] == pytest.approx(expected[2], abs=1e-4)
+        assert best["log_objective"] == pytest.approx(expected[2], abs=1e-4)
         boat = torch.tensor([[20.0, 180.0]], device=device)
-        there = fisher.log_det_batch(table, points, boat, form=form)[0, 0].item()
-        assert result["compare"][0]["log_det"] == pytest.approx(there, abs=1e-4)
-        assert result["compare"][0]["log_det"] < best["log_det"]
-        assert result["centroid"]["log_det"] <= best["log_det"] + 1e-5
+        there = optimality.log_objective_batch(table, points, boat, form=form)[0, 0].item()
+        assert result["compare"][0]["log_objective"] == pytest.approx(there, abs=1e-4)
+        assert result["compare"][0]["log_objective"] < best["log_objective"]
+        assert result["centroid"]["log_objective"] <= best["log_objective"] + 1e-5
 
     def test_default_is_the_scenarios(self, solve):
         result = solve(*TEAM, "--scenario", "paper-extreme")
         assert (result["objective"], result["measurement"]) == ("sum", "phase")
         result = solve(*TEAM)
-        assert (result["objective"], result["measurement"]) == ("joint", "fix")
+        assert (result["objective"], result["measurement"]) == ("d", "fix")
 
     def test_one_auv_is_located_best_from_above(self, solve):
         best = solve("--auv", "31,171,80")["optimum"]
@@ -83,9 +83,11 @@ class TestOptimum:
 class TestErrors:
     @pytest.mark.parametrize("measurement", ["fix", "phase"])
     @pytest.mark.parametrize("attitude_error", [0.0, 0.004])
-    def test_ellipses_are_those_of_drawn_fixes(self, solve, measurement, attitude_error):
+    @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.2, -0.1)])
+    def test_ellipses_are_those_of_drawn_fixes(self, solve, measurement, attitude_error, slope):
         """200,000 fixes by the kernel; for phases alone each is moved along its direction to the known depth."""
         options = ["--measurement", measurement, "--set", f"usbl.attitude_error={attitude_error}"]
+        options += ["--slope", f"{slope[0]},{slope[1]}"]
         result = solve(*TEAM, *options, "--compare", "100,20")
         device, draws = runtime.start().device, 200_000
         noise = torch.randn(draws, 5, generator=torch.Generator().manual_seed(3)).to(device)
@@ -95,8 +97,9 @@ class TestErrors:
             for k, ((x, y, depth), error) in enumerate(zip(POSITIONS, place["errors"], strict=True)):
                 offset = torch.tensor([x - place["x"], y - place["y"], -depth], device=device)
                 index = torch.full((draws,), k, dtype=torch.int32, device=device)
-                many, level = offset.expand(draws, 3).contiguous(), torch.zeros(draws, 2, device=device)
-                estimate = usbl.fixes(table, index, many, level, attitude_error, noise)[0].double().cpu().numpy()
+                many = offset.expand(draws, 3).contiguous()
+                slopes = torch.tensor(slope, device=device).expand(draws, 2).contiguous()
+                estimate = usbl.fixes(table, index, many, slopes, attitude_error, noise)[0].double().cpu().numpy()
                 horizontal = estimate[:, :2]
                 if measurement == "phase":
                     horizontal = horizontal * (-depth / estimate[:, 2:3])
@@ -122,7 +125,7 @@ class TestOutput:
     def test_json_has_the_documented_keys(self, solve, tmp_path):
         result = solve(*TEAM, "--compare", "0,0", "--compare", "200,200")
         assert set(result) == {
-            *("scenario", "objective", "measurement", "attitude_error", "area", "auvs"),
+            *("scenario", "objective", "measurement", "attitude_error", "slope", "area", "auvs"),
             *("optimum", "centroid", "compare"),
         }
         assert result["area"] == {"width": 200, "length": 200, "depth": 120}
@@ -187,7 +190,10 @@ class TestOutput:
         ([*TEAM, "--compare", "1"], ["--compare '1'", "X,Y"]),
         ([*TEAM, "--compare", "1,201"], ["--compare '1,201'", "outside"]),
         (["--auv", "9,9,9"] * 17, ["17", "at most 16"]),
-        ([*TEAM, "--objective", "d"], ["--objective 'd'", "joint, sum, printed"]),
+        ([*TEAM, "--objective", "joint"], ["--objective 'joint'", "d, a, e, sum, paper"]),
+        ([*TEAM, "--slope", "0.1"], ["--slope '0.1'", "SX,SY"]),
+        ([*TEAM, "--slope", "0.1,2"], ["--slope '0.1,2'", "between -1 and 1"]),
+        ([*TEAM, "--slope", "nan,0"], ["--slope 'nan,0'", "between -1 and 1"]),
         ([*TEAM, "--measurement", "sound"], ["--measurement 'sound'", "fix, phase"]),
         ([*TEAM, "--scenario", "extrem"], ["extrem", "paper-ideal"]),
         ([*TEAM, "--out", "plan.gif"], ["plan.gif", ".png, .pdf, .svg"]),

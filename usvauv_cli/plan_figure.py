@@ -16,12 +16,18 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from usvauv_cli import style
+from usvauv_cli.commands.plan import NAMES
 
 SIGMAS = 2
 # Half an ellipse's major axis over the shorter side of the area, at most: from the optimum, from any place.
 LARGEST_BEST, LARGEST = 0.12, 0.25
 FACTORS = (1.05, 1.1, 1.25, 1.5, 2, 3, 5, 10, 20, 50)
-LINES = {"joint": "Error by noise, geometric mean", "sum": "Error by noise of a common offset"}
+LINES = {
+    "d": "Error, geometric mean",
+    "a": "Error, root mean square",
+    "e": "Error, worst axis of the worst AUV",
+    "sum": "Error of a common offset",
+}
 HANDLE = 55  # by which headings stand left of the texts they head, pixels
 MAP = 6.0  # longer side of the map, inches
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -68,7 +74,7 @@ def draw(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], pat
 
     Args:
         result: what `usvauv plan --json` writes.
-        landscape: x (n,) and y (m,) in m and ln det J (m, n) there.
+        landscape: x (n,) and y (m,) in m and ln of the objective (m, n) there.
         path: file to write.
     """
     width, length = result["area"]["width"], result["area"]["length"]
@@ -91,23 +97,26 @@ def draw(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], pat
     best = result["optimum"]
     title = f"Best place for the boat: ({best['x']:.1f}, {best['y']:.1f}) m"
     about = f"{result['scenario']} · objective {result['objective']} · measurement {result['measurement']}"
+    if result["slope"] != [0, 0]:
+        about += f" · errors on a slope of {result['slope'][0]:g}, {result['slope'][1]:g}"
     figure.text(*place(0.8, total[1] - 0.45), title, color=TEXT, fontsize=15, fontweight="bold")
     figure.text(*place(0.8, total[1] - 0.72), about, color=MUTED, fontsize=10)
     figure.savefig(path, dpi=150, facecolor=CARD)
 
 
 def draw_landscape(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], axes: Axes, bar: Axes) -> None:
-    """ln det J as filled contours; lines where the error by noise is a given multiple of the best.
+    """ln of the objective as filled contours; lines where the error is a given multiple of the best.
 
-    det J has the unit m⁻² for every axis of every error ellipse it takes in, so the error's geometric mean over those
-    axes goes with det J^(−1/(2 · axes)). What the paper prints is no determinant of information, so it has no lines.
+    Objectives A and E have the unit m⁻², so the error goes with their power −1/2. Determinants have it once for every
+    axis of every error ellipse they take in, so the error's geometric mean over those axes goes with the power
+    −1/(2 · axes). What the paper prints is no determinant of information, so it has no lines.
     """
     x, y, value = landscape
-    low, high = np.percentile(value, 0.5), max(value.max(), result["optimum"]["log_det"])
+    low, high = np.percentile(value, 0.5), max(value.max(), result["optimum"]["log_objective"])
     filled = axes.contourf(x, y, value, levels=np.linspace(low, high + 1e-3, 41), cmap=SEA, extend="min")
     filled.set_edgecolor("face")  # no hairlines between the bands in PDF and SVG
-    ellipse_axes = 2 * len(result["auvs"]) if result["objective"] == "joint" else 2
-    levels = {result["optimum"]["log_det"] - 2 * ellipse_axes * math.log(factor): factor for factor in FACTORS}
+    ellipse_axes = {"d": 2 * len(result["auvs"]), "sum": 2}.get(result["objective"], 1)
+    levels = {result["optimum"]["log_objective"] - 2 * ellipse_axes * math.log(factor): factor for factor in FACTORS}
     drawn = sorted(level for level in levels if value.min() < level < value.max())
     if drawn and result["objective"] in LINES:
         lines = axes.contour(x, y, value, levels=drawn, colors=TEXT, linewidths=0.7, linestyles="solid", alpha=0.65)
@@ -121,7 +130,7 @@ def draw_landscape(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.nda
     ticks = max(1, round(7 * min(1.0, y[-1] / x[-1])))
     scale = axes.figure.colorbar(shades, cax=bar, ticks=MaxNLocator(ticks))
     scale.outline.set_visible(False)
-    bar.set_title("ln det J", color=MUTED, fontsize=9.5, loc="left", pad=8)
+    bar.set_title(NAMES[result["objective"]], color=MUTED, fontsize=9.5, loc="left", pad=8)
     for area in (axes, bar):
         area.tick_params(colors=MUTED, labelsize=9, length=0, pad=9 if area is axes else 4)
         for spine in area.spines.values():

@@ -8,14 +8,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from kernels import acoustics, fisher, horizon, usbl, waveform
+from kernels import acoustics, horizon, optimality, usbl, waveform
 from kernels.layout import Options, Parameter, Refraction, Strategy, Task
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv_env.tracking import current_model
 
 OBSERVED_CURRENT = {"none": 0, "speed": 1, "vector": 2}
-KINDS = {"fim": "fim", "fim-horizon": "fim_horizon", "centroid": "centroid"}
+KINDS = {"fim": "fim", "fim-greedy": "fim_greedy", "fim-horizon": "fim_horizon", "centroid": "centroid"}
 LAYER_TOLERANCE = 0.5  # m/s, see `SoundSpeedProfile.thinned`
 
 
@@ -23,9 +23,9 @@ LAYER_TOLERANCE = 0.5  # m/s, see `SoundSpeedProfile.thinned`
 class UsvStrategy:
     """How the boat chooses where to go.
 
-    `fim`: head for the place that maximises the Fisher information of the fixes; `fim-horizon`: for the
-    one that is best for the tracks over the steps to come; `hold:X,Y`: stay at a point, m; `centroid`: the mean of the
-    estimated AUV positions.
+    `fim`: head for the place with the best Fisher information of the fixes, by `planner.objective`; `fim-greedy`: for
+    the best one within reach of one step; `fim-horizon`: for the one that is best for the tracks over the steps to
+    come; `hold:X,Y`: stay at a point, m; `centroid`: the mean of the estimated AUV positions.
     """
 
     name: str
@@ -43,6 +43,11 @@ class UsvStrategy:
         kind, _, point = text.partition(":")
         if kind == "fim-horizon" and not scenario.tracker.enabled:
             raise ScenarioError("usv: 'fim-horizon' looks ahead along tracks and needs tracker.enabled = true")
+        if kind == "fim-horizon" and scenario.planner.objective not in horizon.CRITERIA:
+            allowed = ", ".join(horizon.CRITERIA)
+            raise ScenarioError(
+                f"usv: 'fim-horizon' needs planner.objective to be one of {allowed}, not {scenario.planner.objective}"
+            )
         if kind in KINDS and not point:
             return cls(kind, getattr(Strategy, KINDS[kind]))
         if kind == "hold":
@@ -133,7 +138,8 @@ def options(scenario: Scenario, strategy: UsvStrategy) -> Options:
         waveform=s.usbl.model == "waveform",
         refraction=refraction,
         tracker=s.tracker.enabled,
-        horizon=strategy.code == Strategy.fim_horizon,
+        strategy=strategy.code,
+        form=optimality.form(s.planner.measurement, s.planner.objective),
     )
 
 
@@ -155,6 +161,7 @@ def link_table(scenario: Scenario) -> np.ndarray:
         sampling_rate=s.usbl.sampling_rate,
         planner_noise=s.planner.noise,
         reference_range=boat_separation(s),
+        attitude_error=s.usbl.attitude_error,
     )
 
 
@@ -178,10 +185,8 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
         "attitude_error": s.usbl.attitude_error,
         "top_speed": s.boat.top_speed,
         "drifts": s.boat.drifts,
-        "strategy": strategy.code,
         "hold_x": strategy.x,
         "hold_y": strategy.y,
-        "information_form": fisher.form(s.planner.measurement, s.planner.objective),
         "separation_boat": boat_separation(s),
         "sound_speed": sound_speed(s),
         "propagates": s.usbl.propagation,
@@ -191,7 +196,6 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
         "correlation_time": correlation_time,
         "current_reading": s.tracker.current_reading,
         "horizon": s.planner.horizon,
-        "horizon_criterion": horizon.criterion_code("d"),
         "cruise": 0.0 if s.auv.separation == "demonstration" else s.auv.depth,
         "speed_min": s.auv.speed_min,
         "speed_max": s.auv.speed_max,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from kernels import fisher, runtime, usbl
+from kernels import fisher, optimality, planner, runtime, tilt, usbl
 from usvauv_env.parameters import link_table
 from usvauv_env.scenario import Scenario
 
@@ -19,6 +19,7 @@ def solve(
     others: Sequence[tuple[float, float]],
     objective: str,
     measurement: str,
+    slope: tuple[float, float] = (0.0, 0.0),
     arch: str = "auto",
 ) -> tuple[dict, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Where the boat should be for a layout of AUVs, and how good their fixes are there and elsewhere.
@@ -27,6 +28,8 @@ def solve(
         auvs: x, y and depth of each, m; as many as the scenario has.
         others: further places of the boat to predict for, m.
         objective, measurement: as in the scenario's section `planner`.
+        slope: ∂η/∂x and ∂η/∂y of the surface that the array lies on, for the errors predicted. The best place is that
+            of a level array.
 
     Returns:
         The result as plain data (`usvauv plan --help` lists its keys), and the landscape to draw: x (n,) and y (m,), m,
@@ -34,25 +37,25 @@ def solve(
     """
     device = runtime.start(arch).device
     link = torch.from_numpy(link_table(scenario)).to(device)
-    form = fisher.form(measurement, objective)
+    form = optimality.form(measurement, objective)
     width, length = scenario.area.width, scenario.area.length
     points = torch.tensor(auvs, dtype=torch.float32, device=device)[None]
-    optimum = fisher.plan_batch(link, points, form=form, width=width, length=length)[0, :2].tolist()
+    optimum = planner.plan_batch(link, points, form=form, width=width, length=length)[0, :2].tolist()
     centroid = np.mean(auvs, axis=0)[:2].tolist()
 
-    def log_det(boats) -> np.ndarray:
+    def log_objective(boats) -> np.ndarray:
         boats = torch.as_tensor(np.asarray(boats, np.float32), device=device)
         layouts = points.expand(len(boats), -1, -1).contiguous()
-        return fisher.log_det_batch(link, layouts, boats, form=form)[:, 0].double().cpu().numpy()
+        return optimality.log_objective_batch(link, layouts, boats, form=form)[:, 0].double().cpu().numpy()
 
     boats = [optimum, centroid, *others]
-    values = log_det(boats)
-    predicted = [predict(scenario, link, auvs, boat, measurement) for boat in boats]
+    values = log_objective(boats)
+    predicted = [predict(link, auvs, boat, measurement, slope) for boat in boats]
     places = [
         {
             "x": x,
             "y": y,
-            "log_det": float(value),
+            "log_objective": float(value),
             "rms": math.sqrt(sum(e["major"] ** 2 + e["minor"] ** 2 for e in errors) / len(errors)),
             "errors": errors,
         }
@@ -63,6 +66,7 @@ def solve(
         "objective": objective,
         "measurement": measurement,
         "attitude_error": scenario.usbl.attitude_error,
+        "slope": list(slope),
         "area": {"width": width, "length": length, "depth": scenario.area.depth},
         "auvs": [
             {"x": x, "y": y, "depth": depth, "carrier": scenario.usbl.carrier(k, len(auvs))}
@@ -74,48 +78,42 @@ def solve(
     }
     x, y = np.linspace(0, width, 201), np.linspace(0, length, 201)
     grid = np.stack(np.meshgrid(x, y), axis=-1)
-    return result, (x, y, log_det(grid.reshape(-1, 2)).reshape(len(y), len(x)))
+    return result, (x, y, log_objective(grid.reshape(-1, 2)).reshape(len(y), len(x)))
 
 
 def predict(
-    scenario: Scenario,
     link: torch.Tensor,
     auvs: Sequence[tuple[float, float, float]],
     boat: Sequence[float],
     measurement: str,
+    slope: tuple[float, float],
 ) -> list[dict]:
-    """Horizontal error ellipse of one fix of every AUV by a level array on a boat at `boat`.
-
-    With v = S²σ²/κ² + ε² z², the horizontal offset d and q = S²: v I + (σ_S²/q) d dᵀ of phases and slant range;
-    v (I + (q + z²)/z⁴ d dᵀ) of the phases alone, brought to the known depth along the measured direction.
-    """
+    """Horizontal error ellipse of one fix of every AUV from a boat at `boat`, see `kernels.tilt`."""
     count = len(auvs)
     offset = torch.tensor(
         [[x - boat[0], y - boat[1], -depth] for x, y, depth in auvs], dtype=torch.float32, device=link.device
     )
     index = torch.arange(count, dtype=torch.int32, device=link.device)
-    level, no_noise = offset.new_zeros(count, 2), offset.new_zeros(count, 5)
-    attitude_error = scenario.usbl.attitude_error
-    estimate, covariance = usbl.fixes(link, index, offset, level, attitude_error, no_noise)
+    slopes = offset.new_tensor(slope).expand(count, 2).contiguous()
+    code = fisher.MEASUREMENTS.index(measurement)
+    covariance, information, cosines = (
+        part.double().cpu().numpy() for part in tilt.predict_batch(link, index, offset, slopes, measurement=code)
+    )
+    level = offset.new_zeros(count, 2)
+    estimate, _ = usbl.fixes(link, index, offset, level, 0.0, offset.new_zeros(count, 5))
     sigma = estimate[:, 3].double().cpu().numpy()
-    covariance = covariance.double().cpu().numpy()
     kappa = link[:, usbl.KAPPA].double().cpu().numpy()
     ellipses = []
-    for (dx, dy, z), s, k, (xx, xy, yy) in zip(offset.double().tolist(), sigma, kappa, covariance, strict=True):
-        S = math.hypot(dx, dy, z)
-        C = np.array([[xx, xy], [xy, yy]])
-        if measurement == "phase":
-            d = np.array([dx, dy])
-            v = (S * s / k) ** 2 + (attitude_error * z) ** 2
-            C = v * (np.eye(2) + (S * S + z * z) / z**4 * np.outer(d, d))
-        variances, axes = np.linalg.eigh(C)
+    for k in range(count):
+        variances, axes = np.linalg.eigh(covariance[k, [0, 1, 1, 2]].reshape(2, 2))
+        strengths = np.linalg.eigvalsh(information[k, [0, 1, 1, 2]].reshape(2, 2))
         ellipses.append(
             {
-                "range": S,
+                "range": offset[k].double().norm().item(),
                 "major": math.sqrt(variances[1]),
-                "minor": math.sqrt(variances[0]),
+                "minor": 1 / math.sqrt(strengths[1]),
                 "angle": math.atan2(axes[1, 1], axes[0, 1]) % math.pi,
-                "ambiguous": bool(k * math.hypot(dx, dy) / S + 3 * s > math.pi),
+                "ambiguous": bool(kappa[k] * np.linalg.norm(cosines[k]) + 3 * sigma[k] > math.pi),
             }
         )
     return ellipses

@@ -239,9 +239,10 @@ class Planner(Section):
     noise: Literal["range", "constant"] = Field(
         "range", description="phase noise that grows with range by the sonar equation, or one constant"
     )
-    objective: Literal["joint", "sum", "printed"] = Field(
-        "joint",
-        description="determinant of the information on all positions, of the paper's sum, or what Eq. 3 prints",
+    objective: Literal["d", "a", "e", "sum", "paper"] = Field(
+        "d",
+        description="information on all positions by its determinant (d), its inverse's trace (a) or least eigenvalue"
+        " (e), determinant of the paper's sum (sum), or what Eq. 3 prints (paper)",
     )
     horizon: int = Field(10, ge=1, le=1000, description="steps that `fim-horizon` looks ahead")
 

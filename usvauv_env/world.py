@@ -59,7 +59,7 @@ class World:
         scenario: what to simulate.
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1.
-        usv: "fim", "fim-horizon", "hold:X,Y" or "centroid", see `UsvStrategy`.
+        usv: "fim", "fim-greedy", "fim-horizon", "hold:X,Y" or "centroid", see `UsvStrategy`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
         arch: where to run, see `kernels.runtime.start`.
@@ -142,25 +142,26 @@ class World:
         if mask is None:
             self._begin_sea(int(self._clock[0, 0]) + 1)
             mask = torch.ones(self.num_worlds, dtype=torch.bool, device=self.device)
-        start.begin_episodes(
-            self._options,
-            self._parameters,
-            self._arrival_rates,
-            self._link,
-            self._layers,
-            self._fixed_vortex,
-            *self._key,
-            mask.to(self.device, torch.uint8).contiguous(),
-            *self._sea_arguments,
-            self._clock,
-            self.auv,
-            self.node,
-            self.vortex,
-            self.boat,
-            self.estimate,
-            self.track,
-            self.observation,
-        )
+        with runtime.compiled_quickly():
+            start.begin_episodes(
+                self._options,
+                self._parameters,
+                self._arrival_rates,
+                self._link,
+                self._layers,
+                self._fixed_vortex,
+                *self._key,
+                mask.to(self.device, torch.uint8).contiguous(),
+                *self._sea_arguments,
+                self._clock,
+                self.auv,
+                self.node,
+                self.vortex,
+                self.boat,
+                self.estimate,
+                self.track,
+                self.observation,
+            )
         return self.observation
 
     def step(self, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, dict]:

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from usvauv_env import Scenario
 
 MEASUREMENTS = ("fix", "phase")
-OBJECTIVES = ("joint", "sum", "printed")
+OBJECTIVES = ("d", "a", "e", "sum", "paper")
+NAMES = {"d": "ln det J", "a": "−ln tr J⁻¹", "e": "ln λmin J", "sum": "ln det ΣJ", "paper": "ln of Eq. 3"}
 FORMATS = (".png", ".pdf", ".svg")
 
 
@@ -29,8 +30,10 @@ def plan(
     objective: Annotated[
         str | None,
         typer.Option(
-            help="joint: information on all positions; sum: on one offset common to all fixes, the paper's Eq. 2;"
-            " printed: the paper's Eq. 3 as it stands. Default: the scenario's."
+            help="Of the information on all positions, d: largest determinant; a: least sum of all variances; e: least"
+            " variance of the worst axis of the worst-located AUV. sum: largest determinant of the information on one"
+            " offset common to all fixes, the paper's Eq. 2; paper: the paper's Eq. 3 as printed. Default: the"
+            " scenario's."
         ),
     ] = None,
     measurement: Annotated[
@@ -43,6 +46,13 @@ def plan(
     compare: Annotated[
         list[str] | None, typer.Option(metavar="X,Y", help="A place of the boat to compare with, m; may be repeated.")
     ] = None,
+    slope: Annotated[
+        str,
+        typer.Option(
+            metavar="SX,SY",
+            help="Slope of the surface the array lies on, towards east and north, for the errors. Default: level.",
+        ),
+    ] = "0,0",
     out: Annotated[
         Path | None, typer.Option(help="Figure: .png, .pdf or .svg. Default plan.png; none with --json - alone.")
     ] = None,
@@ -54,12 +64,12 @@ def plan(
 ) -> None:
     """Where should the boat be? Find the place from which a USBL locates all its AUVs best, and the errors to expect.
 
-    Nothing is learned or simulated: the place maximises ln det J, the Fisher information J of the fixes in metres, over
-    the whole area. The table gives the error of one fix of each AUV from there, from the AUVs' centroid and from every
-    `--compare`: standard deviations along the major and minor axis of its horizontal error ellipse, and the rms of both
-    over all AUVs. They include noise by the sonar equation, the range error and `usbl.attitude_error`, for an array
-    that lies level. The best determinant weighs each AUV's error by its ratio, so another place can have a slightly
-    smaller rms. The attitude error, in a fix the same from everywhere, does not count in J.
+    Nothing is learned or simulated: the place maximises `--objective` of the fixes' Fisher information, in metres, over
+    the whole area. The table gives the error of one fix of each AUV from there, from the AUVs' centroid and from
+    every `--compare`: standard deviations along the major and minor axis of its horizontal error ellipse, and the rms
+    of both over all AUVs. They include noise by the sonar equation, the range error and `usbl.attitude_error`. The
+    array lies level, or for the errors on `--slope`. Objective d weighs each AUV's error by its ratio, so another place
+    can have a smaller rms; a finds the place of the smallest.
     "?" marks a fix whose phases are within three standard deviations of wrapping, where it may be ambiguous.
 
     **Examples:**
@@ -72,10 +82,12 @@ def plan(
 
     For a script: `usvauv plan --auv 60,80,100 --auv 150,120,90 --json - | jq .optimum`
 
-    **JSON:** *scenario*, *objective*, *measurement*, *attitude_error* (rad); *area*: *width*, *length*, *depth* (m);
-    *auvs*: *x*, *y*, *depth* (m), *carrier* (Hz); *optimum*, *centroid* and the list *compare*: *x*, *y* (m), *log_det*
-    (ln det J, lengths in m), *rms* (m) and one of *errors* per AUV: *range* (slant, m), *major*, *minor* (1-σ, m),
-    *angle* of the major axis (rad, anticlockwise from east), *ambiguous*.
+    **JSON:** *scenario*, *objective*, *measurement*, *attitude_error* (rad), *slope* (x, y); *area*: *width*, *length*,
+    *depth* (m); *auvs*: *x*, *y*, *depth* (m), *carrier* (Hz); *optimum*, *centroid* and the list *compare*: *x*, *y*
+    (m), *log_objective*, *rms* (m) and one of *errors* per AUV: *range* (slant, m), *major*, *minor* (1-σ, m), *angle*
+    of the major axis (rad, anticlockwise from east), *ambiguous*. *log_objective*, lengths in m, J the information on
+    all positions: d ln det J; a −ln tr J⁻¹; e ln of J's least eigenvalue; sum ln det of the sum of all AUVs'
+    information; paper ln of what Eq. 3 prints.
     """
     import json
 
@@ -90,6 +102,7 @@ def plan(
         raise UserError("--auv: give each AUV as X,Y,Z in metres, Z its depth, for example --auv 60,80,100")
     setting = with_team(setting, auvs)
     others = [boat_position(text, setting) for text in compare or ()]
+    gradient = surface_slope(slope)
     to_stdout = json_file == "-"
     if out is None and not to_stdout:
         out = Path("plan.png")
@@ -100,7 +113,7 @@ def plan(
     if json_file and not to_stdout:
         writable(Path(json_file), "--json")
 
-    result, landscape = solve(setting, auvs, others, objective, measurement, arch)
+    result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
     if json_file:
         text = json.dumps(result, indent=1)
         if to_stdout:
@@ -128,7 +141,7 @@ def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
-def numbers(option: str, text: str, form: str) -> list[float]:
+def numbers(option: str, text: str, form: str, unit: str = " in metres") -> list[float]:
     """Comma-separated numbers, as many as `form` names, for example X,Y.
 
     Raises:
@@ -139,7 +152,7 @@ def numbers(option: str, text: str, form: str) -> list[float]:
     except ValueError:
         values = []
     if len(values) != len(form.split(",")):
-        raise UserError(f"{option} {text!r}: expected {form} in metres")
+        raise UserError(f"{option} {text!r}: expected {form}{unit}")
     return values
 
 
@@ -183,6 +196,18 @@ def boat_position(text: str, scenario: Scenario) -> tuple[float, float]:
     return x, y
 
 
+def surface_slope(text: str) -> tuple[float, float]:
+    """Read SX,SY of the surface, each at most 1 (45°).
+
+    Raises:
+        UserError: it is not.
+    """
+    x, y = numbers("--slope", text, "SX,SY", "")
+    if not (abs(x) <= 1 and abs(y) <= 1):
+        raise UserError(f"--slope {text!r}: each must be between -1 and 1")
+    return x, y
+
+
 def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Scenario:
     """The scenario with as many AUVs as are given, their mean depth being its cruise depth.
 
@@ -199,28 +224,32 @@ def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Sce
 
 
 def print_table(result: dict) -> None:
-    """Print every place with ln det J and the errors of every AUV from there."""
+    """Print every place with ln of the objective and the errors of every AUV from there."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
     best = result["optimum"]
     table = Table(box=box.SIMPLE_HEAD, title_justify="left")
-    for name in ("boat", "x m", "y m", "ln det J", "rms m", "AUV", "range m", "major m", "minor m", ""):
+    for name in ("boat", "x m", "y m", NAMES[result["objective"]], "rms m", "AUV", "range m", "major m", "minor m", ""):
         table.add_column(name, justify="left" if name in ("boat", "") else "right", no_wrap=True)
     places = [("optimum", best), ("centroid", result["centroid"]), *(("compare", p) for p in result["compare"])]
     for name, place in places:
-        head = (name, *(f"{place[key]:.2f}" for key in ("x", "y", "log_det")), f"{place['rms']:.3f}")
+        head = (name, *(f"{place[key]:.2f}" for key in ("x", "y", "log_objective")), f"{place['rms']:.3f}")
         for k, error in enumerate(place["errors"], 1):
             cells = (str(k), f"{error['range']:.1f}", f"{error['major']:.3f}", f"{error['minor']:.3f}")
             table.add_row(*(head if k == 1 else [""] * 5), *cells, "?" if error["ambiguous"] else "")
         table.add_section()
     typer.echo(
-        f"Boat at x = {best['x']:.2f} m, y = {best['y']:.2f} m: ln det J = {best['log_det']:.3f},"
-        f" a fix is {best['rms']:.2f} m off (rms)"
+        f"Boat at x = {best['x']:.2f} m, y = {best['y']:.2f} m:"
+        f" {NAMES[result['objective']]} = {best['log_objective']:.3f}, a fix is {best['rms']:.2f} m off (rms)"
+    )
+    array = (
+        "level array" if result["slope"] == [0, 0] else f"array on a slope of {', '.join(map(str, result['slope']))}"
     )
     typer.echo(
-        f"{result['scenario']}, objective {result['objective']}, measurement {result['measurement']}; errors 1-σ"
+        f"{result['scenario']}, objective {result['objective']}, measurement {result['measurement']}, {array};"
+        " errors 1-σ"
     )
     console = Console(width=None if Console().is_terminal else 120)
     console.print(table)
