@@ -179,7 +179,7 @@ class TestModels:
         scenario = Scenario.load("extreme")
         world = World(scenario, 1)
         chosen = options(scenario, world.strategy)
-        assert not (chosen.waveform or chosen.refraction or chosen.tracker)
+        assert not any((chosen.waveform, chosen.refraction, chosen.tracker))
         assert world.track.shape == (1, 1, tracker.COLUMNS)
 
 
