@@ -36,6 +36,7 @@ def march(
     strips: ti.template(),
     radiating: ti.template(),
     sponge: ti.template(),
+    serial: ti.template(),
 ):
     """Substeps `first` to `first + substeps − 1` of an interval, in place.
 
@@ -70,6 +71,7 @@ def march(
         strips: whether lanes are strips of one sea.
         radiating: whether any R is above 0.
         sponge: whether anything is kept less than whole.
+        serial: whether the calling thread does all tasks.
     """
     bands = plan.shape[0]
     size = state.shape[0] // 3  # of one field
@@ -87,7 +89,7 @@ def march(
         east_lane = nx // W
         east_column = nx % W
         west_lane = LANES - 1
-    ti.loop_config(block_dim=1)
+    ti.loop_config(block_dim=1, serialize=serial)
     for task in range(blocks * bands):
         band = task % bands
         for k in range(plan[band, 3, 0]):
@@ -97,7 +99,7 @@ def march(
                 for n in range(W):
                     for field in ti.static(range(3)):
                         state[target + n + field * size] = state[source + n + field * size]
-    ti.loop_config(block_dim=1)
+    ti.loop_config(block_dim=1, serialize=serial)
     for task in range(blocks * bands):
         band = task % bands
         block = task // bands

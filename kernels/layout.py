@@ -149,6 +149,7 @@ class Options(NamedTuple):
         tracker: the boat tracks its AUVs.
         strategy: of the boat, of `Strategy`.
         form: what it maximises, of `kernels.optimality.form`.
+        serial: few worlds on a CPU: the calling thread does them before another has woken up.
     """
 
     task: int = Task.collection
@@ -157,6 +158,7 @@ class Options(NamedTuple):
     tracker: bool = False
     strategy: int = Strategy.fim
     form: int = 0
+    serial: bool = False
 
 
 vec2 = ti.types.vector(2, ti.f32)

@@ -99,6 +99,7 @@ def step(
     total: array2,
 ):
     """Advance every world by one mission step; `total` (W, K) is the reward, `reward_terms` (W, K, R) its parts."""
+    ti.loop_config(serialize=options.serial)
     for w in range(clock.shape[0]):
         episode = clock[w, 0]
         now = clock[w, 1] + 1

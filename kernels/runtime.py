@@ -18,6 +18,7 @@ from taichi.lang import impl
 
 from kernels.errors import UserError
 
+FEW_TASKS = 8
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan", "metal")
 
 
@@ -111,6 +112,11 @@ def compiled_quickly() -> Iterator[None]:
         yield
     finally:
         config.cfg_optimization = default
+
+
+def better_alone(tasks: int) -> bool:
+    """Whether so few short tasks on a CPU are done sooner by the calling thread than another one wakes up."""
+    return start().device.type == "cpu" and tasks <= FEW_TASKS
 
 
 def synchronize() -> None:

@@ -207,7 +207,8 @@ class ShallowWater:
         arrays = self._state, self._C, self._edge_elevation, self._resistance, self._shares_kept
         arguments = (*(array.view(-1, LANES) for array in arrays), self._plan, self.edges.shares())
         grid = self._packing.blocks, self._packing.columns, self.nx
-        flags = self._packing.strips, self.edges.radiating, self.edges.sponge
+        alone = self._packing.blocks * len(self._plan) == 1
+        flags = self._packing.strips, self.edges.radiating, self.edges.sponge, alone and runtime.better_alone(1)
         with runtime.vectors_in_registers():
             return [
                 Launch(march, *arguments, *grid, first, last - first, self._keep, *flags)

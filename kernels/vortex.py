@@ -16,6 +16,7 @@ keeps the impulse Σ Γ_i X_i and, in ideal fluid, the energy; cores do not defo
 import taichi as ti
 import torch
 
+from kernels import runtime
 from kernels.launch import Launch
 
 TWO_PI = 6.283185307179586
@@ -79,6 +80,7 @@ def vorticity(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32:
 
 @ti.kernel
 def _evolve(
+    serial: ti.template(),
     vortex: ti.types.ndarray(dtype=ti.f32, ndim=3),
     kept: ti.types.ndarray(dtype=ti.f32, ndim=3),
     dt: ti.f32,
@@ -86,6 +88,7 @@ def _evolve(
     mutual: ti.i32,
 ):
     """`kept` (W, V, 7): centre and δ² at the beginning, velocity, and the weighted sum of velocities."""
+    ti.loop_config(serialize=serial)
     for w in range(vortex.shape[0]):
         for v in range(vortex.shape[1]):
             kept[w, v, 0] = vortex[w, v, 0]
@@ -141,7 +144,7 @@ def evolution(vortex: torch.Tensor, kept: torch.Tensor, dt: float, viscosity: fl
         viscosity: ν ≥ 0, m²/s.
         mutual: whether the centres move.
     """
-    return Launch(_evolve, vortex, kept, dt, viscosity, int(mutual))
+    return Launch(_evolve, runtime.better_alone(len(vortex)), vortex, kept, dt, viscosity, int(mutual))
 
 
 def sample_current(vortex: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
