@@ -2,6 +2,7 @@
 
 import runpy
 from copy import deepcopy
+from itertools import pairwise
 from pathlib import Path
 
 import gymnasium
@@ -11,10 +12,14 @@ import torch
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
-from pettingzoo.test import parallel_api_test, parallel_seed_test
+from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
+from pettingzoo.utils import parallel_to_aec
 
+from usvauv_cli.video import Painter
 from usvauv_env import Scenario, ScenarioError, World, parallel_env
+from usvauv_env.camera import FPS, SIZE
 from usvauv_env.gymnasium_face import DataCollectionEnv, DataCollectionVectorEnv, auv_observation_space
+from usvauv_env.rollout import record
 
 NAME = "usvauv/DataCollection-v0"
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -393,11 +398,68 @@ class TestParallelEnv:
             env.step({"auv_0": np.zeros(2)})
 
 
-def test_render_mode_is_refused():
-    assert gymnasium.make(NAME, render_mode=None).render_mode is None
-    for make in (DataCollectionEnv, DataCollectionVectorEnv, parallel_env):
-        with pytest.raises(TypeError, match="render_mode = 'rgb_array'"):
-            make(render_mode="rgb_array")
+class TestPictures:
+    def test_unknown_modes_are_refused(self):
+        assert gymnasium.make(NAME, render_mode=None).render_mode is None
+        for make in (DataCollectionEnv, DataCollectionVectorEnv, parallel_env):
+            with pytest.raises(TypeError, match="render_mode = 'human': must be None or one of rgb_array"):
+                make(render_mode="human")
+
+    def test_one_mission(self, short):
+        env = gymnasium.make(NAME, scenario=short, render_mode="rgb_array")
+        env.reset(seed=3)
+        pictures = [env.render()]
+        for move in actions(3, 1):
+            env.step(move[0])
+            pictures.append(env.render())
+        for picture in pictures:
+            assert picture.shape == (720, 1280, 3)
+            assert picture.dtype == np.uint8
+        for before, after in pairwise(pictures):
+            assert 0.001 < (before != after).mean() < 0.9
+        env.reset(seed=3)
+        np.testing.assert_array_equal(env.render(), pictures[0])
+
+    def test_shows_the_same_as_the_video_of_the_mission(self, short):
+        """A red picture of the map: the AUVs, nodes and boat stand where a trace of the same mission has them."""
+        env = DataCollectionEnv(short, render_mode="rgb_array")
+        env.reset(seed=4)
+        env.step(np.zeros((2, 2), np.float32))
+        trace = record(World(short, 1, seed=4), lambda o: torch.zeros(1, 2, 2), "agent", steps=1, surface=True)
+        drawn = Painter(trace, SIZE, FPS).frame(0)[..., ::-1]
+        map_only = np.s_[60:670, 70:690]
+        assert (env.render()[map_only] != drawn[map_only]).any(-1).mean() < 0.06  # the current's streaks are elsewhere
+
+    def test_many_missions(self, short):
+        envs = gymnasium.make_vec(NAME, num_envs=3, scenario=short, render_mode="rgb_array", autoreset_mode="Disabled")
+        assert DataCollectionVectorEnv(2, short).render() is None
+        envs.reset(seed=5)
+        for move in actions(4, 3):
+            envs.step(move)
+        first, second, third = envs.render()
+        assert (first != second).any()
+        envs.reset(options={"reset_mask": np.array([False, True, False])})
+        again = envs.render()
+        np.testing.assert_array_equal(again[0], first)
+        np.testing.assert_array_equal(again[2], third)
+        assert (again[1] != second).mean() > 0.01
+        alone = gymnasium.make_vec(NAME, num_envs=3, scenario=short, render_mode="rgb_array")
+        alone.reset(seed=5)
+        alone.reset()
+        # The second episode's first picture, but for the sea, which runs on where only some worlds are reset.
+        panel = np.s_[60:, 720:]
+        assert (alone.render()[1][panel] != again[1][panel]).mean() < 0.05
+
+    def test_pettingzoo(self, short):
+        def make(render_mode):
+            # PettingZoo's test makes one with "human" only to ask for its modes.
+            mode = render_mode if render_mode in ("rgb_array",) else None
+            return parallel_to_aec(parallel_env(short, render_mode=mode))
+
+        render_test(make)
+        env = parallel_env(short)
+        env.reset(seed=1)
+        assert env.render() is None
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ class Panel:
         magnified = f"Fixes around the true position, {self._lenses.magnification:.0f} × magnified"
         write_heading(self._still, unit, lens_box, magnified, f"inner ring {self._lenses.ring:g} m")
         self._lenses.draw_still(still)
-        duration = float(trace.time[-1])
+        duration = max(float(trace.time[-1]), trace.scenario.mission.step)
         self._error_plot = self._plot_errors(error_box, duration)
         self._heave_plot = self._plot_heave(heave_box, duration)
         self._write_title()

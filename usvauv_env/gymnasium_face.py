@@ -27,6 +27,7 @@ from gymnasium.vector.utils import batch_space
 
 from kernels import airy
 from kernels.layout import Level
+from usvauv_env.camera import FPS, MODES, Camera, check_mode
 from usvauv_env.scenario import Scenario
 from usvauv_env.sea import fastest
 from usvauv_env.storm import band
@@ -125,24 +126,28 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One mission, the team controlled as one agent: `gymnasium.make("usvauv/DataCollection-v0")`.
 
     Spaces and info are those of the module's table. `reset(seed=s)` begins the first episode of
-    `World(scenario, 1, s)`, `reset()` the next one. There is no rendering.
+    `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` gives a picture of
+    the mission so far, (720, 1280, 3) uint8.
 
     Args:
         scenario: a `Scenario`, a shipped name or a path.
         usv: the boat's strategy, "fim", "hold:X,Y" or "centroid".
-        render_mode: None.
+        render_mode: None or "rgb_array".
 
     Raises:
         ScenarioError: the scenario or the strategy cannot be used.
-        TypeError: a render mode is given.
+        TypeError: another render mode.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium defines it as a class attribute
+    metadata = {"render_modes": list(MODES), "render_fps": FPS}  # noqa: RUF012 - Gymnasium defines it as a class attribute
     reward_names = World.reward_names
     measure_names = World.measure_names
 
-    def __init__(self, scenario: Scenario | str | Path = "extreme", usv: str = "fim", render_mode: None = None) -> None:
-        refuse_rendering(render_mode)
+    def __init__(
+        self, scenario: Scenario | str | Path = "extreme", usv: str = "fim", render_mode: str | None = None
+    ) -> None:
+        check_mode(render_mode)
+        self.render_mode = render_mode
         self._usv = usv
         self.world = World(load_scenario(scenario), 1, _random_seed(self), usv)
         num_auvs = self.world.num_auvs
@@ -157,6 +162,9 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if seed is not None:
             self.world = World(self.world.scenario, 1, seed, self._usv)
         self.world.reset()
+        if self.render_mode:
+            self._camera = Camera(self.world)
+            self._camera.begin(np.ones(1, np.bool_))
         return _observe(self.world, self.observation_space)[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -166,9 +174,15 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ValueError: `action` is not (K, 2) or not finite.
         """
         truncated, info = _advance(self.world, np.asarray(action)[None])
+        if self.render_mode:
+            self._camera.add()
         observation = _observe(self.world, self.observation_space)[0]
         own = {name: value[0].copy() for name, value in info.items()}
         return observation, float(_team_reward(info)[0]), False, bool(truncated[0]), own
+
+    def render(self) -> np.ndarray | None:
+        """The mission as it is now, (720, 1280, 3) uint8, RGB; None without a render mode."""
+        return self._camera.picture(0) if self.render_mode else None
 
 
 class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -185,22 +199,22 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         DISABLED    the caller resets, `reset(options={"reset_mask": mask})` only the worlds in the bool mask (W,)
 
     `reset(seed=s)` begins the first episodes of `World(scenario, W, s)`, `reset()` the next ones. Seas start anew when
-    all worlds are reset together. There is no rendering.
+    all worlds are reset together. With render_mode "rgb_array" `render()` gives a picture of every world.
 
     Args:
         num_envs: number of missions W.
         scenario: a `Scenario`, a shipped name or a path.
         usv: the boat's strategy, "fim", "hold:X,Y" or "centroid".
         autoreset_mode: one of `gymnasium.vector.AutoresetMode` or its value.
-        render_mode: None.
+        render_mode: None or "rgb_array".
 
     Raises:
         ScenarioError: the scenario, the strategy or `num_envs` cannot be used.
         ValueError: unknown autoreset mode.
-        TypeError: a render mode is given.
+        TypeError: another render mode.
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 - as above
+    metadata = {"render_modes": list(MODES), "render_fps": FPS, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
     reward_names = World.reward_names
     measure_names = World.measure_names
 
@@ -210,9 +224,10 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         scenario: Scenario | str | Path = "extreme",
         usv: str = "fim",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        render_mode: None = None,
+        render_mode: str | None = None,
     ) -> None:
-        refuse_rendering(render_mode)
+        check_mode(render_mode)
+        self.render_mode = render_mode
         self._usv = usv
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -250,6 +265,8 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         if seed is not None:
             self.world = World(self.world.scenario, self.num_envs, seed, self._usv)
+        if self.render_mode and (seed is not None or not self._begun):
+            self._camera = Camera(self.world)
         self._begin(mask)
         self._begun = True
         return self._observation(), {}
@@ -273,6 +290,8 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return self._observation(), np.zeros(self.num_envs), np.zeros_like(over), np.zeros_like(over), {}
 
         truncated, details = _advance(self.world, actions)
+        if self.render_mode:
+            self._camera.add()
         stepped = ~over
         if over.any():
             self._begin(over)
@@ -288,9 +307,15 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._over = truncated.copy()
         return observation, reward, np.zeros(self.num_envs, np.bool_), truncated, info
 
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Every mission as it is now, W pictures (720, 1280, 3) uint8, RGB; None without a render mode."""
+        return tuple(self._camera.picture(world) for world in range(self.num_envs)) if self.render_mode else None
+
     def _begin(self, mask: np.ndarray) -> None:
         self.world.reset(None if mask.all() else torch.from_numpy(mask))
         self._over = self._over & ~mask
+        if self.render_mode:
+            self._camera.begin(mask)
 
     def _observation(self) -> np.ndarray:
         return _observe(self.world, self.single_observation_space)
@@ -318,12 +343,6 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError("a seed is for all worlds: give no options['reset_mask'] with it")
         if not self._begun:
             raise gymnasium.error.ResetNeeded("the first reset must be of all worlds")
-
-
-def refuse_rendering(render_mode: None) -> None:
-    """A TypeError for any render mode: what code that tries one and then does without (Stable-Baselines3) expects."""
-    if render_mode is not None:
-        raise TypeError(f"render_mode = {render_mode!r}: there is no rendering, must be None")
 
 
 def _random_seed(env: gymnasium.Env | VectorEnv) -> int:

@@ -10,7 +10,8 @@ import numpy as np
 from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 
-from usvauv_env.gymnasium_face import DataCollectionEnv, auv_action_space, auv_observation_space, refuse_rendering
+from usvauv_env.camera import FPS, MODES
+from usvauv_env.gymnasium_face import DataCollectionEnv, auv_action_space, auv_observation_space
 from usvauv_env.scenario import Scenario
 
 
@@ -21,14 +22,20 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     spaces; reward is the AUV's own. `terminated` is always False and all are truncated in the same step. An agent's
     info: "reward_terms" (R,), "measures" (6,), and "horizon_ended", that a service ended its value horizon (only with
     reward.service_terminates; the mission goes on). `reset(seed=s)` begins the first episode of
-    `World(scenario, 1, s)`, `reset()` the next one. There is no rendering.
+    `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` gives the
+    mission so far as a picture, (720, 1280, 3) uint8.
     """
 
-    metadata = {"name": "usvauv_data_collection_v0", "render_modes": [], "is_parallelizable": True}  # noqa: RUF012 - PettingZoo defines it as a class attribute
-    render_mode = None
+    metadata = {  # noqa: RUF012 - PettingZoo defines it as a class attribute
+        "name": "usvauv_data_collection_v0",
+        "render_modes": list(MODES),
+        "render_fps": FPS,
+        "is_parallelizable": True,
+    }
 
-    def __init__(self, scenario: Scenario | str | Path, usv: str) -> None:
-        self._team = DataCollectionEnv(scenario, usv)
+    def __init__(self, scenario: Scenario | str | Path, usv: str, render_mode: str | None) -> None:
+        self.render_mode = render_mode
+        self._team = DataCollectionEnv(scenario, usv, render_mode)
         self.possible_agents = [f"auv_{k}" for k in range(self._team.world.num_auvs)]
         self.agents: list[str] = []
         self._observation_spaces = {a: auv_observation_space(self._team.world.scenario) for a in self.possible_agents}
@@ -84,23 +91,26 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
             infos,
         )
 
+    def render(self) -> np.ndarray | None:
+        """The mission as it is now, (720, 1280, 3) uint8, RGB; None without a render mode."""
+        return self._team.render()
+
     def _by_agent(self, observation: np.ndarray) -> dict[str, np.ndarray]:
         return {agent: observation[k].copy() for k, agent in enumerate(self.possible_agents)}
 
 
 def parallel_env(
-    scenario: Scenario | str | Path = "extreme", usv: str = "fim", render_mode: None = None
+    scenario: Scenario | str | Path = "extreme", usv: str = "fim", render_mode: str | None = None
 ) -> DataCollectionParallelEnv:
     """A PettingZoo parallel environment of one mission.
 
     Args:
         scenario: a `Scenario`, a shipped name or a path.
         usv: the boat's strategy, "fim", "hold:X,Y" or "centroid".
-        render_mode: None; there is no rendering.
+        render_mode: None or "rgb_array".
 
     Raises:
         ScenarioError: the scenario or the strategy cannot be used.
-        TypeError: a render mode is given.
+        TypeError: another render mode.
     """
-    refuse_rendering(render_mode)
-    return DataCollectionParallelEnv(scenario, usv)
+    return DataCollectionParallelEnv(scenario, usv, render_mode)

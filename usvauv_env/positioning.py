@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from kernels import fisher, optimality, planner, runtime, tilt, usbl
+from kernels import fisher, optimality, planner, runtime, tilt, validity
 from usvauv_env.parameters import link_table
 from usvauv_env.scenario import Scenario
 
@@ -88,7 +88,7 @@ def predict(
     measurement: str,
     slope: tuple[float, float],
 ) -> list[dict]:
-    """Horizontal error ellipse of one fix of every AUV from a boat at `boat`, see `kernels.tilt`."""
+    """Horizontal error ellipse of one fix of every AUV from a boat at `boat`, and how likely the fix is good."""
     count = len(auvs)
     offset = torch.tensor(
         [[x - boat[0], y - boat[1], -depth] for x, y, depth in auvs], dtype=torch.float32, device=link.device
@@ -96,13 +96,10 @@ def predict(
     index = torch.arange(count, dtype=torch.int32, device=link.device)
     slopes = offset.new_tensor(slope).expand(count, 2).contiguous()
     code = fisher.MEASUREMENTS.index(measurement)
-    covariance, information, cosines = (
+    covariance, information, _ = (
         part.double().cpu().numpy() for part in tilt.predict_batch(link, index, offset, slopes, measurement=code)
     )
-    level = offset.new_zeros(count, 2)
-    estimate, _ = usbl.fixes(link, index, offset, level, 0.0, offset.new_zeros(count, 5))
-    sigma = estimate[:, 3].double().cpu().numpy()
-    kappa = link[:, usbl.KAPPA].double().cpu().numpy()
+    detected, good = validity.good_probability(link, index, offset, slopes)
     ellipses = []
     for k in range(count):
         variances, axes = np.linalg.eigh(covariance[k, [0, 1, 1, 2]].reshape(2, 2))
@@ -113,7 +110,7 @@ def predict(
                 "major": math.sqrt(variances[1]),
                 "minor": 1 / math.sqrt(strengths[1]),
                 "angle": math.atan2(axes[1, 1], axes[0, 1]) % math.pi,
-                "ambiguous": bool(kappa[k] * np.linalg.norm(cosines[k]) + 3 * sigma[k] > math.pi),
+                "good": float(detected[k] * good[k]),
             }
         )
     return ellipses

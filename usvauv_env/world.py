@@ -119,7 +119,7 @@ class World:
         self.reward_terms = array(*team, len(RewardTerm.names))
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._parameters = self._upload(pack_parameters(scenario, self.strategy, first_world))
-        self._options = options(scenario, self.strategy)
+        self._options = options(scenario, self.strategy)._replace(serial=runtime.better_alone(num_worlds))
         self._link = self._upload(link_table(scenario))
         self._layers = self._upload(sound_layers(scenario))
         self._arrival_rates = self._upload(np.array(scenario.nodes.arrival_rates, np.float32))
@@ -130,9 +130,9 @@ class World:
         self._evolve_vortices = None
         current = scenario.current
         if current.viscosity > 0 or current.mutual:
-            room = array(num_worlds, num_vortices, 7)
+            self._room = array(num_worlds, num_vortices, 7)
             self._evolve_vortices = vortex.evolution(
-                self.vortex, room, scenario.mission.step, current.viscosity, current.mutual
+                self.vortex, self._room, scenario.mission.step, current.viscosity, current.mutual
             )
         self._action = array(*team, 2)
         self._begin_sea(episode=0)
@@ -287,9 +287,9 @@ class World:
         """Real current on its grid at a `kernels.layout.Level`, (rows, columns, 2), m/s; empty when there is none."""
         return self._stream[level].cpu().numpy() if self._flow is not None else np.zeros((0, 0, 2), np.float32)
 
-    def surface(self, pixels: int) -> np.ndarray:
-        """Elevation of world 0's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
-        lane = int(self._lane[0])
+    def surface(self, pixels: int, world: int = 0) -> np.ndarray:
+        """Elevation of a world's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
+        lane = int(self._lane[world])
         elevation = self.sea.elevation()[lane]
         factor = -(-max(elevation.shape) // pixels)
         rows, columns = (size // factor for size in elevation.shape)
