@@ -46,4 +46,4 @@ def good_probability(
     top = torch.sqrt((kappa**2 - (centre[0] + sigma * n) ** 2).clamp(min=0)).clamp(max=math.pi)
     within = torch.special.ndtr((top - centre[1]) / sigma) - torch.special.ndtr((-top - centre[1]) / sigma)
     density = torch.exp(-0.5 * n * n) / math.sqrt(2 * math.pi)
-    return detected, (0.5 * (high - low) * weight * density * within).sum(0)
+    return detected, (0.5 * (high - low) * weight * density * within).sum(0).clamp(max=1.0)

@@ -17,7 +17,7 @@ from usvauv_env.parameters import link_table
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
 POSITIONS = [(60.0, 80.0, 100.0), (150.0, 120.0, 40.0)]
 PLACE_KEYS = {"x", "y", "log_objective", "rms", "errors"}
-ERROR_KEYS = {"range", "major", "minor", "angle", "ambiguous"}
+ERROR_KEYS = {"range", "major", "minor", "angle", "good"}
 
 
 @pytest.fixture
@@ -113,12 +113,27 @@ class TestErrors:
                     assert abs(np.dot(along, axes[:, 1])) > 0.999
             assert place["rms"] == pytest.approx(math.sqrt(total / 2), rel=0.01)
 
-    def test_an_ambiguous_array_is_marked(self, usvauv, solve):
-        """Spacing beyond half a wavelength (0.05 m at 15 kHz): sure near the nadir, not far to the side."""
-        wide = ["--auv", "20,20,100", "--compare", "20,20", "--compare", "180,180", "--set", "usbl.spacing=0.06"]
-        assert [place["errors"][0]["ambiguous"] for place in solve(*wide)["compare"]] == [False, True]
-        assert "may be ambiguous" in usvauv(*wide)[1]
-        assert "may be ambiguous" not in usvauv(*wide[:4])[1]
+    def test_fixes_that_may_be_no_good_say_so(self, usvauv, solve):
+        """Spacing beyond half a wavelength (0.05 m at 15 kHz): sure near the nadir, not aside; and far away."""
+        device = runtime.start().device
+        wide = ["--auv", "20,20,100", "--set", "usbl.spacing=0.06"]
+        compare = ["--compare", "20,20", "--compare", "170,20", "--compare", "200,20"]
+        good = [place["errors"][0]["good"] for place in solve(*wide, *compare)["compare"]]
+        assert good[0] > 0.9999
+        assert good[2] < 0.05
+        assert 0.2 < good[1] < 0.8
+        link = torch.from_numpy(link_table(Scenario.load("extreme", ["auv.count=1", "usbl.spacing=0.06"]))).to(device)
+        draws = 40_000
+        noise = torch.randn((draws, 6), generator=torch.Generator().manual_seed(3)).to(device)
+        offset = noise.new_tensor([20.0 - 170.0, 0.0, -100.0]).expand(draws, 3).contiguous()
+        index = torch.zeros(draws, dtype=torch.int32, device=device)
+        flags = usbl.flagged_fixes(link, index, offset, offset.new_zeros(draws, 2), 0.0, noise)[2]
+        share = (flags == usbl.DETECTED).double().mean().item()
+        assert good[1] == pytest.approx(share, abs=5 * math.sqrt(share * (1 - share) / draws) + 1e-4)
+        assert "100.0%" in usvauv(*wide)[1]
+        faint = solve("--auv", "20,20,100", "--compare", "180,180", "--set", "acoustics.source_level=118")
+        assert faint["optimum"]["errors"][0]["good"] > 0.99
+        assert faint["compare"][0]["errors"][0]["good"] < 0.01
 
 
 class TestOutput:

@@ -70,7 +70,8 @@ def plan(
     of both over all AUVs. They include noise by the sonar equation, the range error and `usbl.attitude_error`. The
     array lies level, or for the errors on `--slope`. Objective d weighs each AUV's error by its ratio, so another place
     can have a smaller rms; a finds the place of the smallest.
-    "?" marks a fix whose phases are within three standard deviations of wrapping, where it may be ambiguous.
+    "good" is the probability that a fix is detected, unambiguous (no phase has wrapped) and has a real depth; the
+    errors are those of good fixes.
 
     **Examples:**
 
@@ -85,9 +86,9 @@ def plan(
     **JSON:** *scenario*, *objective*, *measurement*, *attitude_error* (rad), *slope* (x, y); *area*: *width*, *length*,
     *depth* (m); *auvs*: *x*, *y*, *depth* (m), *carrier* (Hz); *optimum*, *centroid* and the list *compare*: *x*, *y*
     (m), *log_objective*, *rms* (m) and one of *errors* per AUV: *range* (slant, m), *major*, *minor* (1-σ, m), *angle*
-    of the major axis (rad, anticlockwise from east), *ambiguous*. *log_objective*, lengths in m, J the information on
-    all positions: d ln det J; a −ln tr J⁻¹; e ln of J's least eigenvalue; sum ln det of the sum of all AUVs'
-    information; paper ln of what Eq. 3 prints.
+    of the major axis (rad, anticlockwise from east), *good* (probability). *log_objective*, lengths in m, J the
+    information on all positions: d ln det J; a −ln tr J⁻¹; e ln of J's least eigenvalue; sum ln det of the sum of all
+    AUVs' information; paper ln of what Eq. 3 prints.
     """
     import json
 
@@ -231,14 +232,25 @@ def print_table(result: dict) -> None:
 
     best = result["optimum"]
     table = Table(box=box.SIMPLE_HEAD, title_justify="left")
-    for name in ("boat", "x m", "y m", NAMES[result["objective"]], "rms m", "AUV", "range m", "major m", "minor m", ""):
-        table.add_column(name, justify="left" if name in ("boat", "") else "right", no_wrap=True)
+    for name in (
+        "boat",
+        "x m",
+        "y m",
+        NAMES[result["objective"]],
+        "rms m",
+        "AUV",
+        "range m",
+        "major m",
+        "minor m",
+        "good",
+    ):
+        table.add_column(name, justify="left" if name == "boat" else "right", no_wrap=True)
     places = [("optimum", best), ("centroid", result["centroid"]), *(("compare", p) for p in result["compare"])]
     for name, place in places:
         head = (name, *(f"{place[key]:.2f}" for key in ("x", "y", "log_objective")), f"{place['rms']:.3f}")
         for k, error in enumerate(place["errors"], 1):
             cells = (str(k), f"{error['range']:.1f}", f"{error['major']:.3f}", f"{error['minor']:.3f}")
-            table.add_row(*(head if k == 1 else [""] * 5), *cells, "?" if error["ambiguous"] else "")
+            table.add_row(*(head if k == 1 else [""] * 5), *cells, f"{error['good']:.1%}")
         table.add_section()
     typer.echo(
         f"Boat at x = {best['x']:.2f} m, y = {best['y']:.2f} m:"
@@ -253,5 +265,3 @@ def print_table(result: dict) -> None:
     )
     console = Console(width=None if Console().is_terminal else 120)
     console.print(table)
-    if any(error["ambiguous"] for _, place in places for error in place["errors"]):
-        typer.echo("? the phases are about to wrap here: the fix may be ambiguous, far beyond these errors")
