@@ -1,0 +1,102 @@
+"""Where the time of a mission step goes, by leaving parts out: `extreme` with everything on, and without each part.
+
+    python -m benchmarks.step_profile --out docs/step-profile.png
+
+A part's time is the difference between the whole step and the step without it, so parts that share work are each
+counted with it, and what no part claims is the rest: fixes, motion, targets, observation, reward. The long waves are
+timed by themselves: all worlds share them. Versions take turns, and of each the best round counts, because other
+programs can only make a round longer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+
+import matplotlib.pyplot as plt
+import torch
+
+from benchmarks.machine import describe
+from kernels import runtime
+from usvauv_env import Scenario, World
+
+BATCHES = (1, 64, 4096)
+WITHOUT = {
+    "planning by Fisher information": ("hold:100,100", ()),
+    "vortices": ("fim", ("current.count=0", "current.mutual=false", "current.viscosity=0")),
+    "storm waves": ("fim", ("storm.spectrum=none",)),
+    "28 of 30 nodes": ("fim", ("nodes.count=2",)),
+}
+COLOURS = ("#33658a", "#5c8001", "#7b3294", "#e0a800", "#9ecae1", "#bbbbbb")
+ROUNDS = 7
+
+
+def seconds(world: World, work, repeats: int) -> float:
+    """Mean time of a call in one round."""
+    begin = time.perf_counter()
+    for _ in range(repeats):
+        work()
+    runtime.synchronize()
+    return (time.perf_counter() - begin) / repeats
+
+
+def measure(worlds: int) -> dict[str, float]:
+    """Seconds of a step of all worlds, whole and by part."""
+    versions = {"whole": World(Scenario.load("extreme"), worlds)}
+    for part, (usv, settings) in WITHOUT.items():
+        versions[part] = World(Scenario.load("extreme", settings), worlds, usv=usv)
+    action = 2 * torch.rand((worlds, 2, 2), generator=torch.Generator().manual_seed(0)) - 1
+    move = action.to(versions["whole"].device)
+    works = {}
+    for name, world in versions.items():
+        world.reset()
+        works[name] = lambda world=world: world.step(move)
+    works["long waves"] = versions["whole"].sea.advance
+    repeats = max(3, 3000 // worlds)
+    best = dict.fromkeys(works, float("inf"))
+    for _ in range(ROUNDS):
+        for name, work in works.items():
+            world = versions.get(name, versions["whole"])
+            world.reset()
+            work()
+            best[name] = min(best[name], seconds(world, work, min(repeats, world.steps - 1)))
+    whole, waves = best.pop("whole"), best.pop("long waves")
+    parts = {"long waves": waves} | {part: max(whole - without, 0.0) for part, without in best.items()}
+    parts["rest: motion, fixes, targets, observation, reward"] = max(whole - sum(parts.values()), 0.0)
+    return {"whole": whole, **parts}
+
+
+def draw(result: dict, path: str) -> None:
+    """One bar a batch size: shares of the step's time."""
+    figure, axes = plt.subplots(figsize=(10, 3.4), layout="constrained")
+    for row, parts in enumerate(result["batches"].values()):
+        left = 0.0
+        whole = sum(value for name, value in parts.items() if name != "whole")
+        for colour, (name, value) in zip(COLOURS, list(parts.items())[1:], strict=True):
+            share = 100 * value / whole
+            axes.barh(row, share, left=left, color=colour, label=name if row == 0 else None)
+            if share > 4:
+                axes.text(left + share / 2, row, f"{share:.0f}", ha="center", va="center", fontsize=9)
+            left += share
+        step = f"{1e6 * parts['whole']:.0f} µs" if parts["whole"] < 1e-3 else f"{1e3 * parts['whole']:.1f} ms"
+        axes.text(101, row, f"{step} a step", va="center", fontsize=9)
+    axes.set(yticks=range(len(BATCHES)), yticklabels=[f"{w:,} world{'s' * (w > 1)}" for w in BATCHES], xlim=(0, 115))
+    axes.set(xlabel="share of a mission step, %")
+    figure.legend(loc="outside upper center", ncols=3, fontsize=8, frameon=False)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", help="figure to write")
+    arguments = parser.parse_args()
+    result = {"machine": describe(), "batches": {worlds: measure(worlds) for worlds in BATCHES}}
+    print(json.dumps(result, indent=1))
+    if arguments.out:
+        draw(result, arguments.out)
+
+
+if __name__ == "__main__":
+    main()
