@@ -131,7 +131,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     Args:
         scenario: a `Scenario`, a shipped name or a path.
-        usv: the boat's strategy, "fim", "hold:X,Y" or "centroid".
+        usv: the boat's strategy, "fim" or another of `UsvStrategy`.
         render_mode: None or "rgb_array".
 
     Raises:
@@ -204,7 +204,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     Args:
         num_envs: number of missions W.
         scenario: a `Scenario`, a shipped name or a path.
-        usv: the boat's strategy, "fim", "hold:X,Y" or "centroid".
+        usv: the boat's strategy, "fim" or another of `UsvStrategy`.
         autoreset_mode: one of `gymnasium.vector.AutoresetMode` or its value.
         render_mode: None or "rgb_array".
 

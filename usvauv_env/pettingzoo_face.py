@@ -106,7 +106,7 @@ def parallel_env(
 
     Args:
         scenario: a `Scenario`, a shipped name or a path.
-        usv: the boat's strategy, "fim", "hold:X,Y" or "centroid".
+        usv: the boat's strategy, "fim" or another of `UsvStrategy`.
         render_mode: None or "rgb_array".
 
     Raises:

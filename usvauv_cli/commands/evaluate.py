@@ -20,7 +20,10 @@ def evaluate(
             help="Policy by name or checkpoint folder; may be repeated. Default: best trained, straight, crab."
         ),
     ] = None,
-    usv: Annotated[list[str] | None, typer.Option(help="Boat: fim, hold:X,Y or centroid; may be repeated.")] = None,
+    usv: Annotated[
+        list[str] | None,
+        typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid; may be repeated."),
+    ] = None,
     episodes: Annotated[int, typer.Option(help="Episodes for each combination.")] = 20,
     seed: Seed = 0,
     out: Annotated[Path, typer.Option(help="CSV to write, one row an episode.")] = Path("metrics.csv"),

@@ -16,7 +16,9 @@ def simulate(
     policy: Annotated[
         str | None, typer.Option(help="Policy by name or checkpoint folder. Default: the best trained one that fits.")
     ] = None,
-    usv: Annotated[str, typer.Option(help="Boat: fim, hold:X,Y or centroid.")] = "fim",
+    usv: Annotated[
+        str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")
+    ] = "fim",
     seed: Seed = 0,
     duration: Annotated[float | None, typer.Option(help="Seconds to simulate; default an episode.")] = None,
     out: Annotated[Path | None, typer.Option(help="MP4 to write; default usvauv-SCENARIO.mp4.")] = None,

@@ -23,7 +23,9 @@ def train(
     out: Annotated[Path | None, typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out, as it was begun.")] = False,
     shared: Annotated[bool, typer.Option("--shared", help="One network for all AUVs instead of one each.")] = False,
-    usv: Annotated[str, typer.Option(help="Boat: fim, hold:X,Y or centroid.")] = "fim",
+    usv: Annotated[
+        str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")
+    ] = "fim",
     arch: Arch = "auto",
     overrides: Overrides = None,
 ) -> None:
