@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from kernels import acoustics, horizon, optimality, usbl, waveform
+from kernels import acoustics, horizon, optimality, tracker, usbl, waveform
 from kernels.layout import Options, Parameter, Refraction, Strategy, Task
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sound_speed import SoundSpeedError, SoundSpeedProfile
@@ -168,7 +168,9 @@ def link_table(scenario: Scenario) -> np.ndarray:
 def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int) -> np.ndarray:
     """All numbers of a scenario in the order of `kernels.layout.Parameter`, float32."""
     s = scenario
-    current_variance, correlation_time = current_model(s, link_table(s))
+    current_variance, correlation_time = 0.0, tracker.FOREVER
+    if s.tracker.enabled:
+        current_variance, correlation_time = current_model(s, link_table(s))
     numbers = {
         "step": s.mission.step,
         "width": s.area.width,
