@@ -140,7 +140,9 @@ class World:
     def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
         """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation."""
         if mask is None:
-            self._begin_sea(int(self._clock[0, 0]) + 1)
+            episode = int(self._clock[0, 0]) + 1
+            if (episode, 0) != (self._sea_episode, self._steps_since_sea):  # else they stand at its beginning
+                self._begin_sea(episode)
             mask = torch.ones(self.num_worlds, dtype=torch.bool, device=self.device)
         with runtime.compiled_quickly():
             start.begin_episodes(
