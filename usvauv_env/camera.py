@@ -47,5 +47,5 @@ class Camera:
         first = int(self._first[world])
         states = len(self._recorder) - first
         surface = np.broadcast_to(now, (states, *now.shape))
-        trace = self._recorder.trace("agent", surface, first=first).episode(world)
+        trace = self._recorder.trace("agent", surface, first=first, worlds=slice(world, world + 1))
         return Painter(trace, SIZE, FPS).frame(states - 1)[..., ::-1].copy()

@@ -48,16 +48,27 @@ class Recorder:
         ):
             self._rows[name].append(tensor.cpu().numpy().copy())
 
-    def trace(self, policy: str, surface: np.ndarray, *, first: int = 0, start: float = 0.0) -> Trace:
+    def trace(
+        self,
+        policy: str,
+        surface: np.ndarray,
+        *,
+        first: int = 0,
+        start: float = 0.0,
+        worlds: slice = slice(None),
+    ) -> Trace:
         """What was recorded from state number `first` on, whose time is `start`, s; where nodes are is as of now.
 
         Args:
             policy: its name, for the record.
+            worlds: which of them.
             surface: as in `Trace`.
         """
         world = self.world
-        vehicles, boats, backlog, terms, known, vortex = (np.stack(rows[first:]) for rows in self._rows.values())
-        nodes = world.node.cpu().numpy()
+        vehicles, boats, backlog, terms, known, vortex = (
+            np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
+        )
+        nodes = world.node[worlds].cpu().numpy()
 
         def column(name: str) -> np.ndarray:
             return vehicles[..., getattr(AuvColumn, name)]
