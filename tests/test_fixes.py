@@ -11,7 +11,7 @@ from kernels import tracker, usbl
 from kernels.layout import AuvColumn, BoatColumn
 from tests.test_world import run
 from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.parameters import options, sound_speed, sound_speed_profile
+from usvauv_env.parameters import link_table, options, sound_speed, sound_speed_profile
 from usvauv_env.rollout import record
 from usvauv_env.tracking import current_model
 
@@ -61,6 +61,21 @@ class TestLate:
         error = (column(trace, "fix") - place)[1:]
         assert going.sum() > 500
         np.testing.assert_allclose(error[going], expected[going], atol=3e-3)
+
+    def test_a_late_fix_was_heard_where_the_boat_was(self):
+        """With a latency of a step its covariance is that of the ranges one step ago."""
+        calm = ["storm.spectrum=none", "sea.irregular_rms=0", "usbl.propagation=false", "usbl.latency=1"]
+        trace = voyage([*LOUD, *calm])
+        scenario = trace.scenario
+        away = column(trace, "auv_position") - column(trace, "boat_position")[:, :, None]
+        ago = np.concatenate([away[:-1], np.full((*away.shape[1:-1], 1), -scenario.auv.depth)[None].repeat(39, 0)], -1)
+        offset = torch.tensor(ago.reshape(-1, 3), dtype=torch.float32)
+        index = torch.arange(2, dtype=torch.int32).repeat(len(offset) // 2)
+        none = offset.new_zeros(len(offset), 5)
+        link = torch.from_numpy(link_table(scenario))
+        expected = usbl.fixes(link, index, offset, none[:, :2].contiguous(), 0.0, none)[1].numpy()
+        near = trace.border[1:].reshape(-1) == 0
+        np.testing.assert_allclose(trace.fix_covariance[1:].reshape(-1, 3)[near, 0], expected[near, 0], rtol=2e-3)
 
     def test_the_tracker_knows_how_late(self):
         late = voyage(["usbl.latency=0.5", "tracker.enabled=true"])
