@@ -66,7 +66,6 @@ def ahead(
     """The goal of `fim-horizon`."""
     outlook = horizon.Outlook(
         criterion=ti.static(optimality.objective_of(options.form)),
-        attitude_error=p[Parameter.attitude_error],
         variance=p[Parameter.current_variance],
         correlation_time=p[Parameter.correlation_time],
         top_speed=p[Parameter.top_speed],

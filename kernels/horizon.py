@@ -2,7 +2,7 @@
 
 The boat heads for a goal in a straight line at its top speed and stays there; AUV k goes on with the velocity it was
 last commanded and the current its track has. At each step of the horizon every AUV gives a fix of variance
-r = 1/T + ε² z² per axis (`fisher`'s form FIX, and what the attitude error ε adds), and its covariance is carried on as
+r = 1/T per axis (of `fisher`, the attitude error in it), and its covariance is carried on as
 the tracker does. The fix and the current's model are the same for both axes, so one number of each 2 × 2 block of the
 covariance is enough, half its trace:
 
@@ -23,7 +23,6 @@ import taichi as ti
 import torch
 
 from kernels import fisher, tracker
-from kernels.usbl import DECAY, POWER
 
 CRITERIA = ("d", "a", "e")
 D, A, E = range(3)
@@ -36,7 +35,6 @@ array3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
 Outlook = ti.types.struct(
     criterion=ti.i32,  # D, A or E
-    attitude_error=ti.f32,  # ε, rad
     variance=ti.f32,  # σ² of the current as the tracker's, m²/s²
     correlation_time=ti.f32,  # its τ, s
     top_speed=ti.f32,  # of the boat, m/s
@@ -58,13 +56,13 @@ def ratio(u: vec3, v: vec3) -> vec3:
 
 
 @ti.func
-def fix_variance(link: ti.template(), k, attitude_error, offset: vec2, z) -> vec3:
+def fix_variance(link: ti.template(), k, offset: vec2, z) -> vec3:
     """Variance per axis of a fix (m²) at the horizontal offset boat − AUV, and its derivatives by the boat's x, y."""
     z2 = fisher.squared_separation(z)
-    q = offset.norm_sqr() + z2
-    noise = ti.exp(-fisher.log_T(link, k, q))
-    slope = noise * (2.0 * link[k, POWER] / q + link[k, DECAY] / ti.sqrt(q))
-    return vec3(noise + attitude_error * attitude_error * z2, slope * offset[0], slope * offset[1])
+    f = fisher.log_strength(link, k, offset.norm_sqr() + z2, z2)
+    variance = ti.exp(-f[0])
+    slope = -2.0 * variance * f[1]
+    return vec3(variance, slope * offset[0], slope * offset[1])
 
 
 @ti.func
@@ -90,7 +88,7 @@ def look_ahead(
         sum_a = vec3(0.0, 0.0, 0.0)
         for h in range(outlook.steps):
             share = ti.min((h + 1.0) * outlook.top_speed * step / distance, 1.0)
-            r = fix_variance(link, k, outlook.attitude_error, boat + share * way - place, estimate[w, k, 2])
+            r = fix_variance(link, k, boat + share * way - place, estimate[w, k, 2])
             slope = share * vec2(r[1], r[2])
             if share < 1.0:  # under way only the goal's direction counts
                 slope -= along * along.dot(slope)
@@ -184,7 +182,6 @@ def _batch(
     place: array2,
     searching: ti.i32,
     criterion: ti.i32,
-    attitude_error: ti.f32,
     variance: ti.f32,
     correlation_time: ti.f32,
     top_speed: ti.f32,
@@ -195,7 +192,7 @@ def _batch(
     out: array2,
 ):
     for i in range(track.shape[0]):
-        outlook = Outlook(criterion, attitude_error, variance, correlation_time, top_speed, step, steps)
+        outlook = Outlook(criterion, variance, correlation_time, top_speed, step, steps)
         boat = vec2(place[i, 0], place[i, 1])
         goal = vec2(place[i, 2], place[i, 3])
         found = vec3(0.0, 0.0, 0.0)
@@ -229,7 +226,6 @@ def plan_batch(
     steps: int = 10,
     step: float = 1.0,
     top_speed: float = 4.0,
-    attitude_error: float = 0.0,
     variance: float,
     correlation_time: float,
     width: float = 200.0,
@@ -239,7 +235,7 @@ def plan_batch(
     out = track.new_empty((track.shape[0], 3))
     place = torch.cat((boat, goal), -1).contiguous()
     code = criterion_code(criterion)
-    model = (attitude_error, variance, correlation_time, top_speed, step)
+    model = (variance, correlation_time, top_speed, step)
     _batch(track, estimate, link, place, 1, code, *model, steps, width, length, out)
     return out
 
@@ -255,7 +251,6 @@ def look_ahead_batch(
     steps: int = 10,
     step: float = 1.0,
     top_speed: float = 4.0,
-    attitude_error: float = 0.0,
     variance: float,
     correlation_time: float,
 ) -> torch.Tensor:
@@ -263,6 +258,6 @@ def look_ahead_batch(
     out = track.new_empty((track.shape[0], 3))
     place = torch.cat((boat, goal), -1).contiguous()
     code = criterion_code(criterion)
-    model = (attitude_error, variance, correlation_time, top_speed, step)
+    model = (variance, correlation_time, top_speed, step)
     _batch(track, estimate, link, place, 0, code, *model, steps, 0.0, 0.0, out)
     return out

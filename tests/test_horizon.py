@@ -9,7 +9,8 @@ import torch
 from kernels import horizon, optimality, planner, runtime, tracker, usbl
 
 CARRIERS = (15000.0, 18000.0, 12000.0, 14000.0, 16000.0, 17000.0)
-MODEL = {"attitude_error": math.radians(0.1), "variance": 0.22, "correlation_time": 180.0}
+ATTITUDE_ERROR = math.radians(0.1)
+MODEL = {"variance": 0.22, "correlation_time": 180.0}
 SPEED = 4.0
 
 
@@ -18,8 +19,8 @@ def device():
     return runtime.start().device
 
 
-def links(count, device):
-    return torch.from_numpy(usbl.link_table(CARRIERS[:count])).to(device)
+def links(count, device, attitude_error=ATTITUDE_ERROR):
+    return torch.from_numpy(usbl.link_table(CARRIERS[:count], attitude_error=attitude_error)).to(device)
 
 
 def layouts(seed, worlds, count, device, *, spread=200.0):
@@ -50,7 +51,7 @@ def fix_variance(link, k, offset, z):
     S0 = link[k, usbl.REFERENCE]
     q = offset @ offset + z * z
     log_T = link[k, usbl.LEVEL] - link[k, usbl.POWER] * math.log(q / S0**2) - link[k, usbl.DECAY] * (math.sqrt(q) - S0)
-    return math.exp(-log_T) + (MODEL["attitude_error"] * z) ** 2
+    return math.exp(-log_T) + (ATTITUDE_ERROR * z) ** 2
 
 
 def reference(track, estimate, link, boat, goal, criterion, steps, top_speed=SPEED, step=1.0):
@@ -129,9 +130,8 @@ class TestPlan:
             ((tracker.UU, tracker.VV), 0.1),
         ):
             track[..., columns] = value
-        link = links(2, device)
-        model = MODEL | {"attitude_error": 0.0}
-        found = horizon.plan_batch(track, estimate, link, boat, goal, steps=1, top_speed=300.0, **model)
+        link = links(2, device, attitude_error=0.0)
+        found = horizon.plan_batch(track, estimate, link, boat, goal, steps=1, top_speed=300.0, **MODEL)
         best = planner.plan_batch(link, estimate, form=optimality.form("fix", "d"))
         at_found = optimality.log_objective_batch(
             link, estimate, found[:, :2].contiguous(), form=optimality.form("fix", "d")
@@ -227,7 +227,7 @@ def voyage(device, count, planner, *, top_speed, steps, seed, worlds=64):
         q = ((boat[:, None] - place) ** 2).sum(-1) + 1e4
         S0 = table[:, usbl.REFERENCE]
         log_T = table[:, usbl.LEVEL] - table[:, usbl.POWER] * np.log(q / S0**2) - table[:, usbl.DECAY] * (q**0.5 - S0)
-        r = np.exp(-log_T) + (MODEL["attitude_error"] * 100) ** 2
+        r = np.exp(-log_T) + (ATTITUDE_ERROR * 100) ** 2
         s = a + r
         a, b, c = a * r / s, b * r / s, c - b * b / s
         sums += r.mean(), a.mean()
