@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -39,16 +42,24 @@ class Whitening:
 
 
 class LearnedPolicy(Policy):
-    """Actors (one for each AUV, or a shared one) behind a frame."""
+    """Actors (one for each AUV, or a shared one) behind a frame; `about` is its checkpoint's JSON, how it was made."""
 
     def __init__(
-        self, name: str, scenario: Scenario, frame: str, whitening: Whitening, actor: StackedMLP, shared: bool
+        self,
+        name: str,
+        scenario: Scenario,
+        frame: str,
+        whitening: Whitening,
+        actor: StackedMLP,
+        shared: bool,
+        about: Mapping[str, Any] = MappingProxyType({}),
     ):
         super().__init__(name, scenario)
         self.frame = FRAMES[frame](scenario)
         self.whitening = whitening
         self.actor = actor
         self.shared = shared
+        self.about = about
 
     @torch.no_grad()
     def act(self, observation: Tensor) -> Tensor:
