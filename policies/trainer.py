@@ -102,7 +102,7 @@ class Trainer:
                 self._advance(pool)
                 done = self.steps >= steps
                 due = self._evaluations_due(steps) > self._evaluations_due(steps, self.steps - self.world.num_worlds)
-                if due and not self.stopped:
+                if due:  # also when stopped: a run that goes on does not come by here again
                     self._judge()
                 if due or done or self.stopped or self.meter.rows == WINDOW:
                     elapsed = time.perf_counter() - begun

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from kernels.errors import UserError
 from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_least
 
+STEPS = 2_000_000
 EVALUATION_EPISODES = 32
 EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained in
 
@@ -17,7 +19,12 @@ EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained 
 def train(
     scenario: ScenarioName = "extreme",
     algorithm: Annotated[str, typer.Option(help="sac, td3 or ddpg.")] = "sac",
-    steps: Annotated[int, typer.Option(help="World-steps in all: one step of W worlds counts W.")] = 2_000_000,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            help="World-steps in all: one step of W worlds counts W. Default 2000000; with --resume, as begun."
+        ),
+    ] = None,
     worlds: Annotated[int, typer.Option(help="Worlds stepped together.")] = 128,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED.")] = None,
@@ -48,18 +55,22 @@ def train(
     from usvauv_env.metrics import episode_metrics
     from usvauv_env.rollout import record
 
-    at_least("--steps", steps, 1)
+    at_least("--steps", STEPS if steps is None else steps, 1)
     at_least("--worlds", worlds, 1)
     if resume and overrides:
         raise UserError("--set: a run that is resumed keeps the scenario it was begun with")
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path("runs") / f"{setting.name}-{algorithm}-{seed}"
     if resume:
-        setting, config, _ = policies.read_run(out)
+        setting, config, begun = policies.read_run(out)
+        usv = begun.get("usv", usv)
+        steps = steps or begun.get("total", STEPS)
     elif (out / "last").exists():
         raise UserError(f"--out {out}: holds a run already; go on with --resume, or choose another folder")
     else:
         config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
+        begun = {}
+        steps = steps or STEPS
     make_folder(out)
 
     world = World(setting, config.num_worlds, config.seed, usv, arch=arch)
@@ -73,7 +84,7 @@ def train(
 
     reference = policies.yardstick(setting)
     yardstick = judge(policies.load(reference, setting)) | {"policy": reference}
-    trainer = policies.Trainer(world, config, out, judge, provenance(setting, steps))
+    trainer = policies.Trainer(world, config, out, judge, provenance(begun) | {"usv": usv, "total": steps})
     if resume:
         trainer.resume()
     with report.training(yardstick, config.algorithm, setting.name) as show:
@@ -95,8 +106,12 @@ def make_folder(path: Path) -> None:
         raise UserError(f"--out {path}: cannot be made a folder: {error.strerror}") from None
 
 
-def provenance(scenario, steps: int) -> dict[str, str]:
-    """What is written beside a checkpoint so that it can be made again: command, commit, versions."""
+def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
+    """What is written beside a checkpoint so that it can be made again: command, commit, versions.
+
+    A run that goes on keeps those it was begun with, as the JSON `begun` of its checkpoint has them; "resumed" lists
+    after how many world-steps it went on, and with what.
+    """
     import subprocess
     import sys
 
@@ -109,4 +124,8 @@ def provenance(scenario, steps: int) -> dict[str, str]:
 
     commit = git("rev-parse", "HEAD") or "unknown"
     dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
-    return {"command": " ".join(["usvauv", *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
+    now = {"command": " ".join(["usvauv", *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
+    if not begun:
+        return now
+    first = {key: begun[key] for key in now if key in begun}
+    return first | {"resumed": [*begun.get("resumed", []), {"steps": begun["steps"], **now}]}

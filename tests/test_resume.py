@@ -1,0 +1,145 @@
+"""A training run in the real world that is stopped and goes on ends bit for bit as one that was never stopped."""
+
+from __future__ import annotations
+
+import functools
+import json
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+import policies
+from policies import Trainer, TrainingConfig
+from policies.checkpoint import POLICY, TRAINING, read
+from usvauv_cli.app import main
+from usvauv_env import Scenario, World
+
+# With a tracker and its memory. 4 worlds of 12 steps an episode: one ends after 48 world-steps.
+SCENARIO = ["mission.duration=12", "tracker.enabled=true"]
+WORLDS, WARMUP, TOTAL = 4, 80, 200
+SMALL = {"hidden": (16, 16), "batch": 32, "n_step": 3, "warmup": WARMUP, "updates": 2}
+
+
+def trainer(directory: Path, algorithm: str, seed: int = 5) -> Trainer:
+    """In worlds of its own; its evaluations depend on every weight of the actor."""
+    config = TrainingConfig(algorithm=algorithm, num_worlds=WORLDS, replay=WORLDS * 40, **SMALL)
+    world = World(Scenario.load("extreme", SCENARIO), WORLDS, seed)
+    probe = torch.rand((8, 2, world.observation_size), generator=torch.Generator().manual_seed(0))
+    return Trainer(world, config, directory, lambda policy: {"arps": float(policy.act(probe).sum())})
+
+
+def same(one: Path, other: Path, *apart: str) -> None:
+    """Two runs' last and best checkpoints are equal to the bit; `apart` names fields of policy.json that may differ."""
+    assert sorted(path.name for path in one.iterdir()) == sorted(path.name for path in other.iterdir())
+    for name, parts in (("last", (POLICY, TRAINING)), ("best", (POLICY,))):
+        for part in parts:
+            (about, tensors), (about_other, others) = (
+                read(run / name, part, torch.device("cpu")) for run in (one, other)
+            )
+            assert tensors.keys() == others.keys()
+            different = [key for key in tensors if not torch.equal(tensors[key], others[key])]
+            assert not different
+            for key in ("seconds", *apart):
+                about.pop(key, None)
+                about_other.pop(key, None)
+            assert about == about_other
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Folder of the run that was never stopped, by algorithm."""
+    place = tmp_path_factory.mktemp("whole")
+
+    @functools.cache
+    def folder(algorithm: str) -> Path:
+        trainer(place / algorithm, algorithm).train(TOTAL)
+        return place / algorithm
+
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "stops"),
+    [
+        ("sac", [20]),  # an evaluation is due there
+        ("sac", [48]),  # an episode has just ended
+        ("sac", [WARMUP]),  # the next step measures the whitening
+        ("sac", [WARMUP + 4]),
+        ("sac", [44, 92, 148]),  # the replay's ring has gone round
+        ("td3", [108]),
+        ("ddpg", [108]),
+    ],
+)
+def test_bit_for_bit(whole, tmp_path, algorithm, stops):
+    run = trainer(tmp_path / "run", algorithm)
+    for stop in stops:
+        interrupt(run, stop)
+        assert run.stopped
+        assert run.steps == stop
+        # What the new process builds has been in use: nothing may be left of it.
+        run = trainer(tmp_path / "run", algorithm)
+        run.world.reset()
+        for _ in range(5):
+            run.world.step(torch.ones((WORLDS, 2, 2)))
+        run.resume()
+    run.train(TOTAL)
+    same(whole(algorithm), tmp_path / "run")
+
+
+def interrupt(run: Trainer, steps: int) -> None:
+    """Train, with Ctrl-C during the step after which `steps` world-steps are done."""
+    advance = run._advance
+
+    def advance_and_stop(pool):
+        if run.steps + WORLDS == steps:
+            signal.raise_signal(signal.SIGINT)
+        advance(pool)
+
+    run._advance = advance_and_stop
+    run.train(TOTAL)
+
+
+def test_the_runs_compared_have_learned(whole):
+    for algorithm in ("sac", "td3", "ddpg"):
+        about, tensors = read(whole(algorithm) / "last", TRAINING, torch.device("cpu"))
+        assert about["updates"] == 2 * (TOTAL - WARMUP) // WORLDS
+        assert about["size"] == 40  # full: 50 steps and 4 ends of episodes went in
+        _, policy = read(whole(algorithm) / "last", POLICY, torch.device("cpu"))
+        assert (policy["whitening.deviation"] != 1).any()
+        assert tensors["world.sea_episode"].tolist() == [4, 2]
+
+
+class TestCommand:
+    def run(self, monkeypatch, *arguments: str, stop: int | None = None) -> None:
+        """`usvauv train`, quick to learn; Ctrl-C falls into the step after which `stop` world-steps are done."""
+        settings = functools.partial(TrainingConfig, replay=4000, **SMALL)
+        advance = Trainer._advance
+
+        def advance_and_stop(run, pool):
+            if stop is not None and run.steps + run.world.num_worlds == stop:
+                signal.raise_signal(signal.SIGINT)
+            advance(run, pool)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(policies, "TrainingConfig", settings)
+            patch.setattr(Trainer, "_advance", advance_and_stop)
+            patch.setattr(sys, "argv", ["usvauv", "train", *arguments])
+            with pytest.raises(SystemExit) as ended:
+                main()
+        assert not ended.value.code
+
+    @pytest.mark.parametrize("stop", [168, 200])  # between two evaluations; where one is due
+    def test_ctrl_c_then_resume_equals_a_run_never_stopped(self, tmp_path, monkeypatch, capsys, stop):
+        begin = ["extreme", "--steps", "400", "--worlds", "8", "--usv", "centroid", "--set", "mission.duration=12"]
+        self.run(monkeypatch, *begin, "--out", str(tmp_path / "whole"))
+        self.run(monkeypatch, *begin, "--out", str(tmp_path / "parts"), stop=stop)
+        assert f"stopped at {stop} of 400 world-steps" in capsys.readouterr().out
+        self.run(monkeypatch, "--out", str(tmp_path / "parts"), "--resume")
+        same(tmp_path / "whole", tmp_path / "parts", "command", "resumed")
+        about = json.loads((tmp_path / "parts" / "last" / "policy.json").read_text())
+        assert about["steps"] == 400
+        assert about["command"].startswith("usvauv train extreme --steps 400")
+        assert [(again["steps"], again["command"].split()[-1]) for again in about["resumed"]] == [(stop, "--resume")]
