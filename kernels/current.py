@@ -7,7 +7,7 @@ import taichi as ti
 import torch
 
 from kernels import long_waves, regular_grid, vortex
-from kernels.layout import Parameter, array3, array4, vec2
+from kernels.layout import Level, Parameter, array1, array3, array4, index1, mask1, vec2
 
 
 @ti.func
@@ -51,6 +51,37 @@ def velocity(
     length = p[Parameter.length]
     waves = long_waves.velocity(U, V, unit_x, unit_y, bed, sea, x, y, width, length, nx, ny)
     return steady(vortices, stream, level, w, x, y, width, length) + waves
+
+
+@ti.kernel
+def on_grid(
+    p: array1,
+    vortices: array3,
+    stream: array4,
+    U: array4,
+    V: array4,
+    unit_x: ti.f32,
+    unit_y: ti.f32,
+    bed: array4,
+    lane: index1,
+    nx: ti.i32,
+    ny: ti.i32,
+    mask: mask1,
+    margin: ti.f32,
+    flow: array4,
+):
+    """Velocity (m/s) at cruise level on a grid over the area without a margin (m), in worlds where `mask` is not 0.
+
+    `flow` is (W, rows, columns, 2), row 0 in the south.
+    """
+    for w, i in ti.ndrange(flow.shape[0], flow.shape[1]):
+        if mask[w] != 0:
+            y = margin + (p[Parameter.length] - 2.0 * margin) * i / (flow.shape[1] - 1)
+            for j in range(flow.shape[2]):
+                x = margin + (p[Parameter.width] - 2.0 * margin) * j / (flow.shape[2] - 1)
+                here = velocity(p, vortices, stream, Level.cruise, U, V, unit_x, unit_y, bed, lane[w], nx, ny, w, x, y)
+                flow[w, i, j, 0] = here[0]
+                flow[w, i, j, 1] = here[1]
 
 
 @ti.kernel

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from policies.checkpoint import load_policy, read_run
 from policies.config import TrainingConfig
-from policies.heuristics import Crab, Keep, Random, Straight
+from policies.heuristics import Crab, Keep, Random, Straight, Zermelo
 from policies.learned import LearnedPolicy
 from policies.policy import Policy, PolicyError
 from policies.trainer import Trainer
@@ -33,7 +33,7 @@ __all__ = [
     "yardstick",
 ]
 
-CONSTANT_SPEED = {"straight": Straight, "crab": Crab}
+CONSTANT_SPEED = {"straight": Straight, "crab": Crab, "zermelo": Zermelo}
 WITHOUT_PARAMETER = {"keep": Keep, "random": Random}
 HEURISTICS = (*CONSTANT_SPEED, *WITHOUT_PARAMETER)
 
@@ -76,8 +76,8 @@ def load(name: str | Path, scenario: Scenario | None = None) -> Policy:
     """A policy by name, or from a checkpoint directory, for use in `scenario` (default: `extreme`).
 
     Args:
-        name: one of `available()`; `straight:SPEED` or `crab:SPEED` with a speed in m/s; the path of a checkpoint, or
-            of a training run, whose best checkpoint is then taken.
+        name: one of `available()`; `straight:SPEED`, `crab:SPEED` or `zermelo:SPEED` with a speed in m/s; the path of
+            a checkpoint, or of a training run, whose best checkpoint is then taken.
         scenario: its speed limits and recorded speeds are used. A checkpoint that does not fit it is refused.
 
     Raises:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
+from kernels import navigation
 from policies.frames import Layout, command, rotate, unit, unrotate
 from policies.policy import Policy, PolicyError
 from usvauv_env.scenario import Scenario
+
+RENEWAL = 10.0  # s, after which Zermelo's problem is solved anew
+SPACING = 4.0  # m, of the grid on which it is solved
+LEAST_CELLS = 16  # along a side of a small area
+MARGIN = 1.0  # m, that it keeps from the border, where a move may be refused
+SAME_GOAL = 0.1  # m, within which a target is the one it was
 
 
 class ConstantSpeed(Policy):
@@ -57,6 +66,53 @@ class Crab(ConstantSpeed):
         sine = (-across / self.speed).clamp(-1.0, 1.0)
         course = torch.stack(((1.0 - sine.square()).clamp_min(0.0).sqrt(), sine), -1)
         return command(rotate(course, bearing), self.speed, self.scenario)
+
+
+class Zermelo(Crab):
+    """The way through the true current that takes the least time at one speed through the water: a limit.
+
+    It knows the current everywhere in the area, as it is at the moment, but for the storm (Zermelo's problem, see
+    `kernels.navigation`). The way is found anew when the target changes and every `RENEWAL` seconds. Where there is
+    none it does as `crab`.
+    """
+
+    reference = "zermelo_speed"
+
+    def attach(self, world) -> None:
+        super().attach(world)
+        area = self.scenario.area
+        columns, rows = (max(LEAST_CELLS, math.ceil(side / SPACING)) + 1 for side in (area.width, area.length))
+        team = (world.num_worlds, world.num_auvs)
+
+        def zeros(*shape: int) -> Tensor:
+            return torch.zeros(shape, device=world.device)
+
+        self.flow = zeros(world.num_worlds, rows, columns, 2)
+        self.cost, self.velocity = zeros(*team, rows, columns), zeros(*team, 2)
+        self.goal, self.age = zeros(*team, 2), torch.full(team, math.inf, device=world.device)
+        self.speeds, self.rates = torch.tensor([self.speed], device=world.device), torch.ones(1, device=world.device)
+
+    def act(self, observation: Tensor) -> Tensor:
+        auv, area, world = self.scenario.auv, self.scenario.area, self.world
+        position = area.diagonal * observation[..., 2 * auv.count : 2 * auv.count + 2] - MARGIN
+        away = area.diagonal * Layout.of(self.scenario).target(observation)
+        goal = position + away
+        new = (goal - self.goal).norm(dim=-1) > SAME_GOAL
+        self.age = torch.where(new, math.inf, self.age + self.scenario.mission.step)
+        due = (self.age >= RENEWAL) & (away.norm(dim=-1) > auv.hover_radius)
+        circle = {"size": (area.width - 2 * MARGIN, area.length - 2 * MARGIN), "radius": auv.hover_radius}
+        if due.any():
+            self.age[due] = 0.0
+            self.goal[due] = goal[due]
+            world.current_field(self.flow, due.any(1), MARGIN)
+            navigation.solve(self.flow, self.goal, due.byte(), self.speeds, self.rates, self.cost, **circle)
+        current = world.current().contiguous()
+        navigation.steer(
+            self.flow, goal, position, current, self.speeds, self.rates, self.cost, self.velocity, **circle
+        )
+        speed = self.velocity.norm(dim=-1)
+        course = command(unit(self.velocity), speed, self.scenario)
+        return torch.where(speed.unsqueeze(-1) > 0.0, course, super().act(observation))
 
 
 class Keep(Policy):

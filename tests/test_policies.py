@@ -26,8 +26,8 @@ def angle(vector):
 class TestFace:
     def test_heuristics_follow_the_trained_ones(self):
         names = policies.available()
-        assert names[-4:] == ["straight", "crab", "keep", "random"]
-        assert names[:-4] == policies.trained()
+        assert names[-5:] == ["straight", "crab", "zermelo", "keep", "random"]
+        assert names[:-5] == policies.trained()
         for name in names:
             assert policies.load(name).name == name
 
@@ -39,6 +39,7 @@ class TestFace:
             ("straight:", "'' is not a speed"),
             ("straight:nan", "between 1.2 and 2.2 m/s"),
             ("crab:2.3", "between 1.2 and 2.2 m/s"),
+            ("zermelo:2.3", "between 1.2 and 2.2 m/s"),
             ("straight:1.1", "between 1.2 and 2.2 m/s"),
             ("random:3", "takes no parameter"),
         ],
@@ -86,9 +87,10 @@ class TestStraight:
         torch.testing.assert_close(velocity, expected, atol=2e-5, rtol=0)
 
     def test_default_speed_is_the_recorded_one(self):
-        toy = scenario(reference={"straight_speed": 1.9, "crab_speed": 1.4})
+        toy = scenario(reference={"straight_speed": 1.9, "crab_speed": 1.4, "zermelo_speed": 1.6})
         assert policies.load("straight", toy).speed == 1.9
         assert policies.load("crab", toy).speed == 1.4
+        assert policies.load("zermelo", toy).speed == 1.6
 
     def test_on_the_target_it_still_commands_a_speed(self):
         action = policies.load("straight:2.2", scenario()).act(torch.zeros(1, 2, 11))

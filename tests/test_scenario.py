@@ -72,6 +72,7 @@ def test_toml_round_trip():
         ("auv.start_separation=150", ["auv.start_separation", "too large"]),
         ("nodes.margin=100", ["nodes.margin", "100"]),
         ("reference.straight_speed=3", ["reference.straight_speed", "speed_max"]),
+        ("reference.zermelo_speed=3", ["reference.zermelo_speed", "speed_max"]),
         ("auv", ["--set", "section.field=value"]),
         ("name.x=1", ["--set", "not a section"]),
     ],

@@ -83,10 +83,9 @@ class Scenario(Section):
         room = (self.area.width - 2 * self.auv.start_margin) * (self.area.length - 2 * self.auv.start_margin)
         if self.auv.count * self.auv.start_separation**2 > 0.5 * room:  # well below where random placing jams
             raise ValueError(f"auv.start_separation is too large for {self.auv.count} AUVs in this area")
-        if not self.auv.speed_min <= self.reference.straight_speed <= self.auv.speed_max:
-            raise ValueError("reference.straight_speed must lie between auv.speed_min and auv.speed_max")
-        if not self.auv.speed_min <= self.reference.crab_speed <= self.auv.speed_max:
-            raise ValueError("reference.crab_speed must lie between auv.speed_min and auv.speed_max")
+        for field, speed in self.reference:
+            if not self.auv.speed_min <= speed <= self.auv.speed_max:
+                raise ValueError(f"reference.{field} must lie between auv.speed_min and auv.speed_max")
         if self.mission.step * max(self.nodes.arrival_rates) > 80:  # the sampler's exp(−mean) must not underflow
             raise ValueError("nodes.arrival_rates times mission.step must not be above 80 packets")
         if self.task == "station-keeping" and 2 * self.stations.radius > smaller:

@@ -338,3 +338,4 @@ class Reference(Section):
 
     straight_speed: Positive = Field(1.2, description="best constant speed of `straight`, m/s")
     crab_speed: Positive = Field(1.2, description="best constant speed of `crab`, m/s")
+    zermelo_speed: Positive = Field(1.2, description="best constant speed of `zermelo`, m/s")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from kernels import mission, runtime, start, tracker, vortex
+from kernels import current, mission, runtime, start, tracker, vortex
 from kernels.launch import Launch
 from kernels.layout import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn, RewardTerm
 from usvauv_env.parameters import (
@@ -128,11 +128,11 @@ class World:
         self._flow = real_current(scenario)
         self._stream = array(2, 2, 2, 2) if self._flow is None else self._upload(self._flow.at(0.0))
         self._evolve_vortices = None
-        current = scenario.current
-        if current.viscosity > 0 or current.mutual:
+        eddies = scenario.current
+        if eddies.viscosity > 0 or eddies.mutual:
             self._room = array(num_worlds, num_vortices, 7)
             self._evolve_vortices = vortex.evolution(
-                self.vortex, self._room, scenario.mission.step, current.viscosity, current.mutual
+                self.vortex, self._room, scenario.mission.step, eddies.viscosity, eddies.mutual
             )
         self._action = array(*team, 2)
         self._begin_sea(episode=0)
@@ -229,6 +229,29 @@ class World:
         the storm.
         """
         return self.auv[..., AuvColumn.current_x : AuvColumn.current_y + 1]
+
+    def current_field(self, flow: torch.Tensor, mask: torch.Tensor, margin: float = 0.0) -> None:
+        """True velocity of the water at cruise level, without the storm, into `flow`, m/s.
+
+        Args:
+            flow: (num_worlds, rows, columns, 2) float32 on a grid of at least 2 rows and columns, row 0 in the south.
+            mask: (num_worlds,) bool, the worlds of which it is wanted; the others' stays.
+            margin: distance of the grid's edges from those of the area, m.
+        """
+        current.on_grid(
+            self._parameters,
+            self.vortex,
+            self._stream,
+            *self.sea.transports,
+            *self.sea.units,
+            self._bed,
+            self._lane,
+            self.sea.nx,
+            self.sea.ny,
+            mask.to(self.device, torch.uint8).contiguous(),
+            margin,
+            flow,
+        )
 
     def _begin_sea(self, episode: int) -> None:
         """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
