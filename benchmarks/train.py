@@ -1,0 +1,285 @@
+"""Seconds of training until a policy is worth having in `extreme`, ours and Stable-Baselines3's SAC beside it.
+
+    python -m benchmarks.train --json
+
+Two targets for arps, the mean of 32 episodes in worlds nobody trains in: 95 % of the way from `random` to `straight` at
+its best speed, and `straight` itself. A target counts as passed where two evaluations in a row, after the first
+gradient update, are at or above it; the first of the two gives seconds, updates, world-steps and agent-steps.
+Evaluations come after the same stretches of training time for everyone, at least `SPACING` and `GROWTH` of the time so
+far apart; their own time, imports, the compilation of kernels and the making of worlds are not counted. The evaluation
+at 0 s is the untrained policy's.
+
+"ours" is what `usvauv train` does; "ours_world_axes" the same without our frame, in which a course is relative to the
+target's bearing, so that an untrained policy heads for it; "ours_shared" with one network for all AUVs.
+Stable-Baselines3 learns one policy for all AUVs through the adapter of `examples/stable_baselines3_sac.py`:
+"sb3_defaults" in 4 worlds (8 environments) with all its defaults, "sb3_tuned" in as many worlds as ours and with our
+settings wherever it has them (batch, learning rate, n-step returns, sizes of networks, updates, exploration before
+learning), "sb3_tuned_our_frame" the same with our features and actions. All of them on one torch thread; kernels on
+all.
+
+A run that does not pass both targets within `--limit` seconds ends there; a ratio to it is then a lower bound and is
+marked so. Progress goes to stderr.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import math
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import torch
+
+import policies
+from benchmarks.machine import describe
+from policies.meter import Meter
+from usvauv_env import Scenario, World
+
+SCENARIO = "extreme"
+EPISODES = 32
+JUDGE_SEED = 1_000_003  # none of the training seeds
+SPACING, GROWTH = 1.0, 0.05  # between two evaluations: seconds, and share of the time so far
+WAY = 0.95
+SB3_VARIANTS = ("sb3_defaults", "sb3_tuned", "sb3_tuned_our_frame")
+
+Act = Callable[[torch.Tensor], torch.Tensor]
+
+
+class Judge:
+    """arps of the same `EPISODES` episodes for everyone."""
+
+    def __init__(self) -> None:
+        self.world = World(Scenario.load(SCENARIO), EPISODES, JUDGE_SEED)
+
+    def __call__(self, act: Act) -> float:
+        world, meter = self.world, Meter(self.world)
+        world.rewind()
+        observation = world.reset()
+        for _ in range(world.steps):
+            observation, _, _, _, info = world.step(act(observation))
+            meter.add(info)
+        return meter.figures()["arps"]
+
+    def score(self, policy: policies.Policy) -> float:
+        """arps of a policy."""
+        policy.attach(self.world)
+        return self(policy.act)
+
+
+class Course:
+    """One training run: a clock that stands still during evaluations, and what they found.
+
+    Args:
+        name: for the progress.
+        judge: what evaluates.
+        targets: arps to pass, by name.
+        limit: seconds of training after which the run ends.
+    """
+
+    def __init__(self, name: str, judge: Judge, targets: dict[str, float], limit: float) -> None:
+        self.name, self.judge, self.targets, self.limit = name, judge, targets, limit
+        self.looks: list[dict[str, float]] = []
+        self.seconds = 0.0
+        self._since = time.perf_counter()
+
+    def look(self, act: Act, updates: int, world_steps: int) -> bool:
+        """Evaluate if it is time to; whether the run is over."""
+        now = time.perf_counter()
+        seconds = self.seconds + now - self._since
+        over = seconds >= self.limit
+        last = self.looks[-1]["seconds"] if self.looks else -math.inf
+        if seconds - last < max(SPACING, GROWTH * seconds) and not over:
+            return False
+        self.seconds = seconds if self.looks else 0.0
+        look = {"seconds": self.seconds, "updates": updates, "world_steps": world_steps, "arps": self.judge(act)}
+        self.looks.append(look)
+        print(f"{self.name}: {seconds:.1f} s, {updates} updates, arps {look['arps']:.3f}", file=sys.stderr, flush=True)
+        self._since = time.perf_counter()
+        return over or None not in self.passed().values()
+
+    def passed(self) -> dict[str, dict[str, float] | None]:
+        """For each target the evaluation that passed it."""
+        learned = [look for look in self.looks if look["updates"] > 0]
+        found = {}
+        for name, target in self.targets.items():
+            found[name] = next((one for one, two in pairwise(learned) if min(one["arps"], two["arps"]) >= target), None)
+        return found
+
+
+def train_ours(course: Course, config: policies.TrainingConfig) -> None:
+    """Our trainer, from the first step to the end of the course."""
+    trainer = policies.Trainer(World(Scenario.load(SCENARIO), config.num_worlds, config.seed), config)
+    policy = trainer.policy()
+    course.look(policy.act, 0, 0)
+    over = False
+
+    def look(figures: dict[str, Any]) -> None:
+        nonlocal over
+        over = course.look(policy.act, figures["updates"], figures["steps"])
+        trainer.stopped = trainer.stopped or over
+
+    trainer.train(sys.maxsize, look)
+    if not over:
+        raise KeyboardInterrupt
+
+
+def train_stable_baselines3(course: Course, variant: str, seed: int) -> None:
+    """Stable-Baselines3's SAC, from the first step to the end of the course."""
+    model, act, num_auvs = importlib.import_module("benchmarks.stable_baselines3_sac").learner(variant, SCENARIO, seed)
+    callbacks = importlib.import_module("stable_baselines3.common.callbacks")
+
+    class Look(callbacks.BaseCallback):
+        def _on_training_start(self) -> None:
+            course.look(act, 0, 0)
+
+        def _on_step(self) -> bool:
+            return not course.look(act, model._n_updates, model.num_timesteps // num_auvs)
+
+    model.learn(sys.maxsize, callback=Look())
+    model.get_env().close()
+
+
+def summarise(runs: list[dict[str, Any]], num_auvs: int) -> dict[str, Any]:
+    """Median and all values of what each target took; a median at which no run had passed is null."""
+    summary = {}
+    for target in runs[0]["passed"]:
+        reached = [run["passed"][target] for run in runs]
+        summary[target] = {}
+        for name in ("seconds", "updates", "world_steps"):
+            values = [math.inf if row is None else row[name] for row in reached]
+            summary[target][name] = figures(values)
+        summary[target]["agent_steps"] = figures(
+            [math.inf if row is None else row["world_steps"] * num_auvs for row in reached]
+        )
+    return summary
+
+
+def figures(values: list[float]) -> dict[str, Any]:
+    """Median and all, with null for infinity."""
+    median = statistics.median_low(values)
+    return {
+        "median": median if median < math.inf else None,
+        "all": [value if value < math.inf else None for value in values],
+    }
+
+
+def contestants(algorithm: str) -> dict[str, Callable[[Course, int], None]]:
+    """Everyone who learns, by name."""
+    config = policies.TrainingConfig(algorithm=algorithm)
+    everyone: dict[str, Callable[[Course, int], None]] = {
+        name: lambda course, seed, changes=changes: train_ours(course, replace(config, seed=seed, **changes))
+        for name, changes in (
+            ("ours", {}),
+            ("ours_shared", {"shared": True}),
+            ("ours_world_axes", {"frame": "world"}),
+        )
+    }
+    for variant in SB3_VARIANTS:
+        everyone[variant] = lambda course, seed, variant=variant: train_stable_baselines3(course, variant, seed)
+    return everyone
+
+
+def measure(algorithm: str, seeds: int, limit: float, only: list[str]) -> dict[str, Any]:
+    """All figures."""
+    machine = describe()
+    judge = Judge()
+    scenario = judge.world.scenario
+    reference = {name: judge.score(policies.load(name, scenario)) for name in ("random", "straight", "crab")}
+    way = reference["random"] + WAY * (reference["straight"] - reference["random"])
+    targets = {"95_percent": way, "straight": reference["straight"]}
+    everyone = {name: train for name, train in contestants(algorithm).items() if name in only}
+    results: dict[str, Any] = {name: {"runs": []} for name in everyone}
+    for seed in range(seeds):
+        for name, train in everyone.items():
+            course = Course(f"{name}, seed {seed}", judge, targets, limit)
+            try:
+                train(course, seed)
+            except ImportError as error:
+                results[name] = {"runs": [], "reason": f"cannot be imported: {error}"}
+                continue
+            untrained = course.looks[0]["arps"]
+            results[name]["runs"].append(
+                {"seed": seed, "untrained_arps": untrained, "passed": course.passed(), "looks": course.looks}
+            )
+    for result in results.values():
+        if result["runs"]:
+            result |= summarise(result["runs"], scenario.auv.count)
+    return {
+        "machine": machine,
+        "algorithm": algorithm,
+        "limit_seconds": limit,
+        "reference_arps": reference,
+        "targets": targets,
+        "learners": results,
+        "ratios": ratios(results, targets, limit),
+    }
+
+
+def ratios(results: dict[str, Any], targets: dict[str, float], limit: float) -> dict[str, dict[str, Any]]:
+    """For each target and variant of Stable-Baselines3, how many times the median seconds of "ours" it took."""
+    learned = {name: result for name, result in results.items() if result["runs"]}
+    if "ours" not in learned:
+        return {}
+    return {
+        target: {
+            name: ratio(learned["ours"][target]["seconds"]["median"], result[target]["seconds"]["median"], limit)
+            for name, result in learned.items()
+            if name.startswith("sb3")
+        }
+        for target in targets
+    }
+
+
+def ratio(ours: float | None, other: float | None, limit: float) -> dict[str, Any] | None:
+    """Null where ours did not arrive; a lower bound where only the other did not."""
+    if ours is None:
+        return None
+    return {"times": (other or limit) / ours, "lower_bound": other is None}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    names = list(contestants("sac"))
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    parser.add_argument("--algorithm", choices=policies.config.ALGORITHM_NAMES, default="sac", help="of ours")
+    parser.add_argument("--seeds", type=int, default=3, help="runs of each learner, seeds 0, 1, …")
+    parser.add_argument("--limit", type=float, default=600.0, help="training time after which a run ends, s")
+    parser.add_argument("--only", nargs="+", choices=names, default=names, help="who runs", metavar="NAME")
+    arguments = parser.parse_args()
+    result = measure(arguments.algorithm, arguments.seeds, arguments.limit, arguments.only)
+    if arguments.json:
+        print(json.dumps(result, indent=1))
+        return
+    print(result["machine"])
+    print("arps:", ", ".join(f"{name} {value:.3f}" for name, value in result["reference_arps"].items()))
+    for target, value in result["targets"].items():
+        print(f"{target}, arps {value:.3f}: median (all) seconds, updates, world-steps")
+        for name, learner in result["learners"].items():
+            if not learner["runs"]:
+                print(f"  {name}: {learner['reason']}")
+                continue
+            print(f"  {name}: " + "; ".join(row(learner[target][key]) for key in ("seconds", "updates", "world_steps")))
+    for target, row_of_ratios in result["ratios"].items():
+        for name, times in row_of_ratios.items():
+            if times:
+                print(f"{target}: {name} takes {'over ' * times['lower_bound']}{times['times']:.1f} × the time of ours")
+
+
+def row(entry: dict[str, Any]) -> str:
+    """Median and all values as text."""
+    return f"{text(entry['median'])} ({', '.join(map(text, entry['all']))})"
+
+
+def text(value: float | None) -> str:
+    return "not reached" if value is None else f"{value:,.1f}" if isinstance(value, float) else f"{value:,d}"
+
+
+if __name__ == "__main__":
+    main()
