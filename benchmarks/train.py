@@ -4,7 +4,8 @@
 
 Two targets for arps, the mean of 32 episodes in worlds nobody trains in: 95 % of the way from `random` to `straight` at
 its best speed, and `straight` itself. A target counts as passed where two evaluations in a row, after the first
-gradient update, are at or above it; the first of the two gives seconds, updates, world-steps and agent-steps.
+gradient update, are at or above it; the first of the two gives seconds, updates, world-steps and agent-steps, and the
+seconds of all threads of this process, which neighbours on the machine hardly change ("cpu_seconds").
 Evaluations come after the same stretches of training time for everyone, at least `SPACING` and `GROWTH` of the time so
 far apart; their own time, imports, the compilation of kernels and the making of worlds are not counted. The evaluation
 at 0 s is the untrained policy's.
@@ -47,6 +48,7 @@ EPISODES = 32
 JUDGE_SEED = 1_000_003  # none of the training seeds
 SPACING, GROWTH = 1.0, 0.05  # between two evaluations: seconds, and share of the time so far
 WAY = 0.95
+COSTS = ("seconds", "cpu_seconds", "updates", "world_steps", "agent_steps")
 SB3_VARIANTS = ("sb3_defaults", "sb3_tuned", "sb3_tuned_our_frame")
 
 Act = Callable[[torch.Tensor], torch.Tensor]
@@ -86,23 +88,36 @@ class Course:
     def __init__(self, name: str, judge: Judge, targets: dict[str, float], limit: float) -> None:
         self.name, self.judge, self.targets, self.limit = name, judge, targets, limit
         self.looks: list[dict[str, float]] = []
-        self.seconds = 0.0
-        self._since = time.perf_counter()
+        self._spent = [0.0, 0.0]  # wall and CPU seconds until the last evaluation
+        self._since = self._clocks()
+
+    @staticmethod
+    def _clocks() -> tuple[float, float]:
+        return time.perf_counter(), time.process_time()
 
     def look(self, act: Act, updates: int, world_steps: int) -> bool:
         """Evaluate if it is time to; whether the run is over."""
-        now = time.perf_counter()
-        seconds = self.seconds + now - self._since
-        over = seconds >= self.limit
-        last = self.looks[-1]["seconds"] if self.looks else -math.inf
-        if seconds - last < max(SPACING, GROWTH * seconds) and not over:
-            return False
-        self.seconds = seconds if self.looks else 0.0
-        look = {"seconds": self.seconds, "updates": updates, "world_steps": world_steps, "arps": self.judge(act)}
-        self.looks.append(look)
-        print(f"{self.name}: {seconds:.1f} s, {updates} updates, arps {look['arps']:.3f}", file=sys.stderr, flush=True)
-        self._since = time.perf_counter()
-        return over or None not in self.passed().values()
+        spent = self._spent
+        if self.looks:
+            spent = [done + now - since for done, now, since in zip(spent, self._clocks(), self._since, strict=True)]
+            pause = max(SPACING, GROWTH * spent[0])
+            if spent[0] - self._spent[0] < pause and spent[0] < self.limit:
+                return False
+        self._spent = spent
+        arps = self.judge(act)
+        self.looks.append(
+            {
+                "seconds": spent[0],
+                "cpu_seconds": spent[1],
+                "updates": updates,
+                "world_steps": world_steps,
+                "agent_steps": world_steps * self.judge.world.num_auvs,
+                "arps": arps,
+            }
+        )
+        print(f"{self.name}: {spent[0]:.1f} s, {updates} updates, arps {arps:.3f}", file=sys.stderr, flush=True)
+        self._since = self._clocks()
+        return spent[0] >= self.limit or None not in self.passed().values()
 
     def passed(self) -> dict[str, dict[str, float] | None]:
         """For each target the evaluation that passed it."""
@@ -146,19 +161,15 @@ def train_stable_baselines3(course: Course, variant: str, seed: int) -> None:
     model.get_env().close()
 
 
-def summarise(runs: list[dict[str, Any]], num_auvs: int) -> dict[str, Any]:
-    """Median and all values of what each target took; a median at which no run had passed is null."""
-    summary = {}
-    for target in runs[0]["passed"]:
-        reached = [run["passed"][target] for run in runs]
-        summary[target] = {}
-        for name in ("seconds", "updates", "world_steps"):
-            values = [math.inf if row is None else row[name] for row in reached]
-            summary[target][name] = figures(values)
-        summary[target]["agent_steps"] = figures(
-            [math.inf if row is None else row["world_steps"] * num_auvs for row in reached]
-        )
-    return summary
+def summarise(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Median and all values of what each target took; null where it was not passed."""
+    return {
+        target: {
+            name: figures([math.inf if run["passed"][target] is None else run["passed"][target][name] for run in runs])
+            for name in COSTS
+        }
+        for target in runs[0]["passed"]
+    }
 
 
 def figures(values: list[float]) -> dict[str, Any]:
@@ -210,7 +221,7 @@ def measure(algorithm: str, seeds: int, limit: float, only: list[str]) -> dict[s
             )
     for result in results.values():
         if result["runs"]:
-            result |= summarise(result["runs"], scenario.auv.count)
+            result |= summarise(result["runs"])
     return {
         "machine": machine,
         "algorithm": algorithm,
@@ -260,12 +271,12 @@ def main() -> None:
     print(result["machine"])
     print("arps:", ", ".join(f"{name} {value:.3f}" for name, value in result["reference_arps"].items()))
     for target, value in result["targets"].items():
-        print(f"{target}, arps {value:.3f}: median (all) seconds, updates, world-steps")
+        print(f"{target}, arps {value:.3f}: median (all) {', '.join(COSTS)}")
         for name, learner in result["learners"].items():
             if not learner["runs"]:
                 print(f"  {name}: {learner['reason']}")
                 continue
-            print(f"  {name}: " + "; ".join(row(learner[target][key]) for key in ("seconds", "updates", "world_steps")))
+            print(f"  {name}: " + "; ".join(row(learner[target][cost]) for cost in COSTS))
     for target, row_of_ratios in result["ratios"].items():
         for name, times in row_of_ratios.items():
             if times:

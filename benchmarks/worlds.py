@@ -4,8 +4,8 @@
 
 Scenario `extreme` with all its physics: sea, currents, a plan of the boat every step, fixes, 30 nodes, 2 AUVs. Resets
 at the end of an episode are in the time. "environment" steps with random actions drawn before; "with_policy" with those
-of the best shipped policy, inferred each step. The third column of the usual form, with training, depends on the
-learner and is left to the training benchmark; here it is null. VMAS is not in any extra: `pip install vmas`.
+of the best shipped policy, inferred each step; "with_training" is `usvauv train` at work: exploration, replay and, with
+each step of all worlds, the updates of its settings. VMAS is not in any extra: `pip install vmas`.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from kernels import runtime
 from usvauv_env import Scenario, World
 
 ACTIONS = 16  # different sets of random actions, taken in turn
+TRAINING_STEPS = 10  # of all worlds, between two looks at the clock
 VMAS_WORLDS = 4096
 VMAS_TASKS = {"navigation": {"n_agents": 2}, "simple_spread": {}}
 
@@ -69,6 +70,16 @@ def rates(world: World, act: Callable[[torch.Tensor], torch.Tensor] | None, seco
     return {"world_steps_per_second": per_second, "agent_steps_per_second": per_second * world.num_auvs}
 
 
+def training_rates(world: World, seconds: float) -> dict[str, float]:
+    """World-steps and agent-steps a second of the trainer, once it learns."""
+    config = policies.TrainingConfig(num_worlds=world.num_worlds, warmup=0)
+    trainer = policies.Trainer(world, config)
+    trainer.train(3 * config.n_step * world.num_worlds)
+    stretch = TRAINING_STEPS * world.num_worlds
+    per_second = stretch / best_time(lambda: trainer.train(trainer.steps + stretch), seconds)
+    return {"world_steps_per_second": per_second, "agent_steps_per_second": per_second * world.num_auvs}
+
+
 def measure_batch(num_worlds: int, policy: policies.Policy, seconds: float) -> dict[str, object]:
     """The columns of one batch size."""
     world = World(policy.scenario, num_worlds)
@@ -77,7 +88,7 @@ def measure_batch(num_worlds: int, policy: policies.Policy, seconds: float) -> d
         "worlds": num_worlds,
         "environment": rates(world, None, seconds),
         "with_policy": rates(world, policy.act, seconds),
-        "with_training": None,
+        "with_training": training_rates(world, seconds),
     }
 
 
@@ -196,10 +207,10 @@ def main() -> None:
         print(json.dumps(result, indent=1))
         return
     print(result["machine"])
-    print(f"agent-steps/s: environment alone, with {result['policy']}")
+    print(f"agent-steps/s: environment alone, with {result['policy']}, with training")
     for row in result["batches"]:
-        alone, inferred = (row[name]["agent_steps_per_second"] for name in ("environment", "with_policy"))
-        print(f"{row['worlds']:6d} worlds: {alone:12,.0f}  {inferred:12,.0f}")
+        columns = (row[name]["agent_steps_per_second"] for name in ("environment", "with_policy", "with_training"))
+        print(f"{row['worlds']:6d} worlds:" + "".join(f"{column:14,.0f}" for column in columns))
     for name, rows in (("AUVs", result["auvs"]), ("nodes", result["nodes"])):
         for row in rows:
             print(f"{row['worlds']} worlds, {row['count']} {name}: {row['world_steps_per_second']:,.0f} world-steps/s")
