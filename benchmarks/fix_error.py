@@ -17,14 +17,11 @@ import json
 
 import matplotlib.pyplot as plt
 import numpy as np
-import torch
 
 import policies
 from benchmarks.machine import describe
-from kernels import optimality, planner, runtime, usbl
-from usvauv_env import Scenario, World
+from usvauv_env import Scenario, World, fix_bound
 from usvauv_env.metrics import position_error
-from usvauv_env.parameters import boat_separation, link_table
 from usvauv_env.rollout import record
 from usvauv_env.trace import Trace
 
@@ -56,32 +53,10 @@ def voyage(scenario: str, auvs: int, usv: str, settings: tuple[str, ...], episod
     return record(world, policy.act, "straight")
 
 
-def median_of_normals(variance: np.ndarray) -> float:
-    """Median length of plane normal vectors of the variances per axis (n,): ½ = mean(1 − exp(−m²/2v))."""
-    low, high = 0.0, 10 * float(np.sqrt(variance.max()))
-    for _ in range(60):
-        m = (low + high) / 2
-        low, high = (m, high) if np.mean(-np.expm1(-0.5 * m * m / variance)) < 0.5 else (low, m)
-    return m
-
-
 def bound(trace: Trace) -> np.ndarray:
     """For each episode, the median error of fixes from the best place."""
-    scenario = trace.scenario
-    link = torch.from_numpy(link_table(scenario)).to(runtime.start().device)
-    steps, worlds, auvs = trace.power.shape
-    separation = boat_separation(scenario) + trace.boat_surface[..., :1].repeat(auvs, -1)
-    layout = np.concatenate([trace.auv_position, separation[..., None]], -1).reshape(-1, auvs, 3).astype(np.float32)
-    points = torch.from_numpy(layout).to(link.device)
-    width, length = scenario.area.width, scenario.area.length
-    form = optimality.form("fix", "d")
-    best = planner.plan_batch(link, points, form=form, width=width, length=length)[:, None, :2]
-    away = torch.cat([points[..., :2] - best, -points[..., 2:]], -1).reshape(-1, 3).contiguous()
-    index = torch.arange(auvs, dtype=torch.int32, device=link.device).repeat(steps * worlds)
-    level, none = away.new_zeros(len(away), 2), away.new_zeros(len(away), 5)
-    covariance = usbl.fixes(link, index, away, level, scenario.usbl.attitude_error, none)[1].double().cpu().numpy()
-    variance = ((covariance[:, 0] + covariance[:, 2]) / 2).reshape(steps, worlds, auvs)
-    return np.array([median_of_normals(variance[:, w].ravel()) for w in range(worlds)])
+    variance = fix_bound.variance(trace)
+    return np.array([fix_bound.median_of_normals(variance[:, w].ravel()) for w in range(variance.shape[1])])
 
 
 def interval(values: np.ndarray, over: np.ndarray | None = None) -> list[float]:

@@ -12,7 +12,7 @@ import json
 from importlib import resources
 from pathlib import Path
 
-from policies.checkpoint import load_policy, read_run
+from policies.checkpoint import load_policy, read_history, read_run
 from policies.config import TrainingConfig
 from policies.heuristics import Crab, Keep, Random, Straight, Zermelo
 from policies.learned import LearnedPolicy
@@ -29,6 +29,7 @@ __all__ = [
     "available",
     "default",
     "load",
+    "read_history",
     "read_run",
     "yardstick",
 ]

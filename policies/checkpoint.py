@@ -172,3 +172,18 @@ def read_run(directory: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]
         return Scenario.from_dict(content["scenario"], str(path)), read_config(content, path), content
     except (KeyError, ScenarioError) as error:
         raise PolicyError(f"{path}: checkpoint is damaged: scenario: {error}") from None
+
+
+def read_history(directory: Path) -> list[dict[str, float]]:
+    """The evaluations of the run in a directory, oldest first, see `Trainer.history`; none before its first save.
+
+    Raises:
+        PolicyError: what is there is damaged.
+    """
+    path = Path(directory) / "last" / f"{TRAINING}.json"
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))["history"]
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None

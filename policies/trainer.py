@@ -27,7 +27,7 @@ from policies.policy import PolicyError
 from policies.replay import Replay, stack, unstack
 
 WINDOW = 100  # steps of all worlds between two reports
-EVALUATIONS = 10  # evaluations in a run
+EVALUATIONS = 10  # evaluations in a run, unless told otherwise
 
 Evaluate = Callable[[LearnedPolicy], Mapping[str, float]]
 Callback = Callable[[dict[str, Any]], None]
@@ -44,9 +44,14 @@ class Trainer:
         world: the worlds to train in, on a seed of their own.
         config: settings; `config.num_worlds` must be the world's.
         directory: where `last`, `best` and `tensorboard` are kept; None: nothing is written.
-        evaluate: policy → figures with at least "arps", on other worlds than the training ones; called `EVALUATIONS`
-            times in a run. The policy with the highest arps is kept as `best`.
+        evaluate: policy → figures with at least "arps", on other worlds than the training ones. The policy with the
+            highest arps is kept as `best`.
         provenance: what is recorded in every checkpoint beside the figures, such as command and commit.
+        evaluations: how often `evaluate` is called in a run.
+
+    Attributes:
+        history: every evaluation of the run so far: its figures, with steps and updates. It is saved with the run
+            and goes on with it.
     """
 
     def __init__(
@@ -56,6 +61,7 @@ class Trainer:
         directory: str | Path | None = None,
         evaluate: Evaluate | None = None,
         provenance: Mapping[str, Any] | None = None,
+        evaluations: int = EVALUATIONS,
     ):
         if config.num_worlds != world.num_worlds:
             raise PolicyError(f"training: num_worlds = {config.num_worlds}, but the world has {world.num_worlds}")
@@ -63,6 +69,7 @@ class Trainer:
         self.directory = None if directory is None else Path(directory)
         self.evaluate = evaluate
         self.provenance = dict(provenance or {})
+        self.evaluations = evaluations
         device = world.device
         self.frame = FRAMES[config.frame](world.scenario)
         self.generator = torch.Generator(device).manual_seed(config.seed)
@@ -78,6 +85,7 @@ class Trainer:
         self.seconds = 0.0
         self.best = -math.inf
         self.evaluation: dict[str, float] = {}
+        self.history: list[dict[str, float]] = []
         self.stopped = False
 
     def policy(self, name: str = "training") -> LearnedPolicy:
@@ -127,7 +135,7 @@ class Trainer:
 
     def _evaluations_due(self, total: int, steps: int | None = None) -> int:
         """Evaluations that belong to a run of `total` world-steps by the time `steps` are done."""
-        return (self.steps if steps is None else steps) * EVALUATIONS // total
+        return (self.steps if steps is None else steps) * self.evaluations // total
 
     def _advance(self, pool: ThreadPoolExecutor) -> None:
         """One step of all worlds and the updates that go with it."""
@@ -164,6 +172,7 @@ class Trainer:
         if self.evaluate is None:
             return
         self.evaluation = {name: float(value) for name, value in self.evaluate(self.policy()).items()}
+        self.history.append({"steps": self.steps, "updates": self.learner.updates, **self.evaluation})
         if self.evaluation["arps"] > self.best:
             self.best = self.evaluation["arps"]
             if self.directory is not None:
@@ -188,6 +197,7 @@ class Trainer:
             "seconds": self.seconds,
             "best": self.best if math.isfinite(self.best) else None,
             "evaluation": self.evaluation,
+            "history": self.history,
             "updates": self.learner.updates,
             "head": self.replay.head,
             "size": self.replay.size,
@@ -227,7 +237,7 @@ class Trainer:
             self.replay.restore(groups["replay"], counters["head"], counters["size"])
             self.world.load(groups["world"])
             self.steps, self.seconds = counters["steps"], counters["seconds"]
-            self.evaluation = counters["evaluation"]
+            self.evaluation, self.history = counters["evaluation"], counters["history"]
             self.best = -math.inf if counters["best"] is None else counters["best"]
         except (KeyError, RuntimeError, TypeError, ValueError) as error:
             raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None

@@ -11,7 +11,7 @@ from typing import NoReturn
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands import evaluate, export, plan, scenarios, sea, simulate, train
+from usvauv_cli.commands import evaluate, export, plan, reproduce, scenarios, sea, simulate, train
 
 INTERRUPTED = 130  # what a shell reports for Ctrl-C
 
@@ -27,6 +27,7 @@ app.command("simulate")(simulate.simulate)
 app.command("train")(train.train)
 app.command("eval")(evaluate.evaluate)
 app.command("export")(export.export)
+app.command("reproduce")(reproduce.reproduce)
 app.command("plan")(plan.plan)
 app.command("sea")(sea.sea)
 app.command("scenarios")(scenarios.scenarios)

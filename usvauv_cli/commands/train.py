@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,8 +13,6 @@ from kernels.errors import UserError
 from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_least
 
 STEPS = 2_000_000
-EVALUATION_EPISODES = 32
-EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained in
 
 
 def train(
@@ -51,9 +50,8 @@ def train(
     """
     import policies
     from usvauv_cli import report
+    from usvauv_cli.judge import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, judge
     from usvauv_env import Scenario, World
-    from usvauv_env.metrics import episode_metrics
-    from usvauv_env.rollout import record
 
     at_least("--steps", STEPS if steps is None else steps, 1)
     at_least("--worlds", worlds, 1)
@@ -75,16 +73,10 @@ def train(
 
     world = World(setting, config.num_worlds, config.seed, usv, arch=arch)
     judges = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
-
-    def judge(policy: policies.Policy) -> dict[str, float]:
-        policy.attach(judges)
-        judges.rewind()
-        rows = episode_metrics(record(judges, policy.act, policy.name))
-        return report.mean_figures(rows)
-
     reference = policies.yardstick(setting)
-    yardstick = judge(policies.load(reference, setting)) | {"policy": reference}
-    trainer = policies.Trainer(world, config, out, judge, provenance(begun) | {"usv": usv, "total": steps})
+    yardstick = judge(judges, policies.load(reference, setting)) | {"policy": reference}
+    about = provenance(begun) | {"usv": usv, "total": steps}
+    trainer = policies.Trainer(world, config, out, partial(judge, judges), about)
     if resume:
         trainer.resume()
     with report.training(yardstick, config.algorithm, setting.name) as show:

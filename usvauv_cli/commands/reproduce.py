@@ -1,0 +1,44 @@
+"""`usvauv reproduce`: the paper's table and figures made again, the paper's numbers beside ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from usvauv_cli.commands.options import at_least
+from usvauv_cli.commands.train import make_folder
+
+
+def reproduce(
+    target: Annotated[str, typer.Argument(metavar="TARGET", help="table2, fig3, fig4a, fig4b or all.")],
+    out: Annotated[Path, typer.Option(help="Folder of everything; the same one goes on.")],
+    quick: Annotated[bool, typer.Option("--quick", help="A small version, in minutes.")] = False,
+    jobs: Annotated[int | None, typer.Option(help="Pieces of work at a time; default the number of cores.")] = None,
+) -> None:
+    """Train and evaluate what a table or figure of the paper needs; write CSV, PNG, PDF and a page with the paper's
+    numbers beside ours and every convention named.
+
+    What is done is kept in the folder and not done again. Ctrl-C ends it cleanly; the same command goes on.
+
+    **Examples:**
+
+    `usvauv reproduce all --quick --out quick`
+
+    `usvauv reproduce table2 --out full`
+    """
+    from kernels import runtime
+    from usvauv_cli.reproduction.settings import FULL, QUICK
+    from usvauv_cli.reproduction.targets import reproduce
+
+    jobs = runtime.available_cores() if jobs is None else jobs
+    at_least("--jobs", jobs, 1)
+    make_folder(out)
+    command = f"usvauv reproduce {target}{' --quick' if quick else ''}"
+    try:
+        path = reproduce(target, QUICK if quick else FULL, out, jobs, f"{command} --out DIR", typer.echo)
+    except KeyboardInterrupt:
+        typer.echo(f"what is done is kept; go on with: {command} --out {out}")
+        raise
+    typer.echo(f"page: {path.resolve()}")

@@ -1,0 +1,90 @@
+"""What a reproduced number rests on, beside what the paper or its demonstration code has."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+from usvauv_cli.reproduction import paper
+from usvauv_cli.reproduction.settings import PHYSICAL, Settings
+from usvauv_env.scenario import Scenario
+
+# What it is about; what the paper (P) or its demonstration (D) has; the fields that hold what was done here.
+SCENARIO = (
+    ("noise of a fix against SNR", "D: amplitude 10^(−SNR/10), which is 10^(−SNR/20)", ("acoustics.noise_law",)),
+    ("data rate", "D: B log2(1 + 10^SNR) with SNR in dB, about ten times Shannon's", ("nodes.rate_law",)),
+    ("bandwidth of the data link, Hz", "D: 1 kHz", ("nodes.bandwidth",)),
+    ("vertical separation", "D: the water's depth, both boat to AUV and AUV to node", ("auv.separation",)),
+    ("distance in the reward", "P, D: minus the distance to the target", ("reward.distance_form", "reward.distance")),
+    ("a service ends the value horizon", "D: yes; so serving pays in spite of it", ("reward.service_terminates",)),
+    ("reward of a service", "D: 12", ("reward.service",)),
+    ("weight of the power, 1/W", "D: 0.085", ("reward.power",)),
+    ("weight of Eq. 5", "P: none is given", ("reward.collaboration",)),
+    ("action", "D: heading and speed, with a jump at ±π", ("auv.action",)),
+    ("current observed (Eq. 4)", "P: its speed", ("observation.current",)),
+    ("information maximised", "P: det of the sum over AUVs (Eq. 2)", ("planner.objective",)),
+    ("measurement in it", "P: two phase differences, one noise", ("planner.measurement", "planner.noise")),
+    ("boat", "D: is at once where it is wanted", ("boat.top_speed", "boat.drifts")),
+    ("tide of Table 1", "P: 5 m in 12 h; flat to 2 µm over 200 m", ("sea.regular_amplitude", "sea.regular_period")),
+    ("time step of the sea, s", "P: 10", ("sea.update_interval",)),
+    ("steps and length of an episode, s", "D: 1 and 1000", ("mission.step", "mission.duration")),
+    ("weight of the distance in the target rule", "D: 0.05; see errata", ("nodes.distance_weight",)),
+    ("AUVs and nodes", "P: 2; D: 30", ("auv.count", "nodes.count")),
+)
+
+EXPLAINED = """\
+- **SDR** is the sum over an episode's services of the data rate, Mbit/s; **EC** the mean over AUVs of energy over the
+  time not hovering, W; **ARPS** the mean over steps of the reward summed over AUVs. Services are given beside them.
+- **± of ours** is the sample standard deviation over episodes, pooled over the runs. The paper does not say what its ±
+  is.
+- **ISC** is `paper-ideal`, **ESC** is `paper-extreme`: Table 1's tide and reference [4]'s three vortices, whose current
+  is below 0.05 m/s. So the two conditions hardly differ.
+- **Environmental generalisation** is read as: trained in one condition, tested in both. The rows set beside the paper's
+  are trained in ISC; those trained in ESC are in the table of all tests.
+- **The policy of a run** is the one with the highest ARPS among its evaluations while learning, on worlds that it is
+  neither trained nor tested in. It acts without exploration. Tests are paired: every method has the same worlds.
+- **Learning** differs from the demonstration's (networks of width 128, one update a step, learning rate 1e-3, γ 0.97,
+  τ 1e-3, batch 64, a replay of 20000, exploration 0.8 falling to 0.1, one world): many worlds are stepped together,
+  returns are of n steps, and the network sees and commands in the target's frame.
+- **Baseline [4]** is MAISAC: independent SAC with learned temperature, learning rate 3e-4, γ 0.99, τ 0.01. The current
+  is in its energy, but it neither observes it (no Eq. 4) nor has Eq. 5 in the reward it learns from, and the boat is
+  held at (100, 100), without Eq. 3. It is tested under the full reward, like all others; ARPS without Eq. 5 stands
+  beside.
+- **Heuristics** (`straight`, `crab`) travel at the constant speed recorded in the scenario.
+"""
+
+
+def scenario_table(settings: Settings) -> str:
+    """The conventions that are fields of a scenario: what paper or demonstration have, what stands in ours."""
+    ours, physical = settings.scenario(paper.CONDITIONS["ESC"]), settings.scenario(PHYSICAL)
+    lines = [f"| | paper (P) or demonstration (D) | field | `{ours.name}` | `{physical.name}` |", "|" + " --- |" * 5]
+    for about, theirs, fields in SCENARIO:
+        for i, field in enumerate(fields):
+            lead = (about, theirs) if i == 0 else ("", "")
+            lines.append(f"| {' | '.join(lead)} | `{field}` | {_value(ours, field)} | {_value(physical, field)} |")
+    return "\n".join(lines)
+
+
+def method_table(settings: Settings) -> str:
+    """The settings of every method's training."""
+    titles = [method.title for method in settings.methods]
+    lines = [f"| | {' | '.join(titles)} |", "|" + " --- |" * (len(titles) + 1)]
+    columns = [asdict(method.config) for method in settings.methods]
+    for name in columns[0]:
+        if name != "seed":
+            lines.append(f"| `{name}` | {' | '.join(_shown(column[name]) for column in columns)} |")
+    lines.append(f"| boat | {' | '.join(f'`{method.usv}`' for method in settings.methods)} |")
+    changes = [", ".join(f"`{change}`" for change in method.learning) for method in settings.methods]
+    lines.append(f"| scenario while learning | {' | '.join(changes)} |")
+    return "\n".join(lines)
+
+
+def _value(scenario: Scenario, field: str) -> str:
+    section, _, name = field.partition(".")
+    return _shown(getattr(getattr(scenario, section), name))
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, tuple):
+        return " × ".join(map(str, value))
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,89 @@
+"""Fig. 3: sum data rate, energy consumption and reward while DDPG and SAC learn, in both conditions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import policies
+from usvauv_cli.plan_figure import MUTED, TEXT
+from usvauv_cli.reproduction import figure, paper
+from usvauv_cli.reproduction.runs import Learned
+from usvauv_cli.reproduction.settings import Settings
+from usvauv_cli.reproduction.work import Piece, write_rows
+
+NAME = "fig3"
+METHODS = ("ddpg", "sac")
+COLUMNS = ("method", "condition", "run", "steps", "episode_equivalents", "updates", *paper.FIGURES)
+DASHES = {"ISC": "-", "ESC": (0, (4, 2))}
+
+
+def pieces(settings: Settings) -> list[Piece]:
+    """What has to be done for it."""
+    scenarios = paper.CONDITIONS.values()
+    return [Learned(method, name, seed, False) for seed in settings.seeds for method in METHODS for name in scenarios]
+
+
+def curves(settings: Settings, folder: Path) -> list[dict[str, object]]:
+    """One row for each evaluation of each run."""
+    table = []
+    for method in METHODS:
+        for condition, name in paper.CONDITIONS.items():
+            episode = settings.scenario(name).mission.steps
+            for seed in settings.seeds:
+                for point in policies.read_history(Learned(method, name, seed, False).place(folder)):
+                    about = (method, condition, seed, point["steps"], point["steps"] / episode, point["updates"])
+                    figures = (point[name] for name in paper.FIGURES)
+                    table.append(dict(zip(COLUMNS, (*about, *figures), strict=True)))
+    return table
+
+
+def band(table: list[dict], method: str, condition: str, name: str) -> np.ndarray:
+    """World-steps, mean, least and largest over the runs of a figure (4, evaluations)."""
+    points: dict[int, list[float]] = {}
+    for row in table:
+        if (row["method"], row["condition"]) == (method, condition):
+            points.setdefault(row["steps"], []).append(row[name])
+    return np.array([(steps, np.mean(values), min(values), max(values)) for steps, values in points.items()]).T
+
+
+def make(settings: Settings, folder: Path, results: Path) -> list[dict[str, object]]:
+    """Write fig3.csv, .png and .pdf; returns what they show."""
+    table = curves(settings, folder)
+    write_rows(results / f"{NAME}.csv", COLUMNS, table)
+    _draw(table, settings, results / NAME)
+    return table
+
+
+def _draw(table: list[dict], settings: Settings, place: Path) -> None:
+    drawn = figure.make(
+        14.0, 5.3,
+        "Fig. 3: learning in ideal and extreme sea conditions",
+        f"mean over {len(settings.seeds)} runs, band from the worst to the best run; each point {settings.judged}"
+        " episodes of worlds not trained in; marks at the right: the paper's Table 2, ◁ ISC and ◇ ESC",
+    )  # fmt: skip
+    grid = drawn.add_gridspec(1, 3, left=0.05, right=0.985, bottom=0.18, top=0.73, wspace=0.16)
+    episode = settings.scenario(paper.CONDITIONS["ISC"]).mission.steps / 1000
+    for column, (name, words) in enumerate(figure.NAMES.items()):
+        axes = drawn.add_subplot(grid[0, column])
+        for method in METHODS:
+            colour = figure.METHOD_COLOURS[method]
+            for condition, dash in DASHES.items():
+                steps, mean, low, high = band(table, method, condition, name)
+                label = f"{settings.method(method).title} ({condition})"
+                axes.fill_between(steps / 1000, low, high, color=colour, alpha=0.13, lw=0)
+                axes.plot(steps / 1000, mean, ls=dash, lw=1.8, color=colour, label=label)
+                printed = paper.TABLE_2[method, condition][name][0]
+                mark = "<" if condition == "ISC" else (4, 0, 0)
+                axes.plot(steps[-1] * 1.03 / 1000, printed, marker=mark, ms=7, mfc="none", color=colour, clip_on=False)
+        axes.set_xlabel("thousand world-steps")
+        above = axes.secondary_xaxis("top", functions=(lambda x: x / episode, lambda x: x * episode))
+        above.set_xlabel("episode equivalents", color=MUTED, fontsize=9)
+        above.tick_params(colors=MUTED, labelsize=8.5, length=0)
+        above.spines["top"].set_visible(False)
+        figure.dress(axes)
+        axes.set_title(words, color=TEXT, fontsize=11, loc="left", pad=36)
+    handles, labels = axes.get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="lower center", ncols=4, frameon=False, labelcolor=TEXT, fontsize=9.5)
+    figure.save(drawn, place)

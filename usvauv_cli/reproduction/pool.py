@@ -1,0 +1,162 @@
+"""Pieces of work side by side in processes of their own, with progress, until all is done or Ctrl-C."""
+
+from __future__ import annotations
+
+import multiprocessing
+import queue
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from pathlib import Path
+
+from kernels.errors import UserError
+from usvauv_cli import console
+from usvauv_cli.reproduction.settings import Settings
+from usvauv_cli.reproduction.work import Piece, Stopped, Work
+
+FIRST_PIECE = 20.0  # seconds of work from which the time of the whole is first told
+REPORT = 0.2  # seconds between reports of a process
+
+_work: Work  # of a process of the pool
+
+
+def run(pieces: Sequence[Piece], settings: Settings, folder: Path, jobs: int, say: Callable[[str], None]) -> None:
+    """Do what is left of the pieces, `jobs` at a time; with one job, here and not in a process of its own.
+
+    Args:
+        say: told how long it will take, once that is known.
+
+    Raises:
+        KeyboardInterrupt: after Ctrl-C, when everything is saved.
+    """
+    left = {piece: piece.left(settings, folder) for piece in pieces}
+    todo = [piece for piece in pieces if left[piece] > 0]
+    if not todo:
+        return
+    total = round(sum(left.values()))
+    with console.progress("reproducing", total) as bar:
+        advance = _Expectation(bar, total, say)
+        if jobs == 1:
+            _alone(todo, settings, folder, advance)
+        else:
+            _together(todo, settings, folder, min(jobs, len(todo)), advance)
+
+
+class _Expectation:
+    """Tells progress, and after the first piece of work how long the whole will take."""
+
+    def __init__(self, bar: Callable[[int], None], total: int, say: Callable[[str], None]):
+        self._bar, self._total, self._say = bar, total, say
+        self._done, self._first, self._begun, self._told = 0.0, 0.0, 0.0, False
+
+    def __call__(self, units: float) -> None:
+        now = time.monotonic()
+        before, self._done = self._done, self._done + units
+        self._bar(round(self._done) - round(before))
+        if not self._begun:  # what came before the first report, such as compiling, says nothing about the rate
+            self._begun, self._first = now, self._done
+        elif not self._told and now - self._begun > FIRST_PIECE:
+            self._told = True
+            whole = (self._total - self._first) * (now - self._begun) / (self._done - self._first)
+            self._say(f"expected time, by the first {now - self._begun:.0f} s of it: {duration(whole)}")
+
+
+def duration(seconds: float) -> str:
+    """A time in words."""
+    minutes = round(seconds / 60)
+    if minutes < 2:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def _alone(pieces: Sequence[Piece], settings: Settings, folder: Path, advance: Callable[[float], None]) -> None:
+    asked = False
+
+    def stop(signum, frame) -> None:
+        nonlocal asked
+        asked = True
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        for piece in pieces:
+            if asked:
+                raise Stopped
+            piece.run(Work(settings, folder, advance, lambda: asked))
+    except Stopped:
+        raise KeyboardInterrupt from None
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _together(
+    pieces: Sequence[Piece], settings: Settings, folder: Path, jobs: int, advance: Callable[[float], None]
+) -> None:
+    context = multiprocessing.get_context("spawn")  # a running Taichi does not survive a fork
+    reports, stop = context.Queue(), context.Event()
+    start = (settings, folder, jobs, reports, stop)
+    with ProcessPoolExecutor(jobs, context, _begin, start) as pool:
+        try:
+            with _ignoring_interrupts():  # which the processes inherit: Ctrl-C is for this one to pass on
+                running = [pool.submit(_run, piece) for piece in pieces]
+            while not all(future.done() for future in running):
+                _take(reports, advance, REPORT)
+                for future in running:
+                    if future.done():
+                        future.result()
+        except BrokenProcessPool:
+            raise UserError("a process was ended from outside, perhaps for lack of memory; try --jobs 1") from None
+        finally:
+            stop.set()
+            with _ignoring_interrupts():
+                pool.shutdown(cancel_futures=True)
+    _take(reports, advance, REPORT)
+
+
+def _take(reports, advance: Callable[[float], None], patience: float) -> None:
+    """Pass on all reports there are, waiting for the first."""
+    try:
+        while True:
+            advance(reports.get(timeout=patience))
+            patience = 0.0
+    except queue.Empty:
+        pass
+
+
+@contextmanager
+def _ignoring_interrupts() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _begin(settings: Settings, folder: Path, jobs: int, reports, stop) -> None:
+    """Set up a process of the pool."""
+    global _work
+    from kernels import runtime
+
+    runtime.start(threads=max(1, runtime.available_cores() // jobs))
+    parent = multiprocessing.parent_process()
+    done, told = 0.0, 0.0
+
+    def advance(units: float) -> None:
+        nonlocal done, told
+        done += units
+        if time.monotonic() - told > REPORT:
+            reports.put(done)
+            done, told = 0.0, time.monotonic()
+
+    _work = Work(settings, folder, advance, lambda: stop.is_set() or not parent.is_alive())
+
+
+def _run(piece: Piece) -> None:
+    """Do a piece in a process of the pool; when told to stop, leave it as it is."""
+    try:
+        if not _work.stopping():
+            piece.run(_work)
+    except Stopped:
+        pass

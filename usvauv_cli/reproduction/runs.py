@@ -1,0 +1,151 @@
+"""Training runs and tests of policies.
+
+FOLDER/runs/METHOD-SCENARIO-SEED/          a training run as `Trainer` keeps it
+FOLDER/evaluations/POLICY-in-SCENARIO.csv  a test, one row an episode
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+import policies
+from policies import checkpoint
+from usvauv_cli.commands.train import provenance
+from usvauv_cli.judge import EVALUATION_SEED_OFFSET, judge
+from usvauv_cli.reproduction.paper import CONDITIONS
+from usvauv_cli.reproduction.settings import Settings
+from usvauv_cli.reproduction.work import EVALUATION_STEP, Stopped, Work, write_rows
+from usvauv_env import World
+from usvauv_env.metrics import COLUMNS, episode_metrics
+from usvauv_env.rollout import record
+
+TESTED = ("method", "trained_in", "run", "updates", *COLUMNS, "collaboration")
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A training run, and where `tested` the tests of its best policy in every condition."""
+
+    method: str
+    trained_in: str
+    seed: int
+    tested: bool
+
+    def place(self, folder: Path) -> Path:
+        """The run's directory."""
+        return folder / "runs" / f"{self.method}-{self.trained_in}-{self.seed}"
+
+    def about(self, folder: Path) -> dict[str, Any]:
+        """What is recorded beside its best policy: score, updates, commit and more."""
+        return checkpoint.read(self.place(folder) / "best", checkpoint.POLICY, torch.device("cpu"))[0]
+
+    def results(self, folder: Path) -> dict[str, Path]:
+        """Scenario → table of the test in it."""
+        names = CONDITIONS.values() if self.tested else ()
+        return {name: folder / "evaluations" / f"{self.place(folder).name}-in-{name}.csv" for name in names}
+
+    def _trained(self, folder: Path) -> int:
+        """World-steps done."""
+        place = self.place(folder)
+        return policies.read_run(place)[2]["steps"] if (place / "last").exists() else 0
+
+    def left(self, settings: Settings, folder: Path) -> float:
+        episode = EVALUATION_STEP * settings.scenario(self.trained_in).mission.steps
+        tests = sum(not path.exists() for path in self.results(folder).values())
+        trained = self._trained(folder)
+        if trained >= settings.steps:
+            return tests * episode
+        evaluations = settings.evaluations + 1 - len(policies.read_history(self.place(folder)))
+        return settings.steps - trained + (evaluations + tests) * episode
+
+    def run(self, work: Work) -> None:
+        if self._trained(work.folder) < work.settings.steps:
+            self._train(work)
+        for scenario, path in self.results(work.folder).items():
+            if not path.exists():
+                self._test(work, scenario, path)
+
+    def _train(self, work: Work) -> None:
+        settings, place = work.settings, self.place(work.folder)
+        method = settings.method(self.method)
+        scenario = settings.scenario(self.trained_in, method.learning)
+        config = replace(method.config, seed=self.seed)
+        world = World(scenario, config.num_worlds, config.seed, method.usv)
+        judges = World(scenario, settings.judged, config.seed + EVALUATION_SEED_OFFSET, method.usv)
+
+        def evaluate(policy: policies.Policy) -> dict[str, float]:
+            return judge(judges, policy, lambda _: work.advance(EVALUATION_STEP))
+
+        about = provenance(scenario, settings.steps)
+        trainer = policies.Trainer(world, config, place, evaluate, about, settings.evaluations)
+        if (place / "last").exists():
+            trainer.resume()
+        else:
+            trainer.history.append({"steps": 0, "updates": 0, **evaluate(trainer.policy())})
+        done = trainer.steps
+
+        def watch(figures: Mapping[str, Any]) -> None:
+            nonlocal done
+            work.advance(figures["steps"] - done)
+            done = figures["steps"]
+            trainer.stopped |= work.stopping()
+
+        trainer.train(settings.steps, watch)
+        if trainer.steps < settings.steps:
+            raise Stopped
+        # From now on the run is only read; its replay would fill the disk.
+        (place / "last" / f"{checkpoint.TRAINING}.safetensors").unlink()
+
+    def _test(self, work: Work, name: str, path: Path) -> None:
+        settings = work.settings
+        method = settings.method(self.method)
+        scenario = settings.scenario(name, method.testing)
+        first = settings.seeds.index(self.seed) * settings.episodes
+        world = World(scenario, settings.episodes, settings.test_seed, method.usv, first_world=first)
+        updates = self.about(work.folder)["updates"]
+        about = {"method": self.method, "trained_in": self.trained_in, "run": self.seed, "updates": updates}
+        policy = policies.load(self.place(work.folder) / "best", scenario)
+        policy.name = method.title
+        write_rows(path, TESTED, test(world, policy, about, first, work))
+
+
+@dataclass(frozen=True)
+class Heuristic:
+    """The test of a heuristic in a condition."""
+
+    policy: str
+    scenario: str
+
+    def result(self, folder: Path) -> Path:
+        """Table of the test."""
+        return folder / "evaluations" / f"{self.policy}-in-{self.scenario}.csv"
+
+    def left(self, settings: Settings, folder: Path) -> float:
+        steps = settings.scenario(self.scenario).mission.steps
+        return 0 if self.result(folder).exists() else EVALUATION_STEP * steps
+
+    def run(self, work: Work) -> None:
+        settings = work.settings
+        scenario = settings.scenario(self.scenario)
+        world = World(scenario, settings.episodes * len(settings.seeds), settings.test_seed)
+        about = {"method": self.policy, "trained_in": "", "run": "", "updates": ""}
+        rows = test(world, policies.load(self.policy, scenario), about, 0, work)
+        write_rows(self.result(work.folder), TESTED, rows)
+
+
+def test(
+    world: World, policy: policies.Policy, about: Mapping[str, Any], first: int, work: Work
+) -> Iterable[dict[str, Any]]:
+    """One row an episode: what is tested, its metrics, and what Eq. 5's term adds to its arps."""
+    policy.attach(world)
+    trace = record(world, policy.act, policy.name, on_step=work.step)
+    term = trace.reward_terms[..., trace.reward_names.index("collaboration")]
+    added = term.sum(axis=2, dtype=np.float64).mean(axis=0)
+    for row, value in zip(episode_metrics(trace, first), added, strict=True):
+        yield {**about, **asdict(row), "collaboration": float(value)}

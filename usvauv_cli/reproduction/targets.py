@@ -1,0 +1,123 @@
+"""A table or figure from beginning to end: what it needs, its files, its page."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import policies
+from kernels.errors import UserError
+from usvauv_cli.reproduction import fig3, fig4a, fig4b, page, pool, settings, table2
+from usvauv_cli.reproduction.runs import Learned
+from usvauv_cli.reproduction.settings import Settings
+from usvauv_cli.reproduction.work import Piece
+
+FIGURES = ("table2", "fig3", "fig4a", "fig4b")
+TARGETS = (*FIGURES, "all")
+TITLES = {"table2": "Table 2", "fig3": "Fig. 3", "fig4a": "Fig. 4(a)", "fig4b": "Fig. 4(b)"}
+CLOCK = "time.json"
+
+
+def reproduce(
+    target: str, wanted: Settings, folder: Path, jobs: int, command: str, say: Callable[[str], None] = print
+) -> Path:
+    """Train and evaluate what a target needs and is not there yet, write its tables, figures and page.
+
+    Args:
+        target: one of `TARGETS`.
+        wanted: how much of it.
+        folder: where everything is kept; it exists.
+        jobs: how many pieces of work at a time.
+        command: how the page is to be made again, for the page.
+        say: told what is going to be done.
+
+    Returns:
+        The page.
+
+    Raises:
+        UserError: unknown target, or a folder begun with other settings.
+        KeyboardInterrupt: after Ctrl-C, when everything is saved.
+    """
+    if target not in TARGETS:
+        raise UserError(f"{target}: must be one of {', '.join(TARGETS)}")
+    settings.record(wanted, folder)
+    names = FIGURES if target == "all" else (target,)
+    pieces = needed(names, wanted)
+    say(plan(pieces, wanted, folder))
+    with stopwatch(folder, jobs):
+        pool.run(pieces, wanted, folder, jobs, say)
+        sections = make(names, wanted, folder)
+    sections += [page.conventions_section(wanted), made(pieces, wanted, folder, command)]
+    path = folder / ("reproduction.md" if target == "all" else f"{target}.md")
+    title = (
+        "Table 2 and Figures 3 and 4 of the paper, made again" if target == "all" else TITLES[target] + ", made again"
+    )
+    page.write(path, title, sections)
+    return path
+
+
+def needed(names: Sequence[str], wanted: Settings) -> list[Piece]:
+    """The pieces of work for some targets, each once; a run that one of them wants tested is tested."""
+    makers = {"table2": table2, "fig3": fig3, "fig4a": fig4a, "fig4b": fig4b}
+    pieces = list(dict.fromkeys(piece for name in names for piece in makers[name].pieces(wanted)))
+    tested = {(p.method, p.trained_in, p.seed) for p in pieces if isinstance(p, Learned) and p.tested}
+    return [
+        piece
+        for piece in pieces
+        if not isinstance(piece, Learned) or piece.tested or (piece.method, piece.trained_in, piece.seed) not in tested
+    ]
+
+
+def plan(pieces: Sequence[Piece], wanted: Settings, folder: Path) -> str:
+    """What is there and what is still to be done, in a sentence."""
+    left = [piece for piece in pieces if piece.left(wanted, folder) > 0]
+    if not left:
+        return "everything is trained and evaluated"
+    runs = sum(isinstance(piece, Learned) for piece in left)
+    done = f", {len(pieces) - len(left)} are done" if len(left) < len(pieces) else ""
+    return (
+        f"{len(left)} pieces of work, {runs} of them training runs of {wanted.steps:,} world-steps with their tests"
+        f"{done}; how long it takes is measured on the first"
+    )
+
+
+def make(names: Sequence[str], wanted: Settings, folder: Path) -> list[str]:
+    """Write tables and figures of some targets; returns their sections of the page."""
+    results = folder / page.RESULTS
+    results.mkdir(exist_ok=True)
+    makers = {
+        "table2": lambda: page.table2_section(table2.make(wanted, folder, results)),
+        "fig3": lambda: page.fig3_section(fig3.make(wanted, folder, results), wanted),
+        "fig4a": lambda: page.fig4a_section(fig4a.make(wanted, folder, results)),
+        "fig4b": lambda: page.fig4b_section(fig4b.make(folder, results), wanted),
+    }
+    return [makers[name]() for name in names]
+
+
+def made(pieces: Sequence[Piece], wanted: Settings, folder: Path, command: str) -> str:
+    """The page's section on how it was made."""
+    runs = [piece for piece in pieces if isinstance(piece, Learned)]
+    commits = {run.about(folder)["commit"] for run in runs}
+    clock = json.loads((folder / CLOCK).read_text(encoding="utf-8"))
+    taken = [f"Time taken: {pool.duration(clock['seconds'])} with {clock['jobs']} at a time on {os.cpu_count()} cores."]
+    if runs:
+        learning = sum(policies.read_run(run.place(folder))[2]["seconds"] for run in runs)
+        taken.append(f"The {len(runs)} training runs took {pool.duration(learning)}, one after the other.")
+    return page.made_section(command, wanted, commits, taken)
+
+
+@contextmanager
+def stopwatch(folder: Path, jobs: int) -> Iterator[None]:
+    """Add the time of what is done inside to that of earlier calls, however it ends."""
+    path, begun = folder / CLOCK, time.monotonic()
+    try:
+        yield
+    finally:
+        before = json.loads(path.read_text(encoding="utf-8"))["seconds"] if path.exists() else 0.0
+        path.write_text(
+            json.dumps({"seconds": before + time.monotonic() - begun, "jobs": jobs}) + "\n", encoding="utf-8"
+        )
