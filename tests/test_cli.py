@@ -31,8 +31,8 @@ def usvauv(*arguments: object, cwd: Path, code: int = 0) -> subprocess.Completed
 
 def test_help_names_every_command(tmp_path):
     text = usvauv("--help", cwd=tmp_path).stdout
-    assert all(command in text for command in ("simulate", "sea", "train", "eval", "plan", "scenarios"))
-    for command in ("simulate", "sea", "train", "eval", "plan"):
+    assert all(command in text for command in ("simulate", "sea", "train", "eval", "reproduce", "plan", "scenarios"))
+    for command in ("simulate", "sea", "train", "eval", "reproduce", "plan"):
         assert "Example" in usvauv(command, "--help", cwd=tmp_path).stdout
 
 

@@ -69,8 +69,8 @@ def table2_section(rows: Sequence[table2.Row]) -> str:
         " both.",
         table(["", *head], beside),
         f"Of these {len(own)} rows, {above['sdr']} have a higher SDR than the paper's row and {above['arps']} a higher"
-        f" ARPS; {frugal} have an EC of at most {number(LOWEST_EC * (1 + NEAR), 1)} W, which is {100 * NEAR:g} % above the"
-        " paper's lowest.",
+        f" ARPS; {frugal} have an EC of at most {number(LOWEST_EC * (1 + NEAR), 1)} W, which is {100 * NEAR:g} % above"
+        " the paper's lowest.",
         picture(table2.NAME, "SDR, EC and ARPS of every method, ours and the paper's"),
         f"All tests, mean ± standard deviation over {rows[0].episodes} episodes; the last column is the number of runs"
         " whose best policy was that before the first update:",
@@ -164,16 +164,16 @@ def fig4b_section(levels: Sequence[fig4b.Level], settings: Settings) -> str:
         "## Fig. 4(b)",
         f"Medians over {levels[0].episodes} episodes ({len(settings.seeds)} seeds × {settings.fix_episodes}) of an"
         " episode's median horizontal error over steps and AUVs, in brackets the 95 % interval by the bootstrap; AUVs"
-        " steered by `straight`, so that every strategy has the same ways to follow. The paper's levels are read off its figure to"
-        " one digit. In `paper-extreme` `fim` maximises Eq. 2 as the paper does, in `extreme` the information on all"
-        " positions. The bound is the error of a single fix by a level array that is at every moment at the D-optimal"
-        " place.",
+        " steered by `straight`, so that every strategy has the same ways to follow. The paper's levels are read off"
+        " its figure to one digit. In `paper-extreme` `fim` maximises Eq. 2 as the paper does, in `extreme` the information"
+        " on all positions. The bound is the error of a single fix by a level array that is at every moment at the"
+        " D-optimal place.",
         picture(fig4b.NAME, "Error of the AUVs' positions over time by the boat's strategy"),
         f"Over time as [CSV]({RESULTS}/{fig4b.NAME}-over-time.csv).",
         table(["scenario", "boat", "paper, m", "median, m", "95th percentile, m", "median over bound"], cells),
         f"The paper's level with planning is {ideal:.0f} times below the bound at the demonstration's own noise: with"
-        " Eq. 1's array and Table 1's level no place of the boat gives such fixes. What can be compared is the order of the"
-        " strategies and the factors between them.",
+        " Eq. 1's array and Table 1's level no place of the boat gives such fixes. What can be compared is the order of"
+        " the strategies and the factors between them.",
     ]
     return "\n\n".join(parts)
 
