@@ -165,9 +165,9 @@ def fig4b_section(levels: Sequence[fig4b.Level], settings: Settings) -> str:
         f"Medians over {levels[0].episodes} episodes ({len(settings.seeds)} seeds × {settings.fix_episodes}) of an"
         " episode's median horizontal error over steps and AUVs, in brackets the 95 % interval by the bootstrap; AUVs"
         " steered by `straight`, so that every strategy has the same ways to follow. The paper's levels are read off"
-        " its figure to one digit. In `paper-extreme` `fim` maximises Eq. 2 as the paper does, in `extreme` the information"
-        " on all positions. The bound is the error of a single fix by a level array that is at every moment at the"
-        " D-optimal place.",
+        " its figure to one digit. In `paper-extreme` `fim` maximises Eq. 2 as the paper does, in `extreme` the"
+        " information on all positions. The bound is the error of a single fix by a level array that is at every moment"
+        " at the D-optimal place.",
         picture(fig4b.NAME, "Error of the AUVs' positions over time by the boat's strategy"),
         f"Over time as [CSV]({RESULTS}/{fig4b.NAME}-over-time.csv).",
         table(["scenario", "boat", "paper, m", "median, m", "95th percentile, m", "median over bound"], cells),
