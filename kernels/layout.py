@@ -136,6 +136,12 @@ Level = _columns("surface", "cruise")
 Task = _columns("collection", "station_keeping")
 Draw = _columns("node", "auv", "vortex", "vortex_sign", "fix", "attitude", "arrival", "loss", "reading")
 
+# Where the current profiler of an AUV measures: on beams towards the target and BEAM_ANGLE to its right and left, at
+# PROFILE_CELLS distances BEAM_CELL apart.
+BEAMS, BEAM_ANGLE = 3, 1.0  # rad
+PROFILE_CELLS, BEAM_CELL = 2, 25.0  # m
+PROFILE_POINTS = BEAMS * PROFILE_CELLS
+
 MEASURES = AuvColumn.names[AuvColumn.power : AuvColumn.position_error + 1]
 
 

@@ -3,7 +3,19 @@
 import taichi as ti
 
 from kernels import airy, current, random, vehicle
-from kernels.layout import AuvColumn, BoatColumn, EstimateColumn, Level, NodeColumn, Parameter, vec2
+from kernels.layout import (
+    BEAM_ANGLE,
+    BEAM_CELL,
+    BEAMS,
+    PROFILE_POINTS,
+    AuvColumn,
+    BoatColumn,
+    EstimateColumn,
+    Level,
+    NodeColumn,
+    Parameter,
+    vec2,
+)
 
 
 @ti.func
@@ -115,3 +127,18 @@ def observe(
     if p[Parameter.observed_current] > 1.5:
         observation[w, k, slot + 7] = here[0]
         observation[w, k, slot + 8] = here[1]
+    if p[Parameter.observed_current] > 2.5:
+        towards = vec2(observation[w, k, 2 * auv.shape[1] - 2], observation[w, k, 2 * auv.shape[1] - 1])
+        bearing = vec2(1.0, 0.0)
+        if towards.norm() > 1e-9:
+            bearing = towards.normalized()
+        for point in range(PROFILE_POINTS):
+            turn = BEAM_ANGLE * (point % BEAMS - 1)
+            reach = BEAM_CELL * (point // BEAMS + 1)
+            there_x = true_x + reach * (ti.cos(turn) * bearing[0] - ti.sin(turn) * bearing[1])
+            there_y = true_y + reach * (ti.sin(turn) * bearing[0] + ti.cos(turn) * bearing[1])
+            there = current.steady(
+                vortices, stream, Level.cruise, w, there_x, there_y, p[Parameter.width], p[Parameter.length]
+            )
+            observation[w, k, slot + 9 + 2 * point] = there[0]
+            observation[w, k, slot + 10 + 2 * point] = there[1]

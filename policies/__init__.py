@@ -14,7 +14,7 @@ from pathlib import Path
 
 from policies.checkpoint import load_policy, read_history, read_run
 from policies.config import TrainingConfig
-from policies.heuristics import Crab, Keep, Random, Straight, Zermelo
+from policies.heuristics import Crab, Keep, Pace, Random, Straight, Zermelo
 from policies.learned import LearnedPolicy
 from policies.policy import Policy, PolicyError
 from policies.trainer import Trainer
@@ -34,9 +34,9 @@ __all__ = [
     "yardstick",
 ]
 
-CONSTANT_SPEED = {"straight": Straight, "crab": Crab, "zermelo": Zermelo}
+WITH_PARAMETER = {"straight": Straight, "crab": Crab, "pace": Pace, "zermelo": Zermelo}
 WITHOUT_PARAMETER = {"keep": Keep, "random": Random}
-HEURISTICS = (*CONSTANT_SPEED, *WITHOUT_PARAMETER)
+HEURISTICS = (*WITH_PARAMETER, *WITHOUT_PARAMETER)
 
 
 def _shipped() -> Path:
@@ -77,8 +77,9 @@ def load(name: str | Path, scenario: Scenario | None = None) -> Policy:
     """A policy by name, or from a checkpoint directory, for use in `scenario` (default: `extreme`).
 
     Args:
-        name: one of `available()`; `straight:SPEED`, `crab:SPEED` or `zermelo:SPEED` with a speed in m/s; the path of
-            a checkpoint, or of a training run, whose best checkpoint is then taken.
+        name: one of `available()`; `straight:SPEED`, `crab:SPEED` or `zermelo:SPEED` with a speed in m/s;
+            `pace:PRICE` with a price of time in W; the path of a checkpoint, or of a training run, whose best
+            checkpoint is then taken.
         scenario: its speed limits and recorded speeds are used. A checkpoint that does not fit it is refused.
 
     Raises:
@@ -94,7 +95,7 @@ def load(name: str | Path, scenario: Scenario | None = None) -> Policy:
             if parameter:
                 raise PolicyError(f"policy {text}: {base} takes no parameter")
             return WITHOUT_PARAMETER[base](text, scenario)
-        return CONSTANT_SPEED[base](text, scenario, _speed(text, parameter) if ":" in text else None)
+        return WITH_PARAMETER[base](text, scenario, _number(text, parameter) if ":" in text else None)
     directory = Path(name)
     if not directory.is_dir():
         raise PolicyError(f"policy {text!r}: neither a checkpoint directory nor one of {', '.join(available())}")
@@ -104,10 +105,10 @@ def load(name: str | Path, scenario: Scenario | None = None) -> Policy:
     raise PolicyError(f"{text}: not a checkpoint: policy.json is missing")
 
 
-def _speed(text: str, parameter: str) -> float:
+def _number(text: str, parameter: str) -> float:
     try:
         return float(parameter)
     except ValueError:
-        raise PolicyError(
-            f"policy {text}: {parameter!r} is not a speed in m/s, as in {text.split(':')[0]}:1.5"
-        ) from None
+        base = text.split(":")[0]
+        needed = "a price of time in W, as in pace:40" if base == "pace" else f"a speed in m/s, as in {base}:1.5"
+        raise PolicyError(f"policy {text}: {parameter!r} is not {needed}") from None

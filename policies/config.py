@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from policies.policy import PolicyError
 
 ALGORITHM_NAMES = ("sac", "td3", "ddpg")
+FRAME_NAMES = ("guided", "target", "world")
 
 
 @dataclass(frozen=True)
@@ -18,19 +19,22 @@ class TrainingConfig:
         num_worlds: W, worlds stepped together. Each step stores W transitions for each AUV.
         seed: of the training worlds, the initial weights, the exploration and the sampling.
         shared: one network for all AUVs, trained on the transitions of all; else each AUV learns alone.
-        frame: "target" or "world", see `frames`.
+        frame: "guided", "target" or "world", see `frames`.
         hidden: width of each hidden layer.
+        renewal: maximise the average reward trip by trip, see `Trainer`. Off where the scenario has services end the
+            value's horizon without it (`reward.service_terminates`).
         gamma: discount γ of one mission step.
         n_step: steps n of reward before the bootstrap.
         batch: transitions per learner in one update.
         updates: gradient updates for each step of all worlds.
-        learning_rate: of Adam, for actor, critics and temperature.
+        learning_rate: of Adam at the start, for actor, critics and temperature.
+        final_rate: share of it that is left at the end of the run; it falls linearly with the steps.
         tau: share of the way the target networks go towards the networks in each update.
         noise: standard deviation of the exploration noise of TD3 and DDPG.
         correlation: of the exploration noise between one step and the next, see `CorrelatedNoise`.
         replay: capacity in transitions per AUV.
         warmup: world-steps of the untrained policy, with its exploration, before the first update.
-        reward_scale: factor on the reward before it is learned from.
+        reward_scale: what the mean size of a reward before the first update is brought to before it is learned from.
         layer_norm: normalise the critics' hidden layers.
     """
 
@@ -38,31 +42,34 @@ class TrainingConfig:
     num_worlds: int = 128
     seed: int = 0
     shared: bool = False
-    frame: str = "target"
+    frame: str = "guided"
     hidden: tuple[int, ...] = (64, 64)
+    renewal: bool = True
     gamma: float = 0.99
     n_step: int = 10
     batch: int = 512
     updates: int = 1
     learning_rate: float = 1e-3
+    final_rate: float = 0.05
     tau: float = 0.01
     noise: float = 0.2
     correlation: float = 0.9
     replay: int = 500_000
     warmup: int = 20_000
-    reward_scale: float = 0.1
+    reward_scale: float = 0.12
     layer_norm: bool = True
 
     def __post_init__(self):
         allowed = {
             "algorithm": (self.algorithm in ALGORITHM_NAMES, f"one of {', '.join(ALGORITHM_NAMES)}"),
-            "frame": (self.frame in ("target", "world"), "target or world"),
+            "frame": (self.frame in FRAME_NAMES, f"one of {', '.join(FRAME_NAMES)}"),
             "hidden": (
                 bool(self.hidden) and all(width >= 1 for width in self.hidden),
                 "one width or more, each above 0",
             ),
             "gamma": (0.0 <= self.gamma < 1.0, "at least 0 and below 1"),
             "learning_rate": (self.learning_rate > 0.0, "above 0"),
+            "final_rate": (0.0 < self.final_rate <= 1.0, "above 0 and at most 1"),
             "tau": (0.0 < self.tau <= 1.0, "above 0 and at most 1"),
             "correlation": (0.0 <= self.correlation < 1.0, "at least 0 and below 1"),
             "noise": (self.noise >= 0.0, "at least 0"),

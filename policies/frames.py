@@ -14,11 +14,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from policies.guidance import TINY, SpeedToFly, command, crab, rotate, unit, unrotate
+from usvauv_env.parameters import CURRENT_COMPONENTS
 from usvauv_env.scenario import Scenario
 
 ACTION_SIZE = 2
-CURRENT_COMPONENTS = {"none": 0, "speed": 1, "vector": 3}
-TINY = 1e-9
+FENCE = 4.0  # m, more than a step at full speed
+PRICE, PRICE_GAIN = 30.0, 4.0  # W; half a watt to more than a kilowatt covers all speeds
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,8 @@ class Layout:
     | 2K, 2K+1    | own x, y                                                                     |
     | 2K+2        | 1 if the last move was refused at the border                                 |
     | 2K+3        | share of nodes that overflow                                                 |
-    | from 2K+4   | nothing; or the current's speed; or its speed, x and y component, m/s        |
+    | from 2K+4   | nothing; or the current's speed; or its speed, x and y component; or these   |
+    |             | and x, y components at the points of the current profile, m/s                |
     """
 
     num_auvs: int
@@ -54,39 +57,16 @@ class Layout:
         """(..., 2)"""
         return observation[..., 2 * self.num_auvs - 2 : 2 * self.num_auvs]
 
+    def position(self, observation: Tensor) -> Tensor:
+        """The AUV's own, (..., 2)"""
+        return observation[..., 2 * self.num_auvs : 2 * self.num_auvs + 2]
 
-def unit(vector: Tensor) -> Tensor:
-    """Direction of vectors (..., 2); (1, 0) for a zero vector."""
-    length = vector.norm(dim=-1, keepdim=True)
-    east = torch.zeros_like(vector)
-    east[..., 0] = 1.0
-    return torch.where(length > TINY, vector / length.clamp_min(TINY), east)
-
-
-def rotate(vector: Tensor, direction: Tensor) -> Tensor:
-    """Components in world axes of a vector given along and left of `direction`; both (..., 2)."""
-    along, left = vector.unbind(-1)
-    x, y = direction.unbind(-1)
-    return torch.stack((along * x - left * y, along * y + left * x), -1)
-
-
-def unrotate(vector: Tensor, direction: Tensor) -> Tensor:
-    """Components along and left of `direction` of a vector given in world axes; both (..., 2)."""
-    vx, vy = vector.unbind(-1)
-    x, y = direction.unbind(-1)
-    return torch.stack((vx * x + vy * y, vy * x - vx * y), -1)
-
-
-def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Tensor:
-    """The world's action (..., 2) for a course (unit vector, (..., 2)) and a speed through the water (..., m/s)."""
-    auv = scenario.auv
-    speed = torch.as_tensor(speed, dtype=direction.dtype, device=direction.device)
-    if auv.action == "vector":
-        return (direction * (speed / auv.speed_max).unsqueeze(-1)).clamp(-1.0, 1.0)
-    span = auv.speed_max - auv.speed_min
-    throttle = 2.0 * (speed - auv.speed_min) / span - 1.0 if span > 0 else torch.zeros_like(speed)
-    heading = torch.atan2(direction[..., 1], direction[..., 0]) / math.pi
-    return torch.stack((heading, throttle.expand_as(heading)), -1).clamp(-1.0, 1.0)
+    def velocity(self, observation: Tensor) -> Tensor:
+        """Of the water at the AUV, (..., 2), m/s; zero where its components are not observed."""
+        if self.current < 3:
+            return torch.zeros_like(self.target(observation))
+        first = 2 * self.num_auvs + 5
+        return observation[..., first : first + 2]
 
 
 class WorldFrame:
@@ -110,8 +90,8 @@ class TargetFrame:
     Features (all positions over the area's diagonal, c = current / top speed):
     distance to the target and its closeness, bearing (cos, sin), nearest other AUV (x′, y′), sum over the others of
     closeness times direction (x′, y′), largest closeness, own x and y, border flag, share overflowing, then nothing |
-    ‖c‖ | ‖c‖, c′_x, c′_y. Closeness of a distance d is exp(−d / (2 safe distances)). The number of features does not
-    depend on the number of AUVs.
+    ‖c‖ | ‖c‖, c′_x, c′_y | these and c′_x, c′_y at each point of the current profile. Closeness of a distance d is
+    exp(−d / (2 safe distances)). The number of features does not depend on the number of AUVs.
 
     Actions: a_0 is the course, π a_0 left of the target's bearing; a_1 the speed, linear from the lowest at −1 to the
     highest at 1.
@@ -136,8 +116,9 @@ class TargetFrame:
         if layout.current:
             current = rest[..., 4:] / self.scenario.auv.speed_max
             parts.append(current[..., :1])
-            if layout.current == 3:
-                parts.append(unrotate(current[..., 1:], bearing))
+            if layout.current >= 3:
+                arrows = current[..., 1:].unflatten(-1, (-1, 2))
+                parts.append(unrotate(arrows, bearing.unsqueeze(-2)).flatten(-2))
         return torch.cat(parts, -1)
 
     def _others(self, observation: Tensor, bearing: Tensor) -> Tensor:
@@ -146,7 +127,7 @@ class TargetFrame:
             return observation.new_zeros((*observation.shape[:-1], 5))
         others = unrotate(self.layout.others(observation), bearing.unsqueeze(-2))
         distance = others.norm(dim=-1, keepdim=True)
-        nearest = torch.take_along_dim(others, distance.argmin(-2, keepdim=True), -2).squeeze(-2)
+        nearest = others.gather(-2, distance.argmin(-2, keepdim=True).expand_as(others[..., :1, :])).squeeze(-2)
         closeness = torch.exp(-distance / self.reach)
         crowding = (closeness * others / distance.clamp_min(TINY)).sum(-2)
         return torch.cat((nearest, crowding, closeness.amax(-2)), -1)
@@ -159,4 +140,38 @@ class TargetFrame:
         return command(rotate(relative, unit(self.layout.target(observation))), speed, self.scenario)
 
 
-FRAMES = {frame.name: frame for frame in (TargetFrame, WorldFrame)}
+class GuidedFrame(TargetFrame):
+    """Features as `TargetFrame`; actions go through an autopilot that knows the current at the AUV.
+
+    a_0 is the course over ground, π a_0 left of the target's bearing, held against the current by `crab`; a_1 the price
+    of time, `PRICE` e^(4 a_1) W, from which `SpeedToFly` makes the speed through the water. A constant action is then a
+    sensible controller in any current, and learning is left with what that one lacks: keeping clear of others, and
+    choosing the way. Where the current's components are not observed, still water is assumed. Within `FENCE` of the
+    border a course that leads out is turned along it.
+    """
+
+    name = "guided"
+
+    def __init__(self, scenario: Scenario):
+        super().__init__(scenario)
+        self.speed_to_fly = SpeedToFly(scenario)
+
+    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
+        course = math.pi * action[..., 0]
+        relative = torch.stack((torch.cos(course), torch.sin(course)), -1)
+        track = self._inside(observation, rotate(relative, unit(self.layout.target(observation))))
+        current = self.layout.velocity(observation)
+        speed = self.speed_to_fly(track, PRICE * torch.exp(PRICE_GAIN * action[..., 1]), current)
+        return command(crab(track, speed, current), speed, self.scenario)
+
+    def _inside(self, observation: Tensor, track: Tensor) -> Tensor:
+        """A course over ground (unit vectors, (..., 2)) that does not lead out of the area."""
+        area = self.scenario.area
+        position = self.layout.position(observation) * area.diagonal
+        side = torch.tensor([area.width, area.length], dtype=position.dtype, device=position.device)
+        outwards = ((position < FENCE) & (track < 0.0)) | ((position > side - FENCE) & (track > 0.0))
+        kept = torch.where(outwards, 0.0, track)
+        return torch.where(kept.norm(dim=-1, keepdim=True) > TINY, unit(kept), track)
+
+
+FRAMES = {frame.name: frame for frame in (GuidedFrame, TargetFrame, WorldFrame)}

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from kernels import navigation
-from policies.frames import Layout, command, rotate, unit, unrotate
+from policies.frames import Layout
+from policies.guidance import SpeedToFly, command, crab, unit
 from policies.policy import Policy, PolicyError
 from usvauv_env.scenario import Scenario
 
@@ -49,11 +50,7 @@ class Straight(ConstantSpeed):
 
 
 class Crab(ConstantSpeed):
-    """Heads so that the track over ground points at the target.
-
-    With the current's component c_⊥ across the bearing, the course is off the bearing by the angle whose sine is
-    −c_⊥ / V. A component above V cannot be compensated; the course is then straight against it.
-    """
+    """Heads so that the track over ground points at the target, see `guidance.crab`."""
 
     reference = "crab_speed"
 
@@ -62,10 +59,28 @@ class Crab(ConstantSpeed):
 
     def act(self, observation: Tensor) -> Tensor:
         bearing = self.bearing(observation)
-        across = unrotate(self.world.current().to(bearing), bearing)[..., 1]
-        sine = (-across / self.speed).clamp(-1.0, 1.0)
-        course = torch.stack(((1.0 - sine.square()).clamp_min(0.0).sqrt(), sine), -1)
-        return command(rotate(course, bearing), self.speed, self.scenario)
+        heading = crab(bearing, torch.full_like(bearing[..., 0], self.speed), self.world.current().to(bearing))
+        return command(heading, self.speed, self.scenario)
+
+
+class Pace(Policy):
+    """As `crab`, but at the speed through the water that `guidance.SpeedToFly` makes of a price of time."""
+
+    def __init__(self, name: str, scenario: Scenario, price: float | None):
+        super().__init__(name, scenario)
+        self.price = scenario.reference.pace_price if price is None else price
+        if not (math.isfinite(self.price) and self.price >= 0.0):
+            raise PolicyError(f"policy {name}: the price of time must be at least 0 W")
+        self.speed_to_fly = SpeedToFly(scenario)
+
+    def attach(self, world) -> None:
+        self.world = world
+
+    def act(self, observation: Tensor) -> Tensor:
+        track = unit(Layout.of(self.scenario).target(observation))
+        current = self.world.current().to(track)
+        speed = self.speed_to_fly(track, torch.full_like(track[..., 0], self.price), current)
+        return command(crab(track, speed, current), speed, self.scenario)
 
 
 class Zermelo(Crab):

@@ -97,8 +97,10 @@ class GaussianActor(StackedMLP):
 class Critic(nn.Module):
     """Action values Q of C critics for each of S agents: observation (S, B, F), action (S, B, A) → (C, S, B).
 
-    Actions enter amplified: those that are tried differ by a few tenths, features by ones, and what a single action
-    changes is small beside what the state decides.
+    What a single action changes is small beside what the state decides. So the two have networks of their own whose
+    outputs add up (after Wang et al., "Dueling network architectures", ICML 2016, arXiv:1511.06581, without centring):
+    errors in the value of states then do not pass for differences between actions. And actions enter amplified: those
+    that are tried differ by a few tenths, features by ones.
     """
 
     def __init__(
@@ -113,10 +115,16 @@ class Critic(nn.Module):
     ):
         super().__init__()
         self.critics = critics
-        sizes = (observation_size + action_size, *hidden, 1)
-        self.network = StackedMLP(critics * stack, sizes, generator, layer_norm)
+        both = observation_size + action_size
+        self.of_state = StackedMLP(critics * stack, (observation_size, *hidden, 1), generator, layer_norm)
+        self.of_action = StackedMLP(critics * stack, (both, *hidden, 1), generator, layer_norm)
 
     def forward(self, observation: Tensor, action: Tensor) -> Tensor:
         stack, batch, _ = observation.shape
-        x = torch.cat((observation, ACTION_GAIN * action), -1).expand(self.critics, -1, -1, -1)
-        return self.network(x.reshape(self.critics * stack, batch, -1)).view(self.critics, stack, batch)
+
+        def each(x: Tensor) -> Tensor:
+            return x.expand(self.critics, -1, -1, -1).reshape(self.critics * stack, batch, -1)
+
+        value = self.of_state(each(observation))
+        value = value + self.of_action(each(torch.cat((observation, ACTION_GAIN * action), -1)))
+        return value.view(self.critics, stack, batch)

@@ -80,8 +80,10 @@ class Replay:
             getattr(self, name)[:size] = tensors[name]
         self.head, self.size = head, size
 
-    def sample(self, batch: int, n: int, gamma: float, generator: torch.Generator) -> Batch:
-        """Draw `batch` transitions for each learner, uniformly; needs more than n + 1 rows."""
+    def sample(self, batch: int, n: int, gamma: float, generator: torch.Generator, gain: float = 0.0) -> Batch:
+        """Draw `batch` transitions for each learner, uniformly; needs more than n + 1 rows. `gain` is what every step
+        costs on top of its reward.
+        """
         auvs = self.reward.shape[-1]
         draws = batch // auvs if self.shared else batch
         oldest = self.head - self.size
@@ -93,7 +95,7 @@ class Replay:
 
         offsets = torch.arange(n, device=self.device).unsqueeze(-1)
         path = (start + offsets) % self.rows
-        reward = self.reward[path, world]
+        reward = self.reward[path, world] - gain
         terminated = self.terminated[path, world].float()
         # A step counts if no termination came before it and no end row was reached.
         survived = torch.cumprod(1.0 - terminated, 0)

@@ -26,7 +26,9 @@ from policies.noise import CorrelatedNoise
 from policies.policy import PolicyError
 from policies.replay import Replay, stack, unstack
 
+TINY = 1e-6
 WINDOW = 100  # steps of all worlds between two reports
+GAIN_RATE = 0.002  # share of the way that the estimated average reward goes in a step of all worlds
 EVALUATIONS = 10  # evaluations in a run, unless told otherwise
 
 Evaluate = Callable[[LearnedPolicy], Mapping[str, float]]
@@ -39,6 +41,12 @@ class Trainer:
     While the worlds take their step on one core, the updates run on another, on what was stored before that step; the
     result does not depend on which of the two is faster. Worlds are truncated together and reset together; a truncated
     transition bootstraps, a terminated one does not.
+
+    With `config.renewal` the average reward ρ of a step is maximised. By the renewal-reward theorem a policy is best
+    if no way to the next service brings more than ρ for each step that it takes (Ross, "Applied probability models with
+    optimization applications", 1970, section 7). So a service ends the value's horizon, and ρ, which is measured while
+    learning, is taken off every step's reward: time gets its true price wherever the AUV is, while what happens after
+    the service, which is noise to it, stays out of the value. A discount alone prices time by what is near.
 
     Args:
         world: the worlds to train in, on a seed of their own.
@@ -77,6 +85,9 @@ class Trainer:
         self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
         shape = (world.num_worlds, world.num_auvs, self.frame.features, ACTION_SIZE)
         self.replay = Replay(config.replay // world.num_worlds, shape, device, config.shared)
+        self.renewal = config.renewal and not world.scenario.reward.service_terminates
+        self.gain = 0.0  # ρ
+        self.scale = 1.0  # of the rewards that are learned from
         self.noise = CorrelatedNoise((*shape[:2], ACTION_SIZE), config.correlation, self.generator)
         self.whitening = Whitening.identity(self.frame.features, device)
         self.meter = Meter(world)
@@ -91,7 +102,8 @@ class Trainer:
     def policy(self, name: str = "training") -> LearnedPolicy:
         """The policy as it is now; it goes on learning with the trainer."""
         config = self.config
-        return LearnedPolicy(name, self.world.scenario, config.frame, self.whitening, self.learner.actor, config.shared)
+        actor = self.learner.averaged
+        return LearnedPolicy(name, self.world.scenario, config.frame, self.whitening, actor, config.shared)
 
     def train(self, steps: int, callback: Callback = lambda figures: None) -> dict[str, Any]:
         """Train until `steps` world-steps are done in all, or until Ctrl-C (then `stopped` is true).
@@ -107,7 +119,7 @@ class Trainer:
         self.stopped = False
         with self._writer() as write, self._interruptible(), ThreadPoolExecutor(1) as pool:
             while self.steps < steps and not self.stopped:
-                self._advance(pool)
+                self._advance(pool, steps)
                 done = self.steps >= steps
                 due = self._evaluations_due(steps) > self._evaluations_due(steps, self.steps - self.world.num_worlds)
                 if due:  # also when stopped: a run that goes on does not come by here again
@@ -137,8 +149,8 @@ class Trainer:
         """Evaluations that belong to a run of `total` world-steps by the time `steps` are done."""
         return (self.steps if steps is None else steps) * self.evaluations // total
 
-    def _advance(self, pool: ThreadPoolExecutor) -> None:
-        """One step of all worlds and the updates that go with it."""
+    def _advance(self, pool: ThreadPoolExecutor, total: int) -> None:
+        """One step of all worlds, of `total` world-steps in the run, and the updates that go with it."""
         config, world = self.config, self.world
         features = self.whitening(self.frame.encode(self.observation))
         learning = self.steps >= config.warmup and self.replay.size > config.n_step + 1
@@ -148,11 +160,17 @@ class Trainer:
         action = unstack(action, world.num_auvs)
         step = pool.submit(world.step, self.frame.decode(self.observation, action))
         if learning:
+            self.learner.slow_down(1.0 - (1.0 - config.final_rate) * self.steps / total)
             for _ in range(config.updates):
-                batch = self.replay.sample(config.batch, config.n_step, config.gamma, self.generator)
+                gain = self.scale * self.gain
+                batch = self.replay.sample(config.batch, config.n_step, config.gamma, self.generator, gain)
                 self.meter.losses.append(self.learner.update(batch))
+                self.learner.average()
         observation, reward, terminated, truncated, info = step.result()
-        self.replay.add(features, action, reward * config.reward_scale, terminated)
+        if self.renewal:
+            self.gain += GAIN_RATE * (float(reward.mean()) - self.gain)
+            terminated = terminated | (info["measures"][..., world.measure_names.index("service_rate")] > 0)
+        self.replay.add(features, action, self.scale * reward, terminated)
         self.meter.add(info)
         self.steps += world.num_worlds
         if bool(truncated[0, 0]):
@@ -161,7 +179,12 @@ class Trainer:
         self.observation = observation.clone()
 
     def _whiten(self, features: Tensor) -> Tensor:
-        """Measure the whitening on the steps before learning, once; bring what was stored, and `features`, up to it."""
+        """Measure the scales of features and reward on the steps before learning, once; bring what was stored, and
+        `features`, up to them.
+        """
+        rewards = self.replay.reward[: self.replay.size]
+        self.scale = self.config.reward_scale / max(float(rewards.abs().mean()), TINY)
+        rewards.mul_(self.scale)
         stored = self.replay.observation[: self.replay.size]
         self.whitening = Whitening.of(stored)
         stored.copy_(self.whitening(stored))
@@ -199,6 +222,8 @@ class Trainer:
             "evaluation": self.evaluation,
             "history": self.history,
             "updates": self.learner.updates,
+            "gain": self.gain,
+            "scale": self.scale,
             "head": self.replay.head,
             "size": self.replay.size,
         }
@@ -234,6 +259,7 @@ class Trainer:
                 groups[group][rest] = value
             self.learner.restore(groups["learner"])
             self.learner.updates = counters["updates"]
+            self.gain, self.scale = counters["gain"], counters["scale"]
             self.replay.restore(groups["replay"], counters["head"], counters["size"])
             self.world.load(groups["world"])
             self.steps, self.seconds = counters["steps"], counters["seconds"]

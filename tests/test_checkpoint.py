@@ -99,7 +99,7 @@ class TestRefusal:
     def test_values_that_are_not_numbers(self, saved):
         run, last = saved
         with torch.no_grad():
-            run.learner.actor.weights[0][0, 0, 0] = torch.nan
+            run.learner.averaged.weights[0][0, 0, 0] = torch.nan
         run.save()
         self.refused(last, "not finite")
 

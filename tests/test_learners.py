@@ -19,13 +19,14 @@ from tests.toy import ToyWorld, mean_reward, scenario
 CPU = torch.device("cpu")
 TOY = TrainingConfig(
     num_worlds=32,
+    frame="target",
     hidden=(64, 64),
     batch=256,
     warmup=1600,
     gamma=0.95,
     n_step=3,
     tau=0.05,
-    reward_scale=1.0,
+    reward_scale=0.2,
     replay=100_000,
 )
 
@@ -157,7 +158,9 @@ class TestNetworks:
         for twin in range(2):
             for agent in range(3):
                 x = torch.cat((observation[agent], ACTION_GAIN * action[agent]), -1)
-                torch.testing.assert_close(value[twin, agent], self.alone(critic.network, 3 * twin + agent, x)[:, 0])
+                expected = self.alone(critic.of_state, 3 * twin + agent, observation[agent])
+                expected = expected + self.alone(critic.of_action, 3 * twin + agent, x)
+                torch.testing.assert_close(value[twin, agent], expected[:, 0])
 
     def test_the_squashed_density_integrates_to_one(self):
         actor = GaussianActor(1, (3, 8, 2), seeded(), output_gain=0.0)
@@ -186,10 +189,11 @@ class TestLearners:
         learners = []
         for scale in (1.0, 5.0):
             learner = ALGORITHMS[algorithm](Sizes(2, 5, 2), TOY, seeded())
-            for step in range(4):
+            for step in range(12):
                 batch = random_batch(2, seed=step)
                 batch.reward[1] *= scale
                 learner.update(batch)
+                learner.average()
             learners.append(dict(learner.named_parameters()))
         one, other = learners
         for name in one:
@@ -262,6 +266,7 @@ class TestTraining:
             ("ddpg", {}),
             ("ddpg", {"shared": True}),
             ("sac", {"frame": "world"}),
+            ("sac", {"frame": "guided"}),
         ],
     )
     def test_each_algorithm_solves_the_toy_task(self, algorithm, changes):
@@ -272,7 +277,7 @@ class TestTraining:
             return mean_reward(ToyWorld(toy, 64, seed=99), policy)
 
         untrained = score(trainer.policy())
-        figures = trainer.train(24_000)
+        figures = trainer.train(32_000)
         learned = score(trainer.policy())
         random, middle, fast, best = (
             score(policies.load(name, toy)) for name in ("random", "straight:1.7", "straight:2.0", "straight:2.2")
@@ -282,6 +287,9 @@ class TestTraining:
             # In world axes the untrained policy knows nothing.
             assert untrained < 2.0
             assert learned > 0.7 * best
+        elif changes.get("frame") == "guided":
+            assert untrained > random
+            assert learned > fast
         else:
             # In the target's frame it heads for the target at the middle speed; learning finds that fast is better.
             assert untrained == pytest.approx(middle, abs=0.2)

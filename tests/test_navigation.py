@@ -13,7 +13,7 @@ from kernels import navigation, runtime
 from kernels.layout import AuvColumn
 from kernels.vehicle import travelling_power
 from kernels.vortex import sample_current
-from policies.frames import unit
+from policies.guidance import unit
 from usvauv_env import Scenario, World
 
 SIZE = (200.0, 200.0)

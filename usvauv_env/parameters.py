@@ -9,12 +9,13 @@ from functools import lru_cache
 import numpy as np
 
 from kernels import acoustics, horizon, optimality, tracker, usbl, waveform
-from kernels.layout import Options, Parameter, Refraction, Strategy, Task
+from kernels.layout import PROFILE_POINTS, Options, Parameter, Refraction, Strategy, Task
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv_env.tracking import current_model
 
-OBSERVED_CURRENT = {"none": 0, "speed": 1, "vector": 2}
+OBSERVED_CURRENT = {"none": 0, "speed": 1, "vector": 2, "profile": 3}
+CURRENT_COMPONENTS = {"none": 0, "speed": 1, "vector": 3, "profile": 3 + 2 * PROFILE_POINTS}  # numbers observed
 KINDS = {"fim": "fim", "fim-greedy": "fim_greedy", "fim-horizon": "fim_horizon", "centroid": "centroid"}
 LAYER_TOLERANCE = 0.5  # m/s, see `SoundSpeedProfile.thinned`
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from kernels.layout import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
 from usvauv_env.gymnasium_face import auv_action_space, auv_observation_space
+from usvauv_env.parameters import CURRENT_COMPONENTS
 from usvauv_env.scenario import Scenario
 
 
@@ -39,7 +41,11 @@ def observed(scenario: Scenario) -> list[Quantity]:
     names = [(name, diagonal) for name in (*others, *target, "own x", "own y")]
     names += [("1 if the last move was refused at the border, else 0", "1"), ("share of nodes that overflow", "1")]
     current = ["speed of the current at the AUV", "current at the AUV, x", "current at the AUV, y"]
-    names += [(name, "m/s") for name in current[: {"none": 0, "speed": 1, "vector": 3}[scenario.observation.current]]]
+    for point in range(PROFILE_POINTS):
+        reach, beam = BEAM_CELL * (point // BEAMS + 1), BEAM_ANGLE * (point % BEAMS - 1)
+        place = f"{reach:g} m away, {beam:g} rad to the left of the target's bearing"
+        current += [f"current {place}, {axis}" for axis in "xy"]
+    names += [(name, "m/s") for name in current[: CURRENT_COMPONENTS[scenario.observation.current]]]
     space = auv_observation_space(scenario)
     return _table(names, space.low.tolist(), space.high.tolist())
 

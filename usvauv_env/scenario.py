@@ -84,7 +84,7 @@ class Scenario(Section):
         if self.auv.count * self.auv.start_separation**2 > 0.5 * room:  # well below where random placing jams
             raise ValueError(f"auv.start_separation is too large for {self.auv.count} AUVs in this area")
         for field, speed in self.reference:
-            if not self.auv.speed_min <= speed <= self.auv.speed_max:
+            if field.endswith("_speed") and not self.auv.speed_min <= speed <= self.auv.speed_max:
                 raise ValueError(f"reference.{field} must lie between auv.speed_min and auv.speed_max")
         if self.mission.step * max(self.nodes.arrival_rates) > 80:  # the sampler's exp(−mean) must not underflow
             raise ValueError("nodes.arrival_rates times mission.step must not be above 80 packets")

@@ -312,8 +312,10 @@ class Stations(Section):
 
 
 class Observation(Section):
-    current: Literal["none", "speed", "vector"] = Field(
-        "speed", description="the perceived current: not at all, its speed (Eq. 4), or speed and both components"
+    current: Literal["none", "speed", "vector", "profile"] = Field(
+        "speed",
+        description="the perceived current: not at all, its speed (Eq. 4), speed and both components, or these and "
+        "what a current profiler measures 25 and 50 m away",
     )
 
 
@@ -338,4 +340,5 @@ class Reference(Section):
 
     straight_speed: Positive = Field(1.2, description="best constant speed of `straight`, m/s")
     crab_speed: Positive = Field(1.2, description="best constant speed of `crab`, m/s")
+    pace_price: NonNegative = Field(0.0, description="best price of time of `pace`, W")
     zermelo_speed: Positive = Field(1.2, description="best constant speed of `zermelo`, m/s")

@@ -9,7 +9,7 @@ from kernels import current, mission, runtime, start, tracker, vortex
 from kernels.launch import Launch
 from kernels.layout import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn, RewardTerm
 from usvauv_env.parameters import (
-    OBSERVED_CURRENT,
+    CURRENT_COMPONENTS,
     UsvStrategy,
     fixed_vortices,
     link_table,
@@ -27,7 +27,7 @@ STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "observation")
 
 def observation_size(scenario: Scenario) -> int:
     """Numbers in one AUV's observation."""
-    return 2 * (scenario.auv.count - 1) + 6 + (0, 1, 3)[OBSERVED_CURRENT[scenario.observation.current]]
+    return 2 * (scenario.auv.count - 1) + 6 + CURRENT_COMPONENTS[scenario.observation.current]
 
 
 class World:
@@ -48,7 +48,11 @@ class World:
         2K+2             own last move was refused at the border       –      0 or 1
         2K+3             share of nodes overflowing                    –      0 .. 1
         2K+4             current speed at the AUV (Eq. 4)              m/s    ≥ 0     if observation.current ≠ "none"
-        2K+5, 2K+6       current at the AUV, x and y                   m/s    any     if observation.current = "vector"
+        2K+5, 2K+6       current at the AUV, x and y                   m/s    any     if it is "vector" or "profile"
+        2K+7 .. 2K+18    current around the AUV, x and y               m/s    any     if it is "profile"
+
+    A current profiler (a horizontal ADCP) measures at 25 m, then at 50 m, on three beams: 1 rad to the right of the
+    target's bearing, towards it, 1 rad to the left. It averages over waves: what it sees is vortices and real currents.
 
     Action, float32 (num_worlds, num_auvs, 2) in [−1, 1]: with auv.action = "vector" the velocity through the water over
     speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear from

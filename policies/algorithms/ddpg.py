@@ -25,13 +25,12 @@ class DDPG(Learner):
 
     def __init__(self, sizes: Sizes, config: TrainingConfig, generator: torch.Generator):
         super().__init__(config, generator)
-        self.actor = self.make_actor(sizes, config, generator)
+        self.act_with(self.make_actor(sizes, config, generator))
         self.critic = Critic(
             1, sizes.stack, sizes.observation, sizes.action, config.hidden, generator, config.layer_norm
         )
         self.target_actor = copy.deepcopy(self.actor).requires_grad_(False)
         self.target_critic = copy.deepcopy(self.critic).requires_grad_(False)
-        self.optimise("actor", self.actor.parameters())
         self.optimise("critic", self.critic.parameters())
 
     @torch.no_grad()

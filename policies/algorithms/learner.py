@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import torch
@@ -10,6 +11,8 @@ from torch import Tensor, nn
 from policies.config import TrainingConfig
 from policies.networks import StackedMLP
 from policies.replay import Batch
+
+AVERAGED = 200
 
 
 @dataclass(frozen=True)
@@ -31,10 +34,13 @@ class Learner(nn.Module):
     """S independent learners of one algorithm. All tensors have the leading axis S; losses are summed over it.
 
     Because Adam works element by element and the networks share no weight, a stack learns exactly as its members would
-    alone. `generator` is the source of every random number, on the device of the networks.
+    alone. The policy that counts is `averaged`, the actor with its weights averaged over some `AVERAGED` updates
+    (Polyak, Juditsky 1992, doi 10.1137/0330046): single updates are noisy. `generator` is the source of every random
+    number, on the device of the networks.
     """
 
     actor: StackedMLP
+    averaged: StackedMLP
 
     def __init__(self, config: TrainingConfig, generator: torch.Generator):
         super().__init__()
@@ -48,9 +54,21 @@ class Learner(nn.Module):
         """Untrained actors of this algorithm; their first actions are near zero."""
         raise NotImplementedError
 
+    def act_with(self, actor: StackedMLP) -> None:
+        """Take an actor as the one that is learned."""
+        self.actor = actor
+        self.averaged = copy.deepcopy(actor).requires_grad_(False)
+        self.optimise("actor", actor.parameters())
+
     def optimise(self, name: str, parameters) -> None:
         """Give parameters an optimiser of that name."""
         self.optimisers[name] = torch.optim.Adam(parameters, lr=self.config.learning_rate, fused=True)
+
+    def slow_down(self, share: float) -> None:
+        """Go on with a share of the learning rate of the start."""
+        for optimiser in self.optimisers.values():
+            for group in optimiser.param_groups:
+                group["lr"] = share * self.config.learning_rate
 
     def descend(self, name: str, loss: Tensor) -> None:
         """One step of the named optimiser, along the gradient of `loss` with respect to its own parameters only."""
@@ -64,6 +82,11 @@ class Learner(nn.Module):
     def follow(self, targets: nn.Module, networks: nn.Module) -> None:
         """Move target networks by τ towards the networks: θ' ← θ' + τ (θ − θ')."""
         torch._foreach_lerp_(list(targets.parameters()), list(networks.parameters()), self.config.tau)
+
+    @torch.no_grad()
+    def average(self) -> None:
+        """Move the averaged actor towards the actor."""
+        torch._foreach_lerp_(list(self.averaged.parameters()), list(self.actor.parameters()), 1.0 / AVERAGED)
 
     def normal(self, shape: torch.Size) -> Tensor:
         """Standard normal numbers."""

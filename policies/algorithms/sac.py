@@ -25,7 +25,7 @@ class SAC(Learner):
 
     def __init__(self, sizes: Sizes, config: TrainingConfig, generator: torch.Generator):
         super().__init__(config, generator)
-        self.actor = self.make_actor(sizes, config, generator)
+        self.act_with(self.make_actor(sizes, config, generator))
         self.critics = Critic(
             2, sizes.stack, sizes.observation, sizes.action, config.hidden, generator, config.layer_norm
         )
@@ -33,7 +33,6 @@ class SAC(Learner):
         # One temperature for each learner, started small: the rewards are of order one.
         self.log_alpha = nn.Parameter(torch.full((sizes.stack, 1), -3.0, device=generator.device))
         self.target_entropy = -float(sizes.action)
-        self.optimise("actor", self.actor.parameters())
         self.optimise("critics", self.critics.parameters())
         self.optimise("temperature", [self.log_alpha])
 

@@ -28,13 +28,12 @@ class TD3(Learner):
 
     def __init__(self, sizes: Sizes, config: TrainingConfig, generator: torch.Generator):
         super().__init__(config, generator)
-        self.actor = self.make_actor(sizes, config, generator)
+        self.act_with(self.make_actor(sizes, config, generator))
         self.critics = Critic(
             2, sizes.stack, sizes.observation, sizes.action, config.hidden, generator, config.layer_norm
         )
         self.target_actor = copy.deepcopy(self.actor).requires_grad_(False)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
-        self.optimise("actor", self.actor.parameters())
         self.optimise("critics", self.critics.parameters())
 
     @torch.no_grad()

@@ -1,0 +1,79 @@
+"""How a vehicle is steered towards a place: headings in a current, economical speeds, and the world's commands."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from kernels.vehicle import travelling_power
+from usvauv_env.scenario import Scenario
+
+TINY = 1e-9
+SPEEDS = 33  # from which `SpeedToFly` chooses
+LEAST_ADVANCE = 0.05  # m/s: slower over ground is as good as no advance
+
+
+def unit(vector: Tensor) -> Tensor:
+    """Direction of vectors (..., 2); (1, 0) for a zero vector."""
+    length = vector.norm(dim=-1, keepdim=True)
+    east = torch.zeros_like(vector)
+    east[..., 0] = 1.0
+    return torch.where(length > TINY, vector / length.clamp_min(TINY), east)
+
+
+def rotate(vector: Tensor, direction: Tensor) -> Tensor:
+    """Components in world axes of a vector given along and left of `direction`; both (..., 2)."""
+    along, left = vector.unbind(-1)
+    x, y = direction.unbind(-1)
+    return torch.stack((along * x - left * y, along * y + left * x), -1)
+
+
+def unrotate(vector: Tensor, direction: Tensor) -> Tensor:
+    """Components along and left of `direction` of a vector given in world axes; both (..., 2)."""
+    vx, vy = vector.unbind(-1)
+    x, y = direction.unbind(-1)
+    return torch.stack((vx * x + vy * y, vy * x - vx * y), -1)
+
+
+def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Tensor:
+    """The world's action (..., 2) for a course (unit vector, (..., 2)) and a speed through the water (..., m/s)."""
+    auv = scenario.auv
+    speed = torch.as_tensor(speed, dtype=direction.dtype, device=direction.device)
+    if auv.action == "vector":
+        return (direction * (speed / auv.speed_max).unsqueeze(-1)).clamp(-1.0, 1.0)
+    span = auv.speed_max - auv.speed_min
+    throttle = 2.0 * (speed - auv.speed_min) / span - 1.0 if span > 0 else torch.zeros_like(speed)
+    heading = torch.atan2(direction[..., 1], direction[..., 0]) / math.pi
+    return torch.stack((heading, throttle.expand_as(heading)), -1).clamp(-1.0, 1.0)
+
+
+def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:
+    """Heading (unit vector, (..., 2)) whose track over ground is `track` (unit vector), at a speed (...) in a current.
+
+    It is off the track by the angle whose sine is −c_⊥ / V, with the current's component c_⊥ across. A component above
+    V cannot be compensated; the heading is then straight against it.
+    """
+    sine = (-unrotate(current, track)[..., 1] / speed).clamp(-1.0, 1.0)
+    return rotate(torch.stack(((1.0 - sine.square()).clamp_min(0.0).sqrt(), sine), -1), track)
+
+
+class SpeedToFly:
+    """The speed through the water at which a metre over ground costs least when time has a price.
+
+    V = argmin (P(V) + λ) / (√(V² − c_⊥²) + c_∥) for a power P, a price of time λ and a current with components c_∥
+    along and c_⊥ across the track: faster against the current, slower with it. In gliding this is MacCready's rule.
+    """
+
+    def __init__(self, scenario: Scenario):
+        auv = scenario.auv
+        self.speeds = torch.linspace(auv.speed_min, auv.speed_max, SPEEDS)
+        self.power = torch.tensor([travelling_power(speed) for speed in self.speeds.tolist()])
+
+    def __call__(self, track: Tensor, price: Tensor, current: Tensor) -> Tensor:
+        """Speeds (...), m/s, for tracks (unit vectors, (..., 2)), prices (...), W, and currents (..., 2), m/s."""
+        speeds, power = self.speeds.to(track), self.power.to(track)
+        along, across = unrotate(current, track).split(1, -1)
+        advance = (speeds.square() - across.square()).clamp_min(0.0).sqrt() + along
+        return speeds[((power + price.unsqueeze(-1)) / advance.clamp_min(LEAST_ADVANCE)).argmin(-1)]
