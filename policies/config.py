@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 from policies.policy import PolicyError
 
@@ -83,6 +84,24 @@ class TrainingConfig:
             if not right:
                 raise PolicyError(f"training: {name} = {getattr(self, name)!r}: must be {rule}")
 
+    def changed(self, assignments: Sequence[str]) -> TrainingConfig:
+        """With fields set by "name=value", as in "updates=4", "hidden=128,128" or "renewal=false".
+
+        Raises:
+            PolicyError: not of that form, no such field, or a value that is not allowed.
+        """
+        values = {}
+        for assignment in assignments:
+            name, _, text = assignment.partition("=")
+            if name not in TUNABLE or not text:
+                raise PolicyError(f"training: {assignment!r}: must be NAME=VALUE with a NAME of {', '.join(TUNABLE)}")
+            try:
+                values[name] = _value(text, getattr(self, name))
+            except ValueError:
+                kind = type(getattr(self, name)).__name__
+                raise PolicyError(f"training: {name} = {text!r}: must be of type {kind}") from None
+        return replace(self, **values)
+
     @classmethod
     def from_dict(cls, values: dict, source: str) -> TrainingConfig:
         """The inverse of `dataclasses.asdict`, from JSON; `source` names the file in an error message."""
@@ -94,3 +113,24 @@ class TrainingConfig:
             return cls(**{**values, "hidden": tuple(values["hidden"])})
         except (KeyError, TypeError, PolicyError) as error:
             raise PolicyError(f"{source}: checkpoint is damaged: {error}") from None
+
+
+# What is not chosen elsewhere: by options of their own, or by the world.
+TUNABLE = tuple(
+    field.name for field in fields(TrainingConfig) if field.name not in ("algorithm", "num_worlds", "seed", "shared")
+)
+
+
+def _value(text: str, now: object) -> object:
+    """A value of the kind of the present one.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if isinstance(now, bool):
+        if text not in ("true", "false"):
+            raise ValueError(text)
+        return text == "true"
+    if isinstance(now, tuple):
+        return tuple(int(part) for part in text.split(","))
+    return type(now)(text)

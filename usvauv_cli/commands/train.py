@@ -29,6 +29,10 @@ def train(
     out: Annotated[Path | None, typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out, as it was begun.")] = False,
     shared: Annotated[bool, typer.Option("--shared", help="One network for all AUVs instead of one each.")] = False,
+    learn: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Change one setting of the learning; may be repeated."),
+    ] = None,
     usv: Annotated[
         str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")
     ] = "fim",
@@ -46,6 +50,8 @@ def train(
 
     `usvauv train ideal --algorithm td3 --steps 500000 --out runs/first`
 
+    `usvauv train --shared --learn hidden=128,128 --learn updates=4 --set reward.power=-0.006`
+
     `usvauv train --out runs/first --resume --steps 1000000`
     """
     import policies
@@ -55,8 +61,8 @@ def train(
 
     at_least("--steps", STEPS if steps is None else steps, 1)
     at_least("--worlds", worlds, 1)
-    if resume and overrides:
-        raise UserError("--set: a run that is resumed keeps the scenario it was begun with")
+    if resume and (overrides or learn):
+        raise UserError("--set, --learn: a run that is resumed keeps the scenario and settings it was begun with")
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path("runs") / f"{setting.name}-{algorithm}-{seed}"
     if resume:
@@ -67,6 +73,7 @@ def train(
         raise UserError(f"--out {out}: holds a run already; go on with --resume, or choose another folder")
     else:
         config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
+        config = config.changed(learn or ())
         begun = {}
         steps = steps or STEPS
     make_folder(out)

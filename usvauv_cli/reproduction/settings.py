@@ -52,7 +52,7 @@ METHODS = (
     Method(
         "baseline",
         "Baseline [4]",
-        TrainingConfig(algorithm="sac", learning_rate=3e-4, gamma=0.99, tau=0.01),
+        TrainingConfig(algorithm="sac", frame="target", learning_rate=3e-4, final_rate=1.0, gamma=0.99, tau=0.01),
         usv="hold:100,100",
         learning=("observation.current=none", "reward.collaboration=0"),
         testing=("observation.current=none",),
@@ -78,7 +78,7 @@ class Settings:
 
     methods: tuple[Method, ...] = METHODS
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
-    steps: int = 400_000
+    steps: int = 300_000
     evaluations: int = 10
     judged: int = 32
     episodes: int = 40
