@@ -65,16 +65,12 @@ def uniform(count, c):
 
 def uniform_time(d, c, speed):
     """The first t ≥ 0 with |d − c t| = V t + R, by the roots of the quadratic; inf where there is none."""
-    time = np.full(d.shape[:-1], np.inf)
-    for at in np.ndindex(time.shape):
-        square = np.array([c @ c - speed**2, -2.0 * (d[at] @ c + speed * RADIUS), d[at] @ d[at] - RADIUS**2])
-        if square[2] <= 0.0:
-            time[at] = 0.0
-            continue
-        roots = np.roots(square)
-        good = [root.real for root in roots if abs(root.imag) < 1e-12 and root.real > 0]
-        time[at] = min(good, default=np.inf)
-    return time
+    a, b, gap = c @ c - speed**2, -2.0 * (d @ c + speed * RADIUS), (d**2).sum(-1) - RADIUS**2
+    with np.errstate(invalid="ignore"):
+        root = np.sqrt(b**2 - 4.0 * a * gap)
+    both = np.stack((-b - root, -b + root)) / (2.0 * a)
+    first = np.where(both > 0.0, both, np.inf).min(0)
+    return np.where(gap <= 0.0, 0.0, first)
 
 
 class TestUniformCurrent:
