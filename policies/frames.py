@@ -73,6 +73,7 @@ class WorldFrame:
     """Features are the observation as it is, actions are the world's."""
 
     name = "world"
+    any_team = False
 
     def __init__(self, scenario: Scenario):
         self.features = Layout.of(scenario).size
@@ -98,6 +99,7 @@ class TargetFrame:
     """
 
     name = "target"
+    any_team = True
 
     def __init__(self, scenario: Scenario):
         self.layout = Layout.of(scenario)

@@ -60,6 +60,7 @@ class LearnedPolicy(Policy):
         self.actor = actor
         self.shared = shared
         self.about = about
+        self.any_team = shared and self.frame.any_team
 
     @torch.no_grad()
     def act(self, observation: Tensor) -> Tensor:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from torch import Tensor
 
 from kernels.errors import UserError
-from policies.frames import Layout
 from usvauv_env.scenario import Scenario
 
 
@@ -19,7 +18,10 @@ class Policy:
     Attributes:
         name: what it is called in tables.
         scenario: the numbers it was made for: sizes, speed limits, form of the action.
+        any_team: whether it serves any number of AUVs.
     """
+
+    any_team = False
 
     def __init__(self, name: str, scenario: Scenario):
         self.name = name
@@ -29,13 +31,13 @@ class Policy:
         """Refuse a world, or a scenario, whose observation or action this policy was not made for.
 
         Raises:
-            PolicyError: task, number of AUVs, observation size or form of the action differ.
+            PolicyError: task, number of AUVs, observed current or form of the action differ.
         """
-        scenario = getattr(world, "scenario", world)
+        scenario, team = getattr(world, "scenario", world), self.scenario.auv.count
         for quantity, own, needed in (
             ("task", self.scenario.task, scenario.task),
-            ("number of AUVs", self.scenario.auv.count, scenario.auv.count),
-            ("observation size", Layout.of(self.scenario).size, Layout.of(scenario).size),
+            ("number of AUVs", team, team if self.any_team else scenario.auv.count),
+            ("observed current", self.scenario.observation.current, scenario.observation.current),
             ("action form", self.scenario.auv.action, scenario.auv.action),
         ):
             if own != needed:

@@ -122,7 +122,7 @@ class TestQuantities:
         return observation[..., index]
 
     def test_observation(self):
-        scenario = Scenario.load("extreme", ["auv.count=3"])
+        scenario = Scenario.load("extreme", ["auv.count=3", "observation.current=vector"])
         world = World(scenario, 16, seed=1)
         world.reset()
         for _ in range(5):
@@ -176,7 +176,7 @@ class TestCommand:
         monkeypatch.chdir(tmp_path)
         code, out, err = run(monkeypatch, capfd, "export", "sac-extreme", "extreme", "--set", "auv.speed_max=2.0")
         assert (code, err) == (0, "")
-        assert "sac-extreme.onnx: observation (N, 2, 11), action (N, 2, 2)" in out
+        assert "sac-extreme.onnx: observation (N, 2, 23), action (N, 2, 2)" in out
         assert [path.name for path in tmp_path.iterdir()] == ["sac-extreme.onnx"]
         session = onnxruntime.InferenceSession("sac-extreme.onnx")
         assert '"unit": "2 m/s"' in session.get_modelmeta().custom_metadata_map["action"]
@@ -187,7 +187,7 @@ class TestCommand:
             (["straight"], ["policy straight", "only learned policies"]),
             (["crab:1.3", "ideal"], ["policy crab:1.3", "only learned policies"]),
             (["clever"], ["clever", "neither a checkpoint directory"]),
-            (["sac-extreme", "extreme", "--set", "auv.count=3"], ["number of AUVs 2", "has 3"]),
+            (["sac-extreme", "paper-ideal"], ["observed current profile", "has speed"]),
             (["sac-extreme", "--set", "auv.count=3"], ["--set", "name the scenario"]),
             (["sac-extreme", "--onnx", "missing/a.onnx"], ["--onnx missing/a.onnx", "does not exist"]),
         ],

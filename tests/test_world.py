@@ -487,7 +487,7 @@ class TestReward:
 
 class TestObservation:
     def test_layout(self):
-        scenario = Scenario.load("extreme", ["auv.count=3"])
+        scenario = Scenario.load("extreme", ["auv.count=3", "observation.current=vector"])
         world = World(scenario, num_worlds=16, seed=1)
         run(world, 40)
         o, fix, diagonal = world.observation, world.estimate[..., 0:2], math.hypot(200, 200)
@@ -503,7 +503,28 @@ class TestObservation:
         torch.testing.assert_close(o[..., 10], world.current().norm(dim=-1))
         torch.testing.assert_close(o[..., 11:13], world.current())
 
-    @pytest.mark.parametrize(("current", "size"), [("none", 8), ("speed", 9), ("vector", 11)])
+    def test_profile(self):
+        only = ["storm.spectrum=none", "sea.irregular_rms=0", "observation.current=profile"]
+        scenario = Scenario.load("extreme", only)
+        world = World(scenario, num_worlds=4, seed=1)
+        run(world, 20)
+        o = world.observation.double().numpy()
+        bearing = o[..., 2:4] / np.linalg.norm(o[..., 2:4], axis=-1, keepdims=True)
+        for point, (reach, turn) in enumerate((reach, turn) for reach in (25.0, 50.0) for turn in (-1.0, 0.0, 1.0)):
+            c, s = math.cos(turn), math.sin(turn)
+            beam = np.stack((c * bearing[..., 0] - s * bearing[..., 1], s * bearing[..., 0] + c * bearing[..., 1]), -1)
+            place = world.auv[..., :2].double().numpy() + reach * beam
+            expected = np.zeros((4, 2, 2))
+            for w in range(4):
+                for x0, y0, circulation, core in world.vortex[w].double().numpy():
+                    dx, dy = place[w, :, 0] - x0, place[w, :, 1] - y0
+                    r2 = dx**2 + dy**2
+                    turning = circulation / (2 * math.pi * r2) * (1 - np.exp(-r2 / core**2))
+                    expected[w] += np.stack((-turning * dy, turning * dx), -1)
+            found = o[..., 11 + 2 * point : 13 + 2 * point]
+            np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4)
+
+    @pytest.mark.parametrize(("current", "size"), [("none", 8), ("speed", 9), ("vector", 11), ("profile", 23)])
     def test_size(self, current, size):
         world = World(Scenario.load("extreme", [f"observation.current={current}"]), num_worlds=2)
         assert world.reset().shape == (2, 2, size)

@@ -82,7 +82,7 @@ class Learned:
         def evaluate(policy: policies.Policy) -> dict[str, float]:
             return judge(judges, policy, lambda _: work.advance(EVALUATION_STEP))
 
-        about = provenance(scenario, settings.steps)
+        about = provenance({})
         trainer = policies.Trainer(world, config, place, evaluate, about, settings.evaluations)
         if (place / "last").exists():
             trainer.resume()
