@@ -12,7 +12,8 @@ from usvauv_env.scenario import Scenario
 
 TINY = 1e-9
 SPEEDS = 33  # from which `SpeedToFly` chooses
-LEAST_ADVANCE = 0.05  # m/s: slower over ground is as good as no advance
+LEAST_ADVANCE = 0.05  # m/s: slower over ground is no headway
+HOPELESS = 1e6  # J/m, more than headway ever costs
 
 
 def unit(vector: Tensor) -> Tensor:
@@ -64,6 +65,7 @@ class SpeedToFly:
 
     V = argmin (P(V) + λ) / (√(V² − c_⊥²) + c_∥) for a power P, a price of time λ and a current with components c_∥
     along and c_⊥ across the track: faster against the current, slower with it. In gliding this is MacCready's rule.
+    Where no speed makes headway it is the highest.
     """
 
     def __init__(self, scenario: Scenario):
@@ -76,4 +78,5 @@ class SpeedToFly:
         speeds, power = self.speeds.to(track), self.power.to(track)
         along, across = unrotate(current, track).split(1, -1)
         advance = (speeds.square() - across.square()).clamp_min(0.0).sqrt() + along
-        return speeds[((power + price.unsqueeze(-1)) / advance.clamp_min(LEAST_ADVANCE)).argmin(-1)]
+        cost = (power + price.unsqueeze(-1)) / advance.clamp_min(LEAST_ADVANCE)
+        return speeds[torch.where(advance > LEAST_ADVANCE, cost, HOPELESS - advance).argmin(-1)]

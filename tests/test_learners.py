@@ -10,6 +10,7 @@ import torch
 import policies
 from policies import PolicyError, Trainer, TrainingConfig
 from policies.algorithms import ALGORITHMS, Sizes
+from policies.algorithms.learner import AVERAGED
 from policies.learned import Whitening
 from policies.networks import ACTION_GAIN, Critic, DeterministicActor, GaussianActor, StackedMLP
 from policies.noise import CorrelatedNoise
@@ -358,3 +359,98 @@ class TestConfig:
     def test_the_world_must_have_as_many_worlds(self):
         with pytest.raises(PolicyError, match="num_worlds = 32, but the world has 4"):
             Trainer(ToyWorld(scenario(), 4), TOY)
+
+
+class TestRenewal:
+    def test_a_service_ends_the_horizon_and_the_average_reward_is_taken_off(self):
+        config = dataclasses.replace(TOY, warmup=800)
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config)
+        rewards, ends = [], []
+        step, add = trainer.world.step, trainer.replay.add
+
+        def watched(action):
+            result = step(action)
+            rewards.append(result[1].mean().item())
+            ends.append(result[4]["measures"][..., 2].bool())
+            return result
+
+        trainer.world.step = watched
+        stored = []
+        trainer.replay.add = lambda *row: (stored.append(row[3].clone()), add(*row))
+        trainer.train(32 * 400)
+        assert sum(int(end.sum()) for end in ends) > 50
+        assert all(torch.equal(kept, end) for kept, end in zip(stored, ends, strict=True))
+        gain = 0.0
+        for reward in rewards:
+            gain += 0.002 * (reward - gain)
+        assert trainer.gain == pytest.approx(gain, rel=1e-4)
+        one, other = (trainer.replay.sample(64, 3, 0.9, seeded(5), gain=price) for price in (0.0, 0.25))
+        # Each of the m steps of a transition costs the gain, discounted: 1, 1 + 0.9 or 1 + 0.9 + 0.81 of it.
+        paid = (one.reward - other.reward) / 0.25
+        sums = torch.tensor([1.0, 1.9, 2.71])
+        assert (paid.unsqueeze(-1) - sums).abs().amin(-1).max() < 1e-4
+        assert ((paid < 1.5) & (one.discount == 0)).any()
+
+    def test_without_it_services_end_nothing(self):
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(TOY, renewal=False))
+        trainer.train(32 * 60)
+        assert not trainer.replay.terminated.any()
+        assert trainer.gain == 0.0
+
+    def test_where_the_scenario_ends_the_horizon_itself_time_has_no_price(self):
+        toy = scenario(reward={"service_terminates": True})
+        trainer = Trainer(ToyWorld(toy, 32, seed=1, terminates=True), TOY)
+        trainer.train(32 * 60)
+        assert trainer.gain == 0.0
+        assert trainer.replay.terminated.any()
+
+
+class TestScales:
+    def test_rewards_are_brought_to_the_configured_size(self):
+        runs = []
+        for size in (0.2, 0.4):
+            trainer = Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(TOY, reward_scale=size, warmup=800))
+            trainer.train(32 * 26)
+            runs.append(trainer)
+        before = runs[0].replay.reward[:25].abs().mean()
+        torch.testing.assert_close(before, torch.tensor(0.2), rtol=1e-4, atol=0)
+        assert runs[1].scale == pytest.approx(2 * runs[0].scale)
+
+    def test_the_learning_rate_falls_to_its_share(self):
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(TOY, final_rate=0.1, warmup=0))
+        trainer.train(32 * 100)
+        rate = trainer.learner.optimisers["actor"].param_groups[0]["lr"]
+        assert rate == pytest.approx(TOY.learning_rate * (1 - 0.9 * 99 / 100))
+
+    def test_the_policy_is_the_average_of_the_actor(self):
+        learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), TOY, seeded())
+        start = learner.actor.biases[0].detach().clone()
+        with torch.no_grad():
+            learner.actor.biases[0] += 1.0
+        for _ in range(3):
+            learner.average()
+        expected = start + 1.0 - (1.0 - 1.0 / AVERAGED) ** 3
+        torch.testing.assert_close(learner.averaged.biases[0].data, expected)
+
+
+class TestSettings:
+    def test_settings_can_be_changed_by_name(self):
+        config = TrainingConfig().changed(["updates=4", "hidden=128,32", "renewal=false", "gamma=0.98", "frame=world"])
+        expected = TrainingConfig(updates=4, hidden=(128, 32), renewal=False, gamma=0.98, frame="world")
+        assert config == expected
+
+    @pytest.mark.parametrize(
+        ("text", "part"),
+        [
+            ("updates", "NAME=VALUE"),
+            ("speed=3", "NAME=VALUE with a NAME of frame"),
+            ("seed=3", "NAME=VALUE with a NAME of frame"),
+            ("updates=many", "updates = 'many': must be of type int"),
+            ("renewal=maybe", "renewal = 'maybe': must be of type bool"),
+            ("hidden=12,x", "must be of type tuple"),
+            ("gamma=1.5", "gamma = 1.5: must be at least 0 and below 1"),
+        ],
+    )
+    def test_what_is_not_allowed_is_said(self, text, part):
+        with pytest.raises(PolicyError, match=part):
+            TrainingConfig().changed([text])
