@@ -93,10 +93,10 @@ def interrupt(run: Trainer, steps: int) -> None:
     """Train, with Ctrl-C during the step after which `steps` world-steps are done."""
     advance = run._advance
 
-    def advance_and_stop(pool):
+    def advance_and_stop(pool, total):
         if run.steps + WORLDS == steps:
             signal.raise_signal(signal.SIGINT)
-        advance(pool)
+        advance(pool, total)
 
     run._advance = advance_and_stop
     run.train(TOTAL)
@@ -118,10 +118,10 @@ class TestCommand:
         settings = functools.partial(TrainingConfig, replay=4000, **SMALL)
         advance = Trainer._advance
 
-        def advance_and_stop(run, pool):
+        def advance_and_stop(run, pool, total):
             if stop is not None and run.steps + run.world.num_worlds == stop:
                 signal.raise_signal(signal.SIGINT)
-            advance(run, pool)
+            advance(run, pool, total)
 
         with monkeypatch.context() as patch:
             patch.setattr(policies, "TrainingConfig", settings)
