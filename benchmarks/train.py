@@ -10,8 +10,10 @@ Evaluations come after the same stretches of training time for everyone, at leas
 far apart; their own time, imports, the compilation of kernels and the making of worlds are not counted. The evaluation
 at 0 s is the untrained policy's.
 
-"ours" is what `usvauv train` does; "ours_world_axes" the same without our frame, in which a course is relative to the
-target's bearing, so that an untrained policy heads for it; "ours_shared" with one network for all AUVs.
+"ours" is what `usvauv train` does, "ours_shared" the same with one network for all AUVs: both steer through an
+autopilot that makes even an untrained policy a good heuristic. "ours_target_frame" is shared and has no autopilot; its
+course is still relative to the target's bearing, so that an untrained policy heads for it. "ours_world_axes" has
+neither.
 Stable-Baselines3 learns one policy for all AUVs through the adapter of `examples/stable_baselines3_sac.py`:
 "sb3_defaults" in 4 worlds (8 environments) with all its defaults, "sb3_tuned" in as many worlds as ours and with our
 settings wherever it has them (batch, learning rate, n-step returns, sizes of networks, updates, exploration before
@@ -132,13 +134,12 @@ class Course:
 def train_ours(course: Course, config: policies.TrainingConfig) -> None:
     """Our trainer, from the first step to the end of the course."""
     trainer = policies.Trainer(World(Scenario.load(SCENARIO), config.num_worlds, config.seed), config)
-    policy = trainer.policy()
-    course.look(policy.act, 0, 0)
+    course.look(trainer.policy().act, 0, 0)
     over = False
 
     def look(figures: dict[str, Any]) -> None:
         nonlocal over
-        over = course.look(policy.act, figures["updates"], figures["steps"])
+        over = course.look(trainer.policy().act, figures["updates"], figures["steps"])
         trainer.stopped = trainer.stopped or over
 
     trainer.train(sys.maxsize, look)
@@ -190,6 +191,7 @@ def contestants(algorithm: str) -> dict[str, Callable[[Course, int], None]]:
         for name, changes in (
             ("ours", {}),
             ("ours_shared", {"shared": True}),
+            ("ours_target_frame", {"shared": True, "frame": "target"}),
             ("ours_world_axes", {"frame": "world"}),
         )
     }

@@ -186,7 +186,9 @@ class Trainer:
         self.scale = self.config.reward_scale / max(float(rewards.abs().mean()), TINY)
         rewards.mul_(self.scale)
         stored = self.replay.observation[: self.replay.size]
-        self.whitening = Whitening.of(stored)
+        measured = Whitening.of(stored)
+        # In place: a policy that was taken from here before sees with the scales of now.
+        self.whitening.mean, self.whitening.deviation = measured.mean, measured.deviation
         stored.copy_(self.whitening(stored))
         return self.whitening(features)
 

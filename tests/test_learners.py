@@ -433,6 +433,15 @@ class TestScales:
         torch.testing.assert_close(learner.averaged.biases[0].data, expected)
 
 
+class TestPolicy:
+    def test_one_taken_before_learning_goes_on_with_the_trainer(self):
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), TOY)
+        early = trainer.policy()
+        trainer.train(32 * 60)
+        observation = ToyWorld(scenario(), 64, seed=7).reset()
+        assert torch.equal(early.act(observation), trainer.policy().act(observation))
+
+
 class TestSettings:
     def test_settings_can_be_changed_by_name(self):
         config = TrainingConfig().changed(["updates=4", "hidden=128,32", "renewal=false", "gamma=0.98", "frame=world"])
