@@ -134,7 +134,7 @@ class TestRefusal:
     def test_another_size(self, saved):
         _, last = saved
         self.refused(last, "number of AUVs 2, but scenario 'toy' has 3", scenario(auv={"count": 3}))
-        self.refused(last, "observation size 11", scenario(observation={"current": "none"}))
+        self.refused(last, "observed current vector", scenario(observation={"current": "none"}))
 
     def test_unwritable(self, tmp_path):
         (tmp_path / "file").write_text("")
@@ -167,6 +167,17 @@ class TestAtomicity:
         assert sorted(path.name for path in last.parent.iterdir()) == ["last", "tensorboard"]
 
 
+def stop_at(run, steps):
+    """Let a run be stopped, as by Ctrl-C, when it has done some steps."""
+    advance = run._advance
+
+    def advance_and_stop(*arguments):
+        advance(*arguments)
+        run.stopped = run.stopped or run.steps >= steps
+
+    run._advance = advance_and_stop
+
+
 class TestResume:
     @pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
     def test_it_equals_a_run_that_was_never_stopped(self, tmp_path, algorithm):
@@ -174,7 +185,8 @@ class TestResume:
         whole.train(2000)
         # Stopped within an episode: 50 steps of 8 worlds are 400 world-steps.
         first = trainer(tmp_path / "parts", algorithm=algorithm)
-        first.train(1048)
+        stop_at(first, 1048)
+        first.train(2000)
         second = trainer(tmp_path / "parts", world_seed=77, algorithm=algorithm)
         second.resume()
         assert second.steps == 1048
