@@ -45,7 +45,7 @@ EXPLAINED = """\
   neither trained nor tested in. It acts without exploration. Tests are paired: every method has the same worlds.
 - **Learning** differs from the demonstration's (networks of width 128, one update a step, learning rate 1e-3, γ 0.97,
   τ 1e-3, batch 64, a replay of 20000, exploration 0.8 falling to 0.1, one world): many worlds are stepped together,
-  returns are of n steps, and the network sees and commands in the target's frame.
+  returns are of n steps, and the network sees in the target's frame and steers through an autopilot (`frame`).
 - **Baseline [4]** is MAISAC: independent SAC with learned temperature, learning rate 3e-4, γ 0.99, τ 0.01. The current
   is in its energy, but it neither observes it (no Eq. 4) nor has Eq. 5 in the reward it learns from, and the boat is
   held at (100, 100), without Eq. 3. It is tested under the full reward, like all others; ARPS without Eq. 5 stands
