@@ -91,7 +91,7 @@ def test_keep_beats_those_who_never_stop():
 def test_policies_of_the_other_task_are_refused():
     assert policies.default(setting()) == "keep"
     with pytest.raises(PolicyError, match="made for task data-collection, but scenario 'station-keeping' has"):
-        policies.load(policies.trained()[0], Scenario.load("extreme", ["auv.count=2"])).check(setting("auv.count=2"))
+        policies.load("sac-extreme", Scenario.load("extreme")).check(setting("auv.count=2"))
 
 
 def test_a_formation_wider_than_the_area():
