@@ -1,5 +1,7 @@
 """What all tasks share: where a random draw is, how an AUV travels and what it observes."""
 
+import math
+
 import taichi as ti
 
 from kernels import airy, current, random, vehicle
@@ -16,6 +18,8 @@ from kernels.layout import (
     Parameter,
     vec2,
 )
+
+COSINE, SINE = math.cos(BEAM_ANGLE), math.sin(BEAM_ANGLE)
 
 
 @ti.func
@@ -133,10 +137,12 @@ def observe(
         if towards.norm() > 1e-9:
             bearing = towards.normalized()
         for point in range(PROFILE_POINTS):
-            turn = BEAM_ANGLE * (point % BEAMS - 1)
+            side = point % BEAMS - 1
             reach = BEAM_CELL * (point // BEAMS + 1)
-            there_x = true_x + reach * (ti.cos(turn) * bearing[0] - ti.sin(turn) * bearing[1])
-            there_y = true_y + reach * (ti.sin(turn) * bearing[0] + ti.cos(turn) * bearing[1])
+            cosine = ti.select(side == 0, 1.0, COSINE)
+            sine = side * SINE
+            there_x = true_x + reach * (cosine * bearing[0] - sine * bearing[1])
+            there_y = true_y + reach * (sine * bearing[0] + cosine * bearing[1])
             there = current.steady(
                 vortices, stream, Level.cruise, w, there_x, there_y, p[Parameter.width], p[Parameter.length]
             )
