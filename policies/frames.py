@@ -136,10 +136,14 @@ class TargetFrame:
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         auv = self.scenario.auv
+        speed = auv.speed_min + (auv.speed_max - auv.speed_min) * (action[..., 1] + 1.0) / 2.0
+        return command(self._course(observation, action), speed, self.scenario)
+
+    def _course(self, observation: Tensor, action: Tensor) -> Tensor:
+        """The course that a_0 commands, a unit vector in world axes, (..., 2)."""
         course = math.pi * action[..., 0]
         relative = torch.stack((torch.cos(course), torch.sin(course)), -1)
-        speed = auv.speed_min + (auv.speed_max - auv.speed_min) * (action[..., 1] + 1.0) / 2.0
-        return command(rotate(relative, unit(self.layout.target(observation))), speed, self.scenario)
+        return rotate(relative, unit(self.layout.target(observation)))
 
 
 class GuidedFrame(TargetFrame):
@@ -159,9 +163,7 @@ class GuidedFrame(TargetFrame):
         self.speed_to_fly = SpeedToFly(scenario)
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
-        course = math.pi * action[..., 0]
-        relative = torch.stack((torch.cos(course), torch.sin(course)), -1)
-        track = self._inside(observation, rotate(relative, unit(self.layout.target(observation))))
+        track = self._inside(observation, self._course(observation, action))
         current = self.layout.velocity(observation)
         speed = self.speed_to_fly(track, PRICE * torch.exp(PRICE_GAIN * action[..., 1]), current)
         return command(crab(track, speed, current), speed, self.scenario)
