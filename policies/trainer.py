@@ -161,8 +161,8 @@ class Trainer:
         step = pool.submit(world.step, self.frame.decode(self.observation, action))
         if learning:
             self.learner.slow_down(1.0 - (1.0 - config.final_rate) * self.steps / total)
+            gain = self.scale * self.gain
             for _ in range(config.updates):
-                gain = self.scale * self.gain
                 batch = self.replay.sample(config.batch, config.n_step, config.gamma, self.generator, gain)
                 self.meter.losses.append(self.learner.update(batch))
                 self.learner.average()
