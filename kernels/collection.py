@@ -2,20 +2,22 @@
 
 import taichi as ti
 
-from kernels import acoustics, random, regular_grid, task, vehicle
+from kernels import acoustics, arrivals, random, regular_grid, task, vehicle
 from kernels.layout import AuvColumn, BoatColumn, Draw, EstimateColumn, NodeColumn, Parameter, RewardTerm, vec2
 
 
 @ti.func
-def place_nodes(p: ti.template(), arrival_rates: ti.template(), node: ti.template(), key_low, key_high, w, episode):
+def place_nodes(p: ti.template(), kinds: ti.template(), node: ti.template(), key_low, key_high, w, episode):
     """Scatter the nodes of a new episode over the bed, with what has piled up in them."""
-    num_rates = arrival_rates.shape[0]
+    num_kinds = kinds.shape[0]
     for i in range(node.shape[1]):
         u = random.uniforms(task.address(p, w, episode, 0, Draw.node, i), key_low, key_high)
         margin = p[Parameter.node_margin]
         node[w, i, NodeColumn.x] = margin + u[0] * (p[Parameter.width] - 2 * margin)
         node[w, i, NodeColumn.y] = margin + u[1] * (p[Parameter.length] - 2 * margin)
-        node[w, i, NodeColumn.rate] = arrival_rates[ti.min(ti.cast(u[2] * num_rates, ti.i32), num_rates - 1)]
+        kind = ti.min(ti.cast(u[2] * num_kinds, ti.i32), num_kinds - 1)
+        node[w, i, NodeColumn.kind] = ti.cast(kind, ti.f32)
+        node[w, i, NodeColumn.rate] = kinds[kind, arrivals.RATE]
         node[w, i, NodeColumn.backlog] = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
 
 
@@ -104,27 +106,22 @@ def move(
 
 
 @ti.func
-def fill_nodes(p: ti.template(), node: ti.template(), boat: ti.template(), key_low, key_high, w, episode, now):
+def fill_nodes(
+    p: ti.template(), kinds: ti.template(), node: ti.template(), boat: ti.template(), key_low, key_high, w, episode, now
+):
     """Poisson arrivals at every node; count those whose full buffer lost packets."""
     overflowing = 0.0
-    words = random.float4(0.0, 0.0, 0.0, 0.0)
-    for i in range(node.shape[1]):
-        part = i % 4
-        if part == 0:
-            words = random.uniforms(task.address(p, w, episode, now, Draw.arrival, i // 4), key_low, key_high)
-        u = words[0]
-        if part == 1:
-            u = words[1]
-        elif part == 2:
-            u = words[2]
-        elif part == 3:
-            u = words[3]
-        mean = node[w, i, NodeColumn.rate] * p[Parameter.step]
-        backlog = node[w, i, NodeColumn.backlog] + random.poisson(mean, u)
-        if backlog > p[Parameter.buffer]:
-            backlog = p[Parameter.buffer]
-            overflowing += 1.0
-        node[w, i, NodeColumn.backlog] = backlog
+    for group in range((node.shape[1] + 3) // 4):
+        u = random.uniforms(task.address(p, w, episode, now, Draw.arrival, group), key_low, key_high)
+        for part in ti.static(range(4)):
+            i = 4 * group + part
+            if i < node.shape[1]:
+                kind = ti.cast(node[w, i, NodeColumn.kind], ti.i32)
+                backlog = node[w, i, NodeColumn.backlog] + arrivals.draw(kinds, kind, u[part])
+                if backlog > p[Parameter.buffer]:
+                    backlog = p[Parameter.buffer]
+                    overflowing += 1.0
+                node[w, i, NodeColumn.backlog] = backlog
     boat[w, BoatColumn.overflowing] = overflowing
 
 

@@ -1,6 +1,7 @@
 """Velocity of the water without the storm: vortices, the stream of real currents on a regular grid, and long waves.
 
-The stream is (levels, rows, columns, 2), m/s, see `kernels.regular_grid`; its levels are `kernels.layout.Level`.
+The stream is (levels, rows, columns, 2), m/s, see `kernels.regular_grid`; its levels are `kernels.layout.Level`. Of a
+single row there is none.
 """
 
 import taichi as ti
@@ -23,8 +24,9 @@ def steady(
 ) -> vec2:
     """Velocity (m/s) at (x, y) in world w of an area of the given size, without long waves."""
     V = vortex.current(vortices, w, x, y)
-    for axis in ti.static(range(2)):
-        V[axis] += regular_grid.sample(stream, level, axis, x, y, width, length)
+    if stream.shape[1] > 1:
+        for axis in ti.static(range(2)):
+            V[axis] += regular_grid.sample(stream, level, axis, x, y, width, length)
     return V
 
 

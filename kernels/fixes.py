@@ -7,6 +7,29 @@ from kernels.layout import AuvColumn, BoatColumn, Draw, EstimateColumn, Paramete
 from kernels.usbl import mat3, vec4
 
 
+@ti.dataclass
+class Posture:
+    """The array on its wave.
+
+    Attributes:
+        axes: of the array in the world's frame, see `usbl.array_axes`.
+        measured: the same as the attitude sensor has them.
+    """
+
+    axes: mat3
+    measured: mat3
+
+
+@ti.func
+def posture(p: ti.template(), boat: ti.template(), w, episode, now, key_low, key_high) -> Posture:
+    """How the array lies in this step, which is the same for all AUVs."""
+    slope = p[Parameter.tilt] * vec2(boat[w, BoatColumn.slope_x], boat[w, BoatColumn.slope_y])
+    angles = usbl.attitude(slope)
+    noise = random.normals(task.address(p, w, episode, now, Draw.attitude, 0), key_low, key_high)
+    error = p[Parameter.attitude_error] * vec2(noise[0], noise[1])
+    return Posture(axes=usbl.array_axes(angles), measured=usbl.array_axes(angles + error))
+
+
 @ti.func
 def hear(
     link: ti.template(),
@@ -54,8 +77,7 @@ def measure(
     options: ti.template(),
     offset: vec3,
     elevation,
-    slope: vec2,
-    tilt_error: vec2,
+    array: Posture,
     address: random.uint4,
     key_low,
     key_high,
@@ -64,8 +86,7 @@ def measure(
     """The offset (m) from boat to AUV k that a fix gives, and its flags.
 
     Args:
-        offset: the true one, m. elevation: of the sea under the boat, m. slope: of the sea there.
-        tilt_error: of the measured pitch and roll, rad. address: of the draws.
+        offset: the true one, m. elevation: of the sea under the boat, m. address: of the draws.
     """
     S = ti.max(offset.norm(), 1e-3)
     c = p[Parameter.sound_speed]
@@ -81,10 +102,8 @@ def measure(
             flags = usbl.NO_RAY
         if ti.static(options.refraction == Refraction.corrected):
             length = c / rays.sound_speed(layers, -elevation)
-    angles = usbl.attitude(slope)
-    axes = usbl.array_axes(angles + tilt_error)
-    body = usbl.array_axes(angles) @ direction
-    found, measured, seen = hear(link, options, body, S, path, axes, length, address, key_low, key_high, k)
+    body = array.axes @ direction
+    found, measured, seen = hear(link, options, body, S, path, array.measured, length, address, key_low, key_high, k)
     place = measured * found
     if ti.static(options.refraction == Refraction.corrected):
         place = rays.follow(layers, -elevation, vec2(found[0], found[1]), measured, c)
@@ -101,6 +120,7 @@ def take(
     options: ti.template(),
     auv: ti.template(),
     boat: ti.template(),
+    array: Posture,
     estimate: ti.template(),
     track: ti.template(),
     episode,
@@ -124,12 +144,9 @@ def take(
     here -= p[Parameter.latency] / p[Parameter.step] * vec2(boat[w, BoatColumn.moved_x], boat[w, BoatColumn.moved_y])
     then = there - age / p[Parameter.step] * vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
     offset = vec3(then[0] - here[0], then[1] - here[1], z)
-    slope = p[Parameter.tilt] * vec2(boat[w, BoatColumn.slope_x], boat[w, BoatColumn.slope_y])
-    tilt = random.normals(task.address(p, w, episode, now, Draw.attitude, 0), key_low, key_high)
-    tilt_error = p[Parameter.attitude_error] * vec2(tilt[0], tilt[1])
     elevation = boat[w, BoatColumn.elevation]
     address = task.address(p, w, episode, now, Draw.fix, k)
-    found = measure(p, link, layers, options, offset, elevation, slope, tilt_error, address, key_low, key_high, k)
+    found = measure(p, link, layers, options, offset, elevation, array, address, key_low, key_high, k)
     flags = ti.cast(found[3], ti.i32)
     if p[Parameter.packet_loss] > 0.0:
         u = random.uniforms(task.address(p, w, episode, now, Draw.loss, k), key_low, key_high)
@@ -138,7 +155,7 @@ def take(
     # The covariance is the receiver's: of what it measured.
     measured = vec3(found[0], found[1], found[2])
     sigma = usbl.phase_deviation(link, k, measured.norm())
-    spread = usbl.horizontal_covariance(link, k, measured, slope, p[Parameter.attitude_error], sigma)
+    spread = usbl.horizontal_covariance(link, k, measured, array.axes, p[Parameter.attitude_error], sigma)
     fix = here + vec2(found[0], found[1])
     auv[w, k, AuvColumn.fix_x] = fix[0]
     auv[w, k, AuvColumn.fix_y] = fix[1]

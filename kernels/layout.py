@@ -5,7 +5,8 @@ Arrays (float32 unless said): W worlds, K AUVs, M nodes, V vortices.
     p        (P,)        numbers of the scenario            `Parameter`
     link     (K, C)      acoustic constants of each AUV     `usbl.link_table`
     auv      (W, K, A)   `AuvColumn`
-    node     (W, M, 4)   `NodeColumn`
+    kinds    (R, .)      kinds of node by their arrivals    see `kernels.arrivals`
+    node     (W, M, N)   `NodeColumn`
     vortex   (W, V, 4)   x0, y0, Γ, δ
     boat     (W, B)      `BoatColumn`
     estimate (W, K, E)   what the boat knows of each AUV    `EstimateColumn`
@@ -113,7 +114,7 @@ AuvColumn = _columns(
     "position_error",
 )
 EstimateColumn = _columns("x", "y", "separation", "covariance_xx", "covariance_xy", "covariance_yy")
-NodeColumn = _columns("x", "y", "rate", "backlog")
+NodeColumn = _columns("x", "y", "rate", "backlog", "kind")
 BoatColumn = _columns(
     "x",
     "y",

@@ -71,6 +71,7 @@ def reward(
 def step(
     options: ti.template(),
     p: array1,
+    kinds: array2,
     link: array2,
     layers: array2,
     key_low: ti.u32,
@@ -115,10 +116,13 @@ def step(
         usv.plan(p, link, options, boat, estimate, track, w)
         usv.move(p, boat, w)
         usv.ride(p, boat, eta, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices, w)
+        array = fixes.posture(p, boat, w, episode, now, key_low, key_high)
         for k in range(num_auvs):
-            fixes.take(p, link, layers, options, auv, boat, estimate, track, episode, now, key_low, key_high, w, k)
+            fixes.take(
+                p, link, layers, options, auv, boat, array, estimate, track, episode, now, key_low, key_high, w, k
+            )
         if ti.static(options.task == Task.collection):
-            collection.fill_nodes(p, node, boat, key_low, key_high, w, episode, now)
+            collection.fill_nodes(p, kinds, node, boat, key_low, key_high, w, episode, now)
         boat[w, BoatColumn.collisions] = 0.0
         for k in range(num_auvs):
             reward(p, auv, boat, estimate, reward_terms, total, w, k)

@@ -62,17 +62,3 @@ def normals(address: uint4, key_low: ti.u32, key_high: ti.u32) -> float4:
     a = gaussian_pair(u[0], u[1])
     b = gaussian_pair(u[2], u[3])
     return float4(a[0], a[1], b[0], b[1])
-
-
-@ti.func
-def poisson(mean: ti.f32, u: ti.f32) -> ti.f32:
-    """A Poisson number by inversion of its distribution function at the uniform number u; for means up to about 40."""
-    probability = ti.exp(-mean)
-    below = probability
-    count = 0.0
-    # Rounding can keep the sum below the largest u for ever; the tail ends where its terms no longer count.
-    while u > below and (count < mean or probability > 1e-9):
-        count += 1.0
-        probability *= mean / count
-        below += probability
-    return count

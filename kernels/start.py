@@ -28,7 +28,7 @@ START_ATTEMPTS = 256
 def begin_episodes(
     options: ti.template(),
     p: array1,
-    arrival_rates: array1,
+    kinds: array2,
     link: array2,
     layers: array2,
     fixed_vortex: array2,
@@ -65,7 +65,7 @@ def begin_episodes(
             clock[w, 0] = episode
             clock[w, 1] = 0
             if ti.static(options.task == Task.collection):
-                collection.place_nodes(p, arrival_rates, node, key_low, key_high, w, episode)
+                collection.place_nodes(p, kinds, node, key_low, key_high, w, episode)
             else:
                 station_keeping.place_stations(p, node, key_low, key_high, w, episode)
             for v in range(vortices.shape[1]):
@@ -121,8 +121,11 @@ def begin_episodes(
             boat[w, BoatColumn.x] = boat[w, BoatColumn.goal_x]
             boat[w, BoatColumn.y] = boat[w, BoatColumn.goal_y]
             usv.ride(p, boat, eta, U, V, unit_x, unit_y, wave, stream, bed, lane, cells_x, cells_y, vortices, w)
+            array = fixes.posture(p, boat, w, episode, 0, key_low, key_high)
             for k in range(auv.shape[1]):
-                fixes.take(p, link, layers, options, auv, boat, estimate, track, episode, 0, key_low, key_high, w, k)
+                fixes.take(
+                    p, link, layers, options, auv, boat, array, estimate, track, episode, 0, key_low, key_high, w, k
+                )
             for k in range(auv.shape[1]):
                 if ti.static(options.task == Task.collection):
                     collection.choose_target(p, auv, node, estimate, w, k)

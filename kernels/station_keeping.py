@@ -17,6 +17,7 @@ def place_stations(p: ti.template(), node: ti.template(), key_low, key_high, w, 
         angle = TWO_PI * (u[0] + i / count)
         node[w, i, NodeColumn.x] = 0.5 * p[Parameter.width] + p[Parameter.formation_radius] * ti.cos(angle)
         node[w, i, NodeColumn.y] = 0.5 * p[Parameter.length] + p[Parameter.formation_radius] * ti.sin(angle)
+        node[w, i, NodeColumn.kind] = 0.0
         node[w, i, NodeColumn.rate] = 0.0
         node[w, i, NodeColumn.backlog] = 0.0
 

@@ -86,7 +86,8 @@ def covariance(link: ti.template(), k, measurement, offset: vec3, slope: vec2) -
         C = packed(root @ phase_noise(link, k, offset, slope) @ root.transpose())
     else:
         sigma = usbl.phase_deviation(link, k, offset.norm())
-        C = usbl.horizontal_covariance(link, k, offset, slope, ti.sqrt(link[k, usbl.ATTITUDE]), sigma)
+        axes = usbl.array_axes(usbl.attitude(slope))
+        C = usbl.horizontal_covariance(link, k, offset, axes, ti.sqrt(link[k, usbl.ATTITUDE]), sigma)
     return C
 
 

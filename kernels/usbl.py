@@ -264,15 +264,15 @@ def fix(
 
 @ti.func
 def horizontal_covariance(
-    link: ti.template(), k: ti.i32, offset: vec3, slope: vec2, attitude_error: ti.f32, sigma: ti.f32
+    link: ti.template(), k: ti.i32, offset: vec3, axes: mat3, attitude_error: ti.f32, sigma: ti.f32
 ) -> vec3:
     """Covariance (xx, xy, yy) in m² of the horizontal part of a fix, to first order in the noise.
 
     For a level array it is S²σ²/κ² I + σ_S² d dᵀ/S² + ε² z² I with the horizontal offset d, the standard deviations
-    σ_S of the range and ε of the attitude. Arguments as `fix`; a level array must not have the AUV at its own height.
+    σ_S of the range and ε of the attitude. `axes` are the array's, other arguments as for `fix`; a level array must not
+    have the AUV at its own height.
     """
     S = ti.max(offset.norm(), 1e-3)
-    axes = array_axes(attitude(slope))
     body = axes @ offset
     # Where the array is tilted, an error of x' moves z' = −√(S² − x'² − y'²), which leaks into the horizontal.
     depth = ti.min(body[2], -1e-3 * S)
@@ -315,7 +315,7 @@ def _fixes(
         if noise.shape[1] > 5:
             signal[3] = noise[i, 5]
         f = fix(link, k, r, s, attitude_error, signal, vec2(noise[i, 3], noise[i, 4]))
-        C = horizontal_covariance(link, k, r, s, attitude_error, f[3])
+        C = horizontal_covariance(link, k, r, array_axes(attitude(s)), attitude_error, f[3])
         for j in ti.static(range(4)):
             estimate[i, j] = f[j]
         for j in ti.static(range(3)):

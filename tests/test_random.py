@@ -46,12 +46,6 @@ def _unit(word: ti.types.ndarray(dtype=ti.i64, ndim=1), out: ti.types.ndarray(dt
         out[i] = random.unit(ti.cast(word[i], ti.u32))
 
 
-@ti.kernel
-def _poisson(mean: ti.f32, u: ti.types.ndarray(dtype=ti.f32, ndim=1), out: ti.types.ndarray(dtype=ti.f32, ndim=1)):
-    for i in range(u.shape[0]):
-        out[i] = random.poisson(mean, u[i])
-
-
 def draw(device, n, normal=False, first=0, seed=1):
     out = torch.empty((n, 4), dtype=torch.float32, device=device)
     _draw(out, first, seed, int(normal))
@@ -103,31 +97,6 @@ class TestDistribution:
         z = draw(device, self.n, normal=True).ravel()
         for lag in (1, 2, 4, 8):
             assert abs(np.mean(z[lag:] * z[:-lag])) < 5 / np.sqrt(z.size)
-
-    @pytest.mark.parametrize("mean", [0.3, 3.0, 12.0, 40.0])
-    def test_poisson(self, device, mean):
-        u = torch.from_numpy(draw(device, self.n).ravel()).to(device)
-        out = torch.empty_like(u)
-        _poisson(mean, u, out)
-        count = np.bincount(out.cpu().numpy().astype(int))
-        expected = u.numel() * stats.poisson.pmf(np.arange(count.size), mean)
-        enough = expected > 10
-        chi2 = np.sum((count - expected)[enough] ** 2 / expected[enough])
-        assert stats.chi2.sf(chi2, enough.sum()) > 1e-3
-
-    @pytest.mark.parametrize("mean", [0.3, 3.0, 8.0, 12.0, 20.0, 40.0])
-    def test_poisson_tail_ends(self, device, mean):
-        """Rounding can keep the summed distribution below the largest u; the count must stay a plausible one."""
-        u = 1 - torch.arange(1, 200, 2, dtype=torch.float64) * 2**-24
-        u = u.to(torch.float32).to(device)
-        out = torch.empty_like(u)
-        _poisson(mean, u, out)
-        assert out.max().item() <= stats.poisson.isf(1e-10, mean)
-
-    def test_poisson_of_nothing(self, device):
-        out = torch.full((2,), -1.0, device=device)
-        _poisson(0.0, torch.tensor([0.1, 1 - 2**-24], device=device), out)
-        assert out.tolist() == [0, 0]
 
 
 class TestAddress:

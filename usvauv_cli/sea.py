@@ -124,7 +124,7 @@ class CurrentStreaks:
         jitter = np.random.default_rng(1).uniform(-0.5, 0.5, (up, across, 2))
         grid = np.stack(np.meshgrid(np.arange(across), np.arange(up)), axis=-1)
         self._seeds = ((grid + 0.5 + 0.9 * jitter) / (across, up) * (width, length)).reshape(-1, 2)
-        self._stream = stream if stream.size else np.zeros((2, 2, 2))
+        self._stream = stream if stream.size else np.zeros((1, 1, 2))
         self._size, self._view = (width, length), view
         self._vortex = vortex
         moved = self._follow(1.0, 1)

@@ -86,7 +86,7 @@ class Scenario(Section):
         for field, speed in self.reference:
             if field.endswith("_speed") and not self.auv.speed_min <= speed <= self.auv.speed_max:
                 raise ValueError(f"reference.{field} must lie between auv.speed_min and auv.speed_max")
-        if self.mission.step * max(self.nodes.arrival_rates) > 80:  # the sampler's exp(−mean) must not underflow
+        if self.mission.step * max(self.nodes.arrival_rates) > 80:  # keeps the table of arrivals small
             raise ValueError("nodes.arrival_rates times mission.step must not be above 80 packets")
         if self.task == "station-keeping" and 2 * self.stations.radius > smaller:
             raise ValueError(f"stations.radius must not be above half the area's smaller side, {smaller / 2:g}")

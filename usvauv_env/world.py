@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from kernels import current, mission, runtime, start, tracker, vortex
+from kernels import arrivals, current, mission, runtime, start, tracker, vortex
 from kernels.launch import Launch
-from kernels.layout import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn, RewardTerm
+from kernels.layout import MEASURES, AuvColumn, BoatColumn, EstimateColumn, Level, NodeColumn, RewardTerm
 from usvauv_env.parameters import (
     CURRENT_COMPONENTS,
     UsvStrategy,
@@ -126,11 +126,11 @@ class World:
         self._options = options(scenario, self.strategy)._replace(serial=runtime.better_alone(num_worlds))
         self._link = self._upload(link_table(scenario))
         self._layers = self._upload(sound_layers(scenario))
-        self._arrival_rates = self._upload(np.array(scenario.nodes.arrival_rates, np.float32))
+        self._arrivals = self._upload(arrivals.table(scenario.nodes.arrival_rates, scenario.mission.step))
         self._fixed_vortex = self._upload(fixed_vortices(scenario))
         self._bed = self._upload(bed(scenario))
         self._flow = real_current(scenario)
-        self._stream = array(2, 2, 2, 2) if self._flow is None else self._upload(self._flow.at(0.0))
+        self._stream = array(len(Level.names), 1, 1, 2) if self._flow is None else self._upload(self._flow.at(0.0))
         self._evolve_vortices = None
         eddies = scenario.current
         if eddies.viscosity > 0 or eddies.mutual:
@@ -152,7 +152,7 @@ class World:
             start.begin_episodes(
                 self._options,
                 self._parameters,
-                self._arrival_rates,
+                self._arrivals,
                 self._link,
                 self._layers,
                 self._fixed_vortex,
@@ -281,6 +281,7 @@ class World:
             mission.step,
             self._options,
             self._parameters,
+            self._arrivals,
             self._link,
             self._layers,
             *self._key,
