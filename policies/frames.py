@@ -20,7 +20,7 @@ from usvauv_env.scenario import Scenario
 
 ACTION_SIZE = 2
 FENCE = 4.0  # m, more than a step at full speed
-PRICE, PRICE_GAIN = 30.0, 4.0  # W; half a watt to more than a kilowatt covers all speeds
+PRICE, PRICE_GAIN = 30.0, 4.0  # W; half a watt to more than a kilowatt covers all speeds in any current
 
 
 @dataclass(frozen=True)
@@ -152,8 +152,9 @@ class GuidedFrame(TargetFrame):
     a_0 is the course over ground, π a_0 left of the target's bearing, held against the current by `crab`; a_1 the price
     of time, `PRICE` e^(4 a_1) W, from which `SpeedToFly` makes the speed through the water. A constant action is then a
     sensible controller in any current, and learning is left with what that one lacks: keeping clear of others, and
-    choosing the way. Where the current's components are not observed, still water is assumed. Within `FENCE` of the
-    border a course that leads out is turned along it.
+    choosing the way. Where the current's components are not observed, still water is assumed, in which the lowest speed
+    answers all small prices; the middle is then the largest of these, or exploring around it would change nothing.
+    Within `FENCE` of the border a course that leads out is turned along it.
     """
 
     name = "guided"
@@ -161,11 +162,12 @@ class GuidedFrame(TargetFrame):
     def __init__(self, scenario: Scenario):
         super().__init__(scenario)
         self.speed_to_fly = SpeedToFly(scenario)
+        self.price = PRICE if self.layout.current >= 3 else self.speed_to_fly.free_price()
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         track = self._inside(observation, self._course(observation, action))
         current = self.layout.velocity(observation)
-        speed = self.speed_to_fly(track, PRICE * torch.exp(PRICE_GAIN * action[..., 1]), current)
+        speed = self.speed_to_fly(track, self.price * torch.exp(PRICE_GAIN * action[..., 1]), current)
         return command(crab(track, speed, current), speed, self.scenario)
 
     def _inside(self, observation: Tensor, track: Tensor) -> Tensor:

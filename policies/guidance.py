@@ -73,6 +73,14 @@ class SpeedToFly:
         self.speeds = torch.linspace(auv.speed_min, auv.speed_max, SPEEDS)
         self.power = torch.tensor([travelling_power(speed) for speed in self.speeds.tolist()])
 
+    def free_price(self) -> float:
+        """The price of time up to which the lowest speed is the best in still water, W; 0 where there is no other."""
+        lowest, higher = self.speeds[:2].tolist()
+        power_lowest, power_higher = self.power[:2].tolist()
+        if higher == lowest:
+            return 0.0
+        return max((power_higher * lowest - power_lowest * higher) / (higher - lowest), 0.0)
+
     def __call__(self, track: Tensor, price: Tensor, current: Tensor) -> Tensor:
         """Speeds (...), m/s, for tracks (unit vectors, (..., 2)), prices (...), W, and currents (..., 2), m/s."""
         speeds, power = self.speeds.to(track), self.power.to(track)

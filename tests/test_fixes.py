@@ -86,6 +86,29 @@ class TestLate:
         assert error[0] < 1.3 * error[2]
 
 
+class TestAttitude:
+    def errors(self, *settings):
+        """Fix minus place (T, W, K, 2) without noise or delay, and the vertical separation (T, W, 1), m."""
+        trace = voyage(["acoustics.source_level=230", "usbl.propagation=false", *settings])
+        separation = trace.scenario.auv.depth + column(trace, "boat_surface")[:, :, :1]
+        return (column(trace, "estimate") - column(trace, "auv_position"))[1:], separation[1:]
+
+    def test_a_known_tilt_leaves_no_error(self):
+        error, _ = self.errors("usbl.tilt=true", "usbl.attitude_error=0")
+        assert np.abs(error).max() < 0.02
+
+    def test_what_is_left_of_it_turns_the_array_and_all_fixes_with_it(self):
+        """A small turn by ε moves what lies z below by ε z, each axis alike, whatever its horizontal offset."""
+        error, separation = self.errors("usbl.tilt=false", "usbl.attitude_error=0.01")
+        assert np.abs(error[:, :, 0] - error[:, :, 1]).max() < 0.1
+        angle = error[:, :, 0] / separation
+        count = angle[..., 0].size
+        for axis in range(2):
+            assert angle[..., axis].std() == pytest.approx(0.01, rel=5 / math.sqrt(2 * count))
+            assert abs(angle[..., axis].mean()) < 5 * 0.01 / math.sqrt(count)
+        assert abs(np.corrcoef(angle.reshape(-1, 2).T)[0, 1]) < 5 / math.sqrt(count)
+
+
 class TestLost:
     def test_the_share_and_what_is_left(self):
         trace = voyage(["usbl.packet_loss=0.3"], worlds=64)

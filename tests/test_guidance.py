@@ -11,8 +11,9 @@ from scipy.optimize import minimize_scalar
 
 import policies
 from policies.frames import FENCE, PRICE, GuidedFrame
-from policies.guidance import SpeedToFly, crab, unit
+from policies.guidance import SPEEDS, SpeedToFly, crab, unit
 from tests.toy import ToyWorld, scenario
+from usvauv_env import Scenario
 
 
 def directions(count, seed=0):
@@ -83,6 +84,23 @@ class TestGuidedFrame:
         action = GuidedFrame(toy).decode(observation, torch.zeros(64, 2, 2))
         assert inside.sum() > 100
         torch.testing.assert_close(action[inside], pace.act(observation)[inside])
+
+    def test_without_a_current_the_middle_is_where_speeds_begin_to_differ(self):
+        """In still water the lowest speed is the best up to the price V P′(V) − P(V), by a difference in the test."""
+        calm = Scenario.load("paper-ideal")
+        frame, lowest = GuidedFrame(calm), calm.auv.speed_min
+        step = (calm.auv.speed_max - lowest) / (SPEEDS - 1)
+        slow, fast = power(lowest), power(lowest + step)
+        assert frame.price == pytest.approx(lowest * (fast - slow) / step - slow, rel=1e-5)
+        observation = torch.zeros(1, 2, frame.layout.size)
+        observation[..., 2], observation[..., 4:6] = 0.2, 0.3  # a target in the east, and amid the area
+        speeds = [
+            float(frame.decode(observation, torch.tensor([0.0, a1]).expand(1, 2, 2))[0, 0].norm()) * calm.auv.speed_max
+            for a1 in (-1.0, -0.01, 0.1, 0.5)
+        ]
+        assert speeds[0] == pytest.approx(lowest)
+        assert speeds[1] == pytest.approx(lowest)
+        assert lowest + 0.5 * step < speeds[2] < speeds[3]
 
     @pytest.mark.parametrize(("side", "course"), [("west", 1.0), ("west", 0.6), ("north", -0.5)])
     def test_a_course_that_leads_out_is_turned_along_the_border(self, side, course):

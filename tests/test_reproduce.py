@@ -116,7 +116,7 @@ class TestSettings:
     def test_the_full_one_has_five_seeds(self):
         assert len(set(FULL.seeds)) >= 5
         assert QUICK.steps * len(QUICK.seeds) < 0.1 * FULL.steps * len(FULL.seeds)
-        assert {method.key for method in FULL.methods} == {"ddpg", "sac", "td3", "baseline"}
+        assert {method.key for method in FULL.methods} == {"ddpg", "sac", "td3", "baseline", "data"}
 
     def test_baseline_is_maisac(self):
         baseline = FULL.method("baseline")

@@ -12,7 +12,7 @@ from usvauv_cli import style
 from usvauv_cli.plan_figure import CARD, MUTED, TEXT, web
 
 PLOT, LINE = web(style.CARD), web(style.LINE)
-METHOD_COLOURS = {"ddpg": "#ffb020", "sac": "#7df9ff", "td3": "#ff6fcf", "baseline": "#c9f26b"}
+METHOD_COLOURS = {"ddpg": "#ffb020", "sac": "#7df9ff", "td3": "#ff6fcf", "baseline": "#c9f26b", "data": "#4f9bd9"}
 HEURISTIC_COLOUR = MUTED
 NAMES = {"sdr": "Sum data rate (SDR), Mbit/s", "ec": "Energy consumption (EC), W", "arps": "Reward per step (ARPS)"}
 

@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from kernels.vehicle import travelling_power
 from usvauv_cli.judge import EVALUATION_SEED_OFFSET
 from usvauv_cli.reproduction import conventions, fig3, fig4a, fig4b, paper, table2
 from usvauv_cli.reproduction.fixes import BOUND
@@ -51,7 +52,7 @@ def picture(name: str, about: str) -> str:
     return f"![{about}]({RESULTS}/{name}.png)\n\nAs [PDF]({RESULTS}/{name}.pdf), as [CSV]({RESULTS}/{name}.csv)."
 
 
-def table2_section(rows: Sequence[table2.Row]) -> str:
+def table2_section(rows: Sequence[table2.Row], settings: Settings) -> str:
     """Table 2: its rows beside ours, all tests, the heuristics."""
     own = [row for row in rows if row.trained_in == "ISC" and row.printed]
     head = [f"{name.upper()}{whose}" for name in paper.FIGURES for whose in (", paper", ", here")]
@@ -71,12 +72,41 @@ def table2_section(rows: Sequence[table2.Row]) -> str:
         f"Of these {len(own)} rows, {above['sdr']} have a higher SDR than the paper's row and {above['arps']} a higher"
         f" ARPS; {frugal} have an EC of at most {number(LOWEST_EC * (1 + NEAR), 1)} W, which is {100 * NEAR:g} % above"
         " the paper's lowest.",
+        _room(rows, settings),
+        _weighted(rows),
         picture(table2.NAME, "SDR, EC and ARPS of every method, ours and the paper's"),
         f"All tests, mean ± standard deviation over {rows[0].episodes} episodes; the last column is the number of runs"
         " whose best policy was that before the first update:",
         table(all_head, (_all_cells(row) for row in rows)),
     ]
     return "\n\n".join(parts)
+
+
+def _room(rows: Sequence[table2.Row], settings: Settings) -> str:
+    """How many services the lowest EC leaves room for, by what they cost `straight`."""
+    straight = next(row for row in rows if row.title == "`straight`" and row.tested_in == "ISC")
+    speed = settings.scenario(paper.CONDITIONS["ISC"]).auv.speed_min
+    travelling, limit = travelling_power(speed), LOWEST_EC * (1 + NEAR)
+    mean = straight.mean
+    share = (limit - travelling) / (mean["ec"] - travelling)
+    return (
+        f"Travelling at the lowest speed, {speed:g} m/s, takes {number(travelling, 1)} W; the rest of EC is hovering,"
+        f" which each service needs: `straight` in ISC has {number(mean['services'], 1)} services at"
+        f" {number(mean['ec'], 1)} W. At that price {number(limit, 1)} W leave room for"
+        f" {number(share * mean['services'], 1)} services, an SDR of {number(share * mean['sdr'])}; whoever serves more"
+        " has a higher EC."
+    )
+
+
+def _weighted(rows: Sequence[table2.Row]) -> str:
+    """The method that learned from other weights, beside the paper's SAC."""
+    row = next(row for row in rows if row.key == "data" and (row.trained_in, row.tested_in) == ("ISC", "ISC"))
+    sdr, ec = (paper.printed("sac", "ISC")[name][0] for name in ("sdr", "ec"))
+    return (
+        f"**{row.title}** learns from a reward with other weights and is tested like the others: an SDR of"
+        f" {number(row.mean['sdr'])} at {number(row.mean['ec'], 1)} W, where the paper's SAC (ISC) has {number(sdr)} at"
+        f" {number(ec, 1)} W."
+    )
 
 
 def _all_cells(row: table2.Row) -> list[str]:

@@ -57,6 +57,19 @@ METHODS = (
         learning=("observation.current=none", "reward.collaboration=0"),
         testing=("observation.current=none",),
     ),
+    # Another point of the front of data and energy: near the EC of the paper's SAC.
+    Method(
+        "data",
+        "TD3, weighted for data",
+        TrainingConfig(algorithm="td3", shared=True),
+        learning=(
+            "reward.distance_form=progress",
+            "reward.service_terminates=false",
+            "reward.service=30",
+            "reward.power=-0.004",
+            "reward.proximity=-0.3",
+        ),
+    ),
 )
 
 

@@ -90,7 +90,7 @@ def make(names: Sequence[str], wanted: Settings, folder: Path) -> list[str]:
     results = folder / page.RESULTS
     results.mkdir(exist_ok=True)
     makers = {
-        "table2": lambda: page.table2_section(table2.make(wanted, folder, results)),
+        "table2": lambda: page.table2_section(table2.make(wanted, folder, results), wanted),
         "fig3": lambda: page.fig3_section(fig3.make(wanted, folder, results), wanted),
         "fig4a": lambda: page.fig4a_section(fig4a.make(wanted, folder, results)),
         "fig4b": lambda: page.fig4b_section(fig4b.make(folder, results), wanted),
