@@ -6,6 +6,8 @@ from kernels import random, rays, task, tracker, usbl, waveform
 from kernels.layout import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Refraction, vec2, vec3
 from kernels.usbl import mat3, vec4
 
+DEPLOYED = 1e-4  # variance of the place where an AUV is put, m²
+
 
 @ti.dataclass
 class Posture:
@@ -181,9 +183,6 @@ def take(
     estimate[w, k, EstimateColumn.separation] = -z
     error = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y]) - there
     auv[w, k, AuvColumn.position_error] = error.norm()
-
-
-DEPLOYED = 1e-4  # variance of the place where an AUV is put, m²
 
 
 @ti.func

@@ -5,11 +5,29 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from policies import TrainingConfig
 from policies.frames import Layout
 from usvauv_env.scenario import Scenario
 
 # Small networks on one core: a second thread only waits for the first.
 torch.set_num_threads(1)
+
+LEARNING = TrainingConfig(
+    num_worlds=32,
+    frame="target",
+    hidden=(64, 64),
+    batch=256,
+    warmup=1600,
+    gamma=0.95,
+    n_step=3,
+    tau=0.05,
+    reward_scale=0.2,
+    replay=100_000,
+)
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
 
 
 def scenario(**changes) -> Scenario:
