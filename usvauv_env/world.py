@@ -277,27 +277,28 @@ class World:
         self._lane = lane.to(self.device, torch.int32)
         water = (self.sea.eta, *self.sea.transports, *self.sea.units, self.storm.wave, self._stream, self._bed)
         self._sea_arguments = (*water, self._lane, self.sea.nx, self.sea.ny)
-        self._step = Launch(
-            mission.step,
-            self._options,
-            self._parameters,
-            self._arrivals,
-            self._link,
-            self._layers,
-            *self._key,
-            *self._sea_arguments,
-            self._action,
-            self._clock,
-            self.auv,
-            self.node,
-            self.vortex,
-            self.boat,
-            self.estimate,
-            self.track,
-            self.observation,
-            self.reward_terms,
-            self.reward,
-        )
+        with runtime.compiled_quickly():
+            self._step = Launch(
+                mission.step,
+                self._options,
+                self._parameters,
+                self._arrivals,
+                self._link,
+                self._layers,
+                *self._key,
+                *self._sea_arguments,
+                self._action,
+                self._clock,
+                self.auv,
+                self.node,
+                self.vortex,
+                self.boat,
+                self.estimate,
+                self.track,
+                self.observation,
+                self.reward_terms,
+                self.reward,
+            )
         self._steps_since_sea = 0
         self._sea_episode = episode
         self._set_clock()
