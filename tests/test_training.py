@@ -174,6 +174,23 @@ class TestScales:
         torch.testing.assert_close(before, torch.tensor(0.2), rtol=1e-4, atol=0)
         assert runs[1].scale == pytest.approx(2 * runs[0].scale)
 
+    def test_the_unit_of_rewards_changes_nothing(self):
+        """A power of two, so that not even rounding differs; the gain is subtracted in the same unit."""
+
+        class Dear(ToyWorld):
+            def step(self, action):
+                observation, reward, *rest = super().step(action)
+                return observation, 8.0 * reward, *rest
+
+        config = dataclasses.replace(LEARNING, warmup=800)
+        runs = [Trainer(world(scenario(), 32, seed=1), config) for world in (ToyWorld, Dear)]
+        for trainer in runs:
+            trainer.train(32 * 60)
+        assert runs[0].gain != 0.0
+        assert runs[1].gain == pytest.approx(8.0 * runs[0].gain)
+        for one, other in zip(runs[0].learner.actor.parameters(), runs[1].learner.actor.parameters(), strict=True):
+            assert torch.equal(one, other)
+
     def test_the_learning_rate_falls_to_its_share(self):
         trainer = Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, final_rate=0.1, warmup=0))
         trainer.train(32 * 100)
