@@ -66,3 +66,26 @@ def test_a_strided_tensor_is_refused():
     x, *rest = arguments(runtime.start().device)
     with pytest.raises(ValueError, match="contiguous"):
         Launch(mix, False, x.T, *rest)
+
+
+@ti.func
+def wrong(x):
+    return x + nowhere_to_be_found  # noqa: F821
+
+
+@ti.kernel
+def call_wrong(x: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+    for i in range(x.shape[0]):
+        x[i] = wrong(x[i])
+
+
+def test_an_error_names_file_and_line():
+    """Although the runtime leaves out the extracts of the source that Taichi composes."""
+    device = runtime.start().device
+    line = call_wrong._primal.func.__code__.co_firstlineno + 3
+    with pytest.raises(ti.TaichiCompilationError) as caught:
+        call_wrong(torch.zeros(3, device=device))
+    message = str(caught.value)
+    assert f'File "{__file__}", line {line}, in call_wrong' in message
+    assert "in wrong" in message
+    assert "nowhere_to_be_found" in message
