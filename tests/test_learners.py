@@ -190,17 +190,17 @@ class TestLearners:
     def test_ddpg_target_is_the_bellman_target(self):
         learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
         batch = random_batch(1)
-        value = learner.critic(batch.observation, batch.action)[0]
-        future = learner.target_critic(batch.next_observation, learner.target_actor(batch.next_observation))[0]
+        value = learner.critics(batch.observation, batch.action)[0]
+        future = learner.target_critics(batch.next_observation, learner.target_actor(batch.next_observation))[0]
         expected = (value - batch.reward - 0.9 * future).square().mean()
         assert float(learner.update(batch)["critic_loss"]) == pytest.approx(float(expected.detach()), rel=1e-5)
 
     def test_targets_follow_by_tau(self):
         learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
-        before = [value.clone() for value in learner.target_critic.parameters()]
+        before = [value.clone() for value in learner.target_critics.parameters()]
         learner.update(random_batch(1))
         for old, new, network in zip(
-            before, learner.target_critic.parameters(), learner.critic.parameters(), strict=True
+            before, learner.target_critics.parameters(), learner.critics.parameters(), strict=True
         ):
             torch.testing.assert_close(new.data, old + LEARNING.tau * (network.data - old))
 
