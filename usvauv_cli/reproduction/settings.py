@@ -60,7 +60,7 @@ METHODS = (
     # Another point of the front of data and energy: near the EC of the paper's SAC.
     Method(
         "data",
-        "TD3, weighted for data",
+        "TD3 for data",
         TrainingConfig(algorithm="td3", shared=True),
         learning=(
             "reward.distance_form=progress",
