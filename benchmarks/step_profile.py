@@ -29,7 +29,7 @@ WITHOUT = {
     "28 of 30 nodes": ("fim", ("nodes.count=2",)),
 }
 COLOURS = ("#33658a", "#5c8001", "#7b3294", "#e0a800", "#9ecae1", "#bbbbbb")
-ROUNDS = 7
+ROUNDS = 15
 
 
 def seconds(world: World, work, repeats: int) -> float:
