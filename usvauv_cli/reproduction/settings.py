@@ -60,13 +60,13 @@ METHODS = (
     # Another point of the front of data and energy: near the EC of the paper's SAC.
     Method(
         "data",
-        "TD3 for data",
-        TrainingConfig(algorithm="td3", shared=True),
+        "SAC for data",
+        TrainingConfig(algorithm="sac", shared=True, updates=2),
         learning=(
             "reward.distance_form=progress",
             "reward.service_terminates=false",
             "reward.service=30",
-            "reward.power=-0.004",
+            "reward.power=-0.005",
             "reward.proximity=-0.3",
         ),
     ),
