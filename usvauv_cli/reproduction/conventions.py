@@ -50,8 +50,8 @@ EXPLAINED = """\
   is in its energy, but it neither observes it (no Eq. 4) nor has Eq. 5 in the reward it learns from, and the boat is
   held at (100, 100), without Eq. 3. It is tested under the full reward, like all others; ARPS without Eq. 5 stands
   beside.
-- **SAC for data** learns from the reward terms of our own scenarios with other weights, power at half its price
-  there; it shows another point between data and energy.
+- **SAC for data** learns from the reward terms of our own scenarios with other weights, power at four tenths of its
+  price there; it shows another point between data and energy.
 - **Heuristics** (`straight`, `crab`) travel at the constant speed recorded in the scenario.
 """
 

@@ -66,7 +66,7 @@ METHODS = (
             "reward.distance_form=progress",
             "reward.service_terminates=false",
             "reward.service=30",
-            "reward.power=-0.005",
+            "reward.power=-0.0043",
             "reward.proximity=-0.3",
         ),
     ),
