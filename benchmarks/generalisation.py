@@ -38,6 +38,7 @@ STRONG = ("current.circulation_min=260", "current.circulation_max=400")
 TESTED = {
     "ideal": ("ideal", (PROFILE,), "fim"),
     "extreme": ("extreme", (), "fim"),
+    "random currents": (*TRAINED["random currents"], "fim"),
     "currents stronger than seen": ("extreme", STRONG, "fim"),
     "1 AUV": ("extreme", ("auv.count=1",), "fim"),
     "3 AUVs": ("extreme", ("auv.count=3",), "fim"),
