@@ -84,7 +84,7 @@ def table2_section(rows: Sequence[table2.Row], settings: Settings) -> str:
 
 def _room(rows: Sequence[table2.Row], settings: Settings) -> str:
     """How many services the lowest EC leaves room for, by what they cost `straight`."""
-    straight = next(row for row in rows if row.title == "`straight`" and row.tested_in == "ISC")
+    straight = next(row for row in rows if row.key == "straight" and row.tested_in == "ISC")
     speed = settings.scenario(paper.CONDITIONS["ISC"]).auv.speed_min
     travelling, limit = travelling_power(speed), LOWEST_EC * (1 + NEAR)
     mean = straight.mean
