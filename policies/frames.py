@@ -49,6 +49,11 @@ class Layout:
     def size(self) -> int:
         return 2 * self.num_auvs + 4 + self.current
 
+    @property
+    def has_velocity(self) -> bool:
+        """Whether the current's components at the AUV are observed."""
+        return self.current >= CURRENT_COMPONENTS["vector"]
+
     def others(self, observation: Tensor) -> Tensor:
         """(..., K − 1, 2)"""
         return observation[..., : 2 * (self.num_auvs - 1)].unflatten(-1, (self.num_auvs - 1, 2))
@@ -63,7 +68,7 @@ class Layout:
 
     def velocity(self, observation: Tensor) -> Tensor:
         """Of the water at the AUV, (..., 2), m/s; zero where its components are not observed."""
-        if self.current < 3:
+        if not self.has_velocity:
             return torch.zeros_like(self.target(observation))
         first = 2 * self.num_auvs + 5
         return observation[..., first : first + 2]
@@ -118,7 +123,7 @@ class TargetFrame:
         if layout.current:
             current = rest[..., 4:] / self.scenario.auv.speed_max
             parts.append(current[..., :1])
-            if layout.current >= 3:
+            if layout.has_velocity:
                 arrows = current[..., 1:].unflatten(-1, (-1, 2))
                 parts.append(unrotate(arrows, bearing.unsqueeze(-2)).flatten(-2))
         return torch.cat(parts, -1)
@@ -162,7 +167,7 @@ class GuidedFrame(TargetFrame):
     def __init__(self, scenario: Scenario):
         super().__init__(scenario)
         self.speed_to_fly = SpeedToFly(scenario)
-        self.price = PRICE if self.layout.current >= 3 else self.speed_to_fly.free_price()
+        self.price = PRICE if self.layout.has_velocity else self.speed_to_fly.free_price()
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         track = self._inside(observation, self._course(observation, action))
