@@ -26,9 +26,6 @@ DONE, STEP, STEPS, FRICTION, EDGE_NOW, EDGE_NEXT = range(6)
 CLOCK = 6
 KEPT = 7  # vectors that a band keeps for each column: four slopes and three fluxes
 
-# On a CPU Taichi 1.7.4 gives a thread at least so many turns of a loop, whatever its `block_dim`: fewer run on one.
-TURNS = 512
-
 ENDLESS = 1e30
 INFINITY = float("inf")
 COURANT = 0.45  # depth stays positive below 1/2
@@ -125,27 +122,23 @@ def take_step(
 
     Friction acts half before and half after it (Strang); the halves of two steps are taken together.
     """
-    for turn in range(bands * TURNS):
-        if turn % TURNS == 0:
-            for i in range(begin(ny, turn // TURNS, bands), begin(ny, turn // TURNS + 1, bands)):
-                speeds[i] = fastest(state, bed, i, ny, W, dx, dy, g)
+    for i in range(ny):
+        speeds[i] = fastest(state, bed, i, ny, W, dx, dy, g)
     for _ in range(1):
         schedule(clock, speeds, tide, ny, start, interval)
     if ti.static(friction):
-        for turn in range(bands * TURNS):
-            if turn % TURNS == 0:
-                for i in range(begin(ny, turn // TURNS, bands), begin(ny, turn // TURNS + 1, bands)):
-                    rub(cells, bed_cells, i, ny, W, g, dry, drag, manning, clock[FRICTION])
+        for i in range(ny):
+            rub(cells, bed_cells, i, ny, W, g, dry, drag, manning, clock[FRICTION])
     for stage in ti.static(range(2)):
-        for turn in range(bands * TURNS):
-            if turn % TURNS == 0 and clock[STEP] > 0.0:
+        for i in range(ny + 4):
+            if clock[STEP] > 0.0:
                 level = ti.cast(clock[EDGE_NOW + stage], ti.f32)
-                for i in range(begin(ny + 4, turn // TURNS, bands), begin(ny + 4, turn // TURNS + 1, bands)):
-                    fill_ghosts(cells, bed_cells, halo, edges, stage, i, ny, W, g, dry, level)
-        for turn in range(bands * TURNS):
-            if turn % TURNS == 0 and clock[STEP] > 0.0:
+                fill_ghosts(cells, bed_cells, halo, edges, stage, i, ny, W, g, dry, level)
+        ti.loop_config(block_dim=1)
+        for band in range(bands):
+            if clock[STEP] > 0.0:
                 dt = ti.cast(clock[STEP], ti.f32)
-                march(state, bed, kept, stage, turn // TURNS, bands, ny, W, dt / dx, dt / dy, g, dry)
+                march(state, bed, kept, stage, band, bands, ny, W, dt / dx, dt / dy, g, dry)
 
 
 @ti.func

@@ -1,5 +1,6 @@
 """Shallow water forward–backward in time on a packed Arakawa C grid (layout: `kernels.c_grid`)."""
 
+import itertools
 import math
 
 import numpy as np
@@ -12,16 +13,18 @@ vectors = ti.types.ndarray(dtype=vector, ndim=1)
 integers = ti.types.ndarray(dtype=ti.i32, ndim=3)
 sides = ti.types.vector(4, ti.f32)  # west, east, south, north
 
-# Rough costs that decide how many substeps a launch marches: of a launch (s), of a cell and substep (s), and the bytes
-# of state that a wavefront may keep warm, half of a common second-level cache.
-LAUNCH, CELL, CACHE = 1e-4, 3e-10, 512 * 1024
-SHORTEST = 32  # rows of a band: fewer would mostly be copies
+# Rough costs that decide how a launch is cut, in s: of waking the threads, of a cell and substep, and of fetching a
+# cell from memory; and the bytes of state that a wavefront may keep warm, half of a common second-level cache.
+WAKE, CELL, FETCH, CACHE = 1e-4, 2e-10, 5e-10, 512 * 1024
 
 
 @ti.kernel
 def march(
-    state: vectors,
-    C: vectors,
+    eta: vectors,
+    U: vectors,
+    V: vectors,
+    Cx: vectors,
+    Cy: vectors,
     edge_elevation: vectors,
     resistance: vectors,
     kept: vectors,
@@ -55,14 +58,14 @@ def march(
     costs up to half the speed.
 
     Args:
-        state: η, U and V one after the other, each (blocks, rows, W), m.
-        C: (rows of coefficients, 2, W), Cx and Cy: g h (Δt/Δx)²/(1 + r Δt/2) at western and southern faces, where rows
-            that are equal may stand once.
+        eta, U, V: each (blocks, rows, W), m.
+        Cx, Cy: (rows of coefficients, W): g h (Δt/Δx)²/(1 + r Δt/2) at western and southern faces, where rows that are
+            equal may stand once.
         edge_elevation: (blocks, substeps of the interval), prescribed elevation, m.
         resistance: R of the faces south (W,) and north (W,), west (ny + 1,) and east (ny + 1,); anything if `radiating`
             is false.
         kept: Fx (W,), Gx (W,), Fy (ny + 1,) and Gy (ny + 1,); anything if `sponge` is false.
-        plan: (bands, 4, longest): for each row k of a band from south to north its place in `state`, the row it is a
+        plan: (bands, 4, longest): for each row k of a band from south to north its place in `eta`, the row it is a
             copy of (or its place), and its row of coefficients; last (number of rows, 1 if rows of a neighbour lie
             south, the same for north).
         share: E over the prescribed elevation on each side; negative for walls.
@@ -74,8 +77,7 @@ def march(
         serial: whether the calling thread does all tasks.
     """
     bands = plan.shape[0]
-    size = state.shape[0] // 3  # of one field
-    rows = size // (blocks * W)
+    rows = eta.shape[0] // (blocks * W)
     table = edge_elevation.shape[0] // blocks
     ny = 0
     if ti.static(radiating):
@@ -97,8 +99,9 @@ def march(
             source = (task // bands * rows + plan[band, 1, k]) * W
             if target != source:
                 for n in range(W):
-                    for field in ti.static(range(3)):
-                        state[target + n + field * size] = state[source + n + field * size]
+                    eta[target + n] = eta[source + n]
+                    U[target + n] = U[source + n]
+                    V[target + n] = V[source + n]
     ti.loop_config(block_dim=1, serialize=serial)
     for task in range(blocks * bands):
         band = task % bands
@@ -120,45 +123,47 @@ def march(
                         n = north + W - 1
                         outside = share[0] * prescribed
                         if ti.static(radiating):
-                            outside = outside - resistance[2 * W + row] * from_lane_above(state[north + size], strips)
-                        state[n] = west_lanes * outside + (1.0 - west_lanes) * state[n]
+                            outside = outside - resistance[2 * W + row] * from_lane_above(U[north], strips)
+                        eta[n] = west_lanes * outside + (1.0 - west_lanes) * eta[n]
                     if share[1] >= 0:
                         n = north + east_column
                         outside = share[1] * prescribed
                         if ti.static(radiating):
-                            outside = outside + resistance[2 * W + ny + 1 + row] * state[n + size]
-                        state[n] = east_lanes * outside + (1.0 - east_lanes) * state[n]
+                            outside = outside + resistance[2 * W + ny + 1 + row] * U[n]
+                        eta[n] = east_lanes * outside + (1.0 - east_lanes) * eta[n]
                     if share[2] >= 0 and k == 1 and copied_south == 0:
                         for j in range(W):
                             outside = share[2] * prescribed
                             if ti.static(radiating):
-                                outside = outside - resistance[j] * state[north + 2 * size + j]
-                            state[south + j] = outside
+                                outside = outside - resistance[j] * V[north + j]
+                            eta[south + j] = outside
                     if share[3] >= 0 and k == count - 1 and copied_north == 0:
                         for j in range(W):
                             outside = share[3] * prescribed
                             if ti.static(radiating):
-                                outside = outside + resistance[W + j] * state[north + 2 * size + j]
-                            state[north + j] = outside
-                    c = plan[band, 2, k] * 2 * W
+                                outside = outside + resistance[W + j] * V[north + j]
+                            eta[north + j] = outside
+                    c = plan[band, 2, k] * W
                     kept_V = vector(1.0)
                     kept_eta = vector(1.0)
                     if ti.static(sponge):
                         kept_V = kept[2 * W + row]
                         kept_eta = kept[2 * W + ny + 1 + ti.min(plan[band, 1, k - 1], ny)]
-                    advance_row(state, C, kept, north, south, c, W, size, a, kept_V, kept_eta, strips, sponge)
+                    advance_row(eta, U, V, Cx, Cy, kept, north, south, c, W, a, kept_V, kept_eta, strips, sponge)
 
 
 @ti.func
 def advance_row(
-    state: ti.template(),
-    C: ti.template(),
+    eta: ti.template(),
+    U: ti.template(),
+    V: ti.template(),
+    Cx: ti.template(),
+    Cy: ti.template(),
     kept: ti.template(),
     north: ti.i32,
     south: ti.i32,
     c: ti.i32,
     W: ti.i32,
-    size: ti.i32,
     a: ti.f32,
     kept_V: vector,
     kept_eta: vector,
@@ -166,31 +171,33 @@ def advance_row(
     sponge: ti.template(),
 ):
     """One substep of the transports of the row at `north` and then of the elevation of the row at `south` below it."""
-    west = from_lane_below(state[north + W - 1], strips)
-    U_first = state[south + size]
+    west = from_lane_below(eta[north + W - 1], strips)
+    U_first = U[south]
     U_wrapped = from_lane_above(U_first, strips)
     U_west = U_first
     for j in range(W - 1):
-        U_east = state[south + size + j + 1]
+        U_east = U[south + j + 1]
         west = advance_cell(
-            state, C, kept, north, south, c, j, W, size, a, kept_V, kept_eta, west, U_west, U_east, sponge
+            eta, U, V, Cx, Cy, kept, north, south, c, j, W, a, kept_V, kept_eta, west, U_west, U_east, sponge
         )
         U_west = U_east
     j = W - 1
-    advance_cell(state, C, kept, north, south, c, j, W, size, a, kept_V, kept_eta, west, U_west, U_wrapped, sponge)
+    advance_cell(eta, U, V, Cx, Cy, kept, north, south, c, j, W, a, kept_V, kept_eta, west, U_west, U_wrapped, sponge)
 
 
 @ti.func
 def advance_cell(
-    state: ti.template(),
-    C: ti.template(),
+    eta: ti.template(),
+    U: ti.template(),
+    V: ti.template(),
+    Cx: ti.template(),
+    Cy: ti.template(),
     kept: ti.template(),
     north: ti.i32,
     south: ti.i32,
     c: ti.i32,
     j: ti.i32,
     W: ti.i32,
-    size: ti.i32,
     a: ti.f32,
     kept_V: vector,
     kept_eta: vector,
@@ -202,19 +209,21 @@ def advance_cell(
     """Column j of `advance_row`; returns the elevation in the row at `north`, the western one of the next column."""
     n = north + j
     m = south + j
-    here = state[n]
-    below = state[m]
+    here = eta[n]
+    below = eta[m]
+    V_south = V[m]
     if ti.static(sponge):
         B = kept[W + j] * kept_eta
-        state[n + size] = a * kept[j] * state[n + size] - C[c + j] * (here - west)
-        V_north = a * kept_V * state[n + 2 * size] - C[c + W + j] * (here - below)
-        state[n + 2 * size] = V_north
-        state[m] = B * below - (0.5 + 0.5 * B) * ((U_east - U_west) + (V_north - state[m + 2 * size]))
+        U[n] = a * kept[j] * U[n] - Cx[c + j] * (here - west)
+        V_north = a * kept_V * V[n] - Cy[c + j] * (here - below)
+        V[n] = V_north
+        eta[m] = B * below - (0.5 + 0.5 * B) * ((U_east - U_west) + (V_north - V_south))
     else:
-        state[n + size] = a * state[n + size] - C[c + j] * (here - west)
-        V_north = a * state[n + 2 * size] - C[c + W + j] * (here - below)
-        state[n + 2 * size] = V_north
-        state[m] = below - (U_east - U_west) - (V_north - state[m + 2 * size])
+        U_here = a * U[n] - Cx[c + j] * (here - west)
+        V_north = a * V[n] - Cy[c + j] * (here - below)
+        U[n] = U_here
+        V[n] = V_north
+        eta[m] = below - (U_east - U_west) - (V_north - V_south)
     return here
 
 
@@ -260,12 +269,18 @@ def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) 
         the number of substeps in a launch, `plan` of `march` (with the row itself in place of its row of coefficients),
         and the rows of the packed field in all.
     """
-    vectors_in_row = LANES * columns
-    bands = min(math.ceil(threads / blocks), max(1, (ny + 1) // SHORTEST))
-    tile = max(2, CACHE // (3 * 4 * vectors_in_row))
-    if bands > 1:  # a copied row is work done twice: weigh it against a launch
-        tile = min(tile, math.ceil(math.sqrt(LAUNCH / (CELL * vectors_in_row))))
-    tile = min(tile, substeps)
+    cells_in_row = LANES * columns
+    most_bands, longest = math.ceil(threads / blocks), max(2, CACHE // (3 * 4 * cells_in_row))
+
+    def seconds(choice: tuple[int, int]) -> float:
+        """Of an interval. With more than one band, rows next to a neighbour are copied and half of them marched."""
+        bands, tile = choice
+        rows = (ny + 1) / bands + tile / 2 * min(bands - 1, 2)
+        turns = math.ceil(blocks * bands / threads)
+        wake = WAKE * (0 if blocks * bands == 1 else 1 if bands == 1 else 2)
+        return math.ceil(substeps / tile) * (turns * rows * cells_in_row * (FETCH + tile * CELL) + wake)
+
+    bands, tile = min(itertools.product(range(1, most_bands + 1), range(1, min(longest, substeps) + 1)), key=seconds)
     free = ny + 1  # the first row without a use
     plan = np.zeros((bands, 4, ny + 2), np.int32)
     for band in range(bands):

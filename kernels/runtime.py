@@ -20,7 +20,8 @@ from taichi.lang.ast import ast_transformer_utils
 
 from kernels.errors import UserError
 
-FEW_TASKS = 8
+FEW_TASKS = 256  # of about a microsecond: on two cores waking another thread only pays beyond
+TURNS = 16  # of a loop that a thread takes at a time
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan", "metal")
 
 
@@ -75,6 +76,10 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
                 cpu_max_num_threads=threads,
                 offline_cache=True,
                 fast_math=False,
+                # Taichi would give a thread at least 512 turns of a loop, whatever one takes: fewer ran on one thread.
+                make_cpu_multithreading_loop=False,
+                cpu_block_dim_adaptive=False,
+                default_cpu_block_dim=TURNS,
                 log_level=ti.ERROR,
             )
     except Exception as error:

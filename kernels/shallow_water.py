@@ -204,7 +204,7 @@ class ShallowWater:
         """What makes an interval: launches of as many substeps each as a tile has."""
         count = math.ceil(self.substeps / self._tile)
         ends = [self.substeps * n // count for n in range(count + 1)]
-        arrays = self._state, self._C, self._edge_elevation, self._resistance, self._shares_kept
+        arrays = self.eta, self._U, self._V, *self._C, self._edge_elevation, self._resistance, self._shares_kept
         arguments = (*(array.view(-1, LANES) for array in arrays), self._plan, self.edges.shares())
         grid = self._packing.blocks, self._packing.columns, self.nx
         alone = self._packing.blocks * len(self._plan) == 1
@@ -333,7 +333,7 @@ class ShallowWater:
         changes = [] if depth.strides[0] == 0 else [i for i in range(1, self.ny) if (depth[i] != depth[i - 1]).any()]
         damped = np.flatnonzero(np.diff(keep)) + 1
         rows = np.unique([0, 1, *changes, *(i + 1 for i in changes), *damped, self.ny])
-        C = torch.empty((len(rows), 2, self._packing.columns, LANES), device=device)
+        C = torch.empty((2, len(rows), self._packing.columns, LANES), device=device)
         done = 0
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             for first, last in self._chunks(run[0], run[-1] + 1):
@@ -342,7 +342,7 @@ class ShallowWater:
                     for place in self._open_faces(axis, first, last):  # the difference is over half a cell
                         h[axis][place] *= 2
                     part = self.gravity * (self.time_step / size) ** 2 * h[axis] / (1 + damping[axis])
-                    C[done : done + last - first, axis] = torch.as_tensor(self._packing.spread(part))
+                    C[axis, done : done + last - first] = torch.as_tensor(self._packing.spread(part))
                 done += last - first
         return C, (np.searchsorted(rows, np.arange(self.ny + 1), side="right") - 1).astype(np.int32)
 

@@ -59,6 +59,7 @@ def begin_episodes(
 
     AUVs are deployed at known places, so the boat starts where its strategy puts it for their true positions.
     """
+    ti.loop_config(serialize=options.serial)
     for w in range(clock.shape[0]):
         if chosen[w] != 0:
             episode = clock[w, 0] + 1
