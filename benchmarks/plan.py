@@ -33,7 +33,7 @@ FORMS = {
     f"{objective} {measurement}": optimality.form(measurement, objective)
     for objective, measurement in (("d", "fix"), ("a", "fix"), ("e", "fix"), ("sum", "phase"))
 }
-KINDS = ("anywhere", "near-collinear", "coincident", "beneath the boat", "any depth")
+KINDS = ("anywhere", "near-collinear", "coincident", "beneath the boat", "any depth", "shallow corners")
 GRID = 41
 PEAKS = 5  # grid points of each layout that are polished, beside its AUVs
 
@@ -53,6 +53,9 @@ def layouts(kind: str, count: int, auvs: int, random: np.random.Generator) -> np
         place[:, 0] = SIDE / 2  # where the boat is, the planner's start
     elif kind == "any depth":
         z = -5 - 295 * random.random((count, auvs))
+    elif kind == "shallow corners":
+        place = np.where(random.random((count, auvs, 2)) < 0.5, 0.2 * place, SIDE - 0.2 * place)
+        z = -(10 + 30 * random.random((count, 1))) * (1 + 0.1 * random.standard_normal((count, auvs)))
     return np.concatenate([place, z[..., None]], axis=-1).astype(np.float32)
 
 
@@ -238,7 +241,7 @@ def measure(teams: tuple[int, ...], trials: int, seconds: float) -> dict[str, ob
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    parser.add_argument("--trials", type=int, default=1000, help="random layouts the gap is searched over")
+    parser.add_argument("--trials", type=int, default=1200, help="random layouts the gap is searched over")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
     arguments = parser.parse_args()
     result = measure(TEAMS, arguments.trials, arguments.seconds)

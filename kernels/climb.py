@@ -96,10 +96,13 @@ def along_circle(f: vec6, x, y, outward: vec2, region: Region) -> vec2:
 
 
 @ti.func
-def next_place(f: vec6, x, y, damping, region: Region, limited: ti.template()) -> vec3:
+def next_place(f: vec6, x, y, damping, longest, region: Region, limited: ti.template()) -> vec3:
     """Where a damped step from a place in the region leads inside it, and the gain by the slope."""
     place = vec2(x, y)
     step = damping * newton_step(f, x, y, region)
+    length = step.norm()
+    if length > longest:
+        step *= longest / length
     target = place + step
     along = False
     if ti.static(limited):
@@ -138,13 +141,14 @@ def climb(
     start: vec2,
     best: vec3,
     near,
+    longest,
     region: Region,
     limited: ti.template(),
 ) -> vec3:
     """The local maximum uphill of a start in the region, (x, y, `log_objective`).
 
-    `limited` tells whether the region is smaller than the box. A climb that comes within the distance √near (m) of
-    `best`, a maximum found earlier, ends there as that maximum.
+    `limited` tells whether the region is smaller than the box. No step is longer than `longest` (m). A climb whose next
+    step leads up to within the distance √near (m) of `best`, a maximum found earlier, ends there as that maximum.
     """
     x = start[0]
     y = start[1]
@@ -164,7 +168,7 @@ def climb(
             damping = ti.min(2.0 * damping, 1.0)
         else:
             damping *= 0.3
-        there = next_place(f, x, y, damping, region, limited)
+        there = next_place(f, x, y, damping, longest, region, limited)
         x_new = there[0]
         y_new = there[1]
         climbing = damping > LEAST_DAMPING and evaluations < MAX_EVALUATIONS
@@ -174,7 +178,7 @@ def climb(
                 x = x_new
                 y = y_new
                 f[0] += 0.5 * there[2]
-        elif (x - best[0]) * (x - best[0]) + (y - best[1]) * (y - best[1]) < near:
+        elif f[0] <= best[2] and (vec2(x_new, y_new) - vec2(best[0], best[1])).norm_sqr() < near:
             climbing = False
             x = best[0]
             y = best[1]

@@ -2,10 +2,12 @@
 
 One or more climbs (`kernels.climb`) in the area, cut by a disc round the boat where its reach is limited:
 
-- D, SUM, PAPER can have several local maxima. In dense searches over thousands of layouts the global one lay uphill of
-  an AUV each time, so there is a climb from every AUV and one from a further place. PAPER dips straight above an AUV,
-  where its sines vanish, and peaks on a ring of radius about √|z| round it, so there the climbs start on that ring.
-  Within a reach the climbs start at the point of it nearest to each of these places.
+- D, SUM, PAPER can have several local maxima, above AUVs that are far apart for their depth and between them. So there
+  is a climb from a further place, from the AUVs' mean, and from each AUV that is not close by one climbed from before;
+  and no step is longer than the least depth, which is the width of a hill: longer ones would skip from hill to hill.
+  `benchmarks.plan` looks for a higher place in thousands of layouts. PAPER dips straight above an AUV, where its sines
+  vanish, and peaks on a ring of radius about √|z| round it, so there climbs start on the ring of every AUV. Within a
+  reach the climbs start at the point of it nearest to each of these places.
 - A has one maximum, and one climb.
 - E has one maximum too, in general at a kink where two or three AUVs are located equally badly. It is smoothed, more
   sharply from round to round, and in every round each AUV's bias moves by how far it is from the worst. That is the
@@ -40,6 +42,7 @@ SHARPENINGS = 5  # rounds until it stays
 ROUNDS = 8
 FADED = 5.0  # an AUV's ln of a multiplier falls no lower, so that it can come back
 ANYWHERE = 1e9  # m, a reach that is none
+CLOSE_BY = 0.5  # of the least depth: two AUVs so near to one another are on one hill
 
 vec2 = ti.types.vector(2, ti.f32)
 vec3 = ti.types.vector(3, ti.f32)
@@ -60,17 +63,23 @@ def summit(
     log_scale = summed.log_scale(estimate, w, num_auvs, link)
     objective = ti.static(objective_of(form))
     spokes = 1
-    climbs = 1 + num_auvs
+    climbs = 2 + num_auvs
     if ti.static(objective == PAPER):
         spokes = RING_STARTS
-        climbs = 1 + num_auvs * spokes
+        climbs = 2 + num_auvs * spokes
     elif ti.static(objective == A):
         climbs = 1
     elif ti.static(objective == E):
         climbs = ROUNDS
     nearest = 1e30
+    middle = vec2(0.0, 0.0)
     for k in range(num_auvs):
         nearest = ti.min(nearest, squared_separation(estimate[w, k, 2]))
+        middle += vec2(estimate[w, k, 0], estimate[w, k, 1]) / num_auvs
+    longest = ti.sqrt(nearest)
+    if ti.static(objective in (A, E)):
+        longest = ANYWHERE
+    climbed_from = each_auv(0.0)
     bias = each_auv(0.0)
     sharpness = 1.0
     if ti.static(objective == E):
@@ -79,17 +88,43 @@ def summit(
     best = vec3(start[0], start[1], -1e30)
     for i in range(climbs):
         point = start
+        new = True
         if ti.static(objective == E):
             point = vec2(best[0], best[1])
-        elif i > 0:
-            k = (i - 1) // spokes
+        elif i == 1:
+            point = middle
+        elif i > 1:
+            k = (i - 2) // spokes
             point = vec2(estimate[w, k, 0], estimate[w, k, 1])
             if ti.static(objective == PAPER):
                 angle = TWO_PI / RING_STARTS * (i % RING_STARTS)
                 radius = ti.sqrt(ti.sqrt(squared_separation(estimate[w, k, 2])))
                 point += radius * vec2(ti.cos(angle), ti.sin(angle))
+            else:
+                for j in range(k):
+                    apart = point - vec2(estimate[w, j, 0], estimate[w, j, 1])
+                    if climbed_from[j] > 0.0 and apart.norm_sqr() < CLOSE_BY * CLOSE_BY * nearest:
+                        new = False
+                climbed_from[k] = ti.cast(new, ti.f32)
         point = clip(point[0], point[1], region)
-        top = climb(estimate, w, num_auvs, link, form, log_scale, sharpness, bias, point, best, near, region, limited)
+        top = best
+        if new:
+            top = climb(
+                estimate,
+                w,
+                num_auvs,
+                link,
+                form,
+                log_scale,
+                sharpness,
+                bias,
+                point,
+                best,
+                near,
+                longest,
+                region,
+                limited,
+            )
         if ti.static(objective == E):
             best = top
             sharper = sharpness

@@ -14,7 +14,7 @@ FORMS = {
     for measurement in ("phase", "fix")
     if (objective, measurement) != ("paper", "fix")
 }
-KINDS = ("uniform", "collinear", "coincident", "corners", "outside", "depths")
+KINDS = ("uniform", "collinear", "coincident", "corners", "outside", "depths", "shallow")
 
 
 def carriers(K):
@@ -42,6 +42,9 @@ def random_layouts(kind, n, K, box, seed):
         place = 1.6 * place - 0.3 * box
     elif kind == "depths":
         z = -5 - 295 * torch.rand(n, K, generator=g)
+    elif kind == "shallow":  # 10 to 40 m below the corners: many hills
+        place = torch.where(torch.rand(n, K, 2, generator=g) < 0.5, 0.2 * place, box - 0.2 * place)
+        z = -(10 + 30 * torch.rand(n, 1, generator=g)) * (1 + 0.1 * torch.randn(n, K, generator=g))
     return torch.cat([place, z[..., None]], -1).float().contiguous()
 
 
