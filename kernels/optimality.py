@@ -203,11 +203,13 @@ def _batch(link: array2, points: array3, boat: array2, form: ti.template(), out:
             out[i, j] = f[j]
 
 
-def check_team(points: torch.Tensor) -> None:
+def check_team(points: torch.Tensor, places: torch.Tensor) -> None:
     """
     Raises:
-        ValueError: more AUVs in the layouts (n, K, 3) than kernels provide for.
+        ValueError: more AUVs in the layouts (n, K, 3) than kernels provide for, or not one place (n, 2) for each.
     """
+    if places.shape != (points.shape[0], 2):
+        raise ValueError(f"places: {tuple(places.shape)} must be ({points.shape[0]}, 2)")
     if points.shape[1] > MAX_AUVS:
         raise ValueError(f"points: {points.shape[1]} AUVs, at most {MAX_AUVS} are possible")
 
@@ -225,9 +227,9 @@ def log_objective_batch(link: torch.Tensor, points: torch.Tensor, boat: torch.Te
         (n, 6) float32: f, x, y, xx, xy, yy.
 
     Raises:
-        ValueError: more than MAX_AUVS AUVs.
+        ValueError: more than MAX_AUVS AUVs, or not as many boats as layouts.
     """
-    check_team(points)
+    check_team(points, boat)
     out = points.new_empty((points.shape[0], 6))
     _batch(link, points, boat, form, out)
     return out

@@ -216,7 +216,7 @@ def plan_batch(
         (n, 3) float32: best x, y (m) and ln of the objective there (lengths in m).
 
     Raises:
-        ValueError: more than MAX_AUVS AUVs.
+        ValueError: more than MAX_AUVS AUVs, or not as many places as layouts.
     """
     if start is None:
         start = points.new_tensor([width / 2.0, length / 2.0]).expand(points.shape[0], 2).contiguous()
@@ -234,7 +234,7 @@ def greedy_batch(
     length: float = 200.0,
 ) -> torch.Tensor:
     """`greedy` for many layouts and boats (n, 2) in the box at once; otherwise as `plan_batch`."""
-    check_team(points)
+    check_team(points, boat)
     out = points.new_empty((points.shape[0], 3))
     _batch(link, points, boat, form, reach < ANYWHERE, reach, width, length, out)
     return out

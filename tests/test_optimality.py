@@ -132,7 +132,7 @@ class TestBlocks:
 
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 class TestInvariances:
-    n, K = 60, 4
+    n, K = 10 * len(KINDS), 4
 
     @pytest.fixture
     def case(self, device):
@@ -180,3 +180,10 @@ def test_too_many_auvs_are_refused(device):
     points = torch.zeros(1, 17, 3, device=device)
     with pytest.raises(ValueError, match="17 AUVs, at most 16"):
         optimality.log_objective_batch(table(device, 17), points, points[:, 0, :2].contiguous(), form=FORMS["a fix"])
+
+
+def test_a_boat_for_each_layout(device):
+    with pytest.raises(ValueError, match=r"places: \(3, 2\) must be \(4, 2\)"):
+        optimality.log_objective_batch(
+            table(device, 2), torch.zeros(4, 2, 3, device=device), torch.zeros(3, 2, device=device), form=FORMS["a fix"]
+        )
