@@ -12,6 +12,7 @@ import torch
 
 from kernels import runtime
 from kernels.c_grid import LANES, Packing, sample
+from kernels.cell_by_cell import elevations, transports
 from kernels.edges import PLACES, RADIATING, SHARE, Edge, Edges, Side
 from kernels.forward_backward import march, plan_bands
 from kernels.launch import Launch
@@ -20,6 +21,11 @@ __all__ = ["Edge", "ShallowWater", "Side", "sample"]
 
 COURANT = 0.95  # share of the stability limit that a substep may use
 CHUNK = 1 << 15  # cells that the host works on at a time: its f64 copies stay small against the fields
+
+
+def a_thread_a_cell() -> bool:
+    """Whether threads work on cells (`kernels.cell_by_cell`) and not on bands of rows (`kernels.forward_backward`)."""
+    return runtime.start().device.type != "cpu"
 
 
 class ShallowWater:
@@ -101,14 +107,19 @@ class ShallowWater:
         device = running.device
         self._packing = Packing(num_seas, self.nx, self.ny, self.edges.outer_columns)
         blocks, columns = self._packing.blocks, self._packing.columns
-        self._tile, plan, rows = plan_bands(self.ny, columns, blocks, self.substeps, running.threads)
+        rows = self.ny + 1
+        if not a_thread_a_cell():
+            self._tile, plan, rows = plan_bands(self.ny, columns, blocks, self.substeps, running.threads)
         self._keep = (1 - drag * self.time_step / 2) / (1 + drag * self.time_step / 2)
         self._kept = [
             self.edges.kept(axis, self.depth, gravity, cell, self.time_step)
             for axis, cell in enumerate((self.dx, self.dy))
         ]
         self._C, coefficient_row = self._coefficients(device)
-        plan[:, 2] = coefficient_row[plan[:, 2]]
+        if a_thread_a_cell():
+            plan = coefficient_row
+        else:
+            plan[:, 2] = coefficient_row[plan[:, 2]]
         self._plan = torch.tensor(plan, device=device)
         self._state = torch.zeros((3, blocks, rows, columns, LANES), device=device)
         self.eta, self._U, self._V = self._state
@@ -201,7 +212,9 @@ class ShallowWater:
 
     @cached_property
     def _launches(self) -> list[Launch]:
-        """What makes an interval: launches of as many substeps each as a tile has."""
+        """What makes an interval: launches of as many substeps as a tile has, or two a substep (`a_thread_a_cell`)."""
+        if a_thread_a_cell():
+            return self._launches_by_cell()
         count = math.ceil(self.substeps / self._tile)
         ends = [self.substeps * n // count for n in range(count + 1)]
         arrays = self.eta, self._U, self._V, *self._C, self._edge_elevation, self._resistance, self._shares_kept
@@ -214,6 +227,21 @@ class ShallowWater:
                 Launch(march, *arguments, *grid, first, last - first, self._keep, *flags)
                 for first, last in pairwise(ends)
             ]
+
+    def _launches_by_cell(self) -> list[Launch]:
+        tables = *self._C, self._edge_elevation, self._resistance, self._shares_kept
+        *coefficients, elevation, resistance, kept = (table.view(-1) for table in tables)
+        fields = self.eta.view(-1), self._U.view(-1), self._V.view(-1)
+        packing, edges = self._packing, self.edges
+        around = elevation, resistance, kept, self._plan, edges.shares(), packing.blocks, packing.columns, self.nx
+        flags = packing.strips, edges.radiating, edges.sponge
+        grid = packing.blocks, self.ny + 1, packing.columns, packing.strips, edges.sponge
+        second = Launch(elevations, *fields, kept, *grid)
+        first = (
+            Launch(transports, *fields, *coefficients, *around, substep, self._keep, *flags)
+            for substep in range(self.substeps)
+        )
+        return [launch for step in first for launch in (step, second)]
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Copies of the packed fields and of the clock; with the same forcing, `load` brings them back bit for bit."""

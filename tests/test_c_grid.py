@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from kernels import c_grid
+from kernels import c_grid, runtime, shallow_water
 from kernels.shallow_water import ShallowWater
 from tests.cases.plain import centres, many, rough_bed
 
@@ -77,6 +77,18 @@ class TestSameSea:
         command = [sys.executable, "-c", THREADS, str(threads), str(cache)]
         there = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[1])
         assert there.stdout.splitlines()[-2:] == [here, str(threads)], there.stderr
+
+    @pytest.mark.parametrize("edges", [CLOSED, OPEN], ids=["closed", "open"])
+    @pytest.mark.parametrize("num_seas", [1, 5, 40])
+    def test_a_thread_a_cell_gives_the_same_bits(self, monkeypatch, num_seas, edges):
+        """The way of a GPU, here on the CPU."""
+        if runtime.start().device.type != "cpu":
+            pytest.skip("bands are for a CPU")
+        bands = fingerprint(num_seas, edges)
+        monkeypatch.setattr(shallow_water, "a_thread_a_cell", lambda: True)
+        launched = storm(num_seas, edges)
+        assert len(launched._launches) == 2 * launched.substeps
+        assert fingerprint(num_seas, edges) == bands
 
 
 @ti.kernel
