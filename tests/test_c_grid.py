@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from kernels import c_grid, runtime, shallow_water
+from kernels import c_grid, forward_backward, runtime, shallow_water
+from kernels.c_grid import LANES
 from kernels.shallow_water import ShallowWater
 from tests.cases.plain import centres, many, rough_bed
 
@@ -89,6 +90,30 @@ class TestSameSea:
         launched = storm(num_seas, edges)
         assert len(launched._launches) == 2 * launched.substeps
         assert fingerprint(num_seas, edges) == bands
+
+
+class TestBands:
+    @pytest.mark.parametrize(
+        ("ny", "columns", "blocks", "substeps", "threads", "bands"),
+        [
+            (255, 17, 1, 1, 8, 1),  # shorter than waking threads takes
+            (4095, 257, 1, 1, 8, 8),
+            (4095, 257, 1, 64, 2, 2),
+            (200, 51, 9, 35, 8, 1),  # blocks enough for all threads
+        ],
+    )
+    def test_as_many_as_pay(self, ny, columns, blocks, substeps, threads, bands):
+        tile, plan, rows = forward_backward.plan_bands(ny, columns, blocks, substeps, threads)
+        assert len(plan) == bands
+        assert 1 <= tile <= substeps
+        assert tile * columns * LANES * 3 * 4 <= 2 * forward_backward.CACHE
+        own = [place for band in plan for place, source in band[:2, : band[3, 0]].T if place == source and place <= ny]
+        assert sorted(own) == list(range(ny + 1))
+        assert max(band[0].max() for band in plan) == rows - 1
+
+    def test_data_that_memory_must_fetch_are_used_more_than_once(self):
+        tile, _, _ = forward_backward.plan_bands(4095, 257, 1, 64, 2)
+        assert tile >= 8
 
 
 @ti.kernel
