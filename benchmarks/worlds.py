@@ -46,25 +46,6 @@ world.step(torch.zeros(512, world.num_auvs, 2, device=world.device))[1].cpu()
 print(json.dumps({"ready": ready - begin, "first_step_done": time.perf_counter() - begin}))
 """
 
-GROWTH_STEPS = 1_000_000
-GROWTH = """
-import resource, sys
-import torch
-from usvauv_env import Scenario, World
-world = World(Scenario.load("extreme"), 1)
-action = torch.zeros(1, world.num_auvs, 2, device=world.device)
-
-def peak_after(steps):
-    for step in range(steps):
-        if step % world.steps == 0:
-            world.reset()
-        world.step(action)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-before = peak_after(2 * world.steps)
-print(1024 * (peak_after(int(sys.argv[1])) - before))
-"""
-
 
 def stepper(world: World, act: Callable[[torch.Tensor], torch.Tensor] | None) -> Callable[[], None]:
     """One world-step of all worlds, with a reset where the episode ends; `act` None takes random actions."""
@@ -161,12 +142,6 @@ def measure_start() -> dict[str, dict[str, float]]:
     return results
 
 
-def measure_growth() -> int:
-    """Bytes by which the resident memory of a process grows while one world makes `GROWTH_STEPS` steps."""
-    command = [sys.executable, "-c", GROWTH, str(GROWTH_STEPS)]
-    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()[-1])
-
-
 def measure_vmas(threads: int, seconds: float) -> dict[str, object]:
     """VMAS's tasks with random actions on as many threads as ours has; nulls with the reason where it is missing."""
     try:
@@ -214,7 +189,7 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
         "over_vmas_navigation": best / navigation["agent_steps_per_second"] if navigation else None,
         "auvs": measure_scaling("auv", (2, 4, 8, 16), worlds, seconds),
         "nodes": measure_scaling("nodes", (30, 100, 500), worlds, seconds),
-        "memory": {**measure_memory(), "growth_in_a_million_steps": measure_growth()},
+        "memory": measure_memory(),
         "start_seconds": measure_start(),
         "vmas": vmas,
         "peak_resident_bytes": peak,
