@@ -13,9 +13,10 @@ vectors = ti.types.ndarray(dtype=vector, ndim=1)
 integers = ti.types.ndarray(dtype=ti.i32, ndim=3)
 sides = ti.types.vector(4, ti.f32)  # west, east, south, north
 
-# Rough costs that decide how a launch is cut, in s: of waking the threads, of a cell and substep, and of fetching a
-# cell from memory; and the bytes of state that a wavefront may keep warm, half of a common second-level cache.
-WAKE, CELL, FETCH, CACHE = 1e-4, 2e-10, 5e-10, 512 * 1024
+# Rough costs that decide how a launch is cut, in s: of waking the threads, of a cell and substep, of fetching a cell
+# from memory and of copying it; and the bytes of state that a wavefront may keep warm, half of a common second-level
+# cache.
+WAKE, CELL, FETCH, COPY, CACHE = 1e-4, 2e-10, 5e-10, 2e-10, 512 * 1024
 
 
 @ti.kernel
@@ -40,6 +41,7 @@ def march(
     radiating: ti.template(),
     sponge: ti.template(),
     serial: ti.template(),
+    copy_serially: ti.template(),
 ):
     """Substeps `first` to `first + substeps − 1` of an interval, in place.
 
@@ -75,6 +77,7 @@ def march(
         radiating: whether any R is above 0.
         sponge: whether anything is kept less than whole.
         serial: whether the calling thread does all tasks.
+        copy_serially: whether it makes the copies.
     """
     bands = plan.shape[0]
     rows = eta.shape[0] // (blocks * W)
@@ -91,7 +94,7 @@ def march(
         east_lane = nx // W
         east_column = nx % W
         west_lane = LANES - 1
-    ti.loop_config(block_dim=1, serialize=serial)
+    ti.loop_config(block_dim=1, serialize=copy_serially)
     for task in range(blocks * bands):
         band = task % bands
         for k in range(plan[band, 3, 0]):
@@ -256,6 +259,11 @@ def only_lane(lane: ti.i32) -> vector:
     return mask
 
 
+def quickly_copied(plan: np.ndarray, columns: int, blocks: int) -> bool:
+    """Whether one thread makes the copies of a launch sooner than others wake up; arguments as for `plan_bands`."""
+    return np.count_nonzero(plan[:, 0] != plan[:, 1]) * LANES * columns * blocks * COPY < WAKE
+
+
 def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) -> tuple[int, np.ndarray, int]:
     """Cut the rows of a packed field into bands so that every thread has one, and choose how far a launch goes.
 
@@ -277,8 +285,9 @@ def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) 
         bands, tile = choice
         rows = (ny + 1) / bands + tile / 2 * min(bands - 1, 2)
         turns = math.ceil(blocks * bands / threads)
-        wake = WAKE * (0 if blocks * bands == 1 else 1 if bands == 1 else 2)
-        return math.ceil(substeps / tile) * (turns * rows * cells_in_row * (FETCH + tile * CELL) + wake)
+        copies = min(WAKE, 2 * tile * (bands - 1) * blocks * cells_in_row * COPY)
+        wake = 0 if blocks * bands == 1 else WAKE
+        return math.ceil(substeps / tile) * (turns * rows * cells_in_row * (FETCH + tile * CELL) + copies + wake)
 
     bands, tile = min(itertools.product(range(1, most_bands + 1), range(1, min(longest, substeps) + 1)), key=seconds)
     free = ny + 1  # the first row without a use

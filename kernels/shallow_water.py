@@ -14,7 +14,7 @@ from kernels import runtime
 from kernels.c_grid import LANES, Packing, sample
 from kernels.cell_by_cell import elevations, transports
 from kernels.edges import PLACES, RADIATING, SHARE, Edge, Edges, Side
-from kernels.forward_backward import march, plan_bands
+from kernels.forward_backward import march, plan_bands, quickly_copied
 from kernels.launch import Launch
 
 __all__ = ["Edge", "ShallowWater", "Side", "sample"]
@@ -110,6 +110,7 @@ class ShallowWater:
         rows = self.ny + 1
         if not a_thread_a_cell():
             self._tile, plan, rows = plan_bands(self.ny, columns, blocks, self.substeps, running.threads)
+            self._copy_serially = quickly_copied(plan, columns, blocks)
         self._keep = (1 - drag * self.time_step / 2) / (1 + drag * self.time_step / 2)
         self._kept = [
             self.edges.kept(axis, self.depth, gravity, cell, self.time_step)
@@ -220,8 +221,8 @@ class ShallowWater:
         arrays = self.eta, self._U, self._V, *self._C, self._edge_elevation, self._resistance, self._shares_kept
         arguments = (*(array.view(-1, LANES) for array in arrays), self._plan, self.edges.shares())
         grid = self._packing.blocks, self._packing.columns, self.nx
-        alone = self._packing.blocks * len(self._plan) == 1
-        flags = self._packing.strips, self.edges.radiating, self.edges.sponge, alone and runtime.better_alone(1)
+        kinds = self._packing.strips, self.edges.radiating, self.edges.sponge
+        flags = *kinds, self._packing.blocks * len(self._plan) == 1, self._copy_serially
         with runtime.vectors_in_registers():
             return [
                 Launch(march, *arguments, *grid, first, last - first, self._keep, *flags)
