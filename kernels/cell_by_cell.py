@@ -4,10 +4,14 @@ The same sums in the same order on the same packed fields, in two launches a sub
 elevations. Neighbouring threads work on neighbouring numbers. A GPU has threads for that, and none to march with.
 """
 
+import numpy as np
 import taichi as ti
+import torch
 
-from kernels.c_grid import LANES
+from kernels.c_grid import LANES, Packing
+from kernels.edges import Edges
 from kernels.forward_backward import sides
+from kernels.launch import Launch
 
 numbers = ti.types.ndarray(dtype=ti.f32, ndim=1)
 integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
@@ -117,3 +121,29 @@ def elevations(
             eta[n] = B * eta[n] - (0.5 + 0.5 * B) * ((U[next_column] - U[n]) + (V[n + width] - V[n]))
         else:
             eta[n] = eta[n] - (U[next_column] - U[n]) - (V[n + width] - V[n])
+
+
+class Cells:
+    """The way of a GPU to advance a sea; arguments, attributes and methods as of `forward_backward.Bands`."""
+
+    def __init__(self, packing: Packing, substeps: int) -> None:
+        self._packing, self._substeps = packing, substeps
+        self.rows = packing.ny + 1
+
+    def plan(self, coefficient_row: np.ndarray) -> np.ndarray:
+        """`coefficient_row` of `transports`."""
+        return coefficient_row
+
+    def launches(self, arrays: tuple[torch.Tensor, ...], plan: torch.Tensor, edges: Edges, keep: float) -> list[Launch]:
+        """What makes an interval."""
+        packing = self._packing
+        arrays = tuple(array.view(-1) for array in arrays)
+        grid = packing.blocks, packing.columns, packing.nx
+        kinds = packing.strips, edges.radiating, edges.sponge
+        water = packing.blocks, self.rows, packing.columns, packing.strips, edges.sponge
+        second = Launch(elevations, *arrays[:3], arrays[-1], *water)
+        first = (
+            Launch(transports, *arrays, plan, edges.shares(), *grid, substep, keep, *kinds)
+            for substep in range(self._substeps)
+        )
+        return [launch for step in first for launch in (step, second)]

@@ -5,8 +5,12 @@ import math
 
 import numpy as np
 import taichi as ti
+import torch
 
-from kernels.c_grid import LANES
+from kernels import runtime
+from kernels.c_grid import LANES, Packing
+from kernels.edges import Edges
+from kernels.launch import Launch
 
 vector = ti.types.vector(LANES, ti.f32)
 vectors = ti.types.ndarray(dtype=vector, ndim=1)
@@ -259,9 +263,52 @@ def only_lane(lane: ti.i32) -> vector:
     return mask
 
 
-def quickly_copied(plan: np.ndarray, columns: int, blocks: int) -> bool:
-    """Whether one thread makes the copies of a launch sooner than others wake up; arguments as for `plan_bands`."""
-    return np.count_nonzero(plan[:, 0] != plan[:, 1]) * LANES * columns * blocks * COPY < WAKE
+class Bands:
+    """The way of a CPU to advance a sea: bands of rows, a thread each, several substeps a launch.
+
+    Args:
+        packing: of the fields.
+        substeps: of an interval.
+        threads: CPU threads.
+
+    Attributes:
+        rows: of the packed fields in all.
+    """
+
+    def __init__(self, packing: Packing, substeps: int, threads: int) -> None:
+        self._packing, self._substeps = packing, substeps
+        blocks, columns = packing.blocks, packing.columns
+        self._tile, self._plan, self.rows = plan_bands(packing.ny, columns, blocks, substeps, threads)
+        copies = np.count_nonzero(self._plan[:, 0] != self._plan[:, 1]) * blocks
+        self._copy_serially = copies * LANES * columns * COPY < WAKE  # sooner than others wake up
+
+    def plan(self, coefficient_row: np.ndarray) -> np.ndarray:
+        """`plan` of `march`, for the row of coefficients of each row (ny + 1,)."""
+        plan = self._plan.copy()
+        plan[:, 2] = coefficient_row[plan[:, 2]]
+        return plan
+
+    def launches(self, arrays: tuple[torch.Tensor, ...], plan: torch.Tensor, edges: Edges, keep: float) -> list[Launch]:
+        """What makes an interval.
+
+        Args:
+            arrays: η, U, V, Cx, Cy, the prescribed elevation, `resistance` and `kept` of `march`, each (…, LANES).
+            plan: as tensor on the device.
+            edges: of the basin.
+            keep: a of `march`.
+        """
+        packing = self._packing
+        count = math.ceil(self._substeps / self._tile)
+        ends = [self._substeps * n // count for n in range(count + 1)]
+        fixed = *(array.view(-1, LANES) for array in arrays), plan, edges.shares()
+        grid = packing.blocks, packing.columns, packing.nx
+        kinds = packing.strips, edges.radiating, edges.sponge
+        serially = packing.blocks * len(plan) == 1, self._copy_serially
+        with runtime.vectors_in_registers():
+            return [
+                Launch(march, *fixed, *grid, first, last - first, keep, *kinds, *serially)
+                for first, last in itertools.pairwise(ends)
+            ]
 
 
 def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) -> tuple[int, np.ndarray, int]:

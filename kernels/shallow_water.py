@@ -5,27 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 import torch
 
 from kernels import runtime
 from kernels.c_grid import LANES, Packing, sample
-from kernels.cell_by_cell import elevations, transports
+from kernels.cell_by_cell import Cells
 from kernels.edges import PLACES, RADIATING, SHARE, Edge, Edges, Side
-from kernels.forward_backward import march, plan_bands, quickly_copied
+from kernels.forward_backward import Bands
 from kernels.launch import Launch
 
 __all__ = ["Edge", "ShallowWater", "Side", "sample"]
 
 COURANT = 0.95  # share of the stability limit that a substep may use
 CHUNK = 1 << 15  # cells that the host works on at a time: its f64 copies stay small against the fields
-
-
-def a_thread_a_cell() -> bool:
-    """Whether threads work on cells (`kernels.cell_by_cell`) and not on bands of rows (`kernels.forward_backward`)."""
-    return runtime.start().device.type != "cpu"
 
 
 class ShallowWater:
@@ -107,22 +101,18 @@ class ShallowWater:
         device = running.device
         self._packing = Packing(num_seas, self.nx, self.ny, self.edges.outer_columns)
         blocks, columns = self._packing.blocks, self._packing.columns
-        rows = self.ny + 1
-        if not a_thread_a_cell():
-            self._tile, plan, rows = plan_bands(self.ny, columns, blocks, self.substeps, running.threads)
-            self._copy_serially = quickly_copied(plan, columns, blocks)
+        if device.type == "cpu":
+            self._way = Bands(self._packing, self.substeps, running.threads)
+        else:
+            self._way = Cells(self._packing, self.substeps)
         self._keep = (1 - drag * self.time_step / 2) / (1 + drag * self.time_step / 2)
         self._kept = [
             self.edges.kept(axis, self.depth, gravity, cell, self.time_step)
             for axis, cell in enumerate((self.dx, self.dy))
         ]
         self._C, coefficient_row = self._coefficients(device)
-        if a_thread_a_cell():
-            plan = coefficient_row
-        else:
-            plan[:, 2] = coefficient_row[plan[:, 2]]
-        self._plan = torch.tensor(plan, device=device)
-        self._state = torch.zeros((3, blocks, rows, columns, LANES), device=device)
+        self._plan = torch.tensor(self._way.plan(coefficient_row), device=device)
+        self._state = torch.zeros((3, blocks, self._way.rows, columns, LANES), device=device)
         self.eta, self._U, self._V = self._state
         self._edge_elevation = torch.zeros((blocks, self.substeps, LANES), device=device)
         self._resistance = self._along_edges(self._resistances(), self.edges.radiating).to(device)
@@ -213,36 +203,9 @@ class ShallowWater:
 
     @cached_property
     def _launches(self) -> list[Launch]:
-        """What makes an interval: launches of as many substeps as a tile has, or two a substep (`a_thread_a_cell`)."""
-        if a_thread_a_cell():
-            return self._launches_by_cell()
-        count = math.ceil(self.substeps / self._tile)
-        ends = [self.substeps * n // count for n in range(count + 1)]
+        """What makes an interval."""
         arrays = self.eta, self._U, self._V, *self._C, self._edge_elevation, self._resistance, self._shares_kept
-        arguments = (*(array.view(-1, LANES) for array in arrays), self._plan, self.edges.shares())
-        grid = self._packing.blocks, self._packing.columns, self.nx
-        kinds = self._packing.strips, self.edges.radiating, self.edges.sponge
-        flags = *kinds, self._packing.blocks * len(self._plan) == 1, self._copy_serially
-        with runtime.vectors_in_registers():
-            return [
-                Launch(march, *arguments, *grid, first, last - first, self._keep, *flags)
-                for first, last in pairwise(ends)
-            ]
-
-    def _launches_by_cell(self) -> list[Launch]:
-        tables = *self._C, self._edge_elevation, self._resistance, self._shares_kept
-        *coefficients, elevation, resistance, kept = (table.view(-1) for table in tables)
-        fields = self.eta.view(-1), self._U.view(-1), self._V.view(-1)
-        packing, edges = self._packing, self.edges
-        around = elevation, resistance, kept, self._plan, edges.shares(), packing.blocks, packing.columns, self.nx
-        flags = packing.strips, edges.radiating, edges.sponge
-        grid = packing.blocks, self.ny + 1, packing.columns, packing.strips, edges.sponge
-        second = Launch(elevations, *fields, kept, *grid)
-        first = (
-            Launch(transports, *fields, *coefficients, *around, substep, self._keep, *flags)
-            for substep in range(self.substeps)
-        )
-        return [launch for step in first for launch in (step, second)]
+        return self._way.launches(arrays, self._plan, self.edges, self._keep)
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Copies of the packed fields and of the clock; with the same forcing, `load` brings them back bit for bit."""

@@ -12,6 +12,7 @@ import taichi as ti
 
 from kernels import c_grid, forward_backward, runtime, shallow_water
 from kernels.c_grid import LANES
+from kernels.cell_by_cell import Cells
 from kernels.shallow_water import ShallowWater
 from tests.cases.plain import centres, many, rough_bed
 
@@ -19,10 +20,11 @@ THREADS = """
 import sys
 from kernels import forward_backward, runtime
 runtime.start("cpu", threads=int(sys.argv[1]))
-forward_backward.CACHE, forward_backward.WAKE = int(sys.argv[2]), 0.0
+forward_backward.CACHE, forward_backward.WAKE, forward_backward.COPY = int(sys.argv[2]), 1e-12, float(sys.argv[3])
 from tests.test_c_grid import CLOSED, OPEN, fingerprint, storm
 print(*(fingerprint(n, edges) for n in (1, 5, 40) for edges in (CLOSED, OPEN)))
-print(len(storm(5, OPEN)._plan))
+way = storm(5, OPEN)._way
+print(len(way._plan), way._copy_serially)
 """
 CLOSED = {"north": "forced"}
 OPEN = {"west": "radiating", "east": "incident", "south": "sponge", "north": "forced"}
@@ -69,15 +71,17 @@ class TestSameSea:
         np.testing.assert_array_equal(few.elevation(), many_seas.elevation()[:5])
         np.testing.assert_array_equal(few.velocity(), np.stack(many_seas.velocity())[:, :5])
 
-    @pytest.mark.parametrize(("threads", "cache"), [(1, 2**20), (7, 1)])
-    def test_any_number_of_threads_gives_the_same_bits(self, threads, cache):
+    @pytest.mark.parametrize(
+        ("threads", "cache", "copy", "serially"), [(1, 2**20, 1.0, True), (7, 1, 1.0, False), (7, 1, 0.0, True)]
+    )
+    def test_any_number_of_threads_gives_the_same_bits(self, threads, cache, copy, serially):
         """Threads decide into how many bands the rows are cut, here one or seven, most with neighbours on both sides,
-        and the cache how many substeps are taken at once, here all or two.
+        the cache how many substeps are taken at once, here all or two, and the cost of a copy who makes the copies.
         """
         here = " ".join(fingerprint(n, edges) for n in (1, 5, 40) for edges in (CLOSED, OPEN))
-        command = [sys.executable, "-c", THREADS, str(threads), str(cache)]
+        command = [sys.executable, "-c", THREADS, str(threads), str(cache), str(copy)]
         there = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[1])
-        assert there.stdout.splitlines()[-2:] == [here, str(threads)], there.stderr
+        assert there.stdout.splitlines()[-2:] == [here, f"{threads} {serially}"], there.stderr
 
     @pytest.mark.parametrize("edges", [CLOSED, OPEN], ids=["closed", "open"])
     @pytest.mark.parametrize("num_seas", [1, 5, 40])
@@ -86,7 +90,7 @@ class TestSameSea:
         if runtime.start().device.type != "cpu":
             pytest.skip("bands are for a CPU")
         bands = fingerprint(num_seas, edges)
-        monkeypatch.setattr(shallow_water, "a_thread_a_cell", lambda: True)
+        monkeypatch.setattr(shallow_water, "Bands", lambda packing, substeps, threads: Cells(packing, substeps))
         launched = storm(num_seas, edges)
         assert len(launched._launches) == 2 * launched.substeps
         assert fingerprint(num_seas, edges) == bands

@@ -77,7 +77,7 @@ class TestStep:
     def test_a_still_sea_costs_nothing(self, monkeypatch):
         solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, edges={"west": "forced"})
         solver.set_state(np.zeros((1, 10, 10)))
-        monkeypatch.setattr(shallow_water, "march", None)  # would fail if called
+        monkeypatch.setattr(solver._way, "launches", None)  # would fail if called
         solver.advance()
         assert solver.still
         assert solver.time == 2.0
