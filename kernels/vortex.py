@@ -144,7 +144,9 @@ def evolution(vortex: torch.Tensor, kept: torch.Tensor, dt: float, viscosity: fl
         viscosity: ν ≥ 0, m²/s.
         mutual: whether the centres move.
     """
-    return Launch(_evolve, runtime.better_alone(vortex[:, :, 0].numel()), vortex, kept, dt, viscosity, int(mutual))
+    return Launch(
+        _evolve, runtime.better_alone(vortex.shape[0] * vortex.shape[1]), vortex, kept, dt, viscosity, int(mutual)
+    )
 
 
 def sample_current(vortex: torch.Tensor, points: torch.Tensor) -> torch.Tensor:

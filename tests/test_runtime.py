@@ -6,7 +6,7 @@ import torch
 
 from kernels import runtime
 
-PATIENCE = 1 << 28  # looks at the other turn, some tenths of a second
+PATIENCE = 1 << 28  # looks at the other turn, a second or more
 
 
 @ti.kernel
