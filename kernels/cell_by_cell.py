@@ -112,10 +112,10 @@ def elevations(
         row = r % (rows - 1)
         n = (r // (rows - 1) * rows + row) * width + m
         next_column = n + LANES
-        if m >= width - LANES:  # the first column, in strips that of the next lane
+        if m >= width - LANES:  # the first column, in strips that of the next lane; the very last column is no water
             next_column = n + LANES - width
             if ti.static(strips):
-                next_column += 1 if m < width - 1 else 1 - LANES
+                next_column += 1
         if ti.static(sponge):
             B = kept[width + m] * kept[2 * width + (rows + row) * LANES + m % LANES]
             eta[n] = B * eta[n] - (0.5 + 0.5 * B) * ((U[next_column] - U[n]) + (V[n + width] - V[n]))
