@@ -61,6 +61,21 @@ class TestPlan:
         assert (heights[0] - heights[1]).abs().max() < 1e-5
         assert (heights[0] - heights[2]).abs().max() < 1e-5
 
+    @pytest.mark.parametrize("name", ["d fix", "d phase", "sum phase"])
+    @pytest.mark.parametrize("K", [2, 3])
+    def test_any_start_leads_there_over_many_hills(self, device, name, K):
+        """AUVs anywhere, 10 to 15 m deep: a hill above each of them, and some between."""
+        random = torch.Generator().manual_seed(5)
+        z = -10 - 5 * torch.rand(2000, K, 1, generator=random)
+        points = torch.cat([AREA * torch.rand(2000, K, 2, generator=random), z], -1).to(device)
+        link = table(device, K, attitude_error=0.0017)
+        heights = []
+        for seed in range(4):
+            start = AREA * torch.rand(2000, 2, generator=torch.Generator().manual_seed(seed))
+            heights.append(planner.plan_batch(link, points, form=FORMS[name], start=start.to(device))[:, 2])
+        heights = torch.stack(heights)
+        assert ((heights.amax(0) - heights.amin(0)) / (5 + heights[0].abs())).max() < 3e-6
+
     @pytest.mark.parametrize("name", [name for name in FORMS if not name.startswith("paper")])
     def test_one_place_is_watched_from_straight_above(self, device, name):
         """One AUV, and three at the same place and depth."""
