@@ -23,14 +23,16 @@ import torch
 from scipy.optimize import differential_evolution
 
 from benchmarks.machine import best_time, describe
-from kernels import optimality, planner, runtime, tilt, usbl
+from kernels import runtime
+from kernels.planning import global_search, objectives, tilted_array
+from kernels.positioning import usbl
 from usvauv_env import Scenario
-from usvauv_env.parameters import link_table
+from usvauv_env.world.tables import link_table
 
 SIDE = 200.0
 TEAMS = (2, 4, 8, 16)
 FORMS = {
-    f"{objective} {measurement}": optimality.form(measurement, objective)
+    f"{objective} {measurement}": objectives.form(measurement, objective)
     for objective, measurement in (("d", "fix"), ("a", "fix"), ("e", "fix"), ("sum", "phase"))
 }
 KINDS = ("anywhere", "near-collinear", "coincident", "beneath the boat", "any depth", "shallow corners")
@@ -150,11 +152,11 @@ def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str,
     random = np.random.default_rng(auvs)
     batch = (1 << 17) // auvs if device.type == "cpu" else (1 << 24) // auvs
     points = torch.from_numpy(layouts("anywhere", batch, auvs, random)).to(device)
-    time = best_time(lambda: planner.plan_batch(link, points, form=form, width=SIDE, length=SIDE), seconds)
+    time = best_time(lambda: global_search.plan_batch(link, points, form=form, width=SIDE, length=SIDE), seconds)
     plans_per_second = batch / time
 
     trial = np.concatenate([layouts(kind, trials // len(KINDS), auvs, random) for kind in KINDS])
-    found = planner.plan_batch(link, torch.from_numpy(trial).to(device), form=form, width=SIDE, length=SIDE)
+    found = global_search.plan_batch(link, torch.from_numpy(trial).to(device), form=form, width=SIDE, length=SIDE)
     exact = trial.astype(float)
     reached = log_objective(found[:, :2].double().cpu().numpy(), exact, exact_link, form)
     gap = best_by_search(exact, exact_link, form) - reached
@@ -183,11 +185,11 @@ def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str,
 def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[str, object]:
     """Loss in ln of the objective from planning level while the surface slopes towards a random direction."""
     device, form = runtime.start().device, FORMS[name]
-    objective, measurement = optimality.OBJECTIVES[form // 2], form % 2
+    objective, measurement = objectives.OBJECTIVES[form // 2], form % 2
     link = torch.from_numpy(link_table(Scenario.load("extreme", [f"auv.count={auvs}"]))).to(device)
     random = np.random.default_rng(auvs)
     team = layouts("anywhere", count, auvs, random)
-    level = planner.plan_batch(link, torch.from_numpy(team).to(device), form=form, width=SIDE, length=SIDE)
+    level = global_search.plan_batch(link, torch.from_numpy(team).to(device), form=form, width=SIDE, length=SIDE)
     angle = 2 * math.pi * random.random(count)
     tilt_of = torch.from_numpy(slope * np.stack([np.cos(angle), np.sin(angle)], axis=-1).astype(np.float32)).to(device)
 
@@ -200,7 +202,7 @@ def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[s
         offset = torch.from_numpy((team[:, None] - place).reshape(-1, 3).astype(np.float32)).to(device)
         row = torch.arange(auvs, dtype=torch.int32, device=device).repeat(count * m)
         slopes = tilt_of.repeat_interleave(m * auvs, dim=0).contiguous()
-        C = tilt.predict_batch(link, row, offset, slopes, measurement=measurement)[0].double().cpu().numpy()
+        C = tilted_array.predict_batch(link, row, offset, slopes, measurement=measurement)[0].double().cpu().numpy()
         xx, xy, yy = np.moveaxis(C.reshape(count, m, auvs, 3), -1, 0)
         if objective == "d":
             return -np.log(xx * yy - xy * xy).sum(-1)

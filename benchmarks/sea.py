@@ -15,7 +15,7 @@ import taichi as ti
 import torch
 
 from benchmarks.machine import best_time, describe
-from kernels.shallow_water import ShallowWater
+from kernels.shallow_water.linear import ShallowWater
 
 DEPTH, GRAVITY = 120.0, 9.81
 STEPS_PER_LAUNCH = 64

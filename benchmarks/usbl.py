@@ -22,8 +22,9 @@ import numpy as np
 import torch
 
 from benchmarks.machine import best_time, describe
-from kernels import runtime, usbl, waveform
-from kernels.validity import good_probability
+from kernels import runtime
+from kernels.positioning import usbl, waveform
+from kernels.positioning.fix_probability import good_probability
 
 CARRIER = 15000.0
 SAMPLING_RATE = 2.016e6

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from policies.learned import LearnedPolicy
 from policies.policy import Policy, PolicyError
-from usvauv_env.quantities import commanded, observed
+from usvauv_env.faces.quantities import commanded, observed
 
 NEEDED = ("onnx", "onnxscript")
 EXAMPLE_WORLDS = 3  # any number but 1, which the tracer would take for a constant

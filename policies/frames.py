@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from policies.guidance import TINY, SpeedToFly, command, crab, rotate, unit, unrotate
-from usvauv_env.parameters import CURRENT_COMPONENTS
 from usvauv_env.scenario import Scenario
+from usvauv_env.world.tables import CURRENT_COMPONENTS
 
 ACTION_SIZE = 2
 FENCE = 4.0  # m, more than a step at full speed

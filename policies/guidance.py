@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from kernels.vehicle import travelling_power
+from kernels.mission.vehicle import travelling_power
 from usvauv_env.scenario import Scenario
 
 TINY = 1e-9

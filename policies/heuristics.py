@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from kernels import navigation
+from kernels.planning import zermelo
 from policies.frames import Layout
 from policies.guidance import SpeedToFly, command, crab, unit
 from policies.policy import Policy, PolicyError
@@ -87,8 +87,8 @@ class Zermelo(Crab):
     """The way through the true current that takes the least time at one speed through the water: a limit.
 
     It knows the current everywhere in the area, as it is at the moment, but for the storm (Zermelo's problem, see
-    `kernels.navigation`). The way is found anew when the target changes and every `RENEWAL` seconds. Where there is
-    none it does as `crab`.
+    `kernels.planning.zermelo`). The way is found anew when the target changes and every `RENEWAL` seconds. Where there
+    is none it does as `crab`.
     """
 
     reference = "zermelo_speed"
@@ -120,11 +120,9 @@ class Zermelo(Crab):
             self.age[due] = 0.0
             self.goal[due] = goal[due]
             world.current_field(self.flow, due.any(1), MARGIN)
-            navigation.solve(self.flow, self.goal, due.byte(), self.speeds, self.rates, self.cost, **circle)
+            zermelo.solve(self.flow, self.goal, due.byte(), self.speeds, self.rates, self.cost, **circle)
         current = world.current().contiguous()
-        navigation.steer(
-            self.flow, goal, position, current, self.speeds, self.rates, self.cost, self.velocity, **circle
-        )
+        zermelo.steer(self.flow, goal, position, current, self.speeds, self.rates, self.cost, self.velocity, **circle)
         speed = self.velocity.norm(dim=-1)
         course = command(unit(self.velocity), speed, self.scenario)
         return torch.where(speed.unsqueeze(-1) > 0.0, course, super().act(observation))

@@ -8,15 +8,16 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from usvauv_cli import style
-from usvauv_cli.commands.plan import NAMES
+from usvauv_cli.figure_theme import CARD, EDGE, MUTED, SEA, TEXT, web
+from usvauv_cli.objectives import NAMES
+from usvauv_env.render import style
 
 SIGMAS = 2
 # Half an ellipse's major axis over the shorter side of the area, at most: from the optimum, from any place.
@@ -32,16 +33,6 @@ HANDLE = 55  # by which headings stand left of the texts they head, pixels
 MAP = 6.0  # longer side of the map, inches
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 PLACES = ("#ffb020", "#ff6f61", "#c9f26b", "#7df9ff", "#ff9dd6", "#b7a0ff")
-
-
-def web(colour: style.Colour) -> str:
-    """Web colour of the video's BGR."""
-    blue, green, red = colour
-    return f"#{red:02x}{green:02x}{blue:02x}"
-
-
-TEXT, MUTED, CARD, EDGE = web(style.TEXT), web(style.MUTED), web(style.BACKGROUND), web(style.OUTLINE)
-SEA = LinearSegmentedColormap.from_list("sea", [web(colour) for colour in style.SEA] + ["#c4e4e3"])
 
 
 def magnification(result: dict) -> float:

@@ -12,8 +12,8 @@ from rich.live import Live
 from rich.table import Table
 
 from usvauv_cli.console import LINE_EVERY
-from usvauv_env.metrics import FIGURES, EpisodeMetrics
-from usvauv_env.trace import Trace
+from usvauv_env.record.metrics import EpisodeMetrics
+from usvauv_env.record.trace import Trace
 
 SHOWN = {
     "sdr": "SDR Mbit/s",
@@ -26,11 +26,6 @@ SHOWN = {
     "border": "border",
     "position_error_median": "error m",
 }
-
-
-def mean_figures(rows: Sequence[EpisodeMetrics]) -> dict[str, float]:
-    """Mean of every figure over episodes."""
-    return {name: statistics.fmean(getattr(row, name) for row in rows) for name in FIGURES}
 
 
 def metrics_table(rows: Sequence[EpisodeMetrics]) -> None:

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from kernels import fisher, optimality, planner, runtime, tilt, validity
-from usvauv_env.parameters import link_table
+from kernels import runtime
+from kernels.planning import fisher, global_search, objectives, tilted_array
+from kernels.positioning import fix_probability
 from usvauv_env.scenario import Scenario
+from usvauv_env.world.tables import link_table
 
 
 def solve(
@@ -37,16 +39,16 @@ def solve(
     """
     device = runtime.start(arch).device
     link = torch.from_numpy(link_table(scenario)).to(device)
-    form = optimality.form(measurement, objective)
+    form = objectives.form(measurement, objective)
     width, length = scenario.area.width, scenario.area.length
     points = torch.tensor(auvs, dtype=torch.float32, device=device)[None]
-    optimum = planner.plan_batch(link, points, form=form, width=width, length=length)[0, :2].tolist()
+    optimum = global_search.plan_batch(link, points, form=form, width=width, length=length)[0, :2].tolist()
     centroid = np.mean(auvs, axis=0)[:2].tolist()
 
     def log_objective(boats) -> np.ndarray:
         boats = torch.as_tensor(np.asarray(boats, np.float32), device=device)
         layouts = points.expand(len(boats), -1, -1).contiguous()
-        return optimality.log_objective_batch(link, layouts, boats, form=form)[:, 0].double().cpu().numpy()
+        return objectives.log_objective_batch(link, layouts, boats, form=form)[:, 0].double().cpu().numpy()
 
     boats = [optimum, centroid, *others]
     values = log_objective(boats)
@@ -97,9 +99,10 @@ def predict(
     slopes = offset.new_tensor(slope).expand(count, 2).contiguous()
     code = fisher.MEASUREMENTS.index(measurement)
     covariance, information, _ = (
-        part.double().cpu().numpy() for part in tilt.predict_batch(link, index, offset, slopes, measurement=code)
+        part.double().cpu().numpy()
+        for part in tilted_array.predict_batch(link, index, offset, slopes, measurement=code)
     )
-    detected, good = validity.good_probability(link, index, offset, slopes)
+    detected, good = fix_probability.good_probability(link, index, offset, slopes)
     ellipses = []
     for k in range(count):
         variances, axes = np.linalg.eigh(covariance[k, [0, 1, 1, 2]].reshape(2, 2))

@@ -116,7 +116,7 @@ class Storm(Section):
 
 
 class Water(Section):
-    """The real bed and the real currents, read from CF-NetCDF files (`usvauv_env.ocean`)."""
+    """The real bed and the real currents, read from CF-NetCDF files (`usvauv_env.site.cf_ocean`)."""
 
     bathymetry: str = Field("", description="file with the depth of the bed; empty: flat at area.depth")
     currents: str = Field("", description="file with currents, added to the vortices; empty: none")

@@ -1,11 +1,13 @@
-"""The nonlinear solver's cases for the table; their solutions are those of `tests.test_nonlinear`, which tests them."""
+"""The nonlinear solver's cases for the table; their solutions are those of
+`tests.kernels.shallow_water.test_nonlinear`, which tests them.
+"""
 
 import numpy as np
 
-from kernels.nonlinear import NonlinearShallowWater
-from tests import test_nonlinear as known
+from kernels.shallow_water.nonlinear import NonlinearShallowWater
 from tests.cases.case import Case
 from tests.cases.plain import SIDES, centres
+from tests.kernels.shallow_water import test_nonlinear as known
 
 
 def dam_break(n: int, behind: float, before: float) -> dict[str, float]:

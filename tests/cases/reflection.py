@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kernels.shallow_water import ShallowWater
+from kernels.shallow_water.linear import ShallowWater
 from tests.cases.case import Case
 from tests.cases.plain import GRAVITY, SIDES, centres, faces
 

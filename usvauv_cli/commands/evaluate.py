@@ -43,9 +43,9 @@ def evaluate(
     import policies
     from usvauv_cli import console, report
     from usvauv_env import Scenario, World
-    from usvauv_env.metrics import episode_metrics, write_csv
-    from usvauv_env.parameters import UsvStrategy
-    from usvauv_env.rollout import record
+    from usvauv_env.record.metrics import episode_metrics, write_csv
+    from usvauv_env.record.recorder import record
+    from usvauv_env.world.tables import UsvStrategy
 
     at_least("--episodes", episodes, 1)
     setting = Scenario.load(scenario, overrides or ())

@@ -36,7 +36,7 @@ def export(
     import policies
     from policies.export import export as write
     from usvauv_env import Scenario
-    from usvauv_env.world import observation_size
+    from usvauv_env.world.world import observation_size
 
     if overrides and scenario is None:
         raise UserError("--set: name the scenario whose fields it changes, after the policy")

@@ -9,13 +9,11 @@ import typer
 
 from kernels.errors import UserError
 from usvauv_cli.commands.options import Arch, Overrides, writable
+from usvauv_cli.objectives import MEASUREMENTS, NAMES, OBJECTIVES
 
 if TYPE_CHECKING:
     from usvauv_env import Scenario
 
-MEASUREMENTS = ("fix", "phase")
-OBJECTIVES = ("d", "a", "e", "sum", "paper")
-NAMES = {"d": "ln det J", "a": "−ln tr J⁻¹", "e": "ln λmin J", "sum": "ln det ΣJ", "paper": "ln of Eq. 3"}
 FORMATS = (".png", ".pdf", ".svg")
 
 

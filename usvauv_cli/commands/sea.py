@@ -19,7 +19,7 @@ from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_
 from usvauv_cli.commands.simulate import parse_size
 
 if TYPE_CHECKING:
-    from usvauv_env.lone_sea import LoneSea
+    from usvauv_env.sea_alone.simulation import LoneSea
 
 FIGURES = (".png", ".pdf", ".svg")
 FORMATS = (".mp4", ".nc", *FIGURES)
@@ -89,9 +89,9 @@ def sea(
     `usvauv sea --out calm.png --set storm.spectrum=none --set sea.irregular_rms=0.5`
     """
     from usvauv_cli import console
-    from usvauv_cli.plot import clock
     from usvauv_env import Scenario
-    from usvauv_env.lone_sea import LoneSea, cells, first_vortices
+    from usvauv_env.render.time_plot import clock
+    from usvauv_env.sea_alone.simulation import LoneSea, cells, first_vortices
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
@@ -158,17 +158,17 @@ def sink(out: Path, water: LoneSea, records: int, pixels: tuple[int, int], fps: 
     """What the ending of the file's name asks for."""
     kind = out.suffix.lower()
     if kind == ".nc":
-        from usvauv_env.sea_record import SeaFile
+        from usvauv_env.sea_alone.netcdf import SeaFile
 
         return SeaFile(out, water)
-    from usvauv_env.lone_sea import survey
+    from usvauv_env.sea_alone.simulation import survey
 
     if kind == ".mp4":
-        from usvauv_cli.sea_video import SeaFilm
+        from usvauv_cli.sea_view.video import SeaFilm
 
         expected = survey(water.scenario, water.seed, (records - 1) * water.interval)
         return SeaFilm(out, water, expected, records, pixels, fps)
-    from usvauv_cli.sea_figure import SeaFigure
+    from usvauv_cli.sea_view.figure import SeaFigure
 
     return SeaFigure(out, water, records)
 

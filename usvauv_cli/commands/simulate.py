@@ -39,10 +39,10 @@ def simulate(
     `usvauv simulate --seed 7 --trace storm.nc --set current.count=8`
     """
     import policies
-    from usvauv_cli import console, report, video
+    from usvauv_cli import console, encoder, report
     from usvauv_env import Scenario, World
-    from usvauv_env.metrics import episode_metrics
-    from usvauv_env.rollout import record
+    from usvauv_env.record.metrics import episode_metrics
+    from usvauv_env.record.recorder import record
 
     width, height = parse_size(size)
     at_least("--fps", fps, 1)
@@ -61,7 +61,7 @@ def simulate(
             world, player.act, player.name, steps=max(1, steps), surface=True, on_step=lambda _: advance(1)
         )
     with console.progress("drawing", len(recorded.time)) as advance:
-        video.render(recorded, out, (width, height), fps, progress=advance)
+        encoder.render(recorded, out, (width, height), fps, progress=advance)
     if trace:
         recorded.save(trace)
     report.mission_summary(episode_metrics(recorded)[0], recorded)

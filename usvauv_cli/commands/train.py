@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -55,8 +54,9 @@ def train(
     `usvauv train --out runs/first --resume --steps 1000000`
     """
     import policies
+    from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, judge
+    from policies.provenance import provenance
     from usvauv_cli import report
-    from usvauv_cli.judge import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, judge
     from usvauv_env import Scenario, World
 
     at_least("--steps", STEPS if steps is None else steps, 1)
@@ -103,28 +103,3 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"--out {path}: cannot be made a folder: {error.strerror}") from None
-
-
-def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
-    """What is written beside a checkpoint so that it can be made again: command, commit, versions.
-
-    A run that goes on keeps those it was begun with, as the JSON `begun` of its checkpoint has them; "resumed" lists
-    after how many world-steps it went on, and with what.
-    """
-    import subprocess
-    import sys
-
-    import torch
-
-    def git(*arguments: str) -> str:
-        place = Path(__file__).parent
-        done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=False, cwd=place)
-        return done.stdout.strip() if done.returncode == 0 else ""
-
-    commit = git("rev-parse", "HEAD") or "unknown"
-    dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
-    now = {"command": " ".join(["usvauv", *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
-    if not begun:
-        return now
-    first = {key: begun[key] for key in now if key in begun}
-    return first | {"resumed": [*begun.get("resumed", []), {"steps": begun["steps"], **now}]}

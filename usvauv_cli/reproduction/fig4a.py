@@ -11,16 +11,17 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 import policies
-from kernels import runtime, vortex
-from usvauv_cli import style
-from usvauv_cli.plan_figure import EDGE, MUTED, TEXT, web
+from kernels import runtime
+from kernels.flow import vortex
+from usvauv_cli.figure_theme import EDGE, MUTED, TEXT, web
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.runs import Learned
 from usvauv_cli.reproduction.settings import PHYSICAL, Settings
 from usvauv_cli.reproduction.work import Piece, write_rows
 from usvauv_env import Trace, World
-from usvauv_env.metrics import EpisodeMetrics, episode_metrics
-from usvauv_env.rollout import record
+from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
+from usvauv_env.record.recorder import record
+from usvauv_env.render import style
 
 NAME = "fig4a"
 COLUMNS = ("scenario", "time", "vehicle", "x", "y")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usvauv_cli.plan_figure import MUTED, TEXT
+from usvauv_cli.figure_theme import MUTED, TEXT
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.fixes import BOUND, FixErrors, results
 from usvauv_cli.reproduction.settings import PHYSICAL, STRATEGIES, Settings

@@ -8,8 +8,8 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from usvauv_cli import style
-from usvauv_cli.plan_figure import CARD, MUTED, TEXT, web
+from usvauv_cli.figure_theme import CARD, MUTED, TEXT, web
+from usvauv_env.render import style
 
 PLOT, LINE = web(style.CARD), web(style.LINE)
 METHOD_COLOURS = {"ddpg": "#ffb020", "sac": "#7df9ff", "td3": "#ff6fcf", "baseline": "#c9f26b", "data": "#4f9bd9"}

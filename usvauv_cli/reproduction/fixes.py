@@ -11,9 +11,10 @@ import numpy as np
 import policies
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import EVALUATION_STEP, Work, write_rows
-from usvauv_env import World, fix_bound
-from usvauv_env.metrics import position_error
-from usvauv_env.rollout import record
+from usvauv_env import World
+from usvauv_env.record import error_bound
+from usvauv_env.record.metrics import position_error
+from usvauv_env.record.recorder import record
 
 BOUND = "bound"
 OVER_TIME = ("time", "median", "lower_quartile", "upper_quartile")
@@ -55,8 +56,8 @@ class FixErrors:
         of = zip(episodes, *np.quantile(error, (0.5, 0.95), axis=(0, 2)), strict=True)
         self._write(work, self.usv, at, of)
         if self.usv == "fim":
-            variance = np.concatenate([fix_bound.variance(trace) for trace in traces], axis=1)
-            median = fix_bound.median_of_normals
+            variance = np.concatenate([error_bound.variance(trace) for trace in traces], axis=1)
+            median = error_bound.median_of_normals
             at = ((float(t), median(row.ravel()), "", "") for t, row in zip(time, variance, strict=True))
             of = ((place, median(variance[:, w].ravel()), "") for w, place in enumerate(episodes))
             self._write(work, BOUND, at, of)

@@ -9,12 +9,12 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from kernels.vehicle import travelling_power
-from usvauv_cli.judge import EVALUATION_SEED_OFFSET
+from kernels.mission.vehicle import travelling_power
+from policies.evaluation import EVALUATION_SEED_OFFSET
 from usvauv_cli.reproduction import conventions, fig3, fig4a, fig4b, paper, table2
 from usvauv_cli.reproduction.fixes import BOUND
 from usvauv_cli.reproduction.settings import Settings
-from usvauv_env.metrics import EpisodeMetrics
+from usvauv_env.record.metrics import EpisodeMetrics
 
 RESULTS = "reproduction"
 LOWEST_EC = min(figures["ec"][0] for figures in paper.TABLE_2.values())

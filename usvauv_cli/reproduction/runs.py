@@ -16,14 +16,14 @@ import torch
 
 import policies
 from policies import checkpoint
-from usvauv_cli.commands.train import provenance
-from usvauv_cli.judge import EVALUATION_SEED_OFFSET, judge
+from policies.evaluation import EVALUATION_SEED_OFFSET, judge
+from policies.provenance import provenance
 from usvauv_cli.reproduction.paper import CONDITIONS
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import EVALUATION_STEP, Stopped, Work, write_rows
 from usvauv_env import World
-from usvauv_env.metrics import COLUMNS, episode_metrics
-from usvauv_env.rollout import record
+from usvauv_env.record.metrics import COLUMNS, episode_metrics
+from usvauv_env.record.recorder import record
 
 TESTED = ("method", "trained_in", "run", "updates", *COLUMNS, "collaboration")
 

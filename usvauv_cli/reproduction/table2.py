@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.lines import Line2D
 
-from usvauv_cli.plan_figure import MUTED, TEXT
+from usvauv_cli.figure_theme import MUTED, TEXT
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.runs import Heuristic, Learned
 from usvauv_cli.reproduction.settings import HEURISTICS, Settings

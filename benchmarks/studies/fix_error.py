@@ -1,0 +1,140 @@
+"""How far off the AUVs' estimated positions are, by the boat's strategy and with a tracker: our Fig. 4(b).
+
+    python -m benchmarks.studies.fix_error --out docs/fix-error.png
+
+Paired episodes: every row sees the same worlds, AUVs steered by `straight`. For each episode the median of the
+horizontal error over AUVs and steps; of these the median over episodes, and its 95 % interval by the bootstrap, as of
+the ratio to `fim` with the episodes paired; that ratio also for the 95th percentile. `bound` is the same median of
+errors that are normal with the covariance J⁻¹ of a fix by a level array from the place that is D-optimal for the true
+positions, at each step: what going there at once would give without a memory. It knows nothing of sound that takes
+time, by which a fix lags behind a moving AUV.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import policies
+from benchmarks.machine import describe
+from usvauv_env import Scenario, World
+from usvauv_env.record import error_bound
+from usvauv_env.record.metrics import position_error
+from usvauv_env.record.recorder import record
+from usvauv_env.record.trace import Trace
+
+SCENARIOS = ("ideal", "extreme")
+TEAMS = (2, 3, 4, 5, 6)
+TRACKED = ("tracker.enabled=true",)
+PAPER = ("planner.objective=sum", "planner.measurement=phase", "planner.noise=constant")
+METERED = ("tracker.enabled=true", "tracker.current_reading=0.1")
+ROWS = {
+    "hold:0,0": ("hold:0,0", ()),
+    "hold:100,100": ("hold:100,100", ()),
+    "centroid": ("centroid", ()),
+    "fim by the paper's Eq. 2": ("fim", PAPER),
+    "fim-greedy": ("fim-greedy", ()),
+    "fim": ("fim", ()),
+    "fim + tracker": ("fim", TRACKED),
+    "fim-horizon + tracker": ("fim-horizon", TRACKED),
+    "fim + tracker + current meter": ("fim", METERED),
+}
+COLOURS = ("#8c510a", "#c1440e", "#5c8001", "#e0a800", "#9ecae1", "#33658a", "#7b3294", "#c2a5cf", "#d6604d")
+RESAMPLES = 4000
+
+
+def voyage(scenario: str, auvs: int, usv: str, settings: tuple[str, ...], episodes: int, seed: int) -> Trace:
+    setting = Scenario.load(scenario, [f"auv.count={auvs}", *settings])
+    world = World(setting, episodes, seed, usv)
+    policy = policies.load("straight", setting)
+    policy.attach(world)
+    return record(world, policy.act, "straight")
+
+
+def bound(trace: Trace) -> np.ndarray:
+    """For each episode, the median error of fixes from the best place."""
+    variance = error_bound.variance(trace)
+    return np.array([error_bound.median_of_normals(variance[:, w].ravel()) for w in range(variance.shape[1])])
+
+
+def interval(values: np.ndarray, over: np.ndarray | None = None) -> list[float]:
+    """Median of values (n,), or its ratio to that of `over`, and the 95 % bootstrap interval over episodes."""
+    drawn = np.random.default_rng(0).integers(0, len(values), (RESAMPLES, len(values)))
+    centre, medians = np.median(values), np.median(values[drawn], axis=1)
+    if over is not None:
+        centre, medians = centre / np.median(over), medians / np.median(over[drawn], axis=1)
+    return [float(centre), *np.quantile(medians, (0.025, 0.975)).tolist()]
+
+
+def measure(episodes: int, seed: int) -> dict[str, object]:
+    """Medians, intervals and ratios to `fim` of every row, by scenario and number of AUVs."""
+    result: dict[str, object] = {"machine": describe(), "episodes": episodes, "seed": seed}
+    for scenario in SCENARIOS:
+        teams = result.setdefault(scenario, {})
+        for auvs in TEAMS:
+            errors, largest = {}, {}
+            for row, (usv, settings) in ROWS.items():
+                trace = voyage(scenario, auvs, usv, settings, episodes, seed)
+                errors[row], largest[row] = np.quantile(position_error(trace), (0.5, 0.95), axis=(0, 2))
+                if row == "fim":
+                    errors["bound"] = bound(trace)
+            teams[auvs] = {
+                row: {"median": interval(values), "over_fim": interval(values, errors["fim"])}
+                | ({"p95_over_fim": interval(largest[row], largest["fim"])} if row in largest else {})
+                for row, values in errors.items()
+            }
+            print(table(scenario, auvs, teams[auvs]), flush=True)
+    return result
+
+
+def table(scenario: str, auvs: int, rows: dict) -> str:
+    lines = [f"{scenario}, {auvs} AUVs: median error, m (95 %), and over that of fim; 95th percentile over that of fim"]
+    for row, figures in rows.items():
+        (m, low, high), (ratio, least, most) = figures["median"], figures["over_fim"]
+        line = f"  {row:31s} {m:6.3f} ({low:.3f} to {high:.3f})   {ratio:5.2f} ({least:.2f} to {most:.2f})"
+        if row != "bound":
+            ratio, least, most = figures["p95_over_fim"]
+            line += f"   {ratio:5.2f} ({least:.2f} to {most:.2f})"
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def draw(result: dict, path: str) -> None:
+    """Median error against the number of AUVs, one panel a scenario."""
+    figure, panels = plt.subplots(1, len(SCENARIOS), figsize=(11, 5), sharey=True, layout="constrained")
+    for panel, scenario in zip(panels, SCENARIOS, strict=True):
+        for shift, (row, colour) in enumerate(zip(ROWS, COLOURS, strict=True)):
+            m, low, high = np.array([result[scenario][auvs][row]["median"] for auvs in TEAMS]).T
+            x = np.array(TEAMS) + 0.05 * (shift - len(ROWS) / 2)
+            panel.errorbar(x, m, (m - low, high - m), fmt="o-", ms=4, lw=1.2, color=colour, label=row)
+        limit = [result[scenario][auvs]["bound"]["median"][0] for auvs in TEAMS]
+        panel.plot(TEAMS, limit, "k--", lw=1.2, label="bound of a single fix, J⁻¹ at the best place")
+        panel.set(title=scenario, xlabel="number of AUVs", xticks=TEAMS, yscale="log")
+        panel.grid(alpha=0.3, which="both")
+    panels[0].set(ylabel="median horizontal error, m")
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8, frameon=False
+    )
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print JSON after the table")
+    parser.add_argument("--out", help="figure to write")
+    parser.add_argument("--episodes", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=2026)
+    arguments = parser.parse_args()
+    result = measure(arguments.episodes, arguments.seed)
+    if arguments.out:
+        draw(result, arguments.out)
+    if arguments.json:
+        print(json.dumps(result, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,209 @@
+"""What a fix loses that takes rays for straight lines, and how fast the rays are.
+
+    python -m benchmarks.studies.refraction --out docs/refraction.png
+
+A level array at the mean surface hears a source 100 m deep without noise: the horizontal slowness and the travel time
+of the true ray. Fixes made of them: with the speed at the array, with the harmonic mean of the speed between surface
+and source (both straight lines), and down the ray through the profile. Beside them the noise of a fix in `extreme`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+
+from benchmarks.machine import best_time, describe
+from kernels import runtime
+from kernels.positioning import rays, usbl
+from usvauv_env import Scenario
+from usvauv_env.site.sound_speed import SoundSpeedProfile
+from usvauv_env.world.tables import link_table
+
+DEPTH = 100.0  # of the source, m
+PROFILES = {  # depth, m, and speed, m/s
+    "isothermal, 10 °C": [(0, 1490.0), (200, 1493.3)],
+    "summer thermocline": [(0, 1522.0), (20, 1522.3), (50, 1492.0), (200, 1490.0)],
+    "strong gradient: meltwater": [(0, 1440.0), (3, 1440.0), (20, 1475.0), (60, 1480.0), (200, 1482.0)],
+}
+METHODS = ("speed at the array", "harmonic mean", "down the ray")
+RANGES = (10, 50, 100, 200, 300, 400)  # of the table, m
+
+
+def tensor(values: np.ndarray) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float32, device=runtime.start().device)
+
+
+def errors(profile: SoundSpeedProfile, R: np.ndarray) -> dict[str, np.ndarray]:
+    """Horizontal and vertical error (n, 2), m, of each method at the horizontal ranges R (n,), m."""
+    offset = np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1)
+    layers, depth = tensor(profile.layers()), tensor(np.zeros_like(R))
+    found = {}
+    for method, c in zip(METHODS, (profile.at(0.0), *[profile.harmonic_mean(0.0, DEPTH)] * 2), strict=True):
+        heard = rays.arrivals(layers, depth, tensor(offset), c)
+        if method == "down the ray":
+            place = rays.positions(layers, depth, heard, c).double().cpu().numpy()
+        else:
+            x, y, _, S, _ = heard.double().cpu().numpy().T
+            place = S[:, None] * np.stack([x, y, -np.sqrt(np.maximum(1 - x * x - y * y, 0))], axis=1)
+        exists = heard[:, 4].cpu().numpy() > 0
+        found[method] = np.where(exists[:, None], (place - offset)[:, [0, 2]], np.nan)
+    return found
+
+
+def covariance_ratio(profile: SoundSpeedProfile, R: np.ndarray) -> np.ndarray:
+    """Horizontal spread of a fix down the ray over that of one along a straight line, (n, 3).
+
+    For an error across the line of sight, one in its plane, and one of the range: the derivatives of the position.
+    """
+    c = profile.harmonic_mean(0.0, DEPTH)
+    offset = np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1)
+    layers, depth = tensor(profile.layers()), tensor(np.zeros_like(R))
+    heard = rays.arrivals(layers, depth, tensor(offset), c)
+    S = np.hypot(R, DEPTH)
+    ratios = []
+    for column, axis, step, straight in ((1, 1, 4e-3, S), (0, 0, 4e-3, S), (3, 0, 1.0, R / S)):
+        ends = []
+        for sign in (1, -1):
+            moved = heard.clone()
+            moved[:, column] += sign * step
+            ends.append(rays.positions(layers, depth, moved, c).double().cpu().numpy()[:, axis])
+        ratios.append((ends[0] - ends[1]) / (2 * step) / straight)
+    return np.stack(ratios, axis=1)
+
+
+def noise(R: np.ndarray) -> np.ndarray:
+    """Standard deviation of the horizontal error in `extreme`, level array, attitude known, root of both axes, m."""
+    device = runtime.start().device
+    link = torch.from_numpy(link_table(Scenario.load("extreme"))).to(device)
+    offset = tensor(np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1))
+    zero = torch.zeros((len(R), 5), device=device)
+    index = torch.zeros(len(R), dtype=torch.int32, device=device)
+    covariance = usbl.fixes(link, index, offset, zero[:, :2].contiguous(), 0.0, zero)[1].double().cpu().numpy()
+    return np.sqrt(covariance[:, 0] + covariance[:, 2])
+
+
+def rates(profile: SoundSpeedProfile, seconds: float) -> dict[str, float]:
+    """Rays and positions a second, boats within 10 m of the surface, sources within 200 m at 100 m depth."""
+    count = 1 << 18 if runtime.start().device.type == "cpu" else 1 << 24
+    random = np.random.default_rng(0)
+    elevation = random.uniform(-10, 10, count)
+    across = random.uniform(-200, 200, (count, 2))
+    offset = tensor(np.column_stack([across, -DEPTH - elevation]))
+    layers, depth = tensor(profile.layers()), tensor(-elevation)
+    heard = rays.arrivals(layers, depth, offset, 1500.0)
+    back = rays.positions(layers, depth, heard, 1500.0)
+    return {
+        "depths": len(profile.depths),
+        "rays_per_second": count / best_time(lambda: rays.arrivals(layers, depth, offset, 1500.0), seconds),
+        "positions_per_second": count / best_time(lambda: rays.positions(layers, depth, heard, 1500.0), seconds),
+        "largest_error_there_and_back": float((back - offset).abs().max()),
+    }
+
+
+def cast(thickness: float = 1.0) -> SoundSpeedProfile:
+    """A smooth summer profile measured every `thickness` metres."""
+    z = np.arange(0.0, 200.0, thickness)
+    return SoundSpeedProfile.from_table(np.column_stack([z, 1506 - 15 * np.tanh((z - 35) / 12) + 0.016 * z]))
+
+
+def draw(path: str) -> None:
+    """The profiles and the horizontal error against horizontal range."""
+    R = np.concatenate([np.linspace(1, 10, 19), np.linspace(11, 400, 390)])
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5.2), width_ratios=(1, 2.4), layout="constrained")
+    exact = 0.0
+    for color, (name, table) in zip(("#33658a", "#c1440e", "#5c8001"), PROFILES.items(), strict=True):
+        profile = SoundSpeedProfile.from_table(table)
+        z = np.linspace(0, 120, 241)
+        left.plot(np.interp(z, profile.depths, profile.speeds), z, color=color)
+        found = errors(profile, R)
+        for method, style in zip(METHODS[:2], ("--", "-"), strict=True):
+            right.plot(R, np.abs(found[method][:, 0]), style, color=color, label=f"{name}, {method}")
+        exact = max(exact, np.abs(found["down the ray"][:, 0]).max())
+    right.plot(R, noise(R), color="0.6", lw=4, alpha=0.6, label="noise of one fix in extreme, 1 σ", zorder=0)
+    right.axhline(exact, color="black", lw=0.8, ls=":", label=f"down the ray, all three: below {1e3 * exact:.1f} mm")
+    left.set(xlabel="speed of sound, m/s", ylabel="depth, m", ylim=(120, 0))
+    left.axhline(DEPTH, color="0.6", lw=0.8)
+    left.text(1443, DEPTH - 1, "source", color="0.4", fontsize=8)
+    right.set(xlabel="horizontal range, m", ylabel="horizontal error of the fix, m", yscale="log")
+    right.set(xlim=(0, 400), ylim=(1e-4, 40))
+    right.grid(alpha=0.3)
+    figure.legend(*right.get_legend_handles_labels(), loc="outside upper center", fontsize=8, ncols=2, frameon=False)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def measure(seconds: float) -> dict[str, object]:
+    """All figures."""
+    R = np.array(RANGES, float)
+    profiles = {name: SoundSpeedProfile.from_table(table) for name, table in PROFILES.items()}
+    fine = cast()
+    return {
+        "machine": describe(),
+        "ranges": RANGES,
+        "noise": noise(R).tolist(),
+        "errors": {
+            name: {method: found.tolist() for method, found in errors(profile, R).items()}
+            for name, profile in profiles.items()
+        },
+        "covariance_ratio": {name: covariance_ratio(profile, R).tolist() for name, profile in profiles.items()},
+        "rates": [
+            rates(profile, seconds)
+            for profile in (SoundSpeedProfile.constant(1500.0), *profiles.values(), fine.thinned(0.5), fine)
+        ],
+        "thinning": [
+            {"tolerance": tolerance, "depths": len(thin.depths), "error": thinning_error(fine, thin)}
+            for tolerance in (0.1, 0.5, 1.0, 2.0)
+            for thin in (fine.thinned(tolerance),)
+        ],
+    }
+
+
+def thinning_error(fine: SoundSpeedProfile, thin: SoundSpeedProfile) -> float:
+    """Largest horizontal error (m) up to 300 m of a fix by the thinned profile of sound that went through the other."""
+    R = np.linspace(1, 300, 300)
+    depth = tensor(np.zeros_like(R))
+    offset = tensor(np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1))
+    heard = rays.arrivals(tensor(fine.layers()), depth, offset, 1500.0)
+    back = rays.positions(tensor(thin.layers()), depth, heard, 1500.0)
+    return float((back - offset)[:, 0].abs().max())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    parser.add_argument("--out", help="draw the figure into this file")
+    parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
+    arguments = parser.parse_args()
+    if arguments.out:
+        draw(arguments.out)
+    result = measure(arguments.seconds)
+    if arguments.json:
+        print(json.dumps(result, indent=1))
+        return
+    print(result["machine"])
+    print("horizontal range, m".ljust(50), *(f"{R:>15g}" for R in RANGES))
+    print("noise in extreme, 1 σ, m".ljust(50), *(f"{sigma:>15.2f}" for sigma in result["noise"]))
+    for name, methods in result["errors"].items():
+        for method, found in methods.items():
+            print(f"{name}, {method}".ljust(50), *(f"{x:>8.3f}{z:>7.2f}" for x, z in found))
+    print(
+        "horizontal and vertical error, m; spread down the ray over that of a straight line (across, in plane, range):"
+    )
+    for name, ratios in result["covariance_ratio"].items():
+        print(name.ljust(47), *(" ".join(f"{value:.2f}" for value in ratio).rjust(15) for ratio in ratios))
+    for row in result["rates"]:
+        print(
+            f"{row['depths']:3d} depths: {row['rays_per_second'] / 1e6:.1f} million rays/s,"
+            f" {row['positions_per_second'] / 1e6:.1f} million positions/s,"
+            f" there and back within {1e3 * row['largest_error_there_and_back']:.2f} mm"
+        )
+    for row in result["thinning"]:
+        print(f"thinned to {row['tolerance']:g} m/s: {row['depths']} depths, error {1e3 * row['error']:.1f} mm")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,264 @@
+"""Where the boat should head for, judged by the tracks' covariance over the steps to come.
+
+The boat heads for a goal in a straight line at its top speed and stays there; AUV k goes on with the velocity it was
+last commanded and the current its track has. At each step of the horizon every AUV gives a fix of variance
+r = 1/T per axis (of `fisher`, the attitude error in it), and its covariance is carried on as
+the tracker does. The fix and the current's model are the same for both axes, so one number of each 2 × 2 block of the
+covariance is enough, half its trace:
+
+    a ← a r/(a + r),  b ← b r/(a + r),  c ← c − b²/(a + r)      a fix,
+    b ← ρ b,  c ← ρ² c + σ² (1 − ρ²);  a ← a + 2 m b + m² c,  b ← b + m c      a step, m s of it adrift.
+
+Criteria, means over the steps of the covariance after the fix: D, −Σ_k 2 ln a, ln det of the posterior information on
+all positions; A, −Σ_k 2 a, minus the trace of its inverse; E, −max_k a with each AUV's mean a, minus the inverse of its
+least eigenvalue. Their derivatives by the goal are carried through the recursion. The water's current on the boat and
+its heave are neglected.
+
+What it brings over heading for the optimum of the next fix alone is small: positions decide, hardly the prior, and a
+boat faster than the AUVs is always there in time. The criterion matters more: D gives up an AUV far away for a better
+fix of a near one, A does not.
+"""
+
+import taichi as ti
+import torch
+
+from kernels.planning import fisher
+from kernels.positioning import tracker
+
+CRITERIA = ("d", "a", "e")
+D, A, E = range(3)
+MAX_EVALUATIONS = 24
+
+vec2 = ti.types.vector(2, ti.f32)
+vec3 = ti.types.vector(3, ti.f32)
+array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
+array3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
+
+Outlook = ti.types.struct(
+    criterion=ti.i32,  # D, A or E
+    variance=ti.f32,  # σ² of the current as the tracker's, m²/s²
+    correlation_time=ti.f32,  # its τ, s
+    top_speed=ti.f32,  # of the boat, m/s
+    step=ti.f32,  # s
+    steps=ti.i32,  # of the horizon, at least 1
+)
+
+
+@ti.func
+def product(u: vec3, v: vec3) -> vec3:
+    """Product of two numbers that carry two derivatives each."""
+    return vec3(u[0] * v[0], u[0] * v[1] + u[1] * v[0], u[0] * v[2] + u[2] * v[0])
+
+
+@ti.func
+def ratio(u: vec3, v: vec3) -> vec3:
+    share = u[0] / v[0]
+    return vec3(share, (u[1] - share * v[1]) / v[0], (u[2] - share * v[2]) / v[0])
+
+
+@ti.func
+def fix_variance(link: ti.template(), k, offset: vec2, z) -> vec3:
+    """Variance per axis of a fix (m²) at the horizontal offset boat − AUV, and its derivatives by the boat's x, y."""
+    z2 = fisher.squared_separation(z)
+    f = fisher.log_strength(link, k, offset.norm_sqr() + z2, z2)
+    variance = ti.exp(-f[0])
+    slope = -2.0 * variance * f[1]
+    return vec3(variance, slope * offset[0], slope * offset[1])
+
+
+@ti.func
+def look_ahead(
+    track: ti.template(), estimate: ti.template(), w, link: ti.template(), outlook: Outlook, boat: vec2, goal: vec2
+) -> vec3:
+    """The criterion of a goal and its derivatives by the goal's x and y; arguments as `plan`."""
+    step = outlook.step
+    way = goal - boat
+    distance = ti.max(way.norm(), 1e-6)
+    along = way / distance
+    rho = ti.exp(-step / outlook.correlation_time)
+    noise = vec3(outlook.variance * (1.0 - rho * rho), 0.0, 0.0)
+    total = vec3(0.0, 0.0, 0.0)
+    for k in range(track.shape[1]):
+        m = step * track[w, k, tracker.ADRIFT]
+        velocity = vec2(track[w, k, tracker.WATER_X], track[w, k, tracker.WATER_Y])
+        velocity += track[w, k, tracker.ADRIFT] * vec2(track[w, k, tracker.CURRENT_X], track[w, k, tracker.CURRENT_Y])
+        place = vec2(track[w, k, tracker.X], track[w, k, tracker.Y])
+        a = vec3(0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY]), 0.0, 0.0)
+        b = vec3(0.5 * (track[w, k, tracker.XU] + track[w, k, tracker.YV]), 0.0, 0.0)
+        c = vec3(0.5 * (track[w, k, tracker.UU] + track[w, k, tracker.VV]), 0.0, 0.0)
+        sum_a = vec3(0.0, 0.0, 0.0)
+        for h in range(outlook.steps):
+            share = ti.min((h + 1.0) * outlook.top_speed * step / distance, 1.0)
+            r = fix_variance(link, k, boat + share * way - place, estimate[w, k, 2])
+            slope = share * vec2(r[1], r[2])
+            if share < 1.0:  # under way only the goal's direction counts
+                slope -= along * along.dot(slope)
+            r = vec3(r[0], slope[0], slope[1])
+            s = a + r
+            left = ratio(r, s)
+            c -= product(b, ratio(b, s))
+            b = product(b, left)
+            a = product(a, left)
+            if outlook.criterion == D:
+                total -= 2.0 * vec3(ti.log(a[0]), a[1] / a[0], a[2] / a[0])
+            sum_a += a
+            b *= rho
+            c = rho * rho * c + noise
+            a += 2.0 * m * b + m * m * c
+            b += m * c
+            place += step * velocity
+        if outlook.criterion == A:
+            total -= 2.0 * sum_a
+        elif outlook.criterion == E and (k == 0 or -sum_a[0] < total[0]):
+            total = -sum_a
+    return total / outlook.steps
+
+
+@ti.func
+def inside(point: vec2, width, length) -> vec2:
+    return vec2(ti.min(ti.max(point[0], 0.0), width), ti.min(ti.max(point[1], 0.0), length))
+
+
+@ti.func
+def plan(
+    track: ti.template(),
+    estimate: ti.template(),
+    w,
+    link: ti.template(),
+    outlook: Outlook,
+    boat: vec2,
+    goal: vec2,
+    width,
+    length,
+) -> vec3:
+    """The best goal in [0, width] × [0, length] and its criterion: the best of some starts, and uphill from there.
+
+    Args:
+        track: (W, K, tracker.COLUMNS), after `tracker.carry`, before the fix; `w` selects the world.
+        estimate: (W, K, 3), of which the vertical separations (m) are used.
+        link: (K, COLUMNS) of `usbl.link_table`.
+        outlook: criterion, model and horizon.
+        boat: the boat's place, m. goal: the last goal, m; it stays where nothing is better. Further starts are the
+            boat, the AUVs and their mean.
+        width, length: m.
+    """
+    count = track.shape[1]
+    best = inside(goal, width, length)
+    value = look_ahead(track, estimate, w, link, outlook, boat, best)
+    middle = vec2(0.0, 0.0)
+    for k in range(count):
+        middle += vec2(track[w, k, tracker.X], track[w, k, tracker.Y]) / count
+    for start in range(count + 2):
+        point = middle
+        if start < count:
+            point = vec2(track[w, start, tracker.X], track[w, start, tracker.Y])
+        elif start == count:
+            point = boat
+        point = inside(point, width, length)
+        found = look_ahead(track, estimate, w, link, outlook, boat, point)
+        if found[0] > value[0] + 1e-6 * ti.abs(value[0]):
+            best = point
+            value = found
+    radius = 0.25 * outlook.steps * outlook.top_speed * outlook.step
+    evaluations = 0
+    while radius > 0.05 and evaluations < MAX_EVALUATIONS:
+        slope = vec2(value[1], value[2])
+        point = inside(best + radius * slope / ti.max(slope.norm(), 1e-20), width, length)
+        found = look_ahead(track, estimate, w, link, outlook, boat, point)
+        evaluations += 1
+        if found[0] > value[0]:
+            best = point
+            value = found
+            radius *= 1.5
+        else:
+            radius *= 0.4
+    return vec3(best[0], best[1], value[0])
+
+
+@ti.kernel
+def _batch(
+    track: array3,
+    estimate: array3,
+    link: array2,
+    place: array2,
+    searching: ti.i32,
+    criterion: ti.i32,
+    variance: ti.f32,
+    correlation_time: ti.f32,
+    top_speed: ti.f32,
+    step: ti.f32,
+    steps: ti.i32,
+    width: ti.f32,
+    length: ti.f32,
+    out: array2,
+):
+    for i in range(track.shape[0]):
+        outlook = Outlook(criterion, variance, correlation_time, top_speed, step, steps)
+        boat = vec2(place[i, 0], place[i, 1])
+        goal = vec2(place[i, 2], place[i, 3])
+        found = vec3(0.0, 0.0, 0.0)
+        if searching != 0:
+            found = plan(track, estimate, i, link, outlook, boat, goal, width, length)
+        else:
+            found = look_ahead(track, estimate, i, link, outlook, boat, goal)
+        for j in ti.static(range(3)):
+            out[i, j] = found[j]
+
+
+def criterion_code(name: str) -> int:
+    """The code of a criterion.
+
+    Raises:
+        ValueError: unknown name.
+    """
+    if name not in CRITERIA:
+        raise ValueError(f"criterion: {name!r} is not one of {', '.join(CRITERIA)}")
+    return CRITERIA.index(name)
+
+
+def plan_batch(
+    track: torch.Tensor,
+    estimate: torch.Tensor,
+    link: torch.Tensor,
+    boat: torch.Tensor,
+    goal: torch.Tensor,
+    *,
+    criterion: str = "d",
+    steps: int = 10,
+    step: float = 1.0,
+    top_speed: float = 4.0,
+    variance: float,
+    correlation_time: float,
+    width: float = 200.0,
+    length: float = 200.0,
+) -> torch.Tensor:
+    """`plan` for many worlds: track (n, K, COLUMNS), estimate (n, K, 3), boat, goal (n, 2); goal and value (n, 3)."""
+    out = track.new_empty((track.shape[0], 3))
+    place = torch.cat((boat, goal), -1).contiguous()
+    code = criterion_code(criterion)
+    model = (variance, correlation_time, top_speed, step)
+    _batch(track, estimate, link, place, 1, code, *model, steps, width, length, out)
+    return out
+
+
+def look_ahead_batch(
+    track: torch.Tensor,
+    estimate: torch.Tensor,
+    link: torch.Tensor,
+    boat: torch.Tensor,
+    goal: torch.Tensor,
+    *,
+    criterion: str = "d",
+    steps: int = 10,
+    step: float = 1.0,
+    top_speed: float = 4.0,
+    variance: float,
+    correlation_time: float,
+) -> torch.Tensor:
+    """`look_ahead` for many worlds: as `plan_batch`; (n, 3) the criterion and its derivatives by the goal."""
+    out = track.new_empty((track.shape[0], 3))
+    place = torch.cat((boat, goal), -1).contiguous()
+    code = criterion_code(criterion)
+    model = (variance, correlation_time, top_speed, step)
+    _batch(track, estimate, link, place, 0, code, *model, steps, 0.0, 0.0, out)
+    return out

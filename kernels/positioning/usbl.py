@@ -1,0 +1,366 @@
+"""Ultra-short baseline positioning: the statistical model of a fix (Eq. 1) and its covariance.
+
+Four hydrophones stand at ±d/2 on the boat's two axes. For an AUV at r = (x', y', z') in the array's frame and at the
+slant range S = |r| they measure
+
+    Δφ_x = 2πf d x'/(c S) + n_x,  Δφ_y = 2πf d y'/(c S) + n_y,  n ~ N(0, σ²),   Ŝ = S + n_S,
+    x̂' = c Ŝ Δφ_x/(2πf d),  ŷ' likewise,  ẑ' = −√(Ŝ² − x̂'² − ŷ'²).
+
+Noise. A tone of N = periods · f_s/f samples in noise of relative amplitude σ_n has the phase variance 2σ_n²/N on one
+hydrophone (Cramér–Rao bound at known frequency: Kay, "Estimation Theory" (1993), §3.11), a difference of two has
+σ² = 4σ_n²/N. σ_n is 10^(−SNR/20), or the demonstration's 10^(−SNR/10), at the SNR of the true slant range. The delay
+is that of a correlator locked to the carrier: the mean phase of the four hydrophones, of variance σ²/8 and independent
+of both differences, divided by 2πf. An echo's path is travelled twice, which halves the range error.
+
+Validity. With a² = 2/σ², the tone's energy over the noise on one hydrophone, the four hydrophones together measure the
+amplitude R = 2a + 7/(4a) + n (a noncentral χ of 8 degrees of freedom, to 1e-3), and their phases scatter with σ² 2a/R.
+A fix is DETECTED where R² is at least 8 + 4 · PERIOD_ENERGY · periods: above it the correlator's choice among the
+carrier's cycles is right in all but about one of a million fixes and phases are Gaussian, below it one or the other
+fails and no fix should be used. A fix has WRAPPED where a phase difference has left (−π, π], as it can with d near half
+a wavelength or above, and has NO_DEPTH where x̂'² + ŷ'² > Ŝ², as it can near the horizon. It is good where its flags
+are DETECTED and nothing else. `kernels.positioning.waveform` measures sampled tones instead, and `docs/positioning.md`
+compares.
+
+Attitude. The array is tilted by the surface slopes (pitch = atan ∂η/∂x, then roll about the pitched axis; heading is
+known). The fix is rotated back with the attitude measured, which is wrong by a residual error in pitch and roll.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import taichi as ti
+import torch
+
+from kernels.positioning import sonar_equation
+
+# Columns of the link table, one row an AUV.
+KAPPA = 0  # 2πf d/c, phase difference per direction cosine, rad
+SNR_AT_1M = 1  # SL − NL (+ TS for an echo), dB
+PATHS = 2  # times the transmission loss counts: 1 transponder, 2 echo
+ABSORPTION = 3  # dB/km
+NOISE_EXPONENT = 4  # σ_n² = 10^(−exponent · SNR/10): 1, or 2 for the demonstration's law
+SAMPLES = 5  # N
+RANGE_PER_PHASE = 6  # c/(2πf), halved for an echo, m/rad
+PERIODS = 7  # length of the tone in periods of its carrier
+LEVEL = 8  # the planner's information of one AUV at q = S², 1/m²: ln T = LEVEL − POWER ln(q/S_0²) − DECAY (√q − S_0)
+POWER = 9
+DECAY = 10
+REFERENCE = 11  # S_0, m; where it is near the ranges that occur, no digits of single precision are lost
+ATTITUDE = 12  # ε², square of the attitude error in the planner's information, rad²
+COLUMNS = 13
+
+# Bits of a fix's flags.
+DETECTED = 1  # the tone stands out of the noise; the receiver knows
+WRAPPED = 2  # a phase difference left (−π, π]; only the simulation knows, a receiver sees it if one axis alone wraps
+NO_DEPTH = 4  # the direction measured has no real depth; the receiver knows
+NO_RAY = 8  # no direct ray of sound leads from the AUV to the array: nothing is heard
+LOST = 16  # interrogation or reply was lost
+
+PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
+
+vec2 = ti.types.vector(2, ti.f32)
+vec3 = ti.types.vector(3, ti.f32)
+vec4 = ti.types.vector(4, ti.f32)
+vec5 = ti.types.vector(5, ti.f32)
+mat3 = ti.types.matrix(3, 3, ti.f32)
+
+
+def link_table(
+    carriers: Sequence[float],
+    *,
+    sound_speed: float = 1500.0,
+    source_level: float = 135.0,
+    target_strength: float = 3.0,
+    path: str = "echo",
+    shipping: float = 0.5,
+    wind: float = 0.0,
+    bandwidth: float = 1000.0,
+    noise_law: str = "amplitude",
+    spacing: float = 0.033,
+    periods: float = 10.0,
+    sampling_rate: float = 2.016e6,
+    planner_noise: str = "range",
+    reference_range: float = 100.0,
+    attitude_error: float = 0.0,
+) -> np.ndarray:
+    """Constants of every AUV's acoustic link, (K, COLUMNS) float32.
+
+    Args:
+        carriers: carrier frequency f of each AUV, Hz.
+        sound_speed, source_level, target_strength, shipping, wind, bandwidth: m/s, dB re 1 µPa at 1 m, dB, 0 to 1,
+            m/s, Hz.
+        path: "echo" or "transponder".
+        noise_law: "amplitude", σ_n = 10^(−SNR/20), or "demonstration", σ_n = 10^(−SNR/10).
+        spacing, periods, sampling_rate: d in m, length of the tone in carrier periods, f_s in Hz.
+        planner_noise: "range", the planner's σ grows with range as the real one does, or "constant", it is that of the
+            slant range `reference_range` everywhere. The fixes themselves always have the real one.
+        reference_range: m, at least 1; a slant range typical for the task, for example the AUVs' depth.
+        attitude_error: ε that the planner reckons with, rad.
+
+    Raises:
+        ValueError: unknown path, noise law or planner noise.
+    """
+    for name, value, allowed in (
+        ("path", path, ("echo", "transponder")),
+        ("noise_law", noise_law, ("amplitude", "demonstration")),
+        ("planner_noise", planner_noise, ("range", "constant")),
+    ):
+        if value not in allowed:
+            raise ValueError(f"{name}: {value!r} is not one of {', '.join(allowed)}")
+    paths = 2 if path == "echo" else 1
+    exponent = 1 if noise_law == "amplitude" else 2
+    table = np.zeros((len(carriers), COLUMNS))
+    for row, f in zip(table, carriers, strict=True):
+        alpha = sonar_equation.absorption(f)
+        row[KAPPA] = 2.0 * math.pi * f * spacing / sound_speed
+        row[SNR_AT_1M] = source_level - sonar_equation.noise_level(f, bandwidth, shipping, wind)
+        row[SNR_AT_1M] += target_strength if path == "echo" else 0.0
+        row[PATHS] = paths
+        row[ABSORPTION] = alpha
+        row[NOISE_EXPONENT] = exponent
+        row[SAMPLES] = periods * sampling_rate / f
+        row[RANGE_PER_PHASE] = sound_speed / (2.0 * math.pi * f) / paths
+        row[PERIODS] = periods
+        # T = κ²/(σ² q) with σ² = 4/N · 10^(−exponent · SNR/10) and SNR = SNR(1 m) − paths · (15 log10 S + α S/1000).
+        snr = row[SNR_AT_1M] - paths * sonar_equation.transmission_loss(reference_range, f)
+        row[LEVEL] = math.log(row[KAPPA] ** 2 * row[SAMPLES] / 4.0 / reference_range**2)
+        row[LEVEL] += exponent * snr * sonar_equation.LN10 / 10.0
+        row[POWER] = 1.0 + 0.75 * exponent * paths if planner_noise == "range" else 1.0
+        row[DECAY] = exponent * paths * alpha * sonar_equation.LN10 / 1e4 if planner_noise == "range" else 0.0
+        row[REFERENCE] = reference_range
+        row[ATTITUDE] = attitude_error**2
+    return table.astype(np.float32)
+
+
+@ti.func
+def phase_deviation(link: ti.template(), k: ti.i32, S: ti.f32) -> ti.f32:
+    """Standard deviation σ (rad) of a phase difference of AUV k at the slant range S (m)."""
+    R = ti.max(S, 1.0)
+    snr = link[k, SNR_AT_1M] - link[k, PATHS] * (15.0 * sonar_equation.log10(R) + link[k, ABSORPTION] * R / 1000.0)
+    return 2.0 * sonar_equation.power_of_10(-0.05 * link[k, NOISE_EXPONENT] * snr) / ti.sqrt(link[k, SAMPLES])
+
+
+@ti.func
+def range_deviation(link: ti.template(), k: ti.i32, sigma: ti.f32) -> ti.f32:
+    """Standard deviation (m) of the slant range Ŝ where phase differences have the standard deviation σ (rad)."""
+    # A hydrophone's phase has half the variance of a difference, the mean of four a quarter of that.
+    return link[k, RANGE_PER_PHASE] * sigma * 0.3535533905932738
+
+
+@ti.func
+def attitude(slope: vec2) -> vec2:
+    """Pitch and roll (rad) of an array lying on a surface with the slopes (∂η/∂x, ∂η/∂y)."""
+    pitch = ti.atan2(slope[0], 1.0)
+    return vec2(pitch, ti.atan2(slope[1] * ti.cos(pitch), 1.0))
+
+
+@ti.func
+def array_axes(angles: vec2) -> mat3:
+    """The array's axes in the world's frame, one a row: forward, left, up; `angles` are pitch and roll (rad)."""
+    ct = ti.cos(angles[0])
+    st = ti.sin(angles[0])
+    cp = ti.cos(angles[1])
+    sp = ti.sin(angles[1])
+    return mat3([[ct, 0.0, st], [-sp * st, cp, sp * ct], [-cp * st, -sp, cp * ct]])
+
+
+@ti.func
+def wrap(phase: ti.f32) -> ti.f32:
+    """A phase (rad) brought into [−π, π]."""
+    return phase - 6.283185307179586 * ti.round(phase * 0.15915494309189535)
+
+
+@ti.func
+def detection_threshold(link: ti.template(), k: ti.i32) -> ti.f32:
+    """Least amplitude R over the noise, all hydrophones together, at which a tone of AUV k counts as detected."""
+    return ti.sqrt(8.0 + 4.0 * PERIOD_ENERGY * link[k, PERIODS])
+
+
+@ti.func
+def measure(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, path: ti.f32, noise: vec4) -> vec5:
+    """What the receiver measures of a tone of AUV k: two phase differences (rad, unwrapped), range (m), amplitude, σ.
+
+    Args:
+        link: link table, (K, COLUMNS).
+        body: direction towards the AUV in the array's frame, a unit vector where sound goes straight.
+        S: slant range, m, which decides how loud the tone is. path: what the delay says it is, m.
+        noise: independent standard normal numbers for the two phases, the range and the amplitude.
+    """
+    sigma = phase_deviation(link, k, S)
+    # A tone that happens to be strong has the better phases. Below any detectable amplitude the law is of no use.
+    strength = 2.8284271247461903 / sigma
+    scatter = sigma * ti.sqrt(strength / ti.max(strength + noise[3], 0.5 * strength))
+    return vec5(
+        link[k, KAPPA] * body[0] + scatter * noise[0],
+        link[k, KAPPA] * body[1] + scatter * noise[1],
+        path + range_deviation(link, k, scatter) * noise[2],
+        strength + 3.5 / strength + noise[3],
+        sigma,
+    )
+
+
+@ti.func
+def located(
+    link: ti.template(),
+    k: ti.i32,
+    true_phase: vec2,
+    phase: vec2,
+    amplitude: ti.f32,
+    axes: mat3,
+    length: ti.f32,
+) -> vec4:
+    """The direction that follows from what was measured, in the world's frame, and the fix's flags.
+
+    Args:
+        link: link table, (K, COLUMNS).
+        true_phase, phase: phase differences (rad) of the true direction, unwrapped, and as measured.
+        amplitude: measured amplitude of the tone over the noise, all hydrophones together.
+        axes: the array's axes as measured, see `array_axes`.
+        length: of the direction; 1 where the speed of sound at the array is the one that κ supposes.
+    """
+    flags = 0
+    if amplitude >= detection_threshold(link, k):
+        flags = flags | DETECTED
+    # What is no wrap is an error within (−π, π): the two differ by a whole turn.
+    if ti.abs(phase - true_phase).max() > math.pi:
+        flags = flags | WRAPPED
+    x = phase[0] / link[k, KAPPA]
+    y = phase[1] / link[k, KAPPA]
+    zz = length * length - x * x - y * y
+    if zz < 0.0:
+        flags = flags | NO_DEPTH
+    r = axes.transpose() @ vec3(x, y, -ti.sqrt(ti.max(zz, 0.0)))
+    return vec4(r[0], r[1], r[2], ti.cast(flags, ti.f32))
+
+
+@ti.func
+def fix(
+    link: ti.template(),
+    k: ti.i32,
+    offset: vec3,
+    slope: vec2,
+    attitude_error: ti.f32,
+    noise: vec4,
+    attitude_noise: vec2,
+) -> vec5:
+    """One fix of AUV k where sound goes straight: the estimated offset from boat to AUV (m), σ (rad), and the flags.
+
+    Args:
+        link: link table, (K, COLUMNS).
+        offset: true position of the AUV minus that of the wave-borne boat, m; below the boat z is negative.
+        slope: surface slopes (∂η/∂x, ∂η/∂y) under the boat; zero for an array that stays level.
+        attitude_error: standard deviation of the error left in measured pitch and roll, rad.
+        noise: as in `measure`. attitude_noise: of pitch and roll, likewise.
+    """
+    S = ti.max(offset.norm(), 1e-3)
+    angles = attitude(slope)
+    body = array_axes(angles) @ offset / S
+    heard = measure(link, k, body, S, S, noise)
+    axes = array_axes(angles + attitude_error * attitude_noise)
+    true_phase = link[k, KAPPA] * vec2(body[0], body[1])
+    found = located(link, k, true_phase, vec2(wrap(heard[0]), wrap(heard[1])), heard[3], axes, 1.0)
+    return vec5(heard[2] * found[0], heard[2] * found[1], heard[2] * found[2], heard[4], found[3])
+
+
+@ti.func
+def horizontal_covariance(
+    link: ti.template(), k: ti.i32, offset: vec3, axes: mat3, attitude_error: ti.f32, sigma: ti.f32
+) -> vec3:
+    """Covariance (xx, xy, yy) in m² of the horizontal part of a fix, to first order in the noise.
+
+    For a level array it is S²σ²/κ² I + σ_S² d dᵀ/S² + ε² z² I with the horizontal offset d, the standard deviations
+    σ_S of the range and ε of the attitude. `axes` are the array's, other arguments as for `fix`; a level array must not
+    have the AUV at its own height.
+    """
+    S = ti.max(offset.norm(), 1e-3)
+    body = axes @ offset
+    # Where the array is tilted, an error of x' moves z' = −√(S² − x'² − y'²), which leaks into the horizontal.
+    depth = ti.min(body[2], -1e-3 * S)
+    across = S * sigma / link[k, KAPPA]
+    along = range_deviation(link, k, sigma) / S
+    px = across * (axes[0, 0] - body[0] / depth * axes[2, 0])
+    py = across * (axes[0, 1] - body[0] / depth * axes[2, 1])
+    qx = across * (axes[1, 0] - body[1] / depth * axes[2, 0])
+    qy = across * (axes[1, 1] - body[1] / depth * axes[2, 1])
+    rx = along * offset[0]
+    ry = along * offset[1]
+    # An error of pitch turns the offset about the world's y axis, one of roll about the array's forward axis.
+    pitch = attitude_error * offset[2]
+    roll_x = attitude_error * axes[0, 2] * offset[1]
+    roll_y = attitude_error * (axes[0, 0] * offset[2] - axes[0, 2] * offset[0])
+    return vec3(
+        px * px + qx * qx + rx * rx + pitch * pitch + roll_x * roll_x,
+        px * py + qx * qy + rx * ry + roll_x * roll_y,
+        py * py + qy * qy + ry * ry + roll_y * roll_y,
+    )
+
+
+@ti.kernel
+def _fixes(
+    link: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    auv: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    offset: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    slope: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    attitude_error: ti.f32,
+    noise: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    estimate: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    covariance: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    flags: ti.types.ndarray(dtype=ti.i32, ndim=1),
+):
+    for i in range(offset.shape[0]):
+        r = vec3(offset[i, 0], offset[i, 1], offset[i, 2])
+        s = vec2(slope[i, 0], slope[i, 1])
+        k = auv[i]
+        signal = vec4(noise[i, 0], noise[i, 1], noise[i, 2], 0.0)
+        if noise.shape[1] > 5:
+            signal[3] = noise[i, 5]
+        f = fix(link, k, r, s, attitude_error, signal, vec2(noise[i, 3], noise[i, 4]))
+        C = horizontal_covariance(link, k, r, array_axes(attitude(s)), attitude_error, f[3])
+        for j in ti.static(range(4)):
+            estimate[i, j] = f[j]
+        for j in ti.static(range(3)):
+            covariance[i, j] = C[j]
+        flags[i] = ti.cast(f[4], ti.i32)
+
+
+def flagged_fixes(
+    link: torch.Tensor,
+    auv: torch.Tensor,
+    offset: torch.Tensor,
+    slope: torch.Tensor,
+    attitude_error: float,
+    noise: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Many fixes at once, for tests, tables and benchmarks.
+
+    Args:
+        link: (K, COLUMNS) float32, from `link_table`.
+        auv: (n,) int32, which row of the table each fix uses.
+        offset: (n, 3) float32, true offset from boat to AUV, m.
+        slope: (n, 2) float32, surface slopes.
+        attitude_error: rad.
+        noise: (n, 6) float32 standard normal numbers: two phases, range, pitch, roll, amplitude; with (n, 5) every tone
+            has its expected amplitude.
+
+    Returns:
+        (n, 4) estimated offset (m) and σ (rad); (n, 3) predicted horizontal covariance (xx, xy, yy), m²; (n,) int32
+        flags, see DETECTED, WRAPPED and NO_DEPTH.
+    """
+    estimate = torch.empty((offset.shape[0], 4), dtype=torch.float32, device=offset.device)
+    covariance = torch.empty((offset.shape[0], 3), dtype=torch.float32, device=offset.device)
+    flags = torch.empty(offset.shape[0], dtype=torch.int32, device=offset.device)
+    _fixes(link, auv, offset, slope, attitude_error, noise, estimate, covariance, flags)
+    return estimate, covariance, flags
+
+
+def fixes(
+    link: torch.Tensor,
+    auv: torch.Tensor,
+    offset: torch.Tensor,
+    slope: torch.Tensor,
+    attitude_error: float,
+    noise: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """`flagged_fixes` without the flags."""
+    return flagged_fixes(link, auv, offset, slope, attitude_error, noise)[:2]

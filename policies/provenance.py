@@ -1,0 +1,32 @@
+"""How a run was made: command, commit, versions."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+
+
+def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
+    """What is written beside a checkpoint so that it can be made again: command, commit, versions.
+
+    A run that goes on keeps those it was begun with, as the JSON `begun` of its checkpoint has them; "resumed" lists
+    after how many world-steps it went on, and with what.
+    """
+
+    def git(*arguments: str) -> str:
+        place = Path(__file__).parent
+        done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=False, cwd=place)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    commit = git("rev-parse", "HEAD") or "unknown"
+    dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
+    now = {"command": " ".join(["usvauv", *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
+    if not begun:
+        return now
+    first = {key: begun[key] for key in now if key in begun}
+    return first | {"resumed": [*begun.get("resumed", []), {"steps": begun["steps"], **now}]}

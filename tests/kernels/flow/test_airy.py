@@ -1,0 +1,398 @@
+"""Short waves: Airy's theory in the kernel, the spectra, and the statistics of a drawn sea."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from scipy.integrate import quad, trapezoid
+from scipy.signal import hilbert, welch
+from scipy.stats import kstest
+
+from kernels import runtime
+from kernels.flow import airy
+from usvauv_env.sea.storm import AirySea, band, build_storm, spread
+
+G, H = 9.81, 120.0
+STORM = {
+    "spectrum": "jonswap",
+    "significant_height": 6.5,
+    "peak_period": 11.0,
+    "gamma": 2.2,
+    "direction": 2.0,
+    "spreading": 10.0,
+    "components": 64,
+    "shortest_wave": 20.0,
+    "depth": H,
+    "gravity": G,
+    "levels": (0.0, -100.0),
+    "seed": 3,
+    "num_seas": 4,
+}
+
+
+@pytest.fixture(scope="module")
+def device():
+    return runtime.start().device
+
+
+def storm(**changes) -> AirySea:
+    return build_storm(**{**STORM, **changes})
+
+
+def single(a=1.0, omega=0.6, direction=0.0, phase=0.0, depth=H, levels=(0.0,)) -> AirySea:
+    """One regular wave."""
+    numbers = (np.array([[value]], float) for value in (a, omega, direction, phase))
+    return AirySea(*numbers, depth=depth, gravity=G, levels=levels)
+
+
+def motion(sea: AirySea, points: np.ndarray, level: int = 0) -> np.ndarray:
+    """(η, η_x, η_y, u, v, w) of every sea at points (P, 2): (seas, P, 6) in double precision."""
+    points = torch.as_tensor(points, dtype=torch.float32, device=sea.wave.device)
+    points = points.expand(sea.wave.shape[0], -1, -1)
+    return airy.sample(sea.wave, points, level).double().cpu().numpy()
+
+
+def summed(sea: AirySea, points: np.ndarray, z: float, depth: float = H) -> np.ndarray:
+    """The same as `motion`, from the formulas, in double precision."""
+    kx, ky = sea.k * np.cos(sea.direction), sea.k * np.sin(sea.direction)
+    theta = (kx[:, None] * points[:, :1] + ky[:, None] * points[:, 1:]) + (sea.phase - sea.omega * sea.time)[:, None]
+    a, omega, k = (value[:, None] for value in (sea.amplitude, sea.omega, sea.k))
+    C = np.cosh(k * (z + depth)) / np.sinh(k * depth)
+    D = np.sinh(k * (z + depth)) / np.sinh(k * depth)
+    terms = (
+        a * np.cos(theta),
+        -a * kx[:, None] * np.sin(theta),
+        -a * ky[:, None] * np.sin(theta),
+        a * omega * C * kx[:, None] / k * np.cos(theta),
+        a * omega * C * ky[:, None] / k * np.cos(theta),
+        a * omega * D * np.sin(theta),
+    )
+    return np.stack([term.sum(axis=-1) for term in terms], axis=-1)
+
+
+def record(sea: AirySea, minutes: int) -> np.ndarray:
+    """Elevation at the origin every half second, (seas, 120 minutes), in double precision."""
+    start = np.exp(1j * (sea.phase[:, None] - sea.omega[:, None] * 60 * np.arange(minutes)[:, None]))
+    within = np.exp(-1j * sea.omega[:, :, None] * 0.5 * np.arange(120))
+    return ((sea.amplitude[:, None] * start) @ within).real.reshape(len(start), -1)
+
+
+POINTS = np.random.default_rng(0).uniform(0, 200, (40, 2))
+
+
+class TestDispersion:
+    @pytest.mark.parametrize("depth", [0.5, 5.0, 120.0, 11000.0])
+    def test_residual_is_round_off(self, depth):
+        omega = np.logspace(-4, 2, 2000)
+        k = airy.wavenumber(omega, depth, G)
+        assert np.abs(G * k * np.tanh(k * depth) / omega**2 - 1).max() < 1e-15
+
+    def test_limits(self):
+        """ω²/g in deep water; in shallow water ω/√(gh) (1 + (kh)²/6)."""
+        omega = 2 * math.pi / np.array([1.0, 5.0])
+        np.testing.assert_allclose(airy.wavenumber(omega, 1000.0, G), omega**2 / G, rtol=1e-15)
+        omega = 2 * math.pi / np.array([500.0, 2000.0])
+        long = omega / math.sqrt(G * H)
+        np.testing.assert_allclose(airy.wavenumber(omega, H, G), long * (1 + (long * H) ** 2 / 6), rtol=1e-4)
+        assert airy.wavenumber(np.zeros(1), H, G) == 0
+
+
+class TestDecay:
+    def test_formula_and_limits(self):
+        k, z = np.array([1e-3, 1e-2, 0.03, 0.1]), -70.0
+        C, D = airy.decay(k, z, H)
+        np.testing.assert_allclose(C, np.cosh(k * (z + H)) / np.sinh(k * H), rtol=1e-13)
+        np.testing.assert_allclose(D, np.sinh(k * (z + H)) / np.sinh(k * H), rtol=1e-13)
+        assert airy.decay(k, 0.0, H)[1] == pytest.approx(np.ones(4), rel=1e-15)
+        assert airy.decay(k, -H, H)[1] == pytest.approx(np.zeros(4), abs=1e-15)
+
+    def test_deep_water_neither_overflows_nor_loses_digits(self):
+        k = np.array([1.0, 30.0])
+        for factor in airy.decay(k, -1.5, 11000.0):
+            np.testing.assert_allclose(factor, np.exp(-1.5 * k), rtol=1e-15)
+
+
+class TestMotion:
+    def test_cosine_and_sine_over_many_turns(self, device):
+        """A wave of 1 m over ±20 wave lengths against cos and sin: a few roundings of single precision."""
+        sea = single()
+        x = np.linspace(-20, 20, 20001) * 2 * math.pi / sea.k[0, 0]
+        points = np.stack([x, np.zeros_like(x)], axis=1).astype(np.float32)
+        found, expected = motion(sea, points)[0], summed(sea, points.astype(float), 0.0)[0]
+        assert np.abs(found[:, 0] - expected[:, 0]).max() < 1.5e-5  # 20 turns in f32, times 2π
+        near = np.abs(points[:, 0]) < 2 * math.pi / sea.k[0, 0]
+        assert np.abs(found[near, 0] - expected[near, 0]).max() < 6e-7
+        assert np.abs(found[near, 5] / 0.6 - expected[near, 5] / 0.6).max() < 6e-7
+
+    @pytest.mark.parametrize("level", [0, 1])
+    @pytest.mark.parametrize("time", [0.0, 12.5, 3e6 + 0.25])
+    def test_against_the_sum_in_double_precision(self, device, level, time):
+        """Also a month later: the phases are exact, so single precision is as good as at the start."""
+        sea = storm(components=61)
+        sea.move_to(time)
+        found = motion(sea, POINTS, level)
+        expected = summed(sea, POINTS.astype(np.float32).astype(float), STORM["levels"][level])
+        scale = np.sqrt((expected**2).mean(axis=(0, 1)))
+        assert (np.abs(found - expected).max(axis=(0, 1)) < 2e-5 * scale).all()
+
+    def test_slopes_are_differences_of_the_elevation(self, device):
+        sea, h = storm(), 0.5
+        for axis, step in ((1, (h, 0.0)), (2, (0.0, h))):
+            ahead, behind = (motion(sea, POINTS + sign * np.array(step))[..., 0] for sign in (1, -1))
+            slope = motion(sea, POINTS)[..., axis]
+            assert np.abs((ahead - behind) / (2 * h) - slope).max() < 0.01 * slope.std()  # (kh)²/6 at 20 m is 0.4 %
+
+    def test_no_divergence_and_no_rotation(self, device):
+        """∇·u and ∇×u by differences of fourth order, at 10 m depth and close above the bed."""
+        h = 1.0
+        for middle in (-10.0, -H + 2 * h):
+            sea = storm(levels=tuple(middle + n * h for n in range(-2, 3)))
+            gradient = np.zeros((3, *motion(sea, POINTS)[..., 3:].shape))
+            for n, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
+                gradient[0] += weight / h * motion(sea, POINTS + np.array([n * h, 0]), 2)[..., 3:]
+                gradient[1] += weight / h * motion(sea, POINTS + np.array([0, n * h]), 2)[..., 3:]
+                gradient[2] += weight / h * motion(sea, POINTS, 2 + n)[..., 3:]
+            scale = np.abs(gradient).max()
+            divergence = gradient[0, ..., 0] + gradient[1, ..., 1] + gradient[2, ..., 2]
+            assert np.abs(divergence).max() < 1e-3 * scale
+            for i, j in ((0, 1), (0, 2), (1, 2)):
+                assert np.abs(gradient[i, ..., j] - gradient[j, ..., i]).max() < 1e-3 * scale
+
+    def test_linear_free_surface(self, device):
+        """At z = 0 the water moves with the surface, w = η_t, and is accelerated down its slope, u_t = −g η_x."""
+        sea, dt = storm(), 0.02
+        series = []
+        for step in (-1, 0, 1):
+            sea.move_to(100.0 + step * dt)
+            series.append(motion(sea, POINTS))
+        rate, now = (series[2] - series[0]) / (2 * dt), series[1]
+        assert np.abs(rate[..., 0] - now[..., 5]).max() < 2e-3 * now[..., 5].std()
+        for axis in (0, 1):
+            down = -G * now[..., 1 + axis]
+            assert np.abs(rate[..., 3 + axis] - down).max() < 2e-3 * down.std()
+
+    def test_no_flow_through_the_bed(self, device):
+        sea = storm(levels=(-H,), peak_period=16.0)
+        assert np.abs(motion(sea, POINTS)[..., 5]).max() < 1e-7 < np.abs(motion(sea, POINTS)[..., 3]).max()
+
+    def test_grid_of_elevations(self, device):
+        sea = storm()
+        sea.move_to(77.0)
+        x, y = np.linspace(0, 200, 7), np.linspace(0, 150, 5)
+        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        grid = sea.elevation(2, x, y)
+        assert grid.dtype == np.float32
+        np.testing.assert_allclose(grid.ravel(), motion(sea, points)[2, :, 0], atol=2e-5)
+
+    def test_a_still_sea(self, device):
+        sea = storm(spectrum="none")
+        sea.move_to(5.0)
+        assert not motion(sea, POINTS, 1).any()
+        assert sea.elevation(1, np.zeros(3), np.zeros(2)).tolist() == [[0] * 3] * 2
+
+
+def jonswap(omega: float, period: float, gamma: float) -> float:
+    """JONSWAP up to a factor, written out once more."""
+    peak = 2 * math.pi / period
+    sigma = 0.07 if omega <= peak else 0.09
+    enhancement = gamma ** math.exp(-((omega - peak) ** 2) / (2 * sigma**2 * peak**2))
+    return omega**-5 * math.exp(-5 / 4 * (peak / omega) ** 4) * enhancement
+
+
+def integral(weight, shortest=20.0, period=11.0, gamma=2.2) -> float:
+    """∫ S weight(ω) dω over the band of `STORM` in deep water."""
+    peak, highest = 2 * math.pi / period, math.sqrt(G * 2 * math.pi / shortest)
+    parts = [peak / 2, peak * 0.9, peak, peak * 1.2, highest]
+    return sum(
+        quad(lambda omega: jonswap(omega, period, gamma) * weight(omega), low, high)[0] for low, high in pairwise(parts)
+    )
+
+
+class TestSpectra:
+    def test_jonswap(self):
+        omega, S = band("jonswap", 11.0, 2.2, 20.0, H, G)
+        expected = np.array([jonswap(o, 11.0, 2.2) for o in omega])
+        np.testing.assert_allclose(S / S.max(), expected / expected.max(), rtol=1e-12, atol=1e-300)
+        assert omega[S.argmax()] == pytest.approx(2 * math.pi / 11, rel=1e-3)
+        assert omega[-1] ** 2 == pytest.approx(G * 2 * math.pi / 20)
+
+    @pytest.mark.parametrize(("gamma", "T1", "T2"), [(1.0, 0.7718, 0.7104), (3.3, 0.8347, 0.7777)])
+    def test_mean_periods(self, gamma, T1, T2):
+        """T01/Tp and T02/Tp of JONSWAP: exact for γ = 1 (Γ functions), DNV-RP-C205's fit for γ = 3.3."""
+        omega, S = band("jonswap", 12.0, gamma, 0.1, 5000.0, G)
+        m0, m1, m2 = (trapezoid(omega**n * S, omega) for n in range(3))
+        assert 2 * math.pi * m0 / m1 / 12 == pytest.approx(T1, rel=2e-3)
+        assert 2 * math.pi * math.sqrt(m0 / m2) / 12 == pytest.approx(T2, rel=2e-3)
+
+    def test_pierson_moskowitz_is_jonswap_without_enhancement(self):
+        np.testing.assert_array_equal(band("pm", 9.0, 3.3, 20.0, H, G), band("jonswap", 9.0, 1.0, 20.0, H, G))
+
+    def test_tma(self):
+        """The factor is k⁻³ ∂k/∂ω over its value in deep water, 2 g² ω⁻⁵; ω² h/2g in shallow and 1 in deep water."""
+        shallow = 15.0
+        omega, S = band("tma", 14.0, 3.3, 20.0, shallow, G)
+        factor = S / band("jonswap", 14.0, 3.3, 20.0, shallow, G)[1]
+        k = airy.wavenumber(omega, shallow, G)
+        definition = k**-3 * np.gradient(k, omega, edge_order=2) / (2 * G**2 * omega**-5)
+        np.testing.assert_allclose(factor, definition, rtol=2e-6)
+        assert factor[0] == pytest.approx(omega[0] ** 2 * shallow / G / 2, rel=0.05)
+        assert factor[-1] == pytest.approx(1, abs=2e-3)
+        deep = [band(name, 8.0, 3.3, 20.0, 5000.0, G)[1] for name in ("tma", "jonswap")]
+        np.testing.assert_array_equal(*deep)
+
+    @pytest.mark.parametrize("s", [0.0, 1.0, 10.0, 75.0, 1000.0])
+    def test_spreading(self, s):
+        """First two moments of cos^{2s}(θ/2): s/(s + 1) and s (s − 1)/((s + 1)(s + 2)); symmetric and normalised."""
+        theta, probability = spread(s)
+        D, middle = np.diff(probability), (theta[1:] + theta[:-1]) / 2
+        assert probability[-1] == 1
+        assert D @ np.cos(middle) == pytest.approx(s / (s + 1), abs=1e-6)
+        assert D @ np.cos(2 * middle) == pytest.approx(s * (s - 1) / ((s + 1) * (s + 2)), abs=1e-6)
+        assert D @ np.sin(middle) == pytest.approx(0, abs=1e-12)
+
+    def test_errors(self):
+        with pytest.raises(ValueError, match="'bretschneider' is not one of none, jonswap, pm, tma"):
+            storm(spectrum="bretschneider")
+        with pytest.raises(ValueError, match="60 m leaves less than twice the frequency of the peak"):
+            storm(shortest_wave=60.0)
+
+
+class TestSeeds:
+    def test_a_sea_does_not_depend_on_the_others(self):
+        few, more, later = storm(num_seas=3), storm(num_seas=20), storm(num_seas=2, first=5)
+        for sea in (few, more, later):
+            sea.move_to(31.0)
+        assert torch.equal(few.wave, more.wave[:3])
+        assert torch.equal(later.wave, more.wave[5:7])
+
+    def test_seeds_and_seas_differ(self):
+        one, again, two = storm(), storm(), storm(seed=4)
+        high = storm(seed=3 + (1 << 64))
+        assert torch.equal(one.wave, again.wave)
+        phases = [sea.phase[n] for sea in (one, two, high) for n in range(4)]
+        assert all((a != b).all() for i, a in enumerate(phases) for b in phases[:i])
+
+    def test_time_is_a_function_not_a_history(self):
+        one, two = storm(), storm()
+        for time in np.arange(0, 50, 0.1):
+            one.move_to(time)
+        one.move_to(1234.5)
+        two.move_to(1234.5)
+        assert torch.equal(one.wave, two.wave)
+
+
+@pytest.fixture(scope="module")
+def many():
+    """128 seas, and their elevation at one place for an hour, every half second."""
+    sea = storm(num_seas=128)
+    return sea, record(sea, 60)
+
+
+class TestStatistics:
+    def test_significant_height_of_each_realisation_is_exact(self, many):
+        np.testing.assert_allclose(4 * np.sqrt((many[0].amplitude ** 2 / 2).sum(axis=1)), 6.5, rtol=1e-12)
+
+    def test_significant_height_of_records(self, many):
+        """4 √m0 of an hour: within 1 % in the mean, and no single one more than 5 % off."""
+        heights = 4 * many[1].std(axis=1)
+        assert heights.mean() == pytest.approx(6.5, rel=0.01)
+        assert np.abs(heights / 6.5 - 1).max() < 0.05
+
+    def test_periodogram(self, many):
+        """The spectrum itself, and its peak at Tp within a bin of 1/300 Hz.
+
+        Some 200 of all components fall into a bin, which makes it good to a few per cent.
+        """
+        f, found = welch(many[1], fs=2.0, nperseg=600)
+        found = found.mean(axis=0)
+        expected = np.array([jonswap(2 * math.pi * x, 11.0, 2.2) if x else 0.0 for x in f])
+        expected *= 2 * math.pi * 6.5**2 / 16 / integral(lambda omega: 1)
+        inside = expected > expected.max() / 20
+        deviation = found[inside] / expected[inside] - 1
+        assert np.sqrt((deviation**2).mean()) < 0.05
+        assert deviation.mean() == pytest.approx(0, abs=0.02)
+        assert f[found.argmax()] == pytest.approx(1 / 11, abs=1 / 300)
+
+    @pytest.mark.parametrize("power", [-1, 1, 2, 4])
+    def test_moments_are_those_of_the_spectrum(self, many, power):
+        """Σ a²/2 ωⁿ, n = 4 being the slope in deep water: right in the mean, and within 2 % each."""
+        sea = many[0]
+        found = (sea.amplitude**2 / 2 * sea.omega**power).sum(axis=1) * 16 / 6.5**2
+        expected = integral(lambda omega: omega**power) / integral(lambda omega: 1)
+        assert found.mean() == pytest.approx(expected, rel=1e-3)
+        assert np.abs(found / expected - 1).max() < 0.02
+
+    def test_gaussian(self, many):
+        """Skewness 0, and the kurtosis 3 − 1.5 Σa⁴/(Σa²)² of so many components, 2.97."""
+        sea, eta = many
+        unit = eta / eta.std(axis=1, keepdims=True)
+        a2 = sea.amplitude**2
+        expected = 3 - 1.5 * ((a2**2).sum(axis=1) / a2.sum(axis=1) ** 2).mean()
+        assert expected == pytest.approx(2.97, abs=0.01)
+        assert (unit**4).mean() == pytest.approx(expected, abs=0.03)
+        assert (unit**3).mean() == pytest.approx(0, abs=0.02)
+
+    def test_envelope_is_rayleigh(self, many):
+        """|analytic signal| / σ: Rayleigh whatever the bandwidth; one value a minute is independent enough."""
+        envelope = np.abs(hilbert(many[1], axis=1))[:, 120:-120:120].ravel() / (6.5 / 4)
+        assert kstest(envelope, "rayleigh").statistic < 1.63 / math.sqrt(envelope.size)  # 1 % level
+
+    def test_wave_heights_are_rayleigh(self, many):
+        """Zero up-crossing heights: the highest third's mean over Hs is 0.93 to 0.97 for a JONSWAP sea (1.00 were the
+        band narrow), and over their own rms, as are the higher ones, Rayleigh's 1.416 and 1.800."""
+        heights = []
+        for eta in many[1]:
+            crossings = np.flatnonzero((eta[:-1] < 0) & (eta[1:] >= 0)) + 1
+            heights += [part.max() - part.min() for part in np.split(eta, crossings)[1:-1]]
+        heights = np.sort(heights)[::-1]
+        third, tenth = (heights[: len(heights) // n].mean() for n in (3, 10))
+        rms = math.sqrt((heights**2).mean())
+        assert 0.92 < third / 6.5 < 0.98
+        assert third / rms == pytest.approx(1.416, rel=0.02)
+        assert tenth / rms == pytest.approx(1.800, rel=0.03)
+
+    def test_direction_and_spreading(self, many):
+        """Mean direction 2.0 and first moment s/(s + 1) of energy, in the mean and for each realisation; whatever the
+        frequency."""
+        sea = many[0]
+        moment = (sea.amplitude**2 * np.exp(1j * (sea.direction - 2.0))).sum(axis=1) / (sea.amplitude**2).sum(axis=1)
+        assert np.angle(moment).mean() == pytest.approx(0, abs=0.01)
+        assert np.abs(np.angle(moment)).max() < 0.1
+        assert moment.real.mean() == pytest.approx(10 / 11, abs=0.005)
+        ranks = np.argsort(np.argsort(sea.omega, axis=1), axis=1)
+        assert np.corrcoef(ranks.ravel(), sea.direction.ravel())[0, 1] == pytest.approx(0, abs=0.04)
+
+    def test_direction_is_that_of_travel(self, device):
+        """A crest moves along θ with ω/k: the wave is the same a little later and further on."""
+        sea = single(direction=2.0, phase=0.4)
+        before = motion(sea, POINTS)
+        sea.move_to(3.0)
+        along = 3.0 * 0.6 / sea.k[0, 0] * np.array([math.cos(2.0), math.sin(2.0)])
+        np.testing.assert_allclose(motion(sea, POINTS + along), before, atol=1e-5)
+
+    @pytest.mark.parametrize("period", [8.0, 11.0, 16.0])
+    def test_heave_slope_and_water_speed(self, device, period):
+        """Variances in the kernel, over places and times of many seas, against the integrals over the spectrum: of
+        elevation, slope, and horizontal speed at the surface and at 100 m depth (there 0.9, 5.1 and 17 cm/s rms)."""
+        sea = storm(peak_period=period, num_seas=64)
+        seen = []
+        for time in range(0, 3000, 60):
+            sea.move_to(time)
+            seen.append(np.concatenate([motion(sea, POINTS), motion(sea, POINTS, 1)[..., 3:5]], axis=-1))
+        square = (np.array(seen) ** 2).mean(axis=(0, 1, 2))
+
+        def k(omega):
+            return float(airy.wavenumber(omega, H, G))
+
+        def speed(omega, z):
+            return omega * math.cosh(k(omega) * (z + H)) / math.sinh(k(omega) * H)
+
+        weights = (lambda o: 1, lambda o: k(o) ** 2, lambda o: speed(o, 0) ** 2, lambda o: speed(o, -100) ** 2)
+        expected = [integral(weight, period=period) for weight in weights]
+        scale = 6.5**2 / 16 / expected[0]
+        found = [square[0], square[1:3].sum(), square[3:5].sum(), square[6:].sum()]
+        assert found == pytest.approx([scale * value for value in expected], rel=0.03)
+        if period == 11.0:  # the scenario `extreme`
+            assert np.sqrt(found) == pytest.approx([1.625, 0.106, 1.17, 0.051], rel=0.02)

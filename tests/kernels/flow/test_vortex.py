@@ -1,0 +1,205 @@
+"""Lamb–Oseen currents: the identities of Eq. 8, the profile of one vortex, the core in single precision."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.special import lambertw
+
+from kernels import runtime
+from kernels.flow.vortex import evolution, sample_current, sample_vorticity
+
+# Baseline reference of the paper (Zhang et al., doi 10.1109/JIOT.2024.3395568): three vortices in a 120 m square.
+BASELINE = [(30.0, 23.0, 8.0, 48.0), (63.0, 45.0, 8.0, 48.0), (75.0, 77.0, 8.0, 48.0)]
+STRONG = [(40.0, 60.0, 150.0, 30.0), (150.0, 120.0, -90.0, 25.0), (90.0, 170.0, 60.0, 40.0)]
+
+
+@pytest.fixture(scope="module")
+def device():
+    return runtime.start().device
+
+
+def field(device, vortices, points):
+    """Velocity (P, 2) and vorticity (P,) of one world in double precision."""
+    vortex = torch.tensor([vortices], dtype=torch.float32, device=device)
+    points = torch.as_tensor(np.asarray(points), dtype=torch.float32, device=device)[None]
+    velocity, vorticity = sample_current(vortex, points), sample_vorticity(vortex, points)
+    return velocity[0].double().cpu().numpy(), vorticity[0].double().cpu().numpy()
+
+
+def test_against_the_printed_formula(device):
+    """Eq. 8 with the plus sign in V_y, summed in double precision."""
+    points = np.random.default_rng(0).uniform(0, 200, (500, 2))
+    expected = np.zeros((500, 2))
+    for x0, y0, Gamma, delta in STRONG:
+        dx, dy = points[:, 0] - x0, points[:, 1] - y0
+        r2 = dx**2 + dy**2
+        factor = Gamma / (2 * np.pi * r2) * (1 - np.exp(-r2 / delta**2))
+        expected += np.stack([-factor * dy, factor * dx], axis=1)
+    velocity, _ = field(device, STRONG, points)
+    assert np.abs(velocity - expected).max() < 2e-6
+
+
+@pytest.mark.parametrize("vortices", [BASELINE, STRONG], ids=["baseline", "strong"])
+def test_curl_is_the_vorticity_and_divergence_vanishes(device, vortices):
+    """∂V_y/∂x − ∂V_x/∂y = ϖ, ∇·V = 0, by differences of fourth order; the printed minus in V_y fails both."""
+    h = 2.0
+    points = np.random.default_rng(1).uniform(0, 200, (500, 2))
+    derivative = np.zeros((2, 500, 2))
+    for axis in (0, 1):
+        for shift, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
+            moved = points.copy()
+            moved[:, axis] += shift * h
+            derivative[axis] += weight / h * field(device, vortices, moved)[0]
+    _, vorticity = field(device, vortices, points)
+    scale = np.abs(vorticity).max()
+    curl = derivative[0, :, 1] - derivative[1, :, 0]
+    divergence = derivative[0, :, 0] + derivative[1, :, 1]
+    assert np.abs(curl - vorticity).max() < 1e-4 * scale
+    assert np.abs(divergence).max() < 1e-4 * scale
+    # With the sign as printed the "curl" is −∂V_y/∂x − ∂V_x/∂y, which is far from ϖ.
+    assert np.abs(-derivative[0, :, 1] - derivative[1, :, 0] - vorticity).max() > 0.5 * scale
+
+
+class TestOneVortex:
+    Gamma, delta = 12.0, 30.0
+    slope = Gamma / (2 * math.pi * delta**2)
+
+    def speed(self, device, r):
+        r = np.atleast_1d(np.asarray(r, dtype=float))
+        points = np.stack([0.6 * r, 0.8 * r], axis=1)
+        velocity, _ = field(device, [(0.0, 0.0, self.Gamma, self.delta)], points)
+        return np.linalg.norm(velocity, axis=1)
+
+    def test_peak(self, device):
+        """1 − e^{−s} = 2 s e^{−s} at the peak: s = −1/2 − W₋₁(−e^{−1/2}/2), r = 1.1209 δ, 0.6382 Γ/(2πδ)."""
+        s = float(np.real(-0.5 - lambertw(-0.5 * math.exp(-0.5), -1)))
+        assert math.sqrt(s) == pytest.approx(1.1209, abs=5e-5)
+        r = np.linspace(0.5, 2.0, 3001) * self.delta
+        speed = self.speed(device, r)
+        assert speed.max() == pytest.approx(0.6382 * self.Gamma / (2 * math.pi * self.delta), rel=1e-4)
+        assert r[speed.argmax()] == pytest.approx(math.sqrt(s) * self.delta, abs=0.05 * self.delta)
+
+    def test_centre_is_at_rest(self, device):
+        assert self.speed(device, 0.0)[0] == 0.0
+
+    def test_core_turns_as_a_solid(self, device):
+        r = 10.0 ** np.arange(-20, 0)
+        assert np.abs(self.speed(device, r) / (self.slope * r) - 1).max() < 1e-5
+
+    def test_profile_where_the_series_ends(self, device):
+        s = np.linspace(0.2, 0.3, 101)
+        expected = self.slope * self.delta * (1 - np.exp(-s)) / np.sqrt(s)
+        assert np.abs(self.speed(device, np.sqrt(s) * self.delta) / expected - 1).max() < 2e-6
+
+    def test_far_away_is_a_point_vortex(self, device):
+        assert self.speed(device, 3000.0)[0] == pytest.approx(self.Gamma / (2 * math.pi * 3000.0), rel=1e-6)
+
+    def test_turns_anticlockwise(self, device):
+        velocity, _ = field(device, [(0.0, 0.0, self.Gamma, self.delta)], [(10.0, 0.0), (0.0, 10.0)])
+        assert velocity[0, 1] > 0
+        assert velocity[1, 0] < 0
+
+
+def test_baseline_preset_is_below_5_cm_per_second(device):
+    x, y = np.meshgrid(np.linspace(0, 120, 121), np.linspace(0, 120, 121))
+    velocity, _ = field(device, BASELINE, np.stack([x.ravel(), y.ravel()], axis=1))
+    fastest = np.linalg.norm(velocity, axis=1).max()
+    assert 0.04 < fastest <= 0.045
+
+
+def test_worlds_are_separate_and_none_means_still_water(device):
+    vortex = torch.tensor([BASELINE, STRONG], dtype=torch.float32, device=device)
+    points = torch.full((2, 1, 2), 50.0, device=device)
+    both = sample_current(vortex, points)
+    assert torch.equal(both[1], sample_current(vortex[1:].contiguous(), points[1:])[0])
+    assert not torch.equal(both[0], both[1])
+    assert not sample_current(vortex[:, :0], points).any()
+
+
+def carried(device, vortices, dt, steps, viscosity=0.0, mutual=True):
+    """History (steps + 1, V, 4) of one world's vortices."""
+    vortex = torch.tensor([vortices], dtype=torch.float32, device=device)
+    kept = torch.zeros((*vortex.shape[:2], 7), device=device)
+    history = [vortex[0].double().cpu().numpy()]
+    for _ in range(steps):
+        evolution(vortex, kept, dt, viscosity, mutual)()
+        history.append(vortex[0].double().cpu().numpy())
+    return np.stack(history)
+
+
+class TestEvolution:
+    def test_two_equal_vortices_orbit_with_the_exact_period(self, device):
+        """Ω = Γ/(πd²) (1 − e^{−d²/2δ²}) about their middle, at distance d: back home after 2π/Ω."""
+        Gamma, d, delta = 150.0, 50.0, 30.0
+        period = 2 * math.pi / (Gamma / (math.pi * d**2) * (1 - math.exp(-((d / delta) ** 2) / 2)))
+        history = carried(device, [(75.0, 100.0, Gamma, delta), (125.0, 100.0, Gamma, delta)], period / 400, 400)
+        assert np.abs(history[-1] - history[0]).max() < 2e-3
+        assert np.abs(history[200, 0, :2] - history[0, 1, :2]).max() < 2e-3
+        quarter = history[100]
+        assert np.abs(quarter[:, :2] - [(100, 75), (100, 125)]).max() < 2e-3  # anticlockwise
+
+    def test_point_vortices(self, device):
+        """Cores that are small beside the distance: the classical period 2π²d²/Γ of Helmholtz's pair."""
+        period = 2 * math.pi**2 * 50**2 / 150
+        history = carried(device, [(75.0, 100.0, 150.0, 5.0), (125.0, 100.0, 150.0, 5.0)], period / 400, 400)
+        assert np.abs(history[-1] - history[0]).max() < 2e-3
+
+    def test_a_centre_moves_with_the_mean_velocity_over_its_core(self, device):
+        """The mean of the other's velocity over a Gaussian core by Gauss–Hermite quadrature, and the first step."""
+        other, own = (130.0, 110.0, 150.0, 25.0), (100.0, 100.0, 40.0, 35.0)
+        nodes, weights = np.polynomial.hermite.hermgauss(40)
+        x, y = np.meshgrid(100 + 35 * nodes, 100 + 35 * nodes)
+        V, _ = field(device, [other], np.stack([x.ravel(), y.ravel()], axis=1))
+        mean = (np.outer(weights, weights).ravel()[:, None] * V).sum(axis=0) / math.pi
+        history = carried(device, [own, other], 0.1, 1)
+        np.testing.assert_allclose((history[1, 0, :2] - history[0, 0, :2]) / 0.1, mean, atol=2e-4)
+
+    def test_fourth_order(self, device):
+        """Errors of coarse steps shrink 16-fold when they are halved, before single precision is reached."""
+        vortices = [(90.0, 100.0, 150.0, 5.0), (110.0, 100.0, 150.0, 5.0)]
+        period = 2 * math.pi / (150 / (math.pi * 20**2) * (1 - math.exp(-8)))
+        errors = [np.abs(carried(device, vortices, period / n, n)[-1] - vortices).max() for n in (16, 32)]
+        assert 3.5 < math.log2(errors[0] / errors[1]) < 5.5
+
+    def test_a_pair_of_opposite_sign_goes_straight_on(self, device):
+        """At Γ/(2πd) (1 − e^{−d²/2δ²}), across the line between them."""
+        Gamma, d, delta = 100.0, 40.0, 30.0
+        speed = Gamma / (2 * math.pi * d) * (1 - math.exp(-((d / delta) ** 2) / 2))
+        end = carried(device, [(80.0, 50.0, Gamma, delta), (120.0, 50.0, -Gamma, delta)], 1.0, 300)[-1]
+        assert np.abs(end[:, :2] - [(80, 50 + 300 * speed), (120, 50 + 300 * speed)]).max() < 2e-3
+
+    def test_invariants(self, device):
+        """Circulation to the last bit; without viscosity the centre of circulation and the turning moment Σ Γ X²."""
+        history = carried(device, STRONG, 1.0, 1000)
+        assert (history[:, :, 2] == history[0, :, 2]).all()
+        for moment in (history[:, :, 0], history[:, :, 1], history[:, :, 0] ** 2 + history[:, :, 1] ** 2):
+            sums = (history[:, :, 2] * moment).sum(axis=1)
+            assert np.ptp(sums) < 1e-4 * np.abs(history[0, :, 2] * moment[0]).sum()
+        assert np.abs(history[-1, :, :2] - history[0, :, :2]).max() > 20
+
+    def test_growth(self, device):
+        """δ² = δ0² + 4νt, whether the centres move or not; the velocity is then that of Eq. 8 with the wider core."""
+        for mutual in (False, True):
+            history = carried(device, STRONG, 2.0, 500, viscosity=0.3, mutual=mutual)
+            np.testing.assert_allclose(history[-1, :, 3] ** 2, history[0, :, 3] ** 2 + 4 * 0.3 * 1000, rtol=3e-5)
+            assert (history[-1, :, :2] == history[0, :, :2]).all() == (not mutual)
+
+    def test_vorticity_obeys_the_heat_equation(self, device):
+        """ϖ_t = ν ∇²ϖ for a lone vortex, by central differences in time and space."""
+        nu, dt, h = 2.0, 5.0, 2.0
+        history = carried(device, [(100.0, 100.0, 150.0, 30.0)], dt, 2, viscosity=nu)
+        x, y = np.meshgrid(np.linspace(40, 160, 25), np.linspace(40, 160, 25))
+        points = np.stack([x.ravel(), y.ravel()], axis=1)
+        before, now, after = (field(device, vortices, points)[1] for vortices in history.tolist())
+        sides = [field(device, history[1].tolist(), points + shift)[1] for shift in ((h, 0), (-h, 0), (0, h), (0, -h))]
+        laplacian = (sum(sides) - 4 * now) / h**2
+        rate = (after - before) / (2 * dt)
+        assert np.abs(rate - nu * laplacian).max() < 0.02 * np.abs(rate).max()
+        assert np.ptp(rate) > 1e-6
+
+    def test_worlds_do_not_meet(self, device):
+        vortex = torch.tensor([STRONG, BASELINE], dtype=torch.float32, device=device)
+        evolution(vortex, torch.zeros((2, 3, 7), device=device), 5.0, 0.1, True)()
+        np.testing.assert_array_equal(vortex[0].double().cpu(), carried(device, STRONG, 5.0, 1, 0.1)[-1])

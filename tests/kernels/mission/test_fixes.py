@@ -1,0 +1,296 @@
+"""Fixes in a mission: late ones, lost ones, bent rays, tones, and the tracker that they feed."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+import policies
+from kernels.mission.columns import AuvColumn, BoatColumn
+from kernels.positioning import tracker, usbl
+from tests.usvauv_env.test_world import run
+from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.record.recorder import record
+from usvauv_env.world.current_statistics import current_model
+from usvauv_env.world.tables import link_table, options, sound_speed, sound_speed_profile
+
+LOUD = ["acoustics.source_level=230", "usbl.attitude_error=0", "usbl.tilt=false"]
+THERMOCLINE = "acoustics.sound_speed_profile=[[0, 1522], [20, 1522.3], [50, 1492], [200, 1490]]"
+
+
+def steady(observation):
+    """Always the same way, at the top speed."""
+    return torch.tensor([0.6, -0.8]).expand(*observation.shape[:2], 2)
+
+
+def voyage(settings, *, worlds=32, steps=40, seed=1, usv="centroid", policy=None):
+    scenario = Scenario.load("extreme", [f"mission.duration={steps}", *settings])
+    world = World(scenario, worlds, seed, usv)
+    act = steady
+    if policy:
+        player = policies.load(policy, scenario)
+        player.attach(world)
+        act = player.act
+    return record(world, act, policy or "steady")
+
+
+def column(trace, name):
+    return getattr(trace, name).astype(float)
+
+
+class TestLate:
+    @pytest.mark.parametrize(
+        ("settings", "latency", "propagates"),
+        [
+            (["usbl.propagation=false"], 0.0, 0),
+            (["usbl.propagation=true"], 0.0, 1),
+            (["usbl.propagation=true", "usbl.latency=0.4"], 0.4, 1),
+        ],
+    )
+    def test_a_fix_is_of_where_the_auv_was(self, settings, latency, propagates):
+        """Without noise the error is minus the way made meanwhile, however the boat has moved."""
+        trace = voyage([*LOUD, *settings])
+        place = column(trace, "auv_position")
+        moved = np.diff(place, axis=0)
+        going = (np.abs(moved).sum(-1) > 0.2) & (trace.border[1:] == 0) & (trace.hovering[1:] == 0)
+        away = place - column(trace, "boat_position")[:, :, None]
+        separation = trace.scenario.auv.depth + column(trace, "boat_surface")[:, :, :1]
+        S = np.sqrt((away**2).sum(-1) + separation**2)
+        expected = -(latency + propagates * S / 1500)[1:, ..., None] * moved
+        error = (column(trace, "fix") - place)[1:]
+        assert going.sum() > 500
+        np.testing.assert_allclose(error[going], expected[going], atol=3e-3)
+
+    def test_a_late_fix_was_heard_where_the_boat_was(self):
+        """With a latency of a step its covariance is that of the ranges one step ago."""
+        calm = ["storm.spectrum=none", "sea.irregular_rms=0", "usbl.propagation=false", "usbl.latency=1"]
+        trace = voyage([*LOUD, *calm])
+        scenario = trace.scenario
+        away = column(trace, "auv_position") - column(trace, "boat_position")[:, :, None]
+        ago = np.concatenate([away[:-1], np.full((*away.shape[1:-1], 1), -scenario.auv.depth)[None].repeat(39, 0)], -1)
+        offset = torch.tensor(ago.reshape(-1, 3), dtype=torch.float32)
+        index = torch.arange(2, dtype=torch.int32).repeat(len(offset) // 2)
+        none = offset.new_zeros(len(offset), 5)
+        link = torch.from_numpy(link_table(scenario))
+        expected = usbl.fixes(link, index, offset, none[:, :2].contiguous(), 0.0, none)[1].numpy()
+        near = trace.border[1:].reshape(-1) == 0
+        np.testing.assert_allclose(trace.fix_covariance[1:].reshape(-1, 3)[near, 0], expected[near, 0], rtol=2e-3)
+
+    def test_the_tracker_knows_how_late(self):
+        late = voyage(["usbl.latency=0.5", "tracker.enabled=true"])
+        blind = voyage(["usbl.latency=0.5"])
+        prompt = voyage(["tracker.enabled=true"])
+        error = [np.linalg.norm(t.estimate - t.auv_position, axis=-1)[10:].mean() for t in (late, blind, prompt)]
+        assert error[0] < 0.6 * error[1]
+        assert error[0] < 1.3 * error[2]
+
+
+class TestAttitude:
+    def errors(self, *settings):
+        """Fix minus place (T, W, K, 2) without noise or delay, and the vertical separation (T, W, 1), m."""
+        trace = voyage(["acoustics.source_level=230", "usbl.propagation=false", *settings])
+        separation = trace.scenario.auv.depth + column(trace, "boat_surface")[:, :, :1]
+        return (column(trace, "estimate") - column(trace, "auv_position"))[1:], separation[1:]
+
+    def test_a_known_tilt_leaves_no_error(self):
+        error, _ = self.errors("usbl.tilt=true", "usbl.attitude_error=0")
+        assert np.abs(error).max() < 0.02
+
+    def test_what_is_left_of_it_turns_the_array_and_all_fixes_with_it(self):
+        """A small turn by ε moves what lies z below by ε z, each axis alike, whatever its horizontal offset."""
+        error, separation = self.errors("usbl.tilt=false", "usbl.attitude_error=0.01")
+        assert np.abs(error[:, :, 0] - error[:, :, 1]).max() < 0.1
+        angle = error[:, :, 0] / separation
+        count = angle[..., 0].size
+        for axis in range(2):
+            assert angle[..., axis].std() == pytest.approx(0.01, rel=5 / math.sqrt(2 * count))
+            assert abs(angle[..., axis].mean()) < 5 * 0.01 / math.sqrt(count)
+        assert abs(np.corrcoef(angle.reshape(-1, 2).T)[0, 1]) < 5 / math.sqrt(count)
+
+
+class TestLost:
+    def test_the_share_and_what_is_left(self):
+        trace = voyage(["usbl.packet_loss=0.3"], worlds=64)
+        lost = trace.fix_flags == usbl.LOST
+        n = lost.size
+        assert abs(lost.mean() - 0.3) < 4 * math.sqrt(0.21 / n)
+        assert ((trace.fix_flags == usbl.DETECTED) | lost).all()
+        assert (np.isnan(trace.fix).all(-1) == lost).all()
+        # The estimate stays, or is the fix.
+        np.testing.assert_array_equal(trace.estimate[1:][lost[1:]], trace.estimate[:-1][lost[1:]])
+        np.testing.assert_array_equal(trace.estimate[~lost], trace.fix[~lost])
+        np.testing.assert_array_equal(trace.estimate_covariance[~lost], trace.fix_covariance[~lost])
+        both = lost[..., 0].astype(float), lost[..., 1].astype(float)
+        assert abs(np.corrcoef(both[0].ravel(), both[1].ravel())[0, 1]) < 5 / math.sqrt(n / 2)
+
+    def test_same_seed_same_losses(self):
+        first, again, other = (voyage(["usbl.packet_loss=0.3"], seed=seed) for seed in (1, 1, 2))
+        np.testing.assert_array_equal(first.fix_flags, again.fix_flags)
+        np.testing.assert_array_equal(first.fix, again.fix)
+        assert (first.fix_flags != other.fix_flags).any()
+
+    def test_other_draws_do_not_move(self):
+        """Losing fixes changes no other random number: nodes, vortices and the fixes that remain are the same."""
+        whole, holed = voyage([], usv="hold:90,90"), voyage(["usbl.packet_loss=0.5"], usv="hold:90,90")
+        np.testing.assert_array_equal(whole.node_position, holed.node_position)
+        np.testing.assert_array_equal(whole.vortex, holed.vortex)
+        heard = holed.fix_flags[0] == usbl.DETECTED
+        assert 0.3 < heard.mean() < 0.7
+        np.testing.assert_array_equal(whole.fix[0][heard], holed.fix[0][heard])
+
+    @pytest.mark.parametrize("model", ["statistical", "waveform"])
+    def test_a_tone_too_weak_is_not_detected(self, model):
+        trace = voyage(["acoustics.source_level=105", f"usbl.model={model}"], worlds=4, steps=5)
+        assert (trace.fix_flags & usbl.DETECTED == 0).all()
+        assert np.isnan(trace.fix).all()
+
+    def test_no_direct_ray_reaches_the_boat(self):
+        """Under a layer that bends sound down steeply nothing is heard from far away."""
+        shadow = "acoustics.sound_speed_profile=[[0, 1540], [100, 1500], [200, 1500]]"
+        wide = ["area.width=4000", "area.length=4000", "sea.cell_size=100"]
+        calm = ["storm.spectrum=none", "sea.start_rms=0", "sea.irregular_rms=0", "sea.regular_amplitude=0"]
+        trace = voyage([shadow, *wide, *calm, "acoustics.source_level=230"], usv="hold:0,0", worlds=64, steps=2)
+        R = np.linalg.norm(trace.auv_position, axis=-1)
+        silent = trace.fix_flags == usbl.NO_RAY
+        assert silent.any()
+        radius = 1540 / 0.4  # of the arc that is horizontal at the surface
+        np.testing.assert_array_equal(silent, math.sqrt(2 * radius * 100 - 100**2) < R)
+
+
+class TestSound:
+    def test_bent_rays_bias_only_those_who_ignore_them(self):
+        settings = [THERMOCLINE, *LOUD, "usbl.propagation=false"]
+        means = {}
+        for refraction in ("corrected", "mean", "array"):
+            trace = voyage([*settings, f"usbl.refraction={refraction}"], usv="hold:0,0")
+            away = column(trace, "auv_position")
+            R = np.linalg.norm(away, axis=-1)
+            error = ((column(trace, "fix") - away) * away).sum(-1) / R
+            means[refraction] = (error / R)[R > 60].mean()
+        assert abs(means["corrected"]) < 2e-5
+        assert abs(means["mean"]) < 1e-3
+        profile = sound_speed_profile(Scenario.load("extreme", [THERMOCLINE]))
+        c, harmonic = profile.at(0.0), profile.harmonic_mean(0.0, 100.0)
+        assert means["array"] == pytest.approx((c / harmonic) ** 2 - 1, rel=0.05)
+
+    def test_the_mean_is_the_reference(self):
+        scenario = Scenario.load("extreme", [THERMOCLINE])
+        assert sound_speed(scenario) == pytest.approx(sound_speed_profile(scenario).harmonic_mean(0.0, 100.0))
+        assert sound_speed(Scenario.load("extreme")) == 1500
+
+    @pytest.mark.parametrize(
+        ("settings", "message"),
+        [
+            (["acoustics.sound_speed_profile=[[0, 1500], [90, 1490]]"], "sound_speed_profile: last depth 90 m"),
+            (["acoustics.sound_speed_profile=[[0, 4900]]"], "sound_speed_profile: speed 4900 m/s at 0 m; allowed"),
+            ([THERMOCLINE, "acoustics.temperature_salinity=[[0, 10, 35], [200, 9, 35]]"], "give one of them"),
+            (["acoustics.temperature_salinity=[[0, 283, 35], [200, 9, 35]]"], "temperature_salinity: temperature 283"),
+            (["usbl.model=waveform", "usbl.periods=4"], "usbl.periods = 4: must be at least 5"),
+        ],
+    )
+    def test_bad_settings_are_one_line(self, settings, message):
+        pytest.importorskip("gsw")
+        with pytest.raises(ScenarioError) as caught:
+            World(Scenario.load("extreme", settings), 1)
+        assert message in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+    def test_temperature_and_salinity(self):
+        pytest.importorskip("gsw")
+        water = "acoustics.temperature_salinity=[[0, 20, 38], [15, 20, 38], [50, 13, 38.2], [200, 12.9, 38.4]]"
+        scenario = Scenario.load("extreme", [water, "water.latitude=43", "water.longitude=6"])
+        assert sound_speed_profile(scenario).at(0.0) == pytest.approx(1525.1, abs=0.3)
+
+
+class TestModels:
+    def test_tones_and_statistics_scatter_alike(self):
+        """Both models of a fix, over a whole mission: errors in units of the predicted covariance are χ²."""
+        for model in ("statistical", "waveform"):
+            trace = voyage([f"usbl.model={model}", "usbl.attitude_error=0", "usbl.propagation=false"], worlds=64)
+            error = (column(trace, "fix") - column(trace, "auv_position")).reshape(-1, 2)
+            C = column(trace, "fix_covariance").reshape(-1, 3)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+            squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(C), error)
+            assert squared.mean() == pytest.approx(2, abs=5 * math.sqrt(4 / len(squared)))
+
+    def test_only_what_is_chosen_is_compiled(self):
+        scenario = Scenario.load("extreme")
+        world = World(scenario, 1)
+        chosen = options(scenario, world.strategy)
+        assert not any((chosen.waveform, chosen.refraction, chosen.tracker))
+        assert world.track.shape == (1, 1, tracker.COLUMNS)
+
+
+class TestTracker:
+    def test_is_the_filter_of_its_own_module(self):
+        """What the mission feeds the tracker is commanded motion, fixes with their age, and readings of the current."""
+        scenario = Scenario.load("extreme", ["tracker.enabled=true", "usbl.packet_loss=0.2", "usbl.latency=0.1"])
+        world = World(scenario, 16, seed=3, usv="centroid")
+        world.reset()
+        shape = (32, -1)
+        start = world.track.reshape(shape).clone()
+        logged = []
+        for _ in range(30):
+            world.step(steady(world.observation))
+            auv = world.auv.clone()
+            adrift = 1 - torch.maximum(auv[..., AuvColumn.hovering], auv[..., AuvColumn.border])
+            separation = (scenario.auv.depth + world.boat[:, BoatColumn.elevation])[:, None]
+            away = auv[..., :2] - world.boat[:, None, :2]
+            age = 0.1 + (away.square().sum(-1) + separation**2).sqrt() / 1500
+            heard = auv[..., AuvColumn.fix_flags] == usbl.DETECTED
+            logged.append(
+                (
+                    auv[..., AuvColumn.water_x : AuvColumn.water_y + 1].reshape(shape),
+                    adrift.reshape(-1),
+                    auv[..., AuvColumn.fix_x : AuvColumn.fix_y + 1].reshape(shape),
+                    auv[..., AuvColumn.covariance_xx : AuvColumn.covariance_yy + 1].reshape(shape),
+                    torch.where(heard, age, -1.0).reshape(-1),
+                )
+            )
+        variance, correlation_time = current_model(scenario, world._link.numpy())
+        arrays = (torch.stack(parts) for parts in zip(*logged, strict=True))
+        model = {"variance": variance, "correlation_time": correlation_time, "step": 1.0}
+        track, _ = tracker.follow(start, *arrays, **model)
+        torch.testing.assert_close(track[-1], world.track.reshape(shape), rtol=1e-3, atol=2e-3)
+
+    @pytest.mark.parametrize("extra", [[], ["tracker.current_reading=0.1"]])
+    def test_estimates_are_better_and_as_good_as_they_say(self, extra):
+        settings = {"worlds": 128, "policy": "crab", "usv": "fim"}
+        fixes, tracked = voyage([], **settings), voyage(["tracker.enabled=true", *extra], **settings)
+        error = [np.linalg.norm(t.estimate - t.auv_position, axis=-1)[10:] for t in (fixes, tracked)]
+        assert np.median(error[1]) < (0.55 if extra else 0.68) * np.median(error[0])
+        late = column(tracked, "estimate") - column(tracked, "auv_position")
+        C = column(tracked, "estimate_covariance")[..., [0, 1, 1, 2]].reshape(*late.shape, 2)
+        nees = np.einsum("...i,...ij,...j->...", late, np.linalg.inv(C), late)[10:].mean()
+        assert 1.6 < nees < 2.4
+
+    def test_observation_and_boat_use_the_estimate(self):
+        scenario = Scenario.load("extreme", ["tracker.enabled=true"])
+        world = World(scenario, 8, seed=2, usv="centroid")
+        observation = world.reset()
+        for _ in range(5):
+            observation = world.step(steady(observation))[0]
+        own = observation[..., 4:6] * scenario.area.diagonal
+        torch.testing.assert_close(own, world.track[..., : tracker.Y + 1], rtol=0, atol=1e-4)
+        fixes = world.auv[..., AuvColumn.fix_x : AuvColumn.fix_y + 1]
+        assert (own - fixes).norm(dim=-1).mean() > 0.05
+
+    def test_a_world_is_the_same_alone_in_a_batch_and_restored(self):
+        scenario = Scenario.load("extreme", ["tracker.enabled=true", "usbl.packet_loss=0.2"])
+        together = run(World(scenario, 9, seed=5), 20)
+        alone = run(World(scenario, 1, seed=5, first_world=4), 20)
+        for name, value in alone.items():
+            np.testing.assert_array_equal(value[0], together[name][4], err_msg=name)
+        world = World(scenario, 4, seed=6)
+        observation = world.reset()
+        for _ in range(5):
+            observation = world.step(steady(observation))[0]
+        kept = world.state()
+        first = [world.step(steady(observation))[0].clone() for _ in range(5)]
+        world.load(kept)
+        again = [world.step(steady(observation))[0].clone() for _ in range(5)]
+        assert torch.equal(first[-1], again[-1])
+
+    def test_looking_ahead_needs_a_track(self):
+        with pytest.raises(ScenarioError, match=r"'fim-horizon' looks ahead along tracks and needs tracker\.enabled"):
+            World(Scenario.load("extreme"), 1, usv="fim-horizon")

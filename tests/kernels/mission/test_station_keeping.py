@@ -1,0 +1,99 @@
+"""The second task: the engine, the sea and the fixes of the first, with other targets and another reward."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+import policies
+from kernels.mission import vehicle
+from kernels.mission.columns import AuvColumn, NodeColumn, RewardTerm
+from policies import PolicyError
+from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.record.metrics import episode_metrics
+from usvauv_env.record.recorder import record
+
+STILL = ["current.count=0", "storm.spectrum=none", "sea.irregular_rms=0"]
+
+
+def setting(*overrides):
+    return Scenario.load("station-keeping", ["mission.duration=120", *overrides])
+
+
+def test_stations_stand_evenly_on_a_circle_turned_at_random():
+    world = World(setting("auv.count=5", "stations.radius=33"), 200, seed=2)
+    world.reset()
+    place = world.node[..., : NodeColumn.y + 1].double().numpy() - 100
+    np.testing.assert_allclose(np.linalg.norm(place, axis=-1), 33, rtol=1e-5)
+    angle = np.unwrap(np.arctan2(place[..., 1], place[..., 0]), axis=1)
+    np.testing.assert_allclose(np.diff(angle, axis=1), 2 * math.pi / 5, atol=1e-5)
+    turn = np.sort(angle[:, 0] % (2 * math.pi)) / (2 * math.pi)
+    assert np.abs(turn - (np.arange(200) + 0.5) / 200).max() < 1.63 / math.sqrt(200)  # Kolmogorov–Smirnov, 1 %
+    assert torch.equal(world.auv[..., AuvColumn.target], torch.arange(5.0).expand(200, 5))
+
+
+def test_reward_is_distance_energy_and_room():
+    scenario = setting()
+    world = World(scenario, 16, seed=3)
+    world.reset()
+    random = torch.Generator().manual_seed(1)
+    for _ in range(30):
+        _, reward, terminated, _, info = world.step(2 * torch.rand(16, 3, 2, generator=random) - 1)
+        assert not terminated.any()
+    place = world.auv[..., :2].double()
+    away = (world.node[..., :2] - place).norm(dim=-1)
+    speed = world.auv[..., AuvColumn.water_x : AuvColumn.water_y + 1].double().norm(dim=-1)
+    power = speed.clone().apply_(vehicle.travelling_power)
+    apart = (place[:, :, None] - place[:, None]).norm(dim=-1) + 1e6 * torch.eye(3)
+    crowding = (12 - apart).clamp(min=0).sum(-1)
+    border = world.auv[..., AuvColumn.border]
+    expected = -0.05 * away - 0.01 * power - 6 * crowding - 0.1 * border
+    torch.testing.assert_close(reward.double(), expected, rtol=1e-4, atol=1e-4)
+    unused = [RewardTerm.overflow, RewardTerm.service, RewardTerm.collaboration]
+    assert (info["reward_terms"][..., unused] == 0).all()
+
+
+def voyage(name, *overrides, worlds=16):
+    scenario = setting(*overrides)
+    world = World(scenario, worlds, seed=4)
+    policy = policies.load(name, scenario)
+    policy.attach(world)
+    trace = record(world, policy.act, name)
+    station = np.take_along_axis(trace.node_position[None], trace.target[..., None].astype(int), 2)
+    return trace, np.linalg.norm(station - trace.auv_position, axis=-1)
+
+
+def test_keep_holds_its_station():
+    """In still water it is as far off as its last fix was wrong; in the eddies of `extreme` not much farther."""
+    for overrides, most in ((STILL, 1.1), ([], 2.0)):
+        trace, away = voyage("keep", *overrides)
+        settled = away[80:]
+        wrong = np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)[80:]
+        assert np.median(settled) < most * np.median(wrong)
+        rows = episode_metrics(trace)
+        assert sum(row.services + row.border for row in rows) == 0
+        assert all(row.fixes_good == 1 for row in rows)
+
+
+def test_the_current_costs_energy():
+    still, running = (voyage("keep", *overrides)[0].power[80:].mean() for overrides in (STILL, []))
+    assert running > 1.2 * still
+
+
+def test_keep_beats_those_who_never_stop():
+    arps = {
+        name: np.mean([row.arps for row in episode_metrics(voyage(name)[0])]) for name in ("keep", "straight", "random")
+    }
+    assert arps["keep"] > arps["straight"] > arps["random"]
+
+
+def test_policies_of_the_other_task_are_refused():
+    assert policies.default(setting()) == "keep"
+    with pytest.raises(PolicyError, match="made for task data-collection, but scenario 'station-keeping' has"):
+        policies.load("sac-extreme", Scenario.load("extreme")).check(setting("auv.count=2"))
+
+
+def test_a_formation_wider_than_the_area():
+    with pytest.raises(ScenarioError, match=r"stations\.radius must not be above half the area's smaller side, 100"):
+        setting("stations.radius=101")

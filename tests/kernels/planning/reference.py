@@ -1,0 +1,154 @@
+"""Layouts, and objectives of the planner in double precision with their global maxima by dense search."""
+
+import math
+
+import numpy as np
+import torch
+from torch.func import grad, jacrev, vmap
+
+from kernels.planning import objectives
+from kernels.positioning import sonar_equation, usbl
+
+FORMS = {
+    f"{objective} {measurement}": objectives.form(measurement, objective)
+    for objective in objectives.OBJECTIVES
+    for measurement in ("phase", "fix")
+    if (objective, measurement) != ("paper", "fix")
+}
+KINDS = ("uniform", "collinear", "coincident", "corners", "outside", "depths", "shallow")
+
+
+def carriers(K):
+    return [15000.0, 18000.0, *np.linspace(12000.0, 18000.0, K)[1:-1]][:K]
+
+
+def table(device, K, **link):
+    return torch.from_numpy(usbl.link_table(carriers(K), **link)).to(device)
+
+
+def random_layouts(kind, n, K, box, seed):
+    """Layouts (n, K, 3) of AUVs about 100 m below a box [0, box]²."""
+    g = torch.Generator().manual_seed(seed)
+    place = box * torch.rand(n, K, 2, generator=g)
+    z = -100 + 4 * torch.randn(n, K, generator=g)
+    if kind == "collinear":
+        ends = box * torch.rand(n, 2, 1, 2, generator=g)
+        share = torch.rand(n, K, 1, generator=g)
+        place = ends[:, 0] + (ends[:, 1] - ends[:, 0]) * share + 0.1 * torch.randn(n, K, 2, generator=g)
+    elif kind == "coincident":
+        place = place[:, :1] + 0.3 * torch.randn(n, K, 2, generator=g) * (torch.arange(n) % 2)[:, None, None]
+    elif kind == "corners":
+        place = torch.where(torch.rand(n, K, 2, generator=g) < 0.5, 0.05 * place, box - 0.05 * place)
+    elif kind == "outside":
+        place = 1.6 * place - 0.3 * box
+    elif kind == "depths":
+        z = -5 - 295 * torch.rand(n, K, generator=g)
+    elif kind == "shallow":  # 10 to 40 m below the corners: many hills
+        place = torch.where(torch.rand(n, K, 2, generator=g) < 0.5, 0.2 * place, box - 0.2 * place)
+        z = -(10 + 30 * torch.rand(n, 1, generator=g)) * (1 + 0.1 * torch.randn(n, K, generator=g))
+    return torch.cat([place, z[..., None]], -1).float().contiguous()
+
+
+def sigma(K, S, source_level=135.0):
+    """Standard deviation (rad) of the phase differences of an echo at slant ranges S (K,), straight from the laws."""
+    out = []
+    for f, s in zip(carriers(K), S, strict=True):
+        snr = sonar_equation.echo_snr(source_level, 3.0, sonar_equation.noise_level(f, 1000.0, 0.5, 0.0), s, f)
+        out.append(math.sqrt(4 * 10 ** (-snr / 10) / (10 * 2.016e6 / f)))
+    return torch.tensor(out, dtype=torch.float64)
+
+
+def log_objective(boat, auvs, link, form):
+    """ln of the objective in r̂, t̂ form and double precision: boat (..., 2), auvs (..., K, 3)."""
+    d = auvs[..., :2] - boat[..., None, :]
+    z2 = auvs[..., 2].square().clamp(min=1.0)
+    rho2 = d.square().sum(-1)
+    q = rho2 + z2
+    S0 = link[:, usbl.REFERENCE]
+    log_T = link[:, usbl.LEVEL] - link[:, usbl.POWER] * torch.log(q / S0**2) - link[:, usbl.DECAY] * (q.sqrt() - S0)
+    T, s2 = log_T.exp(), z2 / q
+    cross = d[..., :, None, 0] * d[..., None, :, 1] - d[..., :, None, 1] * d[..., None, :, 0]
+    if form == FORMS["paper phase"]:
+        weight = T * (1 + s2**2) / (rho2 + 1)
+        pairs = (weight[..., :, None] * weight[..., None, :] * cross.square()).sum((-1, -2)) / 2
+        return (3 * (T.square() * s2).sum(-1) + pairs).log()
+    v = 1 / T + link[:, usbl.ATTITUDE] * z2
+    if form == FORMS["sum fix"]:
+        return 2 * (1 / v).sum(-1).log()
+    if form == FORMS["sum phase"]:
+        # Sum over pairs of det (s⁴ r̂r̂ᵀ + t̂t̂ᵀ) terms: free of the cancellation that J11 J22 − J12² has.
+        a, b = s2**2 / v, (1 + s2) / q / v
+        tall = (b * rho2).sum(-1)
+        pairs = (b[..., :, None] * b[..., None, :] * cross.square()).sum((-1, -2)) / 2
+        return (a.sum(-1) ** 2 + a.sum(-1) * tall + pairs).log()
+    across, along = (v, v / s2**2) if form in (FORMS["d phase"], FORMS["a phase"], FORMS["e phase"]) else (v, v)
+    if form in (FORMS["d phase"], FORMS["d fix"]):
+        return -(across * along).log().sum(-1)
+    if form in (FORMS["a phase"], FORMS["a fix"]):
+        return -(across + along).sum(-1).log()
+    return -along.amax(-1).log()
+
+
+def best_by_dense_search(points, link, form, box):
+    """Largest log objective of each layout over a grid of 5 m (200 m box), polished in double precision."""
+    points, link = points.double(), link.double()
+    n, cells = points.shape[0], 41
+    axis = torch.linspace(0, box, cells, dtype=torch.float64)
+    grid = torch.cartesian_prod(axis, axis)
+    value = torch.cat([log_objective(grid, part[:, None], link, form) for part in points.split(50)])
+    if form in (FORMS["e phase"], FORMS["e fix"]):
+        return torch.maximum(value.amax(1), best_of_one_peak(points, link, form, box))
+    image = value.reshape(n, cells, cells)
+    peak = image >= torch.nn.functional.max_pool2d(image[:, None], 3, 1, 1)[:, 0]
+    x = grid[torch.where(peak.reshape(n, -1), value, -torch.inf).topk(5, dim=1).indices]
+    return polished(torch.cat([x, points[..., :2].clamp(0, box)], 1), points, link, form, box)
+
+
+def polished(x, points, link, form, box):
+    """Best of the maxima uphill of some places (n, m, 2), by Newton steps with derivatives from autograd."""
+
+    def f(boat, auvs):
+        return log_objective(boat, auvs, link, form)
+
+    best = f(x, points[:, None])
+    gradient, curvature = vmap(vmap(grad(f), (0, None))), vmap(vmap(jacrev(grad(f)), (0, None)))
+    for _ in range(12):
+        g, H = gradient(x, points), curvature(x, points)
+        held = ((x <= 0) & (g < 0)) | ((x >= box) & (g > 0))
+        g = g.masked_fill(held, 0.0)
+        H = H.masked_fill(held[..., None] | held[..., None, :], 0.0)
+        root, V = torch.linalg.eigh(H)
+        step = (V @ ((V.mT @ g[..., None]) / root.abs().clamp(min=1e-6)[..., None]))[..., 0]
+        centre = x
+        for halving in range(8):
+            there = (centre + 0.4**halving * step).clamp(0, box)
+            height = f(there, points[:, None])
+            better = height > best
+            best, x = torch.where(better, height, best), torch.where(better[..., None], there, x)
+    return best.amax(1)
+
+
+def golden(f, n, high, steps=44):
+    """Maximum over [0, high] of n functions of one peak."""
+    ratio = (math.sqrt(5) - 1) / 2
+    low, high = torch.zeros(n, dtype=torch.float64), torch.full((n,), high, dtype=torch.float64)
+    left, right = high - ratio * (high - low), low + ratio * (high - low)
+    at_left, at_right = f(left), f(right)
+    for _ in range(steps):
+        lower = at_left > at_right
+        low, high = torch.where(lower, low, left), torch.where(lower, right, high)
+        new = torch.where(lower, high - ratio * (high - low), low + ratio * (high - low))
+        height = f(new)
+        left, right = torch.where(lower, new, right), torch.where(lower, left, new)
+        at_left, at_right = torch.where(lower, height, at_right), torch.where(lower, at_left, height)
+    return torch.maximum(at_left, at_right)
+
+
+def best_of_one_peak(points, link, form, box):
+    """Maximum of each layout by golden sections in x of golden sections in y: the way to a kink of one peak."""
+    n = len(points)
+
+    def column(x):
+        return golden(lambda y: log_objective(torch.stack([x, y], -1), points, link, form), n, box)
+
+    return golden(column, n, box)

@@ -1,0 +1,358 @@
+"""The tracker: Riccati's equation, a filter in double precision, positive definite, consistent; and on the mission."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.linalg import solve_discrete_are
+
+from kernels import runtime
+from kernels.mission.columns import AuvColumn
+from kernels.positioning import tracker
+from policies.heuristics import Crab
+from usvauv_env.scenario import Scenario
+from usvauv_env.world.current_statistics import current_model
+from usvauv_env.world.tables import link_table
+from usvauv_env.world.world import World
+
+UPPER = np.triu_indices(4)
+EXTREME_CURRENT = {"variance": 0.22, "correlation_time": 180.0}
+
+
+@pytest.fixture(scope="module")
+def device():
+    return runtime.start().device
+
+
+def single(array, device):
+    return torch.tensor(np.asarray(array, np.float32), device=device)
+
+
+def begin(position, covariance, variance, device):
+    """Tracks (N, COLUMNS) at positions (N, 2) with covariances (N, 3) in an unknown current."""
+    start = np.zeros((len(position), tracker.COLUMNS))
+    start[:, [tracker.X, tracker.Y]] = position
+    start[:, [tracker.XX, tracker.XY, tracker.YY]] = covariance
+    start[:, [tracker.UU, tracker.VV]] = variance
+    return single(start, device)
+
+
+def covariances(track):
+    """(..., 4, 4) of tracks (..., COLUMNS)."""
+    full = np.zeros((*track.shape[:-1], 4, 4))
+    full[..., UPPER[0], UPPER[1]] = full[..., UPPER[1], UPPER[0]] = track[..., tracker.XX : tracker.VV + 1]
+    return full
+
+
+def follow(device, start, velocity, adrift, fix, covariance, age, *, step=1.0, reading=None, deviation=0.0, **model):
+    """`tracker.follow` on arrays: tracks (T + 1, N, COLUMNS) in double precision and squared innovations (T, N)."""
+    track, squared = tracker.follow(
+        start,
+        *(single(array, device) for array in (velocity, adrift, fix, covariance, age)),
+        step=step,
+        reading=None if reading is None else single(reading, device),
+        reading_deviation=deviation,
+        **model,
+    )
+    return track.double().cpu().numpy(), squared.double().cpu().numpy()
+
+
+def simulate(seed, steps, count, variance, correlation_time, *, age=0.0, lost=0.0, hover=0.1, step=1.0):
+    """Truth and fixes of N AUVs as the filter's model has them: the arguments of `follow`, and the true states."""
+    random = np.random.default_rng(seed)
+    rho = math.exp(-step / correlation_time)
+    position = random.uniform(50, 150, (count, 2))
+    current = math.sqrt(variance) * random.standard_normal((count, 2))
+    velocity = np.zeros((steps, count, 2))
+    adrift = (random.random((steps, count)) >= hover).astype(float)
+    angle = np.cumsum(0.2 * random.standard_normal((steps, count)), 0)
+    velocity[:] = 1.5 * np.stack([np.cos(angle), np.sin(angle)], -1)
+    root = random.normal(0, 0.2, (steps + 1, count, 2, 2)) + 0.3 * np.eye(2)
+    R = root @ root.swapaxes(-1, -2)
+    noise = np.einsum("tnij,tnj->tni", root, random.standard_normal((steps + 1, count, 2)))
+    start = position + noise[-1]
+    truth, fix = np.zeros((steps, count, 4)), np.zeros((steps, count, 2))
+    for t in range(steps):
+        moved = adrift[t, :, None] * (velocity[t] + current)
+        fix[t] = position + (step - age) * moved + noise[t]
+        position = position + step * moved
+        current = rho * current + math.sqrt(variance * (1 - rho**2)) * random.standard_normal((count, 2))
+        truth[t] = np.concatenate([position, current], -1)
+    ages = np.where(random.random((steps, count)) < lost, -1.0, age)
+    covariance = R[..., [0, 0, 1], [0, 1, 1]]
+    return (start, covariance[-1]), (velocity, adrift, fix, covariance[:-1], ages), truth
+
+
+def run(device, seed, steps, count, *, model=EXTREME_CURRENT, **changes):
+    """Squared errors over their covariance, of all four states and of the position, and squared innovations."""
+    (start, covariance), arrays, truth = simulate(seed, steps, count, *model.values(), **changes)
+    track, squared = follow(device, begin(start, covariance, model["variance"], device), *arrays, **model)
+    return (*nees(track[1:], truth), squared)
+
+
+def nees(track, truth):
+    error, P = truth - track[..., :4], covariances(track)
+    part = error[..., :2], P[..., :2, :2]
+    return tuple(np.einsum("...i,...ij,...j", e, np.linalg.inv(C), e) for e, C in ((error, P), part))
+
+
+def reference(
+    start, velocity, adrift, fix, covariance, age, *, variance, correlation_time, step, reading=None, deviation=0.0
+):
+    """The same filter in double precision, textbook form, a late fix by rolling back to its time; one AUV."""
+    x, P = start[:4].astype(float), covariances(start.astype(float))
+    rho, H = math.exp(-step / correlation_time), np.eye(2, 4)
+    states, squared = [], []
+    for t in range(len(velocity)):
+        parts = (step - age[t], age[t]) if age[t] >= 0 else (step, 0.0)
+        for number, time in enumerate(parts):
+            F = np.eye(4)
+            F[0, 2] = F[1, 3] = adrift[t] * time
+            x = F @ x
+            x[:2] += adrift[t] * time * velocity[t]
+            P = F @ P @ F.T
+            if number == 0 and age[t] >= 0:
+                xx, xy, yy = covariance[t]
+                S = P[:2, :2] + [[xx, xy], [xy, yy]]
+                gain, innovation = P[:, :2] @ np.linalg.inv(S), fix[t] - x[:2]
+                x, P = x + gain @ innovation, (np.eye(4) - gain @ H) @ P
+                squared.append(innovation @ np.linalg.inv(S) @ innovation)
+        decay = np.diag([1, 1, rho, rho])
+        x, P = decay @ x, decay @ P @ decay + np.diag([0, 0, 1, 1]) * variance * (1 - rho**2)
+        if reading is not None:
+            gain = P[:, 2:] @ np.linalg.inv(P[2:, 2:] + deviation**2 * np.eye(2))
+            x, P = x + gain @ (reading[t] - x[2:]), P - gain @ P[2:]
+        states.append((x, P))
+    return np.array([s for s, _ in states]), np.array([c for _, c in states]), np.array(squared)
+
+
+def band(mean, count):
+    """95 % band of the mean of `count` numbers from χ² with `mean` degrees of freedom (normal for so many)."""
+    return mean + 1.96 * math.sqrt(2 * mean / count) * np.array([-1, 1])
+
+
+class TestClosedForms:
+    def test_steady_state_solves_riccatis_equation(self, device):
+        variance, correlation_time, R, steps = 0.3, 60.0, 0.09, 400
+        rho = math.exp(-1 / correlation_time)
+        F = np.array([[1, 1], [0, rho]])
+        Q = np.diag([0, variance * (1 - rho**2)])
+        prior = solve_discrete_are(F.T, np.array([[1.0], [0]]), Q, np.array([[R]]))
+        posterior = prior - np.outer(prior[:, 0], prior[0]) / (prior[0, 0] + R)
+        zeros = np.zeros((steps, 1, 2))
+        covariance = np.tile([R, 0, R], (steps, 1, 1))
+        start = begin(np.zeros((1, 2)), np.array([[R, 0, R]]), variance, device)
+        model = {"variance": variance, "correlation_time": correlation_time}
+        now = np.zeros((steps, 1))
+        track, _ = follow(device, start, zeros, now + 1, zeros, covariance, now, **model)
+        P = covariances(track[-1, 0])
+        assert P[np.ix_([0, 2], [0, 2])] == pytest.approx(posterior, rel=1e-5)
+        assert P[np.ix_([1, 3], [1, 3])] == pytest.approx(posterior, rel=1e-5)
+        assert P[np.ix_([0, 2], [1, 3])] == pytest.approx(np.zeros((2, 2)), abs=1e-9)
+
+    def test_holding_position_averages_the_fixes(self, device):
+        random = np.random.default_rng(5)
+        fix = 100 + random.standard_normal((49, 1, 2))
+        ones = np.ones((49, 1))
+        start = begin(fix[0], np.array([[1.0, 0, 1.0]]), 0.2, device)
+        covariance = np.tile([1.0, 0, 1.0], (49, 1, 1))
+        wind = np.ones((49, 1, 2))  # a commanded velocity that nothing comes of
+        track, _ = follow(device, start, wind, 0 * ones, fix, covariance, 0 * ones, **EXTREME_CURRENT)
+        mean = (fix.sum(0) + fix[0]) / 50
+        assert track[-1, 0, :2] == pytest.approx(mean[0], abs=2e-5)
+        assert track[-1, 0, tracker.XX] == pytest.approx(1 / 50, rel=1e-5)
+        assert track[-1, 0, tracker.UU] == pytest.approx(0.2 * math.exp(-98 / 180) + 0.22 * -math.expm1(-98 / 180))
+
+    def test_without_fixes_the_current_keeps_its_variance_and_the_position_drifts(self, device):
+        steps = 2000
+        zeros, ones = np.zeros((steps, 1, 2)), np.ones((steps, 1))
+        start = begin(np.zeros((1, 2)), np.array([[0.04, 0, 0.04]]), 0.22, device)
+        covariance = np.tile([1.0, 0, 1.0], (steps, 1, 1))
+        track, squared = follow(device, start, zeros, ones, zeros, covariance, -ones, **EXTREME_CURRENT)
+        assert np.all(squared == -1)
+        assert track[:, 0, tracker.UU] == pytest.approx(0.22, rel=1e-4)
+        # Var x = 0.04 + Σ_ij σ² ρ^|i−j|
+        lag = np.arange(1, steps)
+        drift = 0.22 * (steps + 2 * ((steps - lag) * np.exp(-lag / 180)).sum())
+        assert track[-1, 0, tracker.XX] == pytest.approx(0.04 + drift, rel=1e-4)
+
+    def test_a_reading_of_the_current_beside_a_fix(self, device):
+        start = begin(np.zeros((1, 2)), np.array([[0.04, 0, 0.04]]), 0.22, device)
+        one = np.ones((1, 1))
+        arrays = (np.zeros((1, 1, 2)), one, np.zeros((1, 1, 2)), np.ones((1, 1, 3)), -one)
+        reading = np.array([[[0.5, -0.2]]])
+        track, _ = follow(device, start, *arrays, reading=reading, deviation=0.1, **EXTREME_CURRENT)
+        rho = math.exp(-1 / 180)
+        S = 0.22 + 0.01
+        assert track[1, 0, [2, 3]] == pytest.approx(reading[0, 0] * 0.22 / S, rel=1e-5)
+        assert track[1, 0, [0, 1]] == pytest.approx(reading[0, 0] * 0.22 * rho / S, rel=1e-5)
+        assert track[1, 0, tracker.UU] == pytest.approx(0.22 * 0.01 / S, rel=1e-5)
+        assert track[1, 0, tracker.XX] == pytest.approx(0.04 + 0.22 - (0.22 * rho) ** 2 / S, rel=1e-4)
+
+
+class TestAgainstDoublePrecision:
+    @pytest.mark.parametrize(("age", "lost"), [(0.0, 0.0), (0.0, 0.4), (0.2, 0.2), (1.0, 0.0)])
+    def test_same_estimates_and_covariances(self, device, age, lost):
+        (start, covariance), arrays, _ = simulate(11, 300, 3, *EXTREME_CURRENT.values(), age=age, lost=lost)
+        start = begin(start, covariance, 0.22, device)
+        track, squared = follow(device, start, *arrays, **EXTREME_CURRENT)
+        for n in range(3):
+            own = (array[:, n] for array in arrays)
+            x, P, chi2 = reference(start[n].cpu().numpy(), *own, **EXTREME_CURRENT, step=1.0)
+            assert np.abs(track[1:, n, :4] - x).max() < 1e-3
+            assert np.abs(covariances(track[1:, n]) - P).max() < 2e-5
+            assert squared[squared[:, n] >= 0, n] == pytest.approx(chi2, rel=2e-3, abs=2e-3)
+
+    def test_with_readings_of_the_current(self, device):
+        (start, covariance), arrays, truth = simulate(13, 100, 3, *EXTREME_CURRENT.values())
+        start = begin(start, covariance, 0.22, device)
+        reading = truth[..., 2:] + np.random.default_rng(1).normal(0, 0.1, truth[..., 2:].shape)
+        track, _ = follow(device, start, *arrays, reading=reading, deviation=0.1, **EXTREME_CURRENT)
+        for n in range(3):
+            own = (array[:, n] for array in arrays)
+            options = {"reading": reading[:, n], "deviation": 0.1, "step": 1.0}
+            x, P, _ = reference(start[n].cpu().numpy(), *own, **EXTREME_CURRENT, **options)
+            assert np.abs(track[1:, n, :4] - x).max() < 1e-3
+            assert np.abs(covariances(track[1:, n]) - P).max() < 2e-5
+
+    def test_positive_definite_for_a_hundred_thousand_steps(self, device):
+        steps, count = 100_000, 8
+        random = np.random.default_rng(2)
+        axes = np.linalg.qr(random.standard_normal((steps, count, 2, 2)))[0]
+        spread = 10 ** (random.uniform(-6, 2, (steps, count, 1)) + random.uniform(0, 3, (steps, count, 2)))
+        R = np.einsum("tnij,tnj,tnkj->tnik", axes, spread, axes)[..., [0, 0, 1], [0, 1, 1]]
+        zeros = np.zeros((steps, count, 2))
+        hover = (random.random((steps, count)) < 0.9).astype(float)
+        age = random.choice([-1.0, 0.0, 0.3], (steps, count))
+        start = begin(np.zeros((count, 2)), np.tile([1e4, 0, 1e4], (count, 1)), 0.22, device)
+        track, _ = follow(device, start, zeros, hover, zeros, R, age, **EXTREME_CURRENT)
+        assert np.isfinite(track).all()
+        P = covariances(track[1:])
+        scale = np.sqrt(np.einsum("...ii->...i", P))
+        assert scale.min() > 0
+        correlation = P / (scale[..., None] * scale[..., None, :])
+        assert np.linalg.eigvalsh(correlation).min() > 0
+
+
+class TestConsistency:
+    """Truth as the model has it: squared errors over their covariance are χ², of 4 states and of 2 innovations."""
+
+    @pytest.mark.parametrize(
+        "changes", [{}, {"lost": 0.5}, {"age": 0.2}, {"age": 0.2, "lost": 0.3, "hover": 0.5}], ids=str
+    )
+    def test_nees_and_nis_in_their_bands(self, device, changes):
+        runs = 4000
+        states, position, squared = run(device, 21, 120, runs, **changes)
+        # At each step the mean over runs; 95 % of the steps should lie inside, errors of near steps being alike.
+        for values, dimension in ((states, 4), (position, 2)):
+            low, high = band(dimension, runs)
+            mean = values.mean(1)
+            assert np.mean((mean > low) & (mean < high)) > 0.8
+            assert mean.mean() == pytest.approx(dimension, rel=0.02)
+        seen = squared >= 0
+        assert np.mean(~seen) == pytest.approx(changes.get("lost", 0.0), abs=0.01)
+        low, high = band(2, seen.sum())
+        assert 0.99 * low < squared[seen].mean() < 1.01 * high
+        assert np.mean(squared[seen] > 13.816) == pytest.approx(1e-3, rel=0.3)
+
+    def test_a_wrong_model_is_noticed(self, device):
+        (start, covariance), arrays, truth = simulate(21, 120, 500, *EXTREME_CURRENT.values())
+        wrong = {"variance": 0.22, "correlation_time": 2000.0}
+        track, _ = follow(device, begin(start, covariance, 0.22, device), *arrays, **wrong)
+        assert nees(track[1:], truth)[0].mean() > 5
+
+    def test_the_same_seed_gives_the_same_track(self, device):
+        for one, other in zip(run(device, 7, 30, 20), run(device, 7, 30, 20), strict=True):
+            assert np.array_equal(one, other)
+
+
+@pytest.fixture(scope="module")
+def log(device):
+    """150 steps of `crab` in 64 worlds of `extreme`: arguments of `follow`, truth, the model from the scenario."""
+    scenario = Scenario.load("extreme", ["usbl.propagation=false"])
+    world = World(scenario, 64, seed=4)
+    policy = Crab("crab", scenario, None)
+    policy.attach(world)
+    observation = world.reset()
+    logged, fixes = [world.auv.cpu().numpy().copy()], [world.estimate.cpu().numpy().copy()]
+    for _ in range(150):
+        observation = world.step(policy.act(observation))[0]
+        logged.append(world.auv.cpu().numpy().copy())
+        fixes.append(world.estimate.cpu().numpy().copy())
+    auv, fix = (np.stack(a).astype(float).reshape(151, 128, -1) for a in (logged, fixes))
+    column = {name: auv[..., getattr(AuvColumn, name)] for name in AuvColumn.names}
+    adrift = ((column["hovering"] == 0) & (column["border"] == 0)).astype(float)
+    velocity = np.stack([column["water_x"], column["water_y"]], -1)
+    covariance = np.stack([column["covariance_xx"], column["covariance_xy"], column["covariance_yy"]], -1)
+    truth = np.stack([column["x"], column["y"], column["current_x"], column["current_y"]], -1)
+    model = dict(zip(("variance", "correlation_time"), current_model(scenario, link_table(scenario)), strict=True))
+    start = begin(fix[0, :, :2], covariance[0], model["variance"], device)
+    arrays = velocity[1:], adrift[1:], fix[1:, :, :2], covariance[1:], np.zeros((150, 128))
+    return start, arrays, truth[1:], model
+
+
+class TestMission:
+    def test_the_current_is_what_the_scenario_says(self, log):
+        _, _, truth, model = log
+        current = truth[..., 2:]
+        assert model["variance"] == pytest.approx((current**2).mean(), rel=0.4)
+        # The walk has the increment that was met over the filter's memory of 2 to 3 s.
+        increment = sum(((current[m:] - current[:-m]) ** 2).mean() / m for m in (2, 3)) / 2
+        assert 2 * model["variance"] / model["correlation_time"] == pytest.approx(increment, rel=0.4)
+
+    def test_errors_fall_and_are_as_large_as_predicted(self, device, log):
+        start, arrays, truth, model = log
+        track, squared = follow(device, start, *arrays, **model)
+        _, position = nees(track[1:], truth)
+        position, squared = position[20:], squared[20:]
+        # The two AUVs of a world share its attitude error, so 64 runs count.
+        low, high = band(2, 64)
+        for values in (position, squared):
+            mean = values.mean(1)
+            assert np.mean((mean > low) & (mean < high)) > 0.9
+        fix_error = np.linalg.norm(arrays[2] - truth[..., :2], axis=-1)[20:]
+        error = np.linalg.norm(track[1:, :, :2] - truth[..., :2], axis=-1)[20:]
+        assert np.median(fix_error) / np.median(error) > 1.5
+        assert math.sqrt((fix_error**2).mean() / (error**2).mean()) > 1.5
+        # Outliers beyond χ² are what a gate would be for.
+        assert np.mean(squared > 13.816) < 3e-3
+
+    def test_a_reading_of_the_current_halves_what_remains(self, device, log):
+        start, arrays, truth, model = log
+        reading = truth[..., 2:] + 0.1 * np.random.default_rng(9).standard_normal(truth[..., 2:].shape)
+        track, _ = follow(device, start, *arrays, reading=reading, deviation=0.1, **model)
+        fix_error = np.linalg.norm(arrays[2] - truth[..., :2], axis=-1)[20:]
+        error = np.linalg.norm(track[1:, :, :2] - truth[..., :2], axis=-1)[20:]
+        assert np.median(fix_error) / np.median(error) > 2.0
+
+
+class TestCurrentModel:
+    def test_still_water_needs_no_noise(self):
+        assert tracker.ornstein_uhlenbeck([], 0.1, 1.0) == (0.0, tracker.FOREVER)
+        assert tracker.eddies(0, (0.0, 0.0), (30.0, 30.0), 4e4, 1.5) == (0.0, 0.0)
+
+    def test_dead_reckoning_in_still_water(self, device):
+        (start, covariance), arrays, truth = simulate(3, 200, 50, 0.0, tracker.FOREVER)
+        start = begin(start, covariance, 0.0, device)
+        track, _ = follow(device, start, *arrays, variance=0.0, correlation_time=tracker.FOREVER)
+        error = np.linalg.norm(track[-1, :, :2] - truth[-1, :, :2], axis=-1)
+        assert np.sqrt((error**2).mean()) < 0.06
+        assert np.abs(track[..., 2:4]).max() == 0
+
+    def test_memory_is_that_of_the_filter(self):
+        R, interval = 0.09, 2.0
+        variance, time = tracker.ornstein_uhlenbeck([(0.2, 0.03), (0.003, 0.6)], R, interval)
+        walk = 2 * variance / time
+        memory = (R * interval / walk) ** 0.25
+        increment = 2 * 0.2 * -math.expm1(-0.5 * (0.03 * memory) ** 2) + 2 * 0.003 * -math.expm1(
+            -0.5 * (0.6 * memory) ** 2
+        )
+        assert walk == pytest.approx(increment / memory, rel=1e-6)
+
+    def test_orbital_motion_of_one_wave(self):
+        """A narrow band in deep water: u² + v² has the mean a² ω² e^{2kz}, half of it per axis, and its frequency."""
+        omega = np.linspace(0.999, 1.001, 101)
+        variance, frequency = tracker.orbital_motion(omega, np.ones(101), 4 * math.sqrt(0.5), -5.0, 1000.0, 9.81)
+        assert variance == pytest.approx(0.25 * math.exp(-2 * 5 / 9.81), rel=1e-3)
+        assert frequency == pytest.approx(1.0, rel=1e-3)

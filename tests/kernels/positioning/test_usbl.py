@@ -1,0 +1,249 @@
+"""USBL fixes: the noise of a sampled tone, exact geometry, covariance as predicted, tilt and attitude error, validity.
+
+The same against tones as they are sampled is in `test_waveform.py`.
+"""
+
+import math
+
+import numpy as np
+import pytest
+import taichi as ti
+import torch
+from scipy import stats
+
+from kernels import runtime
+from kernels.positioning import fix_probability, sonar_equation, usbl
+
+CARRIERS = (15000.0, 18000.0)
+LEVEL = (0.0, 0.0)
+DRAWS = 200_000
+
+
+@pytest.fixture(scope="module")
+def device():
+    return runtime.start().device
+
+
+def fixes(device, offset, *, slope=LEVEL, attitude_error=0.0, noise=None, auv=0, **link):
+    """Fixes of one geometry: errors (n, 3), σ, predicted covariance (2, 2), all in double precision."""
+    if noise is None:
+        noise = torch.randn(DRAWS, 5, generator=torch.Generator().manual_seed(7))
+    n = noise.shape[0]
+    true = torch.tensor(offset, dtype=torch.float32, device=device).expand(n, 3).contiguous()
+    estimate, covariance = usbl.fixes(
+        torch.from_numpy(usbl.link_table(CARRIERS, **link)).to(device),
+        torch.full((n,), auv, dtype=torch.int32, device=device),
+        true,
+        torch.tensor(slope, dtype=torch.float32, device=device).expand(n, 2).contiguous(),
+        attitude_error,
+        noise.to(device),
+    )
+    error = (estimate[:, :3] - true).double().cpu().numpy()
+    xx, xy, yy = covariance[0].double().tolist()
+    return error, estimate[0, 3].item(), np.array([[xx, xy], [xy, yy]])
+
+
+class TestNoise:
+    def test_variance_of_a_sampled_tone(self):
+        """Least squares on ten periods at 2.016 MHz: phase variance 2σ_n²/N, of a difference 4σ_n²/N."""
+        f, sampling_rate, sigma_n, trials = 15000.0, 2.016e6, 0.085, 4000
+        N = round(10 * sampling_rate / f)
+        angle = 2 * np.pi * f / sampling_rate * np.arange(N)
+        random = np.random.default_rng(3)
+        phase = []
+        for true in (0.4, -0.9):
+            tone = np.cos(angle + true) + sigma_n * random.standard_normal((trials, N))
+            phase.append(np.angle(tone @ np.exp(-1j * angle)) - true)
+        assert np.var(phase[0]) == pytest.approx(2 * sigma_n**2 / N, rel=0.1)
+        assert np.var(phase[0] - phase[1]) == pytest.approx(4 * sigma_n**2 / N, rel=0.1)
+
+    @pytest.mark.parametrize("path", ["echo", "transponder"])
+    @pytest.mark.parametrize("noise_law", ["amplitude", "demonstration"])
+    @pytest.mark.parametrize("auv", [0, 1])
+    def test_sigma_from_the_sonar_equation(self, device, path, noise_law, auv):
+        f, offset = CARRIERS[auv], (80.0, -30.0, -100.0)
+        S = math.hypot(*offset)
+        NL = sonar_equation.noise_level(f, 1000.0, 0.5, 0.0)
+        snr = (
+            sonar_equation.echo_snr(135.0, 3.0, NL, S, f)
+            if path == "echo"
+            else sonar_equation.one_way_snr(135.0, NL, S, f)
+        )
+        sigma_n = 10 ** (-snr / (20 if noise_law == "amplitude" else 10))
+        expected = math.sqrt(4 * sigma_n**2 / (10 * 2.016e6 / f))
+        _, sigma, _ = fixes(device, offset, noise=torch.zeros(1, 5), auv=auv, path=path, noise_law=noise_law)
+        assert sigma == pytest.approx(expected, rel=1e-5)
+
+    @pytest.mark.parametrize(("path", "paths"), [("echo", 2), ("transponder", 1)])
+    def test_range_error(self, device, path, paths):
+        """The delay is the mean phase of four hydrophones, half as noisy as one; an echo halves the range error."""
+        error, sigma, _ = fixes(device, (0.0, 0.0, -100.0), noise=torch.tensor([[0.0, 0, 1e5, 0, 0]]), path=path)
+        delay = sigma / math.sqrt(2) / math.sqrt(4) / (2 * math.pi * CARRIERS[0])
+        assert -error[0, 2] / 1e5 == pytest.approx(1500 * delay / paths, rel=1e-3)
+
+    def test_error_at_100_m_is_near_20_cm(self, device):
+        error, _, _ = fixes(device, (0.0, 0.0, -100.0))
+        assert error[:, 0].std() == pytest.approx(0.224, abs=0.003)
+
+
+class TestGeometry:
+    @pytest.mark.parametrize("slope", [LEVEL, (0.2, 0.0), (0.0, -0.2), (-0.3, 0.25)])
+    @pytest.mark.parametrize("offset", [(0.0, 0.0, -100.0), (70.0, -45.0, -104.0), (-150.0, 130.0, -120.0)])
+    def test_without_noise_the_fix_is_exact(self, device, offset, slope):
+        error, _, _ = fixes(device, offset, slope=slope, noise=torch.zeros(1, 5))
+        assert np.abs(error).max() < 2e-4
+
+    def test_array_lies_on_the_surface(self, device):
+        """Orthonormal axes, up along the surface's normal (−∂η/∂x, −∂η/∂y, 1), forward without a part along y."""
+        out = torch.empty((3, 3), dtype=torch.float32, device=device)
+        slope_x, slope_y = -0.4, 0.3
+
+        @ti.kernel
+        def axes(out: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+            for _ in range(1):
+                A = usbl.array_axes(usbl.attitude(usbl.vec2(slope_x, slope_y)))
+                for i, j in ti.static(ti.ndrange(3, 3)):
+                    out[i, j] = A[i, j]
+
+        axes(out)
+        A = out.double().cpu().numpy()
+        assert np.abs(A @ A.T - np.eye(3)).max() < 1e-6
+        assert np.linalg.det(A) == pytest.approx(1, abs=1e-6)
+        assert A[2] / A[2, 2] == pytest.approx(np.array([-slope_x, -slope_y, 1]), abs=1e-6)
+        assert A[0, 1] == 0
+
+    def test_attitude_error_turns_the_fix(self, device):
+        """0.1° of pitch moves a fix 100 m below by 0.17 m along x, of roll along y."""
+        tenth = math.radians(0.1)
+        for axis in (0, 1):
+            noise = torch.zeros(1, 5)
+            noise[0, 3 + axis] = 1.0
+            error, _, _ = fixes(device, (0.0, 0.0, -100.0), attitude_error=tenth, noise=noise)
+            assert abs(error[0, axis]) == pytest.approx(0.1745, abs=1e-3)
+            assert abs(error[0, 1 - axis]) < 1e-3
+
+    def test_tilt_mistaken_for_level_is_an_error_of_the_whole_slope(self, device):
+        """An array of slope 0.1 whose attitude is measured as level: the error is that of the tilt itself."""
+        pitch = math.atan(0.1)
+        noise = torch.tensor([[0.0, 0, 0, -1, 0]])
+        error, _, _ = fixes(device, (0.0, 0.0, -100.0), slope=(0.1, 0.0), attitude_error=pitch, noise=noise)
+        assert error[0, 0] == pytest.approx(-100 * math.sin(pitch), abs=1e-2)
+
+    def test_too_wide_an_array_wraps(self, device):
+        """Beyond half a wavelength the phase is ambiguous: right near the nadir, a wrong place at the side."""
+        for offset, wrong in (((5.0, 0.0, -100.0), False), ((100.0, 0.0, -100.0), True)):
+            error, _, _ = fixes(device, offset, noise=torch.zeros(1, 5), spacing=0.1)
+            assert (abs(error[0, 0]) > 10) == wrong
+
+
+@pytest.mark.parametrize("attitude_error", [0.0, 0.002])
+@pytest.mark.parametrize("slope", [LEVEL, (0.1, -0.15)])
+@pytest.mark.parametrize("offset", [(0.0, 0.0, -100.0), (70.0, -45.0, -104.0), (-130.0, 90.0, -98.0)])
+class TestStatistics:
+    def test_unbiased_with_the_predicted_covariance(self, device, offset, slope, attitude_error):
+        error, _, predicted = fixes(device, offset, slope=slope, attitude_error=attitude_error)
+        horizontal = error[:, :2]
+        scale = math.sqrt(np.trace(predicted))
+        # The second term is the bias of second order in the noise, from z' = −√(S² − x'² − y'²) under tilt.
+        assert np.abs(horizontal.mean(axis=0)).max() < 5 * scale / math.sqrt(DRAWS) + 2 * scale**2 / 100
+        assert np.abs(np.cov(horizontal.T) - predicted).max() < 0.02 * np.trace(predicted)
+
+
+def test_attitude_error_of_a_steep_array_far_to_the_side(device):
+    """With next to no acoustic noise the covariance is the attitude's, roll being about a pitched axis."""
+    case = {"slope": (0.4, -0.2), "attitude_error": 0.005, "source_level": 200.0}
+    error, _, predicted = fixes(device, (-130.0, 90.0, -98.0), **case)
+    assert np.abs(np.cov(error[:, :2].T) - predicted).max() < 0.01 * np.trace(predicted)
+
+
+def flagged(device, offset, *, slope=LEVEL, seed=9, **link):
+    """Flags (DRAWS,) of fixes of one geometry, and the two probabilities predicted for it."""
+    table = torch.from_numpy(usbl.link_table(CARRIERS, **link)).to(device)
+    auv = torch.zeros(DRAWS, dtype=torch.int32, device=device)
+    true = torch.tensor(offset, dtype=torch.float32, device=device).expand(DRAWS, 3).contiguous()
+    tilt = torch.tensor(slope, dtype=torch.float32, device=device).expand(DRAWS, 2).contiguous()
+    noise = torch.randn(DRAWS, 6, generator=torch.Generator().manual_seed(seed)).to(device)
+    _, _, flags = usbl.flagged_fixes(table, auv, true, tilt, 0.0, noise)
+    detected, usable = fix_probability.good_probability(table, auv[:1], true[:1], tilt[:1])
+    return flags.cpu().numpy(), detected.item(), usable.item()
+
+
+def p_of_rate(sample, probability):
+    return stats.binomtest(int(sample.sum()), sample.size, min(max(probability, 0.0), 1.0)).pvalue
+
+
+class TestValidity:
+    def test_a_usual_fix_is_good(self, device):
+        flags, detected, usable = flagged(device, (70.0, -45.0, -104.0))
+        assert np.all(flags == usbl.DETECTED)
+        assert (detected, usable) == pytest.approx((1, 1))
+
+    @pytest.mark.parametrize("a", [14.8, 15.5, 15.81, 16.2, 17.0])
+    def test_detection_follows_the_tones_energy(self, device, a):
+        """Four hydrophones' energy over the noise is noncentral χ² of 8 degrees of freedom."""
+        S, f = 100.0, CARRIERS[0]
+        snr = 20 * math.log10(a / math.sqrt(10 * 2.016e6 / f / 2))
+        level = snr + sonar_equation.transmission_loss(S, f) + sonar_equation.noise_level(f, 1000.0, 0.5, 0.0)
+        flags, detected, _ = flagged(device, (0.0, 0.0, -S), source_level=level, path="transponder")
+        exact = stats.ncx2.sf(8 + 4 * usbl.PERIOD_ENERGY * 10, 8, 4 * a * a)
+        assert detected == pytest.approx(exact, abs=1e-3)
+        assert abs((flags & usbl.DETECTED > 0).mean() - exact) < 1e-3 + 5 * math.sqrt(0.25 / DRAWS)
+
+    def test_farther_than_the_tone_carries(self, device):
+        """At Table 1's source level an echo is lost between 400 and 800 m."""
+        for range_, all_or_none in ((400.0, True), (800.0, False)):
+            flags, detected, _ = flagged(device, (0.6 * range_, 0.0, -0.8 * range_))
+            assert np.all((flags & usbl.DETECTED > 0) == all_or_none)
+            assert detected == pytest.approx(float(all_or_none), abs=1e-6)
+
+    def test_a_loud_tone_has_the_better_phases(self, device):
+        """Amplitude and phases of one complex Gaussian: σ² falls as 2a/(2a + n)."""
+        noise = torch.zeros(2, 6)
+        noise[:, 0], noise[1, 5] = 1.0, 3.0
+        table = torch.from_numpy(usbl.link_table(CARRIERS, source_level=115.0)).to(device)
+        place = torch.tensor([[0.0, 0.0, -100.0]] * 2, device=device)
+        estimate, _, _ = usbl.flagged_fixes(
+            table, place.new_zeros(2, dtype=torch.int32), place, place.new_zeros(2, 2), 0.0, noise.to(device)
+        )
+        strength = math.sqrt(8) / estimate[0, 3].item()
+        ratio = (estimate[1, 0] / estimate[0, 0]).item()
+        assert ratio == pytest.approx(math.sqrt(strength / (strength + 3)), rel=1e-4)
+
+    @pytest.mark.parametrize(
+        "case",
+        [
+            {"offset": (100.0, 0.0, -3.0)},  # the horizon
+            {"offset": (70.0, 70.0, -12.0), "source_level": 118.0},
+            {"offset": (83.2, 5.0, -55.2), "spacing": 0.06},  # π on one axis
+            {"offset": (69.45, 69.45, -18.8), "spacing": 0.072},  # π on both
+            {"offset": (-70.0, 60.0, -42.2), "slope": (0.3, -0.35)},  # an array tilted towards the horizon
+        ],
+    )
+    def test_wraps_and_directions_without_depth(self, device, case):
+        flags, _, usable = flagged(device, **case)
+        usable_here = flags & (usbl.WRAPPED | usbl.NO_DEPTH) == 0
+        assert 0.02 < usable < 0.98
+        assert p_of_rate(usable_here, usable) > 1e-4
+
+    def test_without_noise_a_wrap_is_what_it_is(self, device):
+        for spacing, wrapped in ((0.033, 0), (0.1, usbl.WRAPPED)):
+            table = torch.from_numpy(usbl.link_table(CARRIERS, spacing=spacing)).to(device)
+            place = torch.tensor([[100.0, 0.0, -100.0]], device=device)
+            none = place.new_zeros(1, 6)
+            _, _, flags = usbl.flagged_fixes(table, none[:, 0].int(), place, place.new_zeros(1, 2), 0.0, none)
+            assert flags.item() == usbl.DETECTED | wrapped
+
+
+class TestLinkTable:
+    @pytest.mark.parametrize(
+        ("field", "value"), [("path", "both"), ("noise_law", "loud"), ("planner_noise", "sometimes")]
+    )
+    def test_unknown_choice_is_refused(self, field, value):
+        with pytest.raises(ValueError, match=f"{field}: '{value}' is not one of"):
+            usbl.link_table(CARRIERS, **{field: value})
+
+    def test_one_row_an_auv(self):
+        table = usbl.link_table((12000.0, 15000.0, 18000.0))
+        assert table.shape == (3, usbl.COLUMNS)
+        assert table.dtype == np.float32
+        assert table[:, usbl.KAPPA] == pytest.approx(2 * np.pi * np.array([12e3, 15e3, 18e3]) * 0.033 / 1500, rel=1e-6)

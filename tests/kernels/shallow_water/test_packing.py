@@ -1,0 +1,186 @@
+"""Packed grids: the same sea in every packing and for any number of threads, and sampling between cells."""
+
+import hashlib
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from kernels import runtime
+from kernels.shallow_water import linear, packing, wavefront
+from kernels.shallow_water.cellwise import Cells
+from kernels.shallow_water.linear import ShallowWater
+from kernels.shallow_water.packing import LANES
+from tests.cases.plain import centres, many, rough_bed
+
+THREADS = """
+import sys
+from kernels import forward_backward, runtime
+runtime.start("cpu", threads=int(sys.argv[1]))
+forward_backward.CACHE, forward_backward.WAKE, forward_backward.COPY = int(sys.argv[2]), 1e-12, float(sys.argv[3])
+from tests.test_c_grid import CLOSED, OPEN, fingerprint, storm
+print(*(fingerprint(n, edges) for n in (1, 5, 40) for edges in (CLOSED, OPEN)))
+way = storm(5, OPEN)._way
+print(len(way._plan), way._copy_serially)
+"""
+CLOSED = {"north": "forced"}
+OPEN = {"west": "radiating", "east": "incident", "south": "sponge", "north": "forced"}
+
+
+def order(errors: list[float]) -> float:
+    """Order of convergence of errors on grids that are refined by two."""
+    return math.log2(errors[-2] / errors[-1])
+
+
+def storm(num_seas: int, edges: dict[str, str]) -> ShallowWater:
+    """Forced, rough, over a rough bed; sea s is the same for any number of seas."""
+    nx, ny = 61, 200
+    solver = ShallowWater(
+        size=(122, 400),
+        cells=(nx, ny),
+        depth=rough_bed(nx, ny),
+        interval=1.5,
+        edges=edges,
+        sponge_width=80.0 if "sponge" in edges.values() else None,
+        drag=0.01,
+        num_seas=num_seas,
+    )
+    seas = [np.random.default_rng(s) for s in range(num_seas)]
+    solver.set_forcing(*(np.stack([r.uniform(1, 9, 4) for r in seas]) for _ in range(3)))
+    solver.set_state(np.stack([r.normal(size=(ny, nx)) for r in seas]))
+    for _ in range(2):
+        solver.advance()
+    return solver
+
+
+def fingerprint(num_seas: int, edges: dict[str, str]) -> str:
+    solver = storm(num_seas, edges)
+    return hashlib.sha256(solver.elevation().tobytes() + np.stack(solver.velocity()).tobytes()).hexdigest()
+
+
+class TestSameSea:
+    @pytest.mark.parametrize("edges", [CLOSED, OPEN], ids=["closed", "open"])
+    def test_strips_and_pool_agree_bit_for_bit(self, edges):
+        alone, few, many_seas = (storm(num_seas, edges) for num_seas in (1, 5, 40))
+        assert alone.eta.shape[0] == few.eta.shape[0] == 1
+        assert alone.eta.shape[2] < few.eta.shape[2]  # strips of one sea, against one sea a lane
+        np.testing.assert_array_equal(alone.elevation()[0], few.elevation()[0])
+        np.testing.assert_array_equal(few.elevation(), many_seas.elevation()[:5])
+        np.testing.assert_array_equal(few.velocity(), np.stack(many_seas.velocity())[:, :5])
+
+    @pytest.mark.parametrize(
+        ("threads", "cache", "copy", "serially"), [(1, 2**20, 1.0, True), (7, 1, 1.0, False), (7, 1, 0.0, True)]
+    )
+    def test_any_number_of_threads_gives_the_same_bits(self, threads, cache, copy, serially):
+        """Threads decide into how many bands the rows are cut, here one or seven, most with neighbours on both sides,
+        the cache how many substeps are taken at once, here all or two, and the cost of a copy who makes the copies.
+        """
+        here = " ".join(fingerprint(n, edges) for n in (1, 5, 40) for edges in (CLOSED, OPEN))
+        command = [sys.executable, "-c", THREADS, str(threads), str(cache), str(copy)]
+        there = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[3])
+        assert there.stdout.splitlines()[-2:] == [here, f"{threads} {serially}"], there.stderr
+
+    @pytest.mark.parametrize("edges", [CLOSED, OPEN], ids=["closed", "open"])
+    @pytest.mark.parametrize("num_seas", [1, 5, 40])
+    def test_a_thread_a_cell_gives_the_same_bits(self, monkeypatch, num_seas, edges):
+        """The way of a GPU, here on the CPU."""
+        if runtime.start().device.type != "cpu":
+            pytest.skip("bands are for a CPU")
+        bands = fingerprint(num_seas, edges)
+        monkeypatch.setattr(linear, "Bands", lambda packing, substeps, threads: Cells(packing, substeps))
+        launched = storm(num_seas, edges)
+        assert len(launched._launches) == 2 * launched.substeps
+        assert fingerprint(num_seas, edges) == bands
+
+
+class TestBands:
+    @pytest.mark.parametrize(
+        ("ny", "columns", "blocks", "substeps", "threads", "bands"),
+        [
+            (255, 17, 1, 1, 8, 1),  # shorter than waking threads takes
+            (4095, 257, 1, 1, 8, 8),
+            (4095, 257, 1, 64, 2, 2),
+            (200, 51, 9, 35, 8, 1),  # blocks enough for all threads
+        ],
+    )
+    def test_as_many_as_pay(self, ny, columns, blocks, substeps, threads, bands):
+        tile, plan, rows = wavefront.plan_bands(ny, columns, blocks, substeps, threads)
+        assert len(plan) == bands
+        assert 1 <= tile <= substeps
+        assert tile * columns * LANES * 3 * 4 <= 2 * wavefront.CACHE
+        own = [place for band in plan for place, source in band[:2, : band[3, 0]].T if place == source and place <= ny]
+        assert sorted(own) == list(range(ny + 1))
+        assert max(band[0].max() for band in plan) == rows - 1
+
+    def test_data_that_memory_must_fetch_are_used_more_than_once(self):
+        tile, _, _ = wavefront.plan_bands(8191, 513, 1, 64, 1)
+        assert tile >= 4
+
+
+@ti.kernel
+def sample_all(
+    eta: ti.types.ndarray(dtype=ti.f32, ndim=4),
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    found: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    dx: ti.f32,
+    dy: ti.f32,
+    nx: ti.i32,
+    ny: ti.i32,
+):
+    for sea, p in ti.ndrange(found.shape[0], found.shape[1]):
+        surface = packing.sample(eta, sea, points[p, 0], points[p, 1], dx, dy, nx, ny)
+        for column in ti.static(range(3)):
+            found[sea, p, column] = surface[column]
+
+
+class TestSample:
+    X, Y = 120.0, 90.0
+
+    def sampled(self, surface, cells, num_seas, points):
+        nx, ny = cells
+        solver = ShallowWater(size=(self.X, self.Y), cells=cells, depth=10, interval=1, num_seas=num_seas)
+        solver.set_state(many(surface(centres(nx, self.X), centres(ny, self.Y)[:, None]), num_seas))
+        found = np.zeros((num_seas, len(points), 3), np.float32)
+        sample_all(solver.eta, points.astype(np.float32), found, solver.dx, solver.dy, nx, ny)
+        return found
+
+    @pytest.mark.parametrize(("cells", "num_seas"), [((40, 30), 1), ((9, 12), 1), ((3, 3), 2), ((20, 15), 18)])
+    def test_plane_is_exact_up_to_the_edge(self, cells, num_seas):
+        points = np.random.default_rng(3).uniform(0, 1, (300, 2)) * (self.X, self.Y)
+        points[:3] = (0, 0), (self.X, self.Y), (0, self.Y)
+        found = self.sampled(lambda x, y: 0.5 + 0.02 * x - 0.03 * y, cells, num_seas, points)
+        x, y = points.T
+        plane = np.stack([0.5 + 0.02 * x - 0.03 * y, 0.02 + 0 * x, -0.03 + 0 * x], axis=1)
+        scale = np.arange(1, num_seas + 1)[:, None, None]
+        np.testing.assert_allclose(found / scale, np.broadcast_to(plane, found.shape), atol=2e-6)
+
+    def test_elevation_and_slopes_are_second_order(self):
+        k, m = 2 * math.pi / self.X, 1.5 * math.pi / self.Y
+        points = np.random.default_rng(4).uniform(0, 1, (2000, 2)) * (self.X, self.Y)
+        x, y = points.T
+        exact = [np.cos(k * x) * np.cos(m * y), -k * np.sin(k * x) * np.cos(m * y), -m * np.cos(k * x) * np.sin(m * y)]
+        errors = []
+        for n in (40, 80):
+            found = self.sampled(lambda x, y: np.cos(k * x) * np.cos(m * y), (n, n), 1, points)[0]
+            errors.append(np.sqrt(np.mean((found - np.stack(exact, axis=1)) ** 2, axis=0)))
+        for series in zip(*errors, strict=True):
+            assert 1.8 < order(series) < 2.4
+
+    def test_slopes_are_continuous(self):
+        """Across cell borders and centres no step is larger than the surface's curvature allows."""
+        surface = lambda x, y: np.cos(0.1 * x) * np.cos(0.15 * y)  # noqa: E731
+        line = np.linspace(0, 1, 4001)[:, None] * (self.X, self.Y)
+        found = self.sampled(surface, (24, 18), 1, line)[0]
+        step = math.hypot(self.X, self.Y) / 4000
+        assert np.abs(np.diff(found, axis=0)).max() < 3 * step * 0.15
+
+    def test_outside_is_clamped(self):
+        inside, outside = np.array([[0.0, 40.0], [self.X, self.Y]]), np.array([[-30.0, 40.0], [1e6, 1e6]])
+        surface = lambda x, y: 0.1 * x + 0.2 * y  # noqa: E731
+        np.testing.assert_array_equal(
+            self.sampled(surface, (20, 15), 1, inside), self.sampled(surface, (20, 15), 1, outside)
+        )

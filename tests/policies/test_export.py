@@ -1,0 +1,214 @@
+"""Policies as ONNX: the same actions in onnxruntime, a file that explains itself, refusals."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import onnxruntime
+import pytest
+import torch
+
+import policies
+from policies import LearnedPolicy, PolicyError, TrainingConfig
+from policies import export as exporting
+from policies.algorithms import ALGORITHMS, Sizes
+from policies.export import export
+from policies.frames import ACTION_SIZE, FRAMES
+from policies.learned import Whitening
+from usvauv_cli.app import main
+from usvauv_env import Scenario, World
+from usvauv_env.faces.quantities import commanded, observed
+from usvauv_env.world.world import observation_size
+
+KINDS = {
+    "shipped": ("extreme", None, {}),
+    "shared": ("extreme", ["auv.count=3", "observation.current=speed"], {"shared": True}),
+    "deterministic": ("extreme", ["auv.action=polar", "observation.current=none"], {"algorithm": "td3"}),
+    "alone": ("extreme", ["auv.count=1"], {"algorithm": "ddpg", "frame": "world"}),
+}
+
+
+def observations(scenario: Scenario, worlds: int) -> torch.Tensor:
+    """Of missions under way, with AUVs that did not all move alike."""
+    world = World(scenario, worlds, seed=3)
+    world.reset()
+    draw = torch.Generator().manual_seed(0)
+    for _ in range(30):
+        world.step(2.0 * torch.rand((worlds, scenario.auv.count, 2), generator=draw) - 1.0)
+    return world.observation.clone()
+
+
+def untrained(scenario: Scenario, **settings) -> LearnedPolicy:
+    """A policy with random weights, large enough for its actions to differ from one observation to the next."""
+    config = TrainingConfig(**settings)
+    frame = FRAMES[config.frame](scenario)
+    sizes = Sizes(1 if config.shared else scenario.auv.count, frame.features, ACTION_SIZE)
+    actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        actor.weights[-1].mul_(300.0)
+    whitening = Whitening.of(frame.encode(observations(scenario, 20)))
+    return LearnedPolicy("untrained", scenario, config.frame, whitening, actor, config.shared)
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def exported(request, tmp_path_factory):
+    """A policy, the session that runs its file, and the file."""
+    name, overrides, settings = KINDS[request.param]
+    scenario = Scenario.load(name, overrides or ())
+    policy = untrained(scenario, **settings) if settings else policies.load("sac-extreme")
+    path = tmp_path_factory.mktemp(request.param) / "policy.onnx"
+    export(policy, path)
+    return policy, onnxruntime.InferenceSession(path), path
+
+
+class TestActions:
+    def test_they_are_those_of_torch(self, exported):
+        policy, session, _ = exported
+        observation = observations(policy.scenario, 64)
+        for worlds in (1, 2, 3, 64):
+            some = observation[:worlds]
+            (action,) = session.run(["action"], {"observation": some.numpy()})
+            expected = policy.act(some).detach()
+            torch.testing.assert_close(torch.from_numpy(action), expected, atol=1e-5, rtol=0)
+        assert expected.std() > 0.1
+
+    def test_on_its_target_and_far_outside(self, exported):
+        policy, session, _ = exported
+        size = len(observed(policy.scenario))
+        for value in (0.0, -1.0, 50.0):
+            observation = torch.full((2, policy.scenario.auv.count, size), value)
+            (action,) = session.run(["action"], {"observation": observation.numpy()})
+            torch.testing.assert_close(torch.from_numpy(action), policy.act(observation).detach(), atol=1e-5, rtol=0)
+
+
+class TestMetadata:
+    def test_it_is_complete(self, exported):
+        policy, session, _ = exported
+        read = {name: json.loads(text) for name, text in session.get_modelmeta().custom_metadata_map.items()}
+        assert set(read) == {"observation", "action", "policy"}
+        (given,), (taken,) = session.get_outputs(), session.get_inputs()
+        assert taken.shape == ["N", policy.scenario.auv.count, len(read["observation"])]
+        assert given.shape == ["N", policy.scenario.auv.count, len(read["action"])]
+        for rows in (read["observation"], read["action"]):
+            assert [row["index"] for row in rows] == list(range(len(rows)))
+            assert all(set(row) == {"index", "quantity", "unit", "low", "high"} for row in rows)
+            assert all(row["quantity"] and row["unit"] and row["low"] < row["high"] for row in rows)
+            assert len({row["quantity"] for row in rows}) == len(rows)
+        assert read["policy"]["scenario"] == "extreme"
+        assert read["policy"]["num_auvs"] == policy.scenario.auv.count
+        assert policy.name in session.get_modelmeta().description
+
+    def test_it_says_how_the_policy_was_trained(self, tmp_path, exported):
+        policy, session, _ = exported
+        about = json.loads(session.get_modelmeta().custom_metadata_map["policy"])
+        if policy.name == "sac-extreme":
+            assert about["algorithm"] == "sac"
+            assert about["command"].startswith("usvauv train extreme")
+            assert len(about["commit"]) >= 40
+        else:
+            assert about["command"] is None
+
+    def test_nothing_of_this_machine_is_inside(self, exported):
+        *_, path = exported
+        assert b".py" not in path.read_bytes()
+
+
+class TestQuantities:
+    """The table against what a world really puts into an observation."""
+
+    def column(self, scenario, observation, quantity):
+        (index,) = [row.index for row in observed(scenario) if row.quantity == quantity]
+        return observation[..., index]
+
+    def test_observation(self):
+        scenario = Scenario.load("extreme", ["auv.count=3", "observation.current=vector"])
+        world = World(scenario, 16, seed=1)
+        world.reset()
+        for _ in range(5):
+            world.step(torch.ones((16, 3, 2)))
+        observation = world.observation
+        own = [self.column(scenario, observation, f"own {axis}") for axis in "xy"]
+        true = world.auv[..., :2] / scenario.area.diagonal
+        for axis, name in enumerate("xy"):
+            # Fixes are a few metres off at most; the area is 200 m wide.
+            assert (own[axis] - true[..., axis]).abs().max() * scenario.area.diagonal < 10.0
+            for number in (1, 2):
+                quantity = f"{name} of another AUV, number {number} of the others in the order of their index"
+                relative = self.column(scenario, observation, f"{quantity}, minus own {name}")
+                for auv in range(3):
+                    other = [j for j in range(3) if j != auv][number - 1]
+                    expected = own[axis][:, other] - own[axis][:, auv]
+                    torch.testing.assert_close(relative[:, auv], expected, atol=1e-5, rtol=0)
+            current = self.column(scenario, observation, f"current at the AUV, {name}")
+            assert (current - world.current()[..., axis]).abs().max() < 0.5
+        speed = self.column(scenario, observation, "speed of the current at the AUV")
+        torch.testing.assert_close(speed, observation[..., -2:].norm(dim=-1), atol=1e-5, rtol=0)
+
+    @pytest.mark.parametrize("current", ["none", "speed", "vector"])
+    @pytest.mark.parametrize("scenario", ["ideal", "station-keeping"])
+    def test_as_many_as_the_world_gives(self, scenario, current):
+        setting = Scenario.load(scenario, [f"observation.current={current}"])
+        assert len(observed(setting)) == observation_size(setting)
+        assert any(
+            ("station" if setting.task == "station-keeping" else "node") in row.quantity for row in observed(setting)
+        )
+
+    def test_action_names_the_form(self):
+        vector, polar = (Scenario.load("extreme", [f"auv.action={form}"]) for form in ("vector", "polar"))
+        assert [row.unit for row in commanded(vector)] == ["2.2 m/s"] * 2
+        assert [row.quantity.split(",")[0] for row in commanded(polar)] == [
+            "heading",
+            "speed through the water: 1.2 m/s at -1",
+        ]
+
+
+def run(monkeypatch, capfd, *arguments: str) -> tuple[int, str, str]:
+    """Exit code and output of `usvauv`."""
+    monkeypatch.setattr(sys, "argv", ["usvauv", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    return stop.value.code, *capfd.readouterr()
+
+
+class TestCommand:
+    def test_it_writes_the_file_and_nothing_else(self, tmp_path, monkeypatch, capfd):
+        monkeypatch.chdir(tmp_path)
+        code, out, err = run(monkeypatch, capfd, "export", "sac-extreme", "extreme", "--set", "auv.speed_max=2.0")
+        assert (code, err) == (0, "")
+        assert "sac-extreme.onnx: observation (N, 2, 23), action (N, 2, 2)" in out
+        assert [path.name for path in tmp_path.iterdir()] == ["sac-extreme.onnx"]
+        session = onnxruntime.InferenceSession("sac-extreme.onnx")
+        assert '"unit": "2 m/s"' in session.get_modelmeta().custom_metadata_map["action"]
+
+    @pytest.mark.parametrize(
+        ("arguments", "parts"),
+        [
+            (["straight"], ["policy straight", "only learned policies"]),
+            (["crab:1.3", "ideal"], ["policy crab:1.3", "only learned policies"]),
+            (["clever"], ["clever", "neither a checkpoint directory"]),
+            (["sac-extreme", "paper-ideal"], ["observed current profile", "has speed"]),
+            (["sac-extreme", "--set", "auv.count=3"], ["--set", "name the scenario"]),
+            (["sac-extreme", "--onnx", "missing/a.onnx"], ["--onnx missing/a.onnx", "does not exist"]),
+        ],
+    )
+    def test_bad_input_is_one_line_and_exit_code_2(self, tmp_path, monkeypatch, capfd, arguments, parts):
+        monkeypatch.chdir(tmp_path)
+        code, _, err = run(monkeypatch, capfd, "export", *arguments)
+        assert code == 2
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
+        assert all(part in err for part in parts)
+        assert not list(tmp_path.iterdir())
+
+    def test_without_the_extra(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(exporting, "find_spec", lambda name: None if name == "onnxscript" else name)
+        with pytest.raises(PolicyError, match=r'needs onnxscript: pip install .*\[onnx\]"'):
+            export(policies.load("sac-extreme"), tmp_path / "a.onnx")
+        assert not list(tmp_path.iterdir())
+
+    def test_a_place_that_cannot_be_written(self, tmp_path):
+        (tmp_path / "a.onnx").mkdir()
+        with pytest.raises(PolicyError, match="cannot be written"):
+            export(policies.load("sac-extreme"), tmp_path / "a.onnx")
+        assert [path.name for path in tmp_path.iterdir()] == ["a.onnx"]

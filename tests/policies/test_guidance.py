@@ -1,0 +1,119 @@
+"""Steering in a current: crab angles, economical speeds, the autopilot's frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import minimize_scalar
+
+import policies
+from policies.frames import FENCE, PRICE, GuidedFrame
+from policies.guidance import SPEEDS, SpeedToFly, crab, unit
+from tests.policies.toy import ToyWorld, scenario
+from usvauv_env import Scenario
+
+
+def directions(count, seed=0):
+    angle = 2 * math.pi * torch.rand(count, generator=torch.Generator().manual_seed(seed))
+    return torch.stack((angle.cos(), angle.sin()), -1)
+
+
+def power(speed):
+    drag = 0.5 * 0.7 * 60 * speed**2
+    return drag * speed / (-0.081 * speed**3 + 0.215 * speed**2 - 0.01 * speed + 0.541) + 15
+
+
+class TestCrab:
+    def test_the_track_is_the_one_asked_for(self):
+        track, current = directions(500), 0.7 * directions(500, seed=1)
+        speed = torch.linspace(1.2, 2.2, 500)
+        ground = crab(track, speed, current) * speed.unsqueeze(-1) + current
+        torch.testing.assert_close(unit(ground), track, atol=1e-5, rtol=0)
+
+    def test_a_current_too_strong_is_met_head_on(self):
+        heading = crab(torch.tensor([1.0, 0.0]), torch.tensor(1.2), torch.tensor([0.0, 1.5]))
+        torch.testing.assert_close(heading, torch.tensor([0.0, -1.0]))
+
+
+class TestSpeedToFly:
+    @pytest.mark.parametrize("price", [0.0, 30.0, 200.0])
+    @pytest.mark.parametrize("current", [(0.0, 0.0), (0.6, 0.0), (-0.6, 0.3), (0.2, -0.9)])
+    def test_a_metre_over_ground_costs_least(self, price, current):
+        along, across = current
+
+        def cost(speed):
+            return (power(speed) + price) / (math.sqrt(speed**2 - across**2) + along)
+
+        best = minimize_scalar(cost, bounds=(1.2, 2.2), method="bounded", options={"xatol": 1e-6}).x
+        rule = SpeedToFly(scenario())
+        found = rule(torch.tensor([1.0, 0.0]), torch.tensor(price), torch.tensor(current))
+        assert float(found) == pytest.approx(best, abs=0.5 * (2.2 - 1.2) / 32 + 1e-3)
+
+    def test_a_current_that_cannot_be_beaten_is_met_at_full_speed(self):
+        found = SpeedToFly(scenario())(torch.tensor([1.0, 0.0]), torch.tensor(0.0), torch.tensor([-2.0, 0.0]))
+        assert float(found) == pytest.approx(2.2)
+
+    def test_time_that_costs_more_is_sailed_faster(self):
+        prices = torch.logspace(0, 3.3, 50)
+        track = torch.tensor([1.0, 0.0]).expand(50, 2)
+        speeds = SpeedToFly(scenario())(track, prices, torch.zeros(50, 2))
+        assert (speeds.diff() >= 0).all()
+        assert float(speeds[0]) == pytest.approx(1.2)
+        assert float(speeds[-1]) > 2.1
+
+
+class TestGuidedFrame:
+    def observe(self, place, target):
+        """One AUV of a pair at a place of the toy area, its target at another, in the toy's current; (1, 2, O)."""
+        world = ToyWorld(scenario(), 1)
+        world.reset()
+        world.position[:] = torch.tensor(place)
+        world.position[0, 1] = torch.tensor([50.0, 50.0])
+        world.target[:] = torch.tensor(target)
+        return world, world._observe()
+
+    def test_no_action_is_the_heuristic_pace(self):
+        toy = scenario()
+        world, pace = ToyWorld(toy, 64, seed=3), policies.load(f"pace:{PRICE}", toy)
+        observation = world.reset()
+        pace.attach(world)
+        inside = ((world.position > FENCE) & (world.position < 100 - FENCE)).all(-1)
+        action = GuidedFrame(toy).decode(observation, torch.zeros(64, 2, 2))
+        assert inside.sum() > 100
+        torch.testing.assert_close(action[inside], pace.act(observation)[inside])
+
+    def test_without_a_current_the_middle_is_where_speeds_begin_to_differ(self):
+        """In still water the lowest speed is the best up to the price V P′(V) − P(V), by a difference in the test."""
+        calm = Scenario.load("paper-ideal")
+        frame, lowest = GuidedFrame(calm), calm.auv.speed_min
+        step = (calm.auv.speed_max - lowest) / (SPEEDS - 1)
+        slow, fast = power(lowest), power(lowest + step)
+        assert frame.price == pytest.approx(lowest * (fast - slow) / step - slow, rel=1e-5)
+        observation = torch.zeros(1, 2, frame.layout.size)
+        observation[..., 2], observation[..., 4:6] = 0.2, 0.3  # a target in the east, and amid the area
+        speeds = [
+            float(frame.decode(observation, torch.tensor([0.0, a1]).expand(1, 2, 2))[0, 0].norm()) * calm.auv.speed_max
+            for a1 in (-1.0, -0.01, 0.1, 0.5)
+        ]
+        assert speeds[0] == pytest.approx(lowest)
+        assert speeds[1] == pytest.approx(lowest)
+        assert lowest + 0.5 * step < speeds[2] < speeds[3]
+
+    @pytest.mark.parametrize(("side", "course"), [("west", 1.0), ("west", 0.6), ("north", -0.5)])
+    def test_a_course_that_leads_out_is_turned_along_the_border(self, side, course):
+        place, axis, outwards = {"west": ((2.0, 40.0), 0, -1.0), "north": ((40.0, 98.5), 1, 1.0)}[side]
+        world, observation = self.observe(place, (80.0, 40.0) if side == "west" else (20.0, 98.0))
+        action = GuidedFrame(world.scenario).decode(observation, torch.tensor([course, 0.0]).expand(1, 2, 2))
+        ground = (world.velocity(action) + world.drift)[0, 0]
+        assert outwards * float(ground[axis]) < 1e-5
+        assert float(ground.norm()) > 0.5
+
+    def test_inside_the_fence_the_course_is_kept(self):
+        world, observation = self.observe((10.0, 40.0), (80.0, 40.0))
+        action = GuidedFrame(world.scenario).decode(observation, torch.tensor([0.5, 0.0]).expand(1, 2, 2))
+        ground = (world.velocity(action) + world.drift)[0, 0].numpy()
+        # Half a turn to the left of a target in the east: north.
+        np.testing.assert_allclose(ground / np.linalg.norm(ground), (0.0, 1.0), atol=1e-5)

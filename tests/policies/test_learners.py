@@ -1,0 +1,237 @@
+"""Replay, stacked networks, one update of each algorithm, exploration noise, whitening."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from policies.algorithms import ALGORITHMS, Sizes
+from policies.learned import Whitening
+from policies.networks import ACTION_GAIN, Critic, DeterministicActor, GaussianActor, StackedMLP
+from policies.noise import CorrelatedNoise
+from policies.replay import Batch, Replay, stack, unstack
+from tests.policies.toy import LEARNING, seeded
+
+CPU = torch.device("cpu")
+
+
+def random_batch(stack_size, batch=32, features=5, seed=0):
+    draw = seeded(seed)
+    return Batch(
+        observation=torch.randn((stack_size, batch, features), generator=draw),
+        action=2.0 * torch.rand((stack_size, batch, 2), generator=draw) - 1.0,
+        reward=torch.randn((stack_size, batch), generator=draw),
+        discount=torch.full((stack_size, batch), 0.9),
+        next_observation=torch.randn((stack_size, batch, features), generator=draw),
+    )
+
+
+class TestReplay:
+    def filled(self, rewards, terminated=(), ends=(), rows=20):
+        """One world, one AUV; the observation at step t is t, and an episode's end adds an observation of its own."""
+        replay = Replay(rows, (1, 1, 1, 1), CPU, shared=False)
+        clock = 0
+        for step, reward in enumerate(rewards):
+            one = torch.full((1, 1), float(reward))
+            replay.add(
+                torch.full((1, 1, 1), float(clock)), one.unsqueeze(-1), one, torch.tensor([[step in terminated]])
+            )
+            clock += 1
+            if step in ends:
+                replay.finish(torch.full((1, 1, 1), float(clock)))
+                clock += 1
+        return replay
+
+    def drawn(self, replay, n, gamma=0.5):
+        """(reward, discount, next observation) of each transition drawn, by the observation it starts from."""
+        batch = replay.sample(500, n, gamma, seeded())
+        values = torch.stack(
+            (batch.observation[0, :, 0], batch.reward[0], batch.discount[0], batch.next_observation[0, :, 0]), -1
+        )
+        return {int(row[0]): tuple(row[1:].tolist()) for row in values}
+
+    def test_n_step_returns(self):
+        drawn = self.drawn(self.filled([1, 2, 4, 8, 16, 32, 64]), n=3)
+        # 2 + 4/2 + 8/4, then the value of observation 4 with weight 1/8.
+        assert drawn[1] == (6.0, 0.125, 4.0)
+        assert drawn[2] == (12.0, 0.125, 5.0)
+        assert drawn[3] == (24.0, 0.125, 6.0)
+        assert set(drawn) == {1, 2, 3}
+
+    def test_termination_cuts_the_value(self):
+        drawn = self.drawn(self.filled([1, 2, 4, 8, 16, 32, 64], terminated={2}), n=3)
+        assert drawn[1][:2] == (4.0, 0.0)  # 2 + 4/2, nothing after
+        assert drawn[2][:2] == (4.0, 0.0)
+        assert drawn[3] == (24.0, 0.125, 6.0)  # the episode goes on
+
+    def test_truncation_bootstraps_from_the_last_observation(self):
+        # Steps at observations 0 1 2 3, the episode ends in observation 4, the next begins at 5.
+        drawn = self.drawn(self.filled([1, 2, 4, 8, 16, 32, 64, 128], ends={3}), n=3)
+        assert drawn[1] == (6.0, 0.125, 4.0)
+        assert drawn[2] == (8.0, 0.25, 4.0)
+        assert drawn[3] == (8.0, 0.5, 4.0)
+        assert drawn[5] == (48.0, 0.125, 8.0)
+        assert 4 not in drawn
+
+    def test_one_step(self):
+        drawn = self.drawn(self.filled([1, 2, 4, 8], terminated={1}), n=1)
+        assert drawn == {1: (2.0, 0.0, 2.0), 2: (4.0, 0.5, 3.0)}
+
+    def test_the_ring_forgets_the_oldest(self):
+        drawn = self.drawn(self.filled([float(step) for step in range(27)], rows=10), n=2)
+        assert set(drawn) == set(range(18, 25))
+        assert drawn[24] == (24 + 0.5 * 25, 0.25, 26.0)
+
+    def test_agents_and_worlds_stay_together(self):
+        replay = Replay(8, (3, 2, 1, 1), CPU, shared=False)
+        for step in range(8):
+            place = 100.0 * step + 10.0 * torch.arange(3.0).view(3, 1) + torch.arange(2.0)
+            replay.add(place.unsqueeze(-1), place.unsqueeze(-1), place, place == 311)
+        batch = replay.sample(200, 1, 0.9, seeded())
+        assert torch.equal(batch.observation[..., 0], batch.reward)
+        assert torch.equal(batch.action[..., 0], batch.reward)
+        assert torch.equal(batch.reward[0] % 10, torch.zeros(200))
+        assert torch.equal(batch.reward[1] % 10, torch.ones(200))
+        assert torch.equal(batch.next_observation[..., 0], batch.reward + 100)
+        assert torch.equal(batch.discount == 0, batch.reward == 311)
+        assert (batch.reward == 311).any()
+
+    def test_shared_learners_get_the_transitions_of_all(self):
+        replay = Replay(8, (3, 2, 1, 1), CPU, shared=True)
+        for step in range(8):
+            place = 10.0 * step + torch.arange(2.0).expand(3, 2)
+            replay.add(place.unsqueeze(-1), place.unsqueeze(-1), place, torch.zeros(3, 2, dtype=torch.bool))
+        batch = replay.sample(64, 1, 0.9, seeded())
+        assert batch.observation.shape == (1, 64, 1)
+        assert set((batch.reward % 10).flatten().tolist()) == {0.0, 1.0}
+        assert torch.equal(batch.observation[..., 0], batch.reward)
+
+    @pytest.mark.parametrize("shared", [False, True])
+    def test_unstack_inverts_stack(self, shared):
+        value = torch.randn(5, 3, 4)
+        assert torch.equal(unstack(stack(value, shared), 3), value)
+
+
+class TestNetworks:
+    def alone(self, network, index, x):
+        """Member `index` of a stack, computed with plain matrix products."""
+        for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+            x = x @ weight[index] + bias[index]
+            if layer < len(network.weights) - 1:
+                if network.layer_norm:
+                    x = (x - x.mean(-1, keepdim=True)) / (x.var(-1, keepdim=True, correction=0) + 1e-5).sqrt()
+                x = x.clamp_min(0.0)
+        return x
+
+    @pytest.mark.parametrize("layer_norm", [False, True])
+    def test_a_stack_equals_its_members(self, layer_norm):
+        network = StackedMLP(3, (4, 16, 8, 2), seeded(), layer_norm)
+        x = torch.randn((3, 10, 4), generator=seeded(1))
+        for index in range(3):
+            torch.testing.assert_close(network(x)[index], self.alone(network, index, x[index]))
+        assert not torch.allclose(network(x[:1].expand(3, -1, -1))[0], network(x[:1].expand(3, -1, -1))[1])
+
+    def test_critics_share_the_input_of_their_agent(self):
+        critic = Critic(2, 3, 4, 2, (16,), seeded(), layer_norm=False)
+        observation, action = torch.randn(3, 10, 4), torch.randn(3, 10, 2)
+        value = critic(observation, action)
+        for twin in range(2):
+            for agent in range(3):
+                x = torch.cat((observation[agent], ACTION_GAIN * action[agent]), -1)
+                expected = self.alone(critic.of_state, 3 * twin + agent, observation[agent])
+                expected = expected + self.alone(critic.of_action, 3 * twin + agent, x)
+                torch.testing.assert_close(value[twin, agent], expected[:, 0])
+
+    def test_the_squashed_density_integrates_to_one(self):
+        actor = GaussianActor(1, (3, 8, 2), seeded(), output_gain=0.0)
+        with torch.no_grad():
+            actor.biases[-1][..., 0] = 0.3  # the mean; 0.8047 is a deviation of 1
+            actor.biases[-1][..., 1] = 0.8047
+        action, log_density = actor.sample(
+            torch.zeros(1, 200_000, 3), torch.randn((1, 200_000, 1), generator=seeded(1))
+        )
+        # The mean of 1/p over draws from p is the area they come from.
+        inside = action[..., 0].abs() < 0.9
+        area = ((-log_density).exp() * inside).mean().detach()
+        torch.testing.assert_close(area, torch.tensor(1.8), rtol=0.02, atol=0)
+        torch.testing.assert_close(actor(torch.zeros(1, 1, 3)).flatten(), torch.tensor([0.3]).tanh())
+
+    def test_the_mode_is_deterministic(self):
+        actor = DeterministicActor(2, (3, 8, 2), seeded())
+        x = torch.randn(2, 5, 3)
+        assert torch.equal(actor(x), actor(x))
+        assert actor(100.0 * x).abs().max() <= 1.0
+
+
+class TestLearners:
+    @pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
+    def test_an_agent_learns_nothing_from_the_data_of_another(self, algorithm):
+        learners = []
+        for scale in (1.0, 5.0):
+            learner = ALGORITHMS[algorithm](Sizes(2, 5, 2), LEARNING, seeded())
+            for step in range(12):
+                batch = random_batch(2, seed=step)
+                batch.reward[1] *= scale
+                learner.update(batch)
+                learner.average()
+            learners.append(dict(learner.named_parameters()))
+        one, other = learners
+        for name in one:
+            first, second = one[name].data, other[name].data
+            if "critic" in name:  # (critics · agents, ...), the agent varying fastest
+                first, second = first.unflatten(0, (-1, 2)), second.unflatten(0, (-1, 2))
+                assert torch.equal(first[:, 0], second[:, 0])
+                differs = first[:, 1], second[:, 1]
+            else:
+                assert torch.equal(first[0], second[0])
+                differs = first[1], second[1]
+            assert not torch.equal(*differs)
+
+    def test_ddpg_target_is_the_bellman_target(self):
+        learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
+        batch = random_batch(1)
+        value = learner.critics(batch.observation, batch.action)[0]
+        future = learner.target_critics(batch.next_observation, learner.target_actor(batch.next_observation))[0]
+        expected = (value - batch.reward - 0.9 * future).square().mean()
+        assert float(learner.update(batch)["critic_loss"]) == pytest.approx(float(expected.detach()), rel=1e-5)
+
+    def test_targets_follow_by_tau(self):
+        learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
+        before = [value.clone() for value in learner.target_critics.parameters()]
+        learner.update(random_batch(1))
+        for old, new, network in zip(
+            before, learner.target_critics.parameters(), learner.critics.parameters(), strict=True
+        ):
+            torch.testing.assert_close(new.data, old + LEARNING.tau * (network.data - old))
+
+    def test_td3_waits_before_it_moves_its_actor(self):
+        learner = ALGORITHMS["td3"](Sizes(1, 5, 2), LEARNING, seeded())
+        before = [value.clone() for value in learner.actor.parameters()]
+        learner.update(random_batch(1))
+        assert all(torch.equal(old, new) for old, new in zip(before, learner.actor.parameters(), strict=True))
+        learner.update(random_batch(1))
+        assert not any(torch.equal(old, new) for old, new in zip(before, learner.actor.parameters(), strict=True))
+
+    def test_temperature_falls_while_entropy_is_above_its_target(self):
+        learner = ALGORITHMS["sac"](Sizes(2, 5, 2), LEARNING, seeded())
+        before = learner.log_alpha.detach().clone()
+        figures = learner.update(random_batch(2))
+        assert float(figures["entropy"]) > learner.target_entropy
+        assert (learner.log_alpha < before).all()
+
+
+class TestNoise:
+    def test_variance_and_correlation(self):
+        noise = CorrelatedNoise((20_000,), 0.8, seeded())
+        path = torch.stack([noise.step() for _ in range(6)])
+        for lag in range(4):
+            # Standard error of a mean over 20000 products is below 0.01.
+            assert float((path[0] * path[lag]).mean()) == pytest.approx(0.8**lag, abs=0.04)
+
+
+class TestWhitening:
+    def test_it_standardises_and_leaves_constants(self):
+        samples = torch.randn((100, 4, 3), generator=seeded()) * torch.tensor([10.0, 0.1, 0.0]) + 2.0
+        white = Whitening.of(samples)(samples).flatten(0, 1)
+        torch.testing.assert_close(white.mean(0), torch.zeros(3), atol=1e-4, rtol=0)
+        torch.testing.assert_close(white.std(0, correction=0), torch.tensor([1.0, 1.0, 0.0]), atol=1e-4, rtol=0)

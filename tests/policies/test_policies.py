@@ -1,0 +1,226 @@
+"""The face of `policies`, the heuristics in closed form, and the frames."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+import policies
+from policies import PolicyError
+from policies.frames import Layout, TargetFrame, WorldFrame
+from policies.guidance import rotate, unit, unrotate
+from tests.policies.toy import ToyWorld, scenario
+
+
+def observe(toy, worlds=64, seed=0):
+    """Observations of a world that has just begun, and the world."""
+    world = ToyWorld(toy, worlds, seed)
+    return world.reset(), world
+
+
+def angle(vector):
+    return torch.atan2(vector[..., 1], vector[..., 0])
+
+
+class TestFace:
+    def test_heuristics_follow_the_trained_ones(self):
+        names = policies.available()
+        assert names[-6:] == ["straight", "crab", "pace", "zermelo", "keep", "random"]
+        assert names[:-6] == policies.trained()
+        for name in names:
+            assert policies.load(name).name == name
+
+    @pytest.mark.parametrize(
+        ("name", "part"),
+        [
+            ("nonsense", "neither a checkpoint directory nor one of"),
+            ("straight:fast", "'fast' is not a speed"),
+            ("straight:", "'' is not a speed"),
+            ("straight:nan", "between 1.2 and 2.2 m/s"),
+            ("crab:2.3", "between 1.2 and 2.2 m/s"),
+            ("zermelo:2.3", "between 1.2 and 2.2 m/s"),
+            ("straight:1.1", "between 1.2 and 2.2 m/s"),
+            ("random:3", "takes no parameter"),
+        ],
+    )
+    def test_a_bad_name_gets_one_clear_line(self, name, part):
+        with pytest.raises(PolicyError) as caught:
+            policies.load(name, scenario())
+        message = str(caught.value)
+        assert part in message
+        assert name in message
+        assert "\n" not in message
+
+    @pytest.mark.parametrize(
+        ("changes", "part"),
+        [
+            ({"auv": {"count": 3}}, "number of AUVs 2, but scenario 'toy' has 3"),
+            ({"observation": {"current": "speed"}}, "observed current vector, but scenario 'toy' has speed"),
+            ({"auv": {"action": "polar"}}, "action form vector, but scenario 'toy' has polar"),
+        ],
+    )
+    def test_check_refuses_another_size(self, changes, part):
+        policy = policies.load("straight", scenario())
+        policy.check(scenario())
+        policy.check(ToyWorld(scenario(), 1))
+        with pytest.raises(PolicyError, match=part):
+            policy.check(scenario(**changes))
+
+    @pytest.mark.parametrize("auvs", [1, 2, 5])
+    @pytest.mark.parametrize("current", ["none", "speed", "vector"])
+    def test_layout_is_the_worlds(self, auvs, current):
+        from usvauv_env.world.world import observation_size
+
+        toy = scenario(auv={"count": auvs}, observation={"current": current})
+        assert Layout.of(toy).size == observation_size(toy)
+
+
+class TestStraight:
+    @pytest.mark.parametrize("action", ["vector", "polar"])
+    @pytest.mark.parametrize("speed", [1.2, 1.7, 2.2])
+    def test_velocity_points_at_the_target(self, action, speed):
+        toy = scenario(auv={"action": action, "count": 3})
+        observation, world = observe(toy)
+        velocity = world.velocity(policies.load(f"straight:{speed}", toy).act(observation))
+        expected = speed * unit(world.target - world.position)
+        torch.testing.assert_close(velocity, expected, atol=2e-5, rtol=0)
+
+    def test_default_speed_is_the_recorded_one(self):
+        toy = scenario(reference={"straight_speed": 1.9, "crab_speed": 1.4, "zermelo_speed": 1.6})
+        assert policies.load("straight", toy).speed == 1.9
+        assert policies.load("crab", toy).speed == 1.4
+        assert policies.load("zermelo", toy).speed == 1.6
+
+    def test_on_the_target_it_still_commands_a_speed(self):
+        action = policies.load("straight:2.2", scenario()).act(torch.zeros(1, 2, 11))
+        torch.testing.assert_close(action, torch.tensor([1.0, 0.0]).expand(1, 2, 2))
+
+
+class TestCrab:
+    @pytest.mark.parametrize("action", ["vector", "polar"])
+    @pytest.mark.parametrize("drift", [(0.3, -0.2), (-0.8, 0.7), (0.0, 1.1)])
+    def test_ground_track_points_at_the_target(self, action, drift):
+        toy = scenario(auv={"action": action})
+        observation, world = observe(toy)
+        world.drift = torch.tensor(drift)
+        policy = policies.load("crab:1.3", toy)
+        policy.attach(world)
+        water = world.velocity(policy.act(observation))
+        torch.testing.assert_close(water.norm(dim=-1), torch.full((64, 2), 1.3), atol=1e-5, rtol=0)
+        bearing = unit(world.target - world.position)
+        along, across = unrotate(water + world.drift, bearing).unbind(-1)
+        assert across.abs().max() < 2e-5
+        assert (along > 0).float().mean() > 0.5
+
+    def test_a_current_too_strong_is_met_head_on(self):
+        toy = scenario()
+        observation, world = observe(toy)
+        world.drift = torch.tensor([0.0, 3.0])
+        policy = policies.load("crab:1.5", toy)
+        policy.attach(world)
+        bearing = unit(world.target - world.position)
+        drift_across = unrotate(world.current(), bearing)[..., 1]
+        along, across = unrotate(world.velocity(policy.act(observation)), bearing).unbind(-1)
+        beyond = drift_across.abs() > 1.5
+        assert beyond.any()
+        assert along[beyond].abs().max() < 2e-3
+        torch.testing.assert_close(across[beyond], -1.5 * drift_across[beyond].sign(), atol=1e-5, rtol=0)
+
+
+class TestRandom:
+    def test_it_is_uniform_and_repeatable(self):
+        toy = scenario()
+        observation, world = observe(toy, worlds=4000)
+        policy = policies.load("random", toy)
+        first, second = policy.act(observation), policy.act(observation)
+        policy.attach(world)
+        assert torch.equal(policy.act(observation), first)
+        assert not torch.equal(second, first)
+        for draws in (first, second):
+            assert draws.abs().max() <= 1.0
+            # 16000 draws: standard errors of mean, variance and of neighbours' correlation are 0.0046, 0.0024, 0.0026.
+            flat = draws.flatten()
+            assert abs(float(flat.mean())) < 0.02
+            assert abs(float(flat.var()) - 1 / 3) < 0.01
+            assert abs(float((flat[1:] * flat[:-1]).mean())) < 0.01
+        assert abs(float((first * second).mean())) < 0.01
+
+    def test_a_world_acts_the_same_in_any_batch(self):
+        toy = scenario()
+        few = policies.load("random", toy).act(observe(toy, worlds=3)[0])
+        many = policies.load("random", toy).act(observe(toy, worlds=30)[0])
+        assert torch.equal(many[:3], few)
+
+
+class TestFrames:
+    def turned(self, observation, layout, turn):
+        """The observation of the same team with the world turned about the AUV by an angle."""
+        observation = observation.clone()
+        direction = torch.tensor([math.cos(turn), math.sin(turn)])
+        for first in [*range(0, 2 * layout.num_auvs, 2), layout.size - 2]:
+            observation[..., first : first + 2] = rotate(observation[..., first : first + 2], direction)
+        return observation
+
+    def test_rotations_invert(self):
+        vector, direction = torch.randn(50, 2), unit(torch.randn(50, 2))
+        torch.testing.assert_close(rotate(unrotate(vector, direction), direction), vector)
+        torch.testing.assert_close(unrotate(direction, direction), torch.tensor([1.0, 0.0]).expand(50, 2))
+
+    def test_target_frame_turns_with_the_target(self):
+        toy = scenario(auv={"count": 3})
+        layout, frame = Layout.of(toy), TargetFrame(toy)
+        observation, _ = observe(toy)
+        before, after = frame.encode(observation), frame.encode(self.turned(observation, layout, 0.7))
+        assert before.shape[-1] == frame.features
+        bearing = [2, 3]
+        rest = [index for index in range(frame.features) if index not in bearing]
+        torch.testing.assert_close(after[..., rest], before[..., rest], atol=1e-5, rtol=0)
+        turned = angle(after[..., bearing]) - angle(before[..., bearing])
+        torch.testing.assert_close(turned.remainder(2 * math.pi), torch.full_like(turned, 0.7), atol=1e-4, rtol=0)
+
+    def test_target_frame_sees_the_nearest_other(self):
+        toy = scenario(auv={"count": 3})
+        observation = torch.zeros(1, 3, 13)
+        observation[..., 0:2] = torch.tensor([0.5, 0.0])
+        observation[..., 2:4] = torch.tensor([0.0, 0.1])
+        observation[..., 4:6] = torch.tensor([0.0, 0.3])  # the target is in the north
+        features = TargetFrame(toy).encode(observation)[0, 0]
+        torch.testing.assert_close(features[:1], torch.tensor([0.3]))
+        torch.testing.assert_close(features[2:6], torch.tensor([0.0, 1.0, 0.1, 0.0]), atol=1e-6, rtol=0)
+
+    @pytest.mark.parametrize("current", ["none", "speed", "vector"])
+    def test_one_auv_has_nobody_beside_it(self, current):
+        toy = scenario(auv={"count": 1}, observation={"current": current})
+        frame = TargetFrame(toy)
+        features = frame.encode(torch.rand(4, 1, Layout.of(toy).size))
+        assert features.shape == (4, 1, frame.features)
+        assert (features[..., 4:9] == 0).all()
+
+    @pytest.mark.parametrize("form", ["vector", "polar"])
+    def test_an_action_of_zero_heads_for_the_target_at_middle_speed(self, form):
+        toy = scenario(auv={"action": form})
+        observation, _ = observe(toy)
+        action = TargetFrame(toy).decode(observation, torch.zeros(64, 2, 2))
+        torch.testing.assert_close(action, policies.load("straight:1.7", toy).act(observation), atol=1e-6, rtol=0)
+
+    @pytest.mark.parametrize("form", ["vector", "polar"])
+    def test_course_and_speed_come_out_as_asked(self, form):
+        toy = scenario(auv={"action": form})
+        observation, world = observe(toy)
+        asked = 2.0 * torch.rand((64, 2, 2), generator=torch.Generator().manual_seed(1)) - 1.0
+        velocity = world.velocity(TargetFrame(toy).decode(observation, asked))
+        torch.testing.assert_close(velocity.norm(dim=-1), 1.7 + 0.5 * asked[..., 1], atol=1e-5, rtol=0)
+        course = angle(unrotate(velocity, unit(world.target - world.position)))
+        off = (course - math.pi * asked[..., 0] + math.pi).remainder(2 * math.pi) - math.pi
+        assert off.abs().max() < 1e-4
+
+    def test_world_frame_changes_nothing(self):
+        toy = scenario()
+        observation, _ = observe(toy)
+        frame = WorldFrame(toy)
+        assert torch.equal(frame.encode(observation), observation)
+        assert frame.features == observation.shape[-1]
+        action = torch.rand(64, 2, 2)
+        assert frame.decode(observation, action) is action

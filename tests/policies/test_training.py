@@ -1,0 +1,240 @@
+"""Training runs: what they learn in the toy world, their settings, renewal, the size of rewards, the policies kept."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+import torch
+
+import policies
+from policies import PolicyError, Trainer, TrainingConfig
+from policies.algorithms import ALGORITHMS, Sizes
+from policies.algorithms.learner import AVERAGED
+from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
+
+
+class TestTraining:
+    @pytest.mark.parametrize(
+        ("algorithm", "changes"),
+        [
+            ("sac", {}),
+            ("td3", {}),
+            ("ddpg", {}),
+            ("ddpg", {"shared": True}),
+            ("sac", {"frame": "world"}),
+            ("sac", {"frame": "guided"}),
+        ],
+    )
+    def test_each_algorithm_solves_the_toy_task(self, algorithm, changes):
+        toy = scenario()
+        trainer = Trainer(ToyWorld(toy, 32, seed=1), dataclasses.replace(LEARNING, algorithm=algorithm, **changes))
+
+        def score(policy):
+            return mean_reward(ToyWorld(toy, 64, seed=99), policy)
+
+        untrained = score(trainer.policy())
+        figures = trainer.train(32_000)
+        learned = score(trainer.policy())
+        random, middle, fast, best = (
+            score(policies.load(name, toy)) for name in ("random", "straight:1.7", "straight:2.0", "straight:2.2")
+        )
+        assert random < 0.5 < 5.0 < middle < fast < best
+        if changes.get("frame") == "world":
+            # In world axes the untrained policy knows nothing.
+            assert untrained < 2.0
+            assert learned > 0.7 * best
+        elif changes.get("frame") == "guided":
+            assert untrained > random
+            assert learned > fast
+        else:
+            # In the target's frame it heads for the target at the middle speed; learning finds that fast is better.
+            assert untrained == pytest.approx(middle, abs=0.2)
+            assert learned > fast
+        assert figures["updates"] == figures["steps"] // 32 - LEARNING.warmup // 32
+
+    def test_same_seed_same_result(self):
+        def run(seed):
+            config = dataclasses.replace(LEARNING, seed=seed)
+            trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config)
+            trainer.train(3200)
+            return trainer.learner.tensors()
+
+        first, again, other = run(0), run(0), run(1)
+        assert first.keys() == again.keys()
+        assert all(torch.equal(first[name], again[name]) for name in first)
+        assert not torch.equal(first["actor.weights.0"], other["actor.weights.0"])
+
+    def test_figures_count_what_happened(self):
+        toy = scenario()
+        seen = []
+        trainer = Trainer(ToyWorld(toy, 32, seed=1), dataclasses.replace(LEARNING, warmup=10_000))
+        last = trainer.train(3200, seen.append)
+        assert [figures["steps"] for figures in seen] == [320 * i for i in range(1, 11)] or seen[-1] == last
+        assert last["steps"] == last["total"] == 3200
+        assert last["updates"] == 0
+        assert last["arps"] == pytest.approx(sum(last["reward"].values()))
+        # Each service earns 1; progress is at most 0.1 · (2.2 + 0.36) for each of two AUVs.
+        assert last["reward"]["service"] * toy.mission.steps == pytest.approx(last["services"], rel=1e-6)
+        assert last["reward"]["progress"] < 0.512
+        assert last["sdr"] == pytest.approx(last["services"])
+
+    def test_terminations_reach_the_targets(self):
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1, terminates=True), LEARNING)
+        trainer.train(3200)
+        assert trainer.replay.terminated.any()
+        assert int(trainer.replay.end.sum()) == 2
+
+    def test_trains_in_the_real_world(self):
+        from usvauv_env import Scenario, World
+
+        config = dataclasses.replace(LEARNING, num_worlds=4, warmup=80, hidden=(16,), batch=32)
+        trainer = Trainer(World(Scenario.load("extreme"), num_worlds=4, seed=5), config)
+        figures = trainer.train(320)
+        assert figures["updates"] == 60
+        assert torch.isfinite(trainer.policy().act(trainer.observation)).all()
+
+
+class TestConfig:
+    @pytest.mark.parametrize(
+        ("changes", "part"),
+        [
+            ({"algorithm": "ppo"}, "algorithm = 'ppo': must be one of sac, td3, ddpg"),
+            ({"num_worlds": 0}, "num_worlds = 0: must be at least 1"),
+            ({"gamma": 1.0}, "gamma = 1.0: must be at least 0 and below 1"),
+            ({"hidden": ()}, "hidden"),
+            ({"learning_rate": float("nan")}, "learning_rate = nan"),
+            ({"replay": 10}, "replay = 10"),
+        ],
+    )
+    def test_bad_settings_get_one_clear_line(self, changes, part):
+        with pytest.raises(PolicyError) as caught:
+            TrainingConfig(**changes)
+        assert part in str(caught.value)
+
+    def test_the_world_must_have_as_many_worlds(self):
+        with pytest.raises(PolicyError, match="num_worlds = 32, but the world has 4"):
+            Trainer(ToyWorld(scenario(), 4), LEARNING)
+
+
+class TestRenewal:
+    def test_a_service_ends_the_horizon_and_the_average_reward_is_taken_off(self):
+        config = dataclasses.replace(LEARNING, warmup=800)
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config)
+        rewards, ends = [], []
+        step, add = trainer.world.step, trainer.replay.add
+
+        def watched(action):
+            result = step(action)
+            rewards.append(result[1].mean().item())
+            ends.append(result[4]["measures"][..., 2].bool())
+            return result
+
+        trainer.world.step = watched
+        stored = []
+        trainer.replay.add = lambda *row: (stored.append(row[3].clone()), add(*row))
+        trainer.train(32 * 400)
+        assert sum(int(end.sum()) for end in ends) > 50
+        assert all(torch.equal(kept, end) for kept, end in zip(stored, ends, strict=True))
+        gain = 0.0
+        for reward in rewards:
+            gain += 0.002 * (reward - gain)
+        assert trainer.gain == pytest.approx(gain, rel=1e-4)
+        one, other = (trainer.replay.sample(64, 3, 0.9, seeded(5), gain=price) for price in (0.0, 0.25))
+        # Each of the m steps of a transition costs the gain, discounted: 1, 1 + 0.9 or 1 + 0.9 + 0.81 of it.
+        paid = (one.reward - other.reward) / 0.25
+        sums = torch.tensor([1.0, 1.9, 2.71])
+        assert (paid.unsqueeze(-1) - sums).abs().amin(-1).max() < 1e-4
+        assert ((paid < 1.5) & (one.discount == 0)).any()
+
+    def test_without_it_services_end_nothing(self):
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, renewal=False))
+        trainer.train(32 * 60)
+        assert not trainer.replay.terminated.any()
+        assert trainer.gain == 0.0
+
+    def test_where_the_scenario_ends_the_horizon_itself_time_has_no_price(self):
+        toy = scenario(reward={"service_terminates": True})
+        trainer = Trainer(ToyWorld(toy, 32, seed=1, terminates=True), LEARNING)
+        trainer.train(32 * 60)
+        assert trainer.gain == 0.0
+        assert trainer.replay.terminated.any()
+
+
+class TestScales:
+    def test_rewards_are_brought_to_the_configured_size(self):
+        runs = []
+        for size in (0.2, 0.4):
+            trainer = Trainer(
+                ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, reward_scale=size, warmup=800)
+            )
+            trainer.train(32 * 26)
+            runs.append(trainer)
+        before = runs[0].replay.reward[:25].abs().mean()
+        torch.testing.assert_close(before, torch.tensor(0.2), rtol=1e-4, atol=0)
+        assert runs[1].scale == pytest.approx(2 * runs[0].scale)
+
+    def test_the_unit_of_rewards_changes_nothing(self):
+        """A power of two, so that not even rounding differs; the gain is subtracted in the same unit."""
+
+        class Dear(ToyWorld):
+            def step(self, action):
+                observation, reward, *rest = super().step(action)
+                return observation, 8.0 * reward, *rest
+
+        config = dataclasses.replace(LEARNING, warmup=800)
+        runs = [Trainer(world(scenario(), 32, seed=1), config) for world in (ToyWorld, Dear)]
+        for trainer in runs:
+            trainer.train(32 * 60)
+        assert runs[0].gain != 0.0
+        assert runs[1].gain == pytest.approx(8.0 * runs[0].gain)
+        for one, other in zip(runs[0].learner.actor.parameters(), runs[1].learner.actor.parameters(), strict=True):
+            assert torch.equal(one, other)
+
+    def test_the_learning_rate_falls_to_its_share(self):
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, final_rate=0.1, warmup=0))
+        trainer.train(32 * 100)
+        rate = trainer.learner.optimisers["actor"].param_groups[0]["lr"]
+        assert rate == pytest.approx(LEARNING.learning_rate * (1 - 0.9 * 99 / 100))
+
+    def test_the_policy_is_the_average_of_the_actor(self):
+        learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
+        start = learner.actor.biases[0].detach().clone()
+        with torch.no_grad():
+            learner.actor.biases[0] += 1.0
+        for _ in range(3):
+            learner.average()
+        expected = start + 1.0 - (1.0 - 1.0 / AVERAGED) ** 3
+        torch.testing.assert_close(learner.averaged.biases[0].data, expected)
+
+
+class TestPolicy:
+    def test_one_taken_before_learning_goes_on_with_the_trainer(self):
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), LEARNING)
+        early = trainer.policy()
+        trainer.train(32 * 60)
+        observation = ToyWorld(scenario(), 64, seed=7).reset()
+        assert torch.equal(early.act(observation), trainer.policy().act(observation))
+
+
+class TestSettings:
+    def test_settings_can_be_changed_by_name(self):
+        config = TrainingConfig().changed(["updates=4", "hidden=128,32", "renewal=false", "gamma=0.98", "frame=world"])
+        expected = TrainingConfig(updates=4, hidden=(128, 32), renewal=False, gamma=0.98, frame="world")
+        assert config == expected
+
+    @pytest.mark.parametrize(
+        ("text", "part"),
+        [
+            ("updates", "NAME=VALUE"),
+            ("speed=3", "NAME=VALUE with a NAME of frame"),
+            ("seed=3", "NAME=VALUE with a NAME of frame"),
+            ("updates=many", "updates = 'many': must be of type int"),
+            ("renewal=maybe", "renewal = 'maybe': must be of type bool"),
+            ("hidden=12,x", "must be of type tuple"),
+            ("gamma=1.5", "gamma = 1.5: must be at least 0 and below 1"),
+        ],
+    )
+    def test_what_is_not_allowed_is_said(self, text, part):
+        with pytest.raises(PolicyError, match=part):
+            TrainingConfig().changed([text])

@@ -1,0 +1,228 @@
+"""`usvauv plan`: the planner's optimum, errors as fixes have them, the JSON of the help, the figure, bad input."""
+
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+import torch
+from matplotlib import image
+
+from kernels import runtime
+from kernels.planning import global_search, objectives
+from kernels.positioning import usbl
+from usvauv_cli.app import main
+from usvauv_env import Scenario
+from usvauv_env.world.tables import link_table
+
+TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
+POSITIONS = [(60.0, 80.0, 100.0), (150.0, 120.0, 40.0)]
+PLACE_KEYS = {"x", "y", "log_objective", "rms", "errors"}
+ERROR_KEYS = {"range", "major", "minor", "angle", "good"}
+
+
+@pytest.fixture
+def usvauv(tmp_path, monkeypatch, capsys):
+    """Run `usvauv plan` in an empty folder through the command's entry point: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["usvauv", "plan", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return stop.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def solve(usvauv):
+    """The JSON that `usvauv plan` prints, when it prints that and nothing else."""
+
+    def run(*arguments):
+        code, stdout, stderr = usvauv(*arguments, "--json", "-")
+        assert (code, stderr) == (0, "")
+        return json.loads(stdout)
+
+    return run
+
+
+def link(scenario, count, depth):
+    return torch.from_numpy(link_table(Scenario.load(scenario, [f"auv.count={count}", f"auv.depth={depth}"])))
+
+
+class TestOptimum:
+    @pytest.mark.parametrize("objective", ["d", "a", "e", "sum", "paper"])
+    @pytest.mark.parametrize("measurement", ["fix", "phase"])
+    def test_is_that_of_the_planner(self, solve, objective, measurement):
+        result = solve(*TEAM, "--objective", objective, "--measurement", measurement, "--compare", "20,180")
+        device = runtime.start().device
+        form = objectives.form(measurement, objective)
+        table, points = link("extreme", 2, 70).to(device), torch.tensor([POSITIONS], device=device)
+        expected = global_search.plan_batch(table, points, form=form)[0].tolist()
+        best = result["optimum"]
+        assert [best["x"], best["y"]] == pytest.approx(expected[:2], abs=1e-4)
+        assert best["log_objective"] == pytest.approx(expected[2], abs=1e-4)
+        boat = torch.tensor([[20.0, 180.0]], device=device)
+        there = objectives.log_objective_batch(table, points, boat, form=form)[0, 0].item()
+        assert result["compare"][0]["log_objective"] == pytest.approx(there, abs=1e-4)
+        assert result["compare"][0]["log_objective"] < best["log_objective"]
+        assert result["centroid"]["log_objective"] <= best["log_objective"] + 1e-5
+
+    def test_default_is_the_scenarios(self, solve):
+        result = solve(*TEAM, "--scenario", "paper-extreme")
+        assert (result["objective"], result["measurement"]) == ("sum", "phase")
+        result = solve(*TEAM)
+        assert (result["objective"], result["measurement"]) == ("d", "fix")
+
+    def test_one_auv_is_located_best_from_above(self, solve):
+        best = solve("--auv", "31,171,80")["optimum"]
+        assert (best["x"], best["y"]) == pytest.approx((31, 171), abs=1e-2)
+        assert best["errors"][0]["range"] == pytest.approx(80, abs=1e-3)
+
+
+class TestErrors:
+    @pytest.mark.parametrize("measurement", ["fix", "phase"])
+    @pytest.mark.parametrize("attitude_error", [0.0, 0.004])
+    @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.2, -0.1)])
+    def test_ellipses_are_those_of_drawn_fixes(self, solve, measurement, attitude_error, slope):
+        """200,000 fixes by the kernel; for phases alone each is moved along its direction to the known depth."""
+        options = ["--measurement", measurement, "--set", f"usbl.attitude_error={attitude_error}"]
+        options += ["--slope", f"{slope[0]},{slope[1]}"]
+        result = solve(*TEAM, *options, "--compare", "100,20")
+        device, draws = runtime.start().device, 200_000
+        noise = torch.randn(draws, 5, generator=torch.Generator().manual_seed(3)).to(device)
+        table = link("extreme", 2, 70).to(device)
+        for place in (result["optimum"], result["centroid"], result["compare"][0]):
+            total = 0.0
+            for k, ((x, y, depth), error) in enumerate(zip(POSITIONS, place["errors"], strict=True)):
+                offset = torch.tensor([x - place["x"], y - place["y"], -depth], device=device)
+                index = torch.full((draws,), k, dtype=torch.int32, device=device)
+                many = offset.expand(draws, 3).contiguous()
+                slopes = torch.tensor(slope, device=device).expand(draws, 2).contiguous()
+                estimate = usbl.fixes(table, index, many, slopes, attitude_error, noise)[0].double().cpu().numpy()
+                horizontal = estimate[:, :2]
+                if measurement == "phase":
+                    horizontal = horizontal * (-depth / estimate[:, 2:3])
+                variances, axes = np.linalg.eigh(np.cov(horizontal.T))
+                total += variances.sum()
+                assert error["minor"] == pytest.approx(math.sqrt(variances[0]), rel=0.01)
+                assert error["major"] == pytest.approx(math.sqrt(variances[1]), rel=0.01)
+                assert error["range"] == pytest.approx(offset.norm().item(), rel=1e-5)
+                if error["major"] > 1.1 * error["minor"]:
+                    along = [math.cos(error["angle"]), math.sin(error["angle"])]
+                    assert abs(np.dot(along, axes[:, 1])) > 0.999
+            assert place["rms"] == pytest.approx(math.sqrt(total / 2), rel=0.01)
+
+    def test_fixes_that_may_be_no_good_say_so(self, usvauv, solve):
+        """Spacing beyond half a wavelength (0.05 m at 15 kHz): sure near the nadir, not aside; and far away."""
+        device = runtime.start().device
+        wide = ["--auv", "20,20,100", "--set", "usbl.spacing=0.06"]
+        compare = ["--compare", "20,20", "--compare", "170,20", "--compare", "200,20"]
+        good = [place["errors"][0]["good"] for place in solve(*wide, *compare)["compare"]]
+        assert good[0] > 0.9999
+        assert good[2] < 0.05
+        assert 0.2 < good[1] < 0.8
+        link = torch.from_numpy(link_table(Scenario.load("extreme", ["auv.count=1", "usbl.spacing=0.06"]))).to(device)
+        draws = 40_000
+        noise = torch.randn((draws, 6), generator=torch.Generator().manual_seed(3)).to(device)
+        offset = noise.new_tensor([20.0 - 170.0, 0.0, -100.0]).expand(draws, 3).contiguous()
+        index = torch.zeros(draws, dtype=torch.int32, device=device)
+        flags = usbl.flagged_fixes(link, index, offset, offset.new_zeros(draws, 2), 0.0, noise)[2]
+        share = (flags == usbl.DETECTED).double().mean().item()
+        assert good[1] == pytest.approx(share, abs=5 * math.sqrt(share * (1 - share) / draws) + 1e-4)
+        assert "100.0%" in usvauv(*wide)[1]
+        faint = solve("--auv", "20,20,100", "--compare", "180,180", "--set", "acoustics.source_level=118")
+        assert faint["optimum"]["errors"][0]["good"] > 0.99
+        assert faint["compare"][0]["errors"][0]["good"] < 0.01
+
+
+class TestOutput:
+    def test_json_has_the_documented_keys(self, solve, tmp_path):
+        result = solve(*TEAM, "--compare", "0,0", "--compare", "200,200")
+        assert set(result) == {
+            *("scenario", "objective", "measurement", "attitude_error", "slope", "area", "auvs"),
+            *("optimum", "centroid", "compare"),
+        }
+        assert result["area"] == {"width": 200, "length": 200, "depth": 120}
+        assert result["auvs"][1] == {"x": 150, "y": 120, "depth": 40, "carrier": 18000}
+        assert (result["centroid"]["x"], result["centroid"]["y"]) == (105, 100)
+        assert [(place["x"], place["y"]) for place in result["compare"]] == [(0, 0), (200, 200)]
+        for place in (result["optimum"], result["centroid"], *result["compare"]):
+            assert set(place) == PLACE_KEYS
+            assert [set(error) for error in place["errors"]] == [ERROR_KEYS, ERROR_KEYS]
+        assert not list(tmp_path.iterdir())  # --json - alone writes no file
+
+    def test_help_documents_the_keys(self, usvauv):
+        text = usvauv("--help")[1]
+        assert "Examples" in text
+        for key in PLACE_KEYS | ERROR_KEYS | {"optimum", "centroid", "compare", "carrier", "depth"}:
+            assert key in text
+
+    def test_table_and_files(self, usvauv, tmp_path):
+        code, stdout, _ = usvauv(*TEAM, "--compare", "12,34", "--json", "plan.json")
+        result = json.loads((tmp_path / "plan.json").read_text())
+        assert code == 0
+        for part in (f"x = {result['optimum']['x']:.2f} m", "centroid", "12.00", "34.00", "major m", "plan.png"):
+            assert part in stdout
+        for error in result["compare"][0]["errors"]:
+            assert f"{error['major']:.3f}" in stdout
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.json", "plan.png"]
+
+    @pytest.mark.parametrize(
+        ("arguments", "shape"), [([*TEAM, "--compare", "0,0"], (200, 200)), (["--auv", "9,9,9"], (4000, 40))]
+    )
+    def test_figure(self, usvauv, tmp_path, arguments, shape):
+        area = ["--set", f"area.width={shape[0]}", "--set", f"area.length={shape[1]}", "--set", "auv.start_margin=1"]
+        if shape[1] == 40:
+            arguments = [*arguments, "--set", "sea.cell_size=2"]
+        code, _, stderr = usvauv(*arguments, *area, "--out", "map.png")
+        assert (code, stderr) == (0, "")
+        picture = image.imread(tmp_path / "map.png")
+        assert min(picture.shape[:2]) > 300
+        assert len(np.unique(picture.reshape(-1, picture.shape[2]).round(2), axis=0)) > 100
+
+    def test_sixteen_auvs(self, usvauv, tmp_path):
+        team = [part for k in range(16) for part in ("--auv", f"{10 + 11 * k},{190 - 10 * k},{20 + 6 * k}")]
+        code, stdout, _ = usvauv(*team, "--out", "many.svg")
+        assert code == 0
+        assert " 16 " in stdout
+        assert "<svg" in (tmp_path / "many.svg").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        ([], ["--auv", "X,Y,Z"]),
+        (["--auv", "60,80"], ["--auv '60,80'", "X,Y,Z"]),
+        (["--auv", "a,b,c"], ["--auv 'a,b,c'"]),
+        (["--auv", "60,80,nan"], ["nan", "depth"]),
+        (["--auv", "nan,80,50"], ["nan", "area"]),
+        (["--auv", "60,80,0"], ["--auv '60,80,0'", "above 0"]),
+        (["--auv", "60,80,-50"], ["--auv '60,80,-50'", "above 0"]),
+        (["--auv", "60,80,121"], ["--auv '60,80,121'", "120 m", "area.depth"]),
+        (["--auv", "-1,80,50"], ["--auv '-1,80,50'", "[0, 200]", "area.width"]),
+        (["--auv", "1,200.5,50"], ["1,200.5,50", "outside"]),
+        ([*TEAM, "--compare", "1"], ["--compare '1'", "X,Y"]),
+        ([*TEAM, "--compare", "1,201"], ["--compare '1,201'", "outside"]),
+        (["--auv", "9,9,9"] * 17, ["17", "at most 16"]),
+        ([*TEAM, "--objective", "joint"], ["--objective 'joint'", "d, a, e, sum, paper"]),
+        ([*TEAM, "--slope", "0.1"], ["--slope '0.1'", "SX,SY"]),
+        ([*TEAM, "--slope", "0.1,2"], ["--slope '0.1,2'", "between -1 and 1"]),
+        ([*TEAM, "--slope", "nan,0"], ["--slope 'nan,0'", "between -1 and 1"]),
+        ([*TEAM, "--measurement", "sound"], ["--measurement 'sound'", "fix, phase"]),
+        ([*TEAM, "--scenario", "extrem"], ["extrem", "paper-ideal"]),
+        ([*TEAM, "--out", "plan.gif"], ["plan.gif", ".png, .pdf, .svg"]),
+        ([*TEAM, "--out", "missing/plan.png"], ["missing", "does not exist"]),
+        ([*TEAM, "--json", "missing/plan.json"], ["missing", "does not exist"]),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(usvauv, tmp_path, arguments, parts):
+    code, stdout, stderr = usvauv(*arguments)
+    assert (code, stdout) == (2, "")
+    assert stderr.startswith("error: ")
+    assert stderr.count("\n") == 1
+    for part in parts:
+        assert part in stderr
+    assert not list(tmp_path.iterdir())

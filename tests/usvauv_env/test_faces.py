@@ -1,0 +1,472 @@
+"""Gymnasium and PettingZoo faces: their libraries' own checks, autoreset step by step, agreement with the world."""
+
+import runpy
+from copy import deepcopy
+from itertools import pairwise
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
+from pettingzoo.utils import parallel_to_aec
+
+from usvauv_env import Scenario, ScenarioError, World, parallel_env
+from usvauv_env.faces.camera import FPS, SIZE
+from usvauv_env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
+from usvauv_env.record.recorder import record
+from usvauv_env.render.painter import Painter
+from usvauv_env.world.spaces import auv_observation_space
+
+NAME = "usvauv/DataCollection-v0"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+STEPS = 5
+
+
+@pytest.fixture(scope="module")
+def short():
+    return Scenario.load("extreme", [f"mission.duration={STEPS}"])
+
+
+def vector_env(scenario, mode=AutoresetMode.NEXT_STEP, num_envs=3):
+    return gymnasium.make_vec(NAME, num_envs=num_envs, scenario=scenario, autoreset_mode=mode)
+
+
+def actions(count, num_envs=3, num_auvs=2):
+    return np.random.default_rng(0).uniform(-1, 1, (count, num_envs, num_auvs, 2)).astype(np.float32)
+
+
+def episode(world, moves):
+    """Observations (n + 1, W, K, O) and rewards (n, W, K) of the world's next episode, straight from the world."""
+    observations, rewards = [world.reset().numpy().copy()], []
+    for move in moves:
+        observation, reward, *_ = world.step(torch.from_numpy(move))
+        observations.append(observation.numpy().copy())
+        rewards.append(reward.numpy().copy())
+    return observations, rewards
+
+
+class TestAutoreset:
+    """Episodes of five steps against what is written here step by step."""
+
+    def test_next_step(self, short):
+        moves = actions(8)
+        world = World(short, 3, seed=7)
+        first, first_rewards = episode(world, moves[:5])
+        second, second_rewards = episode(world, moves[6:8])  # the sixth action is ignored
+        envs = vector_env(short)
+        assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+        observation, info = envs.reset(seed=7)
+        np.testing.assert_array_equal(observation, first[0])
+        assert info == {}
+        got = [envs.step(move) for move in moves]
+        for step, (observation, reward, terminated, truncated, info) in enumerate(got, start=1):
+            expected = first[step] if step <= 5 else second[step - 6]
+            np.testing.assert_array_equal(observation, expected, err_msg=f"step {step}")
+            assert truncated.tolist() == [step == 5] * 3
+            assert not terminated.any()
+            if step == 6:
+                assert info == {}
+                np.testing.assert_array_equal(reward, np.zeros(3))
+            else:
+                per_auv = first_rewards[step - 1] if step <= 5 else second_rewards[step - 7]
+                np.testing.assert_array_equal(info["auv_reward"], per_auv)
+                np.testing.assert_allclose(reward, per_auv.sum(axis=1), rtol=1e-5, atol=1e-5)
+                assert info["_auv_reward"].all()
+
+    def test_same_step(self, short):
+        moves = actions(7)
+        world = World(short, 3, seed=7)
+        first, first_rewards = episode(world, moves[:5])
+        second, _ = episode(world, moves[5:7])
+        envs = vector_env(short, AutoresetMode.SAME_STEP)
+        assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+        envs.reset(seed=7)
+        for step, move in enumerate(moves, start=1):
+            observation, reward, terminated, truncated, info = envs.step(move)
+            expected = first[step] if step < 5 else second[step - 5]
+            np.testing.assert_array_equal(observation, expected, err_msg=f"step {step}")
+            assert truncated.tolist() == [step == 5] * 3
+            assert not terminated.any()
+            assert ("final_obs" in info) == ("final_info" in info) == (step == 5)
+            if step == 5:
+                np.testing.assert_array_equal(np.stack(info["final_obs"]), first[5])
+                np.testing.assert_array_equal(info["final_info"]["auv_reward"], first_rewards[4])
+                np.testing.assert_allclose(reward, first_rewards[4].sum(axis=1), rtol=1e-5, atol=1e-5)
+
+    def test_disabled(self, short):
+        moves = actions(7)
+        world = World(short, 3, seed=7)
+        first, _ = episode(world, moves[:5])
+        second, _ = episode(world, moves[5:7])
+        envs = vector_env(short, AutoresetMode.DISABLED)
+        envs.reset(seed=7)
+        for step in range(1, 6):
+            observation, _, _, truncated, _ = envs.step(moves[step - 1])
+            np.testing.assert_array_equal(observation, first[step])
+            assert truncated.tolist() == [step == 5] * 3
+        with pytest.raises(gymnasium.error.ResetNeeded, match=r"worlds \[0, 1, 2\] are over"):
+            envs.step(moves[5])
+        observation, _ = envs.reset(options={"reset_mask": np.ones(3, bool)})
+        np.testing.assert_array_equal(observation, second[0])
+        np.testing.assert_array_equal(envs.step(moves[5])[0], second[1])
+
+    def test_disabled_needs_every_ended_world_reset(self, short):
+        envs = vector_env(short, AutoresetMode.DISABLED)
+        envs.reset(seed=7)
+        for move in actions(5):
+            envs.step(move)
+        envs.reset(options={"reset_mask": np.array([True, False, True])})
+        with pytest.raises(gymnasium.error.ResetNeeded, match=r"worlds \[1\] are over"):
+            envs.step(actions(1)[0])
+
+    @pytest.mark.parametrize(
+        ("mode", "ends", "begins"),
+        [
+            # World 0 is reset by mask after two steps. Steps at which (world 0, worlds 1 and 2) are truncated, and
+            # those at which their reward is that of a reset.
+            (AutoresetMode.NEXT_STEP, ((7, 13), (5, 11)), ((8,), (6, 12))),
+            (AutoresetMode.SAME_STEP, ((7, 12), (5, 10)), ((), ())),
+            (AutoresetMode.DISABLED, ((7, 12), (5, 10)), ((), ())),
+        ],
+    )
+    def test_worlds_out_of_step(self, short, mode, ends, begins):
+        envs = vector_env(short, mode)
+        observation, _ = envs.reset(seed=7)
+        for step, move in enumerate(actions(13), start=1):
+            if step == 3:
+                before = observation
+                observation, _ = envs.reset(options={"reset_mask": np.array([True, False, False])})
+                np.testing.assert_array_equal(observation[1:], before[1:])
+                assert (observation[0] != before[0]).any()
+            observation, reward, _, truncated, info = envs.step(move)
+            ended = np.array([step in ends[0], step in ends[1], step in ends[1]])
+            began = np.array([step in begins[0], step in begins[1], step in begins[1]])
+            np.testing.assert_array_equal(truncated, ended, err_msg=f"step {step}")
+            np.testing.assert_array_equal(reward == 0, began, err_msg=f"step {step}")
+            if mode is AutoresetMode.SAME_STEP:
+                np.testing.assert_array_equal(info["_measures"], ~ended)
+                assert ("_final_obs" in info) == ended.any()
+                if ended.any():
+                    np.testing.assert_array_equal(info["_final_obs"], ended)
+                    np.testing.assert_array_equal(info["final_info"]["_measures"], ended)
+                    assert [final is not None for final in info["final_obs"]] == ended.tolist()
+            else:
+                np.testing.assert_array_equal(info["_measures"], ~began)
+            if mode is AutoresetMode.DISABLED and ended.any():
+                observation, _ = envs.reset(options={"reset_mask": ended})
+
+    @pytest.mark.parametrize("mode", list(AutoresetMode))
+    def test_as_gymnasiums_own_vector_env(self, short, mode):
+        """Same types, shapes and info keys as SyncVectorEnv over the single face, and world 0 the same numbers."""
+        theirs = SyncVectorEnv([lambda: DataCollectionEnv(short)] * 3, autoreset_mode=mode)
+        ours = vector_env(short, mode)
+        assert ours.single_observation_space == theirs.single_observation_space
+        assert ours.observation_space == theirs.observation_space
+        assert ours.action_space == theirs.action_space
+
+        def alike(a, b, where):
+            assert type(a) is type(b), where
+            if isinstance(a, dict):
+                assert a.keys() == b.keys(), where
+                for key in a:
+                    alike(a[key], b[key], f"{where} {key}")
+            elif a.dtype == object:
+                np.testing.assert_array_equal(a[0], b[0], err_msg=where)
+            else:
+                assert (a.dtype, a.shape) == (b.dtype, b.shape), where
+                np.testing.assert_array_equal(a[0], b[0], err_msg=where)
+
+        alike(ours.reset(seed=7)[0], theirs.reset(seed=7)[0], "reset")
+        for step, move in enumerate(actions(12), start=1):
+            a, b = ours.step(move), theirs.step(move)
+            for name, x, y in zip(("observation", "reward", "terminated", "truncated", "info"), a, b, strict=True):
+                alike(x, y, f"step {step} {name}")
+            if mode is AutoresetMode.DISABLED and a[3].any():
+                mask = {"reset_mask": a[3]}
+                alike(ours.reset(options=mask)[0], theirs.reset(options=mask.copy())[0], f"reset after step {step}")
+
+    @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+    def test_episode_statistics_wrapper(self, short, mode):
+        envs = RecordEpisodeStatistics(vector_env(short, mode))
+        envs.reset(seed=7)
+        total = np.zeros(3)
+        for move in actions(5):
+            _, reward, _, _, info = envs.step(move)
+            total += reward
+        np.testing.assert_allclose(info["episode"]["r"], total)
+        assert info["episode"]["l"].tolist() == [5, 5, 5]
+
+
+class TestVectorEnv:
+    @pytest.mark.parametrize(
+        ("mask", "error"),
+        [
+            ([True, False, False], TypeError),
+            (np.array([1, 0, 0]), TypeError),
+            (np.array([True, False]), ValueError),
+            (np.zeros(3, bool), ValueError),
+        ],
+    )
+    def test_bad_masks(self, short, mask, error):
+        envs = vector_env(short)
+        envs.reset(seed=1)
+        with pytest.raises(error, match="reset_mask"):
+            envs.reset(options={"reset_mask": mask})
+
+    def test_mask_with_a_seed_or_too_early(self, short):
+        envs, options = vector_env(short), {"reset_mask": np.array([True, False, False])}
+        with pytest.raises(gymnasium.error.ResetNeeded, match="first reset"):
+            envs.reset(options=options)
+        with pytest.raises(gymnasium.error.ResetNeeded, match="before the first step"):
+            envs.step(actions(1)[0])
+        envs.reset(seed=1)
+        with pytest.raises(ValueError, match="seed"):
+            envs.reset(seed=2, options=options)
+
+    def test_seeds(self, short):
+        envs = vector_env(short)
+        first, _ = envs.reset(seed=11)
+        next_one, _ = envs.reset()
+        other, _ = envs.reset(seed=12)
+        again, _ = envs.reset(seed=11)
+        np.testing.assert_array_equal(first, again)
+        np.testing.assert_array_equal(next_one, envs.reset()[0])
+        for different in (next_one, other, vector_env(short).reset()[0], vector_env(short).reset()[0]):
+            assert (first != different).any()
+        unseeded = [vector_env(short).reset()[0] for _ in range(2)]
+        assert (unseeded[0] != unseeded[1]).any()
+
+    def test_returned_arrays_are_the_callers(self, short):
+        envs = vector_env(short)
+        observation, _ = envs.reset(seed=3)
+        kept = observation.copy()
+        _, _, _, _, info = envs.step(actions(1)[0])
+        kept_info = {name: value.copy() for name, value in info.items()}
+        envs.step(-actions(1)[0])
+        np.testing.assert_array_equal(observation, kept)
+        assert data_equivalence(info, kept_info, exact=True)
+
+    def test_horizon_of_paper_scenarios(self):
+        scenario = Scenario.load("paper-ideal", ["mission.duration=300"])
+        envs = vector_env(scenario, num_envs=8)
+        observation, _ = envs.reset(seed=1)
+        ended = 0
+        for step in range(1, 301):
+            to_target = observation[..., 2:4]
+            move = 0.7 * to_target / np.maximum(np.linalg.norm(to_target, axis=-1, keepdims=True), 1e-9)
+            observation, _, terminated, truncated, info = envs.step(move)
+            served = info["measures"][..., envs.measure_names.index("service_rate")] > 0
+            np.testing.assert_array_equal(info["horizon_ended"], served)
+            assert not terminated.any()
+            assert truncated.any() == (step == 300)
+            ended += served.sum()
+        assert ended > 0
+
+    @pytest.mark.parametrize(("move", "match"), [(np.zeros((3, 2)), "shape"), (np.full((3, 2, 2), np.nan), "finite")])
+    def test_bad_actions(self, short, move, match):
+        envs = vector_env(short)
+        envs.reset(seed=1)
+        with pytest.raises(ValueError, match=match):
+            envs.step(move)
+
+    def test_actions_are_clipped(self, short):
+        polar = Scenario.load("extreme", ["auv.action=polar"])
+        a, b = vector_env(polar), vector_env(polar)
+        a.reset(seed=1)
+        b.reset(seed=1)
+        move = 4 * actions(1)[0]
+        np.testing.assert_array_equal(a.step(move)[0], b.step(np.clip(move, -1, 1))[0])
+
+    @pytest.mark.parametrize(
+        ("argument", "match"),
+        [({"num_envs": 0}, "num_worlds = 0"), ({"usv": "circle"}, "allowed are fim"), ({"scenario": "x"}, "'x'")],
+    )
+    def test_bad_arguments(self, argument, match):
+        with pytest.raises(ScenarioError, match=match):
+            gymnasium.make_vec(NAME, **argument)
+
+
+class TestSpaces:
+    @pytest.mark.parametrize(
+        "scenario",
+        [
+            Scenario.load("ideal"),
+            Scenario.load("paper-extreme"),
+            Scenario.load("extreme", ["observation.current=none", "auv.count=1"]),
+            Scenario.load("extreme", ["observation.current=vector", "auv.count=16"]),
+        ],
+        ids=lambda scenario: f"{scenario.name}-{scenario.auv.count}",
+    )
+    def test_contains_what_is_observed_unclamped(self, scenario):
+        space = auv_observation_space(scenario)
+        world = World(scenario, 64, seed=2)
+        observation = world.reset()
+        assert space.shape == (world.observation_size,)
+        for move in actions(60, 64, world.num_auvs):
+            assert (observation >= torch.from_numpy(space.low)).all()
+            assert (observation <= torch.from_numpy(space.high)).all()
+            observation, *_ = world.step(torch.from_numpy(move))
+
+    def test_current_bound_is_reached_at_the_peak_of_a_vortex(self):
+        """An AUV drifting through a lone vortex meets nearly the bound, never more."""
+        lone = ["current.count=1", "current.circulation_min=220", "observation.current=vector"]
+        lone += ["current.core_radius_min=30", "current.core_radius_max=30", "storm.spectrum=none"]
+        lone += ["sea.irregular_rms=0", "sea.start_rms=0"]
+        scenario = Scenario.load("extreme", lone)
+        speed = World(scenario, 2000, seed=2).reset()[..., 8]
+        bound = auv_observation_space(scenario).high[8]
+        assert 0.99 * bound < speed.max() <= bound
+
+    def test_storm_stays_within_six_deviations(self):
+        scenario = Scenario.load("extreme", ["current.count=0", "sea.irregular_rms=0", "sea.start_rms=0"])
+        bound = auv_observation_space(scenario).high[8]
+        world = World(scenario, 256, seed=2)
+        world.reset()
+        still = torch.zeros(256, 2, 2)
+        speed = torch.stack([world.step(still)[0][..., 8].clone() for _ in range(60)])
+        assert speed.square().mean().sqrt() == pytest.approx(bound / 6, rel=0.1)
+        assert 0.3 * bound < speed.max() < bound
+
+    def test_wild_fixes_are_clamped(self):
+        """An attitude error of half a radian five kilometres above the AUVs: fixes scatter far outside the area."""
+        deep = ["area.depth=6000", "auv.depth=5000", "usbl.attitude_error=0.5", "acoustics.source_level=260"]
+        scenario = Scenario.load("extreme", deep)
+        envs = gymnasium.make_vec(NAME, num_envs=16, scenario=scenario, usv="hold:0,0")
+        observation, _ = envs.reset(seed=1)
+        assert envs.world.observation.abs().max() > 2
+        assert observation in envs.observation_space
+
+
+class TestSingleEnv:
+    def test_checker(self):
+        check_env(gymnasium.make(NAME).unwrapped)
+
+    def test_checker_with_the_vector_of_the_current(self):
+        scenario = Scenario.load("paper-extreme", ["observation.current=vector", "auv.count=3"])
+        check_env(gymnasium.make(NAME, scenario=scenario, usv="centroid").unwrapped)
+
+    def test_is_the_world(self, short):
+        moves = actions(STEPS, 1)
+        observations, rewards = episode(World(short, 1, seed=9), moves)
+        env = gymnasium.make(NAME, scenario=short)
+        observation, info = env.reset(seed=9)
+        np.testing.assert_array_equal(observation, observations[0][0])
+        for step, move in enumerate(moves, start=1):
+            kept = (info, deepcopy(info))
+            observation, reward, terminated, truncated, info = env.step(move[0])
+            assert data_equivalence(*kept, exact=True)  # what a step returned stays as it was
+            np.testing.assert_array_equal(observation, observations[step][0])
+            np.testing.assert_array_equal(info["auv_reward"], rewards[step - 1][0])
+            assert reward == pytest.approx(rewards[step - 1].sum(), rel=1e-5, abs=1e-5)
+            np.testing.assert_allclose(info["reward_terms"].sum(axis=-1), info["auv_reward"], rtol=1e-5, atol=1e-5)
+            assert (terminated, truncated) == (False, step == STEPS)
+
+
+class TestParallelEnv:
+    def test_api(self):
+        parallel_api_test(parallel_env(Scenario.load("extreme", ["mission.duration=30"])), num_cycles=100)
+
+    def test_seed(self):
+        parallel_seed_test(parallel_env, num_cycles=50)
+
+    def test_is_the_world(self, short):
+        moves = actions(STEPS, 1)
+        observations, rewards = episode(World(short, 1, seed=9), moves)
+        env = parallel_env(scenario=short)
+        assert env.possible_agents == ["auv_0", "auv_1"]
+        env.reset(seed=9)
+        for step, move in enumerate(moves, start=1):
+            observation, reward, terminated, truncated, info = env.step(dict(zip(env.agents, move[0], strict=True)))
+            for k, agent in enumerate(env.possible_agents):
+                np.testing.assert_array_equal(observation[agent], observations[step][0, k])
+                assert observation[agent] in env.observation_space(agent)
+                assert reward[agent] == rewards[step - 1][0, k]
+                assert info[agent]["reward_terms"].sum() == pytest.approx(reward[agent], rel=1e-4, abs=1e-4)
+                assert (terminated[agent], truncated[agent]) == (False, step == STEPS)
+        assert env.agents == []
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            env.step({})
+
+    def test_bad_arguments(self, short):
+        env = parallel_env(scenario=short)
+        env.reset(seed=1)
+        with pytest.raises(ValueError, match="auv_1"):
+            env.step({"auv_0": np.zeros(2)})
+
+
+class TestPictures:
+    def test_unknown_modes_are_refused(self):
+        assert gymnasium.make(NAME, render_mode=None).render_mode is None
+        for make in (DataCollectionEnv, DataCollectionVectorEnv, parallel_env):
+            with pytest.raises(TypeError, match="render_mode = 'human': must be None or one of rgb_array"):
+                make(render_mode="human")
+
+    def test_one_mission(self, short):
+        env = gymnasium.make(NAME, scenario=short, render_mode="rgb_array")
+        env.reset(seed=3)
+        pictures = [env.render()]
+        for move in actions(3, 1):
+            env.step(move[0])
+            pictures.append(env.render())
+        for picture in pictures:
+            assert picture.shape == (720, 1280, 3)
+            assert picture.dtype == np.uint8
+        for before, after in pairwise(pictures):
+            assert 0.001 < (before != after).mean() < 0.9
+        env.reset(seed=3)
+        np.testing.assert_array_equal(env.render(), pictures[0])
+
+    def test_shows_the_same_as_the_video_of_the_mission(self, short):
+        """A red picture of the map: the AUVs, nodes and boat stand where a trace of the same mission has them."""
+        env = DataCollectionEnv(short, render_mode="rgb_array")
+        env.reset(seed=4)
+        env.step(np.zeros((2, 2), np.float32))
+        trace = record(World(short, 1, seed=4), lambda o: torch.zeros(1, 2, 2), "agent", steps=1, surface=True)
+        drawn = Painter(trace, SIZE, FPS).frame(0)[..., ::-1]
+        map_only = np.s_[60:670, 70:690]
+        assert (env.render()[map_only] != drawn[map_only]).any(-1).mean() < 0.06  # the current's streaks are elsewhere
+
+    def test_many_missions(self, short):
+        envs = gymnasium.make_vec(NAME, num_envs=3, scenario=short, render_mode="rgb_array", autoreset_mode="Disabled")
+        assert DataCollectionVectorEnv(2, short).render() is None
+        envs.reset(seed=5)
+        for move in actions(4, 3):
+            envs.step(move)
+        first, second, third = envs.render()
+        assert (first != second).any()
+        envs.reset(options={"reset_mask": np.array([False, True, False])})
+        again = envs.render()
+        np.testing.assert_array_equal(again[0], first)
+        np.testing.assert_array_equal(again[2], third)
+        assert (again[1] != second).mean() > 0.01
+        alone = gymnasium.make_vec(NAME, num_envs=3, scenario=short, render_mode="rgb_array")
+        alone.reset(seed=5)
+        alone.reset()
+        # The second episode's first picture, but for the sea, which runs on where only some worlds are reset.
+        panel = np.s_[60:, 720:]
+        assert (alone.render()[1][panel] != again[1][panel]).mean() < 0.05
+
+    def test_pettingzoo(self, short):
+        def make(render_mode):
+            # PettingZoo's test makes one with "human" only to ask for its modes.
+            mode = render_mode if render_mode in ("rgb_array",) else None
+            return parallel_to_aec(parallel_env(short, render_mode=mode))
+
+        render_test(make)
+        env = parallel_env(short)
+        env.reset(seed=1)
+        assert env.render() is None
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments"),
+    [("gymnasium_vector.py", {"num_envs": 4, "steps": 6}), ("pettingzoo_parallel.py", {"max_steps": 6})],
+)
+def test_examples(file, arguments, capsys):
+    runpy.run_path(str(EXAMPLES / file))["main"](**arguments)
+    assert capsys.readouterr().out.count("\n") == 1

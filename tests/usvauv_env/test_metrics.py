@@ -1,0 +1,119 @@
+"""Metrics against numbers worked out by hand, and the trace's way through a file."""
+
+import csv
+
+import numpy as np
+import pytest
+import torch
+
+import policies
+from usvauv_env import Scenario, Trace, TraceError, World
+from usvauv_env.record.metrics import COLUMNS, episode_metrics, write_csv
+from usvauv_env.record.recorder import record
+from usvauv_env.record.trace import DIMENSIONS
+
+
+def small_trace() -> Trace:
+    """Four steps, one world, two AUVs, one node; every figure can be worked out on paper."""
+    steps, worlds, auvs, nodes, terms = 4, 1, 2, 1, 2
+    sizes = {
+        "time": steps, "world": worlds, "auv": auvs, "node": nodes, "axis": 2, "component": 3, "reward_term": terms,
+        "surface_component": 3, "vortex": 0, "vortex_parameter": 4, "stream_y": 0, "stream_x": 0, "y": 0, "x": 0,
+    }  # fmt: skip
+    arrays = {name: np.zeros([sizes[d] for d in dimensions]) for name, dimensions in DIMENSIONS.items()}
+    arrays["surface"] = np.zeros((0, 0, 0))
+    arrays["time"] = np.array([2.0, 4.0, 6.0, 8.0])
+    arrays["power"][:, 0] = [[60, 100], [60, 100], [105, 100], [60, 100]]
+    arrays["hovering"][2, 0, 0] = 1
+    arrays["service_rate"][2, 0, 0] = 0.25
+    arrays["service_rate"][3, 0, 1] = 0.5
+    arrays["delivered"][2, 0, 0] = 1.5
+    arrays["delivered"][3, 0, 1] = 2.0
+    arrays["reward_terms"][:, 0, :, 0] = [[1, 2], [1, 2], [1, 2], [1, 2]]
+    arrays["reward_terms"][0, 0, 0, 1] = -8
+    arrays["overflowing"][:, 0] = [0, 1, 3, 0]
+    arrays["collisions"][1, 0] = 1
+    arrays["border"][0, 0, 1] = 1
+    arrays["estimate"][:, 0, 0] = [[3, 4], [0, 0], [0, 0], [0, 0]]
+    arrays["estimate"][:, 0, 1] = [[0, 1], [0, 1], [0, 1], [0, 1]]
+    arrays["fix"][:, 0, 0] = [[6, 8], [0, 3], [np.nan, np.nan], [0, 7]]
+    arrays["fix"][:, 0, 1] = [[0, 1], [0, 2], [0, 50], [0, 4]]
+    arrays["fix_flags"][:, 0, 0] = [1, 1, 0, 1]  # one is not heard
+    arrays["fix_flags"][:, 0, 1] = [1, 1, 3, 1]  # one has wrapped
+    arrays["node_position"][0, 0] = [0, 7]
+    arrays["auv_position"][:, 0, 1] = [[3, 3], [3, 3], [0, 7], [0, 6]]
+    arrays["estimate"][:, 0, 1] += arrays["auv_position"][:, 0, 1]
+    arrays["fix"][:, 0, 1] += arrays["auv_position"][:, 0, 1]
+    scenario = Scenario.from_dict({"name": "paper sheet", "mission": {"step": 2.0, "duration": 8.0}})
+    return Trace(scenario=scenario, policy="p", usv="fim", seed=3, reward_names=("a", "b"), **arrays)
+
+
+def test_metrics_by_hand():
+    (row,) = episode_metrics(small_trace(), first_episode=7)
+    assert (row.scenario, row.policy, row.usv, row.seed, row.episode) == ("paper sheet", "p", "fim", 3, 7)
+    assert row.sdr == pytest.approx(0.75)
+    # AUV 0: (60 + 60 + 105 + 60) W · 2 s over 8 − 2 s; AUV 1: 100 W over all 8 s.
+    assert row.ec == pytest.approx((285 * 2 / 6 + 100) / 2)
+    assert row.arps == pytest.approx((3 * 4 - 8) / 4)
+    assert row.services == 2
+    assert row.delivered_mbit == pytest.approx(3.5)
+    assert row.energy_wh == pytest.approx((285 + 400) * 2 / 3600)
+    assert (row.overflow, row.collisions, row.border) == (4, 1, 1)
+    assert row.position_error_mean == pytest.approx((5 + 4) / 8)
+    assert row.position_error_median == pytest.approx(1)
+    assert row.target_distance == pytest.approx((4 * 7 + 5 + 5 + 0 + 1) / 8)
+    assert row.fix_error_median == pytest.approx(np.median([10, 3, 7, 1, 2, 4]))
+    assert row.fixes_good == pytest.approx(6 / 8)
+    assert row.position_error_p95 == pytest.approx(np.quantile([5, 0, 0, 0, 1, 1, 1, 1], 0.95))
+
+
+def test_csv_has_the_promised_columns(tmp_path):
+    promised = (
+        "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh target_distance overflow "
+        "collisions border position_error_mean position_error_median position_error_p95 fix_error_median fixes_good"
+    )
+    assert " ".join(COLUMNS) == promised
+    rows = episode_metrics(small_trace())
+    write_csv(rows, tmp_path / "m.csv")
+    with (tmp_path / "m.csv").open() as stream:
+        (read,) = csv.DictReader(stream)
+    assert tuple(read) == COLUMNS
+    assert float(read["ec"]) == rows[0].ec
+    assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
+
+
+def test_trace_survives_its_file(tmp_path):
+    scenario = Scenario.load("extreme", ["mission.duration=20"])
+    world = World(scenario, num_worlds=2, seed=1)
+    player = policies.load("straight", scenario)
+    trace = record(world, player.act, "straight", surface=True)
+    path = tmp_path / "t.nc"
+    trace.save(path)
+    again = Trace.load(path)
+    assert again.scenario == scenario
+    assert (again.policy, again.usv, again.seed, again.reward_names) == ("straight", "fim", 1, world.reward_names)
+    for name in DIMENSIONS:
+        np.testing.assert_array_equal(getattr(again, name), getattr(trace, name), err_msg=name)
+    assert episode_metrics(again) == episode_metrics(trace)
+    assert episode_metrics(trace.episode(1))[0].sdr == episode_metrics(trace)[1].sdr
+
+
+def test_trace_agrees_with_the_reward_the_learner_sees():
+    world = World(Scenario.load("extreme", ["mission.duration=50"]), num_worlds=3, seed=1)
+    rewards = []
+
+    def act(observation: torch.Tensor) -> torch.Tensor:
+        rewards.append(world.reward.sum(dim=1).clone())
+        return torch.zeros(3, 2, 2)
+
+    trace = record(world, act, "still")
+    rewards = torch.stack([*rewards[1:], world.reward.sum(dim=1)]).double().mean(dim=0)
+    arps = [row.arps for row in episode_metrics(trace)]
+    np.testing.assert_allclose(arps, rewards.numpy(), rtol=1e-5)
+
+
+def test_not_a_trace(tmp_path):
+    path = tmp_path / "x.nc"
+    path.write_bytes(b"nothing of the kind")
+    with pytest.raises(TraceError, match=r"x\.nc: not a usvauv trace"):
+        Trace.load(path)

@@ -1,0 +1,342 @@
+"""The sea of a scenario: the same for every grid and number of seas, with the stated statistics, without a shock."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from kernels.mission.columns import BoatColumn
+from kernels.shallow_water.packing import Packing
+from usvauv_env import Scenario, World
+from usvauv_env.sea.forcing import build_sea, coarse_cells, draw_edge_wave, fine_cells
+
+EDGES = ["west", "east", "south", "north"]
+
+
+def scenario(width: float = 200.0, length: float = 200.0, **sea) -> Scenario:
+    return Scenario.from_dict({"area": {"width": width, "length": length}, "sea": sea})
+
+
+def between_cells(fine: np.ndarray, cells: tuple[int, int]) -> np.ndarray:
+    """A finely resolved elevation at the cell centres of another grid, bilinear."""
+    for axis, count in ((0, cells[1]), (1, cells[0])):
+        place = (np.arange(count) + 0.5) * fine.shape[axis] / count - 0.5
+        low = np.clip(np.floor(place).astype(int), 0, fine.shape[axis] - 2)
+        weight = (place - low).reshape((-1, 1) if axis == 0 else (1, -1))
+        fine = np.take(fine, low, axis) * (1 - weight) + np.take(fine, low + 1, axis) * weight
+    return fine
+
+
+STORM = {"forced_edge": "west", "irregular_rms": 0.5, "regular_amplitude": 0.3, "start_rms": 0.4}
+
+
+class TestSeeds:
+    def test_a_sea_does_not_depend_on_the_others(self):
+        few, more = (build_sea(scenario(**STORM), 11, n, (20, 20)) for n in (3, 19))
+        for _ in range(3):
+            few.advance()
+            more.advance()
+        np.testing.assert_array_equal(few.elevation(), more.elevation()[:3])
+
+    def test_seeds_and_seas_differ(self):
+        storm = scenario(**STORM)
+        one, two = (build_sea(storm, seed, 2, (20, 20)).elevation() for seed in (1, 2))
+        again = build_sea(storm, 1, 2, (20, 20)).elevation()
+        np.testing.assert_array_equal(one, again)
+        fields = [one[0], one[1], two[0], two[1]]
+        for a in range(4):
+            for b in range(a):
+                assert np.abs(fields[a] - fields[b]).max() > 0.1
+
+    def test_start_does_not_depend_on_the_forcing_s_length(self):
+        """Forcing and start are drawn from separate streams."""
+        starts = []
+        for components in (1, 16):
+            sea = scenario(forced_edge="west", start_rms=1.0, irregular_components=components)
+            starts.append(build_sea(sea, 3, 1, (20, 20)).elevation())
+        np.testing.assert_array_equal(*starts)
+
+
+class TestStatistics:
+    def test_edge_wave(self):
+        """Exact rms, equal amplitudes, one frequency in each band, and the regular component first, with phase 0."""
+        about = {"irregular_rms": 0.8, "irregular_components": 12, "regular_amplitude": 0.3, "regular_period": 500.0}
+        wave = draw_edge_wave(scenario(forced_edge="east", **about), np.random.default_rng(0))
+        assert (wave.amplitude[0], wave.period[0], wave.phase[0]) == (0.3, 500.0, 0.0)
+        np.testing.assert_allclose(wave.amplitude[1:] ** 2 / 2, 0.8**2 / 12)
+        band = (1 / wave.period[1:] - 1 / 300) / (1 / 75 - 1 / 300) * 12
+        np.testing.assert_array_equal(np.floor(band), np.arange(12))
+        assert np.ptp(wave.phase[1:]) > 2
+
+    @pytest.mark.parametrize("edge", ["none", *EDGES])
+    def test_start_rms_is_exact(self, edge):
+        """The modes are orthogonal on the grid too, so the rms over the cells is that over the area, in f32."""
+        sea = build_sea(scenario(start_rms=0.7, forced_edge=edge), 5, 2, (40, 30))
+        eta = sea.elevation()
+        np.testing.assert_allclose(np.sqrt((eta.astype(float) ** 2).mean(axis=(1, 2))), 0.7, rtol=1e-6)
+        if edge == "none":
+            assert np.abs(sea.mass()).max() < 1e-6 * 200 * 200
+
+    def test_start_fits_the_edges(self):
+        """A wall meets no slope and a forced edge no elevation: both vanish with the cells towards the edge."""
+        eta = build_sea(scenario(start_rms=1.0, forced_edge="north"), 2, 1, (256, 256)).elevation()[0]
+        steepest = np.abs(np.diff(eta, axis=1)).max()
+        assert np.abs(eta[-1]).max() < 0.03 * np.abs(eta).max()
+        assert np.abs(eta[1] - eta[0]).max() < 0.1 * steepest
+        assert np.abs(eta[:, 1] - eta[:, 0]).max() < 0.1 * steepest
+
+    def test_flat(self):
+        sea = build_sea(scenario(), 0, 4)
+        assert sea.still
+        sea.advance()
+        assert not sea.elevation().any()
+
+
+class TestForcing:
+    @pytest.mark.parametrize("edge", EDGES)
+    @pytest.mark.parametrize("drag", [0.0, 0.05])
+    def test_steady_from_the_start(self, edge, drag):
+        """A regular wave is Eq. 7's seiche, with drag its damped form, from t = 0 on: at every time the same phasor.
+
+        The half cell at the edge is wrong by (kΔx)²/8 of the elevation = 2e-5, and the start excites free waves of that
+        size: a few times that in all.
+        """
+        wave = {"regular_amplitude": 1.0, "regular_period": 60.0, "drag": drag}
+        storm = scenario(200.0, 120.0, forced_edge=edge, update_interval=3.0, **wave)
+        sea = build_sea(storm, 0, 1, (50, 30))
+        across = edge in ("west", "east")
+        L, n = (200.0, 50) if across else (120.0, 30)
+        omega = 2 * math.pi / 60
+        k = np.sqrt((omega**2 - 1j * omega * drag) / (9.81 * 120))
+        s = (np.arange(n) + 0.5) * L / n
+        s = L - s if edge in ("west", "south") else s
+        shape = np.cos(k * s) / np.cos(k * L)
+        for _ in range(25):
+            expected = (shape * np.exp(1j * omega * sea.time)).real
+            found = sea.elevation()[0] if across else sea.elevation()[0].T
+            np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), atol=1e-4)
+            sea.advance()
+
+    def test_a_resonant_wave_starts_from_rest(self):
+        period = 4 * 200 / math.sqrt(9.81 * 120)
+        wave = {"forced_edge": "west", "regular_amplitude": 1.0, "regular_period": period}
+        assert not build_sea(scenario(**wave), 0, 1).elevation().any()
+        drag = build_sea(scenario(**wave, drag=0.2), 0, 1).elevation()
+        assert 0.5 < np.abs(drag).max() < 10
+
+    def test_open_basin_carries_a_progressive_wave(self):
+        """Forced in the west with an open east: e^{i(ωt − kx)} from the start on, in exact arithmetic."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 60.0}
+        sea = build_sea(scenario(forced_edge="west", radiating_edges=["east"], **wave), 0, 1, (100, 20))
+        k = 2 * math.pi / 60 / math.sqrt(9.81 * 120)
+        x = (np.arange(100) + 0.5) * 2
+        for _ in range(90):
+            expected = np.cos(2 * math.pi / 60 * sea.time - k * x)
+            np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=1e-3)
+            sea.advance()
+
+    def test_sponge_takes_it(self):
+        """A layer of the wave's own length at the far end: what comes back is below one in a hundred."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 5.0, "sponge_width": 171.0}
+        sea = build_sea(scenario(400.0, forced_edge="west", sponge_edges=["east"], **wave), 0, 1, (400, 10))
+        k = 2 * math.pi / 5 / math.sqrt(9.81 * 120)
+        x = np.arange(400) + 0.5
+        for _ in range(60):
+            sea.advance()
+        expected = np.cos(2 * math.pi / 5 * sea.time - k * x)
+        np.testing.assert_allclose(sea.elevation()[0, 5, :200], expected[:200], atol=0.02)
+        assert np.abs(sea.elevation()[0, 5, 380:]).max() < 0.3
+
+    def test_incoming_wave(self):
+        """Prescribed as the incoming wave at the open edge before a wall: twice its amplitude stands at the wall."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 40.0, "forcing": "incident"}
+        sea = build_sea(scenario(forced_edge="west", **wave), 0, 1, (100, 20))
+        k = 2 * math.pi / 40 / math.sqrt(9.81 * 120)
+        x = (np.arange(100) + 0.5) * 2
+        for _ in range(90):
+            t = sea.time * 2 * math.pi / 40
+            expected = np.cos(t - k * x) + np.cos(t + k * (x - 400))
+            np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=2e-3)
+            sea.advance()
+
+    def test_nothing_shocks(self):
+        """The record at the wall is smooth: no second difference in time is larger than the waves' own, a ω² dt²."""
+        storm = scenario(forced_edge="west", irregular_rms=1.0, update_interval=1.0)
+        sea = build_sea(storm, 4, 1, (50, 50))
+        wall = []
+        for _ in range(120):
+            wall.append(sea.elevation()[0, 20, -1])
+            sea.advance()
+        most = 16 * math.sqrt(2 / 16) * 1.2 * (2 * math.pi / 75) ** 2  # all components in phase at the shortest period
+        assert np.abs(np.diff(wall, n=2)).max() < most
+
+
+class TestResolution:
+    def test_cells(self):
+        area = scenario(200.0, 100.0)
+        assert coarse_cells(area) == (50, 25)
+        assert fine_cells(area) == (512, 256)
+
+    def test_free_waves_differ_by_dispersion_alone(self):
+        """Each standing mode turns at its grid's own frequency, so |difference| ≤ Σ |A| |cos ω̃t − cos ω̃'t| exactly.
+
+        sin²(ω̃Δt/2) = g h Δt² (sin²(kΔx/2)/Δx² + sin²(lΔy/2)/Δy²); the bound also allows for bilinear interpolation
+        of the fine field, (Δx'/2)²/2 of its curvature each way.
+        """
+        modes = 3
+        calm = scenario(start_rms=0.5, start_modes=modes, update_interval=2.0)
+        coarse, fine = build_sea(calm, 6, 1), build_sea(calm, 6, 1, (512, 512))
+        place = (np.arange(50) + 0.5) / 50
+        basis = np.cos(math.pi * place[:, None] * np.arange(modes + 1))
+        amplitude = np.abs(np.linalg.pinv(basis) @ coarse.elevation()[0] @ np.linalg.pinv(basis).T)
+        assert amplitude.max() > 0.1
+        k = math.pi * np.arange(modes + 1) / 200
+
+        def frequency(sea):
+            inner = (np.sin(k * sea.dx / 2) / sea.dx) ** 2
+            inner = np.sqrt(9.81 * 120 * (inner[:, None] + inner))
+            return 2 / sea.time_step * np.arcsin(sea.time_step * inner)
+
+        curvature = (amplitude * (k[:, None] ** 2 + k**2)).sum() * (fine.dx / 2) ** 2 / 2
+        for _ in range(15):
+            coarse.advance()
+            fine.advance()
+            turned = np.abs(np.cos(frequency(coarse) * coarse.time) - np.cos(frequency(fine) * fine.time))
+            bound = (amplitude * turned).sum() + curvature + 1e-5  # f32
+            found = np.abs(coarse.elevation()[0] - between_cells(fine.elevation()[0], (50, 50))).max()
+            assert found < bound
+        assert found > 0.1 * bound  # the bound is not idle
+
+    def test_table_1_and_fine_grid_see_the_same_storm(self):
+        """With forcing, drag and start: the error against 512² is what Richardson predicts from 25² and 50², a third of
+        their difference; half of it is allowed."""
+        sea = {"forced_edge": "south", "irregular_rms": 0.5, "start_rms": 0.3, "start_modes": 2, "drag": 0.01}
+        storm = scenario(**sea, update_interval=2.0)
+        coarse, middle, fine = (build_sea(storm, 9, 1, cells) for cells in ((25, 25), (50, 50), (512, 512)))
+        predicted, found = 0.0, 0.0
+        for _ in range(10):
+            for solver in (coarse, middle, fine):
+                solver.advance()
+            seen = middle.elevation()[0]
+            at_coarse = between_cells(seen.astype(float), (25, 25))
+            predicted += np.mean((coarse.elevation()[0] - at_coarse) ** 2)
+            found += np.mean((seen - between_cells(fine.elevation()[0].astype(float), (50, 50))) ** 2)
+        assert math.sqrt(found) < math.sqrt(predicted) / 2
+        assert math.sqrt(found / 10) < 0.05 * np.std(seen)
+
+
+CALM = {"forced_edge": "south", "irregular_rms": 0.02, "start_rms": 0.01, "start_modes": 2, "update_interval": 2.0}
+
+
+class TestNonlinear:
+    def test_small_waves_are_linear(self):
+        """Amplitudes of 1e-4 of the depth: the two solvers differ by their own errors of second order only."""
+        differences = []
+        for cells in ((25, 25), (50, 50)):
+            linear, nonlinear = (
+                build_sea(scenario(**CALM, equations=equations), 3, 2, cells) for equations in ("linear", "nonlinear")
+            )
+            np.testing.assert_allclose(linear.elevation(), nonlinear.elevation(), atol=1e-6)
+            for _ in range(5):
+                linear.advance()
+                nonlinear.advance()
+            differences.append(np.abs(linear.elevation() - nonlinear.elevation()).max() / np.std(linear.elevation()))
+        assert differences[1] < 0.4 * differences[0]
+        assert differences[1] < 0.1
+
+    def test_packed_for_the_boats(self):
+        """The packed elevation is the solvers' own, and goes back with the state, bit for bit."""
+        sea = build_sea(scenario(**CALM, equations="nonlinear"), 3, 19, (20, 15))
+        fields, clocks = sea.state()
+        before = sea.elevation()
+        sea.advance()
+        after = sea.elevation()
+        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], after)
+        assert np.abs(after - before).max() > 1e-3
+        sea.load(fields, clocks)
+        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], before)
+        sea.advance()
+        np.testing.assert_array_equal(sea.elevation(), after)
+        assert sea.time == 2.0
+
+    def test_high_waves_over_shallow_water_steepen(self):
+        """A wave of a fifth of the depth: the crest catches up with the trough before it, unlike the linear one."""
+        about = {"forced_edge": "west", "radiating_edges": ["east"], "regular_amplitude": 1.0, "regular_period": 20.0}
+        steepest = {}
+        for equations in ("linear", "nonlinear"):
+            sea = build_sea(
+                Scenario.from_dict(
+                    {
+                        "area": {"width": 200, "length": 40, "depth": 5},
+                        "auv": {"depth": 3, "start_separation": 5},
+                        "sea": {**about, "equations": equations},
+                    }
+                ),
+                0,
+                1,
+                (200, 10),
+            )
+            for _ in range(60):
+                sea.advance()
+            slope = np.diff(sea.elevation()[0, 5, 50:190])
+            steepest[equations] = slope.max() / -slope.min(), -slope.min() / slope.max()
+        assert max(steepest["linear"]) < 1.1
+        assert max(steepest["nonlinear"]) > 1.5
+
+    def test_carries_a_mission(self):
+        """A world sails on it, and goes back with its state."""
+        overrides = ["sea.equations=nonlinear", "sea.realisations=2"]
+        world = World(Scenario.load("extreme", overrides), 3, seed=1)
+        world.reset()
+        action = torch.full((3, 2, 2), 0.5)
+        for _ in range(3):
+            world.step(action)
+        state = world.state()
+        world.step(action)
+        boat = world.boat.clone()
+        world.load(state)
+        world.step(action)
+        assert torch.equal(world.boat, boat)
+        assert boat[:, BoatColumn.elevation].abs().min() > 0
+
+
+def test_extreme_has_five_metre_crests():
+    """As the scenario says: the median over its seas of the highest long-wave crest of an episode."""
+    scenario = Scenario.load("extreme")
+    sea = build_sea(scenario, 7, 32)
+    highest = np.zeros(32)
+    for _ in range(1000):
+        sea.advance()
+        highest = np.maximum(highest, sea.elevation()[:, 25, 25])
+    assert 4.5 < np.median(highest) < 5.5
+
+
+def test_table_1_tide_is_flat():
+    """Five metres high and flat to 2 µm by Eq. 7 (λ is 1482 km, the area 0.2 km); solved, to single precision."""
+    kL = 2 * math.pi / 43200 / math.sqrt(9.81 * 120) * 200
+    assert 5 * (1 / math.cos(kL) - 1) < 2e-6
+    sea = build_sea(Scenario.load("paper-extreme"), 0, 1, (50, 50))
+    for _ in range(3):
+        sea.advance()
+    elevation = sea.elevation()[0]
+    assert elevation.mean() == pytest.approx(5.0, abs=1e-3)
+    assert np.ptp(elevation) < 64 * np.spacing(np.float32(5))
+
+
+def test_resonance_is_at_a_quarter_wave():
+    """Forced at T = 4L/√(gh) = 23.3 s the elevation at the wall grows alike each period; at 30 s it does not grow."""
+    amplitude = {}
+    for period in (4 * 200 / math.sqrt(9.81 * 120), 30.0):
+        overrides = ["sea.forced_edge=east", "sea.regular_amplitude=0.1", f"sea.regular_period={period}"]
+        sea = build_sea(Scenario.load("ideal", overrides), 0, 1, (50, 50))
+        wall = []
+        for _ in range(int(12 * period)):
+            sea.advance()
+            wall.append(abs(sea.elevation()[0, :, 0]).max())
+        wall = np.array(wall)
+        amplitude[period] = [wall[int((n - 1) * period) : int(n * period)].max() for n in (5, 10)]
+    assert min(amplitude) == pytest.approx(23.317, abs=1e-3)
+    resonant, other = (amplitude[period] for period in sorted(amplitude))
+    assert resonant[1] / resonant[0] == pytest.approx(2, rel=0.1)
+    assert other[1] == pytest.approx(other[0], rel=0.1)

@@ -1,0 +1,276 @@
+"""TorchRL face: the library's own check, agreement with the world, partial resets, specs, ownership of tensors."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.world.spaces import auv_observation_space
+
+pytest.importorskip("torchrl")
+
+from tensordict import TensorDict
+from torchrl.envs.utils import check_env_specs, step_mdp
+
+from usvauv_env.faces.torchrl_env import DataCollectionTorchRLEnv
+
+STEPS = 5
+OBSERVATION, ACTION, REWARD = ("agents", "observation"), ("agents", "action"), ("agents", "reward")
+
+
+@pytest.fixture(scope="module")
+def short():
+    return Scenario.load("extreme", [f"mission.duration={STEPS}"])
+
+
+def actions(count, num_worlds=3, num_auvs=2):
+    return 2 * torch.rand(count, num_worlds, num_auvs, 2, generator=torch.Generator().manual_seed(0)) - 1
+
+
+def step(env, data, move):
+    """The world's answer to a move, and what the next step starts from."""
+    data = env.step(data.set(ACTION, move))
+    return data["next"], step_mdp(data)
+
+
+def scripted(moves):
+    """A policy that gives these moves one after another."""
+    rest = iter(moves)
+    return lambda tensordict: tensordict.set(ACTION, next(rest))
+
+
+def mask_of(data, *worlds):
+    mask = torch.zeros(data.batch_size[0], 1, dtype=torch.bool)
+    mask[list(worlds)] = True
+    return data.clone().set("_reset", mask)
+
+
+@pytest.mark.parametrize("break_when_any_done", [True, False])
+@pytest.mark.parametrize(
+    "overrides",
+    [["mission.duration=2"], ["auv.count=1", "observation.current=none"], ["auv.count=4", "auv.action=polar"]],
+    ids=lambda overrides: overrides[0],
+)
+def test_torchrls_own_check(overrides, break_when_any_done):
+    env = DataCollectionTorchRLEnv(Scenario.load("extreme", overrides), 3, seed=1)
+    check_env_specs(env, break_when_any_done=break_when_any_done)
+
+
+class TestAgreement:
+    def test_is_the_world(self, short):
+        """Two episodes, step by step."""
+        world, env = World(short, 3, seed=7), DataCollectionTorchRLEnv(short, 3, seed=7)
+        for _ in range(2):
+            observation, data = world.reset(), env.reset()
+            assert torch.equal(data[OBSERVATION], observation)
+            assert not data["done"].any()
+            assert not data["agents", "info", "measures"].any()
+            for number, move in enumerate(actions(STEPS), start=1):
+                observation, reward, _, truncated, info = world.step(move)
+                got, data = step(env, data, move)
+                assert torch.equal(got[OBSERVATION], observation)
+                assert torch.equal(got[REWARD].squeeze(-1), reward)
+                assert torch.equal(got["agents", "info", "reward_terms"], info["reward_terms"])
+                assert torch.equal(got["agents", "info", "measures"], info["measures"])
+                for name in ("done", "truncated"):
+                    assert torch.equal(got[name], truncated[:, :1])
+                    assert got[name].all() == (number == STEPS)
+                assert not got["terminated"].any()
+
+    def test_rollout_resets_what_is_over(self, short):
+        moves = actions(2 * STEPS)
+        world, env = World(short, 3, seed=7), DataCollectionTorchRLEnv(short, 3, seed=7)
+        data = env.rollout(2 * STEPS, scripted(moves), break_when_any_done=False)
+        assert data.batch_size == (3, 2 * STEPS)
+        for number, move in enumerate(moves):
+            if number % STEPS == 0:
+                world.reset()
+            assert torch.equal(data[OBSERVATION][:, number], world.observation)
+            observation, reward, *_ = world.step(move)
+            assert torch.equal(data["next", *OBSERVATION][:, number], observation)
+            assert torch.equal(data["next", *REWARD][:, number, :, 0], reward)
+        ended = [number % STEPS == STEPS - 1 for number in range(2 * STEPS)]
+        assert data["next", "done"][..., 0].tolist() == [ended] * 3
+
+    def test_horizon_of_paper_scenarios(self):
+        env = DataCollectionTorchRLEnv(Scenario.load("paper-ideal", ["mission.duration=300"]), 8, seed=1)
+
+        def straight(tensordict):
+            to_target = tensordict[OBSERVATION][..., 2:4]
+            return tensordict.set(ACTION, 0.7 * to_target / to_target.norm(dim=-1, keepdim=True).clamp_min(1e-9))
+
+        data = env.rollout(300, straight)["next"]
+        served = data["agents", "info", "measures"][..., env.measure_names.index("service_rate")] > 0
+        assert torch.equal(data["agents", "info", "horizon_ended"].squeeze(-1), served)
+        assert served.any()
+        assert not data["terminated"].any()
+        assert data["truncated"][:, -1].all()
+
+    def test_actions_are_clipped(self):
+        polar = Scenario.load("extreme", ["auv.action=polar"])
+        a, b = (DataCollectionTorchRLEnv(polar, 3, seed=1) for _ in range(2))
+        move = 4 * actions(1)[0]
+        clipped, _ = step(a, a.reset(), move.clamp(-1, 1))
+        assert torch.equal(step(b, b.reset(), move)[0][OBSERVATION], clipped[OBSERVATION])
+
+
+class TestPartialReset:
+    def test_is_the_worlds(self, short):
+        """World 0 begins anew after two steps; the others go on, and each ends after its own five."""
+        moves = actions(7)
+        world, env = World(short, 3, seed=7), DataCollectionTorchRLEnv(short, 3, seed=7)
+        world.reset()
+        data = env.reset()
+        for number, move in enumerate(moves, start=1):
+            if number == 3:
+                before, data = data, env.reset(mask_of(data, 0))
+                world.reset(torch.tensor([True, False, False]))
+                assert torch.equal(data[OBSERVATION], world.observation)
+                assert torch.equal(data[OBSERVATION][1:], before[OBSERVATION][1:])
+                assert (data[OBSERVATION][0] != before[OBSERVATION][0]).any()
+            observation, *_ = world.step(move)
+            got, data = step(env, data, move)
+            assert torch.equal(got[OBSERVATION], observation)
+            assert got["done"].squeeze(-1).tolist() == [number >= 7, number >= 5, number >= 5]
+
+    def test_worlds_not_reset_stay_over(self, short):
+        """Whether or not the caller hands in what was, as TorchRL advises."""
+        env = DataCollectionTorchRLEnv(short, 3, seed=7)
+        data = step_mdp(env.rollout(STEPS)[:, -1])
+        assert env.reset(mask_of(data, 1))["done"].squeeze(-1).tolist() == [True, False, True]
+        with pytest.warns(UserWarning, match="partial"):
+            bare = env.reset(mask_of(data.empty(), 2))
+        assert bare["done"].squeeze(-1).tolist() == [True, False, False]
+
+    def test_rollout_until_all_are_over(self, short):
+        env = DataCollectionTorchRLEnv(short, 3, seed=7)
+        data = env.reset()
+        for move in actions(2):
+            _, data = step(env, data, move)
+        data = env.reset(mask_of(data, 0))
+        data = env.rollout(20, tensordict=data, auto_reset=False, break_when_any_done=False, break_when_all_done=True)
+        assert data.batch_size == (3, STEPS)
+        assert data["next", "done"].sum(1).squeeze(-1).tolist() == [1, 3, 3]
+
+    def test_seas_begin_anew_only_with_all_worlds(self, short):
+        env = DataCollectionTorchRLEnv(short, 3, seed=7)
+        data = env.reset()
+        sea = env.world.sea
+        env.reset(mask_of(data, 0, 1))
+        assert env.world.sea is sea
+        env.reset(mask_of(data, 0, 1, 2))
+        assert env.world.sea is not sea
+
+
+class TestSeeds:
+    def test_same_seed_same_episodes(self, short):
+        env, other = (DataCollectionTorchRLEnv(short, 3, seed=seed) for seed in (11, 12))
+        first, second = env.reset()[OBSERVATION], env.reset()[OBSERVATION]
+        assert (first != second).any()
+        assert (other.reset()[OBSERVATION] != first).any()
+        other.set_seed(11)
+        assert torch.equal(other.reset()[OBSERVATION], first)
+        assert torch.equal(other.reset()[OBSERVATION], second)
+
+    def test_without_a_seed(self, short):
+        env = DataCollectionTorchRLEnv(short, 3)
+        first = env.reset()[OBSERVATION]
+        env.set_seed(None)
+        second = env.reset()[OBSERVATION]
+        third = DataCollectionTorchRLEnv(short, 3).reset()[OBSERVATION]
+        assert (first != second).any()
+        assert (first != third).any()
+
+
+class TestSpecs:
+    def test_bounds_are_those_of_the_gymnasium_face(self, short):
+        env, space = DataCollectionTorchRLEnv(short, 3), auv_observation_space(short)
+        observation, action = env.observation_spec[OBSERVATION], env.full_action_spec[ACTION]
+        for spec, low, high in ((observation, space.low, space.high), (action, [-1, -1], [1, 1])):
+            np.testing.assert_array_equal(spec.space.low.numpy(force=True), np.broadcast_to(low, spec.shape))
+            np.testing.assert_array_equal(spec.space.high.numpy(force=True), np.broadcast_to(high, spec.shape))
+        assert (env.action_key, env.reward_key) == (ACTION, REWARD)
+        assert env.group_map == {"agents": ["auv_0", "auv_1"]}
+
+    def test_wild_fixes_are_clamped(self):
+        """An attitude error of half a radian five kilometres above the AUVs: fixes scatter far outside the area."""
+        deep = ["area.depth=6000", "auv.depth=5000", "usbl.attitude_error=0.5", "acoustics.source_level=260"]
+        env = DataCollectionTorchRLEnv(Scenario.load("extreme", deep), 16, seed=1, usv="hold:0,0")
+        data = env.reset()
+        assert env.world.observation.abs().max() > 2
+        assert env.observation_spec[OBSERVATION].is_in(data[OBSERVATION])
+
+    def test_device(self, short):
+        env = DataCollectionTorchRLEnv(short, 3)
+        data = env.rollout(2)
+        own = env.world.observation.device
+        assert env.device == own
+        assert {tensor.device for tensor in data.values(include_nested=True, leaves_only=True)} == {own}
+
+
+class TestTensors:
+    def test_are_the_callers(self, short):
+        env = DataCollectionTorchRLEnv(short, 3, seed=3)
+        moves = actions(2)
+        first = env.reset()
+        following, _ = step(env, first, moves[0])
+        kept = first.clone(), following.clone()
+        step(env, first.clone(), moves[1])
+        for mine, copy in zip((first, following), kept, strict=True):
+            for key, tensor in copy.items(include_nested=True, leaves_only=True):
+                assert torch.equal(mine[key], tensor), key
+
+    def test_a_step_takes_no_detour_over_the_host(self, short, monkeypatch):
+        env = DataCollectionTorchRLEnv(short, 3, seed=3)
+        data = env.reset()
+
+        def refuse(*arguments, **options):
+            raise AssertionError("to the host or from it")
+
+        step(env, data, actions(1)[0])  # compiles
+        for name in ("numpy", "cpu", "tolist", "__array__"):
+            monkeypatch.setattr(torch.Tensor, name, refuse)
+        monkeypatch.setattr(torch, "from_numpy", refuse)
+        env.step(data)
+        env.reset(mask_of(data, 0))
+
+
+class TestRefusals:
+    @pytest.mark.parametrize(
+        ("move", "match"), [(torch.zeros(3, 3, 2), "shape"), (torch.full((3, 2, 2), torch.nan), "finite")]
+    )
+    def test_bad_actions(self, short, move, match):
+        env = DataCollectionTorchRLEnv(short, 3)
+        env.reset()
+        with pytest.raises(ValueError, match=match):
+            env.step(TensorDict({"agents": {"action": move}}, batch_size=3))
+
+    def test_too_early(self, short):
+        env = DataCollectionTorchRLEnv(short, 3)
+        with pytest.raises(RuntimeError, match="reset before"):
+            env.rand_step()
+        with pytest.raises(RuntimeError, match="first reset"):
+            env.reset(mask_of(env.fake_tensordict(), 0))
+
+    def test_a_world_cannot_pause(self, short):
+        env = DataCollectionTorchRLEnv(short, 3)
+        data = env.rand_action(env.reset())
+        data["_step"] = torch.tensor([[True], [False], [True]])
+        with pytest.raises(NotImplementedError, match="step together"):
+            env.step(data)
+
+    def test_bad_arguments(self):
+        with pytest.raises(ScenarioError, match="num_worlds = 0"):
+            DataCollectionTorchRLEnv(num_worlds=0)
+
+    def test_without_the_library(self):
+        """The package does not import torchrl; the face names the extra that brings it."""
+        absent = "import sys, usvauv_env; assert 'torchrl' not in sys.modules; sys.modules['torchrl'] = None"
+        code = f"{absent}; import usvauv_env.faces.torchrl_env"
+        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert run.stderr.splitlines()[-1] == (
+            'ModuleNotFoundError: the TorchRL face needs the extra torchrl: pip install "usvauv[torchrl]"'
+        )

@@ -1,0 +1,168 @@
+"""Missions on real beds and currents from files, and on vortices that change."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from kernels.flow import vortex
+from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from kernels.positioning import sonar_equation
+from tests.usvauv_env.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
+from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.sea.forcing import build_sea
+from usvauv_env.site.bed_and_current import bed, mean_depth
+from usvauv_env.site.local_frame import LocalFrame
+from usvauv_env.world.tables import data_level
+
+PLACE = ["area.width=4000", "area.length=3000", "sea.cell_size=100", "water.longitude=5.01", "water.latitude=60.01"]
+FRAME = LocalFrame(5.01, 60.01)
+
+
+def head_for_targets(world: World, steps: int) -> None:
+    observation = world.reset()
+    for _ in range(steps):
+        offset = observation[..., 2 * world.num_auvs - 2 : 2 * world.num_auvs]
+        observation = world.step(offset / offset.norm(dim=-1, keepdim=True))[0]
+
+
+@pytest.fixture
+def currents(tmp_path):
+    return write(cmems(), tmp_path / "currents.nc")
+
+
+@pytest.fixture
+def slope(tmp_path):
+    return write(sloping(), tmp_path / "bed.nc")
+
+
+class TestRealCurrent:
+    def test_carries_auvs_and_boat(self, currents):
+        """Linear in place, depth and time as the file's fields are, at the time since its first."""
+        scenario = Scenario.load("ideal", [*PLACE, f"water.currents={currents}", "boat.top_speed=0.001"])
+        world = World(scenario, 64, seed=1)
+        head_for_targets(world, 30)
+        boat = world.boat[:, BoatColumn.x : BoatColumn.y + 1].double().numpy()
+        water = world.boat[:, BoatColumn.current_x : BoatColumn.current_y + 1].numpy()
+        auv = world.auv[..., AuvColumn.x : AuvColumn.y + 1].double().numpy()
+        for place, depth, found in ((boat, 0.0, water), (auv, 100.0, world.current().numpy())):
+            lon, lat = FRAME.to_geographic(place[..., 0], place[..., 1])
+            depth = max(depth, cmems().depth.values[0])
+            east, north = (speed(lon, lat, depth, 30.0) for speed in (eastward, northward))
+            expected = np.stack(FRAME.to_plane(lon, lat, east, north), axis=-1)
+            np.testing.assert_allclose(found, expected, atol=2e-5)
+        assert np.ptp(world.current().numpy()[..., 0]) > 1e-3
+
+    def test_runs_on_at_the_end_of_the_file(self, currents):
+        """Masked resets let the sea outlive the mission that the file was checked for."""
+        short = ["mission.duration=10", f"water.currents={currents}"]
+        world = World(Scenario.load("ideal", [*PLACE, *short]), 2, seed=1)
+        world.reset()
+        for _ in range(20):
+            world.step(torch.zeros(2, 2, 2))
+            world.reset(torch.tensor([True, False]))
+        assert world.current().isfinite().all()
+
+    def test_start_as_a_time_or_as_text(self, currents):
+        texts = ["water.start=1950-01-01T00:00:00", 'water.start="1950-01-01T00:00:00"']
+        assert len({Scenario.load("ideal", [*PLACE, text]).water.start for text in texts}) == 1
+
+    def test_trace_keeps_it(self, currents, tmp_path):
+        from usvauv_env.record.recorder import record
+        from usvauv_env.record.trace import Trace
+
+        world = World(Scenario.load("ideal", [*PLACE, f"water.currents={currents}"]), 1, seed=1)
+        trace = record(world, lambda observation: torch.zeros(1, 2, 2), "none", steps=2)
+        trace.save(tmp_path / "trace.nc")
+        again = Trace.load(tmp_path / "trace.nc").stream
+        np.testing.assert_array_equal(again, trace.stream)
+        lon, lat = FRAME.to_geographic(0.0, 0.0)
+        assert again[0, 0, 0] == pytest.approx(eastward(lon, lat, 100.0, 0.0), abs=1e-3)
+
+
+class TestRealBed:
+    def scenario(self, slope, *changes) -> Scenario:
+        place = [
+            "area.width=1500",
+            "area.length=1000",
+            "sea.cell_size=50",
+            "water.longitude=4.95",
+            "water.latitude=59.95",
+        ]
+        return Scenario.load("ideal", [*place, f"water.bathymetry={slope}", *changes])
+
+    def test_bed_of_the_mission_and_of_the_sea(self, slope):
+        scenario, frame = self.scenario(slope), LocalFrame(4.95, 59.95)
+        field = bed(scenario)[0, :, :, 0]
+        x, y = np.meshgrid(np.linspace(0, 1500, field.shape[1]), np.linspace(0, 1000, field.shape[0]))
+        np.testing.assert_allclose(field, bed_depth(*frame.to_geographic(x, y)), atol=0.01)
+        sea = build_sea(scenario, 0, 1)
+        x, y = np.meshgrid((np.arange(30) + 0.5) * 50, (np.arange(20) + 0.5) * 50)
+        np.testing.assert_allclose(sea.depth, bed_depth(*frame.to_geographic(x, y)), atol=0.01)
+        assert mean_depth(scenario) == pytest.approx(sea.depth.mean(), abs=0.1)
+
+    def test_nodes_lie_on_it(self, slope):
+        """A service has the data rate of the slant range to a node on the bed."""
+        frame = LocalFrame(4.95, 59.95)
+        scenario = self.scenario(slope, "nodes.count=60", "auv.hover_radius=30", "nodes.margin=0")
+        world = World(scenario, 64, seed=3)
+        head_for_targets(world, 60)
+        serving = world.auv[..., AuvColumn.hover] > 0
+        assert serving.sum() > 10
+        auv = world.auv[serving].double().numpy()
+        world_index = serving.nonzero()[:, 0]
+        node = world.node[world_index, auv[:, AuvColumn.target].astype(int)].double().numpy()
+        away = np.hypot(*(node[:, [NodeColumn.x, NodeColumn.y]] - auv[:, [AuvColumn.x, AuvColumn.y]]).T)
+        depth = bed_depth(*frame.to_geographic(node[:, NodeColumn.x], node[:, NodeColumn.y]))
+        level, nodes = data_level(scenario), scenario.nodes
+        for distance, below, rate in zip(away, depth - 100, auv[:, AuvColumn.rate], strict=True):
+            snr = level - sonar_equation.transmission_loss(math.hypot(distance, below), nodes.frequency)
+            assert rate == pytest.approx(1e-6 * sonar_equation.shannon_rate(nodes.bandwidth, snr, 0), rel=1e-3)
+        assert np.ptp(depth) > 10
+
+    def test_auvs_must_clear_it(self, slope):
+        with pytest.raises(
+            ScenarioError, match=r"auv.depth = 160: must be above the bed .*bed.nc has 1\d\d.\d m at x = 1500"
+        ):
+            World(self.scenario(slope, "auv.depth=160", "area.depth=200"), 1)
+
+    def test_dry_land_in_the_nonlinear_sea(self, slope):
+        """Over the file's shore: water at rest stays at rest and land stays dry."""
+        place = ["water.longitude=5.05", "water.latitude=60.05", "area.width=5000", "area.length=5000"]
+        sea = build_sea(self.scenario(slope, *place, "sea.equations=nonlinear", "sea.cell_size=100"), 0, 1)
+        before = sea.elevation()
+        sea.advance()
+        np.testing.assert_array_equal(sea.elevation(), before)
+        assert (before > 1).any()
+        assert (before == 0).any()
+
+
+class TestVortices:
+    def test_evolve_in_the_mission(self):
+        scenario = Scenario.load("extreme", ["current.viscosity=0.5", "current.mutual=true"])
+        world = World(scenario, 5, seed=1)
+        world.reset()
+        expected, room = world.vortex.clone(), torch.zeros(5, 4, 7)
+        for _ in range(20):
+            vortex.evolution(expected, room, 1.0, 0.5, True)()
+            world.step(torch.zeros(5, 2, 2))
+        assert torch.equal(world.vortex, expected)
+
+    def test_stay_otherwise(self):
+        world = World(Scenario.load("extreme", ["current.viscosity=0", "current.mutual=false"]), 3, seed=1)
+        world.reset()
+        before = world.vortex.clone()
+        world.step(torch.zeros(3, 2, 2))
+        assert torch.equal(world.vortex, before)
+
+    def test_state_brings_them_back(self):
+        world = World(Scenario.load("extreme", ["current.mutual=true"]), 3, seed=1)
+        world.reset()
+        state = world.state()
+        world.step(torch.zeros(3, 2, 2))
+        moved = world.vortex.clone()
+        assert not torch.equal(moved, state["vortex"])
+        world.load(state)
+        world.step(torch.zeros(3, 2, 2))
+        assert torch.equal(world.vortex, moved)

@@ -1,0 +1,193 @@
+"""A trace as a video: frames drawn offscreen by OpenCV, encoded as H.264 in MP4, which every browser plays."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from av.video.reformatter import VideoReformatter
+
+from kernels.errors import UserError
+from usvauv_env.record.trace import Trace
+from usvauv_env.render.painter import Painter
+
+SMALLEST, LARGEST = 320, 7680  # pixels a side
+KEYFRAMES = 250  # from one picture that is stored whole to the next, the encoder's own choice
+
+
+class OutputError(UserError, ValueError):
+    """A file cannot be written as asked; the message is one line that names its path."""
+
+
+@dataclass(frozen=True)
+class VideoSummary:
+    """What was written.
+
+    Attributes:
+        path: of the file. frames: in it. size: width and height, pixels. fps: frames a second.
+        seconds: playing time. bytes: size of the file.
+        drawing_seconds, encoding_seconds: where the time went.
+    """
+
+    path: Path
+    frames: int
+    size: tuple[int, int]
+    fps: int
+    seconds: float
+    bytes: int
+    drawing_seconds: float
+    encoding_seconds: float
+
+
+def render(
+    trace: Trace,
+    out: str | Path,
+    size: tuple[int, int] = (1280, 720),
+    fps: int = 30,
+    progress: Callable[[int], object] = lambda frames: None,
+) -> VideoSummary:
+    """Draw world 0 of a trace, one frame a mission step, so that it plays fps × step times as fast as it happened.
+
+    Args:
+        out: MP4 file; it appears only when it is complete, under the same name as before or not at all.
+        size: width and height, pixels; an odd number is made even by leaving out one pixel, as yuv420p requires.
+        progress: called with 1 after each frame.
+
+    Raises:
+        OutputError: the file cannot be written, or the size is out of range.
+    """
+    out = Path(out)
+    width, height = even(size, out)
+    frames = len(trace.time)
+    if frames == 0:
+        raise OutputError(f"{out}: there is nothing to show: the trace has no steps")
+    drawing = encoding = 0.0
+    with one_drawing_thread(), Encoder(out, width, height, fps) as encoder:
+        painter = Painter(trace, (width, height), fps)
+        for t in range(frames):
+            begin = time.perf_counter()
+            picture = painter.frame(t)
+            drawn = time.perf_counter()
+            encoder.add(picture)
+            drawing += drawn - begin
+            encoding += time.perf_counter() - drawn
+            progress(1)
+    return VideoSummary(out, frames, (width, height), fps, frames / fps, out.stat().st_size, drawing, encoding)
+
+
+def even(size: tuple[int, int], out: Path) -> tuple[int, int]:
+    """The size as yuv420p can have it.
+
+    Raises:
+        OutputError: it is out of range; the message names the file `out`.
+    """
+    width, height = (side - side % 2 for side in size)
+    if not all(SMALLEST <= side <= LARGEST for side in (width, height)):
+        raise OutputError(f"{out}: size {size[0]}x{size[1]}: each side must be from {SMALLEST} to {LARGEST} pixels")
+    return width, height
+
+
+@contextmanager
+def one_drawing_thread() -> Iterator[None]:
+    """OpenCV's small shapes gain nothing from threads; the second core is the encoder's."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+@contextmanager
+def named_error(out: Path) -> Iterator[None]:
+    """What goes wrong while writing, as one line that names the file."""
+    try:
+        yield
+    except (OSError, av.FFmpegError) as error:
+        raise OutputError(f"{out}: cannot be written: {error.strerror or error}") from None
+
+
+class Encoder:
+    """An MP4 file that appears at its path when it is complete, and not at all after an error or Ctrl-C.
+
+    H.264 with the colours of BT.709, as players assume for video of this size; two threads beside the drawing one.
+    """
+
+    def __init__(self, out: Path, width: int, height: int, fps: int) -> None:
+        self._out = out
+        self._partial = out.with_name(out.name + ".partial")
+        with named_error(out):
+            if out.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            self._partial.touch()  # PyAV would only try with the first packet, many frames later
+            self._container = av.open(str(self._partial), "w", format="mp4", options={"movflags": "faststart"})
+        self._converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
+        self._stream = _add_stream(self._container, width, height, fps)
+
+    def __enter__(self) -> Encoder:
+        return self
+
+    def add(self, picture: np.ndarray) -> None:
+        """Append a picture (height, width, 3) BGR."""
+        with named_error(self._out):
+            self._container.mux(self._stream.encode(_convert(picture, self._converter)))
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is not None:
+                with suppress(OSError, av.FFmpegError):  # the first error is the one to report
+                    self._container.close()
+                return
+            with named_error(self._out):
+                self._container.mux(self._stream.encode(None))
+                self._container.close()
+                os.replace(self._partial, self._out)
+        finally:
+            self._partial.unlink(missing_ok=True)
+
+
+def _add_stream(container: av.container.OutputContainer, width: int, height: int, fps: int) -> av.VideoStream:
+    options = {
+        "preset": "veryfast",
+        "crf": "20",
+        "threads": "2",
+        "x264-params": "colorprim=bt709:transfer=bt709:colormatrix=bt709",
+    }
+    stream = container.add_stream("libx264", rate=fps, options=options)
+    stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+    return stream
+
+
+def _convert(picture: np.ndarray, converter: VideoReformatter) -> av.VideoFrame:
+    frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+    return converter.reformat(frame, format="yuv420p", dst_colorspace="ITU709")
+
+
+def expected_bytes(pictures: list[np.ndarray], frames: int, fps: int) -> int:
+    """Size to expect of a video of so many frames that goes on as its first pictures begin.
+
+    A whole picture comes every `KEYFRAMES` frames; of the others only the changes are stored.
+    """
+    whole, all_of_them = _encoded_bytes(pictures[:1], fps), _encoded_bytes(pictures, fps)
+    change = (all_of_them - whole) / max(len(pictures) - 1, 1)
+    return round(whole + change * (frames - 1) + (whole - change) * ((frames - 1) // KEYFRAMES))
+
+
+def _encoded_bytes(pictures: list[np.ndarray], fps: int) -> int:
+    height, width = pictures[0].shape[:2]
+    memory, converter = io.BytesIO(), VideoReformatter()
+    with av.open(memory, "w", format="mp4") as container:
+        stream = _add_stream(container, width, height, fps)
+        for picture in pictures:
+            container.mux(stream.encode(_convert(picture, converter)))
+        container.mux(stream.encode(None))
+    return memory.getbuffer().nbytes

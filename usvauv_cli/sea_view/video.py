@@ -1,0 +1,239 @@
+"""A sea alone as a video: its map, its surface from the side, a section along the waves, the level in the middle."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from usvauv_cli.encoder import Encoder, even, expected_bytes, one_drawing_thread
+from usvauv_cli.sea_view.block import Block
+from usvauv_cli.sea_view.section import Section
+from usvauv_env.render import glyphs, shapes, style
+from usvauv_env.render.frame_layout import Layout, MapView, Rectangle, nice_above
+from usvauv_env.render.map_axes import draw_surroundings
+from usvauv_env.render.panel_parts import draw_card, draw_clock, draw_tiles, inside, write_heading, write_title
+from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
+from usvauv_env.render.shapes import Glaze
+from usvauv_env.render.text import write
+from usvauv_env.render.time_plot import LivePlot, SectionPlot
+from usvauv_env.sea_alone.simulation import LoneSea, Surface
+
+SHADED = 480  # pixels a side of the surface as it is shaded
+TRIAL = 12  # first pictures that are kept to estimate the size of the file
+LONG_WAVES = style.colour("#ffb020")
+
+
+class SeaPainter:
+    """Draws the frames of a sea, which must be given in order.
+
+    Args:
+        sea: at its start.
+        expected: elevations to fit the scales to, (T, Y, X) m.
+        frames: how many there will be.
+        size: width and height of a frame, pixels.
+        fps: frames a second.
+    """
+
+    def __init__(self, sea: LoneSea, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int) -> None:
+        scenario, area = sea.scenario, sea.scenario.area
+        self.layout = layout = Layout.fit(*size, area, with_legend=False)
+        self._frames, self._frame, self._fps = frames, 0, fps
+        self._duration = max(frames - 1, 1) * sea.interval
+        self.view = MapView(area, layout.map)
+        first = thumbnail(sea.surface().elevation)
+        rows, columns = first.shape
+        some = expected[:: max(1, len(expected) // 20)]
+        sample = np.stack([first, *(cv2.resize(field, (columns, rows)) for field in some)])
+        self.surface = SeaSurface(sample, self.view, SHADED)
+        self.streaks = CurrentStreaks(sea.vortices, sea.stream(), area.width, area.length, self.view, layout.unit)
+        self._streak_step = min(sea.interval, 0.25 * self.streaks.tail)
+        self._glaze = Glaze(*layout.map)
+        self._land = land(sea, layout.map.width, layout.map.height)
+        shaded = self.surface.relief(first).shape
+        self._shaded_land = land(sea, shaded[1], shaded[0])
+        self._section = Section(scenario)
+        self._bounds = np.stack([np.full(len(self._section.distance), edge) for edge in (math.inf, -math.inf)])
+        self._highest, self._lowest, self._squares, self._fastest = -math.inf, math.inf, 0.0, 0.0
+        highest = 1.08 * float(np.abs(expected).max()) if self.surface.limit else 1.0
+        self._reach = nice_above(highest, (1, 1.5, 2, 3, 4, 5, 6, 8, 10))
+        self._storm = scenario.storm.spectrum != "none"
+        self._both = self._storm and not getattr(sea.long_waves, "still", False)
+
+        self._still = np.full((layout.height, layout.width, 3), style.BACKGROUND, np.uint8)
+        self._picture = np.empty_like(self._still)
+        cells = f"{len(sea.x)} × {len(sea.y)} cells of {sea.spacing[0]:.3g} m"
+        draw_surroundings(self._still, self, layout, area, cells)
+        self._lay_panel_out(sea, sample)
+
+    def _lay_panel_out(self, sea: LoneSea, sample: np.ndarray) -> None:
+        """The still parts of the panel, and its plots."""
+        layout, unit, still = self.layout, self.layout.unit, self._still
+        box, gap = layout.panel, round(7 * layout.unit)
+        heights = [round(height * unit) for height in (56, 54)]
+        rest = box.height - sum(heights) - 4 * gap
+        block, section = round(0.45 * rest), round(0.3 * rest)
+        heights += [block, section, rest - block - section]
+        tops = [box.top + sum(heights[:place]) + place * gap for place in range(5)]
+        boxes = [Rectangle(box.left, top, box.width, height) for top, height in zip(tops, heights, strict=True)]
+        self._title, self._tiles, block_box, section_box, level_box = boxes
+        for card in boxes[1:]:
+            draw_card(still, card, unit)
+        scenario = sea.scenario
+        name, about = f"Sea of “{scenario.name}”", f"{weather(sea)} · seed {sea.seed}"
+        write_title(still, self._title, unit, name, about, self._duration, self._fps * sea.interval)
+
+        room = inside(block_box, unit, top=26, sides=8, bottom=6)
+        self._block = Block(scenario.area, room, layout, sample, self._reach)
+        write_heading(still, unit, block_box, "The surface, seen from the south-east", self._block.note)
+        plot_room = {"top": 28, "sides": 18, "bottom": 20, "left": 42}
+        room = inside(section_box, unit, **plot_room)
+        axis = -self._reach, self._reach, self._section.length, layout
+        self._section_plot = SectionPlot(still, room, *axis)
+        write_heading(
+            still, unit, section_box, "Section along the waves, from A to B, m", "thin: highest and lowest so far"
+        )
+        axis = -self._reach, self._reach, self._duration, layout
+        self._level_plot = LivePlot(still, inside(level_box, unit, **plot_room), *axis)
+        parts = "amber: long waves alone" if self._both else ""
+        write_heading(still, unit, level_box, "Elevation in the middle, m", parts)
+
+    def frame(self, sea: LoneSea) -> np.ndarray:
+        """Picture (height, width, 3) BGR of the sea as it is; overwritten by the next."""
+        surface = sea.surface()
+        self._measure(sea, surface)
+        field = thumbnail(surface.elevation)
+        relief = self.surface.relief(field)
+        relief[self._shaded_land] = style.LAND
+        level = self._section.along(field)
+        self._bounds[0] = np.minimum(self._bounds[0], level)
+        self._bounds[1] = np.maximum(self._bounds[1], level)
+        middle = len(sea.y) // 2, len(sea.x) // 2
+        now = float(surface.elevation[middle])
+        if self._both:
+            self._level_plot.extend(sea.time, now - float(surface.storm[middle]), LONG_WAVES)
+        self._level_plot.extend(sea.time, now, style.SEA[4])
+
+        picture, unit = self._picture, self.layout.unit
+        np.copyto(picture, self._still)
+        if not sea.steady:
+            self.streaks.update(sea.vortices)
+        self._draw_map(picture, relief)
+        self._block.draw(picture, field, relief, self._section)
+        self._section_plot.draw(picture, self._section.distance, level, self._bounds)
+        box, line = self._section_plot.box, self._section_plot.box.top + 14 * unit
+        write(picture, "A", (box.left + 6 * unit, line), 11 * unit, style.TEXT, bold=True)
+        write(picture, "B", (box.right - 6 * unit, line), 11 * unit, style.TEXT, bold=True, anchor="right")
+        self._frame += 1
+        draw_clock(picture, self._title, self.layout, sea.time, self._frame / self._frames)
+        draw_tiles(picture, self._tiles, unit, self.figures(now))
+        return picture
+
+    def _measure(self, sea: LoneSea, surface: Surface) -> None:
+        """Bring the figures up to date."""
+        self._highest = max(self._highest, float(surface.elevation.max(where=sea.wet, initial=-math.inf)))
+        self._lowest = min(self._lowest, float(surface.elevation.min(where=sea.wet, initial=math.inf)))
+        part = surface.storm if self._storm else surface.elevation
+        self._squares += float(np.mean(np.square(part), where=sea.wet, dtype=np.float64))
+        if self._frame == 0 or not (sea.steady or self._frame % self._fps):  # once a second of the video
+            self._fastest = float(np.hypot(*np.moveaxis(sea.current(), -1, 0)).max())
+
+    def figures(self, now: float) -> list[tuple[str, str]]:
+        """What the tiles say: name with unit, and value; heights are 4σ over the area and the time so far."""
+        rms = math.sqrt(self._squares / max(self._frame, 1))
+        height = ("storm Hs, m", f"{4 * rms:.2f}") if self._storm else ("rms of η, m", f"{rms:.2f}")
+        return [
+            ("highest, m", signed(self._highest)),
+            ("lowest, m", signed(self._lowest)),
+            height,
+            ("middle now, m", signed(now)),
+            ("current to, m/s", f"{self._fastest:.2f}"),
+        ]
+
+    def _draw_map(self, picture: np.ndarray, relief: np.ndarray) -> None:
+        layout, box = self.layout, self.layout.map
+        box.of(picture)[:] = cv2.resize(relief, (box.width, box.height), interpolation=cv2.INTER_CUBIC)
+        self._glaze.clear()
+        self.streaks.draw(self._glaze, self._frame * self._streak_step, layout.px(1.2))
+        self._glaze.blend(picture)
+        box.of(picture)[self._land] = style.LAND
+        ends = self.view.pixel(self._section.ends)
+        for piece in shapes.dashes(*ends, 6 * layout.unit):
+            shapes.stroke(picture, piece, style.TEXT, layout.px(1.3))
+        along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
+        tip, side = ends.mean(axis=0) + 9 * layout.unit * along, np.array([-along[1], along[0]])
+        head = [tip, *(tip - (13 * along - turn * 6 * side) * layout.unit for turn in (1, -1))]
+        shapes.fill(picture, np.array(head), style.WHITE)
+        for name, end, inwards in (("A", ends[0], along), ("B", ends[1], -along)):
+            glyphs.badge(picture, name, end + 14 * layout.unit * inwards, 12 * layout.unit, style.WHITE)
+        if self.surface.limit == 0.0:
+            middle = box.left + box.width / 2, box.top + 0.3 * box.height
+            words = "still: this sea has neither long waves nor a storm"
+            write(picture, words, middle, 14 * layout.unit, style.TEXT, anchor="centre")
+
+
+class SeaFilm:
+    """A video of a sea, one frame a step; a context, as which the file appears when it ends and not after an error."""
+
+    def __init__(
+        self, out: Path, sea: LoneSea, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int
+    ) -> None:
+        size = even(size, out)
+        self._fps = fps
+        self._painter = SeaPainter(sea, expected, frames, size, fps)
+        self._first: list[np.ndarray] = []
+        self._stack = ExitStack()
+        self._stack.enter_context(one_drawing_thread())
+        self._encoder = self._stack.enter_context(Encoder(out, *size, fps))
+
+    def add(self, sea: LoneSea) -> None:
+        """Draw the sea as it is now as the next frame."""
+        picture = self._painter.frame(sea)
+        if len(self._first) < TRIAL:
+            self._first.append(picture.copy())
+        self._encoder.add(picture)
+
+    def expected_bytes(self, frames: int) -> int:
+        """Size to expect of a video of so many frames, from the first ones."""
+        return expected_bytes(self._first, frames, self._fps)
+
+    def __enter__(self) -> SeaFilm:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._stack.__exit__(*problem)
+
+
+def thumbnail(field: np.ndarray) -> np.ndarray:
+    """A field at no more than `SHADED` cells a side."""
+    rows, columns = field.shape
+    shrink = SHADED / max(rows, columns)
+    if shrink >= 1.0:
+        return field
+    size = max(2, round(columns * shrink)), max(2, round(rows * shrink))
+    return cv2.resize(field, size, interpolation=cv2.INTER_AREA)
+
+
+def land(sea: LoneSea, width: int, height: int) -> np.ndarray:
+    """Where there is land in a picture of the area, the north on top, (height, width)."""
+    dry = (~sea.wet[::-1]).astype(np.float32)
+    return cv2.resize(dry, (width, height), interpolation=cv2.INTER_AREA) > 0.5
+
+
+def weather(sea: LoneSea) -> str:
+    """What moves the sea, in a few words."""
+    storm, names = sea.scenario.storm, {"jonswap": "JONSWAP", "pm": "Pierson–Moskowitz", "tma": "TMA"}
+    words = []
+    if storm.spectrum != "none":
+        words.append(f"{names[storm.spectrum]} Hs {storm.significant_height:g} m, Tp {storm.peak_period:g} s")
+    if not getattr(sea.long_waves, "still", False):
+        words.append("long waves")
+    return " and ".join(words) or "still water"
+
+
+def signed(value: float) -> str:
+    """A height with its sign."""
+    return f"{value:+.2f}".replace("-", "−")

@@ -1,0 +1,296 @@
+"""Gymnasium faces of the world: `DataCollectionVectorEnv` (many missions) and `DataCollectionEnv` (one).
+
+Both control the team: K AUVs, O numbers in an AUV's observation, W worlds. NumPy in and out, new arrays each call.
+
+    observation  (K, O) float32   as `usvauv_env.world.world.World` tabulates it, clamped into `observation_space`
+    action       (K, 2) float32   in [−1, 1], as in `World`; what lies outside is clipped
+    reward       sum of the AUVs' rewards
+    terminated   always False: nothing ends a mission before its time
+    truncated    the mission's time is over
+    info         "auv_reward" (K,); "reward_terms" (K, R), columns `reward_names`; "measures" (K, 6), columns
+                 `measure_names`; "horizon_ended" (K,) bool: a service ended this AUV's value horizon, which only
+                 scenarios with reward.service_terminates do; the mission goes on
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from usvauv_env.faces.camera import FPS, MODES, Camera, check_mode
+from usvauv_env.scenario import Scenario
+from usvauv_env.world.spaces import auv_action_space, auv_observation_space, load_scenario
+from usvauv_env.world.world import World
+
+
+def _observe(world: World, space: Box) -> np.ndarray:
+    """The team's observations (W, K, O) inside `space` (K, O), as a new array."""
+    return np.clip(world.observation.numpy(force=True), space.low, space.high)
+
+
+def _advance(world: World, action: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Step the world with (W, K, 2) actions; returns truncated (W,) and the info of every world.
+
+    On the CPU the info is the world's own memory, which the next step overwrites: hand out copies.
+    """
+    action = np.asarray(action, np.float32)
+    expected = (world.num_worlds, world.num_auvs, 2)
+    if action.shape != expected:
+        raise ValueError(f"action has shape {action.shape}: must be {expected}")
+    if not np.isfinite(action).all():
+        raise ValueError("action: all numbers must be finite")
+    _, reward, terminated, truncated, info = world.step(torch.from_numpy(np.clip(action, -1.0, 1.0)))
+    tensors = {"auv_reward": reward, **info, "horizon_ended": terminated}
+    return truncated[:, 0].numpy(force=True), {name: tensor.numpy(force=True) for name, tensor in tensors.items()}
+
+
+def _team_reward(info: dict[str, np.ndarray]) -> np.ndarray:
+    """Sum of the AUVs' rewards, (W,) float64."""
+    return info["auv_reward"].sum(axis=-1, dtype=np.float64)
+
+
+def _masked(info: dict[str, np.ndarray], mask: np.ndarray) -> dict[str, np.ndarray]:
+    """Gymnasium's vector info of the worlds in `mask`: zeros elsewhere, beside each key its mask; no world, no key."""
+    if not mask.any():
+        return {}
+    out = {}
+    for name, value in info.items():
+        out[name] = value.copy()
+        out[name][~mask] = 0
+        out[f"_{name}"] = mask.copy()
+    return out
+
+
+class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One mission, the team controlled as one agent: `gymnasium.make("usvauv/DataCollection-v0")`.
+
+    Spaces and info are those of the module's table. `reset(seed=s)` begins the first episode of
+    `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` gives a picture of
+    the mission so far, (720, 1280, 3) uint8.
+
+    Args:
+        scenario: a `Scenario`, a shipped name or a path.
+        usv: the boat's strategy, "fim" or another of `UsvStrategy`.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        ScenarioError: the scenario or the strategy cannot be used.
+        TypeError: another render mode.
+    """
+
+    metadata = {"render_modes": list(MODES), "render_fps": FPS}  # noqa: RUF012 - Gymnasium defines it as a class attribute
+    reward_names = World.reward_names
+    measure_names = World.measure_names
+
+    def __init__(
+        self, scenario: Scenario | str | Path = "extreme", usv: str = "fim", render_mode: str | None = None
+    ) -> None:
+        check_mode(render_mode)
+        self.render_mode = render_mode
+        self._usv = usv
+        self.world = World(load_scenario(scenario), 1, _random_seed(self), usv)
+        num_auvs = self.world.num_auvs
+        self.observation_space = batch_space(auv_observation_space(self.world.scenario), num_auvs)
+        self.action_space = batch_space(auv_action_space(), num_auvs)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin the next episode, or with `seed` the first of that seed; no `options` are known."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self.world = World(self.world.scenario, 1, seed, self._usv)
+        self.world.reset()
+        if self.render_mode:
+            self._camera = Camera(self.world)
+            self._camera.begin(np.ones(1, np.bool_))
+        return _observe(self.world, self.observation_space)[0], {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Advance by one mission step.
+
+        Raises:
+            ValueError: `action` is not (K, 2) or not finite.
+        """
+        truncated, info = _advance(self.world, np.asarray(action)[None])
+        if self.render_mode:
+            self._camera.add()
+        observation = _observe(self.world, self.observation_space)[0]
+        own = {name: value[0].copy() for name, value in info.items()}
+        return observation, float(_team_reward(info)[0]), False, bool(truncated[0]), own
+
+    def render(self) -> np.ndarray | None:
+        """The mission as it is now, (720, 1280, 3) uint8, RGB; None without a render mode."""
+        return self._camera.picture(0) if self.render_mode else None
+
+
+class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Many missions side by side: `gymnasium.make_vec("usvauv/DataCollection-v0", num_envs=512)`.
+
+    Sub-environment w is world w of one `World`; the module's table gets a leading axis W. Info follows Gymnasium's
+    vector form: beside each key stands its mask (W,), and worlds that were reset have no info of a step.
+
+    When an episode ends, by `autoreset_mode`:
+
+        NEXT_STEP   the next step begins the new episode: its action is ignored, its reward is 0
+        SAME_STEP   the same step returns the new episode's observation; the last one and its info are in
+                    info["final_obs"] (W,) of arrays or None, info["final_info"]
+        DISABLED    the caller resets, `reset(options={"reset_mask": mask})` only the worlds in the bool mask (W,)
+
+    `reset(seed=s)` begins the first episodes of `World(scenario, W, s)`, `reset()` the next ones. Seas start anew when
+    all worlds are reset together. With render_mode "rgb_array" `render()` gives a picture of every world.
+
+    Args:
+        num_envs: number of missions W.
+        scenario: a `Scenario`, a shipped name or a path.
+        usv: the boat's strategy, "fim" or another of `UsvStrategy`.
+        autoreset_mode: one of `gymnasium.vector.AutoresetMode` or its value.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        ScenarioError: the scenario, the strategy or `num_envs` cannot be used.
+        ValueError: unknown autoreset mode.
+        TypeError: another render mode.
+    """
+
+    metadata = {"render_modes": list(MODES), "render_fps": FPS, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    reward_names = World.reward_names
+    measure_names = World.measure_names
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: Scenario | str | Path = "extreme",
+        usv: str = "fim",
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+    ) -> None:
+        check_mode(render_mode)
+        self.render_mode = render_mode
+        self._usv = usv
+        self.num_envs = num_envs
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.world = World(load_scenario(scenario), num_envs, _random_seed(self), usv)
+        num_auvs = self.world.num_auvs
+        self.single_observation_space = batch_space(auv_observation_space(self.world.scenario), num_auvs)
+        self.single_action_space = batch_space(auv_action_space(), num_auvs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._begun = False
+        self._over = np.zeros(num_envs, np.bool_)  # episodes that ended and were not reset since
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin the next episodes of all worlds, or with options["reset_mask"] (W,) bool of some.
+
+        Args:
+            seed: begin the first episodes of this seed instead; for all worlds only.
+            options: "reset_mask" is read, anything else ignored.
+
+        Returns:
+            Observation (W, K, O), for worlds not reset their present one; an empty info.
+
+        Raises:
+            TypeError, ValueError: the mask is not a bool array (W,) with a world chosen, or comes with a seed.
+            ResetNeeded: the first reset must be of all worlds.
+        """
+        mask = (options or {}).get("reset_mask")
+        if mask is None:
+            mask = np.ones(self.num_envs, np.bool_)
+        else:
+            self._check_mask(mask, seed)
+        super().reset(seed=seed)
+        if seed is not None:
+            self.world = World(self.world.scenario, self.num_envs, seed, self._usv)
+        if self.render_mode and (seed is not None or not self._begun):
+            self._camera = Camera(self.world)
+        self._begin(mask)
+        self._begun = True
+        return self._observation(), {}
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Advance all worlds by one mission step, (W, K, 2) actions; what ends an episode does is `autoreset_mode`.
+
+        Raises:
+            ResetNeeded: before the first reset, or with DISABLED while an ended episode was not reset.
+            ValueError: `actions` is not (W, K, 2) or not finite.
+        """
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("call reset before the first step")
+        over = self._over
+        if self.autoreset_mode is AutoresetMode.DISABLED and over.any():
+            raise gymnasium.error.ResetNeeded(
+                f"episodes of worlds {np.flatnonzero(over).tolist()} are over: reset them"
+            )
+        if over.all():  # only with NEXT_STEP; stepping worlds that begin anew would be wasted
+            self._begin(over)
+            return self._observation(), np.zeros(self.num_envs), np.zeros_like(over), np.zeros_like(over), {}
+
+        truncated, details = _advance(self.world, actions)
+        if self.render_mode:
+            self._camera.add()
+        stepped = ~over
+        if over.any():
+            self._begin(over)
+        truncated &= stepped
+        reward = np.where(stepped, _team_reward(details), 0.0)
+        observation = self._observation()
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and truncated.any():
+            info = _masked(details, ~truncated) | self._final(observation, details, truncated)
+            self._begin(truncated)
+            observation = self._observation()
+        else:
+            info = _masked(details, stepped)
+            self._over = truncated.copy()
+        return observation, reward, np.zeros(self.num_envs, np.bool_), truncated, info
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Every mission as it is now, W pictures (720, 1280, 3) uint8, RGB; None without a render mode."""
+        return tuple(self._camera.picture(world) for world in range(self.num_envs)) if self.render_mode else None
+
+    def _begin(self, mask: np.ndarray) -> None:
+        self.world.reset(None if mask.all() else torch.from_numpy(mask))
+        self._over = self._over & ~mask
+        if self.render_mode:
+            self._camera.begin(mask)
+
+    def _observation(self) -> np.ndarray:
+        return _observe(self.world, self.single_observation_space)
+
+    def _final(self, observation: np.ndarray, details: dict[str, np.ndarray], over: np.ndarray) -> dict[str, Any]:
+        """Gymnasium's info of episodes that were reset in the step that ended them."""
+        final = np.full(self.num_envs, None, dtype=object)
+        for world in np.flatnonzero(over):
+            final[world] = observation[world].copy()
+        return {
+            "final_obs": final,
+            "_final_obs": over.copy(),
+            "final_info": _masked(details, over),
+            "_final_info": over.copy(),
+        }
+
+    def _check_mask(self, mask: np.ndarray, seed: int | None) -> None:
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+            raise TypeError("options['reset_mask'] must be a numpy array of dtype bool")
+        if mask.shape != (self.num_envs,):
+            raise ValueError(f"options['reset_mask'] has shape {mask.shape}: must be ({self.num_envs},)")
+        if not mask.any():
+            raise ValueError("options['reset_mask'] must choose at least one world")
+        if seed is not None:
+            raise ValueError("a seed is for all worlds: give no options['reset_mask'] with it")
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("the first reset must be of all worlds")
+
+
+def _random_seed(env: gymnasium.Env | VectorEnv) -> int:
+    """A seed for an environment that was not given one yet."""
+    return int(env.np_random.integers(1 << 63))

@@ -1,0 +1,163 @@
+"""TorchRL face of the world: `DataCollectionTorchRLEnv`, a batch of missions, each AUV an agent.
+
+W worlds, K AUVs, O numbers in an AUV's observation; all that concerns an AUV is in the group "agents", the end of an
+episode is the root's. Tensors are new each step and stay on the world's device.
+
+    ("agents", "action")                 (W, K, 2)  float32  in [−1, 1], as in `World`; what lies outside is clipped
+    ("agents", "observation")            (W, K, O)  float32  as `World` tabulates it, clamped into the spec's bounds
+    ("agents", "reward")                 (W, K, 1)  float32  the AUV's own
+    ("agents", "info", "reward_terms")   (W, K, R)  float32  columns `reward_names`
+    ("agents", "info", "measures")       (W, K, 6)  float32  columns `measure_names`
+    ("agents", "info", "horizon_ended")  (W, K, 1)  bool     a service ended this AUV's value horizon, which only
+                                                             scenarios with reward.service_terminates do
+    "terminated"                         (W, 1)     bool     always False: nothing ends a mission before its time
+    "truncated", "done"                  (W, 1)     bool     the mission's time is over
+
+The info of a reset is zero. This module needs the extra `torchrl`; nothing else in the package imports it.
+"""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import Path
+
+import torch
+
+from usvauv_env.scenario import Scenario
+from usvauv_env.world.spaces import auv_action_space, auv_observation_space, load_scenario
+from usvauv_env.world.world import World
+
+try:
+    from tensordict import TensorDict, TensorDictBase
+    from torchrl.data import Bounded, Categorical, Composite, Unbounded
+    from torchrl.envs import EnvBase
+except ModuleNotFoundError as missing:
+    if (missing.name or "").partition(".")[0] not in ("tensordict", "torchrl"):
+        raise
+    raise ModuleNotFoundError(
+        'the TorchRL face needs the extra torchrl: pip install "usvauv[torchrl]"', name="torchrl"
+    ) from None
+
+
+class DataCollectionTorchRLEnv(EnvBase):
+    """Many missions as a TorchRL environment of batch size (W,), the AUVs grouped as multi-agent modules want them.
+
+    The keys are those of the module's table. `set_seed(s)` makes the next reset begin the first episodes of
+    `World(scenario, W, s)`; further resets begin the next ones, with "_reset" (W, 1) only of the worlds it names. Seas
+    start anew when all worlds are reset together. A world whose time is over stays done until it is reset.
+
+    Args:
+        scenario: a `Scenario`, a shipped name or a path.
+        num_worlds: number of missions W.
+        seed: as for `World`; by default one at random.
+        usv: the boat's strategy, see `World`.
+        arch: where to run, see `kernels.runtime.start`.
+
+    Raises:
+        ScenarioError: an argument out of range, or an unknown strategy.
+        RuntimeUnavailable: `arch` cannot be used here.
+    """
+
+    reward_names = World.reward_names
+    measure_names = World.measure_names
+
+    def __init__(
+        self,
+        scenario: Scenario | str | Path = "extreme",
+        num_worlds: int = 1,
+        seed: int | None = None,
+        usv: str = "fim",
+        arch: str = "auto",
+    ) -> None:
+        first = secrets.randbits(63) if seed is None else seed
+        self.world = World(load_scenario(scenario), num_worlds, first, usv, arch=arch)
+        super().__init__(device=self.world.device, batch_size=(num_worlds,))
+        self._usv, self._arch = usv, arch
+        self.group_map = {"agents": [f"auv_{k}" for k in range(self.world.num_auvs)]}
+        self._begun = False
+        self._over = torch.zeros(num_worlds, 1, dtype=torch.bool, device=self.device)
+        self._make_specs()
+
+    def _make_specs(self) -> None:
+        world, team = self.world, (self.world.num_worlds, self.world.num_auvs)
+        space = auv_observation_space(world.scenario)
+        self._low, self._high = (torch.from_numpy(bound).to(self.device) for bound in (space.low, space.high))
+
+        def group(**specs: Bounded | Categorical | Composite | Unbounded) -> Composite:
+            return Composite(specs, shape=team, device=self.device)
+
+        def numbers(count: int) -> Unbounded:
+            return Unbounded(shape=(*team, count), device=self.device)
+
+        def bounded(low: torch.Tensor, high: torch.Tensor) -> Bounded:
+            shape = (*team, len(low))
+            return Bounded(low.expand(shape), high.expand(shape), shape=shape, device=self.device)
+
+        def flag(*shape: int) -> Categorical:
+            return Categorical(2, shape=(*shape, 1), dtype=torch.bool, device=self.device)
+
+        info = group(
+            reward_terms=numbers(len(self.reward_names)),
+            measures=numbers(len(self.measure_names)),
+            horizon_ended=flag(*team),
+        )
+        action = auv_action_space()
+        limits = (torch.from_numpy(bound).to(self.device) for bound in (action.low, action.high))
+        root = {"shape": self.batch_size, "device": self.device}
+        self.full_observation_spec = Composite(
+            agents=group(observation=bounded(self._low, self._high), info=info), **root
+        )
+        self.full_action_spec = Composite(agents=group(action=bounded(*limits)), **root)
+        self.full_reward_spec = Composite(agents=group(reward=numbers(1)), **root)
+        ends = {name: flag(world.num_worlds) for name in ("done", "terminated", "truncated")}
+        self.full_done_spec = Composite(ends, **root)
+        self._no_info = info.zero()
+
+    def _reset(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        if mask is None or mask.all():
+            self.world.reset()
+            self._begun = True
+            self._over = torch.zeros_like(self._over)
+        elif not self._begun:
+            raise RuntimeError("the first reset must be of all worlds")
+        else:
+            self.world.reset(mask.squeeze(-1))
+            self._over = self._over & ~mask
+        return self._tensordict(self._no_info.clone())
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if not self._begun:
+            raise RuntimeError("call reset before the first step")
+        stepped = tensordict.get("_step", None)  # TorchRL's mask of the worlds that should move
+        if stepped is not None and not (stepped | self._over).all():
+            raise NotImplementedError("worlds step together: '_step' can leave out only those whose time is over")
+        action, expected = tensordict.get(("agents", "action")), (self.world.num_worlds, self.world.num_auvs, 2)
+        if action.shape != expected:
+            raise ValueError(f"action has shape {tuple(action.shape)}: must be {expected}")
+        if not torch.isfinite(action).all():
+            raise ValueError("action: all numbers must be finite")
+        _, reward, terminated, truncated, details = self.world.step(action.clamp(-1.0, 1.0))
+        self._over = truncated[:, :1].clone()
+        info = self._no_info.empty()
+        for name, tensor in details.items():
+            info.set(name, tensor.clone())
+        info.set("horizon_ended", terminated.unsqueeze(-1))
+        following = self._tensordict(info)
+        following.set(("agents", "reward"), reward.unsqueeze(-1).clone())
+        return following
+
+    def _tensordict(self, info: TensorDictBase) -> TensorDict:
+        """What the AUVs observe now and which worlds are over, in new tensors, since the world reuses its own."""
+        world = self.world
+        observation = world.observation.clamp(self._low, self._high)
+        team = {"observation": observation, "info": info}
+        agents = TensorDict(team, batch_size=(world.num_worlds, world.num_auvs), device=self.device)
+        ends = {"done": self._over.clone(), "truncated": self._over.clone(), "terminated": torch.zeros_like(self._over)}
+        return TensorDict({"agents": agents, **ends}, batch_size=self.batch_size, device=self.device)
+
+    def _set_seed(self, seed: int | None) -> None:
+        world = self.world
+        first = secrets.randbits(63) if seed is None else seed
+        self.world = World(world.scenario, world.num_worlds, first, self._usv, arch=self._arch)
+        self._begun = False

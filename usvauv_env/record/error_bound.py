@@ -1,0 +1,44 @@
+"""What no path of the boat can beat: the error of fixes made from the best place at every moment.
+
+A fix's error is taken as normal with the covariance J⁻¹ of the whole fix (phases and delay) by a level array at the
+place that is D-optimal for the true positions. It is the bound of a single fix: a tracker, which remembers, can be
+better, and a moving AUV whose sound takes time is worse.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from kernels import runtime
+from kernels.planning import global_search, objectives
+from kernels.positioning import usbl
+from usvauv_env.record.trace import Trace
+from usvauv_env.world.tables import boat_separation, link_table
+
+
+def variance(trace: Trace) -> np.ndarray:
+    """Variance per horizontal axis of fixes from the best place, (T, W, K), m²: the mean of the two axes'."""
+    scenario = trace.scenario
+    link = torch.from_numpy(link_table(scenario)).to(runtime.start().device)
+    steps, worlds, auvs = trace.power.shape
+    separation = boat_separation(scenario) + trace.boat_surface[..., :1].repeat(auvs, -1)
+    layout = np.concatenate([trace.auv_position, separation[..., None]], -1).reshape(-1, auvs, 3).astype(np.float32)
+    points = torch.from_numpy(layout).to(link.device)
+    width, length = scenario.area.width, scenario.area.length
+    form = objectives.form("fix", "d")
+    best = global_search.plan_batch(link, points, form=form, width=width, length=length)[:, None, :2]
+    away = torch.cat([points[..., :2] - best, -points[..., 2:]], -1).reshape(-1, 3).contiguous()
+    index = torch.arange(auvs, dtype=torch.int32, device=link.device).repeat(steps * worlds)
+    level, none = away.new_zeros(len(away), 2), away.new_zeros(len(away), 5)
+    covariance = usbl.fixes(link, index, away, level, scenario.usbl.attitude_error, none)[1].double().cpu().numpy()
+    return ((covariance[:, 0] + covariance[:, 2]) / 2).reshape(steps, worlds, auvs)
+
+
+def median_of_normals(variance: np.ndarray) -> float:
+    """Median length of plane normal vectors of the variances per axis (n,): ½ = mean(1 − exp(−m²/2v))."""
+    low, high = 0.0, 10 * float(np.sqrt(variance.max()))
+    for _ in range(60):
+        m = (low + high) / 2
+        low, high = (m, high) if np.mean(-np.expm1(-0.5 * m * m / variance)) < 0.5 else (low, m)
+    return m

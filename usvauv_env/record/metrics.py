@@ -1,0 +1,133 @@
+"""Figures of merit of an episode, made from a trace and nothing else.
+
+`sdr`, `ec` and `arps` are Table 2's sum data rate, energy consumption and average reward per time step.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from kernels.positioning.usbl import DETECTED
+from usvauv_env.record.trace import Trace
+
+
+@dataclass(frozen=True)
+class EpisodeMetrics:
+    """One row of the metrics CSV; T mission steps of dt seconds, K AUVs.
+
+    Attributes:
+        scenario, policy, usv, seed, episode: what was run; rows with equal seed and episode are the same world.
+        sdr: sum over services of the data rate, Mbit/s.
+        ec: mean over AUVs of energy/(T dt − hovering time), W.
+        arps: (1/T) Σ over steps and AUVs of the reward.
+        services: number of completed services. delivered_mbit: their data, Mbit.
+        energy_wh: energy of all AUVs, Wh.
+        target_distance: mean true distance of the AUVs to their targets, m.
+        overflow: node-steps in which a full buffer lost packets.
+        collisions: pair-steps below the collision distance. border: refused moves.
+        position_error_mean, _median, _p95: of |estimate − truth| over all AUVs and steps, m.
+        fix_error_median: of |fix − truth| over all good fixes, m. fixes_good: share of fixes that were good.
+    """
+
+    scenario: str
+    policy: str
+    usv: str
+    seed: int
+    episode: int
+    sdr: float
+    ec: float
+    arps: float
+    services: int
+    delivered_mbit: float
+    energy_wh: float
+    target_distance: float
+    overflow: int
+    collisions: int
+    border: int
+    position_error_mean: float
+    position_error_median: float
+    position_error_p95: float
+    fix_error_median: float
+    fixes_good: float
+
+
+COLUMNS = tuple(field.name for field in fields(EpisodeMetrics))
+FIGURES = COLUMNS[5:]
+
+
+def position_error(trace: Trace) -> np.ndarray:
+    """Distance between estimated and true positions, (T, W, K), m."""
+    return np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)
+
+
+def target_distance(trace: Trace) -> np.ndarray:
+    """Distance between AUVs and their targets, true positions, (T, W, K), m."""
+    target = np.take_along_axis(trace.node_position[None], trace.target[..., None].astype(np.intp), axis=2)
+    return np.linalg.norm(target - trace.auv_position, axis=-1)
+
+
+def energy_consumption(power: np.ndarray, hovering: np.ndarray, step: float) -> np.ndarray:
+    """Table 2's EC of (T, W, K) power and hovering flags: mean over AUVs of energy/(T dt − hovering time), (W,), W."""
+    travelling = np.maximum((1.0 - hovering).sum(0), 1.0) * step
+    return (power.sum(0, dtype=np.float64) * step / travelling).mean(-1)
+
+
+def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics]:
+    """One row for each world of a trace."""
+    step = trace.scenario.mission.step
+    error = position_error(trace)
+    fix_error = np.linalg.norm(trace.fix - trace.auv_position, axis=-1)
+    good = trace.fix_flags == DETECTED
+    ec = energy_consumption(trace.power, trace.hovering, step)
+    reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
+    return [
+        EpisodeMetrics(
+            scenario=trace.scenario.name,
+            policy=trace.policy,
+            usv=trace.usv,
+            seed=trace.seed,
+            episode=first_episode + w,
+            sdr=float(trace.service_rate[:, w].sum(dtype=np.float64)),
+            ec=float(ec[w]),
+            arps=float(reward[w]),
+            services=int((trace.service_rate[:, w] > 0).sum()),
+            delivered_mbit=float(trace.delivered[:, w].sum(dtype=np.float64)),
+            energy_wh=float(trace.power[:, w].sum(dtype=np.float64) * step / 3600),
+            target_distance=float(target_distance(trace)[:, w].mean()),
+            overflow=int(trace.overflowing[:, w].sum()),
+            collisions=int(trace.collisions[:, w].sum()),
+            border=int(trace.border[:, w].sum()),
+            position_error_mean=float(error[:, w].mean()),
+            position_error_median=float(np.median(error[:, w])),
+            position_error_p95=float(np.quantile(error[:, w], 0.95)),
+            fix_error_median=float(np.median(fix_error[:, w][good[:, w]])) if good[:, w].any() else math.nan,
+            fixes_good=float(good[:, w].mean()),
+        )
+        for w in range(trace.node_position.shape[0])
+    ]
+
+
+def write_csv(rows: Iterable[EpisodeMetrics], path: Path) -> None:
+    """Write the rows with a header; the file appears only when it is complete."""
+    partial = path.with_name(path.name + ".partial")
+    try:
+        with partial.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, COLUMNS)
+            writer.writeheader()
+            writer.writerows(asdict(row) for row in rows)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def mean_figures(rows: Sequence[EpisodeMetrics]) -> dict[str, float]:
+    """Mean of every figure over episodes."""
+    return {name: statistics.fmean(getattr(row, name) for row in rows) for name in FIGURES}

@@ -1,0 +1,141 @@
+"""Run a policy in a world and record what happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, RewardTerm
+from kernels.positioning.usbl import DETECTED
+from kernels.types import Level
+from usvauv_env.record.trace import Trace
+from usvauv_env.world.world import World
+
+SURFACE_PIXELS = 128
+
+
+class Recorder:
+    """Gathers the states of a world, one after the other, and makes a trace of them."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self._rows: dict[str, list[np.ndarray]] = {}
+        self.clear()
+
+    def __len__(self) -> int:
+        return len(self._rows["auv"])
+
+    def clear(self) -> None:
+        """Forget all states."""
+        self._rows = {name: [] for name in ("auv", "boat", "backlog", "terms", "estimate", "vortex")}
+
+    def drop_last(self) -> None:
+        """Forget the last state."""
+        for rows in self._rows.values():
+            rows.pop()
+
+    def add(self) -> None:
+        """Take the world's present state."""
+        world, kept = self.world, self.world.scenario.current.vortices
+        for name, tensor in (
+            ("auv", world.auv),
+            ("boat", world.boat),
+            ("backlog", world.node[..., NodeColumn.backlog]),
+            ("terms", world.reward_terms),
+            ("estimate", world.estimate),
+            ("vortex", world.vortex[:, :kept]),
+        ):
+            self._rows[name].append(tensor.cpu().numpy().copy())
+
+    def trace(
+        self,
+        policy: str,
+        surface: np.ndarray,
+        *,
+        first: int = 0,
+        start: float = 0.0,
+        worlds: slice = slice(None),
+    ) -> Trace:
+        """What was recorded from state number `first` on, whose time is `start`, s; where nodes are is as of now.
+
+        Args:
+            policy: its name, for the record.
+            worlds: which of them.
+            surface: as in `Trace`.
+        """
+        world = self.world
+        vehicles, boats, backlog, terms, known, vortex = (
+            np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
+        )
+        nodes = world.node[worlds].cpu().numpy()
+
+        def column(name: str) -> np.ndarray:
+            return vehicles[..., getattr(AuvColumn, name)]
+
+        flags = column("fix_flags").astype(np.uint8)
+        heard = (flags & DETECTED)[..., None] > 0
+        return Trace(
+            scenario=world.scenario,
+            policy=policy,
+            usv=world.strategy.name,
+            seed=world.seed,
+            reward_names=RewardTerm.names,
+            node_position=nodes[..., NodeColumn.x : NodeColumn.y + 1].copy(),
+            node_rate=nodes[..., NodeColumn.rate].copy(),
+            time=start + np.arange(len(vehicles)) * world.scenario.mission.step,
+            auv_position=vehicles[..., AuvColumn.x : AuvColumn.y + 1],
+            auv_velocity=vehicles[..., AuvColumn.water_x : AuvColumn.water_y + 1],
+            fix=np.where(heard, vehicles[..., AuvColumn.fix_x : AuvColumn.fix_y + 1], np.float32(np.nan)),
+            fix_covariance=vehicles[..., AuvColumn.covariance_xx : AuvColumn.covariance_yy + 1],
+            fix_flags=flags,
+            estimate=known[..., EstimateColumn.x : EstimateColumn.y + 1],
+            estimate_covariance=known[..., EstimateColumn.covariance_xx : EstimateColumn.covariance_yy + 1],
+            target=column("target").astype(np.int16),
+            hovering=column("hovering").astype(np.int8),
+            power=column("power"),
+            service_rate=column("service_rate"),
+            delivered=column("delivered"),
+            border=column("border").astype(np.int8),
+            reward_terms=terms,
+            boat_position=boats[..., BoatColumn.x : BoatColumn.y + 1],
+            boat_goal=boats[..., BoatColumn.goal_x : BoatColumn.goal_y + 1],
+            boat_surface=boats[..., BoatColumn.elevation : BoatColumn.slope_y + 1],
+            backlog=backlog,
+            overflowing=boats[..., BoatColumn.overflowing].astype(np.int16),
+            collisions=boats[..., BoatColumn.collisions].astype(np.int16),
+            vortex=vortex,
+            stream=world.stream(Level.cruise),
+            surface=surface,
+        )
+
+
+def record(
+    world: World,
+    act: Callable[[torch.Tensor], torch.Tensor],
+    policy: str,
+    *,
+    steps: int | None = None,
+    surface: bool = False,
+    on_step: Callable[[int], None] = lambda done: None,
+) -> Trace:
+    """Reset the world, run it for `steps` mission steps (default: an episode) and return the trace.
+
+    Args:
+        act: observation (W, K, O) → action (W, K, 2).
+        policy: its name, for the record.
+        surface: also record the elevation of world 0's sea, at most `SURFACE_PIXELS` on a side.
+        on_step: called with the number of steps done; an exception it raises ends the run.
+    """
+    steps = steps or world.steps
+    recorder, surfaces = Recorder(world), []
+    observation = world.reset()
+    for done in range(1, steps + 1):
+        observation = world.step(act(observation))[0]
+        recorder.add()
+        if surface:
+            surfaces.append(world.surface(SURFACE_PIXELS))
+        on_step(done)
+    elevation = np.stack(surfaces) if surface else np.zeros((0, 0, 0), np.float32)
+    return recorder.trace(policy, elevation, start=world.scenario.mission.step)

@@ -1,0 +1,172 @@
+"""What happened in a run, as plain arrays: the only source of metrics, tables, videos and figures.
+
+T mission steps, W worlds (episodes), K AUVs, M nodes, V vortices, R reward terms. Everything is in SI units, except
+data, which is in Mbit and Mbit/s. Index t of a time series is the state after mission step t.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import xarray
+
+from kernels.errors import UserError
+from usvauv_env.scenario import Scenario
+
+# Dimensions of each array field; also the order of axes in the file.
+DIMENSIONS: dict[str, tuple[str, ...]] = {
+    "node_position": ("world", "node", "axis"),
+    "node_rate": ("world", "node"),
+    "time": ("time",),
+    "auv_position": ("time", "world", "auv", "axis"),
+    "auv_velocity": ("time", "world", "auv", "axis"),
+    "fix": ("time", "world", "auv", "axis"),
+    "fix_covariance": ("time", "world", "auv", "component"),
+    "fix_flags": ("time", "world", "auv"),
+    "estimate": ("time", "world", "auv", "axis"),
+    "estimate_covariance": ("time", "world", "auv", "component"),
+    "target": ("time", "world", "auv"),
+    "hovering": ("time", "world", "auv"),
+    "power": ("time", "world", "auv"),
+    "service_rate": ("time", "world", "auv"),
+    "delivered": ("time", "world", "auv"),
+    "border": ("time", "world", "auv"),
+    "reward_terms": ("time", "world", "auv", "reward_term"),
+    "boat_position": ("time", "world", "axis"),
+    "boat_goal": ("time", "world", "axis"),
+    "boat_surface": ("time", "world", "surface_component"),
+    "backlog": ("time", "world", "node"),
+    "overflowing": ("time", "world"),
+    "collisions": ("time", "world"),
+    "vortex": ("time", "world", "vortex", "vortex_parameter"),
+    "stream": ("stream_y", "stream_x", "axis"),
+    "surface": ("time", "y", "x"),
+}
+OPTIONAL = {"stream": (0, 0, 2), "surface": (0, 0, 0)}  # what may be empty, and how that looks
+
+
+class TraceError(UserError, ValueError):
+    """A trace file cannot be read."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One recorded run of W paired episodes.
+
+    Attributes:
+        scenario, policy, usv, seed: what was run; world w of seed s is episode w.
+        reward_names: names of the R reward terms.
+        node_position: (W, M, 2) m. node_rate: (W, M) arrivals λ, packets/s.
+        time: (T,) s, at the end of each step.
+        auv_position: (T, W, K, 2) true, m. auv_velocity: (T, W, K, 2) through the water, m/s, 0 while hovering.
+        fix: (T, W, K, 2) measured position, m; NaN where nothing was detected. fix_covariance: (T, W, K, 3) predicted
+            xx, xy, yy of its error, m². fix_flags: (T, W, K) bits of `kernels.positioning.usbl`; good where it equals
+            DETECTED.
+        estimate: (T, W, K, 2) where the boat takes the AUV to be: the last usable fix, or the tracker's, m.
+            estimate_covariance: (T, W, K, 3) likewise.
+        target: (T, W, K) index of the node headed for. hovering: (T, W, K) serving its node during this step.
+        power: (T, W, K) W. service_rate: (T, W, K) data rate of a service completed in this step, else 0, Mbit/s.
+        delivered: (T, W, K) data of that service, Mbit. border: (T, W, K) a move was refused at the border.
+        reward_terms: (T, W, K, R) weighted terms; their sum over R is the reward.
+        boat_position, boat_goal: (T, W, 2) m. boat_surface: (T, W, 3) η m and its slopes η_x, η_y.
+        backlog: (T, W, M) packets. overflowing: (T, W) nodes that lost packets in this step.
+        collisions: (T, W) pairs of AUVs closer than the collision distance.
+        vortex: (T, W, V, 4) x0 m, y0 m, Γ m²/s, δ m.
+        stream: (rows, columns, 2) real current at cruise depth at the start (see `kernels.flow.regular_grid`), m/s;
+            empty when there is none.
+        surface: (T, Y, X) elevation of world 0's sea over the area, row 0 in the south, m; empty when not recorded.
+    """
+
+    scenario: Scenario
+    policy: str
+    usv: str
+    seed: int
+    reward_names: tuple[str, ...]
+    node_position: np.ndarray
+    node_rate: np.ndarray
+    time: np.ndarray
+    auv_position: np.ndarray
+    auv_velocity: np.ndarray
+    fix: np.ndarray
+    fix_covariance: np.ndarray
+    fix_flags: np.ndarray
+    estimate: np.ndarray
+    estimate_covariance: np.ndarray
+    target: np.ndarray
+    hovering: np.ndarray
+    power: np.ndarray
+    service_rate: np.ndarray
+    delivered: np.ndarray
+    border: np.ndarray
+    reward_terms: np.ndarray
+    boat_position: np.ndarray
+    boat_goal: np.ndarray
+    boat_surface: np.ndarray
+    backlog: np.ndarray
+    overflowing: np.ndarray
+    collisions: np.ndarray
+    vortex: np.ndarray
+    stream: np.ndarray
+    surface: np.ndarray
+
+    def save(self, path: str | Path) -> None:
+        """Write NetCDF-4; the file appears only when it is complete."""
+        path = Path(path)
+        dataset = xarray.Dataset(
+            {name: (dimensions, getattr(self, name)) for name, dimensions in DIMENSIONS.items() if self._has(name)},
+            attrs={
+                "title": "usvauv trace",
+                "scenario": json.dumps(self.scenario.to_dict()),
+                "policy": self.policy,
+                "usv": self.usv,
+                "seed": self.seed,
+                "reward_names": ",".join(self.reward_names),
+            },
+        )
+        encoding = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars if dataset[name].ndim > 1}
+        partial = path.with_name(path.name + ".partial")
+        try:
+            dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Trace:
+        """Read what `save` wrote.
+
+        Raises:
+            TraceError: not such a file.
+        """
+        try:
+            with xarray.open_dataset(path, engine="h5netcdf") as dataset:
+                dataset.load()
+            arrays = {name: dataset[name].values for name in DIMENSIONS if name in dataset}
+            for name, shape in OPTIONAL.items():
+                arrays.setdefault(name, np.zeros(shape, np.float32))
+            return cls(
+                scenario=Scenario.from_dict(json.loads(dataset.attrs["scenario"]), str(path)),
+                policy=dataset.attrs["policy"],
+                usv=dataset.attrs["usv"],
+                seed=int(dataset.attrs["seed"]),
+                reward_names=tuple(dataset.attrs["reward_names"].split(",")),
+                **arrays,
+            )
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise TraceError(f"{path}: not a usvauv trace: {error}") from None
+
+    def _has(self, name: str) -> bool:
+        return name not in OPTIONAL or getattr(self, name).size > 0
+
+    def episode(self, world: int) -> Trace:
+        """The same trace for one world only (the world axis stays, with length 1)."""
+        picked = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            axes = DIMENSIONS.get(field.name, ())
+            picked[field.name] = value.take([world], axis=axes.index("world")) if "world" in axes else value
+        return Trace(**picked)

@@ -1,0 +1,110 @@
+"""The legend: each symbol of the picture and what it means, in words that need no paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from usvauv_env.render import glyphs, shapes, style
+from usvauv_env.render.frame_layout import Layout, Rectangle
+from usvauv_env.render.panel_parts import draw_card
+from usvauv_env.render.text import shorten, text_width, write
+
+Symbol = Callable[[np.ndarray, np.ndarray, Layout], None]
+
+
+def _auv(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    glyphs.auv(picture, at, 0.35, 22 * layout.unit, style.auv_colour(0), layout.zoom)
+
+
+def _boat(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    glyphs.boat(picture, at, 0.35, 22 * layout.unit, layout.zoom)
+
+
+def _goal(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    glyphs.cross(picture, at, 4.5 * layout.unit, style.BOAT, layout.px(2))
+
+
+def _target(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    ends = at + np.array([(-11, 5), (11, -5)]) * layout.unit
+    for piece in shapes.dashes(*ends, 4 * layout.unit):
+        shapes.stroke(picture, piece, style.auv_colour(0), layout.px(1.3))
+
+
+def _node(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    gauges = glyphs.NodeGauges(5.5 * layout.unit)
+    for x, share in ((-13, 0.12), (0, 0.5), (13, 0.85)):
+        gauges.draw(picture, at + (np.array([x, 0]) * layout.unit), share)
+
+
+def _full(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    glyphs.NodeGauges(5.5 * layout.unit).draw(picture, at, 1.0, 0.6)
+
+
+def _service(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    glyphs.progress_ring(picture, at, 8 * layout.unit, 0.65, style.auv_colour(0), 2.8 * layout.unit, layout.zoom)
+
+
+def _fix(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    glyphs.plus(picture, at + np.array([-7, 0]) * layout.unit, 4.5 * layout.unit, style.TEXT, layout.px(1))
+    glyphs.fix(
+        picture, at + np.array([7, 0]) * layout.unit, 4.5 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom
+    )
+
+
+def _ellipse(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    axes = np.array([(11.0, -3.0), (1.5, 5.0)]) * layout.unit
+    shapes.stroke(picture, shapes.ellipse_points(at, axes), style.WHITE, layout.px(1.2), closed=True)
+
+
+def _current(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    for y, length in ((-4, 11), (4, 6)):
+        ends = at + np.array([(-length, y), (0, y), (length, y)]) * layout.unit
+        shapes.stroke(picture, ends[:2], style.LINE, layout.px(1.5))
+        shapes.stroke(picture, ends[1:], style.MUTED, layout.px(1.5))
+
+
+ENTRIES: tuple[tuple[Symbol, str], ...] = (
+    (_auv, "underwater vehicle (AUV), last 2 min"),
+    (_boat, "boat (USV): finds the AUVs by sound"),
+    (_target, "way to the sensor node it heads for"),
+    (_goal, "where the boat plans to go"),
+    (_node, "sensor nodes: how full with data"),
+    (_fix, "true place of an AUV, and estimated"),
+    (_full, "full: new data is being lost"),
+    (_ellipse, "2-σ ellipse: 86 % of errors expected"),
+    (_service, "AUV hovers and takes over data"),
+    (_current, "drifting streaks: water current"),
+)
+
+STATION_ENTRIES: tuple[tuple[Symbol, str], ...] = (
+    (_auv, "underwater vehicle (AUV), last 2 min"),
+    (_boat, "boat (USV): finds the AUVs by sound"),
+    (_target, "way to the station it holds"),
+    (_goal, "where the boat plans to go"),
+    (_current, "drifting streaks: water current"),
+    (_fix, "true place of an AUV, and estimated"),
+    (_node, "station"),
+    (_ellipse, "2-σ ellipse: 86 % of errors expected"),
+)
+
+ABBREVIATIONS = "SDR: data rates of all services, added up · EC: an AUV's energy per second of travel"
+
+
+def draw_legend(picture: np.ndarray, box: Rectangle, layout: Layout, task: str) -> None:
+    """Two columns of symbols and words, and what the abbreviations stand for."""
+    draw_card(picture, box, layout.unit)
+    unit, size = layout.unit, 11 * layout.unit
+    entries = ENTRIES if task == "data-collection" else STATION_ENTRIES
+    rows, widest = len(entries) // 2, max(text_width(words, size) for _, words in entries)
+    size *= min(1.0, (box.width / 2 - 48 * unit) / widest)
+    position = box.left + 8 * unit, box.bottom - 5 * unit
+    meaning = ABBREVIATIONS if task == "data-collection" else ABBREVIATIONS.split(" · ")[1]
+    write(picture, shorten(meaning, size, box.width - 16 * unit), position, size, style.MUTED)
+    box = box._replace(top=box.top + round(3 * unit), height=box.height - round(22 * unit))
+    for place, (symbol, words) in enumerate(entries):
+        left = box.left + (place % 2) * box.width / 2
+        middle = box.top + (place // 2 + 0.5) * box.height / rows
+        symbol(picture, np.array([left + 20 * unit, middle]), layout)
+        write(picture, words, (left + 43 * unit, middle + 0.36 * size), size, style.TEXT)

@@ -1,0 +1,82 @@
+"""Several nonlinear seas with the face of the linear solver's pool."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from kernels import runtime
+from kernels.shallow_water.nonlinear import NonlinearShallowWater
+from kernels.shallow_water.packing import LANES, Packing
+
+
+class NonlinearSeas:
+    """Nonlinear solvers side by side, whose elevation is packed for the boats as
+    `kernels.shallow_water.packing.sample` reads it.
+
+    On dry land the elevation is that of the ground.
+
+    Args:
+        solvers: of equal size, cells and interval, with their states set.
+
+    Attributes:
+        eta: packed elevation, torch (blocks, rows, W, LANES).
+        transports: packed transports at western and southern faces, m²/s, likewise; the mean of the cells beside them.
+        units: (1, 1), as in `kernels.shallow_water.linear.ShallowWater`.
+        nx, ny, dx, dy, interval: as in `kernels.shallow_water.linear.ShallowWater`.
+    """
+
+    units = 1.0, 1.0
+
+    def __init__(self, solvers: Sequence[NonlinearShallowWater]) -> None:
+        first = solvers[0]
+        self.nx, self.ny, self.dx, self.dy, self.interval = first.nx, first.ny, first.dx, first.dy, first.interval
+        self._solvers = solvers
+        self._packing = Packing(len(solvers), self.nx, self.ny)
+        shape = 3, self._packing.blocks, self.ny + 1, self._packing.columns, LANES
+        self.eta, U, V = torch.zeros(shape, device=runtime.start().device)
+        self.transports = U, V
+        self._show()
+
+    @property
+    def time(self) -> float:
+        """Time of the elevation, s."""
+        return self._solvers[0].time
+
+    def advance(self) -> None:
+        """One interval."""
+        for solver in self._solvers:
+            solver.advance()
+        self._show()
+
+    def elevation(self) -> np.ndarray:
+        """Elevation at cell centres, m, (num_seas, ny, nx); a copy."""
+        return np.stack([solver.elevation() for solver in self._solvers])
+
+    def velocity(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities (u, v) at cell centres, m/s, each (num_seas, ny, nx)."""
+        u, v = zip(*(solver.velocity() for solver in self._solvers), strict=True)
+        return np.stack(u), np.stack(v)
+
+    def state(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Copies of all fields and clocks; `load` brings them back bit for bit."""
+        fields, clocks = zip(*(solver.state() for solver in self._solvers), strict=True)
+        return torch.stack(fields), torch.stack(clocks)
+
+    def load(self, fields: torch.Tensor, clocks: torch.Tensor) -> None:
+        """Go back to what `state` gave."""
+        for solver, field, clock in zip(self._solvers, fields, clocks, strict=True):
+            solver.load(field, clock)
+        self._show()
+
+    def _show(self) -> None:
+        self._packing.pack(self.elevation(), self.eta, 0)
+        depth = np.stack([solver.depth() for solver in self._solvers])
+        for axis, (velocity, packed) in enumerate(zip(self.velocity(), self.transports, strict=True)):
+            cells = np.moveaxis(depth * velocity, 2 - axis, 0)
+            faces = np.zeros((len(cells) + 1, *cells.shape[1:]), np.float32)
+            faces[1:-1] = (cells[1:] + cells[:-1]) / 2
+            faces[0], faces[-1] = cells[0], cells[-1]
+            self._packing.pack(np.moveaxis(faces, 0, 2 - axis), packed, 0)

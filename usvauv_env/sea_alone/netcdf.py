@@ -1,0 +1,159 @@
+"""The record of a sea as CF-NetCDF, written step by step."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+import h5netcdf
+import h5py
+import numpy as np
+
+from usvauv_env.sea_alone.simulation import LoneSea
+
+CHUNK = 512  # cells along a side of what is compressed as one
+ELEVATION = "sea_surface_height_above_mean_sea_level"
+WAYS = "eastward", "northward"  # along x and y
+EPOCH = "seconds since 2000-01-01 00:00:00"  # CF asks for a date; this one means nothing
+
+
+class SeaFile:
+    """A CF-1.11 NetCDF-4 file of a sea, one record a step: memory does not grow with their number.
+
+    To be used as a context: the file appears under its name when that ends, and not at all after an error.
+
+    Variables: `elevation`, `u` and `v` of the long waves, (time, y, x); `current_x` and `current_y`, (y, x) where they
+    are steady, else (time, y, x); `depth` (y, x). x points east, y north.
+    """
+
+    def __init__(self, path: Path, sea: LoneSea) -> None:
+        self._path, self._partial = path, path.with_name(path.name + ".partial")
+        self._records = 0
+        self._file = h5netcdf.File(self._partial, "w")
+        try:
+            self._describe(sea)
+            self._lay_out(sea)
+            self._file.flush()
+        except BaseException:
+            self._discard()
+            raise
+        self._head = self.bytes
+
+    @property
+    def bytes(self) -> int:
+        """Size of the file so far."""
+        return self._partial.stat().st_size
+
+    def add(self, sea: LoneSea) -> None:
+        """Write the sea as it is now as the next record."""
+        n, (u, v) = self._records, sea.velocity()
+        self._file.resize_dimension("time", n + 1)
+        self._file["time"][n] = sea.time
+        fields = {"elevation": sea.surface().elevation, "u": u, "v": v}
+        if not sea.steady:
+            fields["current_x"], fields["current_y"] = np.moveaxis(sea.current(), -1, 0)
+        for name, field in fields.items():
+            self._file[name][n] = field
+        self._records = n + 1
+
+    def expected_bytes(self, records: int) -> int:
+        """Size to expect of a file of so many records, from those written."""
+        self._file.flush()
+        return self._head + (self.bytes - self._head) * records // max(self._records, 1)
+
+    def __enter__(self) -> SeaFile:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self._file.close()
+                os.replace(self._partial, self._path)
+        finally:
+            self._discard()
+
+    def _discard(self) -> None:
+        with suppress(OSError, RuntimeError, ValueError):  # a full disk is reported by what filled it
+            self._file.close()
+        self._partial.unlink(missing_ok=True)
+
+    def _describe(self, sea: LoneSea) -> None:
+        """Global attributes."""
+        scenario, version = sea.scenario, metadata.version("usvauv")
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        _label(
+            self._file,
+            Conventions="CF-1.11",
+            title=f"Sea surface and current of the scenario {scenario.name}",
+            source=f"usvauv {version}: shallow-water long waves, directional Airy storm, Lamb–Oseen vortices",
+            history=f"{now}: usvauv {version} sea, scenario {scenario.name}, seed {sea.seed}",
+            references="Xu, Xie, Wang, Ding, Zhang: USV–AUV Collaboration Framework for Underwater Tasks under Extreme"
+            " Sea Conditions, ICASSP 2025",
+            comment="Simulated. x points east and y north of the area's south-west corner. The date is arbitrary: the"
+            " first time is the start of the simulation.",
+            seed=str(sea.seed),
+            scenario=scenario.to_toml(),
+        )
+
+    def _lay_out(self, sea: LoneSea) -> None:
+        """Dimensions, coordinates with their bounds, and the variables.
+
+        x and y have no attribute `axis`: ParaView takes that for longitude and latitude and wraps the sea round a
+        globe. Their standard names say the same to all who read CF.
+        """
+        file, (ny, nx) = self._file, (len(sea.y), len(sea.x))
+        file.dimensions = {"time": None, "y": ny, "x": nx, "side": 2}
+        time = file.create_variable("time", ("time",), np.float64, chunks=(1024,))
+        _label(time, standard_name="time", long_name="time", units=EPOCH, calendar="standard", axis="T")
+        _label(time, units_metadata="leap_seconds: none")
+        for name, centres, spacing, way in zip("xy", (sea.x, sea.y), sea.spacing, WAYS, strict=True):
+            axis = file.create_variable(name, (name,), np.float64, data=centres)
+            _label(
+                axis,
+                standard_name=f"projection_{name}_coordinate",
+                long_name=f"{way} distance from the south-west corner",
+                units="m",
+                bounds=f"{name}_bounds",
+            )
+            sides = np.add.outer(centres, (-spacing / 2, spacing / 2))
+            file.create_variable(f"{name}_bounds", (name, "side"), np.float64, data=sides)
+        self._add_field("elevation", ELEVATION, "sea surface: long waves and storm", "m", (ny, nx))
+        for name, axis, way in zip("uv", "xy", WAYS, strict=True):
+            about = f"{way} velocity of the long waves, mean over depth"
+            self._add_field(name, f"barotropic_sea_water_{axis}_velocity", about, "m s-1", (ny, nx))
+        about = "depth of still water; on land at most zero"
+        self._add_field("depth", "sea_floor_depth_below_mean_sea_level", about, "m", (ny, nx), sea.depth)
+        for axis, way, field in zip("xy", WAYS, np.moveaxis(sea.current(), -1, 0), strict=True):
+            about = f"{way} current at the surface, without waves"
+            names = f"current_{axis}", f"sea_water_{axis}_velocity", about, "m s-1"
+            self._add_field(*names, (ny, nx), field if sea.steady else None)
+
+    def _add_field(
+        self,
+        name: str,
+        standard_name: str,
+        long_name: str,
+        units: str,
+        shape: tuple[int, int],
+        constant: np.ndarray | None = None,
+    ) -> None:
+        """A variable on the grid: constant, or with an instantaneous field for each time."""
+        part, packed = tuple(min(side, CHUNK) for side in shape), {"compression": "gzip", "shuffle": True}
+        packed["compression_opts"] = 1
+        if constant is None:
+            dimensions = ("time", "y", "x")
+            variable = self._file.create_variable(name, dimensions, np.float32, chunks=(1, *part), **packed)
+            _label(variable, cell_methods="time: point")
+        else:
+            variable = self._file.create_variable(name, ("y", "x"), np.float32, data=constant, chunks=part, **packed)
+        _label(variable, standard_name=standard_name, long_name=long_name, units=units)
+
+
+def _label(place: h5netcdf.File | h5netcdf.Variable, **attributes: str) -> None:
+    """Set attributes as texts of fixed length: ParaView does not read those of variable length."""
+    for name, text in attributes.items():
+        encoded = text.encode("utf-8")
+        place.attrs[name] = np.array(encoded, h5py.string_dtype("utf-8", len(encoded)))

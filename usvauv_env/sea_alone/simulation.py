@@ -1,0 +1,205 @@
+"""The sea of a scenario alone: long waves, storm and current, without boat and AUVs."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from kernels import runtime
+from kernels.flow import vortex
+from kernels.types import Level
+from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.sea.forcing import build_sea, build_short_waves, fine_cells
+from usvauv_env.sections import Water
+from usvauv_env.site.bed_and_current import real_current, still_depth
+from usvauv_env.world.world import World
+
+FEWEST, MOST = 3, 8192  # cells along a side
+SURVEY_CELLS, SURVEY_MOMENTS = 64, 100
+
+
+class Surface(NamedTuple):
+    """Elevation at cell centres, row 0 in the south, m, (ny, nx) float32: all of it, and the storm's part.
+
+    On land there is no storm, and the elevation is what the solver says: 0, or the ground or the flood upon it.
+    """
+
+    elevation: np.ndarray
+    storm: np.ndarray
+
+
+def cells(scenario: Scenario, spacing: float | None) -> tuple[int, int]:
+    """Cells (nx, ny) of about `spacing` m; default those of a sea that is looked at, `fine_cells`.
+
+    Raises:
+        ScenarioError: that is fewer than 3 or more than 8192 along a side.
+    """
+    if spacing is None:
+        return fine_cells(scenario)
+    sides = scenario.area.width, scenario.area.length
+    count = tuple(round(side / spacing) for side in sides) if spacing > 0 else (0, 0)
+    if min(count) < FEWEST or max(count) > MOST:
+        finest, coarsest = max(sides) / (MOST + 0.49), min(sides) / (FEWEST - 0.49)
+        raise ScenarioError(
+            f"resolution {spacing:g} m: must be from {_ceil(finest)} to {_floor(coarsest)} m, which is from {FEWEST} to"
+            f" {MOST} cells a side of {sides[0]:g} × {sides[1]:g} m"
+        )
+    return count
+
+
+def _ceil(value: float) -> str:
+    power = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.ceil(value / power) * power:g}"
+
+
+def _floor(value: float) -> str:
+    power = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.floor(value / power) * power:g}"
+
+
+def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.Tensor:
+    """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `kernels.flow.vortex`.
+
+    They do not depend on the water, so the world they are drawn for has little of it.
+    """
+    count = scenario.current.vortices
+    device = runtime.start(arch).device
+    if not count:
+        return torch.zeros((1, 0, 4), device=device)
+    coarse = scenario.sea.model_copy(update={"cell_size": min(scenario.area.width, scenario.area.length) / 4})
+    few = coarse.model_copy(update={"realisations": 1, "equations": "linear"})
+    small = scenario.model_copy(update={"sea": few, "water": Water()})
+    world = World(small, 1, seed, "hold:0,0", arch=arch)
+    world.reset()
+    return world.vortex[:, :count].clone()
+
+
+class LoneSea:
+    """The sea on which world 0 of a seed sails in its first episode, with nothing on it.
+
+    Args:
+        scenario: its sections `area`, `water`, `sea`, `storm` and `current` are used.
+        seed: from 0 to 2⁶⁴ − 1, as of `World`.
+        shape: cells (nx, ny).
+        interval: time of one `advance`, s.
+        vortices: as of `first_vortices`; none by default.
+
+    Attributes:
+        long_waves: the solver. storm: the short waves upon it.
+        x, y: cell centres (nx,) and (ny,), m.
+        depth: still-water depth at cell centres, at most 0 on land, (ny, nx), m. wet: where it is above 0.
+        steady: the current does not change with time.
+
+    Raises:
+        ScenarioError: the seed is out of range.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        shape: tuple[int, int],
+        interval: float,
+        vortices: torch.Tensor | None = None,
+    ) -> None:
+        if not 0 <= seed < 1 << 64:
+            raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
+        self.scenario, self.seed, self.interval = scenario, seed, interval
+        self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
+        self.depth = still_depth(scenario, shape)
+        self.wet = self.depth > 0
+        self._evolve_vortices = None
+        current, self._pieces = scenario.current, math.ceil(interval / scenario.mission.step)
+        if (current.viscosity > 0 or current.mutual) and self._vortex.shape[1]:
+            room = self._vortex.new_zeros((*self._vortex.shape[:2], 7))
+            step = interval / self._pieces
+            self._evolve_vortices = vortex.evolution(self._vortex, room, step, current.viscosity, current.mutual)
+        self._flow = real_current(scenario)
+        flow_changes = self._flow is not None and len(self._flow.times) > 1
+        self.steady = self._evolve_vortices is None and not flow_changes
+        paced = scenario.sea.model_copy(update={"update_interval": interval})
+        self.long_waves = build_sea(scenario.model_copy(update={"sea": paced}), seed, 1, shape)
+        self.storm = build_short_waves(scenario, seed, 1)
+        self.x = (np.arange(shape[0]) + 0.5) * (scenario.area.width / shape[0])
+        self.y = (np.arange(shape[1]) + 0.5) * (scenario.area.length / shape[1])
+        self._steps = 0
+
+    @property
+    def time(self) -> float:
+        """Time since the start, s."""
+        return self._steps * self.interval
+
+    @property
+    def vortices(self) -> np.ndarray:
+        """Centre x and y (m), circulation (m²/s) and core radius (m) of the current's vortices now, (V, 4)."""
+        return self._vortex[0].cpu().numpy()
+
+    @property
+    def spacing(self) -> tuple[float, float]:
+        """Width and length of a cell, m."""
+        return self.scenario.area.width / len(self.x), self.scenario.area.length / len(self.y)
+
+    def advance(self) -> None:
+        """One interval."""
+        self.long_waves.advance()
+        self._steps += 1
+        self.storm.move_to(self.time)
+        if self._evolve_vortices:
+            for _ in range(self._pieces):
+                self._evolve_vortices()
+
+    def surface(self) -> Surface:
+        """The elevation now."""
+        storm = self.storm.elevation(0, self.x, self.y).astype(np.float32) * self.wet
+        return Surface(self._grid(self.long_waves.elevation()) + storm, storm)
+
+    def velocity(self) -> tuple[np.ndarray, np.ndarray]:
+        """Depth-averaged velocity (u, v) of the long waves at cell centres, m/s, each (ny, nx) float32."""
+        u, v = self.long_waves.velocity()
+        return self._grid(u), self._grid(v)
+
+    def stream(self) -> np.ndarray:
+        """The real current at the surface now, m/s, (rows, columns, 2) as in `kernels.flow.regular_grid`; empty for
+        none.
+        """
+        if self._flow is None:
+            return np.zeros((0, 0, 2), np.float32)
+        return self._flow.at(min(self.time, self._flow.times[-1]))[Level.surface]
+
+    def current(self) -> np.ndarray:
+        """Velocity of the current at the surface at cell centres now, vortices and real, m/s, (ny, nx, 2) float32."""
+        points = np.stack(np.meshgrid(self.x, self.y), axis=-1).astype(np.float32)
+        flat = torch.from_numpy(points.reshape(1, -1, 2)).to(self._vortex.device)
+        field = vortex.sample_current(self._vortex, flat)[0].cpu().numpy().reshape(points.shape)
+        stream, area = self.stream(), self.scenario.area
+        if stream.size:
+            to_rows, to_columns = (
+                _weights(self.y / area.length, stream.shape[0]),
+                _weights(self.x / area.width, stream.shape[1]),
+            )
+            field += np.einsum("ya,abc,xb->yxc", to_rows, stream, to_columns, optimize=True)
+        return np.where(self.wet[..., None], field, np.float32(0))
+
+    def _grid(self, field: np.ndarray) -> np.ndarray:
+        """A solver's field, with or without an axis for seas."""
+        return field.reshape(len(self.y), len(self.x)).astype(np.float32)
+
+
+def _weights(place: np.ndarray, nodes: int) -> np.ndarray:
+    """Weights (P, nodes) by which values at evenly spaced nodes give those at shares of the way, linearly."""
+    return np.maximum(0, 1 - np.abs(place[:, None] * (nodes - 1) - np.arange(nodes))).astype(np.float32)
+
+
+def survey(scenario: Scenario, seed: int, duration: float) -> np.ndarray:
+    """Elevations to expect: the same sea on few cells at some moments, (moments, Y, X) m."""
+    longer = max(scenario.area.width, scenario.area.length) / SURVEY_CELLS
+    shape = tuple(max(FEWEST, round(side / longer)) for side in (scenario.area.width, scenario.area.length))
+    sea = LoneSea(scenario, seed, shape, duration / SURVEY_MOMENTS)
+    fields = [sea.surface().elevation]
+    for _ in range(SURVEY_MOMENTS):
+        sea.advance()
+        fields.append(sea.surface().elevation)
+    return np.stack(fields)

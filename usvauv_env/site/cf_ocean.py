@@ -1,0 +1,305 @@
+"""Real water: currents and bathymetry of an area on the Earth, read from CF-NetCDF files onto the local plane.
+
+Between the points of a file fields are linear in longitude, latitude, depth and time. Where a file has no value, there
+is land or bed: the water is at rest there and the depth is 0. `docs/real-water.md` walks through one file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import xarray
+
+from usvauv_env.site.cf import METRES, METRES_PER_SECOND, Axis, Field, OceanError, field, find, open_file
+from usvauv_env.site.interpolation import BLOCK, bilinear, cell_means, places, shares, spacing
+from usvauv_env.site.local_frame import LocalFrame
+
+DEPTH_NAMES = (
+    "sea_floor_depth_below_sea_surface",
+    "sea_floor_depth_below_geoid",
+    "sea_floor_depth_below_mean_sea_level",
+    "sea_floor_depth",
+    "model_sea_floor_depth_below_geoid",
+)
+HEIGHT_NAMES = (
+    "height_above_mean_sea_level",
+    "height_above_geopotential_datum",
+    "height_above_reference_ellipsoid",  # GEBCO's name for its elevation, which is relative to the sea level
+    "altitude",
+)
+WELL_KNOWN_HEIGHTS = ("elevation", "z")  # GEBCO and ETOPO; only where no variable has one of the names above
+CURRENT_NAMES = (
+    ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
+    ("sea_water_x_velocity", "sea_water_y_velocity"),  # east and north too, since `field` refuses any other grid
+)
+DEEPEST, FASTEST = 12000.0, 20.0  # m and m/s beyond which a value must be a fill value or in other units
+SURFACE_LAYER = 15.0  # the shallowest level of a file stands for the water above it down to this depth, m
+MAX_NODES = 129
+SLACK = 1e-5  # degrees by which rounded coordinates may miss the area
+TOLERANCE = 1e-3  # s by which rounded times may miss the mission
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Currents over an area on a uniform grid whose corner nodes are the area's corners.
+
+    Attributes:
+        width, length: extent of the area in x and y, m.
+        levels: (L,) depths, m.
+        times: (T,) s since the start of the mission; a single one for a steady flow.
+        velocity: (T, L, ny, nx, 2) float32, x and y component, m/s; row 0 in the south.
+        start: time of the file at which the mission starts, ISO 8601, UTC; "" where the file has no time.
+    """
+
+    width: float
+    length: float
+    levels: tuple[float, ...]
+    times: np.ndarray
+    velocity: np.ndarray
+    start: str
+
+    def at(self, t: float) -> np.ndarray:
+        """Velocity (L, ny, nx, 2) at t seconds since the start, linear in time.
+
+        Raises:
+            ValueError: t is outside `times`.
+        """
+        if len(self.times) == 1:
+            return self.velocity[0]
+        if not self.times[0] - TOLERANCE <= t <= self.times[-1] + TOLERANCE:
+            raise ValueError(f"t = {t:g} s; allowed: {self.times[0]:g} to {self.times[-1]:g} s")
+        index, weight = places(self.times, t)
+        weight = np.float32(weight)
+        return (1 - weight) * self.velocity[index] + weight * self.velocity[index + 1]
+
+
+def read_bathymetry(
+    path: str | Path, frame: LocalFrame, width: float, length: float, cells: tuple[int, int]
+) -> np.ndarray:
+    """Depth h at the cells of an area, (ny, nx) float64, m, row 0 in the south.
+
+    On land h is at most 0: minus the height, or 0 where the file has no value. The bed is bilinear between the file's
+    points; cells wider than its spacing take the mean over enough points.
+
+    Args:
+        path: NetCDF file with a depth (positive down) or an elevation (positive up) of the bed.
+        frame: where the area is.
+        width, length: its extent in x and y, m.
+        cells: (nx, ny).
+
+    Raises:
+        OceanError: the file does not serve; the message says why.
+    """
+    with open_file(path) as dataset:
+        source, sign = _bed(dataset, path)
+        for kind in ("time", "depth"):
+            if kind in source.axes and len(source.axes[kind].values) > 1:
+                raise OceanError(f"{path}: {source.name}: changes with {source.axes[kind].name}; the bed must not")
+        axes = source.axes | _window(source, *_outline(frame, width, length))
+        values = sign * source.read(axes)[0, 0]
+    if not (known := np.isfinite(values)).any():
+        raise OceanError(f"{path}: {source.name}: has no values in the area: all of it is land")
+    if (deepest := values[known].max()) > DEEPEST:
+        raise OceanError(
+            f"{path}: {source.name}: {deepest:g} m deep; allowed: up to {DEEPEST:g} m: see its units and fill"
+        )
+    depth = cell_means(np.where(known, values, 0.0), axes, frame, width, length, cells)
+    if not (depth > 0).any():
+        raise OceanError(
+            f"{path}: {source.name}: no water in the area: depths from {values[known].min():g} to {deepest:g} m"
+        )
+    return depth
+
+
+def read_flow(
+    path: str | Path,
+    frame: LocalFrame,
+    width: float,
+    length: float,
+    levels: Sequence[float],
+    start: str | None = None,
+    duration: float = 0.0,
+) -> Flow:
+    """Currents over an area at some depths while a mission lasts.
+
+    Args:
+        path: NetCDF file with eastward and northward velocities.
+        frame: where the area is.
+        width, length: its extent in x and y, m.
+        levels: depths, m, positive down.
+        start: time at which the mission starts, ISO 8601, UTC unless it says otherwise; None or "": the file's first.
+        duration: of the mission, s. A file with one time is a steady flow, whatever the duration.
+
+    Raises:
+        OceanError: the file does not serve; the message says why.
+    """
+    with open_file(path) as dataset:
+        east, north = (field(dataset, path, name, METRES_PER_SECOND) for name in _current_names(dataset, path))
+        picked, times, begin = _mission(east, path, start, duration)
+        if not np.array_equal(*(part.axes["time"].values if "time" in part.axes else [] for part in (east, north))):
+            raise OceanError(f"{path}: {east.name} and {north.name} are given at different times")
+        outline = _outline(frame, width, length)
+        windows = [part.axes | _window(part, *outline) | _layers(part, path, levels) for part in (east, north)]
+        lon, lat = frame.to_geographic(*_nodes(windows, width, length))
+        velocity = np.empty((len(times), len(levels), *lon.shape, 2), np.float32)
+        size = math.prod(len(axis.values) for kind, axis in windows[0].items() if kind != "time")
+        step = max(1, BLOCK // max(size, lon.size * len(levels)))
+        for first in range(0, len(times), step):
+            block = slice(first, first + step)
+            for part, axes in zip((east, north), windows, strict=True):
+                if "time" in axes:
+                    axes["time"] = part.axes["time"].part(picked[block])
+            components = [
+                bilinear(_at_levels(part, axes, levels), axes, lon, lat)
+                for part, axes in zip((east, north), windows, strict=True)
+            ]
+            velocity[block] = np.stack(frame.to_plane(lon, lat, *components), axis=-1)
+    return Flow(width, length, tuple(map(float, levels)), times, velocity, begin)
+
+
+def _bed(dataset: xarray.Dataset, path: str | Path) -> tuple[Field, float]:
+    """The variable with the bed and the sign that makes it a depth."""
+    name = find(dataset, path, (*DEPTH_NAMES, *HEIGHT_NAMES))
+    if name is None:
+        name = next((known for known in WELL_KNOWN_HEIGHTS if known in dataset.data_vars), None)
+    if name is None:
+        raise OceanError(
+            f"{path}: no variable with the standard_name of a bathymetry: {', '.join((*DEPTH_NAMES, *HEIGHT_NAMES))}"
+        )
+    return field(dataset, path, name, METRES), 1 if dataset[name].attrs.get("standard_name") in DEPTH_NAMES else -1
+
+
+def _current_names(dataset: xarray.Dataset, path: str | Path) -> tuple[str, str]:
+    for pair in CURRENT_NAMES:
+        found = [find(dataset, path, (standard_name,)) for standard_name in pair]
+        if all(found):
+            return found[0], found[1]
+        if any(found):
+            missing = pair[found.index(None)]
+            raise OceanError(f"{path}: has {found[0] or found[1]} but no variable with standard_name {missing}")
+    allowed = " or ".join(" with ".join(pair) for pair in CURRENT_NAMES)
+    raise OceanError(f"{path}: no variables with the standard_name of a current: {allowed}")
+
+
+def _outline(frame: LocalFrame, width: float, length: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """West, east and south, north of an area, degrees, by its corners."""
+    lon, lat = frame.to_geographic(*np.meshgrid([0.0, width], [0.0, length]))
+    return (lon.min(), lon.max()), (lat.min(), lat.max())
+
+
+def _window(source: Field, west_east: tuple[float, float], south_north: tuple[float, float]) -> dict[str, Axis]:
+    """Parts of a field's latitude and longitude that just enclose the area."""
+    longitude = source.axes["longitude"].unwrapped(sum(west_east) / 2)
+    return {
+        "latitude": _enclose(source, source.axes["latitude"], "latitude", south_north),
+        "longitude": _enclose(source, longitude, "longitude", west_east),
+    }
+
+
+def _enclose(source: Field, axis: Axis, kind: str, span: tuple[float, float]) -> Axis:
+    """The points of an axis from the last at or below `span` to the first at or above it."""
+    raw = source.axes[kind].values
+    first = np.searchsorted(axis.values, span[0] + SLACK, "right") - 1
+    last = max(np.searchsorted(axis.values, span[1] - SLACK, "left"), first + 1)
+    # Beside the ends of the file there is its other end, 360° away, if it goes round the Earth.
+    inside = first >= 0 and last < len(axis.values)
+    if not inside or np.diff(axis.values[first : last + 1]).max() > 1.5 * np.diff(raw).max():
+        shift = 360 * round((raw.mean() - sum(span) / 2) / 360) if kind == "longitude" else 0
+        raise OceanError(
+            f"{source.path}: {axis.name}: the area spans {span[0] + shift:.5f} to {span[1] + shift:.5f} degrees and "
+            f"the file {raw[0]:.5f} to {raw[-1]:.5f}; its points must enclose the area"
+        )
+    return axis.part(np.arange(first, last + 1))
+
+
+def _layers(source: Field, path: str | Path, levels: Sequence[float]) -> dict[str, Axis]:
+    """The part of a field's depths that is needed for `levels`."""
+    if "depth" not in source.axes:
+        raise OceanError(f"{path}: {source.name}: has no depth coordinate; it must say how deep its currents are")
+    axis = source.axes["depth"]
+    depths = axis.values
+    bottom = depths[-1] + (depths[-1] - depths[-2]) / 2 if len(depths) > 1 else depths[-1]
+    top = 0.0 if depths[0] <= SURFACE_LAYER else depths[0]
+    for level in levels:
+        if not top <= level <= bottom:
+            raise OceanError(
+                f"{path}: {axis.name}: currents are needed at {level:g} m and the file's depths are {depths[0]:g} to "
+                f"{depths[-1]:g} m; they serve from {top:g} to {bottom:g} m"
+            )
+    needed = np.flatnonzero(shares(depths, levels).any(axis=0))
+    return {"depth": axis.part(needed)}
+
+
+def _mission(source: Field, path: str | Path, start: str | None, duration: float) -> tuple[np.ndarray, np.ndarray, str]:
+    """Positions on the time axis that enclose the mission, their seconds since its start, and that start."""
+    if "time" not in source.axes:
+        if start:
+            raise OceanError(f"{path}: {source.name}: has no time coordinate; start = {start!r} must be left empty")
+        return np.zeros(1, int), np.zeros(1), ""
+    values = source.axes["time"].values
+    begin = _parse(start) if start else values[0]
+    seconds = (values - begin) / np.timedelta64(1, "ns") * 1e-9
+    if len(values) == 1:
+        if abs(seconds[0]) > TOLERANCE:
+            raise OceanError(f"{path}: has one time, {_iso(values[0])}; start = {start!r} must be that or left empty")
+        return np.zeros(1, int), np.zeros(1), _iso(begin)
+    if seconds[0] > TOLERANCE or duration > seconds[-1] + TOLERANCE:
+        end = begin + np.timedelta64(round(duration * 1e9), "ns")
+        raise OceanError(
+            f"{path}: {source.axes['time'].name}: the mission lasts from {_iso(begin)} to {_iso(end)} "
+            f"and the file from {_iso(values[0])} to {_iso(values[-1])}; it must enclose the mission"
+        )
+    first = np.searchsorted(seconds, TOLERANCE, "right") - 1
+    last = max(np.searchsorted(seconds, duration - TOLERANCE, "left"), first + 1)
+    picked = np.arange(first, min(last, len(values) - 1) + 1)
+    return picked, seconds[picked], _iso(begin)
+
+
+def _parse(start: str) -> np.datetime64:
+    try:
+        moment = datetime.fromisoformat(start)
+    except ValueError:
+        raise OceanError(f"start = {start!r}; allowed: ISO 8601, such as 2026-01-31T06:00:00") from None
+    if moment.tzinfo:
+        moment = moment.astimezone(UTC).replace(tzinfo=None)
+    return np.datetime64(moment, "ns")
+
+
+def _iso(moment: np.datetime64) -> str:
+    return str(moment.astype("datetime64[s]"))
+
+
+def _nodes(windows: Sequence[dict[str, Axis]], width: float, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """x and y, (ny, nx), of nodes at most half the files' spacing apart, as far as `MAX_NODES` go."""
+    steps = np.min([spacing(axes) for axes in windows], axis=0)
+    nx, ny = (
+        min(max(math.ceil(2 * extent / size) + 1, 2), MAX_NODES)
+        for extent, size in zip((width, length), steps, strict=True)
+    )
+    return tuple(np.meshgrid(np.linspace(0, width, nx), np.linspace(0, length, ny)))
+
+
+def _at_levels(source: Field, axes: dict[str, Axis], levels: Sequence[float]) -> np.ndarray:
+    """Velocity component (T, L, latitude, longitude), m/s, in a window of a file; 0 where it has no value."""
+    values = source.read(axes)
+    known = np.isfinite(values)
+    values[~known] = 0.0
+    if (fastest := abs(values).max()) > FASTEST:
+        raise OceanError(
+            f"{source.path}: {source.name}: {fastest:g} m/s; allowed: up to {FASTEST:g} m/s: see its units and fill"
+        )
+    weights = shares(axes["depth"].values, levels)
+    dry = ~(known.any(axis=(2, 3))[:, None] & (weights > 0)).any(axis=2)
+    if dry.any():
+        t, level = np.argwhere(dry)[0]
+        when = f" at {_iso(axes['time'].values[t])}" if "time" in axes else ""
+        raise OceanError(
+            f"{source.path}: {source.name}: has no values in the area at a depth of {levels[level]:g} m{when}: "
+            "all of it is land or below the bed, or the data have a gap"
+        )
+    return np.einsum("ld,tdyx->tlyx", weights, values)

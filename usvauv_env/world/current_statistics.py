@@ -1,0 +1,79 @@
+"""What the tracker is told of the current: its variance and how fast it changes along an AUV's way, by the scenario."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kernels.positioning import tracker, usbl
+from kernels.types import Level
+from usvauv_env.scenario import Scenario
+from usvauv_env.sea import storm
+from usvauv_env.site.bed_and_current import real_current
+
+
+def current_parts(scenario: Scenario) -> list[tuple[float, float]]:
+    """Variance per axis (m²/s²) and root mean square frequency (rad/s) of each part of the current at the AUVs."""
+    current, sea, area, waves = scenario.current, scenario.sea, scenario.area, scenario.storm
+    speed = scenario.reference.straight_speed
+    parts = []
+    if current.vortices and current.circulation_max > 0:
+        limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
+        parts.append(tracker.eddies(current.vortices, *limits, area.width * area.length, speed))
+    if waves.spectrum != "none":
+        shape = waves.spectrum, waves.peak_period, waves.gamma, waves.shortest_wave, area.depth, sea.gravity
+        depth = -scenario.auv.depth, area.depth, sea.gravity
+        parts.append(tracker.orbital_motion(*storm.band(*shape), waves.significant_height, *depth))
+    if sea.start_rms > 0:
+        clock = sea.gravity, sea.drag, scenario.mission.duration
+        parts.append(tracker.standing_waves(sea.start_rms, sea.start_modes, area.width, area.depth, *clock))
+    for square, period in (
+        (sea.regular_amplitude**2 / 2, sea.regular_period),
+        (sea.irregular_rms**2, math.sqrt(sea.irregular_period_min * sea.irregular_period_max)),
+    ):
+        if square > 0:
+            parts.append((square * _forced_share(scenario, period), 2 * math.pi / period))
+    flow = real_current(scenario)
+    if flow is not None:
+        parts.append(_real_part(scenario, flow.at(0.0)[Level.cruise], speed))
+    return parts
+
+
+def _forced_share(scenario: Scenario, period: float) -> float:
+    """Mean square current per axis over that of the elevation (1/s²) in long waves forced at an edge.
+
+    u = η √(g/h) in a wave that leaves at the other side; where that is a wall at the distance L, u = η √(g/h)
+    sin kx/cos kL, x from the wall, at resonance at most twice the wave that comes in.
+    """
+    sea, area = scenario.sea, scenario.area
+    progressive = 0.5 * sea.gravity / area.depth
+    if sea.forcing == "incident" or sea.radiating_edges or sea.sponge_edges:
+        return progressive
+    across = area.width if sea.forced_edge in ("west", "east") else area.length
+    turn = 2 * math.pi * across / (period * math.sqrt(sea.gravity * area.depth))
+    standing = (0.5 - math.sin(2 * turn) / (4 * turn)) / math.cos(turn) ** 2
+    return progressive * min(standing, 4.0)
+
+
+def _real_part(scenario: Scenario, stream: np.ndarray, speed: float) -> tuple[float, float]:
+    """A current from a file, (rows, columns, 2), m/s, as an AUV meets it that crosses it at a speed."""
+    variance = float(np.mean(np.square(stream)))
+    steps = scenario.area.length / (stream.shape[0] - 1), scenario.area.width / (stream.shape[1] - 1)
+    slopes = [np.mean(np.square(np.diff(stream, axis=axis) / steps[axis])) for axis in (0, 1)]
+    change = speed * math.sqrt(float(np.mean(slopes)))
+    return variance, change / math.sqrt(variance) if variance > 0 else 0.0
+
+
+def current_model(scenario: Scenario, link: np.ndarray) -> tuple[float, float]:
+    """Variance (m²/s²) and correlation time (s) of the current for `kernels.positioning.tracker`.
+
+    Args:
+        link: `usbl.link_table` of the AUVs; fixes count as from a quarter of the area's smaller side away.
+    """
+    z = scenario.auv.depth
+    away = min(scenario.area.width, scenario.area.length) / 4
+    q = (z * z + away * away) / link[:, usbl.REFERENCE] ** 2
+    noise = np.exp(link[:, usbl.POWER] * np.log(q) - link[:, usbl.LEVEL])
+    fix_variance = float(noise.mean()) + (scenario.usbl.attitude_error * z) ** 2
+    return tracker.ornstein_uhlenbeck(current_parts(scenario), fix_variance, scenario.mission.step)
