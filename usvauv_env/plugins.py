@@ -1,0 +1,71 @@
+"""Plugins: Python files outside the package that register tasks, strategies, rules, noise laws, policies, algorithms.
+
+A plugin is loaded by its path, or found as an entry point of the group "usvauv.plugins" of an installed distribution.
+It registers its items when it is imported; `docs/extending.md` shows how.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from kernels.errors import UserError
+
+GROUP = "usvauv.plugins"
+_paths: list[Path] = []
+
+
+class PluginError(UserError, ValueError):
+    """A plugin cannot be loaded; the message is one line that names its file."""
+
+
+def load(path: str | Path) -> None:
+    """Import a plugin; one that is loaded already is left as it is.
+
+    Raises:
+        PluginError: there is no such file, or importing it raises.
+    """
+    file = Path(path).resolve()
+    if file in _paths:
+        return
+    if not file.is_file() or file.suffix != ".py":
+        raise PluginError(f"plugin {path}: must be a Python file")
+    name = f"usvauv_plugin_{file.stem}_{len(_paths)}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # Taichi looks the source of a kernel up through its module
+    try:
+        spec.loader.exec_module(module)
+    except UserError as error:
+        del sys.modules[name]
+        raise PluginError(f"plugin {path}: {error}") from None
+    except Exception as error:
+        del sys.modules[name]
+        raise PluginError(_one_line(path, error)) from error
+    _paths.append(file)
+
+
+def load_installed() -> None:
+    """Import the plugins of installed distributions.
+
+    Raises:
+        PluginError: importing one raises.
+    """
+    for entry in entry_points(group=GROUP):
+        try:
+            entry.load()
+        except Exception as error:
+            raise PluginError(_one_line(entry.value, error)) from error
+
+
+def loaded() -> list[Path]:
+    """Files of the plugins loaded by path, in order."""
+    return list(_paths)
+
+
+def _one_line(source: object, error: Exception) -> str:
+    return f"plugin {source}: {type(error).__name__}: {' '.join(str(error).split())}"
