@@ -5,7 +5,6 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels import runtime
 from kernels.launch import Launch
 
 vec3 = ti.types.vector(3, ti.f32)
@@ -38,8 +37,7 @@ def arguments(device):
 
 
 @pytest.mark.parametrize("doubled", [False, True])
-def test_same_as_the_call(doubled):
-    device = runtime.start().device
+def test_same_as_the_call(device, doubled):
     called, bound = arguments(device), arguments(device)
     launch = Launch(mix, doubled, *bound)
     for _ in range(3):
@@ -53,8 +51,8 @@ def test_same_as_the_call(doubled):
     np.testing.assert_allclose(bound[0].cpu(), expected, rtol=1e-6)
 
 
-def test_arrays_are_read_anew_at_each_call():
-    bound = arguments(runtime.start().device)
+def test_arrays_are_read_anew_at_each_call(device):
+    bound = arguments(device)
     launch = Launch(mix, False, *bound)
     bound[0].zero_()
     bound[1].zero_()
@@ -62,8 +60,8 @@ def test_arrays_are_read_anew_at_each_call():
     assert bound[0][:, 0].tolist() == [0xFFFF - 3.0 + i for i in range(5)]
 
 
-def test_a_strided_tensor_is_refused():
-    x, *rest = arguments(runtime.start().device)
+def test_a_strided_tensor_is_refused(device):
+    x, *rest = arguments(device)
     with pytest.raises(ValueError, match="contiguous"):
         Launch(mix, False, x.T, *rest)
 
@@ -79,9 +77,8 @@ def call_wrong(x: ti.types.ndarray(dtype=ti.f32, ndim=1)):
         x[i] = wrong(x[i])
 
 
-def test_an_error_names_file_and_line():
+def test_an_error_names_file_and_line(device):
     """Although the runtime leaves out the extracts of the source that Taichi composes."""
-    device = runtime.start().device
     line = call_wrong._primal.func.__code__.co_firstlineno + 3
     with pytest.raises(ti.TaichiCompilationError) as caught:
         call_wrong(torch.zeros(3, device=device))

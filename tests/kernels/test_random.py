@@ -1,17 +1,11 @@
 """Counter-based random numbers: the published vectors, the distributions, and that a draw knows only its address."""
 
 import numpy as np
-import pytest
 import taichi as ti
 import torch
 from scipy import stats
 
-from kernels import random, runtime
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
+from kernels import random
 
 
 @ti.kernel

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import onnxruntime
 import pytest
@@ -16,7 +15,6 @@ from policies.algorithms import ALGORITHMS, Sizes
 from policies.export import export
 from policies.frames import ACTION_SIZE, FRAMES
 from policies.learned import Whitening
-from usvauv_cli.app import main
 from usvauv_env import Scenario, World
 from usvauv_env.faces.quantities import commanded, observed
 from usvauv_env.world.world import observation_size
@@ -163,18 +161,9 @@ class TestQuantities:
         ]
 
 
-def run(monkeypatch, capfd, *arguments: str) -> tuple[int, str, str]:
-    """Exit code and output of `usvauv`."""
-    monkeypatch.setattr(sys, "argv", ["usvauv", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return stop.value.code, *capfd.readouterr()
-
-
 class TestCommand:
-    def test_it_writes_the_file_and_nothing_else(self, tmp_path, monkeypatch, capfd):
-        monkeypatch.chdir(tmp_path)
-        code, out, err = run(monkeypatch, capfd, "export", "sac-extreme", "extreme", "--set", "auv.speed_max=2.0")
+    def test_it_writes_the_file_and_nothing_else(self, tmp_path, run_usvauv):
+        code, out, err = run_usvauv("export", "sac-extreme", "extreme", "--set", "auv.speed_max=2.0")
         assert (code, err) == (0, "")
         assert "sac-extreme.onnx: observation (N, 2, 23), action (N, 2, 2)" in out
         assert [path.name for path in tmp_path.iterdir()] == ["sac-extreme.onnx"]
@@ -192,9 +181,8 @@ class TestCommand:
             (["sac-extreme", "--onnx", "missing/a.onnx"], ["--onnx missing/a.onnx", "does not exist"]),
         ],
     )
-    def test_bad_input_is_one_line_and_exit_code_2(self, tmp_path, monkeypatch, capfd, arguments, parts):
-        monkeypatch.chdir(tmp_path)
-        code, _, err = run(monkeypatch, capfd, "export", *arguments)
+    def test_bad_input_is_one_line_and_exit_code_2(self, tmp_path, run_usvauv, arguments, parts):
+        code, _, err = run_usvauv("export", *arguments)
         assert code == 2
         assert err.startswith("error: ")
         assert err.count("\n") == 1

@@ -11,7 +11,6 @@ from pathlib import Path
 import av
 import pytest
 
-from usvauv_cli.app import main
 from usvauv_env import Trace
 from usvauv_env.record.metrics import COLUMNS
 
@@ -142,14 +141,10 @@ def test_scenarios(tmp_path):
         (["train", "--resume", "--out", "nothing"], ["nothing"]),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, capsys, arguments, parts):
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, run_usvauv, arguments, parts):
     """Through the installed command's own entry point, in this process; one of them also as a process below."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["usvauv", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 2
-    stderr = capsys.readouterr().err
+    code, _, stderr = run_usvauv(*arguments)
+    assert code == 2
     for part in parts:
         assert part in stderr
     if stderr.startswith("error: "):

@@ -1,18 +1,16 @@
 """`usvauv plan`: the planner's optimum, errors as fixes have them, the JSON of the help, the figure, bad input."""
 
+import functools
 import json
 import math
-import sys
 
 import numpy as np
 import pytest
 import torch
 from matplotlib import image
 
-from kernels import runtime
 from kernels.planning import global_search, objectives
 from kernels.positioning import usbl
-from usvauv_cli.app import main
 from usvauv_env import Scenario
 from usvauv_env.world.tables import link_table
 
@@ -23,25 +21,17 @@ ERROR_KEYS = {"range", "major", "minor", "angle", "good"}
 
 
 @pytest.fixture
-def usvauv(tmp_path, monkeypatch, capsys):
-    """Run `usvauv plan` in an empty folder through the command's entry point: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["usvauv", "plan", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code, *capsys.readouterr()
-
-    return run
+def plan(run_usvauv):
+    """Run `usvauv plan` in an empty folder: exit code, stdout, stderr."""
+    return functools.partial(run_usvauv, "plan")
 
 
 @pytest.fixture
-def solve(usvauv):
+def solve(plan):
     """The JSON that `usvauv plan` prints, when it prints that and nothing else."""
 
     def run(*arguments):
-        code, stdout, stderr = usvauv(*arguments, "--json", "-")
+        code, stdout, stderr = plan(*arguments, "--json", "-")
         assert (code, stderr) == (0, "")
         return json.loads(stdout)
 
@@ -55,9 +45,8 @@ def link(scenario, count, depth):
 class TestOptimum:
     @pytest.mark.parametrize("objective", ["d", "a", "e", "sum", "paper"])
     @pytest.mark.parametrize("measurement", ["fix", "phase"])
-    def test_is_that_of_the_planner(self, solve, objective, measurement):
+    def test_is_that_of_the_planner(self, solve, device, objective, measurement):
         result = solve(*TEAM, "--objective", objective, "--measurement", measurement, "--compare", "20,180")
-        device = runtime.start().device
         form = objectives.form(measurement, objective)
         table, points = link("extreme", 2, 70).to(device), torch.tensor([POSITIONS], device=device)
         expected = global_search.plan_batch(table, points, form=form)[0].tolist()
@@ -86,12 +75,12 @@ class TestErrors:
     @pytest.mark.parametrize("measurement", ["fix", "phase"])
     @pytest.mark.parametrize("attitude_error", [0.0, 0.004])
     @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.2, -0.1)])
-    def test_ellipses_are_those_of_drawn_fixes(self, solve, measurement, attitude_error, slope):
+    def test_ellipses_are_those_of_drawn_fixes(self, solve, device, measurement, attitude_error, slope):
         """200,000 fixes by the kernel; for phases alone each is moved along its direction to the known depth."""
         options = ["--measurement", measurement, "--set", f"usbl.attitude_error={attitude_error}"]
         options += ["--slope", f"{slope[0]},{slope[1]}"]
         result = solve(*TEAM, *options, "--compare", "100,20")
-        device, draws = runtime.start().device, 200_000
+        draws = 200_000
         noise = torch.randn(draws, 5, generator=torch.Generator().manual_seed(3)).to(device)
         table = link("extreme", 2, 70).to(device)
         for place in (result["optimum"], result["centroid"], result["compare"][0]):
@@ -115,9 +104,8 @@ class TestErrors:
                     assert abs(np.dot(along, axes[:, 1])) > 0.999
             assert place["rms"] == pytest.approx(math.sqrt(total / 2), rel=0.01)
 
-    def test_fixes_that_may_be_no_good_say_so(self, usvauv, solve):
+    def test_fixes_that_may_be_no_good_say_so(self, plan, solve, device):
         """Spacing beyond half a wavelength (0.05 m at 15 kHz): sure near the nadir, not aside; and far away."""
-        device = runtime.start().device
         wide = ["--auv", "20,20,100", "--set", "usbl.spacing=0.06"]
         compare = ["--compare", "20,20", "--compare", "170,20", "--compare", "200,20"]
         good = [place["errors"][0]["good"] for place in solve(*wide, *compare)["compare"]]
@@ -132,7 +120,7 @@ class TestErrors:
         flags = usbl.flagged_fixes(link, index, offset, offset.new_zeros(draws, 2), 0.0, noise)[2]
         share = (flags == usbl.DETECTED).double().mean().item()
         assert good[1] == pytest.approx(share, abs=5 * math.sqrt(share * (1 - share) / draws) + 1e-4)
-        assert "100.0%" in usvauv(*wide)[1]
+        assert "100.0%" in plan(*wide)[1]
         faint = solve("--auv", "20,20,100", "--compare", "180,180", "--set", "acoustics.source_level=118")
         assert faint["optimum"]["errors"][0]["good"] > 0.99
         assert faint["compare"][0]["errors"][0]["good"] < 0.01
@@ -154,14 +142,14 @@ class TestOutput:
             assert [set(error) for error in place["errors"]] == [ERROR_KEYS, ERROR_KEYS]
         assert not list(tmp_path.iterdir())  # --json - alone writes no file
 
-    def test_help_documents_the_keys(self, usvauv):
-        text = usvauv("--help")[1]
+    def test_help_documents_the_keys(self, plan):
+        text = plan("--help")[1]
         assert "Examples" in text
         for key in PLACE_KEYS | ERROR_KEYS | {"optimum", "centroid", "compare", "carrier", "depth"}:
             assert key in text
 
-    def test_table_and_files(self, usvauv, tmp_path):
-        code, stdout, _ = usvauv(*TEAM, "--compare", "12,34", "--json", "plan.json")
+    def test_table_and_files(self, plan, tmp_path):
+        code, stdout, _ = plan(*TEAM, "--compare", "12,34", "--json", "plan.json")
         result = json.loads((tmp_path / "plan.json").read_text())
         assert code == 0
         for part in (f"x = {result['optimum']['x']:.2f} m", "centroid", "12.00", "34.00", "major m", "plan.png"):
@@ -173,19 +161,19 @@ class TestOutput:
     @pytest.mark.parametrize(
         ("arguments", "shape"), [([*TEAM, "--compare", "0,0"], (200, 200)), (["--auv", "9,9,9"], (4000, 40))]
     )
-    def test_figure(self, usvauv, tmp_path, arguments, shape):
+    def test_figure(self, plan, tmp_path, arguments, shape):
         area = ["--set", f"area.width={shape[0]}", "--set", f"area.length={shape[1]}", "--set", "auv.start_margin=1"]
         if shape[1] == 40:
             arguments = [*arguments, "--set", "sea.cell_size=2"]
-        code, _, stderr = usvauv(*arguments, *area, "--out", "map.png")
+        code, _, stderr = plan(*arguments, *area, "--out", "map.png")
         assert (code, stderr) == (0, "")
         picture = image.imread(tmp_path / "map.png")
         assert min(picture.shape[:2]) > 300
         assert len(np.unique(picture.reshape(-1, picture.shape[2]).round(2), axis=0)) > 100
 
-    def test_sixteen_auvs(self, usvauv, tmp_path):
+    def test_sixteen_auvs(self, plan, tmp_path):
         team = [part for k in range(16) for part in ("--auv", f"{10 + 11 * k},{190 - 10 * k},{20 + 6 * k}")]
-        code, stdout, _ = usvauv(*team, "--out", "many.svg")
+        code, stdout, _ = plan(*team, "--out", "many.svg")
         assert code == 0
         assert " 16 " in stdout
         assert "<svg" in (tmp_path / "many.svg").read_text()
@@ -218,8 +206,8 @@ class TestOutput:
         ([*TEAM, "--json", "missing/plan.json"], ["missing", "does not exist"]),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(usvauv, tmp_path, arguments, parts):
-    code, stdout, stderr = usvauv(*arguments)
+def test_bad_input_is_one_line_and_exit_code_2(plan, tmp_path, arguments, parts):
+    code, stdout, stderr = plan(*arguments)
     assert (code, stdout) == (2, "")
     assert stderr.startswith("error: ")
     assert stderr.count("\n") == 1

@@ -20,7 +20,6 @@ import torch
 import policies
 from kernels.errors import UserError
 from policies import TrainingConfig, checkpoint
-from usvauv_cli.app import main
 from usvauv_cli.reproduction import fig3, fig4b, fixes, paper, pool, settings, table2, targets
 from usvauv_cli.reproduction.runs import TESTED, Heuristic, Learned
 from usvauv_cli.reproduction.settings import FULL, METHODS, QUICK, Settings
@@ -278,11 +277,9 @@ def test_processes_do_what_one_does(tmp_path, whole):
         assert piece.result(tmp_path).read_bytes() == piece.result(whole[0]).read_bytes()
 
 
-def test_command_refuses_what_is_no_target(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["usvauv", "reproduce", "table3", "--out", str(tmp_path / "a")])
-    with pytest.raises(SystemExit, match="2"):
-        main()
-    assert capsys.readouterr().err.strip() == "error: table3: must be one of table2, fig3, fig4a, fig4b, all"
+def test_command_refuses_what_is_no_target(run_usvauv):
+    code, _, stderr = run_usvauv("reproduce", "table3", "--out", "a")
+    assert (code, stderr) == (2, "error: table3: must be one of table2, fig3, fig4a, fig4b, all\n")
 
 
 def test_ctrl_c_ends_all_processes_cleanly(tmp_path):

@@ -10,7 +10,6 @@ from scipy.integrate import quad, trapezoid
 from scipy.signal import hilbert, welch
 from scipy.stats import kstest
 
-from kernels import runtime
 from kernels.flow import airy
 from usvauv_env.sea.storm import AirySea, band, build_storm, spread
 
@@ -30,11 +29,6 @@ STORM = {
     "seed": 3,
     "num_seas": 4,
 }
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def storm(**changes) -> AirySea:

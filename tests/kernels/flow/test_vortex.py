@@ -7,17 +7,11 @@ import pytest
 import torch
 from scipy.special import lambertw
 
-from kernels import runtime
 from kernels.flow.vortex import evolution, sample_current, sample_vorticity
 
 # Baseline reference of the paper (Zhang et al., doi 10.1109/JIOT.2024.3395568): three vortices in a 120 m square.
 BASELINE = [(30.0, 23.0, 8.0, 48.0), (63.0, 45.0, 8.0, 48.0), (75.0, 77.0, 8.0, 48.0)]
 STRONG = [(40.0, 60.0, 150.0, 30.0), (150.0, 120.0, -90.0, 25.0), (90.0, 170.0, 60.0, 40.0)]
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def field(device, vortices, points):

@@ -8,18 +8,12 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels import runtime
 from kernels.mission import poisson_table
 from kernels.mission.columns import NodeColumn
 from usvauv_env import Scenario, World
 
 RATES = (0.0, 0.3, 3.0, 12.0, 40.0, 80.0)
 LAST = 1 - 2.0**-24  # the largest number that `random.unit` gives
-
-
-@pytest.fixture(scope="module", autouse=True)
-def taichi():
-    runtime.start()
 
 
 @ti.kernel
@@ -33,8 +27,7 @@ def _draw(
         out[i] = poisson_table.draw(kinds, row, u[i])
 
 
-def draw(rates, step: float, row: int, u: np.ndarray) -> np.ndarray:
-    device = runtime.start().device
+def draw(device, rates, step: float, row: int, u: np.ndarray) -> np.ndarray:
     u = torch.from_numpy(u.astype(np.float32)).to(device)
     out = torch.full_like(u, -1.0)
     _draw(torch.from_numpy(poisson_table.table(rates, step)).to(device), row, u, out)
@@ -42,25 +35,25 @@ def draw(rates, step: float, row: int, u: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("row", range(len(RATES)))
-def test_it_inverts_the_distribution(row):
+def test_it_inverts_the_distribution(device, row):
     """SciPy's quantiles, away from the steps, which single precision cannot tell from their neighbours."""
     u = np.concatenate(((np.arange(200_000) + 0.5) / 200_000, np.arange(1, 64) / 64, [2.0**-24, LAST]))
     u = u.astype(np.float32).astype(np.float64)
-    count = draw(RATES, 1.0, row, u)
+    count = draw(device, RATES, 1.0, row, u)
     below, at = (stats.poisson.cdf(count - shift, RATES[row]) for shift in (1, 0))
     assert np.all(u > below - 1e-7)
     assert np.all(u <= at + 1e-7)
 
 
-def test_a_step_is_part_of_the_mean():
+def test_a_step_is_part_of_the_mean(device):
     u = np.linspace(0.01, 0.99, 99)
-    assert np.array_equal(draw([6.0], 0.5, 0, u), draw([3.0], 1.0, 0, u))
+    assert np.array_equal(draw(device, [6.0], 0.5, 0, u), draw(device, [3.0], 1.0, 0, u))
 
 
-def test_rows_end_where_the_distribution_does():
+def test_rows_end_where_the_distribution_does(device):
     """The largest number gives a count that is still a plausible one."""
     for row, rate in enumerate(RATES[1:], 1):
-        assert stats.poisson.sf(draw(RATES, 1.0, row, np.array([LAST]))[0], rate) > 1e-10
+        assert stats.poisson.sf(draw(device, RATES, 1.0, row, np.array([LAST]))[0], rate) > 1e-10
 
 
 def test_nodes_fill_at_their_own_rates():

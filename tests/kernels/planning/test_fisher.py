@@ -7,15 +7,9 @@ import pytest
 import torch
 from torch.func import jacrev
 
-from kernels import runtime
 from kernels.planning import fisher, global_search, objectives
 from kernels.positioning import usbl
 from tests.kernels.planning.reference import random_layouts, sigma, table
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def phases(boat, auvs, kappa):

@@ -5,17 +5,11 @@ import math
 import pytest
 import torch
 
-from kernels import runtime
 from kernels.planning import global_search, objectives
 from kernels.positioning import usbl
 from tests.kernels.planning.reference import FORMS, KINDS, best_by_dense_search, log_objective, random_layouts, table
 
 AREA = 200.0
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def tolerance(form):

@@ -6,14 +6,8 @@ import pytest
 import torch
 from torch.func import grad, jacrev, vmap
 
-from kernels import runtime
 from kernels.planning import fisher, objectives
 from tests.kernels.planning.reference import FORMS, KINDS, log_objective, random_layouts, table
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def random_boats(n, seed):

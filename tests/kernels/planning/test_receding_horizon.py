@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from kernels import runtime
 from kernels.planning import global_search, objectives, receding_horizon
 from kernels.positioning import tracker, usbl
 
@@ -14,11 +13,6 @@ CARRIERS = (15000.0, 18000.0, 12000.0, 14000.0, 16000.0, 17000.0)
 ATTITUDE_ERROR = math.radians(0.1)
 MODEL = {"variance": 0.22, "correlation_time": 180.0}
 SPEED = 4.0
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def links(count, device, attitude_error=ATTITUDE_ERROR):

@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch.func import jacrev
 
-from kernels import runtime
 from kernels.planning import fisher, tilted_array
 from kernels.positioning import usbl
 from tests.kernels.planning.reference import sigma, table
@@ -15,11 +14,6 @@ from tests.kernels.planning.reference import sigma, table
 OFFSETS = [[0.0, 0.0, -100.0], [70.0, -45.0, -104.0], [-130.0, 90.0, -98.0], [15.0, 20.0, -12.0]]
 SLOPES = [[0.0, 0.0], [0.1, -0.05], [-0.2, 0.25]]
 ERROR = 0.004
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def cases():

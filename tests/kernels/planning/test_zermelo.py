@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
 
 import policies
-from kernels import runtime
 from kernels.flow.vortex import sample_current
 from kernels.mission.columns import AuvColumn
 from kernels.mission.vehicle import travelling_power
@@ -21,11 +20,6 @@ SIZE = (200.0, 200.0)
 RADIUS = 6.0
 GOAL = (93.0, 71.0)
 CIRCLE = {"size": SIZE, "radius": RADIUS}
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def nodes(count, size=SIZE):

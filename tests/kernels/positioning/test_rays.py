@@ -9,7 +9,6 @@ import torch
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from kernels import runtime
 from kernels.positioning import rays
 from usvauv_env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 
@@ -18,11 +17,6 @@ MELTWATER = SoundSpeedProfile.from_table([(0, 1440.0), (3, 1440.0), (20, 1475.0)
 ISOTHERMAL = SoundSpeedProfile.from_table([(0, 1490.0), (200, 1493.3)])
 DUCT = SoundSpeedProfile.from_table([(0, 1500.0), (30, 1510.0), (60, 1480.0), (90, 1495.0), (200, 1492.0)])
 PROFILES = {"thermocline": THERMOCLINE, "meltwater": MELTWATER, "isothermal": ISOTHERMAL, "duct": DUCT}
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def tensor(values, device) -> torch.Tensor:

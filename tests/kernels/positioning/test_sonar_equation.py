@@ -6,7 +6,6 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels import runtime
 from kernels.positioning import sonar_equation
 
 LAWS = {
@@ -23,8 +22,8 @@ LAWS = {
 
 
 @pytest.mark.parametrize(("law", "arguments"), LAWS.values(), ids=LAWS)
-def test_kernel_and_host_agree(law, arguments):
-    out = torch.empty(1, dtype=torch.float32, device=runtime.start().device)
+def test_kernel_and_host_agree(device, law, arguments):
+    out = torch.empty(1, dtype=torch.float32, device=device)
 
     @ti.kernel
     def evaluate(out: ti.types.ndarray(dtype=ti.f32, ndim=1)):

@@ -7,7 +7,6 @@ import pytest
 import torch
 from scipy.linalg import solve_discrete_are
 
-from kernels import runtime
 from kernels.mission.columns import AuvColumn
 from kernels.positioning import tracker
 from policies.heuristics import Crab
@@ -18,11 +17,6 @@ from usvauv_env.world.world import World
 
 UPPER = np.triu_indices(4)
 EXTREME_CURRENT = {"variance": 0.22, "correlation_time": 180.0}
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def single(array, device):

@@ -11,17 +11,11 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels import runtime
 from kernels.positioning import fix_probability, sonar_equation, usbl
 
 CARRIERS = (15000.0, 18000.0)
 LEVEL = (0.0, 0.0)
 DRAWS = 200_000
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def fixes(device, offset, *, slope=LEVEL, attitude_error=0.0, noise=None, auv=0, **link):

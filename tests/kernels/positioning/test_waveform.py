@@ -12,18 +12,13 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels import random, runtime
+from kernels import random
 from kernels.positioning import fix_probability, sonar_equation, usbl, waveform
 from kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
 
 SIGNIFICANCE = 1e-5
 SAMPLING_RATE = 2.016e6
 COUNT = 10_000
-
-
-@pytest.fixture(scope="module")
-def device():
-    return runtime.start().device
 
 
 def link_at(snr, offset, carrier=15000.0, path="echo", **settings):

@@ -1,0 +1,29 @@
+"""Fixtures that tests of more than one module use."""
+
+import sys
+
+import pytest
+import torch
+
+from kernels import runtime
+from usvauv_cli.app import main
+
+
+@pytest.fixture(scope="session")
+def device() -> torch.device:
+    """Torch device of the kernels. Taichi runs from here on."""
+    return runtime.start().device
+
+
+@pytest.fixture
+def run_usvauv(tmp_path, monkeypatch, capfd):
+    """Function that runs `usvauv` in this process and an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["usvauv", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return stop.value.code, *capfd.readouterr()
+
+    return run
