@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import io
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -16,16 +14,12 @@ import cv2
 import numpy as np
 from av.video.reformatter import VideoReformatter
 
-from kernels.errors import UserError
+from usvauv_env.files import OutputError, atomic_write
 from usvauv_env.record.trace import Trace
 from usvauv_env.render.painter import Painter
 
 SMALLEST, LARGEST = 320, 7680  # pixels a side
 KEYFRAMES = 250  # from one picture that is stored whole to the next, the encoder's own choice
-
-
-class OutputError(UserError, ValueError):
-    """A file cannot be written as asked; the message is one line that names its path."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +65,13 @@ def render(
     if frames == 0:
         raise OutputError(f"{out}: there is nothing to show: the trace has no steps")
     drawing = encoding = 0.0
-    with one_drawing_thread(), Encoder(out, width, height, fps) as encoder:
+    with one_drawing_thread(), video_file(out, width, height, fps) as append:
         painter = Painter(trace, (width, height), fps)
         for t in range(frames):
             begin = time.perf_counter()
             picture = painter.frame(t)
             drawn = time.perf_counter()
-            encoder.add(picture)
+            append(picture)
             drawing += drawn - begin
             encoding += time.perf_counter() - drawn
             progress(1)
@@ -108,51 +102,30 @@ def one_drawing_thread() -> Iterator[None]:
 
 
 @contextmanager
-def named_error(out: Path) -> Iterator[None]:
-    """What goes wrong while writing, as one line that names the file."""
-    try:
-        yield
-    except (OSError, av.FFmpegError) as error:
-        raise OutputError(f"{out}: cannot be written: {error.strerror or error}") from None
+def video_file(out: Path, width: int, height: int, fps: int) -> Iterator[Callable[[np.ndarray], None]]:
+    """An MP4 file; the function it gives appends a picture (height, width, 3) BGR.
 
+    The file appears at its path when it is complete, and not at all after an error or Ctrl-C. H.264 with the colours of
+    BT.709, as players assume for video of this size; two threads beside the drawing one.
 
-class Encoder:
-    """An MP4 file that appears at its path when it is complete, and not at all after an error or Ctrl-C.
-
-    H.264 with the colours of BT.709, as players assume for video of this size; two threads beside the drawing one.
+    Raises:
+        OutputError: the file cannot be written.
     """
-
-    def __init__(self, out: Path, width: int, height: int, fps: int) -> None:
-        self._out = out
-        self._partial = out.with_name(out.name + ".partial")
-        with named_error(out):
-            if out.is_dir():
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-            self._partial.touch()  # PyAV would only try with the first packet, many frames later
-            self._container = av.open(str(self._partial), "w", format="mp4", options={"movflags": "faststart"})
-        self._converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
-        self._stream = _add_stream(self._container, width, height, fps)
-
-    def __enter__(self) -> Encoder:
-        return self
-
-    def add(self, picture: np.ndarray) -> None:
-        """Append a picture (height, width, 3) BGR."""
-        with named_error(self._out):
-            self._container.mux(self._stream.encode(_convert(picture, self._converter)))
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    with atomic_write(out) as partial:
         try:
-            if kind is not None:
+            container = av.open(str(partial), "w", format="mp4", options={"movflags": "faststart"})
+            try:
+                stream = _add_stream(container, width, height, fps)
+                converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
+                yield lambda picture: container.mux(stream.encode(_convert(picture, converter)))
+                container.mux(stream.encode(None))
+                container.close()
+            except BaseException:
                 with suppress(OSError, av.FFmpegError):  # the first error is the one to report
-                    self._container.close()
-                return
-            with named_error(self._out):
-                self._container.mux(self._stream.encode(None))
-                self._container.close()
-                os.replace(self._partial, self._out)
-        finally:
-            self._partial.unlink(missing_ok=True)
+                    container.close()
+                raise
+        except av.FFmpegError as error:
+            raise OutputError(f"{out}: cannot be written: {error.strerror or error}") from None
 
 
 def _add_stream(container: av.container.OutputContainer, width: int, height: int, fps: int) -> av.VideoStream:

@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from usvauv_cli.figure_theme import CARD, EDGE, MUTED, SEA, TEXT, web
 from usvauv_cli.objectives import NAMES
+from usvauv_env.files import atomic_write
 from usvauv_env.render import style
 
 SIGMAS = 2
@@ -92,7 +93,8 @@ def draw(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], pat
         about += f" · errors on a slope of {result['slope'][0]:g}, {result['slope'][1]:g}"
     figure.text(*place(0.8, total[1] - 0.45), title, color=TEXT, fontsize=15, fontweight="bold")
     figure.text(*place(0.8, total[1] - 0.72), about, color=MUTED, fontsize=10)
-    figure.savefig(path, dpi=150, facecolor=CARD)
+    with atomic_write(path) as partial:
+        figure.savefig(partial, dpi=150, facecolor=CARD, format=path.suffix[1:].lower())
 
 
 def draw_landscape(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], axes: Axes, bar: Axes) -> None:

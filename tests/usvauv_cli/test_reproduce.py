@@ -23,7 +23,7 @@ from policies import TrainingConfig, checkpoint
 from usvauv_cli.reproduction import fig3, fig4b, fixes, paper, pool, settings, table2, targets
 from usvauv_cli.reproduction.runs import TESTED, Heuristic, Learned
 from usvauv_cli.reproduction.settings import FULL, METHODS, QUICK, Settings
-from usvauv_cli.reproduction.work import read_rows, write_rows
+from usvauv_env.record.table import read_rows, write_rows
 
 COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()"]
 TINY_RUN = {"num_worlds": 4, "hidden": (8,), "batch": 16, "warmup": 40, "n_step": 2, "replay": 400}

@@ -191,7 +191,7 @@ class TestLoneSea:
         def still_depth(_, shape):
             return np.where(np.arange(shape[0]) < shape[0] // 2, -3.0, 50.0) * np.ones((shape[1], 1))
 
-        for module in ("sea", "lone_sea"):
+        for module in ("sea.forcing", "sea_alone.simulation"):
             monkeypatch.setattr(f"usvauv_env.{module}.still_depth", still_depth)
         scenario = Scenario.load("extreme", ["area.depth=50", "auv.depth=40"])
         sea = LoneSea(scenario, 0, (20, 20), 1.0)

@@ -9,7 +9,8 @@ import av
 import numpy as np
 import pytest
 
-from usvauv_cli.encoder import OutputError, render
+from usvauv_cli.encoder import render
+from usvauv_env.files import OutputError
 from usvauv_env.record.metrics import episode_metrics
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import glyphs, style
@@ -203,7 +204,7 @@ class TestFile:
         def full_disk(*_: object) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr("usvauv_cli.encoder.os.replace", full_disk)
+        monkeypatch.setattr("usvauv_env.files.os.replace", full_disk)
         with pytest.raises(OutputError, match=r"mission\.mp4: cannot be written: No space left on device"):
             render(synthetic_trace(steps=2), path, (320, 320))
         assert path.read_bytes() == b"older"

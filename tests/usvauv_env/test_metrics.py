@@ -1,6 +1,6 @@
 """Metrics against numbers worked out by hand, and the trace's way through a file."""
 
-import csv
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -8,8 +8,9 @@ import torch
 
 import policies
 from usvauv_env import Scenario, Trace, TraceError, World
-from usvauv_env.record.metrics import COLUMNS, episode_metrics, write_csv
+from usvauv_env.record.metrics import COLUMNS, episode_metrics
 from usvauv_env.record.recorder import record
+from usvauv_env.record.table import read_rows, write_rows
 from usvauv_env.record.trace import DIMENSIONS
 
 
@@ -74,9 +75,8 @@ def test_csv_has_the_promised_columns(tmp_path):
     )
     assert " ".join(COLUMNS) == promised
     rows = episode_metrics(small_trace())
-    write_csv(rows, tmp_path / "m.csv")
-    with (tmp_path / "m.csv").open() as stream:
-        (read,) = csv.DictReader(stream)
+    write_rows(tmp_path / "m.csv", COLUMNS, map(asdict, rows))
+    (read,) = read_rows(tmp_path / "m.csv")
     assert tuple(read) == COLUMNS
     assert float(read["ec"]) == rows[0].ec
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]

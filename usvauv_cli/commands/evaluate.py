@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -43,8 +44,9 @@ def evaluate(
     import policies
     from usvauv_cli import console, report
     from usvauv_env import Scenario, World
-    from usvauv_env.record.metrics import episode_metrics, write_csv
+    from usvauv_env.record.metrics import COLUMNS, episode_metrics
     from usvauv_env.record.recorder import record
+    from usvauv_env.record.table import write_rows
     from usvauv_env.world.tables import UsvStrategy
 
     at_least("--episodes", episodes, 1)
@@ -69,9 +71,9 @@ def evaluate(
                         rows += episode_metrics(trace, first)
     except KeyboardInterrupt:
         if rows:
-            write_csv(rows, out)
+            write_rows(out, COLUMNS, map(asdict, rows))
             typer.echo(f"stopped; the {len(rows)} episodes that are complete are in {out}")
         raise
-    write_csv(rows, out)
+    write_rows(out, COLUMNS, map(asdict, rows))
     report.metrics_table(rows)
     typer.echo(f"{len(rows)} episodes written to {out}")

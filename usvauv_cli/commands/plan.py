@@ -112,13 +112,16 @@ def plan(
     if json_file and not to_stdout:
         writable(Path(json_file), "--json")
 
+    from usvauv_env.files import atomic_write
+
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
     if json_file:
         text = json.dumps(result, indent=1)
         if to_stdout:
             typer.echo(text)
         else:
-            Path(json_file).write_text(text + "\n", encoding="utf-8")
+            with atomic_write(Path(json_file)) as partial:
+                partial.write_text(text + "\n", encoding="utf-8")
     if out:
         from usvauv_cli import plan_figure
 

@@ -11,7 +11,8 @@ from usvauv_cli.figure_theme import MUTED, TEXT
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.runs import Learned
 from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import Piece, write_rows
+from usvauv_cli.reproduction.work import Piece
+from usvauv_env.record.table import write_rows
 
 NAME = "fig3"
 METHODS = ("ddpg", "sac")

@@ -17,10 +17,11 @@ from usvauv_cli.figure_theme import EDGE, MUTED, TEXT, web
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.runs import Learned
 from usvauv_cli.reproduction.settings import PHYSICAL, Settings
-from usvauv_cli.reproduction.work import Piece, write_rows
+from usvauv_cli.reproduction.work import Piece
 from usvauv_env import Trace, World
 from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv_env.record.recorder import record
+from usvauv_env.record.table import write_rows
 from usvauv_env.render import style
 
 NAME = "fig4a"

@@ -11,7 +11,8 @@ from usvauv_cli.figure_theme import MUTED, TEXT
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.fixes import BOUND, FixErrors, results
 from usvauv_cli.reproduction.settings import PHYSICAL, STRATEGIES, Settings
-from usvauv_cli.reproduction.work import Piece, read_rows, write_rows
+from usvauv_cli.reproduction.work import Piece
+from usvauv_env.record.table import read_rows, write_rows
 
 NAME = "fig4b"
 SCENARIOS = (paper.CONDITIONS["ESC"], PHYSICAL)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from usvauv_cli.figure_theme import CARD, MUTED, TEXT, web
+from usvauv_env.files import atomic_write
 from usvauv_env.render import style
 
 PLOT, LINE = web(style.CARD), web(style.LINE)
@@ -41,9 +41,5 @@ def dress(axes: Axes, title: str = "") -> None:
 def save(figure: Figure, place: Path) -> None:
     """Write PLACE.png and PLACE.pdf."""
     for form, metadata in (("png", None), ("pdf", {"CreationDate": None})):  # without the date equal figures are equal
-        partial = place.with_name(f"{place.name}.{form}.partial")
-        try:
+        with atomic_write(place.with_name(f"{place.name}.{form}")) as partial:
             figure.savefig(partial, dpi=140, facecolor=CARD, format=form, metadata=metadata)
-            os.replace(partial, place.with_name(f"{place.name}.{form}"))
-        finally:
-            partial.unlink(missing_ok=True)

@@ -10,11 +10,12 @@ import numpy as np
 
 import policies
 from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import EVALUATION_STEP, Work, write_rows
+from usvauv_cli.reproduction.work import EVALUATION_STEP, Work
 from usvauv_env import World
 from usvauv_env.record import error_bound
 from usvauv_env.record.metrics import position_error
 from usvauv_env.record.recorder import record
+from usvauv_env.record.table import write_rows
 
 BOUND = "bound"
 OVER_TIME = ("time", "median", "lower_quartile", "upper_quartile")

@@ -5,7 +5,6 @@ Figures and tables stand in `RESULTS` beside the page and are linked relative to
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from policies.evaluation import EVALUATION_SEED_OFFSET
 from usvauv_cli.reproduction import conventions, fig3, fig4a, fig4b, paper, table2
 from usvauv_cli.reproduction.fixes import BOUND
 from usvauv_cli.reproduction.settings import Settings
+from usvauv_env.files import atomic_write
 from usvauv_env.record.metrics import EpisodeMetrics
 
 RESULTS = "reproduction"
@@ -23,12 +23,8 @@ NEAR = 0.05  # share of an EC within which another counts as equal
 
 def write(path: Path, title: str, sections: Iterable[str]) -> None:
     """Write a page of a title and sections; it appears only when it is complete."""
-    partial = path.with_name(path.name + ".partial")
-    try:
+    with atomic_write(path) as partial:
         partial.write_text("\n\n".join([f"# {title}", *sections]) + "\n", encoding="utf-8")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

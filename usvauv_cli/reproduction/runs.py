@@ -20,10 +20,11 @@ from policies.evaluation import EVALUATION_SEED_OFFSET, judge
 from policies.provenance import provenance
 from usvauv_cli.reproduction.paper import CONDITIONS
 from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import EVALUATION_STEP, Stopped, Work, write_rows
+from usvauv_cli.reproduction.work import EVALUATION_STEP, Stopped, Work
 from usvauv_env import World
 from usvauv_env.record.metrics import COLUMNS, episode_metrics
 from usvauv_env.record.recorder import record
+from usvauv_env.record.table import write_rows
 
 TESTED = ("method", "trained_in", "run", "updates", *COLUMNS, "collaboration")
 

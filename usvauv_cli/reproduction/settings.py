@@ -7,7 +7,6 @@ the record, so that no table is made of two kinds of runs.
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 from kernels.errors import UserError
 from policies import TrainingConfig
 from usvauv_cli.reproduction.paper import CONDITIONS
+from usvauv_env.files import atomic_write
 from usvauv_env.scenario import Scenario
 
 PHYSICAL = "extreme"  # our own scenario, set beside the paper's in Fig. 4
@@ -122,9 +122,8 @@ def record(settings: Settings, folder: Path) -> None:
     scenarios = {name: settings.scenario(name).to_dict() for name in (*CONDITIONS.values(), PHYSICAL)}
     now = json.loads(json.dumps({**asdict(settings), "scenarios": scenarios}))
     if not path.exists():
-        partial = path.with_name(path.name + ".partial")
-        partial.write_text(json.dumps(now, indent=2) + "\n", encoding="utf-8")
-        os.replace(partial, path)
+        with atomic_write(path) as partial:
+            partial.write_text(json.dumps(now, indent=2) + "\n", encoding="utf-8")
         return
     try:
         before = json.loads(path.read_text(encoding="utf-8"))

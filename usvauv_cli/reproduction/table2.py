@@ -14,7 +14,8 @@ from usvauv_cli.figure_theme import MUTED, TEXT
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.runs import Heuristic, Learned
 from usvauv_cli.reproduction.settings import HEURISTICS, Settings
-from usvauv_cli.reproduction.work import Piece, read_rows, write_rows
+from usvauv_cli.reproduction.work import Piece
+from usvauv_env.record.table import read_rows, write_rows
 
 NAME = "table2"
 OTHERS = ("services", "delivered_mbit", "collisions", "border", "arps_without_eq5")

@@ -15,6 +15,7 @@ from usvauv_cli.reproduction import fig3, fig4a, fig4b, page, pool, settings, ta
 from usvauv_cli.reproduction.runs import Learned
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import Piece
+from usvauv_env.files import atomic_write
 
 FIGURES = ("table2", "fig3", "fig4a", "fig4b")
 TARGETS = (*FIGURES, "all")
@@ -118,6 +119,6 @@ def stopwatch(folder: Path, jobs: int) -> Iterator[None]:
         yield
     finally:
         before = json.loads(path.read_text(encoding="utf-8"))["seconds"] if path.exists() else 0.0
-        path.write_text(
-            json.dumps({"seconds": before + time.monotonic() - begun, "jobs": jobs}) + "\n", encoding="utf-8"
-        )
+        with atomic_write(path) as partial:
+            seconds = before + time.monotonic() - begun
+            partial.write_text(json.dumps({"seconds": seconds, "jobs": jobs}) + "\n", encoding="utf-8")

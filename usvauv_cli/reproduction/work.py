@@ -1,13 +1,11 @@
-"""What the pieces of work have in common: how they report and stop, and their tables."""
+"""What the pieces of work have in common: how they report and stop."""
 
 from __future__ import annotations
 
-import csv
-import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from usvauv_cli.reproduction.settings import Settings
 
@@ -49,23 +47,3 @@ class Piece(Protocol):
 
     def run(self, work: Work) -> None:
         """Do what is left; raises `Stopped` when told to stop."""
-
-
-def write_rows(path: Path, names: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write a CSV with a header; the file appears only when it is complete."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with partial.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, names)
-            writer.writeheader()
-            writer.writerows(rows)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def read_rows(path: Path) -> list[dict[str, str]]:
-    """The rows of a CSV that `write_rows` wrote."""
-    with path.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from matplotlib.ticker import FormatStrFormatter, MaxNLocator, NullLocator
 from usvauv_cli.figure_theme import CARD, EDGE, MUTED, TEXT, web
 from usvauv_cli.sea_view.section import Section
 from usvauv_cli.sea_view.video import LONG_WAVES, SHADED, land, thumbnail, weather
+from usvauv_env.files import atomic_write
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import MapView, Rectangle
 from usvauv_env.render.sea_layers import SeaSurface
@@ -200,12 +200,8 @@ class SeaFigure:
         axes.legend(frameon=False, labelcolor=MUTED, fontsize=9, loc="upper right")
 
     def _save(self, figure: Figure) -> None:
-        partial = self._out.with_name(self._out.name + ".partial")
-        try:
+        with atomic_write(self._out) as partial:
             figure.savefig(partial, dpi=150, facecolor=CARD, format=self._out.suffix[1:].lower())
-            os.replace(partial, self._out)
-        finally:
-            partial.unlink(missing_ok=True)
 
 
 def spectrum(records: np.ndarray, step: float, piece: float) -> tuple[np.ndarray, np.ndarray]:

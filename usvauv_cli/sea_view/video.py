@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from usvauv_cli.encoder import Encoder, even, expected_bytes, one_drawing_thread
+from usvauv_cli.encoder import even, expected_bytes, one_drawing_thread, video_file
 from usvauv_cli.sea_view.block import Block
 from usvauv_cli.sea_view.section import Section
 from usvauv_env.render import glyphs, shapes, style
@@ -187,14 +187,14 @@ class SeaFilm:
         self._first: list[np.ndarray] = []
         self._stack = ExitStack()
         self._stack.enter_context(one_drawing_thread())
-        self._encoder = self._stack.enter_context(Encoder(out, *size, fps))
+        self._append = self._stack.enter_context(video_file(out, *size, fps))
 
     def add(self, sea: LoneSea) -> None:
         """Draw the sea as it is now as the next frame."""
         picture = self._painter.frame(sea)
         if len(self._first) < TRIAL:
             self._first.append(picture.copy())
-        self._encoder.add(picture)
+        self._append(picture)
 
     def expected_bytes(self, frames: int) -> int:
         """Size to expect of a video of so many frames, from the first ones."""

@@ -5,13 +5,10 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import os
 import statistics
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -113,19 +110,6 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
         )
         for w in range(trace.node_position.shape[0])
     ]
-
-
-def write_csv(rows: Iterable[EpisodeMetrics], path: Path) -> None:
-    """Write the rows with a header; the file appears only when it is complete."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with partial.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, COLUMNS)
-            writer.writeheader()
-            writer.writerows(asdict(row) for row in rows)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def mean_figures(rows: Sequence[EpisodeMetrics]) -> dict[str, float]:

@@ -7,7 +7,6 @@ data, which is in Mbit and Mbit/s. Index t of a time series is the state after m
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 import xarray
 
 from kernels.errors import UserError
+from usvauv_env.files import atomic_write
 from usvauv_env.scenario import Scenario
 
 # Dimensions of each array field; also the order of axes in the file.
@@ -114,8 +114,11 @@ class Trace:
     surface: np.ndarray
 
     def save(self, path: str | Path) -> None:
-        """Write NetCDF-4; the file appears only when it is complete."""
-        path = Path(path)
+        """Write NetCDF-4; the file appears only when it is complete.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
         dataset = xarray.Dataset(
             {name: (dimensions, getattr(self, name)) for name, dimensions in DIMENSIONS.items() if self._has(name)},
             attrs={
@@ -128,12 +131,8 @@ class Trace:
             },
         )
         encoding = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars if dataset[name].ndim > 1}
-        partial = path.with_name(path.name + ".partial")
-        try:
+        with atomic_write(Path(path)) as partial:
             dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
 
     @classmethod
     def load(cls, path: str | Path) -> Trace:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -12,6 +11,7 @@ import h5netcdf
 import h5py
 import numpy as np
 
+from usvauv_env.files import atomic_write
 from usvauv_env.sea_alone.simulation import LoneSea
 
 CHUNK = 512  # cells along a side of what is compressed as one
@@ -30,16 +30,15 @@ class SeaFile:
     """
 
     def __init__(self, path: Path, sea: LoneSea) -> None:
-        self._path, self._partial = path, path.with_name(path.name + ".partial")
         self._records = 0
-        self._file = h5netcdf.File(self._partial, "w")
-        try:
+        with ExitStack() as stack:
+            self._partial = stack.enter_context(atomic_write(path))
+            self._file = h5netcdf.File(self._partial, "w")
+            stack.push(self._close)
             self._describe(sea)
             self._lay_out(sea)
             self._file.flush()
-        except BaseException:
-            self._discard()
-            raise
+            self._stack = stack.pop_all()
         self._head = self.bytes
 
     @property
@@ -67,18 +66,15 @@ class SeaFile:
     def __enter__(self) -> SeaFile:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            if kind is None:
-                self._file.close()
-                os.replace(self._partial, self._path)
-        finally:
-            self._discard()
+    def __exit__(self, *problem: object) -> None:
+        self._stack.__exit__(*problem)
 
-    def _discard(self) -> None:
-        with suppress(OSError, RuntimeError, ValueError):  # a full disk is reported by what filled it
+    def _close(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
             self._file.close()
-        self._partial.unlink(missing_ok=True)
+        except (OSError, RuntimeError, ValueError) as error:  # all three come of a full disk
+            if kind is None:  # else the first error is the one to report
+                raise OSError(str(error)) from None
 
     def _describe(self, sea: LoneSea) -> None:
         """Global attributes."""
