@@ -94,6 +94,20 @@ def edge(time: ti.f32, nu: ti.f32, half_cosecant: ti.f32) -> vec3:
 
 
 @ti.func
+def tone_edges(arrival: vec4, periods: ti.f32, nu: ti.f32, half_cosecant: ti.f32):
+    """On each hydrophone, the edge before the tone's first sample and the one after its last; arrival in periods."""
+    first = edges4(0.0)
+    last = edges4(0.0)
+    for i in ti.static(range(4)):
+        begin = edge(arrival[i], nu, half_cosecant)
+        end = edge(arrival[i] + periods, nu, half_cosecant)
+        for j in ti.static(range(3)):
+            first[i, j] = begin[j]
+            last[i, j] = end[j]
+    return first, last
+
+
+@ti.func
 def gram(begin: vec3, end: vec3) -> vec3:
     """Sums of cos², −cos·sin and sin² of 2πνn over the samples between two edges."""
     d = end - begin

@@ -1,26 +1,27 @@
 """USBL fixes from the tones themselves: four sampled hydrophones, phases by least squares, delay by correlation.
 
-The reference that the statistical model of `kernels.positioning.usbl` is held against.
+The reference for the statistical model of `kernels.positioning.usbl`.
 
-Signal. Hydrophone i at ±d/2 on x or y hears from t_i on sin 2π(νn − t_i), `periods` periods long, in white Gaussian
-noise of the standard deviation σ_n of the sonar equation at the true slant range (`kernels.positioning.tone`). The
-wavefront is a
-sphere about the AUV, exact: r_i − S = (d²/4 − 2 r·p_i)/(r_i + S) has no cancellation. An echo leaves from the array's
-centre.
+Signal. Hydrophone i at ±d/2 on x or y receives, from t_i on, sin 2π(νn − t_i), `periods` periods long, in white
+Gaussian noise of the standard deviation σ_n of the sonar equation at the true slant range (`kernels.positioning.tone`).
+The wavefront is a sphere about the AUV, computed without cancellation: r_i − S = (d²/4 − 2 r·p_i)/(r_i + S). An echo
+is sent from the array's centre.
 
-Receiver. The gate opens GATE periods before the tone is expected, and the tone comes within the period that follows: a
-search of the whole record has brought the receiver there (`docs/positioning.md` says why that search does not fail
-where a fix is accepted). Then
-1. the record is reduced to sums of y e^{−2πjνn} over blocks of one period;
-2. the window of `periods` blocks with the most energy on the four hydrophones gives a phase each, their mean the delay
-   but for whole periods, their differences the arrival on each hydrophone;
-3. the envelope, correlated coherently at the delays left over, decides the period;
-4. least squares at known frequency over exactly the samples that the tone then covers give the phases of the fix; their
-   mean, less the curvature of the wavefront, is the delay. This supposes that the phase of the reflection or of the
-   transponder's reply is known.
+Receiver. The gate opens GATE periods before the expected arrival, and the tone arrives within the period that follows
+the expected arrival. A search of the whole record is supposed to have brought the receiver there;
+`docs/positioning.md` says why that search does not fail where a fix is accepted. Then
+1. `block_sums` reduces the record to sums of y e^{−2πjνn} over blocks of one period;
+2. `strongest_window` finds the `periods` consecutive blocks with the most energy on the four hydrophones. Their phases
+   give the arrival on each hydrophone modulo one period;
+3. `arrival_period` decides the period by the envelope, correlated coherently at the delays that remain;
+4. `tone_sums` and `least_squares` fit a tone of known frequency to exactly the samples that it then covers. Their
+   phases are those of the fix; the mean phase, less the curvature of the wavefront, is the delay. This supposes that
+   the phase of the reflection or of the transponder's reply is known.
 
 With SAMPLED the noise of every sample is drawn, some 10,000 numbers a fix; with PROJECTED the sums, some 100.
 """
+
+from typing import NamedTuple
 
 import taichi as ti
 import torch
@@ -39,12 +40,15 @@ from kernels.positioning.tone import (
     projected_sums,
     sampled_sums,
     sum_of_part,
+    tone_edges,
 )
 from kernels.positioning.usbl import vec2, vec3, vec4, vec5
 
 GATE = 2
-UNITS = 4 * GATE + 3  # blocks of a period that some windows hold and others do not, and one of what all hold
-FEWEST_PERIODS = 2 * GATE + 1
+LAST_WINDOW = 2 * GATE  # windows begin at the periods 0 to LAST_WINDOW
+COMMON = LAST_WINDOW + 1  # index of the block that all windows contain; all other blocks are one period long
+BLOCKS = 2 * COMMON + 1
+FEWEST_PERIODS = COMMON
 
 SAMPLED = True
 PROJECTED = False
@@ -61,15 +65,27 @@ MEASURED = 6
 vec6 = ti.types.vector(6, ti.f32)
 
 
+class Blocks(NamedTuple):
+    """The record reduced to blocks, local matrices of a kernel.
+
+    Attributes:
+        sums: (BLOCKS, 8), of each block the real parts on the four hydrophones, then the imaginary parts.
+        edges: (BLOCKS + 1, 3), the edges between them, see `kernels.positioning.tone`.
+    """
+
+    sums: ti.Matrix
+    edges: ti.Matrix
+
+
 @ti.func
-def boundary(unit: ti.i32, periods: ti.i32) -> ti.f32:
-    """Where a unit begins, in periods: 0 to 2 GATE, what is common to all windows, `periods` to `periods` + 2 GATE."""
-    return ti.cast(unit if unit <= 2 * GATE + 1 else unit + periods - 2 * GATE - 2, ti.f32)
+def block_start(block: ti.i32, periods: ti.i32) -> ti.f32:
+    """Time at which a block begins, in periods. Block COMMON reaches from the period COMMON to `periods`."""
+    return ti.cast(block if block <= COMMON else block + periods - COMMON - 1, ti.f32)
 
 
 @ti.func
 def common_turn(turn: vec4) -> vec4:
-    """Of arrivals at +x, −x, +y, −y known but for whole turns: mean, differences x and y, residual."""
+    """Mean, difference x, difference y and residual of arrivals at +x, −x, +y, −y that are known modulo one turn."""
     x = fraction(turn[1] - turn[0])
     y = fraction(turn[3] - turn[2])
     by_x = turn[0] + 0.5 * x
@@ -91,6 +107,182 @@ def arrivals(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32) -> vec4:
 
 
 @ti.func
+def received_record(link: ti.template(), k: ti.i32, arrival: vec4, S: ti.f32, stream: random.uint4) -> Record:
+    """Record of a tone of AUV k at the slant range S (m) that begins at `arrival` (periods) on each hydrophone."""
+    nu = link[k, usbl.PERIODS] / link[k, usbl.SAMPLES]
+    half_cosecant = 0.5 / ti.sin(TWO_PI * nu)
+    first, last = tone_edges(arrival, link[k, usbl.PERIODS], nu, half_cosecant)
+    return Record(
+        nu=nu,
+        half_cosecant=half_cosecant,
+        cosine=ti.cos(TWO_PI * fraction(arrival)),
+        sine=ti.sin(TWO_PI * fraction(arrival)),
+        first=first,
+        last=last,
+        noise=0.5 * usbl.phase_deviation(link, k, S) * ti.sqrt(link[k, usbl.SAMPLES]),
+        stream=stream,
+    )
+
+
+@ti.func
+def block_sums(record: ti.template(), periods: ti.i32, sampled: ti.template()):
+    """Stage 1: `Blocks.sums` and `Blocks.edges` of a record of a tone of `periods` periods."""
+    sums = ti.Matrix.zero(ti.f32, BLOCKS, 8)
+    edges = ti.Matrix.zero(ti.f32, BLOCKS + 1, 3)
+    begin = edge(0.0, record.nu, record.half_cosecant)
+    for block in range(BLOCKS):
+        end = edge(block_start(block + 1, periods), record.nu, record.half_cosecant)
+        real = vec4(0.0)
+        imaginary = vec4(0.0)
+        if ti.static(sampled):
+            real, imaginary = sampled_sums(record, vec4(begin[0]), vec4(end[0]))
+        else:
+            real, imaginary = projected_sums(record, begin, end)
+        for i in ti.static(range(4)):
+            sums[block, i] = real[i]
+            sums[block, 4 + i] = imaginary[i]
+        for j in ti.static(range(3)):
+            edges[block, j] = begin[j]
+            edges[block + 1, j] = end[j]
+        begin = end
+    return sums, edges
+
+
+@ti.func
+def strongest_window(sums: ti.template()):
+    """Stage 2: real and imaginary parts of the window with the most energy, on each hydrophone."""
+    real = vec4(0.0)
+    imaginary = vec4(0.0)
+    for block in range(COMMON + 1):
+        for i in ti.static(range(4)):
+            real[i] += sums[block, i]
+            imaginary[i] += sums[block, 4 + i]
+    best_real = real
+    best_imaginary = imaginary
+    for m in range(LAST_WINDOW):
+        for i in ti.static(range(4)):
+            real[i] += sums[COMMON + 1 + m, i] - sums[m, i]
+            imaginary[i] += sums[COMMON + 1 + m, 4 + i] - sums[m, 4 + i]
+        energy = real.dot(real) + imaginary.dot(imaginary)
+        if energy > best_real.dot(best_real) + best_imaginary.dot(best_imaginary):
+            best_real = real
+            best_imaginary = imaginary
+    return best_real, best_imaginary
+
+
+@ti.func
+def arrival_period(sums: ti.template(), real: vec4, imaginary: vec4, late: ti.f32) -> ti.i32:
+    """Stage 3: the whole periods of the arrival, 0 to LAST_WINDOW, where the envelope is highest.
+
+    At the arrival m + late the envelope has the weights 1 − late, 1, …, 1, late on its blocks.
+
+    Args:
+        sums: `Blocks.sums`.
+        real, imaginary: of the strongest window. late: fraction of a period of the arrival.
+    """
+    strength = ti.sqrt(real * real + imaginary * imaginary)
+    cosine = real / strength
+    sine = imaginary / strength
+    period = 0
+    highest = 0.0
+    height = 0.0
+    for m in range(LAST_WINDOW):
+        for i in ti.static(range(4)):
+            # From m to m + 1: the four blocks whose weights change.
+            for part in ti.static(range(4)):
+                block = ti.static([0, 1, COMMON + 1, COMMON + 2][part]) + m
+                weight = ti.static([-1.0, 0.0, 1.0, 0.0][part]) + ti.static([1.0, -1.0, -1.0, 1.0][part]) * late
+                height += weight * (sums[block, i] * cosine[i] + sums[block, 4 + i] * sine[i])
+        if height > highest:
+            highest = height
+            period = m + 1
+    return period
+
+
+@ti.func
+def tone_sums(record: ti.template(), blocks: ti.template(), arrival: vec4, first, last, sampled: ti.template()):
+    """Stage 4: sums over the tone's samples, whole blocks, the end of the block before, the start of the one after.
+
+    Args:
+        record, blocks: of the tone. arrival: on each hydrophone, periods. first, last: its edges there, `tone_edges`.
+        sampled: SAMPLED or PROJECTED.
+
+    Returns:
+        Real and imaginary parts on each hydrophone.
+    """
+    before = ti.cast(arrival, ti.i32)
+    real = vec4(0.0)
+    imaginary = vec4(0.0)
+    for i in ti.static(range(4)):
+        for block in range(before[i] + 1, before[i] + COMMON + 1):
+            real[i] += blocks.sums[block, i]
+            imaginary[i] += blocks.sums[block, 4 + i]
+    if ti.static(sampled):
+        after_begin = vec4(0.0)
+        before_end = vec4(0.0)
+        first_sample = vec4(0.0)
+        last_sample = vec4(0.0)
+        for i in ti.static(range(4)):
+            first_sample[i] = first[i, 0]
+            before_end[i] = blocks.edges[before[i] + 1, 0]
+            after_begin[i] = blocks.edges[before[i] + COMMON + 1, 0]
+            last_sample[i] = last[i, 0]
+        real_before, imaginary_before = sampled_sums(record, first_sample, before_end)
+        real_after, imaginary_after = sampled_sums(record, after_begin, last_sample)
+        for i in ti.static(range(4)):  # Taichi 1.7.4 loses the second of two sums of whole vectors here
+            real[i] += real_before[i] + real_after[i]
+            imaginary[i] += imaginary_before[i] + imaginary_after[i]
+    else:
+        for i in range(4):
+            stream = record.stream
+            draw = normals(random.uint4(ti.cast(i, ti.u32), ti.u32(3), stream[2], stream[3]), stream)
+            for end in ti.static(range(2)):
+                block = before[i] + end * (COMMON + 1)
+                block_begin = edge_of(blocks.edges, block)
+                block_end = edge_of(blocks.edges, block + 1)
+                part = sum_of_part(
+                    record,
+                    i,
+                    block_begin,
+                    block_end,
+                    edge_of(first, i) if end == 0 else block_begin,
+                    block_end if end == 0 else edge_of(last, i),
+                    vec2(blocks.sums[block, i], blocks.sums[block, 4 + i]),
+                    vec2(draw[2 * end], draw[2 * end + 1]),
+                )
+                real[i] += part[0]
+                imaginary[i] += part[1]
+    return real, imaginary
+
+
+@ti.func
+def least_squares(real: vec4, imaginary: vec4, first: edges4, last: edges4):
+    """Stage 4: arrival (modulo one period) of the tone fitted to sums between edges, and the energy of the fit."""
+    turn = vec4(0.0)
+    energy = 0.0
+    for i in ti.static(range(4)):
+        g = gram(edge_of(first, i), edge_of(last, i))
+        determinant = g[0] * g[2] - g[1] * g[1]
+        cosine = (real[i] * g[2] - imaginary[i] * g[1]) / determinant
+        sine = (real[i] * g[1] - imaginary[i] * g[0]) / determinant
+        turn[i] = ti.atan2(-cosine, sine) / TWO_PI
+        energy += (cosine * cosine + sine * sine) * 0.5 * (last[i, 0] - first[i, 0])
+    return turn, energy
+
+
+@ti.func
+def curvature(link: ti.template(), k: ti.i32, S: ti.f32, x: ti.f32, y: ti.f32) -> ti.f32:
+    """How much longer the mean path to four hydrophones is than that to the array's centre, as slant range, m.
+
+    On a sphere of radius S it is d²/8S (1 − (u_x² + u_y²)/2). `x` and `y` are the differences of the arrivals, periods.
+    """
+    wavelength = TWO_PI * link[k, usbl.RANGE_PER_PHASE] * link[k, usbl.PATHS]
+    spacing = link[k, usbl.KAPPA] * wavelength / TWO_PI
+    across = wavelength * wavelength * (x * x + y * y)
+    return (spacing * spacing - 0.5 * across) / (8.0 * S * link[k, usbl.PATHS])
+
+
+@ti.func
 def measure(
     link: ti.template(),
     k: ti.i32,
@@ -101,167 +293,36 @@ def measure(
     key_high: ti.u32,
     sampled: ti.template(),
 ) -> vec6:
-    """Hear one tone of AUV k at `body` (m, the array's frame, |body| = S) and measure it; columns from PHASE_X on.
+    """Receive one tone of AUV k at `body` (m, the array's frame, |body| = S) and measure it; columns from PHASE_X on.
 
     All draws belong to the address: the random words found there are the key and half the counter of all others.
     `sampled` is SAMPLED or PROJECTED.
     """
     periods = ti.cast(link[k, usbl.PERIODS], ti.i32)
-    nu = link[k, usbl.PERIODS] / link[k, usbl.SAMPLES]
-    half_cosecant = 0.5 / ti.sin(TWO_PI * nu)
-    noise = 0.5 * usbl.phase_deviation(link, k, S) * ti.sqrt(link[k, usbl.SAMPLES])
     turns = S / (TWO_PI * link[k, usbl.RANGE_PER_PHASE])
     delay = GATE + turns - ti.floor(turns)
-    arrival = delay + arrivals(link, k, body, S)
-    first = edges4(0.0)
-    last = edges4(0.0)
-    for i in ti.static(range(4)):
-        begin = edge(arrival[i], nu, half_cosecant)
-        end = edge(arrival[i] + periods, nu, half_cosecant)
-        for j in ti.static(range(3)):
-            first[i, j] = begin[j]
-            last[i, j] = end[j]
-    record = Record(
-        nu=nu,
-        half_cosecant=half_cosecant,
-        cosine=ti.cos(TWO_PI * fraction(arrival)),
-        sine=ti.sin(TWO_PI * fraction(arrival)),
-        first=first,
-        last=last,
-        noise=noise,
-        stream=random.philox(address, key_low, key_high),
-    )
+    stream = random.philox(address, key_low, key_high)
+    record = received_record(link, k, delay + arrivals(link, k, body, S), S, stream)
 
-    # 1. Blocks, each with its real and its imaginary part on every hydrophone.
-    sums = ti.Matrix.zero(ti.f32, UNITS, 8)
-    edges = ti.Matrix.zero(ti.f32, UNITS + 1, 3)
-    begin = edge(0.0, nu, half_cosecant)
-    for unit in range(UNITS):
-        end = edge(boundary(unit + 1, periods), nu, half_cosecant)
-        real = vec4(0.0)
-        imaginary = vec4(0.0)
-        if ti.static(sampled):
-            real, imaginary = sampled_sums(record, vec4(begin[0]), vec4(end[0]))
-        else:
-            real, imaginary = projected_sums(record, begin, end)
-        for i in ti.static(range(4)):
-            sums[unit, i] = real[i]
-            sums[unit, 4 + i] = imaginary[i]
-        for j in ti.static(range(3)):
-            edges[unit, j] = begin[j]
-            edges[unit + 1, j] = end[j]
-        begin = end
-
-    # 2. The window with the most energy.
-    c = vec4(0.0)
-    s = vec4(0.0)
-    for unit in range(2 * GATE + 2):
-        for i in ti.static(range(4)):
-            c[i] += sums[unit, i]
-            s[i] += sums[unit, 4 + i]
-    best_c = c
-    best_s = s
-    for m in range(2 * GATE):
-        for i in ti.static(range(4)):
-            c[i] += sums[2 * GATE + 2 + m, i] - sums[m, i]
-            s[i] += sums[2 * GATE + 2 + m, 4 + i] - sums[m, 4 + i]
-        if c.dot(c) + s.dot(s) > best_c.dot(best_c) + best_s.dot(best_s):
-            best_c = c
-            best_s = s
-    turn = -ti.atan2(best_c, -best_s) / TWO_PI
+    sums, edges = block_sums(record, periods, sampled)
+    blocks = ti.static(Blocks(sums, edges))
+    real, imaginary = strongest_window(sums)
+    turn = -ti.atan2(real, -imaginary) / TWO_PI
     coarse = common_turn(turn)
     late = coarse[0] - ti.floor(coarse[0])
+    period = arrival_period(sums, real, imaginary, late)
 
-    # 3. The period: the envelope at delay m + late has the weights 1 − late, 1, …, 1, late on its blocks.
-    strength = ti.sqrt(best_c * best_c + best_s * best_s)
-    best_c /= strength
-    best_s /= strength
-    period = 0
-    tallest = 0.0
-    height = 0.0
-    for m in range(2 * GATE):
-        for i in ti.static(range(4)):
-            # From m to m + 1: the four blocks whose weights change.
-            for part in ti.static(range(4)):
-                unit = ti.static([0, 1, 2 * GATE + 2, 2 * GATE + 3][part]) + m
-                weight = ti.static([-1.0, 0.0, 1.0, 0.0][part]) + ti.static([1.0, -1.0, -1.0, 1.0][part]) * late
-                height += weight * (sums[unit, i] * best_c[i] + sums[unit, 4 + i] * best_s[i])
-        if height > tallest:
-            tallest = height
-            period = m + 1
-
-    # 4. Least squares over the tone's samples: whole blocks, the end of the one before, the start of the one after.
-    heard_first = edges4(0.0)
-    heard_last = edges4(0.0)
-    before = ti.Vector.zero(ti.i32, 4)
-    for i in ti.static(range(4)):
-        heard = ti.min(ti.max(period + late + fraction(turn[i] - coarse[0]), 0.0), 2.0 * GATE + 0.999)
-        begin = edge(heard, nu, half_cosecant)
-        end = edge(heard + periods, nu, half_cosecant)
-        for j in ti.static(range(3)):
-            heard_first[i, j] = begin[j]
-            heard_last[i, j] = end[j]
-        before[i] = ti.cast(heard, ti.i32)
-        c[i] = 0.0
-        s[i] = 0.0
-        for unit in range(before[i] + 1, before[i] + 2 * GATE + 2):
-            c[i] += sums[unit, i]
-            s[i] += sums[unit, 4 + i]
-    if ti.static(sampled):
-        after_begin = vec4(0.0)
-        before_end = vec4(0.0)
-        first_heard = vec4(0.0)
-        last_heard = vec4(0.0)
-        for i in ti.static(range(4)):
-            first_heard[i] = heard_first[i, 0]
-            before_end[i] = edges[before[i] + 1, 0]
-            after_begin[i] = edges[before[i] + 2 * GATE + 2, 0]
-            last_heard[i] = heard_last[i, 0]
-        real_before, imaginary_before = sampled_sums(record, first_heard, before_end)
-        real_after, imaginary_after = sampled_sums(record, after_begin, last_heard)
-        for i in ti.static(range(4)):  # Taichi 1.7.4 loses the second of two sums of whole vectors here
-            c[i] += real_before[i] + real_after[i]
-            s[i] += imaginary_before[i] + imaginary_after[i]
-    else:
-        for i in range(4):
-            stream = record.stream
-            draw = normals(random.uint4(ti.cast(i, ti.u32), ti.u32(3), stream[2], stream[3]), stream)
-            for end in ti.static(range(2)):
-                unit = before[i] + end * (2 * GATE + 2)
-                block_begin = edge_of(edges, unit)
-                block_end = edge_of(edges, unit + 1)
-                part = sum_of_part(
-                    record,
-                    i,
-                    block_begin,
-                    block_end,
-                    edge_of(heard_first, i) if end == 0 else block_begin,
-                    block_end if end == 0 else edge_of(heard_last, i),
-                    vec2(sums[unit, i], sums[unit, 4 + i]),
-                    vec2(draw[2 * end], draw[2 * end + 1]),
-                )
-                c[i] += part[0]
-                s[i] += part[1]
-    energy = 0.0
-    for i in ti.static(range(4)):
-        g = gram(edge_of(heard_first, i), edge_of(heard_last, i))
-        determinant = g[0] * g[2] - g[1] * g[1]
-        cosine = (c[i] * g[2] - s[i] * g[1]) / determinant
-        sine = (c[i] * g[1] - s[i] * g[0]) / determinant
-        turn[i] = ti.atan2(-cosine, sine) / TWO_PI
-        energy += (cosine * cosine + sine * sine) * 0.5 * (heard_last[i, 0] - heard_first[i, 0])
+    arrival = ti.min(ti.max(period + late + fraction(turn - coarse[0]), 0.0), LAST_WINDOW + 0.999)
+    first, last = tone_edges(arrival, link[k, usbl.PERIODS], record.nu, record.half_cosecant)
+    real, imaginary = tone_sums(record, blocks, arrival, first, last, sampled)
+    turn, energy = least_squares(real, imaginary, first, last)
     fine = common_turn(turn)
     late_by = period + late + fraction(fine[0] - coarse[0]) - delay
-    wavelength = TWO_PI * link[k, usbl.RANGE_PER_PHASE] * link[k, usbl.PATHS]
-    # The mean of four hydrophones on a sphere is later than the centre by d²/8S (1 − (u_x² + u_y²)/2).
-    spacing = link[k, usbl.KAPPA] * wavelength / TWO_PI
-    across = wavelength * wavelength * (fine[1] * fine[1] + fine[2] * fine[2])
-    curvature = (spacing * spacing - 0.5 * across) / (8.0 * S * link[k, usbl.PATHS])
     return vec6(
         TWO_PI * fine[1],
         TWO_PI * fine[2],
-        TWO_PI * link[k, usbl.RANGE_PER_PHASE] * late_by - curvature,
-        ti.sqrt(energy) / noise,
+        TWO_PI * link[k, usbl.RANGE_PER_PHASE] * late_by - curvature(link, k, S, fine[1], fine[2]),
+        ti.sqrt(energy) / record.noise,
         TWO_PI * fine[3],
         ti.round(late_by),
     )
