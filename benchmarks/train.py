@@ -72,10 +72,9 @@ class Judge:
             meter.add(info)
         return meter.figures()["arps"]
 
-    def score(self, policy: policies.Policy) -> float:
-        """arps of a policy."""
-        policy.attach(self.world)
-        return self(policy.act)
+    def score(self, name: str) -> float:
+        """arps of a policy by name."""
+        return self(policies.load(name, self.world).act)
 
 
 class Course:
@@ -204,8 +203,7 @@ def measure(algorithm: str, seeds: int, limit: float, only: list[str]) -> dict[s
     """All figures."""
     machine = describe()
     judge = Judge()
-    scenario = judge.world.scenario
-    reference = {name: judge.score(policies.load(name, scenario)) for name in ("random", "straight", "crab")}
+    reference = {name: judge.score(name) for name in ("random", "straight", "crab")}
     way = reference["random"] + WAY * (reference["straight"] - reference["random"])
     targets = {"95_percent": way, "straight": reference["straight"]}
     everyone = {name: train for name, train in contestants(algorithm).items() if name in only}

@@ -80,14 +80,13 @@ def training_rates(world: World, seconds: float) -> dict[str, float]:
     return {"world_steps_per_second": per_second, "agent_steps_per_second": per_second * world.num_auvs}
 
 
-def measure_batch(num_worlds: int, policy: policies.Policy, seconds: float) -> dict[str, object]:
+def measure_batch(num_worlds: int, scenario: Scenario, policy: str, seconds: float) -> dict[str, object]:
     """The columns of one batch size."""
-    world = World(policy.scenario, num_worlds)
-    policy.attach(world)
+    world = World(scenario, num_worlds)
     return {
         "worlds": num_worlds,
         "environment": rates(world, None, seconds),
-        "with_policy": rates(world, policy.act, seconds),
+        "with_policy": rates(world, policies.load(policy, world).act, seconds),
         "with_training": training_rates(world, seconds),
     }
 
@@ -173,9 +172,8 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
     machine = describe()
     scenario = Scenario.load("extreme")
     name = policies.default(scenario)
-    policy = policies.load(name, scenario)
     sizes = [size for size in (1, 4, 16, 64, 256, 1024, 4096, 16384) if size <= largest]
-    batches = [measure_batch(size, policy, seconds) for size in sizes]
+    batches = [measure_batch(size, scenario, name, seconds) for size in sizes]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # of the batches, before VMAS
     worlds = min(1024, largest)
     vmas = measure_vmas(machine["threads"], seconds)

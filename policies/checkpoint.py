@@ -145,10 +145,7 @@ def load_policy(
     if whitening.mean.shape != shape or whitening.deviation.shape != shape:
         raise PolicyError(f"{_tensors(directory, POLICY)}: checkpoint is damaged: whitening is not {shape[0]} numbers")
     policy = LearnedPolicy(name, own, config.frame, whitening, actor.requires_grad_(False), config.shared, content)
-    if scenario is None:
-        return policy
-    policy.check(scenario)
-    return LearnedPolicy(name, scenario, config.frame, whitening, actor, config.shared, content)
+    return policy if scenario is None else policy.for_scenario(scenario)
 
 
 def read_config(content: Mapping[str, Any], path: Path) -> TrainingConfig:

@@ -1,20 +1,29 @@
-"""How well a policy does while it is being learned."""
+"""Figures of merit of a policy in worlds of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
-from policies.policy import Policy
-from usvauv_env import World
+from policies.learned import LearnedPolicy
+from policies.loading import load
 from usvauv_env.record.metrics import episode_metrics, mean_figures
 from usvauv_env.record.recorder import record
+from usvauv_env.world.world import World
 
 EVALUATION_EPISODES = 32
 EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained in
 
 
-def judge(worlds: World, policy: Policy, on_step: Callable[[int], None] = lambda done: None) -> dict[str, float]:
-    """Mean of every figure over the first episode of all `worlds`, the same episode in every call."""
-    policy.attach(worlds)
+def evaluate(
+    worlds: World, policy: str | Path | LearnedPolicy, on_step: Callable[[int], None] = lambda done: None
+) -> dict[str, float]:
+    """Mean of every figure over the first episode of all `worlds`, the same episode in every call.
+
+    Args:
+        policy: a name as `load` takes it, or a learned policy for the worlds' scenario.
+        on_step: called with the number of steps done.
+    """
+    actor = policy if isinstance(policy, LearnedPolicy) else load(policy, worlds)
     worlds.rewind()
-    return mean_figures(episode_metrics(record(worlds, policy.act, policy.name, on_step=on_step)))
+    return mean_figures(episode_metrics(record(worlds, actor.act, actor.name, on_step=on_step)))

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from policies.learned import LearnedPolicy
-from policies.policy import Policy, PolicyError
+from policies.policy import PolicyError
 from usvauv_env.faces.quantities import commanded, observed
 
 NEEDED = ("onnx", "onnxscript")
@@ -35,7 +35,7 @@ class _Graph(nn.Module):
         return self.act(observation)
 
 
-def export(policy: Policy, path: Path) -> None:
+def export(policy: LearnedPolicy, path: Path) -> None:
     """Write a learned policy as ONNX: input "observation" (N, K, O), output "action" (N, K, 2), float32, any N.
 
     What `policy.act` does is traced, so that the file takes the world's own observation and gives its action. With it
@@ -43,10 +43,8 @@ def export(policy: Policy, path: Path) -> None:
     number of an AUV; "policy" says for which scenario it is, and by which command and commit it was trained.
 
     Raises:
-        PolicyError: not a learned policy, a library is missing, or the file cannot be written.
+        PolicyError: a library is missing, or the file cannot be written.
     """
-    if not isinstance(policy, LearnedPolicy):
-        raise PolicyError(f"policy {policy.name}: has no network to export; only learned policies have")
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise PolicyError(f'ONNX export needs {" and ".join(missing)}: pip install -c constraints.txt -e ".[onnx]"')

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from policies.frames import FRAMES
 from policies.networks import StackedMLP
-from policies.policy import Policy
+from policies.policy import Policy, PolicyError
 from policies.replay import stack, unstack
 from usvauv_env.scenario import Scenario
 
@@ -42,7 +42,12 @@ class Whitening:
 
 
 class LearnedPolicy(Policy):
-    """Actors (one for each AUV, or a shared one) behind a frame; `about` is its checkpoint's JSON, how it was made."""
+    """Actors, one for each AUV or a shared one, behind a frame.
+
+    Attributes:
+        any_team: whether it serves any number of AUVs.
+        about: JSON of its checkpoint, how it was made.
+    """
 
     def __init__(
         self,
@@ -61,6 +66,25 @@ class LearnedPolicy(Policy):
         self.shared = shared
         self.about = about
         self.any_team = shared and self.frame.any_team
+
+    def for_scenario(self, scenario: Scenario) -> LearnedPolicy:
+        """The same actors in another scenario.
+
+        Raises:
+            PolicyError: task, number of AUVs, observed current or form of the action differ.
+        """
+        team = self.scenario.auv.count
+        for quantity, own, needed in (
+            ("task", self.scenario.task, scenario.task),
+            ("number of AUVs", team, team if self.any_team else scenario.auv.count),
+            ("observed current", self.scenario.observation.current, scenario.observation.current),
+            ("action form", self.scenario.auv.action, scenario.auv.action),
+        ):
+            if own != needed:
+                raise PolicyError(
+                    f"policy {self.name}: made for {quantity} {own}, but scenario {scenario.name!r} has {needed}"
+                )
+        return LearnedPolicy(self.name, scenario, self.frame.name, self.whitening, self.actor, self.shared, self.about)
 
     @torch.no_grad()
     def act(self, observation: Tensor) -> Tensor:

@@ -70,18 +70,18 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
 
 
 @contextmanager
-def training(yardstick: dict, algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
+def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
     """A live table of a training run (lines, where there is no terminal); the function it gives shows new figures."""
     console = Console()
     title = f"{algorithm} in {scenario}"
     if not console.is_terminal:
-        yield _line_printer(yardstick, title)
+        yield _line_printer(baseline, title)
         return
     with Live(console=console, refresh_per_second=4) as live:
-        yield lambda figures: live.update(training_table(figures, yardstick, title))
+        yield lambda figures: live.update(training_table(figures, baseline, title))
 
 
-def _line_printer(yardstick: dict, title: str) -> Callable[[dict], None]:
+def _line_printer(baseline: dict, title: str) -> Callable[[dict], None]:
     """A function that prints figures as one line, at most every `LINE_EVERY` seconds and at the end."""
     printed = -LINE_EVERY
 
@@ -90,34 +90,34 @@ def _line_printer(yardstick: dict, title: str) -> Callable[[dict], None]:
         if figures["seconds"] - printed < LINE_EVERY and figures["steps"] < figures["total"]:
             return
         printed = figures["seconds"]
-        judged = figures["evaluation"].get("arps")
+        evaluated = figures["evaluation"].get("arps")
         print(
             f"{title}: {figures['steps']:,} of {figures['total']:,} world-steps, {figures['eta']:.0f} s left;"
             f" arps {figures['arps']:.2f}, sdr {figures['sdr']:.2f}, ec {figures['ec']:.1f}"
-            + (f"; evaluated arps {judged:.2f}" if judged is not None else "")
-            + f" ({yardstick['policy']} {yardstick['arps']:.2f})",
+            + (f"; evaluated arps {evaluated:.2f}" if evaluated is not None else "")
+            + f" ({baseline['policy']} {baseline['arps']:.2f})",
             flush=True,
         )
 
     return show
 
 
-def training_table(figures: dict, yardstick: dict, title: str) -> Table:
-    """The live table: progress, figures of the training worlds, reward by term, evaluation beside the yardstick."""
+def training_table(figures: dict, baseline: dict, title: str) -> Table:
+    """The live table: progress, figures of the training worlds, reward by term, evaluation beside the baseline."""
     done, total = figures["steps"], figures["total"]
     minutes, seconds = divmod(round(figures["eta"]), 60)
     table = Table(title=f"training {title}: {done / total:.0%}, {minutes} min {seconds} s left", title_justify="left")
     table.add_column("what")
     table.add_column("training worlds", justify="right")
     table.add_column("evaluation", justify="right")
-    table.add_column(yardstick["policy"], justify="right")
+    table.add_column(baseline["policy"], justify="right")
     table.add_row("world-steps", f"{done:,} of {total:,}", "", "")
     table.add_row("world-steps/s", f"{figures['steps_per_second']:,.0f}", "", "")
     table.add_row("updates", f"{figures['updates']:,}", "", "")
     evaluation = figures["evaluation"]
     for name in ("arps", "sdr", "ec", "services", "collisions", "border", "position_error_mean"):
         now = figures.get("position_error" if name == "position_error_mean" else name)
-        shown = ("" if value is None else f"{value:.2f}" for value in (now, evaluation.get(name), yardstick[name]))
+        shown = ("" if value is None else f"{value:.2f}" for value in (now, evaluation.get(name), baseline[name]))
         table.add_row(name, *shown)
     for group in ("reward", "learner"):
         for name, value in figures[group].items():

@@ -49,9 +49,7 @@ RESAMPLES = 4000
 def voyage(scenario: str, auvs: int, usv: str, settings: tuple[str, ...], episodes: int, seed: int) -> Trace:
     setting = Scenario.load(scenario, [f"auv.count={auvs}", *settings])
     world = World(setting, episodes, seed, usv)
-    policy = policies.load("straight", setting)
-    policy.attach(world)
-    return record(world, policy.act, "straight")
+    return record(world, policies.load("straight", world).act, "straight")
 
 
 def bound(trace: Trace) -> np.ndarray:

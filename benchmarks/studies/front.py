@@ -44,7 +44,7 @@ def fitting(names: list[str], scenario: Scenario) -> list[str]:
     kept = []
     for name in names:
         try:
-            policies.load(name, scenario).check(scenario)
+            policies.check(name, scenario)
         except policies.PolicyError as error:
             print(f"left out: {error}", file=sys.stderr)
             continue
@@ -56,8 +56,7 @@ def sail(names: list[str], scenario: Scenario, episodes: int, seed: int) -> Tabl
     """Figures of merit of each policy, (episodes,)."""
     world, table = World(scenario, episodes, seed), {}
     for name in names:
-        policy = policies.load(name, scenario)
-        policy.attach(world)
+        policy = policies.load(name, world)
         world.rewind()
         rows = episode_metrics(record(world, policy.act, name))
         table[name] = {figure: np.array([getattr(row, figure) for row in rows], float) for figure in FIGURES}

@@ -19,8 +19,7 @@ import numpy as np
 
 import policies
 from benchmarks.machine import describe
-from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, judge
-from policies.policy import Policy
+from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 from usvauv_env import Scenario, World
 from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv_env.record.recorder import record
@@ -66,15 +65,16 @@ def train(name: str, steps: int, folder: Path) -> Path:
         scenario = Scenario.load(base, changes)
         config = policies.TrainingConfig(shared=True, seed=1)
         world = World(scenario, config.num_worlds, config.seed)
-        judges = World(scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET)
-        trainer = policies.Trainer(world, config, place, partial(judge, judges))
+        evaluation_worlds = World(scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET)
+        trainer = policies.Trainer(world, config, place, partial(policies.evaluate, evaluation_worlds))
         print(f"training: {name}", file=sys.stderr, flush=True)
         trainer.train(steps)
     return place / "best"
 
 
-def test(policy: Policy, world: World) -> list[EpisodeMetrics]:
-    policy.attach(world)
+def test(name: str | Path, world: World) -> list[EpisodeMetrics]:
+    """Figures of a policy in the first episode of every world."""
+    policy = policies.load(name, world)
     world.rewind()
     return episode_metrics(record(world, policy.act, policy.name))
 
@@ -100,16 +100,16 @@ def matrix(places: dict[str, Path], episodes: int, seed: int) -> None:
     for condition, (base, changes, usv) in TESTED.items():
         scenario = Scenario.load(base, changes)
         world = World(scenario, episodes, seed, usv)
-        against = test(policies.load("straight", scenario), world)
+        against = test("straight", world)
         names = [*(places[name] for name in MATRIX), "pace"]
-        row(condition, [cell(test(policies.load(name, scenario), world), against) for name in names])
+        row(condition, [cell(test(name, world), against) for name in names])
 
 
 def ablations(places: dict[str, Path], episodes: int, seed: int) -> None:
     head(["arps", "SDR, Mbit/s", "EC, W", "median position error, m"])
     for name, (trained, base, changes, usv) in ABLATIONS.items():
         scenario = Scenario.load(base, changes)
-        rows = test(policies.load(places[trained], scenario), World(scenario, episodes, seed, usv))
+        rows = test(places[trained], World(scenario, episodes, seed, usv))
         cells = []
         for figure in ("arps", "sdr", "ec", "position_error_median"):
             values = np.array([getattr(each, figure) for each in rows])

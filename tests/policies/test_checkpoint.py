@@ -35,7 +35,7 @@ class TestRoundTrip:
     def test_actions_are_bit_equal(self, tmp_path, algorithm, shared):
         run = trainer(tmp_path, algorithm=algorithm, shared=shared)
         run.train(400)
-        loaded = policies.load(tmp_path / "last")
+        loaded = policies.load(tmp_path / "last", run.world)
         observation = run.world.reset()
         assert torch.equal(loaded.act(observation), run.policy().act(observation))
         assert loaded.act(observation).requires_grad is False
@@ -43,10 +43,10 @@ class TestRoundTrip:
     def test_a_run_gives_its_best_else_its_last(self, saved):
         run, last = saved
         observation = run.world.reset()
-        action = policies.load(last.parent).act(observation)
-        assert torch.equal(action, policies.load(last).act(observation))
+        action = policies.load(last.parent, run.world).act(observation)
+        assert torch.equal(action, policies.load(last, run.world).act(observation))
         os.rename(last, last.parent / "best")
-        assert torch.equal(action, policies.load(last.parent, scenario()).act(observation))
+        assert torch.equal(action, policies.load_learned(last.parent).act(observation))
 
     def test_it_says_where_it_comes_from(self, saved):
         _, last = saved
@@ -74,7 +74,7 @@ class TestRoundTrip:
 class TestRefusal:
     def refused(self, path, part, toy=None):
         with pytest.raises(PolicyError) as caught:
-            policies.load(path, toy)
+            policies.check(path, toy or scenario())
         message = str(caught.value)
         assert part in message
         assert str(path) in message
@@ -239,7 +239,7 @@ class TestRun:
         probe = ToyWorld(scenario(), 4, seed=9).reset()
         figures = run.train(4000)
         assert len(seen) == 10
-        best = policies.load(tmp_path)
+        best = policies.load(tmp_path, run.world)
         assert torch.equal(best.act(probe), seen[1])
         assert json.loads((tmp_path / "best" / "policy.json").read_text())["score"] == 3.0
         assert figures["evaluation"] == {"arps": 0.0, "services": 5.0}

@@ -54,7 +54,7 @@ def exported(request, tmp_path_factory):
     """A policy, the session that runs its file, and the file."""
     name, overrides, settings = KINDS[request.param]
     scenario = Scenario.load(name, overrides or ())
-    policy = untrained(scenario, **settings) if settings else policies.load("sac-extreme")
+    policy = untrained(scenario, **settings) if settings else policies.load_learned("sac-extreme")
     path = tmp_path_factory.mktemp(request.param) / "policy.onnx"
     export(policy, path)
     return policy, onnxruntime.InferenceSession(path), path
@@ -192,11 +192,11 @@ class TestCommand:
     def test_without_the_extra(self, tmp_path, monkeypatch):
         monkeypatch.setattr(exporting, "find_spec", lambda name: None if name == "onnxscript" else name)
         with pytest.raises(PolicyError, match=r'needs onnxscript: pip install .*\[onnx\]"'):
-            export(policies.load("sac-extreme"), tmp_path / "a.onnx")
+            export(policies.load_learned("sac-extreme"), tmp_path / "a.onnx")
         assert not list(tmp_path.iterdir())
 
     def test_a_place_that_cannot_be_written(self, tmp_path):
         (tmp_path / "a.onnx").mkdir()
         with pytest.raises(PolicyError, match="cannot be written"):
-            export(policies.load("sac-extreme"), tmp_path / "a.onnx")
+            export(policies.load_learned("sac-extreme"), tmp_path / "a.onnx")
         assert [path.name for path in tmp_path.iterdir()] == ["a.onnx"]

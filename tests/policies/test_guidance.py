@@ -77,9 +77,9 @@ class TestGuidedFrame:
 
     def test_no_action_is_the_heuristic_pace(self):
         toy = scenario()
-        world, pace = ToyWorld(toy, 64, seed=3), policies.load(f"pace:{PRICE}", toy)
+        world = ToyWorld(toy, 64, seed=3)
+        pace = policies.load(f"pace:{PRICE}", world)
         observation = world.reset()
-        pace.attach(world)
         inside = ((world.position > FENCE) & (world.position < 100 - FENCE)).all(-1)
         action = GuidedFrame(toy).decode(observation, torch.zeros(64, 2, 2))
         assert inside.sum() > 100

@@ -7,7 +7,6 @@ import dataclasses
 import pytest
 import torch
 
-import policies
 from policies import PolicyError, Trainer, TrainingConfig
 from policies.algorithms import ALGORITHMS, Sizes
 from policies.algorithms.learner import AVERAGED
@@ -37,7 +36,7 @@ class TestTraining:
         figures = trainer.train(32_000)
         learned = score(trainer.policy())
         random, middle, fast, best = (
-            score(policies.load(name, toy)) for name in ("random", "straight:1.7", "straight:2.0", "straight:2.2")
+            score(name) for name in ("random", "straight:1.7", "straight:2.0", "straight:2.2")
         )
         assert random < 0.5 < 5.0 < middle < fast < best
         if changes.get("frame") == "world":

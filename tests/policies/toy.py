@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+import policies
 from policies import TrainingConfig
 from policies.frames import Layout
 from usvauv_env.scenario import Scenario
@@ -126,9 +127,9 @@ class ToyWorld:
         self.generator.set_state(state["generator"])
 
 
-def mean_reward(world: ToyWorld, policy) -> float:
-    """Reward of an episode, mean over worlds and AUVs."""
-    policy.attach(world)
+def mean_reward(world: ToyWorld, policy: policies.LearnedPolicy | str) -> float:
+    """Reward of an episode of a learned policy or one by name, mean over worlds and AUVs."""
+    policy = policies.load(policy, world) if isinstance(policy, str) else policy
     observation, total = world.reset(), 0.0
     for _ in range(world.steps):
         observation, reward, *_ = world.step(policy.act(observation))

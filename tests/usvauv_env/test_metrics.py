@@ -85,7 +85,7 @@ def test_csv_has_the_promised_columns(tmp_path):
 def test_trace_survives_its_file(tmp_path):
     scenario = Scenario.load("extreme", ["mission.duration=20"])
     world = World(scenario, num_worlds=2, seed=1)
-    player = policies.load("straight", scenario)
+    player = policies.load("straight", world)
     trace = record(world, player.act, "straight", surface=True)
     path = tmp_path / "t.nc"
     trace.save(path)

@@ -53,21 +53,20 @@ def evaluate(
     setting = Scenario.load(scenario, overrides or ())
     writable(out)
     names = policy or list(dict.fromkeys([policies.default(setting), "straight", "crab"]))
-    players = [policies.load(name, setting) for name in names]
+    for name in names:
+        policies.check(name, setting)
     strategies = [UsvStrategy.parse(name, setting).name for name in usv or ["fim"]]
-    for player in players:
-        player.check(setting)
     rows = []
-    total = len(players) * len(strategies) * episodes * setting.mission.steps
+    total = len(names) * len(strategies) * episodes * setting.mission.steps
     try:
         with console.progress("evaluating", total) as advance:
             for strategy in strategies:
-                for player in players:
+                for name in names:
                     for first in range(0, episodes, WORLDS_PER_BATCH):
                         worlds = min(WORLDS_PER_BATCH, episodes - first)
                         world = World(setting, worlds, seed, strategy, first_world=first, arch=arch)
-                        player.attach(world)
-                        trace = record(world, player.act, player.name, on_step=lambda _, n=worlds: advance(n))
+                        act = policies.load(name, world).act
+                        trace = record(world, act, name, on_step=lambda _, n=worlds: advance(n))
                         rows += episode_metrics(trace, first)
     except KeyboardInterrupt:
         if rows:

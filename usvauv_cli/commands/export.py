@@ -42,7 +42,7 @@ def export(
         raise UserError("--set: name the scenario whose fields it changes, after the policy")
     setting = None if scenario is None else Scenario.load(scenario, overrides or ())
     path = writable(onnx or Path(f"{Path(policy).name}.onnx"), "--onnx")
-    player = policies.load(policy, setting)
+    player = policies.load_learned(policy, setting)
     write(player, path)
     auvs, size = player.scenario.auv.count, observation_size(player.scenario)
     typer.echo(f"onnx: {path.resolve()}: observation (N, {auvs}, {size}), action (N, {auvs}, 2)")

@@ -51,10 +51,10 @@ def simulate(
     out = writable(out or Path(f"usvauv-{setting.name}.mp4"))
     if trace:
         writable(trace, "--trace")
-    player = policies.load(policy or policies.default(setting), setting)
-    player.check(setting)
+    name = policy or policies.default(setting)
+    policies.check(name, setting)
     world = World(setting, 1, seed, usv, fine_sea=True, arch=arch)
-    player.attach(world)
+    player = policies.load(name, world)
     steps = round(duration / setting.mission.step) if duration else world.steps
     with console.progress("simulating", steps) as advance:
         recorded = record(

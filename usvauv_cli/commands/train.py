@@ -40,8 +40,8 @@ def train(
 ) -> None:
     """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with TensorBoard files beside them.
 
-    It is judged now and then on worlds it is not trained in, beside `straight` on the same worlds (in station-keeping
-    beside `keep`). Ctrl-C ends the run cleanly; `--resume` goes on.
+    Now and then it is evaluated on worlds it is not trained in, beside `straight` on the same worlds (`keep` in
+    station-keeping). Ctrl-C ends the run cleanly; `--resume` goes on.
 
     **Examples:**
 
@@ -54,7 +54,7 @@ def train(
     `usvauv train --out runs/first --resume --steps 1000000`
     """
     import policies
-    from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, judge
+    from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
     from policies.provenance import provenance
     from usvauv_cli import report
     from usvauv_env import Scenario, World
@@ -79,18 +79,18 @@ def train(
     make_folder(out)
 
     world = World(setting, config.num_worlds, config.seed, usv, arch=arch)
-    judges = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
-    reference = policies.yardstick(setting)
-    yardstick = judge(judges, policies.load(reference, setting)) | {"policy": reference}
+    evaluation_worlds = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
+    name = policies.baseline(setting)
+    baseline = policies.evaluate(evaluation_worlds, name) | {"policy": name}
     about = provenance(begun) | {"usv": usv, "total": steps}
-    trainer = policies.Trainer(world, config, out, partial(judge, judges), about)
+    trainer = policies.Trainer(world, config, out, partial(policies.evaluate, evaluation_worlds), about)
     if resume:
         trainer.resume()
-    with report.training(yardstick, config.algorithm, setting.name) as show:
+    with report.training(baseline, config.algorithm, setting.name) as show:
         trainer.train(steps, show)
     if trainer.stopped:
         typer.echo(f"stopped at {trainer.steps} of {steps} world-steps; go on with: --out {out} --resume")
-    typer.echo(f"best arps {trainer.best:.3f} ({reference} {yardstick['arps']:.3f}) in {out / 'best'}")
+    typer.echo(f"best arps {trainer.best:.3f} ({name} {baseline['arps']:.3f}) in {out / 'best'}")
 
 
 def make_folder(path: Path) -> None:

@@ -48,8 +48,8 @@ def voyages(settings: Settings, folder: Path) -> dict[str, Trace]:
         path = folder / "evaluations" / f"voyage-{name}.nc"
         if not path.exists():
             scenario = settings.scenario(name, ("observation.current=speed",))
-            policy = policies.load(run.place(folder) / "best", scenario)
             world = World(scenario, 1, settings.test_seed)
+            policy = policies.load(run.place(folder) / "best", world)
             path.parent.mkdir(exist_ok=True)
             record(world, policy.act, f"{settings.method(METHOD).title}, run {run.seed}").save(path)
         traces[name] = Trace.load(path)

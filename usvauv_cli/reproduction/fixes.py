@@ -44,12 +44,11 @@ class FixErrors:
     def run(self, work: Work) -> None:
         settings = work.settings
         scenario = settings.scenario(self.scenario)
-        policy = policies.load("straight", scenario)
         traces = []
         for seed in settings.seeds:
             world = World(scenario, settings.fix_episodes, seed, self.usv)
-            policy.attach(world)
-            traces.append(record(world, policy.act, policy.name, on_step=work.step))
+            act = policies.load("straight", world).act
+            traces.append(record(world, act, "straight", on_step=work.step))
         time, episodes = traces[0].time, [(t.seed, w) for t in traces for w in range(settings.fix_episodes)]
 
         error = np.concatenate([position_error(trace) for trace in traces], axis=1)

@@ -16,7 +16,7 @@ import torch
 
 import policies
 from policies import checkpoint
-from policies.evaluation import EVALUATION_SEED_OFFSET, judge
+from policies.evaluation import EVALUATION_SEED_OFFSET
 from policies.provenance import provenance
 from usvauv_cli.reproduction.paper import CONDITIONS
 from usvauv_cli.reproduction.settings import Settings
@@ -78,10 +78,10 @@ class Learned:
         scenario = settings.scenario(self.trained_in, method.learning)
         config = replace(method.config, seed=self.seed)
         world = World(scenario, config.num_worlds, config.seed, method.usv)
-        judges = World(scenario, settings.judged, config.seed + EVALUATION_SEED_OFFSET, method.usv)
+        evaluation_worlds = World(scenario, settings.judged, config.seed + EVALUATION_SEED_OFFSET, method.usv)
 
-        def evaluate(policy: policies.Policy) -> dict[str, float]:
-            return judge(judges, policy, lambda _: work.advance(EVALUATION_STEP))
+        def evaluate(policy: policies.LearnedPolicy) -> dict[str, float]:
+            return policies.evaluate(evaluation_worlds, policy, lambda _: work.advance(EVALUATION_STEP))
 
         about = provenance({})
         trainer = policies.Trainer(world, config, place, evaluate, about, settings.evaluations)
@@ -111,9 +111,8 @@ class Learned:
         world = World(scenario, settings.episodes, settings.test_seed, method.usv, first_world=first)
         updates = self.about(work.folder)["updates"]
         about = {"method": self.method, "trained_in": self.trained_in, "run": self.seed, "updates": updates}
-        policy = policies.load(self.place(work.folder) / "best", scenario)
-        policy.name = method.title
-        write_rows(path, TESTED, test(world, policy, about, first, work))
+        policy = policies.load(self.place(work.folder) / "best", world)
+        write_rows(path, TESTED, test(world, policy, method.title, about, first, work))
 
 
 @dataclass(frozen=True)
@@ -136,16 +135,15 @@ class Heuristic:
         scenario = settings.scenario(self.scenario)
         world = World(scenario, settings.episodes * len(settings.seeds), settings.test_seed)
         about = {"method": self.policy, "trained_in": "", "run": "", "updates": ""}
-        rows = test(world, policies.load(self.policy, scenario), about, 0, work)
+        rows = test(world, policies.load(self.policy, world), self.policy, about, 0, work)
         write_rows(self.result(work.folder), TESTED, rows)
 
 
 def test(
-    world: World, policy: policies.Policy, about: Mapping[str, Any], first: int, work: Work
+    world: World, policy: policies.Policy, title: str, about: Mapping[str, Any], first: int, work: Work
 ) -> Iterable[dict[str, Any]]:
     """One row an episode: what is tested, its metrics, and what Eq. 5's term adds to its arps."""
-    policy.attach(world)
-    trace = record(world, policy.act, policy.name, on_step=work.step)
+    trace = record(world, policy.act, title, on_step=work.step)
     term = trace.reward_terms[..., trace.reward_names.index("collaboration")]
     added = term.sum(axis=2, dtype=np.float64).mean(axis=0)
     for row, value in zip(episode_metrics(trace, first), added, strict=True):

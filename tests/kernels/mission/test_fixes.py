@@ -27,11 +27,7 @@ def steady(observation):
 def voyage(settings, *, worlds=32, steps=40, seed=1, usv="centroid", policy=None):
     scenario = Scenario.load("extreme", [f"mission.duration={steps}", *settings])
     world = World(scenario, worlds, seed, usv)
-    act = steady
-    if policy:
-        player = policies.load(policy, scenario)
-        player.attach(world)
-        act = player.act
+    act = policies.load(policy, world).act if policy else steady
     return record(world, act, policy or "steady")
 
 

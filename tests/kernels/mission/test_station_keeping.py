@@ -57,9 +57,7 @@ def test_reward_is_distance_energy_and_room():
 def voyage(name, *overrides, worlds=16):
     scenario = setting(*overrides)
     world = World(scenario, worlds, seed=4)
-    policy = policies.load(name, scenario)
-    policy.attach(world)
-    trace = record(world, policy.act, name)
+    trace = record(world, policies.load(name, world).act, name)
     station = np.take_along_axis(trace.node_position[None], trace.target[..., None].astype(int), 2)
     return trace, np.linalg.norm(station - trace.auv_position, axis=-1)
 
@@ -91,7 +89,7 @@ def test_keep_beats_those_who_never_stop():
 def test_policies_of_the_other_task_are_refused():
     assert policies.default(setting()) == "keep"
     with pytest.raises(PolicyError, match="made for task data-collection, but scenario 'station-keeping' has"):
-        policies.load("sac-extreme", Scenario.load("extreme")).check(setting("auv.count=2"))
+        policies.check("sac-extreme", setting("auv.count=2"))
 
 
 def test_a_formation_wider_than_the_area():

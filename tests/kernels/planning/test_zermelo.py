@@ -350,9 +350,7 @@ class TestPolicy:
         scenario = Scenario.load("ideal")
         world = World(scenario, 8, seed=1)
         observation = world.reset()
-        ours, others = (policies.load(f"{name}:1.4", scenario) for name in ("zermelo", "crab"))
-        ours.attach(world)
-        others.attach(world)
+        ours, others = (policies.load(f"{name}:1.4", world) for name in ("zermelo", "crab"))
         torch.testing.assert_close(ours.act(observation), others.act(observation), atol=0.05, rtol=0)
 
     def test_without_a_way_it_does_as_crab(self):
@@ -361,9 +359,7 @@ class TestPolicy:
         observation = world.reset()
         centre, speed = -3000.0, 3.0  # nearly uniform, and faster than it
         world.vortex[:] = torch.tensor([100.0, centre, -speed * 2 * math.pi * -centre, 30.0], device=world.device)
-        ours, others = (policies.load(f"{name}:1.4", scenario) for name in ("zermelo", "crab"))
-        ours.attach(world)
-        others.attach(world)
+        ours, others = (policies.load(f"{name}:1.4", world) for name in ("zermelo", "crab"))
         action, fallback = ours.act(observation), others.act(observation)
         lost = ours.velocity.norm(dim=-1) == 0
         assert lost.sum() > 3
@@ -374,8 +370,7 @@ class TestPolicy:
         served = {}
         for name in ("crab:1.3", "zermelo:1.3"):
             world = World(scenario, 24, seed=5)
-            policy = policies.load(name, scenario)
-            policy.attach(world)
+            policy = policies.load(name, world)
             observation, served[name] = world.reset(), 0
             for _ in range(world.steps):
                 observation, *_, info = world.step(policy.act(observation))

@@ -7,9 +7,9 @@ import pytest
 import torch
 from scipy.linalg import solve_discrete_are
 
+import policies
 from kernels.mission.columns import AuvColumn
 from kernels.positioning import tracker
-from policies.heuristics import Crab
 from usvauv_env.scenario import Scenario
 from usvauv_env.world.current_statistics import current_model
 from usvauv_env.world.tables import link_table
@@ -266,8 +266,7 @@ def log(device):
     """150 steps of `crab` in 64 worlds of `extreme`: arguments of `follow`, truth, the model from the scenario."""
     scenario = Scenario.load("extreme", ["usbl.propagation=false"])
     world = World(scenario, 64, seed=4)
-    policy = Crab("crab", scenario, None)
-    policy.attach(world)
+    policy = policies.load("crab", world)
     observation = world.reset()
     logged, fixes = [world.auv.cpu().numpy().copy()], [world.estimate.cpu().numpy().copy()]
     for _ in range(150):

@@ -1,0 +1,37 @@
+"""Travelling to the target at the speed that a price of time makes best."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from policies.frames import Layout
+from policies.guidance import SpeedToFly, command, crab, unit
+from policies.heuristics.heuristic import Heuristic, number
+from usvauv_env.scenario import Scenario
+from usvauv_env.world.world import World
+
+
+class Pace(Heuristic):
+    """As `crab`, at the speed through the water that `guidance.SpeedToFly` gives for a price of time in W."""
+
+    argument: float
+
+    def __init__(self, name: str, world: World, argument: float):
+        super().__init__(name, world, argument)
+        self.speed_to_fly = SpeedToFly(self.scenario)
+
+    @classmethod
+    def parse(cls, text: str | None, scenario: Scenario) -> float:
+        price = scenario.reference.pace_price if text is None else number(text, "a price of time in W, such as 40")
+        if not (math.isfinite(price) and price >= 0.0):
+            raise ValueError("the price of time must be at least 0 W")
+        return price
+
+    def act(self, observation: Tensor) -> Tensor:
+        track = unit(Layout.of(self.scenario).target(observation))
+        current = self.world.current().to(track)
+        speed = self.speed_to_fly(track, torch.full_like(track[..., 0], self.argument), current)
+        return command(crab(track, speed, current), speed, self.scenario)

@@ -1,0 +1,66 @@
+"""The quickest path through a current that is known everywhere: what perfect knowledge would bring."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from kernels.planning import zermelo
+from policies.frames import Layout
+from policies.guidance import command, unit
+from policies.heuristics.constant_speed import Crab
+from usvauv_env.world.world import World
+
+RENEWAL = 10.0  # s between two solutions of Zermelo's problem for the same target
+SPACING = 4.0  # m, of the grid on which it is solved
+LEAST_CELLS = 16  # along a side of a small area
+MARGIN = 1.0  # m between the grid and the border, where a move may be refused
+SAME_GOAL = 0.1  # m, largest shift of a target that counts as the same one
+
+
+class Zermelo(Crab):
+    """Follows the path of least time at one speed through the water, in the true current: an upper bound.
+
+    It knows the current everywhere in the area, as it is at the moment, without the storm (Zermelo's problem, see
+    `kernels.planning.zermelo`). The path is solved for when the target changes and every `RENEWAL` seconds. Where no
+    path exists it acts as `crab`.
+    """
+
+    reference = "zermelo_speed"
+
+    def __init__(self, name: str, world: World, argument: float):
+        super().__init__(name, world, argument)
+        area = self.scenario.area
+        columns, rows = (max(LEAST_CELLS, math.ceil(side / SPACING)) + 1 for side in (area.width, area.length))
+        team = (world.num_worlds, world.num_auvs)
+
+        def zeros(*shape: int) -> Tensor:
+            return torch.zeros(shape, device=world.device)
+
+        self.flow = zeros(world.num_worlds, rows, columns, 2)
+        self.cost, self.velocity = zeros(*team, rows, columns), zeros(*team, 2)
+        self.goal, self.age = zeros(*team, 2), torch.full(team, math.inf, device=world.device)
+        self.speeds, self.rates = torch.tensor([argument], device=world.device), torch.ones(1, device=world.device)
+
+    def act(self, observation: Tensor) -> Tensor:
+        auv, area, world = self.scenario.auv, self.scenario.area, self.world
+        layout = Layout.of(self.scenario)
+        position = area.diagonal * layout.position(observation) - MARGIN
+        offset = area.diagonal * layout.target(observation)
+        goal = position + offset
+        new = (goal - self.goal).norm(dim=-1) > SAME_GOAL
+        self.age = torch.where(new, math.inf, self.age + self.scenario.mission.step)
+        due = (self.age >= RENEWAL) & (offset.norm(dim=-1) > auv.hover_radius)
+        circle = {"size": (area.width - 2 * MARGIN, area.length - 2 * MARGIN), "radius": auv.hover_radius}
+        if due.any():
+            self.age[due] = 0.0
+            self.goal[due] = goal[due]
+            world.current_field(self.flow, due.any(1), MARGIN)
+            zermelo.solve(self.flow, self.goal, due.byte(), self.speeds, self.rates, self.cost, **circle)
+        current = world.current().contiguous()
+        zermelo.steer(self.flow, goal, position, current, self.speeds, self.rates, self.cost, self.velocity, **circle)
+        speed = self.velocity.norm(dim=-1)
+        course = command(unit(self.velocity), speed, self.scenario)
+        return torch.where(speed.unsqueeze(-1) > 0.0, course, super().act(observation))

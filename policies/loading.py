@@ -1,0 +1,119 @@
+"""Policies by name: the trained ones in the package, checkpoints on disk, heuristics."""
+
+from __future__ import annotations
+
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from policies.checkpoint import load_policy
+from policies.heuristics import HEURISTICS
+from policies.learned import LearnedPolicy
+from policies.policy import Policy, PolicyError
+from usvauv_env.scenario import Scenario
+from usvauv_env.world.world import World
+
+
+def _shipped() -> Path:
+    return Path(str(resources.files("policies") / "trained"))
+
+
+def trained() -> list[str]:
+    """Names of the trained policies inside the package, the highest score first."""
+    scores = {
+        path.parent.name: json.loads(path.read_text(encoding="utf-8"))["score"]
+        for path in _shipped().glob("*/policy.json")
+    }
+    return sorted(scores, key=lambda name: (-scores[name], name))
+
+
+def available() -> list[str]:
+    """Names that `load` knows: the trained ones, best first, then the heuristics."""
+    return [*trained(), *HEURISTICS]
+
+
+def default(scenario: Scenario) -> str:
+    """The best shipped policy that fits a scenario; where none does `crab`, or `keep` where stations are to be held."""
+    for name in trained():
+        try:
+            check(name, scenario)
+        except PolicyError:
+            continue
+        return name
+    return "crab" if scenario.task == "data-collection" else "keep"
+
+
+def baseline(scenario: Scenario) -> str:
+    """The heuristic that a learned policy has to beat."""
+    return "straight" if scenario.task == "data-collection" else "keep"
+
+
+def load(name: str | Path, world: World) -> Policy:
+    """A policy that acts in `world`, from its present step on.
+
+    Args:
+        name: one of `available()`; a heuristic's argument follows a colon: `straight:SPEED`, `crab:SPEED` or
+            `zermelo:SPEED` with a speed in m/s, `pace:PRICE` with a price of time in W; else the path of a
+            checkpoint, or of a training run, whose best checkpoint is then taken.
+        world: the world whose observations it will get; its speed limits and recorded speeds are used.
+
+    Raises:
+        PolicyError: unknown name, missing or damaged checkpoint, one that does not fit the world's scenario, argument
+            out of range.
+    """
+    heuristic = _heuristic(name)
+    if heuristic is None:
+        return load_learned(name, world.scenario, world.device)
+    return HEURISTICS[heuristic](str(name), world, _argument(str(name), world.scenario))
+
+
+def check(name: str | Path, scenario: Scenario) -> None:
+    """Refuse what `load` would refuse in a world of `scenario`, before there is one.
+
+    Raises:
+        PolicyError: as `load`.
+    """
+    if _heuristic(name) is None:
+        load_learned(name, scenario)
+    else:
+        _argument(str(name), scenario)
+
+
+def load_learned(
+    name: str | Path, scenario: Scenario | None = None, device: torch.device | None = None
+) -> LearnedPolicy:
+    """A learned policy without its world, for `scenario` (default: the one it was trained in), on `device` (the CPU).
+
+    Raises:
+        PolicyError: as `load`, or a heuristic.
+    """
+    text, directory = str(name), Path(name)
+    if _heuristic(name) is not None:
+        raise PolicyError(f"policy {text}: has no network; only learned policies have")
+    if text in trained():
+        return load_policy(_shipped() / text, text, scenario, device)
+    if not directory.is_dir():
+        raise PolicyError(f"policy {text!r}: neither a checkpoint directory nor one of {', '.join(available())}")
+    for place in (directory, directory / "best", directory / "last"):
+        if (place / "policy.json").exists():
+            return load_policy(place, text, scenario, device)
+    raise PolicyError(f"{text}: not a checkpoint: policy.json is missing")
+
+
+def _heuristic(name: str | Path) -> str | None:
+    """The heuristic that a name stands for; None for a learned policy."""
+    text = str(name)
+    base = text.partition(":")[0]
+    return base if base in HEURISTICS and text not in trained() else None
+
+
+def _argument(name: str, scenario: Scenario) -> Any:
+    """The argument in a heuristic's name."""
+    base, colon, text = name.partition(":")
+    try:
+        return HEURISTICS[base].parse(text if colon else None, scenario)
+    except ValueError as error:
+        raise PolicyError(f"policy {name}: {error}") from None
