@@ -1,9 +1,14 @@
-"""Colours of the figures: those of the video."""
+"""Look of the figures: the colours of the video, plain axes, and how they are saved."""
 
 from __future__ import annotations
 
-from matplotlib.colors import LinearSegmentedColormap
+from pathlib import Path
 
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+
+from usvauv_env.files import atomic_write
 from usvauv_env.render import style
 
 
@@ -13,5 +18,33 @@ def web(colour: style.Colour) -> str:
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
-TEXT, MUTED, CARD, EDGE = web(style.TEXT), web(style.MUTED), web(style.BACKGROUND), web(style.OUTLINE)
+TEXT, MUTED, OUTLINE = web(style.TEXT), web(style.MUTED), web(style.OUTLINE)
+BACKGROUND, CARD, LINE = web(style.BACKGROUND), web(style.CARD), web(style.LINE)
+WATER = web(style.SEA[4])
 SEA = LinearSegmentedColormap.from_list("sea", [web(colour) for colour in style.SEA] + ["#c4e4e3"])
+
+
+def style_axes(axes: Axes, tick_pad: float = 5) -> None:
+    """Muted labels, numbers without tick marks and no frame; `tick_pad` is from the plot to its numbers, points."""
+    axes.tick_params(colors=MUTED, labelsize=9, length=0, pad=tick_pad, which="both")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set(color=MUTED, fontsize=9.5)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def set_title(axes: Axes, text: str, pad: float | None = None) -> None:
+    """Title at the left above a plot, `pad` points from it."""
+    axes.set_title(text, color=TEXT, fontsize=11, loc="left", pad=pad)
+
+
+def save(figure: Figure, path: Path, dpi: float = 150) -> None:
+    """Write a figure, the format by the file's suffix; PDFs carry no date, so that equal figures are equal files.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    kind = path.suffix[1:].lower()
+    with atomic_write(path) as partial:
+        metadata = {"CreationDate": None} if kind == "pdf" else None
+        figure.savefig(partial, dpi=dpi, facecolor=BACKGROUND, format=kind, metadata=metadata)

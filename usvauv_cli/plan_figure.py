@@ -15,9 +15,8 @@ from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from usvauv_cli.figure_theme import CARD, EDGE, MUTED, SEA, TEXT, web
+from usvauv_cli.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
 from usvauv_cli.objectives import NAMES
-from usvauv_env.files import atomic_write
 from usvauv_env.render import style
 
 SIGMAS = 2
@@ -30,7 +29,7 @@ LINES = {
     "e": "Error, worst axis of the worst AUV",
     "sum": "Error of a common offset",
 }
-HANDLE = 55  # by which headings stand left of the texts they head, pixels
+HEADING_OUTDENT = 55  # px
 MAP = 6.0  # longer side of the map, inches
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 PLACES = ("#ffb020", "#ff6f61", "#c9f26b", "#7df9ff", "#ff9dd6", "#b7a0ff")
@@ -76,7 +75,7 @@ def draw(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], pat
     rows = 8 + len(result["auvs"]) + len(result["compare"])
     below = max(along, 0.21 * rows) - along
     total = np.array([across + 5.2, along + below + 1.75])
-    figure = Figure(figsize=tuple(total), facecolor=CARD)
+    figure = Figure(figsize=tuple(total), facecolor=BACKGROUND)
 
     def place(x: float, y: float, *size: float) -> tuple[float, ...]:
         return tuple(np.array([x, y, *size]) / np.tile(total, 2)[: 2 + len(size)])
@@ -93,8 +92,7 @@ def draw(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], pat
         about += f" · errors on a slope of {result['slope'][0]:g}, {result['slope'][1]:g}"
     figure.text(*place(0.8, total[1] - 0.45), title, color=TEXT, fontsize=15, fontweight="bold")
     figure.text(*place(0.8, total[1] - 0.72), about, color=MUTED, fontsize=10)
-    with atomic_write(path) as partial:
-        figure.savefig(partial, dpi=150, facecolor=CARD, format=path.suffix[1:].lower())
+    save(figure, path)
 
 
 def draw_landscape(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], axes: Axes, bar: Axes) -> None:
@@ -115,26 +113,24 @@ def draw_landscape(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.nda
         lines = axes.contour(x, y, value, levels=drawn, colors=TEXT, linewidths=0.7, linestyles="solid", alpha=0.65)
         labels = axes.clabel(lines, fmt={level: f"×{factor:g}" for level, factor in levels.items()}, fontsize=8)
         for label in labels:
-            label.set(color=TEXT, path_effects=[withStroke(linewidth=2, foreground=EDGE)])
+            label.set(color=TEXT, path_effects=[withStroke(linewidth=2, foreground=OUTLINE)])
     axes.set(xlim=(0, x[-1]), ylim=(0, y[-1]), aspect="equal")
-    axes.set_xlabel("x (east), m", color=MUTED)
-    axes.set_ylabel("y (north), m", color=MUTED)
     shades = ScalarMappable(Normalize(low, high), SEA)
     ticks = max(1, round(7 * min(1.0, y[-1] / x[-1])))
     scale = axes.figure.colorbar(shades, cax=bar, ticks=MaxNLocator(ticks))
     scale.outline.set_visible(False)
     bar.set_title(NAMES[result["objective"]], color=MUTED, fontsize=9.5, loc="left", pad=8)
-    for area in (axes, bar):
-        area.tick_params(colors=MUTED, labelsize=9, length=0, pad=9 if area is axes else 4)
-        for spine in area.spines.values():
-            spine.set_visible(False)
+    style_axes(axes, tick_pad=9)
+    style_axes(bar, tick_pad=4)
+    axes.set_xlabel("x (east), m", fontsize=10)
+    axes.set_ylabel("y (north), m", fontsize=10)
 
 
 def draw_places(result: dict, axes: Axes) -> float:
     """AUVs, their ellipses from the optimum and every compared place, the places; returns the magnification."""
     best, others, centroid = result["optimum"], result["compare"], result["centroid"]
     scale = magnification(result)
-    shadow = [withStroke(linewidth=3, foreground=EDGE)]
+    shadow = [withStroke(linewidth=3, foreground=OUTLINE)]
     for place, colour, dash in [(best, TEXT, "-"), *((p, place_colour(i), (0, (4, 2))) for i, p in enumerate(others))]:
         for auv, error in zip(result["auvs"], place["errors"], strict=True):
             size = [2 * SIGMAS * scale * error[axis] for axis in ("major", "minor")]
@@ -142,7 +138,7 @@ def draw_places(result: dict, axes: Axes) -> float:
             ellipse.set(edgecolor=colour, linestyle=dash, linewidth=1.5, zorder=4)
             ellipse.set_path_effects(shadow if place is best else [])
             axes.add_patch(ellipse)
-    above = {"clip_on": False, "mec": EDGE}
+    above = {"clip_on": False, "mec": OUTLINE}
     for k, auv in enumerate(result["auvs"]):
         colour = web(style.auv_colour(k))
         axes.plot(auv["x"], auv["y"], "o", ms=7, mfc=colour, mew=1, zorder=5, **above)
@@ -151,7 +147,7 @@ def draw_places(result: dict, axes: Axes) -> float:
     for i, place in enumerate(others):
         axes.plot(place["x"], place["y"], "s", ms=13, mfc=place_colour(i), mew=1.2, zorder=7, **above)
         letter = axes.annotate(letter_of(i), (place["x"], place["y"]), ha="center", va="center_baseline", zorder=8)
-        letter.set(color=EDGE, fontsize=8, fontweight="bold")
+        letter.set(color=OUTLINE, fontsize=8, fontweight="bold")
     axes.plot(centroid["x"], centroid["y"], "+", ms=12, mew=2, color=TEXT, path_effects=shadow, zorder=8)
     axes.plot(best["x"], best["y"], "*", ms=20, mfc=TEXT, mew=1.2, zorder=9, **above)
     return scale
@@ -161,7 +157,7 @@ def draw_legend(result: dict, scale: float, figure: Figure, corner: tuple[float,
     """What the marks are: places with their rms error, AUVs with their error from the optimum, lines."""
 
     def mark(marker: str, colour: str, size: float) -> Line2D:
-        edge = (TEXT, 2) if marker == "+" else (EDGE, 1)
+        edge = (TEXT, 2) if marker == "+" else (OUTLINE, 1)
         return Line2D([], [], marker=marker, ls="none", ms=size, mfc=colour, mec=edge[0], mew=edge[1])
 
     def line(colour: str, style: str, width: float = 1.5) -> Line2D:
@@ -198,4 +194,4 @@ def draw_legend(result: dict, scale: float, figure: Figure, corner: tuple[float,
     )
     for handle, text in zip(handles, legend.get_texts(), strict=True):
         if handle.get_color() == "none":
-            text.set(color=MUTED, x=-HANDLE)
+            text.set(color=MUTED, x=-HEADING_OUTDENT)

@@ -58,7 +58,7 @@ def make(settings: Settings, folder: Path, results: Path) -> list[dict[str, obje
 
 
 def _draw(table: list[dict], settings: Settings, place: Path) -> None:
-    drawn = figure.make(
+    drawn = figure.titled_figure(
         14.0, 5.3,
         "Fig. 3: learning in ideal and extreme sea conditions",
         f"mean over {len(settings.seeds)} runs, band from the worst to the best run; each point {settings.judged}"
@@ -83,8 +83,7 @@ def _draw(table: list[dict], settings: Settings, place: Path) -> None:
         above.set_xlabel("episode equivalents", color=MUTED, fontsize=9)
         above.tick_params(colors=MUTED, labelsize=8.5, length=0)
         above.spines["top"].set_visible(False)
-        figure.dress(axes)
-        axes.set_title(words, color=TEXT, fontsize=11, loc="left", pad=36)
+        figure.style_plot(axes, words, title_pad=36)
     handles, labels = axes.get_legend_handles_labels()
     drawn.legend(handles, labels, loc="lower center", ncols=4, frameon=False, labelcolor=TEXT, fontsize=9.5)
     figure.save(drawn, place)

@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 import policies
 from kernels import runtime
 from kernels.flow import vortex
-from usvauv_cli.figure_theme import EDGE, MUTED, TEXT, web
+from usvauv_cli.figure_theme import MUTED, OUTLINE, TEXT, WATER, web
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.runs import Learned
 from usvauv_cli.reproduction.settings import PHYSICAL, Settings
@@ -78,7 +78,7 @@ def _rows(name: str, trace: Trace):
 
 def _draw(traces: dict[str, Trace], place: Path) -> None:
     first = next(iter(traces.values()))
-    drawn = figure.make(
+    drawn = figure.titled_figure(
         13.2, 7.75,
         "Fig. 4(a): an episode with the policy learned by DDPG in ESC",
         f"{first.policy}, world seed {first.seed}, {first.time[-1]:g} s; arrows: vortices' current halfway,"
@@ -88,7 +88,7 @@ def _draw(traces: dict[str, Trace], place: Path) -> None:
     for column, (name, trace) in enumerate(traces.items()):
         axes = drawn.add_subplot(grid[0, column])
         row = episode_metrics(trace)[0]
-        figure.dress(axes, f"{name}: SDR {row.sdr:.2f} Mbit/s, EC {row.ec:.1f} W, services {row.services}")
+        figure.style_plot(axes, f"{name}: SDR {row.sdr:.2f} Mbit/s, EC {row.ec:.1f} W, services {row.services}")
         _map(axes, trace)
     lines = [Line2D([], [], color=web(style.auv_colour(k)), label=f"AUV {k + 1}") for k in range(first.power.shape[2])]
     lines.append(Line2D([], [], color=TEXT, lw=1.0, label="USV"))
@@ -99,10 +99,10 @@ def _draw(traces: dict[str, Trace], place: Path) -> None:
 
 
 def _map(axes: Axes, trace: Trace) -> None:
-    area, shadow = trace.scenario.area, [withStroke(linewidth=2.4, foreground=EDGE)]
+    area, shadow = trace.scenario.area, [withStroke(linewidth=2.4, foreground=OUTLINE)]
     axes.grid(visible=False)
     _current(axes, trace)
-    axes.plot(*trace.node_position[0].T, "^", ms=5.5, color=NODE, mec=EDGE, mew=0.6, zorder=3)
+    axes.plot(*trace.node_position[0].T, "^", ms=5.5, color=NODE, mec=OUTLINE, mew=0.6, zorder=3)
     for k, (vehicle, track) in enumerate(_tracks(trace).items()):
         boat = vehicle == "USV"
         colour = TEXT if boat else web(style.auv_colour(k))
@@ -128,7 +128,7 @@ def _current(axes: Axes, trace: Trace) -> None:
         return
     spacing = area.width / ARROWS
     arrows = axes.quiver(
-        *points[0].T, *velocity.T, color=web(style.SEA[4]), alpha=0.6, pivot="mid", angles="xy",
+        *points[0].T, *velocity.T, color=WATER, alpha=0.6, pivot="mid", angles="xy",
         scale_units="xy", scale=fastest / (1.1 * spacing), width=0.0028, zorder=2,
     )  # fmt: skip
     axes.quiverkey(

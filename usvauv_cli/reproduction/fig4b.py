@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usvauv_cli.figure_theme import MUTED, TEXT
+from usvauv_cli.figure_theme import TEXT
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.fixes import BOUND, FixErrors, results
 from usvauv_cli.reproduction.settings import PHYSICAL, STRATEGIES, Settings
@@ -85,7 +85,7 @@ def level(folder: Path, scenario: str, strategy: str) -> Level:
 
 
 def _draw(over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[Level], place: Path) -> None:
-    drawn = figure.make(
+    drawn = figure.titled_figure(
         13.2, 6.0,
         "Fig. 4(b): error of the AUVs' positions by the boat's strategy",
         f"median over {levels[0].episodes} episodes and AUVs steered by straight, band from quartile to quartile;"
@@ -108,10 +108,9 @@ def _draw(over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[L
                 axes.axhline(paper.FIG_4B[strategy], color=colour, lw=1.4, ls=":")
         axes.set(yscale="log", xlabel="time, s", xlim=(0, time[-1]))
         noise = "the demonstration's noise" if column == 0 else "noise and sea as physics has them"
-        figure.dress(axes, f"{scenario}: {noise}")
+        figure.style_plot(axes, f"{scenario}: {noise}")
         if column == 0:
             axes.set_ylabel("horizontal error, m")
-            axes.yaxis.label.set(color=MUTED, fontsize=9.5)
         else:
             axes.tick_params(labelleft=False)
     handles, labels = axes.get_legend_handles_labels()

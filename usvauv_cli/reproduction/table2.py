@@ -138,7 +138,7 @@ def _cells(row: Row) -> dict[str, object]:
 def _draw(table: Sequence[Row], settings: Settings, place: Path) -> None:
     """Ours and the paper's, row by row, one panel a figure."""
     shown = [row for row in table if row.trained_in in ("ISC", "")]
-    drawn = figure.make(
+    drawn = figure.titled_figure(
         13.0, 1.75 + 0.3 * len(shown),
         "Table 2: ours beside the paper's",
         f"trained in ISC, tested in both; mean ± standard deviation over {shown[0].episodes} episodes of"
@@ -156,18 +156,11 @@ def _draw(table: Sequence[Row], settings: Settings, place: Path) -> None:
                 axes.errorbar(centre, y + 0.2, xerr=spread, fmt="D", ms=5, mfc="none", lw=1.0, color=TEXT, alpha=0.85)
         axes.set(ylim=(len(shown) - 0.4, -0.6), yticks=range(len(shown)))
         axes.set_yticklabels([row.name.replace("`", "") for row in shown] if column == 0 else [])
-        figure.dress(axes, words)
+        figure.style_plot(axes, words)
     marks = [
         Line2D([], [], marker="o", ls="-", color=MUTED, label="ours"),
         Line2D([], [], marker="D", ls="-", mfc="none", color=TEXT, label="paper"),
     ]
-    drawn.legend(
-        handles=marks,
-        loc="upper right",
-        bbox_to_anchor=(0.985, 0.965),
-        ncols=2,
-        frameon=False,
-        labelcolor=TEXT,
-        fontsize=9.5,
-    )
+    corner = {"loc": "upper right", "bbox_to_anchor": (0.985, 0.965), "ncols": 2}
+    drawn.legend(handles=marks, frameon=False, labelcolor=TEXT, fontsize=9.5, **corner)
     figure.save(drawn, place)

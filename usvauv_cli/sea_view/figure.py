@@ -13,10 +13,21 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FormatStrFormatter, MaxNLocator, NullLocator
 
-from usvauv_cli.figure_theme import CARD, EDGE, MUTED, TEXT, web
+from usvauv_cli.figure_theme import (
+    BACKGROUND,
+    CARD,
+    LINE,
+    MUTED,
+    OUTLINE,
+    TEXT,
+    WATER,
+    save,
+    set_title,
+    style_axes,
+    web,
+)
 from usvauv_cli.sea_view.section import Section
 from usvauv_cli.sea_view.video import LONG_WAVES, SHADED, land, thumbnail, weather
-from usvauv_env.files import atomic_write
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import MapView, Rectangle
 from usvauv_env.render.sea_layers import SeaSurface
@@ -31,7 +42,7 @@ PROBES = 12  # a side, at which the spectrum is measured
 SEGMENT = 12.0  # peak periods: records are cut into pieces this long, so that their spectra can be averaged
 SHORTEST = 16  # records of which a spectrum is made
 USUAL_BYTES = 800_000  # a figure's size hardly depends on what it shows
-LINE, PLOT, TARGET, AMBER = web(style.SEA[4]), web(style.CARD), "#ff9d66", web(LONG_WAVES)
+TARGET, AMBER = "#ff9d66", web(LONG_WAVES)
 
 
 class SeaFigure:
@@ -91,7 +102,7 @@ class SeaFigure:
         scenario, duration = self._sea.scenario, self._times[-1]
         surface = self._relief()
         still, limit = surface.limit == 0.0, surface.limit or 1.0
-        figure = Figure(figsize=(13.6, 9.0), facecolor=CARD)
+        figure = Figure(figsize=(13.6, 9.0), facecolor=BACKGROUND)
         grid = {"left": 0.065, "right": 0.93, "wspace": 0.14}
         top = figure.add_gridspec(1, len(self._maps) + 1, width_ratios=[1] * len(self._maps) + [0.045], **grid)
         top.update(bottom=0.56, top=0.87)
@@ -102,7 +113,7 @@ class SeaFigure:
             relief = surface.relief(field)
             relief[land(self._sea, relief.shape[1], relief.shape[0])] = style.LAND
             self._draw_map(axes, relief)
-            axes.set_title(f"t = {clock(time)}", color=TEXT, fontsize=11, loc="left")
+            set_title(axes, f"t = {clock(time)}")
             if axes is not maps[0]:
                 axes.set_yticklabels([])
         maps[0].set_ylabel("y (north), m")
@@ -114,20 +125,16 @@ class SeaFigure:
         self._draw_section(section, limit)
         self._draw_level(level)
         self._draw_spectrum(spectrum, still)
-        level.set_facecolor(PLOT)
-        spectrum.set_facecolor(PLOT)
+        level.set_facecolor(CARD)
+        spectrum.set_facecolor(CARD)
         for axes in (*maps, bar, section, level, spectrum):
-            axes.tick_params(colors=MUTED, labelsize=9, length=0, pad=5, which="both")
-            axes.xaxis.label.set(color=MUTED, fontsize=9.5)
-            axes.yaxis.label.set(color=MUTED, fontsize=9.5)
-            for spine in axes.spines.values():
-                spine.set_visible(False)
+            style_axes(axes)
         title = f"Sea of “{scenario.name}”" + (" is still: neither long waves nor a storm" if still else "")
         cells = f"{len(self._sea.x)} × {len(self._sea.y)} cells of {self._sea.spacing[0]:.3g} m"
         about = f"{weather(self._sea)} · seed {self._sea.seed} · {clock(duration)} min · {cells}"
         figure.text(0.065, 0.955, title, color=TEXT, fontsize=16, fontweight="bold", va="center")
         figure.text(0.065, 0.92, about, color=MUTED, fontsize=10, va="center")
-        self._save(figure)
+        save(figure, self._out)
 
     def _relief(self) -> SeaSurface:
         """Colours and shades as in the video."""
@@ -142,7 +149,7 @@ class SeaFigure:
         axes.imshow(relief[..., ::-1], extent=extent, interpolation="bilinear")
         axes.plot(*zip(a, b, strict=True), color=TEXT, lw=0.9, ls=(0, (5, 4)), alpha=0.8)
         for name, place in (("A", a + 0.05 * (b - a)), ("B", b + 0.05 * (a - b))):
-            shadow = [withStroke(linewidth=2.5, foreground=EDGE)]
+            shadow = [withStroke(linewidth=2.5, foreground=OUTLINE)]
             axes.text(*place, name, color=TEXT, fontsize=10, fontweight="bold", ha="center", path_effects=shadow)
         axes.set_xlabel("x (east), m")
         axes.xaxis.set_major_locator(MaxNLocator(4))
@@ -153,16 +160,16 @@ class SeaFigure:
         levels = np.array(self._sections).T
         axes.imshow(levels, LEVELS, vmin=-limit, vmax=limit, origin="lower", extent=extent, aspect="auto")
         axes.set_ylabel("A to B, m")
-        axes.set_title("η along A–B", color=TEXT, fontsize=11, loc="left")
+        set_title(axes, "η along A–B")
 
     def _draw_level(self, axes: Axes) -> None:
         everything, storm = np.array(self._storm).T
         axes.axhline(0, color=MUTED, lw=0.6, alpha=0.6)
         if storm.any() and (everything != storm).any():
             axes.plot(self._times, everything - storm, color=AMBER, lw=1.4, label="long waves alone")
-        axes.plot(self._times, everything, color=LINE, lw=1.3, label="all")
+        axes.plot(self._times, everything, color=WATER, lw=1.3, label="all")
         axes.set(xlim=(0, self._times[-1]), xlabel="time, s", ylabel="η, m")
-        axes.set_title("η in the middle", color=TEXT, fontsize=11, loc="left")
+        set_title(axes, "η in the middle")
         if len(axes.lines) > 2:
             place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.99), "ncols": 2, "borderpad": 0.2}
             axes.legend(frameon=False, labelcolor=MUTED, fontsize=9, **place)
@@ -171,7 +178,7 @@ class SeaFigure:
         """Mean over points spread over the area, and what the storm was drawn from."""
         scenario = self._sea.scenario
         axes.set(xlabel="frequency, Hz", ylabel="spectral density of η, m²/Hz")
-        axes.set_title("Spectrum, mean over the area", color=TEXT, fontsize=11, loc="left")
+        set_title(axes, "Spectrum, mean over the area")
         if still or len(self._times) < SHORTEST:
             words = "nothing moves" if still else f"too short: below {SHORTEST} records"
             axes.text(0.5, 0.5, words, color=MUTED, ha="center", transform=axes.transAxes)
@@ -181,7 +188,7 @@ class SeaFigure:
         storm = scenario.storm.spectrum != "none"
         piece = SEGMENT * scenario.storm.peak_period if storm else math.inf
         frequency, density = spectrum(np.array(self._probes), step, piece)
-        axes.loglog(frequency, density, color=LINE, lw=1.6, label="simulated")
+        axes.loglog(frequency, density, color=WATER, lw=1.6, label="simulated")
         highest, last = density.max(), frequency[-1]
         if storm:
             f, target = target_spectrum(scenario)
@@ -196,12 +203,8 @@ class SeaFigure:
         axes.set_xticks([tick for tick in ticks if low <= tick <= high])
         axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
         axes.xaxis.set_minor_locator(NullLocator())
-        axes.grid(color=web(style.LINE), lw=0.6)
+        axes.grid(color=LINE, lw=0.6)
         axes.legend(frameon=False, labelcolor=MUTED, fontsize=9, loc="upper right")
-
-    def _save(self, figure: Figure) -> None:
-        with atomic_write(self._out) as partial:
-            figure.savefig(partial, dpi=150, facecolor=CARD, format=self._out.suffix[1:].lower())
 
 
 def spectrum(records: np.ndarray, step: float, piece: float) -> tuple[np.ndarray, np.ndarray]:
