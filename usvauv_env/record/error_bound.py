@@ -14,7 +14,8 @@ from kernels import runtime
 from kernels.planning import global_search, objectives
 from kernels.positioning import usbl
 from usvauv_env.record.trace import Trace
-from usvauv_env.world.tables import boat_separation, link_table
+from usvauv_env.site.site import boat_separation
+from usvauv_env.world.tables import link_table
 
 
 def variance(trace: Trace) -> np.ndarray:

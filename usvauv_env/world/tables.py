@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -12,7 +11,9 @@ from kernels.mission.columns import PROFILE_POINTS, Options, Parameter, Refracti
 from kernels.planning import objectives, receding_horizon
 from kernels.positioning import sonar_equation, tracker, usbl, waveform
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
+from usvauv_env.site.bed_and_current import site
+from usvauv_env.site.site import boat_separation
+from usvauv_env.site.sound_speed import SoundSpeedProfile
 from usvauv_env.world.current_statistics import current_model
 
 OBSERVED_CURRENT = {"none": 0, "speed": 1, "vector": 2, "profile": 3}
@@ -64,11 +65,6 @@ class UsvStrategy:
         raise ScenarioError(f"usv: {text!r}: allowed are {', '.join(KINDS)} and hold:X,Y")
 
 
-def boat_separation(scenario: Scenario) -> float:
-    """Vertical distance from the mean surface to an AUV as positioning takes it, m."""
-    return scenario.area.depth if scenario.auv.separation == "demonstration" else scenario.auv.depth
-
-
 def data_level(scenario: Scenario) -> float:
     """SNR of the data link at 1 m without loss, dB."""
     nodes, noise = scenario.nodes, scenario.acoustics
@@ -76,33 +72,9 @@ def data_level(scenario: Scenario) -> float:
     return sonar_equation.acoustic_source_level(nodes.source_power) - level
 
 
-@lru_cache(maxsize=4)
 def sound_speed_profile(scenario: Scenario) -> SoundSpeedProfile | None:
-    """Speed of sound against depth, or None where it is a constant.
-
-    Raises:
-        ScenarioError: the scenario has two profiles, or one that cannot be used.
-    """
-    acoustic, place = scenario.acoustics, scenario.water
-    if not (acoustic.sound_speed_profile or acoustic.temperature_salinity):
-        return None
-    field = "sound_speed_profile" if acoustic.sound_speed_profile else "temperature_salinity"
-    if acoustic.sound_speed_profile and acoustic.temperature_salinity:
-        raise ScenarioError("acoustics.sound_speed_profile and acoustics.temperature_salinity: give one of them")
-    try:
-        if acoustic.sound_speed_profile:
-            profile = SoundSpeedProfile.from_table(acoustic.sound_speed_profile)
-        else:
-            profile = SoundSpeedProfile.from_water(
-                acoustic.temperature_salinity,
-                latitude=place.latitude,
-                longitude=place.longitude,
-                salinity=acoustic.salinity,
-            )
-        profile.check_reaches(boat_separation(scenario))
-    except SoundSpeedError as error:
-        raise ScenarioError(f"acoustics.{field}: {error}") from None
-    return profile
+    """As `Site.sound_speed`, for callers that do not hold the scenario's site yet."""
+    return site(scenario).sound_speed
 
 
 def sound_layers(scenario: Scenario) -> np.ndarray:

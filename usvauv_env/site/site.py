@@ -1,0 +1,125 @@
+"""The place of a scenario: its bed, real current and speed of sound, from the scenario's files and tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from kernels.types import Level
+from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.site.cf_ocean import Flow, read_bathymetry, read_flow
+from usvauv_env.site.local_frame import LocalFrame
+from usvauv_env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
+
+BED_CELLS = 256  # along the longer side of the area, of the bed that nodes lie on
+
+
+@dataclass(frozen=True)
+class Site:
+    """The place of a scenario. Each file is read when it is first needed, and kept as long as the site.
+
+    Raises:
+        OceanError: a file does not serve; on first use of what is read from it.
+    """
+
+    scenario: Scenario
+    _depths: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def still_depth(self, cells: tuple[int, int]) -> np.ndarray:
+        """Depth of still water at the centres of cells (nx, ny), (ny, nx) float64, m, row 0 in the south.
+
+        On land it is at most 0: minus the height, where that is known.
+        """
+        area, water = self.scenario.area, self.scenario.water
+        if not water.bathymetry:
+            return np.broadcast_to(np.float64(area.depth), cells[::-1])
+        if cells not in self._depths:
+            self._depths[cells] = read_bathymetry(water.bathymetry, self._frame, area.width, area.length, cells)
+        return self._depths[cells]
+
+    @cached_property
+    def mean_depth(self) -> float:
+        """Mean depth of the water, land left out, m."""
+        depth = self.still_depth(self._bed_cells)
+        return float(depth[depth > 0].mean())
+
+    @cached_property
+    def bed(self) -> np.ndarray:
+        """Depth of still water as a field of `kernels.flow.regular_grid`, (1, rows, columns, 1), m.
+
+        Raises:
+            ScenarioError: the bed rises to the AUVs.
+        """
+        area, water, auv = self.scenario.area, self.scenario.water, self.scenario.auv
+        if not water.bathymetry:
+            return np.full((1, 2, 2, 1), area.depth)
+        depth = self.still_depth(self._bed_cells)
+        for axis in (0, 1):  # from cell centres to the corners around them
+            rows = np.moveaxis(depth, axis, 0)
+            inner = (rows[1:] + rows[:-1]) / 2
+            ends = 1.5 * rows[[0, -1]] - 0.5 * rows[[1, -2]]
+            depth = np.moveaxis(np.concatenate([ends[:1], inner, ends[1:]]), 0, axis)
+        if depth.min() <= auv.depth:
+            i, j = np.unravel_index(depth.argmin(), depth.shape)
+            x, y = j * area.width / (depth.shape[1] - 1), i * area.length / (depth.shape[0] - 1)
+            raise ScenarioError(
+                f"auv.depth = {auv.depth:g}: must be above the bed everywhere, and {water.bathymetry} "
+                f"has {depth.min():.1f} m at x = {x:.0f} m, y = {y:.0f} m"
+            )
+        return depth[None, :, :, None]
+
+    @cached_property
+    def current(self) -> Flow | None:
+        """The real current at the depths of `kernels.types.Level` during a mission, or None without a file of it."""
+        area, water, mission = self.scenario.area, self.scenario.water, self.scenario.mission
+        if not water.currents:
+            return None
+        depths = {Level.surface: 0.0, Level.cruise: self.scenario.auv.depth}
+        levels = [depths[level] for level in sorted(depths)]
+        duration = mission.steps * mission.step
+        return read_flow(water.currents, self._frame, area.width, area.length, levels, water.start, duration)
+
+    @cached_property
+    def sound_speed(self) -> SoundSpeedProfile | None:
+        """Speed of sound against depth, or None where it is a constant.
+
+        Raises:
+            ScenarioError: the scenario has two profiles, or one that cannot be used.
+        """
+        acoustic, water = self.scenario.acoustics, self.scenario.water
+        if not (acoustic.sound_speed_profile or acoustic.temperature_salinity):
+            return None
+        field = "sound_speed_profile" if acoustic.sound_speed_profile else "temperature_salinity"
+        if acoustic.sound_speed_profile and acoustic.temperature_salinity:
+            raise ScenarioError("acoustics.sound_speed_profile and acoustics.temperature_salinity: give one of them")
+        try:
+            if acoustic.sound_speed_profile:
+                profile = SoundSpeedProfile.from_table(acoustic.sound_speed_profile)
+            else:
+                profile = SoundSpeedProfile.from_water(
+                    acoustic.temperature_salinity,
+                    latitude=water.latitude,
+                    longitude=water.longitude,
+                    salinity=acoustic.salinity,
+                )
+            profile.check_reaches(boat_separation(self.scenario))
+        except SoundSpeedError as error:
+            raise ScenarioError(f"acoustics.{field}: {error}") from None
+        return profile
+
+    @property
+    def _frame(self) -> LocalFrame:
+        return LocalFrame(self.scenario.water.longitude, self.scenario.water.latitude)
+
+    @property
+    def _bed_cells(self) -> tuple[int, int]:
+        width, length = self.scenario.area.width, self.scenario.area.length
+        size = max(width, length) / BED_CELLS
+        return max(3, round(width / size)), max(3, round(length / size))
+
+
+def boat_separation(scenario: Scenario) -> float:
+    """Vertical distance from the mean surface to an AUV as positioning takes it, m."""
+    return scenario.area.depth if scenario.auv.separation == "demonstration" else scenario.auv.depth
