@@ -1,4 +1,4 @@
-"""How a run was made: command, commit, versions."""
+"""How a run was made: command, commit, versions, plugins."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import Any
 
 import torch
 
+from usvauv_env import plugins
+
 
 def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
-    """What is written beside a checkpoint so that it can be made again: command, commit, versions.
+    """What is written beside a checkpoint so that it can be made again: command, commit, versions, plugins.
 
     A run that goes on keeps those it was begun with, as the JSON `begun` of its checkpoint has them; "resumed" lists
     after how many world-steps it went on, and with what.
@@ -26,7 +28,9 @@ def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
     commit = git("rev-parse", "HEAD") or "unknown"
     dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
     now = {"command": " ".join(["usvauv", *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
+    if files := plugins.loaded():
+        now["plugins"] = [str(file) for file in files]
     if not begun:
         return now
-    first = {key: begun[key] for key in now if key in begun}
+    first = {key: begun[key] for key in ("command", "commit", "torch", "plugins") if key in begun}
     return first | {"resumed": [*begun.get("resumed", []), {"steps": begun["steps"], **now}]}

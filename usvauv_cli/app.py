@@ -6,7 +6,8 @@ Each command's module imports what it needs when it runs, so that `--help` answe
 from __future__ import annotations
 
 import sys
-from typing import NoReturn
+from importlib import metadata
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -33,6 +34,21 @@ app.command("sea")(sea.sea)
 app.command("scenarios")(scenarios.scenarios)
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"usvauv {metadata.version('usvauv')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """The options of `usvauv` itself; the app's help text stands above."""
+
+
 def main() -> NoReturn:
     """Entry point of the installed command."""
     try:
@@ -44,9 +60,11 @@ def main() -> NoReturn:
         code = INTERRUPTED
     except Exception as error:
         # The command-line library's own usage errors, whichever copy of it typer brings along.
-        if not hasattr(error, "format_message"):
+        explain = getattr(error, "format_message", None)
+        if explain is None:
             raise
-        code = _fail(" ".join(error.format_message().split()))
+        message = " ".join(explain().split())
+        code = _fail(message) if message else 2  # without a message help was asked for by naming no command
     sys.exit(code or 0)
 
 

@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import metadata
 from pathlib import Path
 
 import av
 import pytest
 
-from usvauv_env import Trace
+from usvauv_env import Trace, plugins
 from usvauv_env.record.metrics import COLUMNS
 
 COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()"]
@@ -33,6 +34,59 @@ def test_help_names_every_command(tmp_path):
     assert all(command in text for command in ("simulate", "sea", "train", "eval", "reproduce", "plan", "scenarios"))
     for command in ("simulate", "sea", "train", "eval", "reproduce", "plan"):
         assert "Example" in usvauv(command, "--help", cwd=tmp_path).stdout
+
+
+def test_version(run_usvauv):
+    assert run_usvauv("--version") == (0, f"usvauv {metadata.version('usvauv')}\n", "")
+
+
+def test_no_command_is_answered_by_help(run_usvauv):
+    code, stdout, stderr = run_usvauv()
+    assert (code, stderr) == (2, "")
+    assert "simulate" in stdout
+
+
+class TestPlugin:
+    @pytest.fixture(autouse=True)
+    def none_loaded(self, monkeypatch):
+        monkeypatch.setattr(plugins, "_paths", [])
+
+    def test_is_loaded_before_arguments_are_judged(self, tmp_path, run_usvauv):
+        for name in ("a", "b"):
+            (tmp_path / f"{name}.py").write_text(f"print('plugin {name}')")
+        code, stdout, stderr = run_usvauv("eval", "extrem", "--plugin", "a.py", "--plugin", "b.py")
+        assert (code, stdout) == (2, "plugin a\nplugin b\n")
+        assert "extrem" in stderr
+
+    @pytest.mark.parametrize(
+        "command",
+        ["simulate", "train", "eval", "plan", "sea", "scenarios", ["export", "x"], ["reproduce", "all", "--out", "b"]],
+    )
+    def test_that_fails_gives_one_line(self, tmp_path, run_usvauv, command):
+        (tmp_path / "a.py").write_text("1 / 0")
+        command = [command] if isinstance(command, str) else command
+        code, stdout, stderr = run_usvauv(*command, "--plugin", "a.py")
+        assert (code, stdout, stderr) == (2, "", "error: plugin a.py: ZeroDivisionError: division by zero\n")
+
+    def test_that_is_missing_gives_one_line(self, run_usvauv):
+        assert run_usvauv("train", "--plugin", "b.py") == (2, "", "error: plugin b.py: must be a Python file\n")
+
+    def test_of_an_installed_distribution(self, tmp_path, monkeypatch, run_usvauv):
+        (tmp_path / "mine.py").write_text("print('installed')")
+        about = tmp_path / "mine-1.0.dist-info"
+        about.mkdir()
+        (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
+        (about / "entry_points.txt").write_text(f"[{plugins.GROUP}]\nmine = mine\n")
+        monkeypatch.syspath_prepend(tmp_path)
+        assert run_usvauv("scenarios")[1].startswith("installed\n")
+
+    def test_is_recorded_with_a_run(self, tmp_path, run_usvauv):
+        (tmp_path / "a.py").write_text("")
+        options = ["--steps", 1, "--worlds", 1, "--learn", "warmup=100", "--out", "run", *SHORT]
+        assert run_usvauv("train", "ideal", "--plugin", "a.py", *options)[0] == 0
+        assert json.loads((tmp_path / "run" / "last" / "policy.json").read_text())["plugins"] == [
+            str((tmp_path / "a.py").resolve())
+        ]
 
 
 def test_simulate(tmp_path):

@@ -270,9 +270,13 @@ def test_an_interrupted_evaluation_leaves_no_table(tmp_path):
     assert list(tmp_path.rglob("*.partial")) == []
 
 
-def test_processes_do_what_one_does(tmp_path, whole):
+def test_processes_do_what_one_does(tmp_path, whole, monkeypatch):
+    plugin, loaded_by = tmp_path / "plugin.py", tmp_path / "loaded_by"
+    plugin.write_text(f"import os\nwith open({str(loaded_by)!r}, 'a') as file: print(os.getpid(), file=file)")
+    monkeypatch.setattr("usvauv_env.plugins.loaded", lambda: [plugin])
     pieces = [Heuristic("straight", ESC), Heuristic("crab", "paper-ideal")]
     pool.run(pieces, TINY, tmp_path, 2, print)
+    assert len(set(loaded_by.read_text().split())) == 2
     for piece in pieces:
         assert piece.result(tmp_path).read_bytes() == piece.result(whole[0]).read_bytes()
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_least, writable
+from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, writable
 
 WORLDS_PER_BATCH = 128
 
@@ -30,6 +30,7 @@ def evaluate(
     out: Annotated[Path, typer.Option(help="CSV to write, one row an episode.")] = Path("metrics.csv"),
     arch: Arch = "auto",
     overrides: Overrides = None,
+    plugins: Plugins = None,
 ) -> None:
     """Run policies on the same seeded worlds, write one CSV row an episode, print mean ± standard deviation.
 

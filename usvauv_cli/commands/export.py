@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Overrides, writable
+from usvauv_cli.commands.options import Overrides, Plugins, writable
 
 
 def export(
@@ -19,6 +19,7 @@ def export(
     ] = None,
     onnx: Annotated[Path | None, typer.Option(help="ONNX file to write; default POLICY.onnx.")] = None,
     overrides: Overrides = None,
+    plugins: Plugins = None,
 ) -> None:
     """Write a learned policy as ONNX: the world's observation (N, K, O) in, its action (N, K, 2) out, any N.
 

@@ -17,6 +17,29 @@ Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
 ]
+Usv = Annotated[str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")]
+
+
+def _load_plugins(files: list[Path] | None) -> list[Path] | None:
+    """Import the plugins of installed distributions, then those named; eager, so before any other argument counts."""
+    from usvauv_env import plugins
+
+    plugins.load_installed()
+    for file in files or ():
+        plugins.load(file)
+    return files
+
+
+Plugins = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--plugin",
+        metavar="FILE",
+        callback=_load_plugins,
+        is_eager=True,
+        help="Python file that adds tasks, boat strategies, policies and more; may be repeated.",
+    ),
+]
 
 
 def at_least(option: str, value: float, least: float) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, writable
+from usvauv_cli.commands.options import Arch, Overrides, Plugins, writable
 from usvauv_cli.objectives import MEASUREMENTS, NAMES, OBJECTIVES
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def plan(
     ] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
+    plugins: Plugins = None,
 ) -> None:
     """Where should the boat be? Find the place from which a USBL locates all its AUVs best, and the errors to expect.
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands.options import at_least
+from usvauv_cli.commands.options import Plugins, at_least
 from usvauv_cli.commands.train import make_folder
 
 
@@ -16,6 +16,7 @@ def reproduce(
     out: Annotated[Path, typer.Option(help="Folder of everything; the same one goes on.")],
     quick: Annotated[bool, typer.Option("--quick", help="A small version, in minutes.")] = False,
     jobs: Annotated[int | None, typer.Option(help="Pieces of work at a time; default the number of cores.")] = None,
+    plugins: Plugins = None,
 ) -> None:
     """Train and evaluate what a table or figure of the paper needs; write CSV, PNG, PDF and a page with the paper's
     numbers beside ours and every convention named.
@@ -35,7 +36,8 @@ def reproduce(
     jobs = runtime.available_cores() if jobs is None else jobs
     at_least("--jobs", jobs, 1)
     make_folder(out)
-    command = f"usvauv reproduce {target}{' --quick' if quick else ''}"
+    options = [*(["--quick"] if quick else []), *(f"--plugin {file}" for file in plugins or ())]
+    command = " ".join(["usvauv reproduce", target, *options])
     try:
         path = reproduce(target, QUICK if quick else FULL, out, jobs, f"{command} --out DIR", typer.echo)
     except KeyboardInterrupt:

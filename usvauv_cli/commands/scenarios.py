@@ -6,12 +6,13 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands.options import Overrides
+from usvauv_cli.commands.options import Overrides, Plugins
 
 
 def scenarios(
     scenario: Annotated[str | None, typer.Argument(metavar="[SCENARIO]", help="Name or path to print.")] = None,
     overrides: Overrides = None,
+    plugins: Plugins = None,
 ) -> None:
     """List the shipped scenarios, or print one as TOML in which every field is explained.
 

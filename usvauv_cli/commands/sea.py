@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_least, writable
+from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, writable
 from usvauv_cli.commands.simulate import parse_size
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ def sea(
     ] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
+    plugins: Plugins = None,
 ) -> None:
     """Simulate the sea alone: long waves, storm and current, the same that `simulate` of this seed sails on.
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_least, writable
+from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, Usv, at_least, writable
 
 
 def simulate(
@@ -16,9 +16,7 @@ def simulate(
     policy: Annotated[
         str | None, typer.Option(help="Policy by name or checkpoint folder. Default: the best trained one that fits.")
     ] = None,
-    usv: Annotated[
-        str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")
-    ] = "fim",
+    usv: Usv = "fim",
     seed: Seed = 0,
     duration: Annotated[float | None, typer.Option(help="Seconds to simulate; default an episode.")] = None,
     out: Annotated[Path | None, typer.Option(help="MP4 to write; default usvauv-SCENARIO.mp4.")] = None,
@@ -27,6 +25,7 @@ def simulate(
     trace: Annotated[Path | None, typer.Option(help="Also save everything that happened, as NetCDF.")] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
+    plugins: Plugins = None,
 ) -> None:
     """Simulate one mission, with the sea solved live, and show it as a video.
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, ScenarioName, Seed, at_least
+from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, Usv, at_least
 
 STEPS = 2_000_000
 
@@ -32,11 +32,10 @@ def train(
         list[str] | None,
         typer.Option(metavar="NAME=VALUE", help="Change one setting of the learning; may be repeated."),
     ] = None,
-    usv: Annotated[
-        str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")
-    ] = "fim",
+    usv: Usv = "fim",
     arch: Arch = "auto",
     overrides: Overrides = None,
+    plugins: Plugins = None,
 ) -> None:
     """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with TensorBoard files beside them.
 

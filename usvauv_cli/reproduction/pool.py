@@ -16,6 +16,7 @@ from kernels.errors import UserError
 from usvauv_cli import console
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import Piece, Stopped, Work
+from usvauv_env import plugins
 
 FIRST_PIECE = 20.0  # seconds of work from which the time of the whole is first told
 REPORT = 0.2  # seconds between reports of a process
@@ -96,7 +97,7 @@ def _together(
 ) -> None:
     context = multiprocessing.get_context("spawn")  # a running Taichi does not survive a fork
     reports, stop = context.Queue(), context.Event()
-    start = (settings, folder, jobs, reports, stop)
+    start = (settings, folder, jobs, plugins.loaded(), reports, stop)
     with ProcessPoolExecutor(jobs, context, _begin, start) as pool:
         try:
             with _ignoring_interrupts():  # which the processes inherit: Ctrl-C is for this one to pass on
@@ -134,11 +135,14 @@ def _ignoring_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _begin(settings: Settings, folder: Path, jobs: int, reports, stop) -> None:
-    """Set up a process of the pool."""
+def _begin(settings: Settings, folder: Path, jobs: int, plugin_files: Sequence[Path], reports, stop) -> None:
+    """Set up a process of the pool, with the plugins of the process that began it."""
     global _work
     from kernels import runtime
 
+    plugins.load_installed()
+    for file in plugin_files:
+        plugins.load(file)
     runtime.start(threads=max(1, runtime.available_cores() // jobs))
     parent = multiprocessing.parent_process()
     done, told = 0.0, 0.0
