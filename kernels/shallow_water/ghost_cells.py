@@ -1,157 +1,160 @@
-"""Ghost cells of the nonlinear solver: what its cells see beyond their lane and beyond the edges of the basin.
+"""Ghost cells of the nonlinear solver: what its cells see beyond their lane and beyond the boundaries of the basin.
 
 Fields D, u and v lie one after the other, twice (the state and the first stage of a step), each of ny + 4 rows of W + 4
 vectors, with two ghosts all round. A lane holds W neighbouring columns of the basin, and those beyond as ghosts. The
-first lane begins at the western edge and the last one ends at the eastern edge, so that lanes overlap where W does not
-divide the columns: all lanes hold water, and what stands twice is equal to the last bit. The bed, one field, lies
-likewise, mirrored beyond the edges.
+first lane begins at the western boundary and the last one ends at the eastern one, so that lanes overlap where W does
+not divide the columns: all lanes hold water, and columns held twice are equal to the last bit. The bed, one field, lies
+likewise, mirrored beyond the boundaries.
 """
+
+from collections import namedtuple
 
 import taichi as ti
 
+from kernels.shallow_water.boundaries import SOUTH
 from kernels.shallow_water.packing import LANES
 from kernels.shallow_water.riemann import TINY
+from kernels.types import columns
 
 WALL, RADIATING, FORCED = range(3)
-WEST, EAST, SOUTH, NORTH = range(4)
+
+# Entries of the table `halo` for a ghost, the same in each row: its column and lane; the boundary beyond which it lies
+# (−1 if it is a cell of another lane) and how many cells beyond; column and lane of the cell nearest to that boundary
+# (or of the cell itself), and of the next nearest.
+Halo = columns("column", "lane", "boundary", "layer", "first_column", "first_lane", "second_column", "second_lane")
+
+# A ghost beyond a boundary: indices of the ghost and of the first and second cell inside; offsets of the velocities
+# across and along the boundary and of the stage; cells beyond the boundary (1 or 2), and the sign of leaving water.
+Ghost = namedtuple("Ghost", "at first second across along stage_offset layer outward")
 
 
 @ti.func
-def place(field: ti.i32, i: ti.i32, j: ti.i32, ny: ti.i32, W: ti.i32) -> ti.i32:
-    """Where row i and column j of a field lie: 0, 1, 2 for D, u, v, and 3, 4, 5 for those of the first stage."""
+def vector_index(field: ti.i32, i: ti.i32, j: ti.i32, ny: ti.i32, W: ti.i32) -> ti.i32:
+    """Index of row i and column j of a field: 0, 1, 2 for D, u, v, and 3, 4, 5 for those of the first stage."""
     return (field * (ny + 4) + i + 2) * (W + 4) + j + 2
 
 
 @ti.func
-def fill_ghosts(
-    cells: ti.template(),
-    bed_cells: ti.template(),
-    halo: ti.template(),
-    edges: ti.template(),
-    stage: ti.template(),
-    task: ti.i32,
-    ny: ti.i32,
-    W: ti.i32,
-    g: ti.f32,
-    dry: ti.f32,
-    level: ti.f32,
-):
-    """The ghosts of a row (tasks up to ny − 1), or one of the four rows of ghosts in the south and north."""
+def fill_ghosts(sea: ti.template(), stage: ti.template(), task: ti.i32, level: ti.f32):
+    """The ghosts of a row (tasks up to ny − 1), or one of the four rows of ghosts in the south and north.
+
+    Args:
+        sea: see `kernels.shallow_water.finite_volume.Sea`.
+        stage: 0 for the state, 1 for the first stage.
+        task: which of ny + 4.
+        level: prescribed elevation of forced boundaries, m.
+    """
+    ny, W, cells, halo = ti.static((sea.ny, sea.W, sea.cells, sea.halo))
     size = (ny + 4) * (W + 4) * LANES
+    stage_offset = 3 * stage * size
     if task < ny:
-        row = place(3 * stage, task, 0, ny, W)
+        row = vector_index(3 * stage, task, 0, ny, W)
         for n in range(halo.shape[0]):
-            at = (row + halo[n, 0]) * LANES + halo[n, 1]
-            first = (row + halo[n, 4]) * LANES + halo[n, 5]
-            edge = halo[n, 2]
-            if edge < 0:
+            at = (row + halo[n, Halo.column]) * LANES + halo[n, Halo.lane]
+            first = (row + halo[n, Halo.first_column]) * LANES + halo[n, Halo.first_lane]
+            boundary = halo[n, Halo.boundary]
+            if boundary < 0:
                 for field in ti.static(range(3)):
                     cells[at + field * size] = cells[first + field * size]
             else:
-                second = (row + halo[n, 6]) * LANES + halo[n, 7]
-                outward = 2.0 * ti.cast(edge, ti.f32) - 1.0
-                fill_ghost(
-                    cells, bed_cells, stage, at, first, second, size, 1, halo[n, 3], outward, edges[edge], g, dry, level
-                )
+                second = (row + halo[n, Halo.second_column]) * LANES + halo[n, Halo.second_lane]
+                layer = halo[n, Halo.layer]
+                outward = 2.0 * ti.cast(boundary, ti.f32) - 1.0
+                across = size
+                along = 2 * size
+                ghost = ti.static(Ghost(at, first, second, across, along, stage_offset, layer, outward))
+                fill_ghost(sea, ghost, sea.boundaries[boundary], level)
     else:
         north = (task - ny) // 2
-        layer = (task - ny) % 2
-        row = place(3 * stage, north * (ny + 1 + 2 * layer) - 1 - layer, 0, ny, W)
-        edge_row = place(3 * stage, north * (ny - 1), 0, ny, W)
+        layer = (task - ny) % 2 + 1
+        row = vector_index(3 * stage, north * (ny - 1 + 2 * layer) - layer, 0, ny, W)
+        edge_row = vector_index(3 * stage, north * (ny - 1), 0, ny, W)
         next_row = edge_row + (1 - 2 * north) * (W + 4)
         outward = 2.0 * ti.cast(north, ti.f32) - 1.0
+        across = 2 * size
+        along = size
         for n in range(W * LANES):
-            fill_ghost(
-                cells,
-                bed_cells,
-                stage,
-                row * LANES + n,
-                edge_row * LANES + n,
-                next_row * LANES + n,
-                size,
-                2,
-                layer + 1,
-                outward,
-                edges[SOUTH + north],
-                g,
-                dry,
-                level,
-            )
+            at = row * LANES + n
+            first = edge_row * LANES + n
+            second = next_row * LANES + n
+            ghost = ti.static(Ghost(at, first, second, across, along, stage_offset, layer, outward))
+            fill_ghost(sea, ghost, sea.boundaries[SOUTH + north], level)
 
 
 @ti.func
-def fill_ghost(
-    cells: ti.template(),
-    bed_cells: ti.template(),
-    stage: ti.template(),
-    at: ti.i32,
-    first: ti.i32,
-    second: ti.i32,
-    size: ti.i32,
-    axis: ti.i32,
-    layer: ti.i32,
-    outward: ti.f32,
-    kind: ti.i32,
-    g: ti.f32,
-    dry: ti.f32,
-    level: ti.f32,
-):
-    """A ghost from the first and the second cell inside the edge.
-
-    Wall: the mirror image.
-
-    Radiating: the state between the first cell and a still sea outside, by the Riemann invariants u + 2 c that leaves
-    the one and −2 c that leaves the other.
-
-    Forced: the elevation that has the prescribed one as its mean with the mirror cell, and the velocity by the
-    invariant that arrives there from inside. Surface and velocity inside are continued linearly where both cells are
-    flooded. The edge is passed at most with the speed of waves: faster water would need other conditions.
-
-    Args:
-        at, first, second: places of the ghost and of the two cells.
-        size: numbers in a field.
-        axis: 1 or 2, the velocity across the edge.
-        layer: 1 or 2, how many cells beyond the edge the ghost lies.
-        outward: sign of that velocity when water leaves.
-    """
-    across = axis * size
-    along = (3 - axis) * size
-    mirror = first
-    if layer == 2:
-        mirror = second
+def fill_ghost(sea: ti.template(), ghost: ti.template(), kind: ti.i32, level: ti.f32):
+    """A ghost beyond a boundary of a kind, from the first and the second cell inside."""
     if kind == WALL:
-        cells[at] = cells[mirror]
-        cells[at + across] = -cells[mirror + across]
-        cells[at + along] = cells[mirror + along]
+        fill_wall(sea, ghost)
+    elif kind == RADIATING:
+        fill_radiating(sea, ghost)
     else:
-        under = 3 * stage * size
-        b = bed_cells[at - under]
-        h0 = ti.max(-b, 0.0)
-        land = ti.max(b, 0.0)
-        u = outward * cells[first + across]
-        D = 0.0
-        if kind == RADIATING:
-            c0 = ti.sqrt(g * h0)
-            leaving = u + 2.0 * celerity_difference(cells[first], 0.0, ti.max(-bed_cells[first - under], 0.0), g)
-            excess = ti.max(0.25 * leaving, -c0)
-            D = excess * (2.0 * c0 + excess) / g
-            u = 0.5 * leaving
-        else:
-            b_1 = bed_cells[first - under]
-            b_2 = bed_cells[second - under]
-            eta = cells[first] + ti.max(b_1, 0.0)
-            eta_2 = cells[second] + ti.max(b_2, 0.0)
-            if ti.min(eta, eta_2) > ti.max(b_1, b_2) + dry:
-                reach = ti.cast(layer, ti.f32)
-                u = u + reach * (u - outward * cells[second + across])
-                eta = eta + reach * (eta - eta_2)
-            D = ti.max(2.0 * (level - land) - cells[mirror], -h0)
-            u = u + 2.0 * celerity_difference(ti.max(eta - land, -h0), D, h0, g)
-            c = ti.sqrt(g * (D + h0))
-            u = ti.max(ti.min(u, c), -c)
-        cells[at] = D
-        cells[at + across] = outward * u
-        cells[at + along] = cells[first + along]
+        fill_forced(sea, ghost, level)
+
+
+@ti.func
+def mirror_cell(ghost: ti.template()) -> ti.i32:
+    """Index of the cell that is the mirror image of a ghost."""
+    mirror = ghost.first
+    if ghost.layer == 2:
+        mirror = ghost.second
+    return mirror
+
+
+@ti.func
+def fill_wall(sea: ti.template(), ghost: ti.template()):
+    """Wall: the mirror image."""
+    cells = ti.static(sea.cells)
+    mirror = mirror_cell(ghost)
+    cells[ghost.at] = cells[mirror]
+    cells[ghost.at + ghost.across] = -cells[mirror + ghost.across]
+    cells[ghost.at + ghost.along] = cells[mirror + ghost.along]
+
+
+@ti.func
+def fill_radiating(sea: ti.template(), ghost: ti.template()):
+    """Radiating: the state between the first cell and a still sea outside.
+
+    From the Riemann invariants u + 2 c that leaves the first cell and −2 c that leaves the sea outside.
+    """
+    cells, g = ti.static((sea.cells, sea.g))
+    c0 = ti.sqrt(g * ti.max(-sea.bed_cells[ghost.at - ghost.stage_offset], 0.0))
+    h0_first = ti.max(-sea.bed_cells[ghost.first - ghost.stage_offset], 0.0)
+    u = ghost.outward * cells[ghost.first + ghost.across]
+    leaving = u + 2.0 * celerity_difference(cells[ghost.first], 0.0, h0_first, g)
+    excess = ti.max(0.25 * leaving, -c0)
+    cells[ghost.at] = excess * (2.0 * c0 + excess) / g
+    cells[ghost.at + ghost.across] = ghost.outward * (0.5 * leaving)
+    cells[ghost.at + ghost.along] = cells[ghost.first + ghost.along]
+
+
+@ti.func
+def fill_forced(sea: ti.template(), ghost: ti.template(), level: ti.f32):
+    """Forced: the elevation that has the prescribed one as its mean with the mirror cell.
+
+    The velocity follows from the invariant that arrives there from inside. Surface and velocity inside are continued
+    linearly where both cells are flooded. Water passes the boundary at most with the speed of waves: faster water would
+    need other conditions.
+    """
+    cells, bed, g = ti.static((sea.cells, sea.bed_cells, sea.g))
+    b = bed[ghost.at - ghost.stage_offset]
+    b_1 = bed[ghost.first - ghost.stage_offset]
+    b_2 = bed[ghost.second - ghost.stage_offset]
+    h0 = ti.max(-b, 0.0)
+    land = ti.max(b, 0.0)
+    u = ghost.outward * cells[ghost.first + ghost.across]
+    eta = cells[ghost.first] + ti.max(b_1, 0.0)
+    eta_2 = cells[ghost.second] + ti.max(b_2, 0.0)
+    if ti.min(eta, eta_2) > ti.max(b_1, b_2) + sea.dry:
+        distance = ti.cast(ghost.layer, ti.f32)
+        u = u + distance * (u - ghost.outward * cells[ghost.second + ghost.across])
+        eta = eta + distance * (eta - eta_2)
+    D = ti.max(2.0 * (level - land) - cells[mirror_cell(ghost)], -h0)
+    u = u + 2.0 * celerity_difference(ti.max(eta - land, -h0), D, h0, g)
+    c = ti.sqrt(g * (D + h0))
+    cells[ghost.at] = D
+    cells[ghost.at + ghost.across] = ghost.outward * ti.max(ti.min(u, c), -c)
+    cells[ghost.at + ghost.along] = cells[ghost.first + ghost.along]
 
 
 @ti.func

@@ -10,17 +10,16 @@ import numpy as np
 import torch
 
 from kernels import runtime
-from kernels.shallow_water.finite_volume import CLOCK, DONE, KEPT, STEP, STEPS, step
-from kernels.shallow_water.ghost_cells import EAST, FORCED, RADIATING, WALL, WEST
+from kernels.shallow_water.boundaries import EAST, WEST, Side, complete_kinds
+from kernels.shallow_water.finite_volume import Clock, Workspace, step
+from kernels.shallow_water.ghost_cells import FORCED, RADIATING, WALL
 from kernels.shallow_water.packing import LANES
 
-Side = Literal["west", "east", "south", "north"]
-Edge = Literal["wall", "radiating", "forced"]
+NonlinearBoundary = Literal["wall", "radiating", "forced"]
 
-_SIDES = ("west", "east", "south", "north")
 _KINDS = {"wall": WALL, "radiating": RADIATING, "forced": FORCED}
 
-BAND = 16384  # cells worth a thread of their own, and a launch for every step
+BAND = 16384  # least cells for which another thread, and a launch for each step, pays
 
 
 class NonlinearShallowWater:
@@ -48,9 +47,9 @@ class NonlinearShallowWater:
         gravity: g, m/s².
         drag: rate r of the linear drag, 1/s.
         manning: Manning's n, s/m^(1/3).
-        edges: what the edges are that are not a "wall": "radiating" to a still sea outside (waves leave), or "forced",
-            where the elevation is prescribed (by `set_forcing`) and waves from inside are reflected. Where water leaves
-            faster than waves travel a forced edge cannot hold its level.
+        boundaries: kind by side; a side that is missing is a "wall". Others are "radiating" to a still sea outside
+            (waves leave), or "forced", where the elevation is prescribed (by `set_forcing`) and waves from inside are
+            reflected. Where water leaves faster than waves travel a forced boundary cannot hold its level.
         dry: depth under which water does not move, m. Choose about 1e-5 of the greatest depth; less costs time, because
             thin water runs fast.
 
@@ -59,7 +58,7 @@ class NonlinearShallowWater:
         steps: steps taken since `set_state`.
 
     Raises:
-        ValueError: fewer than 3 cells, a bed that is not finite, an unknown edge.
+        ValueError: fewer than 3 cells, a bed that is not finite, an unknown side or kind.
     """
 
     def __init__(
@@ -72,7 +71,7 @@ class NonlinearShallowWater:
         gravity: float = 9.81,
         drag: float = 0.0,
         manning: float = 0.0,
-        edges: Mapping[Side, Edge] | None = None,
+        boundaries: Mapping[Side, NonlinearBoundary] | None = None,
         dry: float = 1e-4,
     ) -> None:
         running = runtime.start()
@@ -85,10 +84,7 @@ class NonlinearShallowWater:
         self.bed = np.broadcast_to(np.asarray(bed, np.float32), (self.ny, self.nx)).astype(np.float64)
         if not np.isfinite(self.bed).all():
             raise ValueError("bed: must be finite")
-        edges = dict(edges or {})
-        for side, kind in edges.items():
-            if side not in _SIDES or kind not in _KINDS:
-                raise ValueError(f"edges: {side!r}: {kind!r} is not one of {_SIDES} with one of {tuple(_KINDS)}")
+        kinds = complete_kinds(boundaries, tuple(_KINDS))
         self.steps = 0
         self._start, self._intervals = 0.0, 0
         self._sea, self._land = np.maximum(-self.bed, 0), np.maximum(self.bed, 0)
@@ -99,12 +95,12 @@ class NonlinearShallowWater:
         numbers = {"dtype": torch.float32, "device": running.device}
         self._state = torch.zeros((2, 3, self.ny + 4, W + 4, LANES), **numbers)
         self._bed = torch.tensor(self._spread(np.pad(self.bed, 2, mode="symmetric"), 2), **numbers).contiguous()
-        self._kept = torch.zeros((self._bands * W * KEPT, LANES), **numbers)
+        self._workspace = torch.zeros((self._bands * W * len(Workspace.names), LANES), **numbers)
         self._speeds = torch.zeros(self.ny, **numbers)
-        self._clock = torch.zeros(CLOCK, dtype=torch.float64, device=running.device)
+        self._clock = torch.zeros(len(Clock.names), dtype=torch.float64, device=running.device)
         self._halo = torch.tensor(self._halo_table(), dtype=torch.int32, device=running.device)
-        kinds = [_KINDS[edges.get(side, "wall")] for side in _SIDES]
-        self._edges = torch.tensor(kinds, dtype=torch.int32, device=running.device)
+        codes = [_KINDS[kind] for kind in kinds.values()]
+        self._boundaries = torch.tensor(codes, dtype=torch.int32, device=running.device)
         self.set_forcing(np.zeros(1), np.ones(1), np.zeros(1))
 
     @property
@@ -113,7 +109,7 @@ class NonlinearShallowWater:
         return self._start + self._intervals * self.interval
 
     def set_forcing(self, amplitude: np.ndarray, period: np.ndarray, phase: np.ndarray) -> None:
-        """Prescribe the elevation Σ a cos(2πt/T + φ) along all forced edges.
+        """Prescribe the elevation Σ a cos(2πt/T + φ) along all forced boundaries.
 
         Args:
             amplitude, period, phase: a (m), T (s) and φ (rad), (components,).
@@ -129,7 +125,7 @@ class NonlinearShallowWater:
         Args:
             eta: surface at cell centres, m, (ny, nx) or a number; where it is not above the bed there is no water.
             u, v: velocities at cell centres, m/s, likewise; default at rest.
-            time: the clock, s.
+            time: time of the state, s.
 
         Raises:
             ValueError: something is not finite.
@@ -154,8 +150,28 @@ class NonlinearShallowWater:
         self._clock.zero_()
         state, bed = self._state.view(-1, LANES), self._bed.view(-1, LANES)
         arguments = (
-            *(state, state.view(-1), bed, bed.view(-1), self._kept, self._speeds, self._clock, self._tide, self._halo),
-            *(self._edges, self.ny, self._columns, self._bands, self.dx, self.dy, self.gravity, self.dry, self.drag),
+            *(
+                state,
+                state.view(-1),
+                bed,
+                bed.view(-1),
+                self._workspace,
+                self._speeds,
+                self._clock,
+                self._tide,
+                self._halo,
+            ),
+            *(
+                self._boundaries,
+                self.ny,
+                self._columns,
+                self._bands,
+                self.dx,
+                self.dy,
+                self.gravity,
+                self.dry,
+                self.drag,
+            ),
             *(self.manning, self.time, self.interval, self.drag > 0 or self.manning > 0, self._bands == 1),
         )
         launches = 1
@@ -164,20 +180,20 @@ class NonlinearShallowWater:
                 for _ in range(launches):
                     step(*arguments)
                 runtime.synchronize()
-                done, dt = float(self._clock[DONE]), float(self._clock[STEP])
+                done, dt = float(self._clock[Clock.done]), float(self._clock[Clock.step])
                 launches = round((self.interval - done) / dt) if dt > 0 else 0
         if done < self.interval:
             raise FloatingPointError(f"the flow has become infinitely fast, {done} s after {self.time} s")
-        self.steps += int(self._clock[STEPS])
+        self.steps += int(self._clock[Clock.steps])
         self._intervals += 1
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Copies of the fields and of the clock; with the same forcing, `load` brings them back bit for bit."""
+        """Copies of the fields and of the clock; with equal forcing `load_state` restores them bit for bit."""
         clock = torch.tensor([self._start, self._intervals, self.steps], dtype=torch.float64)
         return self._state[0].clone(), clock
 
-    def load(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
-        """Go back to what `state` gave."""
+    def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
+        """Restore what `state` returned."""
         self._state[0].copy_(fields)
         self._start, self._intervals, self.steps = float(clock[0]), int(clock[1]), int(clock[2])
 

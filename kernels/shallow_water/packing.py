@@ -20,9 +20,11 @@ import numpy as np
 import taichi as ti
 import torch
 
-LANES = 16
+from kernels.types import vec3
 
-vec3 = ti.types.vector(3, ti.f32)
+LANES = 16
+vector = ti.types.vector(LANES, ti.f32)
+vectors = ti.types.ndarray(dtype=vector, ndim=1)
 
 
 @dataclass(frozen=True)

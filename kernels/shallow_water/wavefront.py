@@ -1,7 +1,12 @@
-"""Shallow water forward–backward in time on a packed Arakawa C grid (layout: `kernels.shallow_water.packing`)."""
+"""Shallow water forward–backward in time on a packed Arakawa C grid: the CPU backend, which marches bands of rows.
+
+The layout of the fields is in `kernels.shallow_water.packing`.
+"""
 
 import itertools
 import math
+from collections import namedtuple
+from collections.abc import Sequence
 
 import numpy as np
 import taichi as ti
@@ -9,17 +14,27 @@ import torch
 
 from kernels import runtime
 from kernels.launch import Launch
-from kernels.shallow_water.boundaries import Edges
-from kernels.shallow_water.packing import LANES, Packing
+from kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
+from kernels.shallow_water.packing import LANES, Packing, vector, vectors
+from kernels.types import columns, index3
 
-vector = ti.types.vector(LANES, ti.f32)
-vectors = ti.types.ndarray(dtype=vector, ndim=1)
-integers = ti.types.ndarray(dtype=ti.i32, ndim=3)
 sides = ti.types.vector(4, ti.f32)  # west, east, south, north
 
-# Rough costs that decide how a launch is cut, in s: of waking the threads, of a cell and substep, of fetching a cell
-# from memory and of copying it; and the bytes of state that a wavefront may keep warm, half of a common second-level
-# cache.
+# Compile-time options: whether lanes are strips of one sea, any boundary radiates, any sponge damps, the calling thread
+# marches all bands, and whether it makes all copies.
+Options = namedtuple("Options", "strips radiating sponge serial copy_serially", defaults=(False, False))
+# Arguments of a kernel that its functions share, as `march` describes them.
+Sea = namedtuple("Sea", "eta U V Cx Cy resistance sponge_factor elevation_factor W nx ny a options")
+# Vectors at which the row to advance, the row south of it and its coefficients begin; factors Fy and Gy of its sponge.
+Row = namedtuple("Row", "north south coefficients Fy Gy")
+
+# Rows of the table of a band: for each of its rows from south to north the row of the packed field, the row of the
+# basin it holds (a copy, if the two differ) and the row of coefficients; last the extent of the band.
+BandTable = columns("packed", "source", "coefficients", "extent")
+Extent = columns("rows", "copied_south", "copied_north")  # number of rows; whether a neighbour's lie south and north
+
+# Rough costs that decide how a launch is cut, in s: waking the threads, one cell and substep, fetching a cell from
+# memory, copying a cell. CACHE is the state that a wavefront may keep warm, half of a common second-level cache, bytes.
 WAKE, CELL, FETCH, COPY, CACHE = 1e-4, 2e-10, 5e-10, 2e-10, 512 * 1024
 
 
@@ -30,22 +45,19 @@ def march(
     V: vectors,
     Cx: vectors,
     Cy: vectors,
-    edge_elevation: vectors,
+    prescribed: vectors,
     resistance: vectors,
-    kept: vectors,
-    plan: integers,
-    share: sides,
+    sponge_factor: vectors,
+    bands: index3,
+    elevation_factor: sides,
     blocks: ti.i32,
     W: ti.i32,
     nx: ti.i32,
+    ny: ti.i32,
     first: ti.i32,
     substeps: ti.i32,
     a: ti.f32,
-    strips: ti.template(),
-    radiating: ti.template(),
-    sponge: ti.template(),
-    serial: ti.template(),
-    copy_serially: ti.template(),
+    options: ti.template(),
 ):
     """Substeps `first` to `first + substeps − 1` of an interval, in place.
 
@@ -55,179 +67,147 @@ def march(
     row is fetched once for all of them. Around a band lie copies of its neighbours' rows, of which every substep spoils
     one. No value depends on how the rows are cut into bands, or on the number of threads.
 
-    At an open edge the outer cell is given the elevation E ± R U, with the transport U before the substep: prescribed
-    with R = 0, and with 1/R the celerity of waves (and the fitting C) a passage for waves that leave (`ShallowWater`).
+    At an open boundary the outer cell is given the elevation E ± R U, with the transport U before the substep:
+    prescribed with R = 0; with 1/R the celerity of waves (and the fitting C) waves leave (`ShallowWater`).
 
-    In a sponge U and V keep shares Fx a and Fy a, and η ← B η − ½ (1 + B) (δx U + δy V), B = Gx Gy.
+    In a sponge the factors on U and V are Fx a and Fy a, and η ← B η − ½ (1 + B) (δx U + δy V), B = Gx Gy.
 
     Arrays are indexed by hand: Taichi works out the index of an array of several axes anew for every element, which
     costs up to half the speed.
 
     Args:
         eta, U, V: each (blocks, rows, W), m.
-        Cx, Cy: (rows of coefficients, W): g h (Δt/Δx)²/(1 + r Δt/2) at western and southern faces, where rows that are
-            equal may stand once.
-        edge_elevation: (blocks, substeps of the interval), prescribed elevation, m.
-        resistance: R of the faces south (W,) and north (W,), west (ny + 1,) and east (ny + 1,); anything if `radiating`
-            is false.
-        kept: Fx (W,), Gx (W,), Fy (ny + 1,) and Gy (ny + 1,); anything if `sponge` is false.
-        plan: (bands, 4, longest): for each row k of a band from south to north its place in `eta`, the row it is a
-            copy of (or its place), and its row of coefficients; last (number of rows, 1 if rows of a neighbour lie
-            south, the same for north).
-        share: E over the prescribed elevation on each side; negative for walls.
-        nx: columns of water.
+        Cx, Cy: (rows of coefficients, W): g h (Δt/Δx)²/(1 + r Δt/2) at western and southern faces, where equal rows may
+            stand once.
+        prescribed: (blocks, substeps of the interval), prescribed elevation, m.
+        resistance: R of the faces south (W,) and north (W,), west (ny + 1,) and east (ny + 1,); read if
+            `options.radiating`.
+        sponge_factor: Fx (W,), Gx (W,), Fy (ny + 1,) and Gy (ny + 1,); read if `options.sponge`.
+        bands: (bands, 4, longest), the table `BandTable` of each band.
+        elevation_factor: factor on the prescribed elevation for each side; −1 for a wall.
+        nx, ny: columns and rows of water.
         a: (1 − r Δt/2)/(1 + r Δt/2).
-        strips: whether lanes are strips of one sea.
-        radiating: whether any R is above 0.
-        sponge: whether anything is kept less than whole.
-        serial: whether the calling thread does all tasks.
-        copy_serially: whether it makes the copies.
+        options: see `Options`.
     """
-    bands = plan.shape[0]
+    sea = ti.static(Sea(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options))
     rows = eta.shape[0] // (blocks * W)
-    table = edge_elevation.shape[0] // blocks
-    ny = 0
-    if ti.static(radiating):
-        ny = (resistance.shape[0] - 2 * W) // 2 - 1
-    if ti.static(sponge):
-        ny = (kept.shape[0] - 2 * W) // 2 - 1
-    east_column = nx
-    east_lane = -1
-    west_lane = -1
-    if ti.static(strips):
-        east_lane = nx // W
-        east_column = nx % W
-        west_lane = LANES - 1
-    ti.loop_config(block_dim=1, serialize=copy_serially)
-    for task in range(blocks * bands):
-        band = task % bands
-        for k in range(plan[band, 3, 0]):
-            target = (task // bands * rows + plan[band, 0, k]) * W
-            source = (task // bands * rows + plan[band, 1, k]) * W
+    table = prescribed.shape[0] // blocks
+    tasks = blocks * bands.shape[0]
+    ti.loop_config(block_dim=1, serialize=options.copy_serially)
+    for task in range(tasks):
+        band = task % bands.shape[0]
+        for k in range(bands[band, BandTable.extent, Extent.rows]):
+            target = (task // bands.shape[0] * rows + bands[band, BandTable.packed, k]) * W
+            source = (task // bands.shape[0] * rows + bands[band, BandTable.source, k]) * W
             if target != source:
                 for n in range(W):
                     eta[target + n] = eta[source + n]
                     U[target + n] = U[source + n]
                     V[target + n] = V[source + n]
-    ti.loop_config(block_dim=1, serialize=serial)
-    for task in range(blocks * bands):
-        band = task % bands
-        block = task // bands
-        count = plan[band, 3, 0]
-        copied_south = plan[band, 3, 1]
-        copied_north = plan[band, 3, 2]
-        west_lanes = only_lane(west_lane)
-        east_lanes = only_lane(east_lane)
+    ti.loop_config(block_dim=1, serialize=options.serial)
+    for task in range(tasks):
+        band = task % bands.shape[0]
+        block = task // bands.shape[0]
+        count = bands[band, BandTable.extent, Extent.rows]
+        copied_south = bands[band, BandTable.extent, Extent.copied_south]
+        copied_north = bands[band, BandTable.extent, Extent.copied_north]
+        west_lanes = lane_mask(LANES - 1, options.strips)
+        east_lanes = lane_mask(nx // W, options.strips)
         for front in range(1, count + substeps - 1):
             for s in range(substeps):
                 k = front - s
                 if k > s * copied_south and k < count - s * copied_north:
-                    north = (block * rows + plan[band, 0, k]) * W
-                    south = (block * rows + plan[band, 0, k - 1]) * W
-                    row = plan[band, 1, k]
-                    prescribed = edge_elevation[block * table + first + s]
-                    if share[0] >= 0:
-                        n = north + W - 1
-                        outside = share[0] * prescribed
-                        if ti.static(radiating):
-                            outside = outside - resistance[2 * W + row] * from_lane_above(U[north], strips)
-                        eta[n] = west_lanes * outside + (1.0 - west_lanes) * eta[n]
-                    if share[1] >= 0:
-                        n = north + east_column
-                        outside = share[1] * prescribed
-                        if ti.static(radiating):
-                            outside = outside + resistance[2 * W + ny + 1 + row] * U[n]
-                        eta[n] = east_lanes * outside + (1.0 - east_lanes) * eta[n]
-                    if share[2] >= 0 and k == 1 and copied_south == 0:
-                        for j in range(W):
-                            outside = share[2] * prescribed
-                            if ti.static(radiating):
-                                outside = outside - resistance[j] * V[north + j]
-                            eta[south + j] = outside
-                    if share[3] >= 0 and k == count - 1 and copied_north == 0:
-                        for j in range(W):
-                            outside = share[3] * prescribed
-                            if ti.static(radiating):
-                                outside = outside + resistance[W + j] * V[north + j]
-                            eta[north + j] = outside
-                    c = plan[band, 2, k] * W
-                    kept_V = vector(1.0)
-                    kept_eta = vector(1.0)
-                    if ti.static(sponge):
-                        kept_V = kept[2 * W + row]
-                        kept_eta = kept[2 * W + ny + 1 + ti.min(plan[band, 1, k - 1], ny)]
-                    advance_row(eta, U, V, Cx, Cy, kept, north, south, c, W, a, kept_V, kept_eta, strips, sponge)
+                    north = (block * rows + bands[band, BandTable.packed, k]) * W
+                    south = (block * rows + bands[band, BandTable.packed, k - 1]) * W
+                    c = bands[band, BandTable.coefficients, k] * W
+                    source = bands[band, BandTable.source, k]
+                    E = prescribed[block * table + first + s]
+                    set_west_and_east(sea, north, source, E, west_lanes, east_lanes)
+                    if k == 1 and copied_south == 0:
+                        set_row_outside(sea, SOUTH, south, north, E)
+                    if k == count - 1 and copied_north == 0:
+                        set_row_outside(sea, NORTH, north, north, E)
+                    Fy = vector(1.0)
+                    Gy = vector(1.0)
+                    if ti.static(options.sponge):
+                        Fy = sponge_factor[2 * W + source]
+                        Gy = sponge_factor[2 * W + ny + 1 + ti.min(bands[band, BandTable.source, k - 1], ny)]
+                    advance_row(sea, ti.static(Row(north, south, c, Fy, Gy)))
 
 
 @ti.func
-def advance_row(
-    eta: ti.template(),
-    U: ti.template(),
-    V: ti.template(),
-    Cx: ti.template(),
-    Cy: ti.template(),
-    kept: ti.template(),
-    north: ti.i32,
-    south: ti.i32,
-    c: ti.i32,
-    W: ti.i32,
-    a: ti.f32,
-    kept_V: vector,
-    kept_eta: vector,
-    strips: ti.template(),
-    sponge: ti.template(),
+def set_west_and_east(
+    sea: ti.template(), first: ti.i32, row: ti.i32, E: vector, west_lanes: vector, east_lanes: vector
 ):
-    """One substep of the transports of the row at `north` and then of the elevation of the row at `south` below it."""
-    west = from_lane_below(eta[north + W - 1], strips)
-    U_first = U[south]
-    U_wrapped = from_lane_above(U_first, strips)
+    """Give the outer cells at both ends of a row of the basin, which begins at `first`, the elevation outside."""
+    W = sea.W
+    if sea.elevation_factor[WEST] >= 0:
+        n = first + W - 1
+        transport = from_lane_above(sea.U[first], sea.options.strips)
+        outside = elevation_outside(sea, WEST, E, 2 * W + row, transport)
+        sea.eta[n] = west_lanes * outside + (1.0 - west_lanes) * sea.eta[n]
+    if sea.elevation_factor[EAST] >= 0:
+        n = first + sea.nx
+        if ti.static(sea.options.strips):
+            n = first + sea.nx % W
+        outside = elevation_outside(sea, EAST, E, 2 * W + sea.ny + 1 + row, sea.U[n])
+        sea.eta[n] = east_lanes * outside + (1.0 - east_lanes) * sea.eta[n]
+
+
+@ti.func
+def set_row_outside(sea: ti.template(), side: ti.template(), outer: ti.i32, faces: ti.i32, E: vector):
+    """Give the outer row south or north of the basin, which begins at `outer`, the elevation outside."""
+    if sea.elevation_factor[side] >= 0:
+        for j in range(sea.W):
+            n = (side - SOUTH) * sea.W + j
+            sea.eta[outer + j] = elevation_outside(sea, side, E, n, sea.V[faces + j])
+
+
+@ti.func
+def elevation_outside(sea: ti.template(), side: ti.template(), E, n: ti.i32, transport):
+    """Elevation that the outer cell of an open boundary is given, from the transport through face n of `resistance`."""
+    outside = sea.elevation_factor[side] * E
+    if ti.static(sea.options.radiating and side in (WEST, SOUTH)):
+        outside = outside - sea.resistance[n] * transport
+    if ti.static(sea.options.radiating and side in (EAST, NORTH)):
+        outside = outside + sea.resistance[n] * transport
+    return outside
+
+
+@ti.func
+def advance_row(sea: ti.template(), row: ti.template()):
+    """One substep of the transports of the northern row and then of the elevation of the southern one."""
+    W = sea.W
+    west = from_lane_below(sea.eta[row.north + W - 1], sea.options.strips)
+    U_first = sea.U[row.south]
+    U_wrapped = from_lane_above(U_first, sea.options.strips)
     U_west = U_first
     for j in range(W - 1):
-        U_east = U[south + j + 1]
-        west = advance_cell(
-            eta, U, V, Cx, Cy, kept, north, south, c, j, W, a, kept_V, kept_eta, west, U_west, U_east, sponge
-        )
+        U_east = sea.U[row.south + j + 1]
+        west = advance_cell(sea, row, j, west, U_west, U_east)
         U_west = U_east
-    j = W - 1
-    advance_cell(eta, U, V, Cx, Cy, kept, north, south, c, j, W, a, kept_V, kept_eta, west, U_west, U_wrapped, sponge)
+    advance_cell(sea, row, W - 1, west, U_west, U_wrapped)
 
 
 @ti.func
-def advance_cell(
-    eta: ti.template(),
-    U: ti.template(),
-    V: ti.template(),
-    Cx: ti.template(),
-    Cy: ti.template(),
-    kept: ti.template(),
-    north: ti.i32,
-    south: ti.i32,
-    c: ti.i32,
-    j: ti.i32,
-    W: ti.i32,
-    a: ti.f32,
-    kept_V: vector,
-    kept_eta: vector,
-    west: vector,
-    U_west: vector,
-    U_east: vector,
-    sponge: ti.template(),
-) -> vector:
-    """Column j of `advance_row`; returns the elevation in the row at `north`, the western one of the next column."""
-    n = north + j
-    m = south + j
+def advance_cell(sea: ti.template(), row: ti.template(), j: ti.i32, west: vector, U_west: vector, U_east: vector):
+    """Column j of `advance_row`; returns the elevation in the northern row, the western one of the next column."""
+    eta, U, V = ti.static(sea.eta, sea.U, sea.V)
+    n = row.north + j
+    m = row.south + j
+    c = row.coefficients + j
     here = eta[n]
     below = eta[m]
     V_south = V[m]
-    if ti.static(sponge):
-        B = kept[W + j] * kept_eta
-        U[n] = a * kept[j] * U[n] - Cx[c + j] * (here - west)
-        V_north = a * kept_V * V[n] - Cy[c + j] * (here - below)
+    if ti.static(sea.options.sponge):
+        B = sea.sponge_factor[sea.W + j] * row.Gy
+        U[n] = sea.a * sea.sponge_factor[j] * U[n] - sea.Cx[c] * (here - west)
+        V_north = sea.a * row.Fy * V[n] - sea.Cy[c] * (here - below)
         V[n] = V_north
         eta[m] = B * below - (0.5 + 0.5 * B) * ((U_east - U_west) + (V_north - V_south))
     else:
-        U_here = a * U[n] - Cx[c + j] * (here - west)
-        V_north = a * V[n] - Cy[c + j] * (here - below)
+        U_here = sea.a * U[n] - sea.Cx[c] * (here - west)
+        V_north = sea.a * V[n] - sea.Cy[c] * (here - below)
         U[n] = U_here
         V[n] = V_north
         eta[m] = below - (U_east - U_west) - (V_north - V_south)
@@ -255,16 +235,17 @@ def from_lane_above(v: vector, strips: ti.template()) -> vector:
 
 
 @ti.func
-def only_lane(lane: ti.i32) -> vector:
-    """One in a lane, or in all if it is −1, and zero elsewhere."""
-    mask = vector(0.0)
-    for other in ti.static(range(LANES)):
-        mask[other] = ti.cast(lane == -1 or lane == other, ti.f32)
+def lane_mask(only: ti.i32, strips: ti.template()) -> vector:
+    """One in the lane `only` and zero elsewhere in strips; one in all lanes of a pool."""
+    mask = vector(1.0)
+    if ti.static(strips):
+        for lane in ti.static(range(LANES)):
+            mask[lane] = ti.cast(lane == only, ti.f32)
     return mask
 
 
-class Bands:
-    """The way of a CPU to advance a sea: bands of rows, a thread each, several substeps a launch.
+class WavefrontBackend:
+    """CPU backend: bands of rows, a thread each, several substeps a launch.
 
     Args:
         packing: of the fields.
@@ -272,47 +253,45 @@ class Bands:
         threads: CPU threads.
 
     Attributes:
-        rows: of the packed fields in all.
+        rows: rows of the packed fields, copies included.
     """
 
     def __init__(self, packing: Packing, substeps: int, threads: int) -> None:
         self._packing, self._substeps = packing, substeps
         blocks, columns = packing.blocks, packing.columns
-        self._tile, self._plan, self.rows = plan_bands(packing.ny, columns, blocks, substeps, threads)
-        copies = np.count_nonzero(self._plan[:, 0] != self._plan[:, 1]) * blocks
-        self._copy_serially = copies * LANES * columns * COPY < WAKE  # sooner than others wake up
+        self._tile, self._bands, self.rows = plan_bands(packing.ny, columns, blocks, substeps, threads)
+        copies = np.count_nonzero(self._bands[:, BandTable.packed] != self._bands[:, BandTable.source]) * blocks
+        self._copy_serially = copies * LANES * columns * COPY < WAKE  # done before another thread wakes up
 
-    def plan(self, coefficient_row: np.ndarray) -> np.ndarray:
-        """`plan` of `march`, for the row of coefficients of each row (ny + 1,)."""
-        plan = self._plan.copy()
-        plan[:, 2] = coefficient_row[plan[:, 2]]
-        return plan
-
-    def launches(self, arrays: tuple[torch.Tensor, ...], plan: torch.Tensor, edges: Edges, keep: float) -> list[Launch]:
-        """What makes an interval.
+    def launches(
+        self, arrays: Sequence[torch.Tensor], coefficient_row: np.ndarray, boundaries: Boundaries, a: float
+    ) -> list[Launch]:
+        """Kernel launches of one interval.
 
         Args:
-            arrays: η, U, V, Cx, Cy, the prescribed elevation, `resistance` and `kept` of `march`, each (…, LANES).
-            plan: as tensor on the device.
-            edges: of the basin.
-            keep: a of `march`.
+            arrays: η, U, V, Cx, Cy, prescribed elevation, resistance and sponge factors of `march`, each (…, LANES).
+            coefficient_row: (ny + 1,), the row of coefficients of each row of the basin.
+            boundaries: of the basin.
+            a: factor on the transports, of `march`.
         """
-        packing = self._packing
+        packing, bands = self._packing, self._bands.copy()
+        bands[:, BandTable.coefficients] = coefficient_row[bands[:, BandTable.coefficients]]
         count = math.ceil(self._substeps / self._tile)
         ends = [self._substeps * n // count for n in range(count + 1)]
-        fixed = *(array.view(-1, LANES) for array in arrays), plan, edges.shares()
-        grid = packing.blocks, packing.columns, packing.nx
-        kinds = packing.strips, edges.radiating, edges.sponge
-        serially = packing.blocks * len(plan) == 1, self._copy_serially
+        table = torch.tensor(bands, device=arrays[0].device)
+        fixed = *(array.view(-1, LANES) for array in arrays), table, boundaries.elevation_factors()
+        grid = packing.blocks, packing.columns, packing.nx, packing.ny
+        serial = packing.blocks * len(bands) == 1, self._copy_serially
+        options = Options(packing.strips, boundaries.radiating, boundaries.sponge, *serial)
         with runtime.vectors_in_registers():
             return [
-                Launch(march, *fixed, *grid, first, last - first, keep, *kinds, *serially)
+                Launch(march, *fixed, *grid, first, last - first, a, options)
                 for first, last in itertools.pairwise(ends)
             ]
 
 
 def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) -> tuple[int, np.ndarray, int]:
-    """Cut the rows of a packed field into bands so that every thread has one, and choose how far a launch goes.
+    """Cut the rows of a packed field into bands so that every thread has one, and choose the substeps of a launch.
 
     Args:
         ny: rows of cells.
@@ -321,14 +300,14 @@ def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) 
         threads: CPU threads.
 
     Returns:
-        the number of substeps in a launch, `plan` of `march` (with the row itself in place of its row of coefficients),
-        and the rows of the packed field in all.
+        the number of substeps in a launch, `bands` of `march` (each row's source in place of its row of coefficients),
+        and the number of rows of the packed field.
     """
     cells_in_row = LANES * columns
     most_bands, longest = math.ceil(threads / blocks), max(2, CACHE // (3 * 4 * cells_in_row))
 
     def seconds(choice: tuple[int, int]) -> float:
-        """Of an interval. With more than one band, rows next to a neighbour are copied and half of them marched."""
+        """Time of an interval. With several bands, rows next to a neighbour are copied, and half of them marched."""
         bands, tile = choice
         rows = (ny + 1) / bands + tile / 2 * min(bands - 1, 2)
         turns = math.ceil(blocks * bands / threads)
@@ -337,19 +316,19 @@ def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) 
         return math.ceil(substeps / tile) * (turns * rows * cells_in_row * (FETCH + tile * CELL) + copies + wake)
 
     bands, tile = min(itertools.product(range(1, most_bands + 1), range(1, min(longest, substeps) + 1)), key=seconds)
-    free = ny + 1  # the first row without a use
-    plan = np.zeros((bands, 4, ny + 2), np.int32)
+    free = ny + 1  # the first row of the packed field that is not yet in use
+    table = np.zeros((bands, len(BandTable.names), ny + 2), np.int32)
     for band in range(bands):
         first, last = ((ny + 1) * n // bands for n in (band, band + 1))
         low, high = max(first - tile, 0), min(last + tile, ny + 1)
         row = np.arange(low, high)
         copied = (row < first) | (row >= last)
-        place = np.where(copied, free - 1 + np.cumsum(copied), row)
+        packed = np.where(copied, free - 1 + np.cumsum(copied), row)
         source = row
         free += np.count_nonzero(copied)
         if low == 0:  # the row south of the basin
-            place, source, row = np.append(free, place), np.append(free, source), np.append(0, row)
+            packed, source, row = np.append(free, packed), np.append(free, source), np.append(0, row)
             free += 1
-        plan[band, :3, : len(row)] = place, source, row
-        plan[band, 3, :3] = len(row), low > 0, high <= ny
-    return tile, plan, free
+        table[band, : BandTable.extent, : len(row)] = packed, source, row
+        table[band, BandTable.extent, : len(Extent.names)] = len(row), low > 0, high <= ny
+    return tile, table, free

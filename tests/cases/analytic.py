@@ -45,7 +45,7 @@ def forced_basin(n: int, T: float, side: str, drag: float, phase: float, periods
     outward = -1 if side in ("west", "south") else 1
     cells, size = ((n, 5), (L, 5 * L / n)) if across else ((5, n), (5 * L / n, L))
     solver = ShallowWater(
-        size=size, cells=cells, depth=h, interval=T / pieces, drag=drag, edges={side: "forced"}, num_seas=num_seas
+        size=size, cells=cells, depth=h, interval=T / pieces, drag=drag, boundaries={side: "forced"}, num_seas=num_seas
     )
 
     def field(shape, t):
@@ -67,7 +67,7 @@ def forced_basin(n: int, T: float, side: str, drag: float, phase: float, periods
 
 
 def seiche(n: int) -> dict[str, float]:
-    """All four edges, two seas, two periods of 30 s; the worst."""
+    """All four boundaries, two seas, two periods of 30 s; the worst."""
     errors = [forced_basin(n, 30.0, side, 0.0, 0.6, 2, 2) for side in SIDES]
     return dict(zip(("η", "u"), np.max(errors, axis=0), strict=True))
 
@@ -93,7 +93,7 @@ def quarter_wave_gain(n: int) -> dict[str, float]:
     for T in GAIN_PERIODS:
         k = 2 * math.pi / T / math.sqrt(GRAVITY * h)
         gain = 1 / math.cos(k * L)
-        solver = ShallowWater(size=(L, 4 * L / n), cells=(n, 4), depth=h, interval=T / 8, edges={"west": "forced"})
+        solver = ShallowWater(size=(L, 4 * L / n), cells=(n, 4), depth=h, interval=T / 8, boundaries={"west": "forced"})
         solver.set_forcing(*waves(1.0, T))
         solver.set_state(np.broadcast_to(gain * np.cos(k * from_wall(centres(n, L), "west", L)), (1, 4, n)))
         wall = []
@@ -116,7 +116,7 @@ def resonant_growth(n: int) -> dict[str, float]:
     """
     L, h = 200.0, 120.0
     T = 4 * L / math.sqrt(GRAVITY * h)
-    solver = ShallowWater(size=(L, 4 * L / n), cells=(n, 4), depth=h, interval=2 * T, edges={"east": "forced"})
+    solver = ShallowWater(size=(L, 4 * L / n), cells=(n, 4), depth=h, interval=2 * T, boundaries={"east": "forced"})
     solver.set_forcing(*waves(1.0, T, -math.pi / 2))
     solver.set_state(np.zeros((1, 4, n)))
     errors = []
@@ -136,7 +136,7 @@ def wave_maker(n: int) -> dict[str, float]:
     dx = c * T / n
     cells, near = 14 * n, 4 * n
     solver = ShallowWater(
-        size=(cells * dx, 4 * dx), cells=(cells, 4), depth=h, interval=T / 16, edges={"west": "forced"}
+        size=(cells * dx, 4 * dx), cells=(cells, 4), depth=h, interval=T / 16, boundaries={"west": "forced"}
     )
     solver.set_forcing(*waves(1.0, T))
     solver.set_state(np.zeros((1, 4, cells)))
@@ -160,7 +160,9 @@ def incident_wave(n: int) -> dict[str, float]:
         across = side in ("west", "east")
         outward = -1 if side in ("west", "south") else 1
         cells, size = ((n, 5), (L, 5 * L / n)) if across else ((5, n), (5 * L / n, L))
-        solver = ShallowWater(size=size, cells=cells, depth=h, interval=T / 5, edges={side: "incident"}, num_seas=2)
+        solver = ShallowWater(
+            size=size, cells=cells, depth=h, interval=T / 5, boundaries={side: "incident"}, num_seas=2
+        )
         turned = (lambda a: a) if across else (lambda a: a.swapaxes(1, 2))
         s, s_faces = from_wall(centres(n, L), side, L), from_wall(faces(n, L), side, L)
         at = lambda shape, t, turned=turned: turned(  # noqa: E731

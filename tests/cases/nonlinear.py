@@ -42,8 +42,8 @@ def thacker(n: int, case: type[known.Thacker]) -> dict[str, float]:
 def rest(n: int) -> dict[str, float]:
     x = centres(n, 200.0)
     bed = -120 + 140 * np.exp(-((x - 100) ** 2 + (x[:, None] - 90) ** 2) / 900)
-    edges = dict.fromkeys(SIDES[:2], "forced")
-    solver = NonlinearShallowWater(size=(200, 200), cells=(n, n), bed=bed, interval=2.0, edges=edges)
+    boundaries = dict.fromkeys(SIDES[:2], "forced")
+    solver = NonlinearShallowWater(size=(200, 200), cells=(n, n), bed=bed, interval=2.0, boundaries=boundaries)
     solver.set_forcing(np.array([0.75]), np.array([1e30]), np.zeros(1))
     solver.set_state(np.maximum(0.75, bed))
     before = solver.elevation()

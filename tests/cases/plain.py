@@ -57,7 +57,7 @@ class PlainScheme:
         at = {"west": np.s_[:, 0], "east": np.s_[:, -1], "south": np.s_[0], "north": np.s_[-1]}
         self.open = [
             (kind, at[side], side in ("west", "east"), -1 if side in ("west", "south") else 1)
-            for side, kind in solver.edges.kind.items()
+            for side, kind in solver.boundaries.kind.items()
             if kind != "wall"
         ]
         for _, place, across_x, _ in self.open:
@@ -78,12 +78,12 @@ class PlainScheme:
         length = n * (s.dx, s.dy)[axis]
         rate = 0 * places(n, length)
         for side in SIDES[2 * axis : 2 * axis + 2]:
-            if s.edges.kind[side] == "sponge":
+            if s.boundaries.kind[side] == "sponge":
                 inside = lambda x, end=side: x if end in ("west", "south") else length - x  # noqa: E731
-                layer = inside(centres(n, length)) - (s.dx, s.dy)[axis] / 2 < s.edges.sponge_width
+                layer = inside(centres(n, length)) - (s.dx, s.dy)[axis] / 2 < s.boundaries.sponge_width
                 deepest = self.h[:, layer].max() if axis == 0 else self.h[layer].max()
-                d = np.maximum(1 - inside(places(n, length)) / s.edges.sponge_width, 0)
-                rate = rate + 15 / 4 * math.sqrt(GRAVITY * deepest) / s.edges.sponge_width * d**2
+                d = np.maximum(1 - inside(places(n, length)) / s.boundaries.sponge_width, 0)
+                rate = rate + 15 / 4 * math.sqrt(GRAVITY * deepest) / s.boundaries.sponge_width * d**2
         return np.exp(-rate * self.dt)
 
     def gradient(self, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

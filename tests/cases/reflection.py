@@ -52,7 +52,7 @@ class Packet:
             cells=(nx, ny),
             depth=DEPTH,
             interval=time,
-            edges={"west": "sponge" if self.sponge else "radiating"},
+            boundaries={"west": "sponge" if self.sponge else "radiating"},
             sponge_width=self.sponge or None,
         )
         courant = CELERITY * solver.time_step
@@ -126,7 +126,7 @@ def sponge(n: int) -> dict[str, float]:
 
 
 def pulse(n: int) -> dict[str, float]:
-    """Energy left of a round hump in the middle of a square, all edges radiating, when each ray has met one edge.
+    """Energy left of a round hump in the middle of a square, all boundaries radiating, when each ray has met one edge.
 
     A ray that meets an edge at θ keeps tan⁴ θ/2 of its energy; rays are even over 0 to 45°. Some have met a second edge
     by then, so that this is a bound.
@@ -135,7 +135,7 @@ def pulse(n: int) -> dict[str, float]:
     r2 = (x - 0.5) ** 2 + (x[:, None] - 0.5) ** 2
     interval = (math.sqrt(0.5) + 0.15) / CELERITY
     solver = ShallowWater(
-        size=(1.0, 1.0), cells=(n, n), depth=DEPTH, interval=interval, edges=dict.fromkeys(SIDES, "radiating")
+        size=(1.0, 1.0), cells=(n, n), depth=DEPTH, interval=interval, boundaries=dict.fromkeys(SIDES, "radiating")
     )
     solver.set_state(np.exp(-r2 / (2 * 0.04**2))[None])
     before = solver.energy()[0]
@@ -148,7 +148,7 @@ def drain(n: int) -> dict[str, float]:
     """A channel filled 1 m too high, seen each quarter of the time L/c that the wave front takes."""
     L = 100.0
     solver = ShallowWater(
-        size=(L, 4 * L / n), cells=(n, 4), depth=DEPTH, interval=L / CELERITY / 4, edges={"west": "radiating"}
+        size=(L, 4 * L / n), cells=(n, 4), depth=DEPTH, interval=L / CELERITY / 4, boundaries={"west": "radiating"}
     )
     solver.set_state(np.ones((1, 4, n)))
     errors = []
@@ -180,7 +180,7 @@ CASES = (
         {"ρ at 0°": (1.9, 2.1)},
     ),
     Case(
-        "a pulse leaves, all edges radiating",
+        "a pulse leaves, all boundaries radiating",
         "energy left ≤ 4/π ∫ tan⁴ θ/2 dθ, θ = 0 … 45°",
         "geometrical optics",
         pulse,

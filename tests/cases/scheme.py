@@ -22,9 +22,11 @@ def eigenmode(n: int) -> dict[str, float]:
     nx, ny, X, Y, h = n, n - 15, 130.0, 90.0, 80.0
     worst = 0.0
     modes = [(3, 2, {}), (nx - 1, ny - 3, {}), (2.5, 3, {"east": "forced"})]
-    for mode_x, mode_y, edges in modes:
+    for mode_x, mode_y, boundaries in modes:
         for num_seas in (1, 3):
-            solver = ShallowWater(size=(X, Y), cells=(nx, ny), depth=h, interval=3.0, edges=edges, num_seas=num_seas)
+            solver = ShallowWater(
+                size=(X, Y), cells=(nx, ny), depth=h, interval=3.0, boundaries=boundaries, num_seas=num_seas
+            )
             k, m = mode_x * math.pi / X, mode_y * math.pi / Y
             mode = np.cos(m * centres(ny, Y))[:, None] * np.cos(k * centres(nx, X))
             solver.set_state(many(mode, num_seas))
@@ -40,16 +42,21 @@ def eigenmode(n: int) -> dict[str, float]:
 
 
 def invariants(n: int) -> dict[str, float]:
-    """Noise over a rough bed with an island, over three intervals, alone and three seas at once, and beside edges held
-    at zero (there only energy).
+    """Noise over a rough bed with an island, over three intervals: one sea, three seas at once, and one sea beside
+    boundaries held at zero (there only energy).
 
     Coefficients are the same on both sides of a face, so that their rounding is one of the depth and leaves both exact.
     """
     nx, ny = n, n - 15
     worst = {"mass": 0.0, "energy": 0.0}
-    for num_seas, edges in ((1, {}), (3, {}), (1, {"north": "forced", "east": "forced"})):
+    for num_seas, boundaries in ((1, {}), (3, {}), (1, {"north": "forced", "east": "forced"})):
         solver = ShallowWater(
-            size=(130, 90), cells=(nx, ny), depth=rough_bed(nx, ny), interval=20.0, edges=edges, num_seas=num_seas
+            size=(130, 90),
+            cells=(nx, ny),
+            depth=rough_bed(nx, ny),
+            interval=20.0,
+            boundaries=boundaries,
+            num_seas=num_seas,
         )
         solver.set_state(np.random.default_rng(2).normal(size=(num_seas, ny, nx)))
         mass, energy = solver.mass(), solver.energy()
@@ -58,7 +65,7 @@ def invariants(n: int) -> dict[str, float]:
             solver.advance()
             walk = ROUNDING * math.sqrt(interval * solver.substeps)
             worst["energy"] = max(worst["energy"], np.abs(solver.energy() / energy - 1).max() / walk)
-            if not edges:
+            if not boundaries:
                 worst["mass"] = max(worst["mass"], np.abs(solver.mass() - mass).max() / (4 * walk * scale))
     return worst
 
@@ -66,9 +73,11 @@ def invariants(n: int) -> dict[str, float]:
 def rest(n: int) -> dict[str, float]:
     """Water of one level over the rough bed, between walls and at an edge of that elevation."""
     level, worst = 0.75, {"η": 0.0, "u": 0.0}
-    for edges in ({}, {"north": "forced"}, {"west": "forced", "east": "forced"}):
+    for boundaries in ({}, {"north": "forced"}, {"west": "forced", "east": "forced"}):
         nx, ny = n, n - 13
-        solver = ShallowWater(size=(66, 40), cells=(nx, ny), depth=rough_bed(nx, ny), interval=5.0, edges=edges)
+        solver = ShallowWater(
+            size=(66, 40), cells=(nx, ny), depth=rough_bed(nx, ny), interval=5.0, boundaries=boundaries
+        )
         solver.set_forcing(*waves(level, 1e30))
         solver.set_state(np.full((1, ny, nx), level))
         before = solver.elevation()

@@ -74,7 +74,7 @@ class TestData:
             for n in range(6):
                 if n:
                     long_waves.advance()
-                storm.move_to(float(n))
+                storm.set_time(float(n))
                 expected = long_waves.elevation()[0] + storm.elevation(0, file.x.values, file.y.values)
                 np.testing.assert_allclose(file.elevation[n], expected, atol=1e-6)
                 for name, velocity in zip("uv", long_waves.velocity(), strict=True):

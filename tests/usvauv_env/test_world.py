@@ -293,7 +293,7 @@ class TestStorm:
         for each in (world, fine):
             run(each, 3)
         pool = build_short_waves(scenario, 3, 16)
-        pool.move_to(3.0)
+        pool.set_time(3.0)
         for each, cells in ((world, 50), (fine, 128)):
             x = (np.arange(cells) + 0.5) * 200 / cells
             np.testing.assert_allclose(each.surface(cells), pool.elevation(5, x, x), atol=1e-5)

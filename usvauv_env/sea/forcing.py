@@ -63,20 +63,20 @@ def build_sea(
     if sea.equations == "nonlinear":
         solvers = []
         for wave, eta, u, v in drawn:
-            solver = NonlinearShallowWater(**about, bed=-depth, edges=edges(scenario))
+            solver = NonlinearShallowWater(**about, bed=-depth, boundaries=boundaries(scenario))
             solver.set_forcing(wave.amplitude, wave.period, wave.phase)
             solver.set_state(eta, (u[:, 1:] + u[:, :-1]) / 2, (v[1:] + v[:-1]) / 2)
             solvers.append(solver)
         return NonlinearSeas(solvers)
     about["sponge_width"] = sea.sponge_width if sea.sponge_edges else None
-    solver = ShallowWater(**about, depth=np.maximum(depth, 0), edges=edges(scenario), num_seas=num_seas)
+    solver = ShallowWater(**about, depth=np.maximum(depth, 0), boundaries=boundaries(scenario), num_seas=num_seas)
     waves, eta, u, v = zip(*drawn, strict=True)
     solver.set_forcing(*(np.stack([getattr(w, name) for w in waves]) for name in ("amplitude", "period", "phase")))
     solver.set_state(np.stack(eta), np.stack(u), np.stack(v))
     return solver
 
 
-def edges(scenario: Scenario) -> dict[str, str]:
+def boundaries(scenario: Scenario) -> dict[str, str]:
     """Kind of each edge that is not a wall, as the solvers name them."""
     sea = scenario.sea
     kinds = dict.fromkeys(sea.radiating_edges, "radiating") | dict.fromkeys(sea.sponge_edges, "sponge")

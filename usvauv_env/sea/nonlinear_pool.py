@@ -65,10 +65,10 @@ class NonlinearSeas:
         fields, clocks = zip(*(solver.state() for solver in self._solvers), strict=True)
         return torch.stack(fields), torch.stack(clocks)
 
-    def load(self, fields: torch.Tensor, clocks: torch.Tensor) -> None:
+    def load_state(self, fields: torch.Tensor, clocks: torch.Tensor) -> None:
         """Go back to what `state` gave."""
         for solver, field, clock in zip(self._solvers, fields, clocks, strict=True):
-            solver.load(field, clock)
+            solver.load_state(field, clock)
         self._show()
 
     def _show(self) -> None:

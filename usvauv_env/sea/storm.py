@@ -65,9 +65,9 @@ class AirySea:
         self.wave = torch.tensor(packed, device=device)
         self._start = torch.tensor(airy.group(phase / airy.TWO_PI), device=device)
         self._frequency = torch.tensor(airy.group(omega / airy.TWO_PI), device=device)
-        self.move_to(0.0)
+        self.set_time(0.0)
 
-    def move_to(self, time: float) -> None:
+    def set_time(self, time: float) -> None:
         """Set the time, s. Phases are reduced in double precision: no digit is lost however late it is."""
         self.time = time
         self.wave[:, :, airy.PHASE] = torch.remainder(self._start - self._frequency * time, 1.0)

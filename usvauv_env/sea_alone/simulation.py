@@ -146,7 +146,7 @@ class LoneSea:
         """One interval."""
         self.long_waves.advance()
         self._steps += 1
-        self.storm.move_to(self.time)
+        self.storm.set_time(self.time)
         if self._evolve_vortices:
             for _ in range(self._pieces):
                 self._evolve_vortices()

@@ -223,7 +223,7 @@ class World:
         episode, steps = state["sea_episode"].tolist()
         self._begin_sea(episode)
         self._steps_since_sea = steps
-        self.sea.load(state["sea"], state["sea_clock"])
+        self.sea.load_state(state["sea"], state["sea_clock"])
         self._set_clock()
         for name in STATE:
             getattr(self, name).copy_(state[name])
@@ -311,7 +311,7 @@ class World:
     def _set_clock(self) -> None:
         """Bring storm and real current to the time since the seas started."""
         time = self._steps_since_sea * self.scenario.mission.step
-        self.storm.move_to(time)
+        self.storm.set_time(time)
         if self._flow is not None and len(self._flow.times) > 1:
             # Seas run on where only some worlds are reset; the current then stays as it was at the end of the file.
             self._stream.copy_(torch.from_numpy(self._flow.at(min(time, self._flow.times[-1]))))

@@ -125,7 +125,7 @@ class TestMotion:
     def test_against_the_sum_in_double_precision(self, device, level, time):
         """Also a month later: the phases are exact, so single precision is as good as at the start."""
         sea = storm(components=61)
-        sea.move_to(time)
+        sea.set_time(time)
         found = motion(sea, POINTS, level)
         expected = summed(sea, POINTS.astype(np.float32).astype(float), STORM["levels"][level])
         scale = np.sqrt((expected**2).mean(axis=(0, 1)))
@@ -159,7 +159,7 @@ class TestMotion:
         sea, dt = storm(), 0.02
         series = []
         for step in (-1, 0, 1):
-            sea.move_to(100.0 + step * dt)
+            sea.set_time(100.0 + step * dt)
             series.append(motion(sea, POINTS))
         rate, now = (series[2] - series[0]) / (2 * dt), series[1]
         assert np.abs(rate[..., 0] - now[..., 5]).max() < 2e-3 * now[..., 5].std()
@@ -173,7 +173,7 @@ class TestMotion:
 
     def test_grid_of_elevations(self, device):
         sea = storm()
-        sea.move_to(77.0)
+        sea.set_time(77.0)
         x, y = np.linspace(0, 200, 7), np.linspace(0, 150, 5)
         points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         grid = sea.elevation(2, x, y)
@@ -182,7 +182,7 @@ class TestMotion:
 
     def test_a_still_sea(self, device):
         sea = storm(spectrum="none")
-        sea.move_to(5.0)
+        sea.set_time(5.0)
         assert not motion(sea, POINTS, 1).any()
         assert sea.elevation(1, np.zeros(3), np.zeros(2)).tolist() == [[0] * 3] * 2
 
@@ -257,7 +257,7 @@ class TestSeeds:
     def test_a_sea_does_not_depend_on_the_others(self):
         few, more, later = storm(num_seas=3), storm(num_seas=20), storm(num_seas=2, first=5)
         for sea in (few, more, later):
-            sea.move_to(31.0)
+            sea.set_time(31.0)
         assert torch.equal(few.wave, more.wave[:3])
         assert torch.equal(later.wave, more.wave[5:7])
 
@@ -271,9 +271,9 @@ class TestSeeds:
     def test_time_is_a_function_not_a_history(self):
         one, two = storm(), storm()
         for time in np.arange(0, 50, 0.1):
-            one.move_to(time)
-        one.move_to(1234.5)
-        two.move_to(1234.5)
+            one.set_time(time)
+        one.set_time(1234.5)
+        two.set_time(1234.5)
         assert torch.equal(one.wave, two.wave)
 
 
@@ -362,7 +362,7 @@ class TestStatistics:
         """A crest moves along θ with ω/k: the wave is the same a little later and further on."""
         sea = single(direction=2.0, phase=0.4)
         before = motion(sea, POINTS)
-        sea.move_to(3.0)
+        sea.set_time(3.0)
         along = 3.0 * 0.6 / sea.k[0, 0] * np.array([math.cos(2.0), math.sin(2.0)])
         np.testing.assert_allclose(motion(sea, POINTS + along), before, atol=1e-5)
 
@@ -373,7 +373,7 @@ class TestStatistics:
         sea = storm(peak_period=period, num_seas=64)
         seen = []
         for time in range(0, 3000, 60):
-            sea.move_to(time)
+            sea.set_time(time)
             seen.append(np.concatenate([motion(sea, POINTS), motion(sea, POINTS, 1)[..., 3:5]], axis=-1))
         square = (np.array(seen) ** 2).mean(axis=(0, 1, 2))
 

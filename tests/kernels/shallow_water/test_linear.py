@@ -1,4 +1,4 @@
-"""The shallow-water solver: its step, edges and clock, and against a plain NumPy scheme in f64.
+"""The shallow-water solver: its step, boundaries and clock, and against a plain NumPy scheme in f64.
 
 What has a solution is in `tests.cases`. `ROUNDING` = 2⁻²⁴ is half a unit in the last place of an f32 number near one. A
 state variable is rounded about four times a substep; in waves these errors add up like a random walk.
@@ -23,10 +23,12 @@ KINDS = ("forced", "incident", "radiating", "sponge")
 MIXED = [dict(zip(SIDES, order, strict=True)) for order in itertools.permutations(KINDS)][::5]
 
 
-def open_sea(edges: dict[str, str], **others) -> ShallowWater:
+def open_sea(boundaries: dict[str, str], **others) -> ShallowWater:
     """A sea of 200 m × 150 m, with sponges of 60 m where there are any."""
-    width = 60.0 if "sponge" in edges.values() else None
-    return ShallowWater(**{"size": (200, 150), "cells": (37, 29), "edges": edges, "sponge_width": width} | others)
+    width = 60.0 if "sponge" in boundaries.values() else None
+    return ShallowWater(
+        **{"size": (200, 150), "cells": (37, 29), "boundaries": boundaries, "sponge_width": width} | others
+    )
 
 
 class TestStep:
@@ -36,15 +38,17 @@ class TestStep:
         assert solver.substeps >= 122
         assert solver.time_step * solver.substeps == pytest.approx(10)
 
-    @pytest.mark.parametrize("edges", [{}, *({s: "forced"} for s in SIDES), *(dict.fromkeys(SIDES, k) for k in KINDS)])
-    def test_limit_is_sharp_for_every_edge(self, edges, monkeypatch):
-        """Noise stays bounded just below the limit, also at open edges, and explodes just above it."""
+    @pytest.mark.parametrize(
+        "boundaries", [{}, *({s: "forced"} for s in SIDES), *(dict.fromkeys(SIDES, k) for k in KINDS)]
+    )
+    def test_limit_is_sharp_for_every_edge(self, boundaries, monkeypatch):
+        """Noise stays bounded just below the limit, also at open boundaries, and explodes just above it."""
         growth = {}
         for courant in (0.999, 1.02):
             monkeypatch.setattr(linear, "COURANT", courant)
             # 12 m of sponge reach into the middle rows, but leave water beside them.
-            common = {"size": (60, 40), "cells": (18, 12), "depth": 10, "edges": edges}
-            common |= {"sponge_width": 12.0} if "sponge" in edges.values() else {}
+            common = {"size": (60, 40), "cells": (18, 12), "depth": 10, "boundaries": boundaries}
+            common |= {"sponge_width": 12.0} if "sponge" in boundaries.values() else {}
             solver = ShallowWater(**common, interval=1)
             # A whole number of substeps, so that rounding up does not shorten them.
             solver = ShallowWater(**common, interval=2000 * courant * solver.limit * (1 - 1e-9))
@@ -63,12 +67,12 @@ class TestStep:
             ({"depth": -1.0}, "depth"),
             ({"depth": math.nan}, "depth"),
             ({"depth": np.full((9, 9), math.inf)}, "depth"),
-            ({"edges": {"up": "wall"}}, "up"),
-            ({"edges": {"west": "none"}}, "none"),
-            ({"edges": {"west": "sponge"}}, "sponge_width"),
-            ({"edges": {"west": "radiating"}, "sponge_width": 3.0}, "sponge_width"),
-            ({"edges": {"west": "sponge"}, "sponge_width": -1.0}, "sponge_width"),
-            ({"edges": {"south": "sponge", "north": "sponge"}, "sponge_width": 5.0}, "sponge_width"),
+            ({"boundaries": {"up": "wall"}}, "up"),
+            ({"boundaries": {"west": "none"}}, "none"),
+            ({"boundaries": {"west": "sponge"}}, "sponge_width"),
+            ({"boundaries": {"west": "radiating"}, "sponge_width": 3.0}, "sponge_width"),
+            ({"boundaries": {"west": "sponge"}, "sponge_width": -1.0}, "sponge_width"),
+            ({"boundaries": {"south": "sponge", "north": "sponge"}, "sponge_width": 5.0}, "sponge_width"),
         ],
     )
     def test_refuses_what_it_cannot_solve(self, changed, message):
@@ -76,9 +80,9 @@ class TestStep:
             ShallowWater(**{"size": (9, 9), "cells": (9, 9), "depth": 1.0, "interval": 1.0} | changed)
 
     def test_a_still_sea_costs_nothing(self, monkeypatch):
-        solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, edges={"west": "forced"})
+        solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, boundaries={"west": "forced"})
         solver.set_state(np.zeros((1, 10, 10)))
-        monkeypatch.setattr(solver._way, "launches", None)  # would fail if called
+        monkeypatch.setattr(solver._backend, "launches", None)  # would fail if called
         solver.advance()
         assert solver.still
         assert solver.time == 2.0
@@ -86,7 +90,7 @@ class TestStep:
         assert not solver.still
 
     def test_what_has_been_set_going_goes_on_without_forcing(self):
-        solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, edges={"west": "incident"})
+        solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, boundaries={"west": "incident"})
         solver.set_forcing(*waves(1.0, 7.0))
         solver.advance()
         before = solver.elevation()
@@ -97,10 +101,10 @@ class TestStep:
 
 
 class TestEdges:
-    @pytest.mark.parametrize("edges", MIXED, ids=lambda edges: "-".join(edges.values()))
-    def test_energy_only_falls(self, edges):
+    @pytest.mark.parametrize("boundaries", MIXED, ids=lambda boundaries: "-".join(boundaries.values()))
+    def test_energy_only_falls(self, boundaries):
         """With nothing prescribed; half of the noise is waves so short that they hardly move."""
-        solver = open_sea(edges, depth=rough_bed(37, 29), interval=0.5)
+        solver = open_sea(boundaries, depth=rough_bed(37, 29), interval=0.5)
         solver.set_state(np.random.default_rng(1).normal(size=(1, 29, 37)))
         energy = [solver.energy()[0]]
         for _ in range(40):
@@ -141,13 +145,15 @@ class TestEdges:
 
     @pytest.mark.parametrize("num_seas", [1, 3])
     def test_state_comes_back(self, num_seas):
-        edges = dict(zip(SIDES, KINDS, strict=True))
-        first, second = (open_sea(edges, depth=rough_bed(37, 29), interval=1.0, num_seas=num_seas) for _ in range(2))
+        boundaries = dict(zip(SIDES, KINDS, strict=True))
+        first, second = (
+            open_sea(boundaries, depth=rough_bed(37, 29), interval=1.0, num_seas=num_seas) for _ in range(2)
+        )
         first.set_state(np.random.default_rng(1).normal(size=(num_seas, 29, 37)))
         for solver in (first, second):
             solver.set_forcing(*waves(1.0, 9.0, 0.3, num_seas))
         first.advance()
-        second.load(*first.state())
+        second.load_state(*first.state())
         for solver in (first, second):
             solver.advance()
         for one, other in zip(*((s.elevation(), *s.velocity(), s.time) for s in (first, second)), strict=True):
@@ -157,8 +163,8 @@ class TestEdges:
         depth = np.full((29, 37), 30.0)
         depth[:, 0] = 0
         seas = []
-        for edges in ({}, {"west": "radiating"}):
-            solver = open_sea(edges, depth=depth, interval=5.0)
+        for boundaries in ({}, {"west": "radiating"}):
+            solver = open_sea(boundaries, depth=depth, interval=5.0)
             solver.set_state(np.random.default_rng(1).normal(size=(1, 29, 37)))
             solver.advance()
             seas.append(solver.elevation())
@@ -168,13 +174,13 @@ class TestEdges:
 MEMORY = """
 import sys
 import numpy as np
-from kernels.shallow_water import ShallowWater
+from kernels.shallow_water.linear import ShallowWater
 
 def sea(n, rough):
     depth = np.full((n, n), 50, np.float32) + np.arange(n, dtype=np.float32)[:, None] / n if rough else 50.0
     eta = np.ones((1, n, n), np.float32)
     solver = yield depth, eta
-    solver = ShallowWater(size=(n, n), cells=(n, n), depth=depth, interval=1.0, edges={"west": "radiating"})
+    solver = ShallowWater(size=(n, n), cells=(n, n), depth=depth, interval=1.0, boundaries={"west": "radiating"})
     solver.set_state(eta)
     solver.advance()
     yield solver
@@ -188,7 +194,7 @@ for n in (64, 4096):  # the small one compiles
     next(run)
     before = status("VmRSS")
     solver = run.send(None)
-held = sum(t.nbytes for t in (solver._state, solver._C, solver._edge_elevation, solver._plan, solver._resistance))
+held = sum(array.nbytes for array in (solver._state, solver._C, solver._prescribed, solver._coefficient_row))
 print(status("VmHWM") - before, held)
 """
 
@@ -207,15 +213,15 @@ def test_memory_is_that_of_the_fields(bed):
 class TestAgainstPlainNumpy:
     @pytest.mark.parametrize(("num_seas", "flat"), [(1, False), (1, True), (18, False)])
     @pytest.mark.parametrize(
-        "edges",
+        "boundaries",
         [{}, *({side: "forced"} for side in SIDES), *MIXED],
-        ids=lambda edges: "-".join(edges.values()) or "walls",
+        ids=lambda boundaries: "-".join(boundaries.values()) or "walls",
     )
-    def test_depth_drag_and_edges(self, edges, num_seas, flat):
+    def test_depth_drag_and_edges(self, boundaries, num_seas, flat):
         nx, ny = 37, 29
         depth = 50.0 if flat else rough_bed(nx, ny)
         random = np.random.default_rng(7)
-        solver = open_sea(edges, depth=depth, interval=1.0, drag=0.02, num_seas=num_seas)
+        solver = open_sea(boundaries, depth=depth, interval=1.0, drag=0.02, num_seas=num_seas)
         a, T, phase = random.normal(size=(num_seas, 3)), random.uniform(3, 20, (num_seas, 3)), np.ones((num_seas, 3))
         start = random.normal(size=(num_seas, ny, nx))
         solver.set_forcing(a, T, phase)
@@ -260,7 +266,7 @@ class TestAgainstPlainNumpy:
         """The edge is then held at zero, not closed."""
         random = np.random.default_rng(3)
         solver = ShallowWater(
-            size=(80, 80), cells=(20, 16), depth=50, interval=2.0, edges={"west": "forced"}, num_seas=2
+            size=(80, 80), cells=(20, 16), depth=50, interval=2.0, boundaries={"west": "forced"}, num_seas=2
         )
         solver.set_forcing(np.ones((2, 1)), np.full((2, 1), 9.0), np.zeros((2, 1)))
         solver.set_state(np.zeros((2, 16, 20)))
@@ -279,7 +285,7 @@ class TestAgainstPlainNumpy:
         late, T = 1.0e6, 17.0
         states = []
         for time, phase in ((late, 0.3), (0.0, 0.3 + 2 * math.pi * math.fmod(late, T) / T)):
-            solver = ShallowWater(size=(80, 80), cells=(20, 16), depth=50, interval=2.0, edges={"south": "forced"})
+            solver = ShallowWater(size=(80, 80), cells=(20, 16), depth=50, interval=2.0, boundaries={"south": "forced"})
             solver.set_forcing(np.ones((1, 1)), np.full((1, 1), T), np.full((1, 1), phase))
             solver.set_state(np.zeros((1, 16, 20)), time=time)
             for _ in range(3):

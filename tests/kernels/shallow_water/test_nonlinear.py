@@ -320,7 +320,7 @@ class TestRest:
         bed = -120 + 140 * np.exp(-((x - 100) ** 2 + (x[:, None] - 90) ** 2) / 900)
         bed = bed + 3 * np.random.default_rng(0).normal(size=(n, n))
         solver = NonlinearShallowWater(
-            size=(200, 200), cells=(n, n), bed=bed, interval=2.0, edges=dict.fromkeys(SIDES, edge)
+            size=(200, 200), cells=(n, n), bed=bed, interval=2.0, boundaries=dict.fromkeys(SIDES, edge)
         )
         solver.set_forcing(np.array([level]), np.array([1e30]), np.zeros(1))
         solver.set_state(np.maximum(level, bed))
@@ -337,7 +337,7 @@ class TestRest:
             cells=(20, 9),
             bed=np.linspace(-2, 0.5, 20),
             interval=5.0,
-            edges=dict.fromkeys(SIDES, "radiating"),
+            boundaries=dict.fromkeys(SIDES, "radiating"),
         )
         solver.set_state(0.0)
         solver.advance()
@@ -467,7 +467,7 @@ class TestEdges:
         x = x if side in ("east", "north") else x[::-1]
         along_y = side in ("south", "north")
         outward = 1 if side in ("east", "north") else -1
-        solver = channel(n, 200.0, along_y, bed=-h, interval=180 / math.sqrt(g * h), edges={side: "radiating"})
+        solver = channel(n, 200.0, along_y, bed=-h, interval=180 / math.sqrt(g * h), boundaries={side: "radiating"})
         eta = np.broadcast_to(amplitude * np.exp(-(((x - 100) / 20) ** 2)), (4, n))
         u = outward * 2 * (np.sqrt(g * (h + eta)) - math.sqrt(g * h))  # a simple wave
         solver.set_state(eta.T if along_y else eta, **{"v": u.T} if along_y else {"u": u})
@@ -485,7 +485,7 @@ class TestEdges:
         for n in (25, 50, 100):
             x = centres(n, L)
             shape = np.cos(k * (L - x if side in ("west", "south") else x)) / math.cos(k * L)
-            solver = channel(n, L, along_y, bed=-h, interval=T / 8, edges={side: "forced"})
+            solver = channel(n, L, along_y, bed=-h, interval=T / 8, boundaries={side: "forced"})
             solver.set_forcing(np.array([a]), np.array([T]), np.zeros(1))
             eta = np.broadcast_to(a * shape, (4, n))
             solver.set_state(eta.T if along_y else eta)
@@ -503,7 +503,7 @@ class TestEdges:
         n, T = 50, 1800.0
         x = centres(n, 200.0)
         bed = np.broadcast_to(-5 + x / 20, (4, n))
-        solver = channel(n, 200.0, bed=bed, interval=T / 4, edges={"west": "forced"}, manning=0.03, dry=1e-4)
+        solver = channel(n, 200.0, bed=bed, interval=T / 4, boundaries={"west": "forced"}, manning=0.03, dry=1e-4)
         solver.set_forcing(np.array([2.0]), np.array([T]), np.array([-math.pi / 2]))
         solver.set_state(np.maximum(0.0, bed))
         for level in (2, 0, -2, 0, 2):
@@ -614,7 +614,9 @@ class TestRoughGround:
         for threads in (1, 2, 3, 7):
             monkeypatch.setattr(nonlinear, "BAND", 1)
             monkeypatch.setattr(runtime, "_running", dataclasses.replace(runtime.start(), threads=threads))
-            solver = rough_water(250, 200, manning=0.03, edges={"west": "radiating", "north": "forced"}, interval=0.3)
+            solver = rough_water(
+                250, 200, manning=0.03, boundaries={"west": "radiating", "north": "forced"}, interval=0.3
+            )
             for _ in range(2):
                 solver.advance()
             results.append((solver.steps, solver.depth(), *solver.velocity()))
@@ -628,15 +630,15 @@ class TestRoughGround:
         given = rough_water()
         eta, (u, v) = given.elevation(), given.velocity()
         eta = np.where(given.depth() > 0, eta, -100.0)
-        edges = {"west": "radiating", "north": "forced"}
+        boundaries = {"west": "radiating", "north": "forced"}
         results = []
         for size, cells, sides, change, velocities in (
-            ((150, 120), (50, 40), edges, lambda f: f, (u, v)),
+            ((150, 120), (50, 40), boundaries, lambda f: f, (u, v)),
             ((120, 150), (40, 50), {"south": "radiating", "east": "forced"}, np.transpose, (v.T, u.T)),
             ((150, 120), (50, 40), {"east": "radiating", "north": "forced"}, np.fliplr, (-u[:, ::-1], v[:, ::-1])),
         ):
             solver = NonlinearShallowWater(
-                size=size, cells=cells, bed=change(given.bed), interval=1.0, edges=sides, manning=manning
+                size=size, cells=cells, bed=change(given.bed), interval=1.0, boundaries=sides, manning=manning
             )
             solver.set_forcing(np.ones(1), np.full(1, 3.0), np.zeros(1))
             solver.set_state(change(eta), *velocities)
@@ -648,9 +650,9 @@ class TestRoughGround:
     def test_state_comes_back(self):
         solver, other = rough_water(), rough_water()
         solver.advance()
-        kept = solver.state()
+        saved = solver.state()
         solver.advance()
-        other.load(*kept)
+        other.load_state(*saved)
         assert other.time == 2
         other.advance()
         np.testing.assert_array_equal(other.depth(), solver.depth())
@@ -676,8 +678,8 @@ def test_fields_come_back_from_any_grid(cells):
     [
         ({"cells": (2, 9)}, "cells"),
         ({"bed": math.nan}, "bed"),
-        ({"edges": {"west": "sponge"}}, "sponge"),
-        ({"edges": {"up": "wall"}}, "up"),
+        ({"boundaries": {"west": "sponge"}}, "sponge"),
+        ({"boundaries": {"up": "wall"}}, "up"),
     ],
 )
 def test_refuses_what_it_cannot_solve(changed, message):

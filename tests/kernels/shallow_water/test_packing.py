@@ -12,20 +12,22 @@ import taichi as ti
 
 from kernels import runtime
 from kernels.shallow_water import linear, packing, wavefront
-from kernels.shallow_water.cellwise import Cells
+from kernels.shallow_water.cellwise import CellwiseBackend
 from kernels.shallow_water.linear import ShallowWater
 from kernels.shallow_water.packing import LANES
+from kernels.shallow_water.wavefront import BandTable, Extent
 from tests.cases.plain import centres, many, rough_bed
 
 THREADS = """
 import sys
-from kernels import forward_backward, runtime
+from kernels import runtime
+from kernels.shallow_water import wavefront
 runtime.start("cpu", threads=int(sys.argv[1]))
-forward_backward.CACHE, forward_backward.WAKE, forward_backward.COPY = int(sys.argv[2]), 1e-12, float(sys.argv[3])
-from tests.test_c_grid import CLOSED, OPEN, fingerprint, storm
-print(*(fingerprint(n, edges) for n in (1, 5, 40) for edges in (CLOSED, OPEN)))
-way = storm(5, OPEN)._way
-print(len(way._plan), way._copy_serially)
+wavefront.CACHE, wavefront.WAKE, wavefront.COPY = int(sys.argv[2]), 1e-12, float(sys.argv[3])
+from tests.kernels.shallow_water.test_packing import CLOSED, OPEN, fingerprint, storm
+print(*(fingerprint(n, boundaries) for n in (1, 5, 40) for boundaries in (CLOSED, OPEN)))
+backend = storm(5, OPEN)._backend
+print(len(backend._bands), backend._copy_serially)
 """
 CLOSED = {"north": "forced"}
 OPEN = {"west": "radiating", "east": "incident", "south": "sponge", "north": "forced"}
@@ -36,7 +38,7 @@ def order(errors: list[float]) -> float:
     return math.log2(errors[-2] / errors[-1])
 
 
-def storm(num_seas: int, edges: dict[str, str]) -> ShallowWater:
+def storm(num_seas: int, boundaries: dict[str, str]) -> ShallowWater:
     """Forced, rough, over a rough bed; sea s is the same for any number of seas."""
     nx, ny = 61, 200
     solver = ShallowWater(
@@ -44,8 +46,8 @@ def storm(num_seas: int, edges: dict[str, str]) -> ShallowWater:
         cells=(nx, ny),
         depth=rough_bed(nx, ny),
         interval=1.5,
-        edges=edges,
-        sponge_width=80.0 if "sponge" in edges.values() else None,
+        boundaries=boundaries,
+        sponge_width=80.0 if "sponge" in boundaries.values() else None,
         drag=0.01,
         num_seas=num_seas,
     )
@@ -57,15 +59,15 @@ def storm(num_seas: int, edges: dict[str, str]) -> ShallowWater:
     return solver
 
 
-def fingerprint(num_seas: int, edges: dict[str, str]) -> str:
-    solver = storm(num_seas, edges)
+def fingerprint(num_seas: int, boundaries: dict[str, str]) -> str:
+    solver = storm(num_seas, boundaries)
     return hashlib.sha256(solver.elevation().tobytes() + np.stack(solver.velocity()).tobytes()).hexdigest()
 
 
 class TestSameSea:
-    @pytest.mark.parametrize("edges", [CLOSED, OPEN], ids=["closed", "open"])
-    def test_strips_and_pool_agree_bit_for_bit(self, edges):
-        alone, few, many_seas = (storm(num_seas, edges) for num_seas in (1, 5, 40))
+    @pytest.mark.parametrize("boundaries", [CLOSED, OPEN], ids=["closed", "open"])
+    def test_strips_and_pool_agree_bit_for_bit(self, boundaries):
+        alone, few, many_seas = (storm(num_seas, boundaries) for num_seas in (1, 5, 40))
         assert alone.eta.shape[0] == few.eta.shape[0] == 1
         assert alone.eta.shape[2] < few.eta.shape[2]  # strips of one sea, against one sea a lane
         np.testing.assert_array_equal(alone.elevation()[0], few.elevation()[0])
@@ -79,22 +81,22 @@ class TestSameSea:
         """Threads decide into how many bands the rows are cut, here one or seven, most with neighbours on both sides,
         the cache how many substeps are taken at once, here all or two, and the cost of a copy who makes the copies.
         """
-        here = " ".join(fingerprint(n, edges) for n in (1, 5, 40) for edges in (CLOSED, OPEN))
+        here = " ".join(fingerprint(n, boundaries) for n in (1, 5, 40) for boundaries in (CLOSED, OPEN))
         command = [sys.executable, "-c", THREADS, str(threads), str(cache), str(copy)]
         there = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[3])
         assert there.stdout.splitlines()[-2:] == [here, f"{threads} {serially}"], there.stderr
 
-    @pytest.mark.parametrize("edges", [CLOSED, OPEN], ids=["closed", "open"])
+    @pytest.mark.parametrize("boundaries", [CLOSED, OPEN], ids=["closed", "open"])
     @pytest.mark.parametrize("num_seas", [1, 5, 40])
-    def test_a_thread_a_cell_gives_the_same_bits(self, monkeypatch, num_seas, edges):
-        """The way of a GPU, here on the CPU."""
+    def test_a_thread_a_cell_gives_the_same_bits(self, monkeypatch, num_seas, boundaries):
+        """The GPU backend, here on the CPU."""
         if runtime.start().device.type != "cpu":
             pytest.skip("bands are for a CPU")
-        bands = fingerprint(num_seas, edges)
-        monkeypatch.setattr(linear, "Bands", lambda packing, substeps, threads: Cells(packing, substeps))
-        launched = storm(num_seas, edges)
+        bands = fingerprint(num_seas, boundaries)
+        monkeypatch.setattr(linear, "WavefrontBackend", lambda *arguments: CellwiseBackend(*arguments[:2]))
+        launched = storm(num_seas, boundaries)
         assert len(launched._launches) == 2 * launched.substeps
-        assert fingerprint(num_seas, edges) == bands
+        assert fingerprint(num_seas, boundaries) == bands
 
 
 class TestBands:
@@ -108,13 +110,14 @@ class TestBands:
         ],
     )
     def test_as_many_as_pay(self, ny, columns, blocks, substeps, threads, bands):
-        tile, plan, rows = wavefront.plan_bands(ny, columns, blocks, substeps, threads)
-        assert len(plan) == bands
+        tile, table, rows = wavefront.plan_bands(ny, columns, blocks, substeps, threads)
+        assert len(table) == bands
         assert 1 <= tile <= substeps
         assert tile * columns * LANES * 3 * 4 <= 2 * wavefront.CACHE
-        own = [place for band in plan for place, source in band[:2, : band[3, 0]].T if place == source and place <= ny]
+        held = [band[:2, : band[BandTable.extent, Extent.rows]].T for band in table]
+        own = [packed for pairs in held for packed, source in pairs if packed == source and packed <= ny]
         assert sorted(own) == list(range(ny + 1))
-        assert max(band[0].max() for band in plan) == rows - 1
+        assert table[:, BandTable.packed].max() == rows - 1
 
     def test_data_that_memory_must_fetch_are_used_more_than_once(self):
         tile, _, _ = wavefront.plan_bands(8191, 513, 1, 64, 1)

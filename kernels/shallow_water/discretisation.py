@@ -1,0 +1,152 @@
+"""Discretisation of linear shallow water on an Arakawa C grid: depths, slopes and coefficients of the time step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import torch
+
+from kernels.shallow_water.boundaries import ELEVATION_FACTOR, GEOMETRY, RADIATING, Boundaries, Side
+from kernels.shallow_water.packing import LANES, Packing
+
+CHUNK = 1 << 15  # cells that the host works on at a time: its f64 copies stay small against the fields
+
+
+class Discretisation:
+    """The scheme of `kernels.shallow_water.linear.ShallowWater` over one bed, in NumPy and f64 by chunks of rows.
+
+    Args:
+        packing: of the fields.
+        depth: still-water depth h at cell centres, (ny, nx), m; not copied.
+        spacing: (Δx, Δy), m.
+        gravity: g, m/s².
+        drag: rate r, 1/s.
+        time_step: Δt, s.
+        boundaries: of the basin.
+
+    Attributes:
+        drag_factor: a = (1 − r Δt/2)/(1 + r Δt/2), what drag leaves of a transport in a substep.
+    """
+
+    def __init__(
+        self,
+        packing: Packing,
+        depth: np.ndarray,
+        spacing: tuple[float, float],
+        gravity: float,
+        drag: float,
+        time_step: float,
+        boundaries: Boundaries,
+    ) -> None:
+        self.packing, self.depth, self.spacing, self.gravity = packing, depth, spacing, gravity
+        self.time_step, self.boundaries = time_step, boundaries
+        self.drag_factor = (1 - drag * time_step / 2) / (1 + drag * time_step / 2)
+        self._sponge = [
+            boundaries.sponge_factors(axis, depth, gravity, cell, time_step) for axis, cell in enumerate(spacing)
+        ]
+
+    def chunks(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """Ranges of rows of about `CHUNK` cells of all seas."""
+        step = max(1, CHUNK // (self.packing.num_seas * (self.packing.nx + 1)))
+        return ((row, min(row + step, last)) for row in range(first, last, step))
+
+    def cell_rows(self, first: int, last: int, read: Callable[[int, int], np.ndarray]) -> np.ndarray:
+        """Rows `first` − 1 to `last` − 1 of a field of cells that `read` gives, f64; zero beyond the basin."""
+        low, high = max(first - 1, 0), min(last, self.packing.ny)
+        rows = np.asarray(read(low, high), np.float64)
+        return np.pad(rows, ((0, 0), (low - first + 1, last - high), (0, 0)))
+
+    def open_sides(self, axis: int, first: int, last: int) -> list[Side]:
+        """Sides across an axis that are open and have faces in rows `first` to `last` − 1 of 0 to ny."""
+        present = {"west": True, "east": True, "south": first == 0, "north": last == self.packing.ny + 1}
+        return [
+            side for side in GEOMETRY if GEOMETRY[side].axis == axis and present[side] and self.boundaries.open(side)
+        ]
+
+    def faces(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Depth h, m, and damping s of western and southern faces of rows `first` to `last` − 1, (2, rows, nx + 1).
+
+        h = 0 is a wall. s is half the rate of damping times Δt: (1 + s) U⁺ = (1 − s) U⁻ − g h Δt η_x.
+        """
+        cells = self.cell_rows(first, last, lambda low, high: self.depth[None, low:high])[0]
+        h, factor = np.zeros((2, 2, last - first, self.packing.nx + 1))
+        h[0, :, 1:-1] = _mean_if_wet(cells[1:, :-1], cells[1:, 1:])
+        h[1, :, :-1] = _mean_if_wet(cells[:-1], cells[1:])
+        (sponge_x, _), (sponge_y, _) = self._sponge
+        factor[0], factor[1] = self.drag_factor * sponge_x, self.drag_factor * sponge_y[first:last, None]
+        damping = (1 - factor) / (1 + factor)
+        for axis, size in enumerate(self.spacing):
+            for side in self.open_sides(axis, first, last):
+                along = cells[GEOMETRY[side].cells]
+                h[axis][GEOMETRY[side].faces] = along
+                if self.boundaries.kind[side] in RADIATING:
+                    damping[axis][GEOMETRY[side].faces] += np.sqrt(self.gravity * along) * self.time_step / size
+        return h, damping
+
+    def slopes(self, eta: np.ndarray, first: int, last: int, prescribed: np.ndarray) -> np.ndarray:
+        """η_x and η_y on the faces of rows `first` to `last` − 1, (2, num_seas, rows, nx + 1), of an elevation with the
+        row south of them; at an open boundary over the half cell to the prescribed elevation (num_seas, 1).
+        """
+        slopes = np.zeros((2, self.packing.num_seas, last - first, self.packing.nx + 1))
+        slopes[0, :, :, 1:-1] = np.diff(eta[:, 1:], axis=2) / self.spacing[0]
+        slopes[1, :, :, :-1] = np.diff(eta, axis=1) / self.spacing[1]
+        for axis, size in enumerate(self.spacing):
+            for side in self.open_sides(axis, first, last):
+                _, outward, faces, cells = GEOMETRY[side]
+                outside = ELEVATION_FACTOR[self.boundaries.kind[side]] * prescribed
+                slopes[axis][faces] = outward * (outside - eta[cells]) / (size / 2)
+        return slopes
+
+    def coefficients(self, device: torch.device) -> tuple[torch.Tensor, np.ndarray]:
+        """C of `wavefront.march` with equal neighbouring rows once, and which of its rows each row 0 to ny takes."""
+        depth, ny, (_, (sponge_y, _)) = self.depth, self.packing.ny, self._sponge
+        changes = [] if depth.strides[0] == 0 else [i for i in range(1, ny) if (depth[i] != depth[i - 1]).any()]
+        damped = np.flatnonzero(np.diff(sponge_y)) + 1
+        rows = np.unique([0, 1, *changes, *(i + 1 for i in changes), *damped, ny])
+        C = torch.empty((2, len(rows), self.packing.columns, LANES), device=device)
+        done = 0
+        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            for first, last in self.chunks(run[0], run[-1] + 1):
+                h, damping = self.faces(first, last)
+                for axis, size in enumerate(self.spacing):
+                    for side in self.open_sides(axis, first, last):  # the difference is over half a cell
+                        h[axis][GEOMETRY[side].faces] *= 2
+                    part = self.gravity * (self.time_step / size) ** 2 * h[axis] / (1 + damping[axis])
+                    C[axis, done : done + last - first] = torch.as_tensor(self.packing.spread(part))
+                done += last - first
+        return C, (np.searchsorted(rows, np.arange(ny + 1), side="right") - 1).astype(np.int32)
+
+    def resistances(self) -> torch.Tensor:
+        """R of `wavefront.march` along south, north, west and east; one vector if nothing radiates.
+
+        With λ = c Δt/Δx and s of the face without its radiation, (1 + s + λ) U⁺ = (1 − s − λ) U⁻ − 2 λ² (η − E) is
+        U⁺ = a U⁻ − C (η − (E − R U⁻)), a = (1 − s)/(1 + s), C = 2 λ²/(1 + s + λ), R = 1/(λ (1 + s)).
+        """
+        resistances = []
+        for side, along in (("south", np.s_[0]), ("north", np.s_[-1]), ("west", np.s_[:, 0]), ("east", np.s_[:, -1])):
+            axis, outward, _, _ = GEOMETRY[side]
+            depth = self.depth[along].astype(np.float64)
+            factor = self.drag_factor * self._sponge[axis][0][0 if outward < 0 else -1]
+            wave = np.sqrt(self.gravity * depth) * self.time_step / self.spacing[axis]
+            passes = (depth > 0) & (self.boundaries.kind[side] in RADIATING)
+            resistances.append(np.where(passes, (1 + factor) / 2 / np.where(passes, wave, 1.0), 0.0))
+        return self._along_axes(resistances, self.boundaries.radiating)
+
+    def sponge_factors(self) -> torch.Tensor:
+        """Fx, Gx, Fy and Gy of `wavefront.march`; one vector if no sponge damps."""
+        return self._along_axes([factor for axis in self._sponge for factor in axis], self.boundaries.sponge)
+
+    def _along_axes(self, fields: list[np.ndarray], used: bool) -> torch.Tensor:
+        """Two fields along a row, (n ≤ nx + 1,), and two along a column, (n ≤ ny + 1,), as one array of vectors."""
+        if not used:
+            return torch.zeros((1, LANES))
+        *rows, west, east = fields
+        height = self.packing.ny + 1
+        columns = [np.repeat(np.pad(f, (0, height - len(f)))[:, None], LANES, axis=1) for f in (west, east)]
+        vectors = np.concatenate([*(self.packing.spread(f[None])[0] for f in rows), *columns])
+        return torch.tensor(vectors, dtype=torch.float32)  # a copy, which is aligned to vectors
+
+
+def _mean_if_wet(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.where((a > 0) & (b > 0), (a + b) / 2, 0.0)
