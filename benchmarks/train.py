@@ -43,12 +43,13 @@ import torch
 
 import policies
 from benchmarks.machine import describe
-from policies.meter import Meter
+from policies.algorithms import ALGORITHMS
+from policies.training.meter import Meter
 from usvauv_env import Scenario, World
 
 SCENARIO = "extreme"
 EPISODES = 32
-JUDGE_SEED = 1_000_003  # none of the training seeds
+EVALUATION_SEED = 1_000_003  # none of the training seeds
 SPACING, GROWTH = 1.0, 0.05  # between two evaluations: seconds, and share of the time so far
 WAY = 0.95
 COSTS = ("seconds", "cpu_seconds", "updates", "world_steps", "agent_steps")
@@ -57,11 +58,11 @@ SB3_VARIANTS = ("sb3_defaults", "sb3_tuned", "sb3_tuned_our_frame")
 Act = Callable[[torch.Tensor], torch.Tensor]
 
 
-class Judge:
+class Evaluator:
     """arps of the same `EPISODES` episodes for everyone."""
 
     def __init__(self) -> None:
-        self.world = World(Scenario.load(SCENARIO), EPISODES, JUDGE_SEED)
+        self.world = World(Scenario.load(SCENARIO), EPISODES, EVALUATION_SEED)
 
     def __call__(self, act: Act) -> float:
         world, meter = self.world, Meter(self.world)
@@ -82,13 +83,13 @@ class Course:
 
     Args:
         name: for the progress.
-        judge: what evaluates.
+        evaluator: gives the arps of a policy.
         targets: arps to pass, by name.
         limit: seconds of training after which the run ends.
     """
 
-    def __init__(self, name: str, judge: Judge, targets: dict[str, float], limit: float) -> None:
-        self.name, self.judge, self.targets, self.limit = name, judge, targets, limit
+    def __init__(self, name: str, evaluator: Evaluator, targets: dict[str, float], limit: float) -> None:
+        self.name, self.evaluator, self.targets, self.limit = name, evaluator, targets, limit
         self.looks: list[dict[str, float]] = []
         self._spent = [0.0, 0.0]  # wall and CPU seconds until the last evaluation
         self._since = self._clocks()
@@ -106,14 +107,14 @@ class Course:
             if spent[0] - self._spent[0] < pause and spent[0] < self.limit:
                 return False
         self._spent = spent
-        arps = self.judge(act)
+        arps = self.evaluator(act)
         self.looks.append(
             {
                 "seconds": spent[0],
                 "cpu_seconds": spent[1],
                 "updates": updates,
                 "world_steps": world_steps,
-                "agent_steps": world_steps * self.judge.world.num_auvs,
+                "agent_steps": world_steps * self.evaluator.world.num_auvs,
                 "arps": arps,
             }
         )
@@ -202,15 +203,15 @@ def contestants(algorithm: str) -> dict[str, Callable[[Course, int], None]]:
 def measure(algorithm: str, seeds: int, limit: float, only: list[str]) -> dict[str, Any]:
     """All figures."""
     machine = describe()
-    judge = Judge()
-    reference = {name: judge.score(name) for name in ("random", "straight", "crab")}
+    evaluator = Evaluator()
+    reference = {name: evaluator.score(name) for name in ("random", "straight", "crab")}
     way = reference["random"] + WAY * (reference["straight"] - reference["random"])
     targets = {"95_percent": way, "straight": reference["straight"]}
     everyone = {name: train for name, train in contestants(algorithm).items() if name in only}
     results: dict[str, Any] = {name: {"runs": []} for name in everyone}
     turns = [(seed, name) for seed in range(seeds) for name in everyone]
     for seed, name in turns:
-        course = Course(f"{name}, seed {seed}", judge, targets, limit)
+        course = Course(f"{name}, seed {seed}", evaluator, targets, limit)
         try:
             everyone[name](course, seed)
         except ImportError as error:
@@ -262,7 +263,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = list(contestants("sac"))
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    parser.add_argument("--algorithm", choices=policies.config.ALGORITHM_NAMES, default="sac", help="of ours")
+    parser.add_argument("--algorithm", choices=list(ALGORITHMS), default="sac", help="of ours")
     parser.add_argument("--seeds", type=int, default=3, help="runs of each learner, seeds 0, 1, …")
     parser.add_argument("--limit", type=float, default=600.0, help="training time after which a run ends, s")
     parser.add_argument("--only", nargs="+", choices=names, default=names, help="who runs", metavar="NAME")

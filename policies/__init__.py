@@ -13,7 +13,7 @@ from policies.evaluation import evaluate
 from policies.learned import LearnedPolicy
 from policies.loading import available, baseline, check, default, load, load_learned, trained
 from policies.policy import Policy, PolicyError
-from policies.trainer import Trainer
+from policies.training import Trainer, TrainingWorld
 
 __all__ = [
     "LearnedPolicy",
@@ -21,6 +21,7 @@ __all__ = [
     "PolicyError",
     "Trainer",
     "TrainingConfig",
+    "TrainingWorld",
     "available",
     "baseline",
     "check",

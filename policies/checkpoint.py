@@ -1,7 +1,7 @@
 """Policies and training runs on disk: tensors in safetensors, everything else in JSON, so that loading runs no code.
 
     NAME/policy.json            what it is, how it was made, how it scored
-    NAME/policy.safetensors     actor weights and whitening
+    NAME/policy.safetensors     actor weights, and statistics of the standardizer under the keys `whitening.*`
     NAME/training.json          counters of a run that can go on
     NAME/training.safetensors   networks, optimisers, replay, generator, world
 
@@ -27,8 +27,9 @@ from torch import Tensor
 from policies.algorithms import ALGORITHMS, Sizes
 from policies.config import TrainingConfig
 from policies.frames import ACTION_SIZE, FRAMES, Layout
-from policies.learned import LearnedPolicy, Whitening
+from policies.learned import LearnedPolicy
 from policies.policy import PolicyError
+from policies.standardizer import Standardizer
 from usvauv_env.scenario import Scenario, ScenarioError
 
 FORMAT = 1
@@ -110,8 +111,8 @@ def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, 
         "scenario": scenario.to_dict(),
     }
     tensors = {f"actor.{name}": value for name, value in policy.actor.state_dict().items()}
-    tensors["whitening.mean"] = policy.whitening.mean
-    tensors["whitening.deviation"] = policy.whitening.deviation
+    tensors["whitening.mean"] = policy.standardizer.mean
+    tensors["whitening.deviation"] = policy.standardizer.deviation
     return content, tensors
 
 
@@ -136,15 +137,15 @@ def load_policy(
     try:
         if not all(value.isfinite().all() for value in tensors.values()):
             raise RuntimeError("a value is not finite")
-        whitening = Whitening(tensors.pop("whitening.mean"), tensors.pop("whitening.deviation"))
+        standardizer = Standardizer(tensors.pop("whitening.mean"), tensors.pop("whitening.deviation"))
         actor.load_state_dict({key.removeprefix("actor."): value for key, value in tensors.items()})
     except (KeyError, RuntimeError) as error:
         first = str(error).strip().splitlines()[-1].strip()
         raise PolicyError(f"{_tensors(directory, POLICY)}: checkpoint is damaged: {first}") from None
     shape = (sizes.observation,)
-    if whitening.mean.shape != shape or whitening.deviation.shape != shape:
+    if standardizer.mean.shape != shape or standardizer.deviation.shape != shape:
         raise PolicyError(f"{_tensors(directory, POLICY)}: checkpoint is damaged: whitening is not {shape[0]} numbers")
-    policy = LearnedPolicy(name, own, config.frame, whitening, actor.requires_grad_(False), config.shared, content)
+    policy = LearnedPolicy(name, own, config.frame, standardizer, actor.requires_grad_(False), config.shared, content)
     return policy if scenario is None else policy.for_scenario(scenario)
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
+from policies.algorithms import ALGORITHMS
+from policies.frames import FRAMES
 from policies.policy import PolicyError
-
-ALGORITHM_NAMES = ("sac", "td3", "ddpg")
-FRAME_NAMES = ("guided", "target", "world")
 
 
 @dataclass(frozen=True)
@@ -16,11 +15,11 @@ class TrainingConfig:
     """What a training run is made of, next to its scenario.
 
     Attributes:
-        algorithm: "sac", "td3" or "ddpg".
+        algorithm: a name in `algorithms.ALGORITHMS`.
         num_worlds: W, worlds stepped together. Each step stores W transitions for each AUV.
         seed: of the training worlds, the initial weights, the exploration and the sampling.
         shared: one network for all AUVs, trained on the transitions of all; else each AUV learns alone.
-        frame: "guided", "target" or "world", see `frames`.
+        frame: a name in `frames.FRAMES`.
         hidden: width of each hidden layer.
         renewal: maximise the average reward trip by trip, see `Trainer`. Off where the scenario has services end the
             value's horizon without it (`reward.service_terminates`).
@@ -62,8 +61,8 @@ class TrainingConfig:
 
     def __post_init__(self):
         allowed = {
-            "algorithm": (self.algorithm in ALGORITHM_NAMES, f"one of {', '.join(ALGORITHM_NAMES)}"),
-            "frame": (self.frame in FRAME_NAMES, f"one of {', '.join(FRAME_NAMES)}"),
+            "algorithm": (self.algorithm in ALGORITHMS, f"one of {', '.join(ALGORITHMS)}"),
+            "frame": (self.frame in FRAMES, f"one of {', '.join(FRAMES)}"),
             "hidden": (
                 bool(self.hidden) and all(width >= 1 for width in self.hidden),
                 "one width or more, each above 0",
@@ -133,4 +132,4 @@ def _value(text: str, now: object) -> object:
         return text == "true"
     if isinstance(now, tuple):
         return tuple(int(part) for part in text.split(","))
-    return type(now)(text)
+    return int(text) if isinstance(now, int) else float(text) if isinstance(now, float) else text

@@ -61,6 +61,7 @@ def export(policy: LearnedPolicy, path: Path) -> None:
             dynamo=True,
             verbose=False,
         )
+    assert program is not None  # as always with dynamo=True
     model = program.model
     # The exporter notes the source line of every node, with paths that mean nothing elsewhere.
     for node in model.graph.all_nodes():

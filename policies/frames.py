@@ -1,26 +1,29 @@
-"""How a learned policy sees an observation and commands an action.
+"""Frames: features of an observation for a network, and the world's action for what the network answers.
 
-The world's observation and action are in world axes. A network that reads and answers in them has to learn every
-heading separately. In the target's frame, x′ points from the AUV to its target, y′ to the left of it, and the action is
-a course relative to that bearing and a speed; "straight to the target" is then a constant, whatever the bearing.
-Nothing is lost: the bearing itself and the own position stay among the features.
+The world's observation and action are in world axes, in which a network has to learn every heading separately. In the
+target's frame x′ points from the AUV to its target and y′ to the left of it, and an action is a course relative to that
+bearing and a speed, so that "straight to the target" is a constant. The bearing and the own position stay among the
+features, so no information is lost.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
+from kernels.registry import Registry
 from policies.guidance import TINY, SpeedToFly, command, crab, rotate, unit, unrotate
+from policies.policy import PolicyError
 from usvauv_env.scenario import Scenario
 from usvauv_env.world.tables import CURRENT_COMPONENTS
 
 ACTION_SIZE = 2
-FENCE = 4.0  # m, more than a step at full speed
-PRICE, PRICE_GAIN = 30.0, 4.0  # W; half a watt to more than a kilowatt covers all speeds in any current
+BORDER_MARGIN = 4.0  # m, more than a step at full speed
+PRICE, PRICE_GAIN = 30.0, 4.0  # W and 1: prices from half a watt to above a kilowatt, for all speeds in any current
 
 
 @dataclass(frozen=True)
@@ -74,14 +77,36 @@ class Layout:
         return observation[..., first : first + 2]
 
 
-class WorldFrame:
-    """Features are the observation as it is, actions are the world's."""
+class Frame:
+    """What stands between the world and a network.
 
-    name = "world"
-    any_team = False
+    Attributes:
+        any_team: whether the number of features is the same for any number of AUVs.
+        features: F, number of features of one AUV.
+    """
+
+    any_team: ClassVar[bool] = False
+    features: int
 
     def __init__(self, scenario: Scenario):
-        self.features = Layout.of(scenario).size
+        self.scenario = scenario
+        self.layout = Layout.of(scenario)
+
+    def encode(self, observation: Tensor) -> Tensor:
+        """Features (W, K, F) of observations (W, K, O)."""
+        raise NotImplementedError
+
+    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
+        """The world's actions (W, K, 2) for a network's actions (W, K, 2) in [−1, 1]."""
+        raise NotImplementedError
+
+
+class WorldFrame(Frame):
+    """Features are the observation, actions the world's."""
+
+    def __init__(self, scenario: Scenario):
+        super().__init__(scenario)
+        self.features = self.layout.size
 
     def encode(self, observation: Tensor) -> Tensor:
         return observation.clone()
@@ -90,8 +115,8 @@ class WorldFrame:
         return action
 
 
-class TargetFrame:
-    """Features and actions about the bearing of the target.
+class TargetFrame(Frame):
+    """Features and actions relative to the bearing of the target.
 
     Features (all positions over the area's diagonal, c = current / top speed):
     distance to the target and its closeness, bearing (cos, sin), nearest other AUV (x′, y′), sum over the others of
@@ -103,12 +128,10 @@ class TargetFrame:
     highest at 1.
     """
 
-    name = "target"
     any_team = True
 
     def __init__(self, scenario: Scenario):
-        self.layout = Layout.of(scenario)
-        self.scenario = scenario
+        super().__init__(scenario)
         self.features = 13 + self.layout.current
         self.reach = max(2.0 * scenario.auv.safe_distance, 1.0) / scenario.area.diagonal
 
@@ -155,14 +178,12 @@ class GuidedFrame(TargetFrame):
     """Features as `TargetFrame`; actions go through an autopilot that knows the current at the AUV.
 
     a_0 is the course over ground, π a_0 left of the target's bearing, held against the current by `crab`; a_1 the price
-    of time, `PRICE` e^(4 a_1) W, from which `SpeedToFly` makes the speed through the water. A constant action is then a
-    sensible controller in any current, and learning is left with what that one lacks: keeping clear of others, and
-    choosing the way. Where the current's components are not observed, still water is assumed, in which the lowest speed
-    answers all small prices; the middle is then the largest of these, or exploring around it would change nothing.
-    Within `FENCE` of the border a course that leads out is turned along it.
+    of time, `PRICE` e^(4 a_1) W, from which `SpeedToFly` gives the speed through the water. A constant action is then a
+    sensible controller in any current; what remains to be learned is collision avoidance and the choice of the route.
+    Where the current's components are not observed, still water is assumed. There the lowest speed is optimal for all
+    low prices, so a_1 = 0 stands for the highest of these; around a lower one exploration would not change the speed.
+    Within `BORDER_MARGIN` of the border a course that leads out is turned along it.
     """
-
-    name = "guided"
 
     def __init__(self, scenario: Scenario):
         super().__init__(scenario)
@@ -170,19 +191,22 @@ class GuidedFrame(TargetFrame):
         self.price = PRICE if self.layout.has_velocity else self.speed_to_fly.free_price()
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
-        track = self._inside(observation, self._course(observation, action))
+        track = self._clear_of_border(observation, self._course(observation, action))
         current = self.layout.velocity(observation)
         speed = self.speed_to_fly(track, self.price * torch.exp(PRICE_GAIN * action[..., 1]), current)
         return command(crab(track, speed, current), speed, self.scenario)
 
-    def _inside(self, observation: Tensor, track: Tensor) -> Tensor:
+    def _clear_of_border(self, observation: Tensor, track: Tensor) -> Tensor:
         """A course over ground (unit vectors, (..., 2)) that does not lead out of the area."""
         area = self.scenario.area
         position = self.layout.position(observation) * area.diagonal
         side = torch.tensor([area.width, area.length], dtype=position.dtype, device=position.device)
-        outwards = ((position < FENCE) & (track < 0.0)) | ((position > side - FENCE) & (track > 0.0))
-        kept = torch.where(outwards, 0.0, track)
-        return torch.where(kept.norm(dim=-1, keepdim=True) > TINY, unit(kept), track)
+        outwards = ((position < BORDER_MARGIN) & (track < 0.0)) | ((position > side - BORDER_MARGIN) & (track > 0.0))
+        along = torch.where(outwards, 0.0, track)
+        return torch.where(along.norm(dim=-1, keepdim=True) > TINY, unit(along), track)
 
 
-FRAMES = {frame.name: frame for frame in (GuidedFrame, TargetFrame, WorldFrame)}
+FRAMES: Registry[type[Frame]] = Registry("frame", PolicyError)
+FRAMES.register("guided", GuidedFrame)
+FRAMES.register("target", TargetFrame)
+FRAMES.register("world", WorldFrame)

@@ -1,4 +1,4 @@
-"""How a vehicle is steered towards a place: headings in a current, economical speeds, and the world's commands."""
+"""Guidance towards a point: headings in a current, economical speeds, and the world's commands."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from kernels.mission.vehicle import travelling_power
 from usvauv_env.scenario import Scenario
 
 TINY = 1e-9
-SPEEDS = 33  # from which `SpeedToFly` chooses
-LEAST_ADVANCE = 0.05  # m/s: slower over ground is no headway
-HOPELESS = 1e6  # J/m, more than headway ever costs
+SPEEDS = 33  # number of speeds among which `SpeedToFly` chooses
+LEAST_ADVANCE = 0.05  # m/s over ground, lower bound on headway
+HOPELESS = 1e6  # J/m, above every cost with headway
 
 
 def unit(vector: Tensor) -> Tensor:
@@ -53,19 +53,19 @@ def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Ten
 def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:
     """Heading (unit vector, (..., 2)) whose track over ground is `track` (unit vector), at a speed (...) in a current.
 
-    It is off the track by the angle whose sine is −c_⊥ / V, with the current's component c_⊥ across. A component above
-    V cannot be compensated; the heading is then straight against it.
+    The angle between heading and track has the sine −c_⊥ / V, where c_⊥ is the component of the current across the
+    track and V the speed. A component above V cannot be compensated; the heading is then opposite to it.
     """
     sine = (-unrotate(current, track)[..., 1] / speed).clamp(-1.0, 1.0)
     return rotate(torch.stack(((1.0 - sine.square()).clamp_min(0.0).sqrt(), sine), -1), track)
 
 
 class SpeedToFly:
-    """The speed through the water at which a metre over ground costs least when time has a price.
+    """The speed through the water of least cost per metre over ground when time has a price.
 
     V = argmin (P(V) + λ) / (√(V² − c_⊥²) + c_∥) for a power P, a price of time λ and a current with components c_∥
-    along and c_⊥ across the track: faster against the current, slower with it. In gliding this is MacCready's rule.
-    Where no speed makes headway it is the highest.
+    along and c_⊥ across the track: faster against the current, slower with it. In gliding this is MacCready's rule
+    (speed to fly). Where no speed makes headway it is the one that loses least ground.
     """
 
     def __init__(self, scenario: Scenario):
@@ -74,7 +74,7 @@ class SpeedToFly:
         self.power = torch.tensor([travelling_power(speed) for speed in self.speeds.tolist()])
 
     def free_price(self) -> float:
-        """The price of time up to which the lowest speed is the best in still water, W; 0 where there is no other."""
+        """Highest price of time for which the lowest speed is optimal in still water, W; 0 if it is the only one."""
         lowest, higher = self.speeds[:2].tolist()
         power_lowest, power_higher = self.power[:2].tolist()
         if higher == lowest:

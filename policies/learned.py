@@ -1,9 +1,8 @@
-"""A policy that was learned: whitened features, a stack of actor networks, a frame."""
+"""A policy that was learned: a frame, standardised features, a stack of actor networks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -11,42 +10,21 @@ import torch
 from torch import Tensor
 
 from policies.frames import FRAMES
-from policies.networks import StackedMLP
+from policies.networks import StackedMLP, stack, unstack
 from policies.policy import Policy, PolicyError
-from policies.replay import stack, unstack
+from policies.standardizer import Standardizer
 from usvauv_env.scenario import Scenario
-
-CLIP = 8.0
-
-
-@dataclass
-class Whitening:
-    """Brings features to zero mean and unit variance: (f − mean) / deviation, cut off at ±8; mean, deviation (F,)."""
-
-    mean: Tensor
-    deviation: Tensor
-
-    @classmethod
-    def identity(cls, features: int, device: torch.device) -> Whitening:
-        return cls(torch.zeros(features, device=device), torch.ones(features, device=device))
-
-    @classmethod
-    def of(cls, samples: Tensor) -> Whitening:
-        """Measured on features (..., F). One that hardly varies there keeps its own scale."""
-        flat = samples.flatten(0, -2)
-        deviation = flat.std(0, correction=0)
-        return cls(flat.mean(0), torch.where(deviation > 1e-3, deviation, torch.ones_like(deviation)))
-
-    def __call__(self, features: Tensor) -> Tensor:
-        return ((features - self.mean) / self.deviation).clamp(-CLIP, CLIP)
 
 
 class LearnedPolicy(Policy):
-    """Actors, one for each AUV or a shared one, behind a frame.
+    """Actors, one for each AUV or a shared one, behind a frame; deterministic.
+
+    Args:
+        frame: name of a frame, see `frames.FRAMES`.
+        about: JSON of its checkpoint, how it was made.
 
     Attributes:
         any_team: whether it serves any number of AUVs.
-        about: JSON of its checkpoint, how it was made.
     """
 
     def __init__(
@@ -54,14 +32,15 @@ class LearnedPolicy(Policy):
         name: str,
         scenario: Scenario,
         frame: str,
-        whitening: Whitening,
+        standardizer: Standardizer,
         actor: StackedMLP,
         shared: bool,
         about: Mapping[str, Any] = MappingProxyType({}),
     ):
         super().__init__(name, scenario)
+        self.frame_name = frame
         self.frame = FRAMES[frame](scenario)
-        self.whitening = whitening
+        self.standardizer = standardizer
         self.actor = actor
         self.shared = shared
         self.about = about
@@ -84,10 +63,12 @@ class LearnedPolicy(Policy):
                 raise PolicyError(
                     f"policy {self.name}: made for {quantity} {own}, but scenario {scenario.name!r} has {needed}"
                 )
-        return LearnedPolicy(self.name, scenario, self.frame.name, self.whitening, self.actor, self.shared, self.about)
+        return LearnedPolicy(
+            self.name, scenario, self.frame_name, self.standardizer, self.actor, self.shared, self.about
+        )
 
     @torch.no_grad()
     def act(self, observation: Tensor) -> Tensor:
-        features = self.whitening(self.frame.encode(observation))
+        features = self.standardizer(self.frame.encode(observation))
         action = unstack(self.actor(stack(features, self.shared)), observation.shape[1])
         return self.frame.decode(observation, action)

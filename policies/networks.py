@@ -14,8 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-LOG_STD_MIN, LOG_STD_MAX = -5.0, 1.0
-ACTION_GAIN = 5.0
+LOG_STD_MIN, LOG_STD_MAX = -5.0, 1.0  # range of a Gaussian actor's log standard deviation
+ACTION_GAIN = 5.0  # factor on the actions that enter a critic
 
 
 class StackedMLP(nn.Module):
@@ -52,7 +52,7 @@ class StackedMLP(nn.Module):
             self.weights[-1].mul_(output_gain)
             self.biases[-1].mul_(output_gain)
 
-    def forward(self, x: Tensor) -> Tensor:
+    def forward(self, x: Tensor, /) -> Tensor:
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = torch.baddbmm(bias, x, weight)
             if self.layer_norm:
@@ -67,7 +67,7 @@ class StackedMLP(nn.Module):
 class DeterministicActor(StackedMLP):
     """Actions (S, B, A) in [−1, 1] by a tanh at the output, as in DDPG and TD3."""
 
-    def forward(self, observation: Tensor) -> Tensor:
+    def forward(self, observation: Tensor, /) -> Tensor:
         return torch.tanh(super().forward(observation))
 
 
@@ -76,11 +76,11 @@ class GaussianActor(StackedMLP):
 
     def _distribution(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         mean, log_std = super().forward(observation).chunk(2, dim=-1)
-        # A smooth squash keeps a gradient at both ends of the allowed range.
+        # tanh, unlike a clamp, has a gradient at both ends of the range.
         middle, half = (LOG_STD_MAX + LOG_STD_MIN) / 2, (LOG_STD_MAX - LOG_STD_MIN) / 2
         return mean, middle + half * torch.tanh(log_std)
 
-    def forward(self, observation: Tensor) -> Tensor:
+    def forward(self, observation: Tensor, /) -> Tensor:
         """The mode's action, (S, B, A) in [−1, 1]."""
         return torch.tanh(super().forward(observation).chunk(2, dim=-1)[0])
 
@@ -97,10 +97,10 @@ class GaussianActor(StackedMLP):
 class Critic(nn.Module):
     """Action values Q of C critics for each of S agents: observation (S, B, F), action (S, B, A) → (C, S, B).
 
-    What a single action changes is small beside what the state decides. So the two have networks of their own whose
-    outputs add up (after Wang et al., "Dueling network architectures", ICML 2016, arXiv:1511.06581, without centring):
-    errors in the value of states then do not pass for differences between actions. And actions enter amplified: those
-    that are tried differ by a few tenths, features by ones.
+    Q depends far more on the state than on a single action. So it is the sum of a network of the state and one of state
+    and action (after Wang et al., "Dueling network architectures", ICML 2016, arXiv:1511.06581, without centring). This
+    keeps errors in the value of states apart from differences between actions. Actions are multiplied by `ACTION_GAIN`
+    before they enter, because they vary by a few tenths where features vary by one.
     """
 
     def __init__(
@@ -128,3 +128,17 @@ class Critic(nn.Module):
         value = self.of_state(each(observation))
         value = value + self.of_action(each(torch.cat((observation, ACTION_GAIN * action), -1)))
         return value.view(self.critics, stack, batch)
+
+
+def stack(value: Tensor, shared: bool) -> Tensor:
+    """(W, K, ...) → (K, W, ...) for a network of each AUV, or (1, W K, ...) for one that all share."""
+    if shared:
+        return value.reshape(1, -1, *value.shape[2:])
+    return value.transpose(0, 1).contiguous()
+
+
+def unstack(value: Tensor, auvs: int) -> Tensor:
+    """The inverse of `stack`: back to (W, K, ...)."""
+    if value.shape[0] == 1:
+        return value.reshape(-1, auvs, *value.shape[2:])
+    return value.transpose(0, 1)

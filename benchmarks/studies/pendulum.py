@@ -2,9 +2,9 @@
 
     python -m benchmarks.studies.pendulum --json
 
-The algorithms, their networks, replay, noise and whitening are those of `policies`; what `Trainer` adds belongs to the
-ocean and is left out. Gymnasium's environment trains and judges. Published: the table of RL Baselines3 Zoo (Raffin,
-2020), https://github.com/DLR-RM/rl-baselines3-zoo/blob/master/benchmark.md, one run of each algorithm, 20 000 steps,
+The algorithms, their networks, replay, noise and standardizer are those of `policies`; what `Trainer` adds belongs to
+the ocean and is left out. Gymnasium's environment trains and evaluates. Published: RL Baselines3 Zoo (Raffin, 2020),
+https://github.com/DLR-RM/rl-baselines3-zoo/blob/master/benchmark.md, one run of each algorithm, 20 000 steps,
 deterministic policy over 750 episodes, mean ± standard deviation over episodes. The time is the processor's, so that
 other programs hardly change it.
 """
@@ -26,22 +26,22 @@ from torch import Tensor
 from benchmarks.machine import describe
 from policies import TrainingConfig
 from policies.algorithms import ALGORITHMS, Learner, Sizes
-from policies.config import ALGORITHM_NAMES
-from policies.learned import Whitening
-from policies.noise import CorrelatedNoise
-from policies.replay import Replay, stack, unstack
+from policies.networks import stack, unstack
+from policies.standardizer import Standardizer
+from policies.training.noise import CorrelatedNoise
+from policies.training.replay import Replay
 
 ENVIRONMENT = "Pendulum-v1"
 SIZES = Sizes(stack=1, observation=3, action=1)
 STEPS = 20_000  # of all environments together, as published
 SEEDS = (10, 11, 12)  # the settings were chosen on 0, 1 and 2
-EPISODES, JUDGE_SEED = 100, 10_000
+EPISODES, EVALUATION_SEED = 100, 10_000
 PUBLISHED = {"sac": (-156.995, 88.714), "td3": (-151.855, 90.227), "ddpg": (-152.099, 94.282)}
 PUBLISHED_EPISODES = 750
 
-REWARD_SCALE = 0.1  # rewards down to −16.3 become what the learners are made for
+REWARD_SCALE = 0.1  # rewards down to −16.3 become of order one, for which the algorithms are set
 
-# Everything is named here: the algorithms are held to other people's numbers, whatever suits the ocean best.
+# Every setting is named here, so that the defaults, which suit the ocean, may change.
 SETTINGS = {
     "num_worlds": 4,
     "hidden": (64, 64),
@@ -76,13 +76,13 @@ def features(observation: np.ndarray) -> Tensor:
 
 
 class Pendulum:
-    """A learner and its whitening, trained on `STEPS` steps of Pendulum-v1 as `Trainer` trains in the ocean."""
+    """A learner and its standardizer, trained on `STEPS` steps of Pendulum-v1 as `Trainer` trains in the ocean."""
 
     def __init__(self, config: TrainingConfig):
         self.config = config
         self.generator = torch.Generator().manual_seed(config.seed)
         self.learner: Learner = ALGORITHMS[config.algorithm](SIZES, config, self.generator)
-        self.whitening = Whitening.identity(SIZES.observation, self.generator.device)
+        self.standardizer = Standardizer.identity(SIZES.observation, self.generator.device)
 
     def train(self) -> None:
         """Act with exploration, store, update."""
@@ -95,32 +95,32 @@ class Pendulum:
         for step in range(STEPS // worlds):
             learning = step * worlds >= config.warmup
             if learning and self.learner.updates == 0:
-                self.whitening = Whitening.of(replay.observation[: replay.size])
-                replay.observation[: replay.size] = self.whitening(replay.observation[: replay.size])
-            white = self.whitening(seen)
-            action = unstack(self.learner.explore(stack(white, False), stack(noise.step(), False)), 1)
+                self.standardizer = Standardizer.of(replay.observation[: replay.size])
+                replay.observation[: replay.size] = self.standardizer(replay.observation[: replay.size])
+            standardized = self.standardizer(seen)
+            action = unstack(self.learner.explore(stack(standardized, False), stack(noise.step(), False)), 1)
             after, reward, terminated, truncated, _ = environments.step(torque(action[:, 0], environments))
             scaled = torch.from_numpy(reward).float().unsqueeze(1) * REWARD_SCALE
-            replay.add(white, action, scaled, torch.from_numpy(terminated).unsqueeze(1))
+            replay.add(standardized, action, scaled, torch.from_numpy(terminated).unsqueeze(1))
             seen = features(after)
             if truncated.all():
-                replay.finish(self.whitening(seen))
+                replay.finish(self.standardizer(seen))
                 seen = features(environments.reset()[0])
             if learning:
-                self.learner.slow_down(1.0 - (1.0 - config.final_rate) * step * worlds / STEPS)
+                self.learner.set_learning_rate(1.0 - (1.0 - config.final_rate) * step * worlds / STEPS)
                 for _ in range(config.updates):
                     self.learner.update(replay.sample(config.batch, config.n_step, config.gamma, self.generator))
                     self.learner.average()
         environments.close()
 
     @torch.no_grad()
-    def judge(self) -> list[float]:
-        """Returns of `EPISODES` episodes of the policy that counts, without noise, their seeds `JUDGE_SEED` and up."""
+    def evaluate(self) -> list[float]:
+        """Returns of `EPISODES` episodes of the averaged actor without noise, from the seed `EVALUATION_SEED` on."""
         environments = make(EPISODES)
-        observation, _ = environments.reset(seed=JUDGE_SEED)
+        observation, _ = environments.reset(seed=EVALUATION_SEED)
         returns, over = np.zeros(EPISODES), False
         while not over:
-            action = self.learner.averaged(stack(self.whitening(features(observation)), False))[0]
+            action = self.learner.averaged(stack(self.standardizer(features(observation)), False))[0]
             observation, reward, _, truncated, _ = environments.step(torque(action, environments))
             returns += reward
             over = bool(truncated.all())
@@ -129,14 +129,14 @@ class Pendulum:
 
 
 def measure(algorithm: str) -> dict[str, object]:
-    """Train and judge an algorithm with every seed."""
+    """Train and evaluate an algorithm with every seed."""
     torch.set_num_threads(1)
     begun = time.process_time()
     returns = []
     for seed in SEEDS:
         pendulum = Pendulum(TrainingConfig(algorithm=algorithm, seed=seed, **SETTINGS))
         pendulum.train()
-        returns.append(pendulum.judge())
+        returns.append(pendulum.evaluate())
     together = [value for run in returns for value in run]
     published = PUBLISHED[algorithm]
     return {
@@ -156,7 +156,7 @@ def main() -> None:
     arguments = parser.parse_args()
     machine = describe()
     rows = []
-    for algorithm in ALGORITHM_NAMES:
+    for algorithm in PUBLISHED:
         row = measure(algorithm)
         rows.append(row)
         seeds = ", ".join(f"{mean:.1f}" for mean in row["return_mean_by_seed"])

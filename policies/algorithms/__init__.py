@@ -1,10 +1,19 @@
-"""Learning algorithms, each one an update that reads like its paper."""
+"""Learning algorithms, each one an update that reads like its paper.
 
+From outside: `ALGORITHMS`, the classes by name; `Learner`, what a new one derives from, and the types it is given.
+"""
+
+from kernels.registry import Registry
+from policies.algorithms.batch import Batch
 from policies.algorithms.ddpg import DDPG
-from policies.algorithms.learner import Learner, Sizes
+from policies.algorithms.learner import Learner, Settings, Sizes
 from policies.algorithms.sac import SAC
 from policies.algorithms.td3 import TD3
+from policies.policy import PolicyError
 
-ALGORITHMS: dict[str, type[Learner]] = {"sac": SAC, "td3": TD3, "ddpg": DDPG}
+ALGORITHMS: Registry[type[Learner]] = Registry("algorithm", PolicyError)
+ALGORITHMS.register("sac", SAC)
+ALGORITHMS.register("td3", TD3)
+ALGORITHMS.register("ddpg", DDPG)
 
-__all__ = ["ALGORITHMS", "DDPG", "SAC", "TD3", "Learner", "Sizes"]
+__all__ = ["ALGORITHMS", "Batch", "Learner", "Settings", "Sizes"]

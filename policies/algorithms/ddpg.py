@@ -9,8 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from policies.algorithms.batch import Batch
 from policies.algorithms.deterministic import DeterministicLearner
-from policies.replay import Batch
 
 
 class DDPG(DeterministicLearner):
@@ -24,8 +24,8 @@ class DDPG(DeterministicLearner):
 
         value = self.critics(batch.observation, batch.action)[0]
         critic_loss = (value - target).square().mean(-1)
-        self.descend("critics", critic_loss.sum())
+        self.gradient_step("critics", critic_loss.sum())
 
-        self.improve(batch.observation)
+        self.update_actor_and_targets(batch.observation)
         self.updates += 1
         return {"critic_loss": critic_loss.detach().mean(), "value": value.detach().mean()}

@@ -3,45 +3,45 @@
 from __future__ import annotations
 
 import copy
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
-from policies.algorithms.learner import Learner, Sizes
-from policies.config import TrainingConfig
+from policies.algorithms.learner import Learner, Settings, Sizes
 from policies.networks import Critic, DeterministicActor
 
 
-class DeterministicLearner(Learner):
-    """A deterministic actor, one or more critics, a target network of each, and noise added to explore.
+class DeterministicLearner(Learner[DeterministicActor]):
+    """A deterministic actor, one or more critics, a target network of each, and additive noise for exploration.
 
     Attributes:
         members: number of critics for each learner.
     """
 
-    members: int
+    members: ClassVar[int]
 
     @staticmethod
-    def make_actor(sizes: Sizes, config: TrainingConfig, generator: torch.Generator) -> DeterministicActor:
+    def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> DeterministicActor:
         layers = (sizes.observation, *config.hidden, sizes.action)
         return DeterministicActor(sizes.stack, layers, generator, output_gain=0.01)
 
-    def __init__(self, sizes: Sizes, config: TrainingConfig, generator: torch.Generator):
-        super().__init__(config, generator)
-        self.act_with(self.make_actor(sizes, config, generator))
+    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator):
+        super().__init__(sizes, config, generator)
+        self.set_actor(self.make_actor(sizes, config, generator))
         shape = (self.members, sizes.stack, sizes.observation, sizes.action)
         self.critics = Critic(*shape, config.hidden, generator, config.layer_norm)
         self.target_actor = copy.deepcopy(self.actor).requires_grad_(False)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
-        self.optimise("critics", self.critics.parameters())
+        self.add_optimiser("critics", self.critics.parameters())
 
     @torch.no_grad()
     def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
         return (self.actor(observation) + self.config.noise * noise).clamp(-1.0, 1.0)
 
-    def improve(self, observation: Tensor) -> None:
-        """One step of the actor up the first critic's value, and one of all targets towards their networks."""
+    def update_actor_and_targets(self, observation: Tensor) -> None:
+        """One gradient step of the actor up the first critic's value, and a soft update of every target network."""
         loss = -self.critics(observation, self.actor(observation))[0].mean(-1)
-        self.descend("actor", loss.sum())
-        self.follow(self.target_critics, self.critics)
-        self.follow(self.target_actor, self.actor)
+        self.gradient_step("actor", loss.sum())
+        self.soft_update(self.target_critics, self.critics)
+        self.soft_update(self.target_actor, self.actor)

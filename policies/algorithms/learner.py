@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn
 
-from policies.config import TrainingConfig
+from policies.algorithms.batch import Batch
 from policies.networks import StackedMLP
-from policies.replay import Batch
 
-AVERAGED = 200
+AVERAGED = 200  # updates, time constant of the averaged actor
+# One fused operation for all parameters; torch has no public name for it.
+lerp_ = torch._foreach_lerp_  # pyright: ignore[reportPrivateImportUsage]
+
+Actor = TypeVar("Actor", bound=StackedMLP)
 
 
 @dataclass(frozen=True)
@@ -30,47 +35,70 @@ class Sizes:
     action: int
 
 
-class Learner(nn.Module):
+class Settings(Protocol):
+    """What algorithms read of a run's settings, see `policies.TrainingConfig`."""
+
+    @property
+    def hidden(self) -> tuple[int, ...]: ...
+    @property
+    def layer_norm(self) -> bool: ...
+    @property
+    def learning_rate(self) -> float: ...
+    @property
+    def tau(self) -> float: ...
+    @property
+    def noise(self) -> float: ...
+
+
+class Learner(nn.Module, Generic[Actor]):
     """S independent learners of one algorithm. All tensors have the leading axis S; losses are summed over it.
 
     Because Adam works element by element and the networks share no weight, a stack learns exactly as its members would
-    alone. The policy that counts is `averaged`, the actor with its weights averaged over some `AVERAGED` updates
-    (Polyak, Juditsky 1992, doi 10.1137/0330046): single updates are noisy. `generator` is the source of every random
-    number, on the device of the networks.
+    alone. What is evaluated and kept is `averaged`, the actor with its weights averaged over the last `AVERAGED` or so
+    updates (Polyak, Juditsky 1992, doi 10.1137/0330046), because single updates are noisy.
+
+    Args:
+        sizes: shape of the networks.
+        config: settings of the run.
+        generator: source of every random number, on the device of the networks.
+
+    Attributes:
+        updates: number of calls of `update`, which counts them.
     """
 
-    actor: StackedMLP
-    averaged: StackedMLP
+    actor: Actor
+    averaged: Actor
 
-    def __init__(self, config: TrainingConfig, generator: torch.Generator):
+    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator):
         super().__init__()
+        self.sizes = sizes
         self.config = config
         self.generator = generator
         self.updates = 0
         self.optimisers: dict[str, torch.optim.Adam] = {}
 
     @staticmethod
-    def make_actor(sizes: Sizes, config: TrainingConfig, generator: torch.Generator) -> StackedMLP:
+    def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> Actor:
         """Untrained actors of this algorithm; their first actions are near zero."""
         raise NotImplementedError
 
-    def act_with(self, actor: StackedMLP) -> None:
-        """Take an actor as the one that is learned."""
+    def set_actor(self, actor: Actor) -> None:
+        """Make an actor the one that is learned."""
         self.actor = actor
         self.averaged = copy.deepcopy(actor).requires_grad_(False)
-        self.optimise("actor", actor.parameters())
+        self.add_optimiser("actor", actor.parameters())
 
-    def optimise(self, name: str, parameters) -> None:
+    def add_optimiser(self, name: str, parameters: Iterable[nn.Parameter]) -> None:
         """Give parameters an optimiser of that name."""
         self.optimisers[name] = torch.optim.Adam(parameters, lr=self.config.learning_rate, fused=True)
 
-    def slow_down(self, share: float) -> None:
-        """Go on with a share of the learning rate of the start."""
+    def set_learning_rate(self, share: float) -> None:
+        """Set the learning rate to a share of that in the settings."""
         for optimiser in self.optimisers.values():
             for group in optimiser.param_groups:
                 group["lr"] = share * self.config.learning_rate
 
-    def descend(self, name: str, loss: Tensor) -> None:
+    def gradient_step(self, name: str, loss: Tensor) -> None:
         """One step of the named optimiser, along the gradient of `loss` with respect to its own parameters only."""
         optimiser = self.optimisers[name]
         parameters = optimiser.param_groups[0]["params"]
@@ -79,21 +107,21 @@ class Learner(nn.Module):
         optimiser.step()
 
     @torch.no_grad()
-    def follow(self, targets: nn.Module, networks: nn.Module) -> None:
+    def soft_update(self, targets: nn.Module, networks: nn.Module) -> None:
         """Move target networks by τ towards the networks: θ' ← θ' + τ (θ − θ')."""
-        torch._foreach_lerp_(list(targets.parameters()), list(networks.parameters()), self.config.tau)
+        lerp_(list(targets.parameters()), list(networks.parameters()), self.config.tau)
 
     @torch.no_grad()
     def average(self) -> None:
         """Move the averaged actor towards the actor."""
-        torch._foreach_lerp_(list(self.averaged.parameters()), list(self.actor.parameters()), 1.0 / AVERAGED)
+        lerp_(list(self.averaged.parameters()), list(self.actor.parameters()), 1.0 / AVERAGED)
 
     def normal(self, shape: torch.Size) -> Tensor:
         """Standard normal numbers."""
         return torch.randn(shape, generator=self.generator, device=self.generator.device)
 
     def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
-        """Actions (S, B, A) to try while learning, for observations (S, B, F), by standard normal noise (S, B, A)."""
+        """Exploring actions (S, B, A) in [−1, 1] for observations (S, B, F) and standard normal noise (S, B, A)."""
         raise NotImplementedError
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
@@ -109,7 +137,7 @@ class Learner(nn.Module):
                     state[f"optimiser.{name}.{index}.{key}"] = value
         return state
 
-    def restore(self, state: dict[str, Tensor]) -> None:
+    def restore(self, state: Mapping[str, Tensor]) -> None:
         """The inverse of `tensors`."""
         self.load_state_dict({key: value for key, value in state.items() if not key.startswith("optimiser.")})
         for name, optimiser in self.optimisers.items():

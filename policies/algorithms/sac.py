@@ -11,30 +11,29 @@ import copy
 import torch
 from torch import Tensor, nn
 
-from policies.algorithms.learner import Learner, Sizes
-from policies.config import TrainingConfig
+from policies.algorithms.batch import Batch
+from policies.algorithms.learner import Learner, Settings, Sizes
 from policies.networks import Critic, GaussianActor
-from policies.replay import Batch
 
 
-class SAC(Learner):
+class SAC(Learner[GaussianActor]):
     @staticmethod
-    def make_actor(sizes: Sizes, config: TrainingConfig, generator: torch.Generator) -> GaussianActor:
+    def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> GaussianActor:
         layers = (sizes.observation, *config.hidden, 2 * sizes.action)
         return GaussianActor(sizes.stack, layers, generator, output_gain=0.01)
 
-    def __init__(self, sizes: Sizes, config: TrainingConfig, generator: torch.Generator):
-        super().__init__(config, generator)
-        self.act_with(self.make_actor(sizes, config, generator))
+    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator):
+        super().__init__(sizes, config, generator)
+        self.set_actor(self.make_actor(sizes, config, generator))
         self.critics = Critic(
             2, sizes.stack, sizes.observation, sizes.action, config.hidden, generator, config.layer_norm
         )
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
-        # One temperature for each learner, started small: the rewards are of order one.
+        # One temperature for each learner, small at first because rewards are of order one.
         self.log_alpha = nn.Parameter(torch.full((sizes.stack, 1), -3.0, device=generator.device))
         self.target_entropy = -float(sizes.action)
-        self.optimise("critics", self.critics.parameters())
-        self.optimise("temperature", [self.log_alpha])
+        self.add_optimiser("critics", self.critics.parameters())
+        self.add_optimiser("temperature", [self.log_alpha])
 
     @torch.no_grad()
     def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
@@ -50,16 +49,16 @@ class SAC(Learner):
 
         value = self.critics(batch.observation, batch.action)
         critic_loss = (value - target).square().mean(-1).sum(0)
-        self.descend("critics", critic_loss.sum())
+        self.gradient_step("critics", critic_loss.sum())
 
         action, log_density = self.actor.sample(batch.observation, self.normal(batch.action.shape))
         actor_loss = (alpha * log_density - self.critics(batch.observation, action).amin(0)).mean(-1)
-        self.descend("actor", actor_loss.sum())
+        self.gradient_step("actor", actor_loss.sum())
 
         surprise = (log_density.detach() + self.target_entropy).mean(-1, keepdim=True)
-        self.descend("temperature", -(self.log_alpha * surprise).sum())
+        self.gradient_step("temperature", -(self.log_alpha * surprise).sum())
 
-        self.follow(self.target_critics, self.critics)
+        self.soft_update(self.target_critics, self.critics)
         self.updates += 1
         return {
             "critic_loss": critic_loss.detach().mean(),

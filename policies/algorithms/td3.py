@@ -9,11 +9,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from policies.algorithms.batch import Batch
 from policies.algorithms.deterministic import DeterministicLearner
-from policies.replay import Batch
 
-SMOOTHING, SMOOTHING_LIMIT = 0.2, 0.5
-DELAY = 2
+SMOOTHING, SMOOTHING_LIMIT = 0.2, 0.5  # standard deviation of the target policy's noise, and its bound
+DELAY = 2  # updates of the critics for each of the actor
 
 
 class TD3(DeterministicLearner):
@@ -30,9 +30,9 @@ class TD3(DeterministicLearner):
 
         value = self.critics(batch.observation, batch.action)
         critic_loss = (value - target).square().mean(-1).sum(0)
-        self.descend("critics", critic_loss.sum())
+        self.gradient_step("critics", critic_loss.sum())
 
         self.updates += 1
         if self.updates % DELAY == 0:
-            self.improve(batch.observation)
+            self.update_actor_and_targets(batch.observation)
         return {"critic_loss": critic_loss.detach().mean(), "value": value.detach().mean()}

@@ -3,20 +3,21 @@
 From outside: `HEURISTICS`, the classes by name, and `Heuristic`, what a new one derives from.
 """
 
+from kernels.registry import Registry
 from policies.heuristics.constant_speed import Crab, Straight
 from policies.heuristics.heuristic import Heuristic
 from policies.heuristics.keep import Keep
 from policies.heuristics.pace import Pace
 from policies.heuristics.random import Random
 from policies.heuristics.zermelo import Zermelo
+from policies.policy import PolicyError
 
-HEURISTICS: dict[str, type[Heuristic]] = {
-    "straight": Straight,
-    "crab": Crab,
-    "pace": Pace,
-    "zermelo": Zermelo,
-    "keep": Keep,
-    "random": Random,
-}
+HEURISTICS: Registry[type[Heuristic]] = Registry("policy", PolicyError)
+HEURISTICS.register("straight", Straight)
+HEURISTICS.register("crab", Crab)
+HEURISTICS.register("pace", Pace)
+HEURISTICS.register("zermelo", Zermelo)
+HEURISTICS.register("keep", Keep)
+HEURISTICS.register("random", Random)
 
 __all__ = ["HEURISTICS", "Heuristic"]

@@ -1,4 +1,4 @@
-"""The algorithms on a task where others have numbers: Gymnasium's Pendulum-v1, which also judges."""
+"""The algorithms on a task where others have numbers: Gymnasium's Pendulum-v1, which also evaluates."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from policies import TrainingConfig
 
 def test_an_untrained_policy_is_far_below():
     pendulum = Pendulum(TrainingConfig(algorithm="sac", **SETTINGS))
-    returns = pendulum.judge()
+    returns = pendulum.evaluate()
     assert len(returns) == EPISODES
-    assert returns == pendulum.judge()
+    assert returns == pendulum.evaluate()
     assert sum(returns) / EPISODES < -800
 
 

@@ -20,7 +20,7 @@ class Clock:
         return self.now
 
 
-class Judge:
+class Evaluator:
     """Takes 100 s for each evaluation and finds what it was told to find."""
 
     class world:
@@ -42,10 +42,10 @@ def clock(monkeypatch):
 
 
 def course(clock, scores, limit=1000.0):
-    return train.Course("test", Judge(clock, scores), {"low": 1.0, "high": 2.0}, limit)
+    return train.Course("test", Evaluator(clock, scores), {"low": 1.0, "high": 2.0}, limit)
 
 
-def test_the_clock_stands_still_while_judging(clock):
+def test_the_clock_stands_still_while_evaluating(clock):
     run = course(clock, [0.0, 0.5, 0.6])
     assert not run.look(None, 0, 0)
     clock.now += 0.9

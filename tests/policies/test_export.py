@@ -14,7 +14,7 @@ from policies import export as exporting
 from policies.algorithms import ALGORITHMS, Sizes
 from policies.export import export
 from policies.frames import ACTION_SIZE, FRAMES
-from policies.learned import Whitening
+from policies.standardizer import Standardizer
 from usvauv_env import Scenario, World
 from usvauv_env.faces.quantities import commanded, observed
 from usvauv_env.world.world import observation_size
@@ -45,8 +45,8 @@ def untrained(scenario: Scenario, **settings) -> LearnedPolicy:
     actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator().manual_seed(1))
     with torch.no_grad():
         actor.weights[-1].mul_(300.0)
-    whitening = Whitening.of(frame.encode(observations(scenario, 20)))
-    return LearnedPolicy("untrained", scenario, config.frame, whitening, actor, config.shared)
+    standardizer = Standardizer.of(frame.encode(observations(scenario, 20)))
+    return LearnedPolicy("untrained", scenario, config.frame, standardizer, actor, config.shared)
 
 
 @pytest.fixture(scope="module", params=KINDS)

@@ -10,7 +10,7 @@ import torch
 from scipy.optimize import minimize_scalar
 
 import policies
-from policies.frames import FENCE, PRICE, GuidedFrame
+from policies.frames import BORDER_MARGIN, PRICE, GuidedFrame
 from policies.guidance import SPEEDS, SpeedToFly, crab, unit
 from tests.policies.toy import ToyWorld, scenario
 from usvauv_env import Scenario
@@ -80,7 +80,7 @@ class TestGuidedFrame:
         world = ToyWorld(toy, 64, seed=3)
         pace = policies.load(f"pace:{PRICE}", world)
         observation = world.reset()
-        inside = ((world.position > FENCE) & (world.position < 100 - FENCE)).all(-1)
+        inside = ((world.position > BORDER_MARGIN) & (world.position < 100 - BORDER_MARGIN)).all(-1)
         action = GuidedFrame(toy).decode(observation, torch.zeros(64, 2, 2))
         assert inside.sum() > 100
         torch.testing.assert_close(action[inside], pace.act(observation)[inside])
@@ -111,7 +111,7 @@ class TestGuidedFrame:
         assert outwards * float(ground[axis]) < 1e-5
         assert float(ground.norm()) > 0.5
 
-    def test_inside_the_fence_the_course_is_kept(self):
+    def test_away_from_the_border_the_course_is_kept(self):
         world, observation = self.observe((10.0, 40.0), (80.0, 40.0))
         action = GuidedFrame(world.scenario).decode(observation, torch.tensor([0.5, 0.0]).expand(1, 2, 2))
         ground = (world.velocity(action) + world.drift)[0, 0].numpy()

@@ -1,15 +1,15 @@
-"""Replay, stacked networks, one update of each algorithm, exploration noise, whitening."""
+"""Replay, stacked networks, one update of each algorithm, exploration noise, standardizer."""
 
 from __future__ import annotations
 
 import pytest
 import torch
 
-from policies.algorithms import ALGORITHMS, Sizes
-from policies.learned import Whitening
-from policies.networks import ACTION_GAIN, Critic, DeterministicActor, GaussianActor, StackedMLP
-from policies.noise import CorrelatedNoise
-from policies.replay import Batch, Replay, stack, unstack
+from policies.algorithms import ALGORITHMS, Batch, Sizes
+from policies.networks import ACTION_GAIN, Critic, DeterministicActor, GaussianActor, StackedMLP, stack, unstack
+from policies.standardizer import Standardizer
+from policies.training.noise import CorrelatedNoise
+from policies.training.replay import Replay
 from tests.policies.toy import LEARNING, seeded
 
 CPU = torch.device("cpu")
@@ -27,14 +27,14 @@ def random_batch(stack_size, batch=32, features=5, seed=0):
 
 
 class TestReplay:
-    def filled(self, rewards, terminated=(), ends=(), rows=20):
+    def filled(self, rewards, horizon_ended=(), ends=(), rows=20):
         """One world, one AUV; the observation at step t is t, and an episode's end adds an observation of its own."""
         replay = Replay(rows, (1, 1, 1, 1), CPU, shared=False)
         clock = 0
         for step, reward in enumerate(rewards):
             one = torch.full((1, 1), float(reward))
             replay.add(
-                torch.full((1, 1, 1), float(clock)), one.unsqueeze(-1), one, torch.tensor([[step in terminated]])
+                torch.full((1, 1, 1), float(clock)), one.unsqueeze(-1), one, torch.tensor([[step in horizon_ended]])
             )
             clock += 1
             if step in ends:
@@ -58,8 +58,8 @@ class TestReplay:
         assert drawn[3] == (24.0, 0.125, 6.0)
         assert set(drawn) == {1, 2, 3}
 
-    def test_termination_cuts_the_value(self):
-        drawn = self.drawn(self.filled([1, 2, 4, 8, 16, 32, 64], terminated={2}), n=3)
+    def test_the_end_of_the_horizon_cuts_the_value(self):
+        drawn = self.drawn(self.filled([1, 2, 4, 8, 16, 32, 64], horizon_ended={2}), n=3)
         assert drawn[1][:2] == (4.0, 0.0)  # 2 + 4/2, nothing after
         assert drawn[2][:2] == (4.0, 0.0)
         assert drawn[3] == (24.0, 0.125, 6.0)  # the episode goes on
@@ -74,7 +74,7 @@ class TestReplay:
         assert 4 not in drawn
 
     def test_one_step(self):
-        drawn = self.drawn(self.filled([1, 2, 4, 8], terminated={1}), n=1)
+        drawn = self.drawn(self.filled([1, 2, 4, 8], horizon_ended={1}), n=1)
         assert drawn == {1: (2.0, 0.0, 2.0), 2: (4.0, 0.5, 3.0)}
 
     def test_the_ring_forgets_the_oldest(self):
@@ -195,7 +195,7 @@ class TestLearners:
         expected = (value - batch.reward - 0.9 * future).square().mean()
         assert float(learner.update(batch)["critic_loss"]) == pytest.approx(float(expected.detach()), rel=1e-5)
 
-    def test_targets_follow_by_tau(self):
+    def test_targets_move_by_tau(self):
         learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
         before = [value.clone() for value in learner.target_critics.parameters()]
         learner.update(random_batch(1))
@@ -229,9 +229,9 @@ class TestNoise:
             assert float((path[0] * path[lag]).mean()) == pytest.approx(0.8**lag, abs=0.04)
 
 
-class TestWhitening:
+class TestStandardizer:
     def test_it_standardises_and_leaves_constants(self):
         samples = torch.randn((100, 4, 3), generator=seeded()) * torch.tensor([10.0, 0.1, 0.0]) + 2.0
-        white = Whitening.of(samples)(samples).flatten(0, 1)
-        torch.testing.assert_close(white.mean(0), torch.zeros(3), atol=1e-4, rtol=0)
-        torch.testing.assert_close(white.std(0, correction=0), torch.tensor([1.0, 1.0, 0.0]), atol=1e-4, rtol=0)
+        standardized = Standardizer.of(samples)(samples).flatten(0, 1)
+        torch.testing.assert_close(standardized.mean(0), torch.zeros(3), atol=1e-4, rtol=0)
+        torch.testing.assert_close(standardized.std(0, correction=0), torch.tensor([1.0, 1.0, 0.0]), atol=1e-4, rtol=0)

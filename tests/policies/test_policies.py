@@ -27,7 +27,7 @@ def angle(vector):
 
 
 class TestFace:
-    def test_heuristics_follow_the_trained_ones(self):
+    def test_heuristics_come_after_the_trained_ones(self):
         names = policies.available()
         assert names[-6:] == ["straight", "crab", "pace", "zermelo", "keep", "random"]
         assert names[:-6] == policies.trained()

@@ -66,7 +66,7 @@ def whole(tmp_path_factory):
     [
         ("sac", [20]),  # an evaluation is due there
         ("sac", [48]),  # an episode has just ended
-        ("sac", [WARMUP]),  # the next step measures the whitening
+        ("sac", [WARMUP]),  # the next step measures the features
         ("sac", [WARMUP + 4]),
         ("sac", [44, 92, 148]),  # the replay's ring has gone round
         ("td3", [108]),

@@ -78,10 +78,10 @@ class TestTraining:
         assert last["reward"]["progress"] < 0.512
         assert last["sdr"] == pytest.approx(last["services"])
 
-    def test_terminations_reach_the_targets(self):
+    def test_ends_of_the_horizon_reach_the_replay(self):
         trainer = Trainer(ToyWorld(scenario(), 32, seed=1, terminates=True), LEARNING)
         trainer.train(3200)
-        assert trainer.replay.terminated.any()
+        assert trainer.replay.horizon_ended.any()
         assert int(trainer.replay.end.sum()) == 2
 
     def test_trains_in_the_real_world(self):
@@ -149,7 +149,7 @@ class TestRenewal:
     def test_without_it_services_end_nothing(self):
         trainer = Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, renewal=False))
         trainer.train(32 * 60)
-        assert not trainer.replay.terminated.any()
+        assert not trainer.replay.horizon_ended.any()
         assert trainer.gain == 0.0
 
     def test_where_the_scenario_ends_the_horizon_itself_time_has_no_price(self):
@@ -157,7 +157,7 @@ class TestRenewal:
         trainer = Trainer(ToyWorld(toy, 32, seed=1, terminates=True), LEARNING)
         trainer.train(32 * 60)
         assert trainer.gain == 0.0
-        assert trainer.replay.terminated.any()
+        assert trainer.replay.horizon_ended.any()
 
 
 class TestScales:

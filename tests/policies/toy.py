@@ -110,9 +110,9 @@ class ToyWorld:
         self.clock = self.clock + 1
         zero = torch.zeros_like(after)
         measures = torch.stack((effort, zero, 1.0 * served, zero, zero, zero), -1)
-        terminated = served if self.terminates else torch.zeros_like(served)
+        horizon_ended = served if self.terminates else torch.zeros_like(served)
         truncated = torch.full_like(served, bool(self.clock >= self.steps))
-        return self._observe(), terms.sum(-1), terminated, truncated, {"reward_terms": terms, "measures": measures}
+        return self._observe(), terms.sum(-1), horizon_ended, truncated, {"reward_terms": terms, "measures": measures}
 
     def state(self) -> dict[str, Tensor]:
         return {

@@ -245,7 +245,7 @@ def test_a_stopped_run_goes_on_bit_for_bit(tmp_path, monkeypatch):
     in_one_go = run.place(tmp_path / "one")
 
     # During training; the evaluation of the untrained policy takes the first 20 reports.
-    monkeypatch.setattr("policies.trainer.WINDOW", 5)
+    monkeypatch.setattr("policies.training.trainer.WINDOW", 5)
     folder = tmp_path / "two"
     with pytest.raises(KeyboardInterrupt):
         pool._alone([run], TINY, folder, interrupting(22))

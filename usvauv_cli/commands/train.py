@@ -54,7 +54,7 @@ def train(
     """
     import policies
     from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-    from policies.provenance import provenance
+    from policies.training.provenance import provenance
     from usvauv_cli import report
     from usvauv_env import Scenario, World
 

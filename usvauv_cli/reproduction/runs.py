@@ -17,7 +17,7 @@ import torch
 import policies
 from policies import checkpoint
 from policies.evaluation import EVALUATION_SEED_OFFSET
-from policies.provenance import provenance
+from policies.training.provenance import provenance
 from usvauv_cli.reproduction.paper import CONDITIONS
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import EVALUATION_STEP, Stopped, Work

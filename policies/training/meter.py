@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
+from policies.training.world import TrainingWorld
+
 
 class Meter:
-    """Sums what the worlds measure, on their device, and turns it into the figures people read.
+    """Sums rewards and measures of the worlds, on their device, and gives the figures that reports show.
 
-    Rates are given as an episode would count them: `services`, `sdr` and `border` for one episode of one world.
+    `services`, `sdr` and `border` are scaled to one episode of one world.
     """
 
-    def __init__(self, world):
+    def __init__(self, world: TrainingWorld):
         self.world = world
         self.reset()
 
     def reset(self) -> None:
+        """Begin a new window."""
         device = self.world.device
         self.terms = torch.zeros(len(self.world.reward_names), dtype=torch.float64, device=device)
         self.measures = torch.zeros(len(self.world.measure_names), dtype=torch.float64, device=device)
@@ -32,8 +37,10 @@ class Meter:
         self.services += (measures[..., self.world.measure_names.index("service_rate")] > 0).sum()
         self.rows += 1
 
-    def figures(self) -> dict:
-        """arps, sdr, ec, services, border, position_error; reward: each term of a step, summed over AUVs; learner."""
+    def figures(self) -> dict[str, Any]:
+        """Means over the window: arps, sdr, ec, services, border, position_error; "reward", each term for a step and
+        summed over AUVs; "learner", each figure of the updates.
+        """
         world = self.world
         world_steps = max(self.rows, 1) * world.num_worlds
         episodes = world_steps / world.steps

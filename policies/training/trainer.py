@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +18,20 @@ from policies.algorithms import ALGORITHMS, Sizes
 from policies.checkpoint import FORMAT, POLICY, TRAINING
 from policies.config import TrainingConfig
 from policies.frames import ACTION_SIZE, FRAMES
-from policies.learned import LearnedPolicy, Whitening
-from policies.meter import Meter
-from policies.noise import CorrelatedNoise
+from policies.learned import LearnedPolicy
+from policies.networks import stack, unstack
 from policies.policy import PolicyError
-from policies.replay import Replay, stack, unstack
+from policies.standardizer import Standardizer
+from policies.training.interruption import on_interrupt
+from policies.training.meter import Meter
+from policies.training.noise import CorrelatedNoise
+from policies.training.replay import Replay
+from policies.training.tensorboard import scalar_writer
+from policies.training.world import TrainingWorld
 
 TINY = 1e-6
 WINDOW = 100  # steps of all worlds between two reports
-GAIN_RATE = 0.002  # share of the way that the estimated average reward goes in a step of all worlds
+GAIN_RATE = 0.002  # step size of the running mean of the reward, for each step of all worlds
 EVALUATIONS = 10  # evaluations in a run, unless told otherwise
 
 Evaluate = Callable[[LearnedPolicy], Mapping[str, float]]
@@ -38,15 +41,16 @@ Callback = Callable[[dict[str, Any]], None]
 class Trainer:
     """Trains a policy: act with exploration, step the worlds, store, update.
 
-    While the worlds take their step on one core, the updates run on another, on what was stored before that step; the
-    result does not depend on which of the two is faster. Worlds are truncated together and reset together; a truncated
-    transition bootstraps, a terminated one does not.
+    The updates run in parallel with the worlds' step, on what was stored before it; the result does not depend on which
+    of the two is faster. Worlds are truncated together and reset together. A truncated transition bootstraps from the
+    last observation; one at which the value's horizon ends does not bootstrap.
 
-    With `config.renewal` the average reward ρ of a step is maximised. By the renewal-reward theorem a policy is best
-    if no way to the next service brings more than ρ for each step that it takes (Ross, "Applied probability models with
-    optimization applications", 1970, section 7). So a service ends the value's horizon, and ρ, which is measured while
-    learning, is taken off every step's reward: time gets its true price wherever the AUV is, while what happens after
-    the service, which is noise to it, stays out of the value. A discount alone prices time by what is near.
+    With `config.renewal` the average reward ρ of a step is maximised. By the renewal-reward theorem a policy is optimal
+    if no trip to the next service yields more than ρ times its number of steps (Ross, "Applied probability models with
+    optimization applications", 1970, section 7). So a service ends the value's horizon, and ρ, estimated by the running
+    mean of the reward, is subtracted from the reward of every step. The price of time is then the same everywhere, and
+    rewards after the service, which are noise to the trip, do not enter its value. With a discount alone the price of
+    time depends on the distance to the next reward.
 
     Args:
         world: the worlds to train in, on a seed of their own.
@@ -54,17 +58,21 @@ class Trainer:
         directory: where `last`, `best` and `tensorboard` are kept; None: nothing is written.
         evaluate: policy → figures with at least "arps", on other worlds than the training ones. The policy with the
             highest arps is kept as `best`.
-        provenance: what is recorded in every checkpoint beside the figures, such as command and commit.
-        evaluations: how often `evaluate` is called in a run.
+        provenance: recorded in every checkpoint beside the figures, such as command and commit.
+        evaluations: number of calls of `evaluate` in a run.
 
     Attributes:
-        history: every evaluation of the run so far: its figures, with steps and updates. It is saved with the run
-            and goes on with it.
+        history: every evaluation of the run so far: its figures, with steps and updates; saved with the run.
+        steps: world-steps done.
+        stopped: whether the run was asked to stop, by Ctrl-C or a caller; it then ends after the present step.
+
+    Raises:
+        PolicyError: `config.num_worlds` is not the world's.
     """
 
     def __init__(
         self,
-        world,
+        world: TrainingWorld,
         config: TrainingConfig,
         directory: str | Path | None = None,
         evaluate: Evaluate | None = None,
@@ -89,9 +97,9 @@ class Trainer:
         self.gain = 0.0  # ρ
         self.scale = 1.0  # of the rewards that are learned from
         self.noise = CorrelatedNoise((*shape[:2], ACTION_SIZE), config.correlation, self.generator)
-        self.whitening = Whitening.identity(self.frame.features, device)
+        self.standardizer = Standardizer.identity(self.frame.features, device)
         self.meter = Meter(world)
-        self.observation: Tensor | None = None
+        self.observation = torch.empty(0)
         self.steps = 0
         self.seconds = 0.0
         self.best = -math.inf
@@ -100,10 +108,10 @@ class Trainer:
         self.stopped = False
 
     def policy(self, name: str = "training") -> LearnedPolicy:
-        """The policy as it is now; it goes on learning with the trainer."""
+        """The policy in training, for the world's scenario; it shares the trainer's networks and changes with them."""
         config = self.config
         actor = self.learner.averaged
-        return LearnedPolicy(name, self.world.scenario, config.frame, self.whitening, actor, config.shared)
+        return LearnedPolicy(name, self.world.scenario, config.frame, self.standardizer, actor, config.shared)
 
     def train(self, steps: int, callback: Callback = lambda figures: None) -> dict[str, Any]:
         """Train until `steps` world-steps are done in all, or until Ctrl-C (then `stopped` is true).
@@ -113,17 +121,17 @@ class Trainer:
             `Meter.figures`, and evaluation.
         """
         begun, seconds_before, steps_before = time.perf_counter(), self.seconds, self.steps
-        if self.observation is None:
+        if self.steps == 0:
             self.observation = self.world.reset().clone()
         figures: dict[str, Any] = {}
         self.stopped = False
-        with self._writer() as write, self._interruptible(), ThreadPoolExecutor(1) as pool:
+        with self._writer() as write, on_interrupt(self.stop), ThreadPoolExecutor(1) as pool:
             while self.steps < steps and not self.stopped:
                 self._advance(pool, steps)
                 done = self.steps >= steps
                 due = self._evaluations_due(steps) > self._evaluations_due(steps, self.steps - self.world.num_worlds)
-                if due:  # also when stopped: a run that goes on does not come by here again
-                    self._judge()
+                if due:  # also when stopped, because a resumed run begins after this step
+                    self._evaluate()
                 if due or done or self.stopped or self.meter.rows == WINDOW:
                     elapsed = time.perf_counter() - begun
                     self.seconds = seconds_before + elapsed
@@ -145,6 +153,21 @@ class Trainer:
                     self.save()
         return figures
 
+    def stop(self) -> None:
+        """End `train` after the present step."""
+        self.stopped = True
+
+    def _writer(self) -> AbstractContextManager[Callback]:
+        """A function that writes figures for TensorBoard; without a directory it does nothing."""
+        if self.directory is None:
+            return nullcontext(lambda figures: None)
+        return scalar_writer(self.directory / "tensorboard", self.steps)
+
+    def _last(self) -> Path:
+        if self.directory is None:
+            raise PolicyError("training: without a directory nothing is saved and nothing can be resumed")
+        return self.directory / "last"
+
     def _evaluations_due(self, total: int, steps: int | None = None) -> int:
         """Evaluations that belong to a run of `total` world-steps by the time `steps` are done."""
         return (self.steps if steps is None else steps) * self.evaluations // total
@@ -152,47 +175,45 @@ class Trainer:
     def _advance(self, pool: ThreadPoolExecutor, total: int) -> None:
         """One step of all worlds, of `total` world-steps in the run, and the updates that go with it."""
         config, world = self.config, self.world
-        features = self.whitening(self.frame.encode(self.observation))
+        features = self.standardizer(self.frame.encode(self.observation))
         learning = self.steps >= config.warmup and self.replay.size > config.n_step + 1
         if learning and self.learner.updates == 0:
-            features = self._whiten(features)
+            features = self._standardize(features)
         action = self.learner.explore(stack(features, config.shared), stack(self.noise.step(), config.shared))
         action = unstack(action, world.num_auvs)
         step = pool.submit(world.step, self.frame.decode(self.observation, action))
         if learning:
-            self.learner.slow_down(1.0 - (1.0 - config.final_rate) * self.steps / total)
+            self.learner.set_learning_rate(1.0 - (1.0 - config.final_rate) * self.steps / total)
             gain = self.scale * self.gain
             for _ in range(config.updates):
                 batch = self.replay.sample(config.batch, config.n_step, config.gamma, self.generator, gain)
                 self.meter.losses.append(self.learner.update(batch))
                 self.learner.average()
-        observation, reward, terminated, truncated, info = step.result()
+        observation, reward, horizon_ended, truncated, info = step.result()
         if self.renewal:
             self.gain += GAIN_RATE * (float(reward.mean()) - self.gain)
-            terminated = terminated | (info["measures"][..., world.measure_names.index("service_rate")] > 0)
-        self.replay.add(features, action, self.scale * reward, terminated)
+            horizon_ended = horizon_ended | (info["measures"][..., world.measure_names.index("service_rate")] > 0)
+        self.replay.add(features, action, self.scale * reward, horizon_ended)
         self.meter.add(info)
         self.steps += world.num_worlds
         if bool(truncated[0, 0]):
-            self.replay.finish(self.whitening(self.frame.encode(observation)))
+            self.replay.finish(self.standardizer(self.frame.encode(observation)))
             observation = world.reset()
         self.observation = observation.clone()
 
-    def _whiten(self, features: Tensor) -> Tensor:
-        """Measure the scales of features and reward on the steps before learning, once; bring what was stored, and
-        `features`, up to them.
+    def _standardize(self, features: Tensor) -> Tensor:
+        """Take the statistics of features and reward from the replay, once before the first update; rescale the replay
+        and `features` by them.
         """
         rewards = self.replay.reward[: self.replay.size]
         self.scale = self.config.reward_scale / max(float(rewards.abs().mean()), TINY)
         rewards.mul_(self.scale)
         stored = self.replay.observation[: self.replay.size]
-        measured = Whitening.of(stored)
-        # In place: a policy that was taken from here before sees with the scales of now.
-        self.whitening.mean, self.whitening.deviation = measured.mean, measured.deviation
-        stored.copy_(self.whitening(stored))
-        return self.whitening(features)
+        self.standardizer.copy_(Standardizer.of(stored))  # in place: earlier policies share the updated statistics
+        stored.copy_(self.standardizer(stored))
+        return self.standardizer(features)
 
-    def _judge(self) -> None:
+    def _evaluate(self) -> None:
         """Evaluate, and keep the policy if it is the best so far."""
         if self.evaluate is None:
             return
@@ -215,7 +236,7 @@ class Trainer:
         return checkpoint.describe(self.policy(), self.config, about)
 
     def save(self) -> None:
-        """Write `last`: the policy and all that is needed to go on."""
+        """Write `last`: the policy, and the state of the run for `resume`."""
         counters = {
             "format": FORMAT,
             "steps": self.steps,
@@ -241,15 +262,15 @@ class Trainer:
         ):
             tensors |= {f"{group}.{name}": value for name, value in values.items()}
         parts = {POLICY: self._describe(), TRAINING: (counters, tensors)}
-        checkpoint.write(self.directory / "last", parts)
+        checkpoint.write(self._last(), parts)
 
     def resume(self) -> None:
-        """Go on where the run in `directory` was saved; on the CPU as if it had never stopped.
+        """Continue the run saved in `directory`; on the CPU the result is that of a run that was never stopped.
 
         Raises:
             PolicyError: nothing to resume there, damaged, or of another configuration.
         """
-        last = self.directory / "last"
+        last = self._last()
         counters, tensors = checkpoint.read(last, TRAINING, self.world.device)
         groups: dict[str, dict[str, Tensor]] = {"learner": {}, "replay": {}, "world": {}}
         try:
@@ -269,39 +290,4 @@ class Trainer:
             self.best = -math.inf if counters["best"] is None else counters["best"]
         except (KeyError, RuntimeError, TypeError, ValueError) as error:
             raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None
-        self.whitening = checkpoint.load_policy(last, "training", device=self.world.device).whitening
-
-    @contextmanager
-    def _interruptible(self) -> Iterator[None]:
-        """Let Ctrl-C end the run after the step it falls into. Signals reach the main thread only."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-
-        def stop(signum, frame) -> None:
-            self.stopped = True
-
-        before = signal.signal(signal.SIGINT, stop)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, before)
-
-    @contextmanager
-    def _writer(self) -> Iterator[Callback]:
-        """A function that writes figures for TensorBoard."""
-        if self.directory is None:
-            yield lambda figures: None
-            return
-        from torch.utils.tensorboard import SummaryWriter  # takes a second to import
-
-        with SummaryWriter(self.directory / "tensorboard", purge_step=self.steps) as writer:
-
-            def write(figures: Mapping[str, Any], prefix: str = "") -> None:
-                for name, value in figures.items():
-                    if isinstance(value, Mapping):
-                        write(value, f"{name}/")
-                    elif prefix or name not in ("steps", "total", "seconds", "eta"):
-                        writer.add_scalar(prefix + name if prefix else f"run/{name}", value, self.steps)
-
-            yield write
+        self.standardizer = checkpoint.load_policy(last, "training", device=self.world.device).standardizer

@@ -2,38 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
-STORED = ("observation", "action", "reward", "terminated", "end")
+from policies.algorithms import Batch
+from policies.networks import stack
 
-
-@dataclass(frozen=True)
-class Batch:
-    """n-step transitions of S independent learners, B each.
-
-    Attributes:
-        observation: (S, B, F) features at step t.
-        action: (S, B, A) action taken there.
-        reward: (S, B) Σ γ^i r_{t+i} over the m ≤ n steps until the horizon, a termination or the end of the episode.
-        discount: (S, B) γ^m, or 0 after a termination: the weight of the value of `next_observation`.
-        next_observation: (S, B, F) features at step t + m.
-    """
-
-    observation: Tensor
-    action: Tensor
-    reward: Tensor
-    discount: Tensor
-    next_observation: Tensor
+# Name in a checkpoint → attribute.
+STORED = {
+    "observation": "observation",
+    "action": "action",
+    "reward": "reward",
+    "terminated": "horizon_ended",
+    "end": "end",
+}
 
 
 class Replay:
     """A ring of rows, one row for each step of all worlds; row t + 1 follows row t in time.
 
     The end of an episode takes a row of its own: it holds the last observation, from which a truncated transition
-    bootstraps, and no transition starts at it. Terminations do not end an episode; they cut the value only.
+    bootstraps, and no transition starts at it. Where the value's horizon ends, the episode goes on, and no transition
+    bootstraps.
 
     Args:
         rows: capacity in rows. Memory is rows · W · K · (F + A + 2) · 4 bytes.
@@ -48,16 +38,16 @@ class Replay:
         self.observation = torch.zeros((rows, worlds, auvs, features), device=device)
         self.action = torch.zeros((rows, worlds, auvs, actions), device=device)
         self.reward = torch.zeros((rows, worlds, auvs), device=device)
-        self.terminated = torch.zeros((rows, worlds, auvs), dtype=torch.bool, device=device)
+        self.horizon_ended = torch.zeros((rows, worlds, auvs), dtype=torch.bool, device=device)
         self.end = torch.zeros(rows, dtype=torch.bool, device=device)
         self.head = 0
         self.size = 0
 
-    def add(self, observation: Tensor, action: Tensor, reward: Tensor, terminated: Tensor) -> None:
-        """Store one step of all worlds: observation (W, K, F), action (W, K, A), reward and terminated (W, K)."""
+    def add(self, observation: Tensor, action: Tensor, reward: Tensor, horizon_ended: Tensor) -> None:
+        """Store one step of all worlds: observation (W, K, F), action (W, K, A), reward and horizon_ended (W, K)."""
         self.action[self.head] = action
         self.reward[self.head] = reward
-        self.terminated[self.head] = terminated
+        self.horizon_ended[self.head] = horizon_ended
         self._push(observation, end=False)
 
     def finish(self, observation: Tensor) -> None:
@@ -72,17 +62,23 @@ class Replay:
 
     def tensors(self) -> dict[str, Tensor]:
         """The rows in use, by name."""
-        return {name: getattr(self, name)[: self.size] for name in STORED}
+        return {name: getattr(self, attribute)[: self.size] for name, attribute in STORED.items()}
 
     def restore(self, tensors: dict[str, Tensor], head: int, size: int) -> None:
         """The inverse of `tensors`, with `head` and `size` as they were."""
-        for name in STORED:
-            getattr(self, name)[:size] = tensors[name]
+        for name, attribute in STORED.items():
+            getattr(self, attribute)[:size] = tensors[name]
         self.head, self.size = head, size
 
     def sample(self, batch: int, n: int, gamma: float, generator: torch.Generator, gain: float = 0.0) -> Batch:
-        """Draw `batch` transitions for each learner, uniformly; needs more than n + 1 rows. `gain` is what every step
-        costs on top of its reward.
+        """Draw `batch` n-step transitions for each learner, uniformly.
+
+        Args:
+            batch: number of transitions; for a shared learner those of all AUVs together.
+            n: steps of reward before the bootstrap; the ring must hold more than n + 1 rows.
+            gamma: discount of one step.
+            generator: source of the draws.
+            gain: average reward of a step, which is taken off every reward.
         """
         auvs = self.reward.shape[-1]
         draws = batch // auvs if self.shared else batch
@@ -96,38 +92,24 @@ class Replay:
         offsets = torch.arange(n, device=self.device).unsqueeze(-1)
         path = (start + offsets) % self.rows
         reward = self.reward[path, world] - gain
-        terminated = self.terminated[path, world].float()
-        # A step counts if no termination came before it and no end row was reached.
-        survived = torch.cumprod(1.0 - terminated, 0)
+        ended = self.horizon_ended[path, world].float()
+        # A step counts if neither the value's horizon nor the episode ended before it.
+        survived = torch.cumprod(1.0 - ended, 0)
         counted = torch.cat((torch.ones_like(survived[:1]), survived[:-1]))
         counted = counted * torch.cumprod(1.0 - self.end[path].float(), 0).unsqueeze(-1)
         weight = gamma ** offsets.float().unsqueeze(-1) * counted
         steps = counted.sum(0).long()
-        follow = (start.unsqueeze(-1) + steps) % self.rows
+        after = (start.unsqueeze(-1) + steps) % self.rows
         auv = torch.arange(auvs, device=self.device)
-        alive = 1.0 - (counted * terminated).amax(0)
+        bootstraps = 1.0 - (counted * ended).amax(0)
         return Batch(
             observation=self._stack(self.observation[start, world]),
             action=self._stack(self.action[start, world]),
             reward=self._stack((weight * reward).sum(0)),
-            discount=self._stack(gamma ** steps.float() * alive),
-            next_observation=self._stack(self.observation[follow, world.unsqueeze(-1), auv]),
+            discount=self._stack(gamma ** steps.float() * bootstraps),
+            next_observation=self._stack(self.observation[after, world.unsqueeze(-1), auv]),
         )
 
     def _stack(self, value: Tensor) -> Tensor:
         """(B, K, ...) → (S, B, ...)"""
         return stack(value, self.shared)
-
-
-def stack(value: Tensor, shared: bool) -> Tensor:
-    """(W, K, ...) → (K, W, ...), the order of stacked learners, or (1, W K, ...) when they share one network."""
-    if shared:
-        return value.reshape(1, -1, *value.shape[2:])
-    return value.transpose(0, 1).contiguous()
-
-
-def unstack(value: Tensor, auvs: int) -> Tensor:
-    """The inverse of `stack`: back to (W, K, ...)."""
-    if value.shape[0] == 1:
-        return value.reshape(-1, auvs, *value.shape[2:])
-    return value.transpose(0, 1)

@@ -1,0 +1,9 @@
+"""Training: the trainer, what it needs of a world, its replay memory, exploration noise and figures.
+
+From outside: `Trainer` and `TrainingWorld`; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
+"""
+
+from policies.training.trainer import Trainer
+from policies.training.world import TrainingWorld
+
+__all__ = ["Trainer", "TrainingWorld"]
