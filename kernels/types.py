@@ -1,14 +1,9 @@
-"""Types of Taichi arguments, and classes of column numbers."""
+"""Types of Taichi arguments, and numbered columns of arrays."""
+
+from typing import ClassVar
 
 import taichi as ti
 
-
-def columns(*names: str) -> type:
-    """A class whose attributes are the column numbers of the given names, in order."""
-    return type("Columns", (), {**{name: index for index, name in enumerate(names)}, "names": names})
-
-
-Level = columns("surface", "cruise")
 vec2 = ti.types.vector(2, ti.f32)
 vec3 = ti.types.vector(3, ti.f32)
 array1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -19,3 +14,30 @@ index1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 index2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
 index3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
 mask1 = ti.types.ndarray(dtype=ti.u8, ndim=1)
+
+
+class Columns:
+    """Numbers the columns of an array's last axis: a subclass's annotations of type int, in their order, from 0.
+
+    Attributes:
+        names: of the columns.
+    """
+
+    names: ClassVar[tuple[str, ...]]
+
+    def __init_subclass__(cls) -> None:
+        cls.names = tuple(name for name, kind in cls.__annotations__.items() if kind is int)
+        for number, name in enumerate(cls.names):
+            setattr(cls, name, number)
+
+    @classmethod
+    def span(cls, first: str, last: str) -> slice:
+        """Columns `first` to `last`, both included."""
+        return slice(cls.names.index(first), cls.names.index(last) + 1)
+
+
+class Level(Columns):
+    """Levels of the water at which its velocity is known."""
+
+    surface: int
+    cruise: int

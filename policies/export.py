@@ -16,7 +16,8 @@ from torch import Tensor, nn
 
 from policies.learned import LearnedPolicy
 from policies.policy import PolicyError
-from usvauv_env.faces.quantities import commanded, observed
+from usvauv_env.world.observation import commanded
+from usvauv_env.world.spaces import observed_quantities
 
 NEEDED = ("onnx", "onnxscript")
 EXAMPLE_WORLDS = 3  # any number but 1, which the tracer would take for a constant
@@ -49,7 +50,7 @@ def export(policy: LearnedPolicy, path: Path) -> None:
     if missing:
         raise PolicyError(f'ONNX export needs {" and ".join(missing)}: pip install -c constraints.txt -e ".[onnx]"')
     scenario = policy.scenario
-    layout = observed(scenario)
+    layout = observed_quantities(scenario)
     example = torch.zeros((EXAMPLE_WORLDS, scenario.auv.count, len(layout)))
     with _quiet():
         program = torch.onnx.export(

@@ -19,7 +19,7 @@ from kernels.registry import Registry
 from policies.guidance import TINY, SpeedToFly, command, crab, rotate, unit, unrotate
 from policies.policy import PolicyError
 from usvauv_env.scenario import Scenario
-from usvauv_env.world.tables import CURRENT_COMPONENTS
+from usvauv_env.world.observation import ObservationLayout
 
 ACTION_SIZE = 2
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
@@ -46,7 +46,7 @@ class Layout:
 
     @classmethod
     def of(cls, scenario: Scenario) -> Layout:
-        return cls(scenario.auv.count, CURRENT_COMPONENTS[scenario.observation.current])
+        return cls(scenario.auv.count, ObservationLayout.of(scenario).size - 2 * scenario.auv.count - 4)
 
     @property
     def size(self) -> int:
@@ -55,7 +55,7 @@ class Layout:
     @property
     def has_velocity(self) -> bool:
         """Whether the current's components at the AUV are observed."""
-        return self.current >= CURRENT_COMPONENTS["vector"]
+        return self.current >= 3
 
     def others(self, observation: Tensor) -> Tensor:
         """(..., K − 1, 2)"""

@@ -12,11 +12,12 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from kernels.errors import UserError
+from kernels.mission.tasks.task import Task, tasks
 from usvauv_env.sections import (
     Acoustics,
     Area,
@@ -33,9 +34,11 @@ from usvauv_env.sections import (
     Section,
     Stations,
     Storm,
+    TaskParameters,
     Tracker,
     Usbl,
     Water,
+    known,
 )
 
 
@@ -51,8 +54,8 @@ class Scenario(Section):
 
     name: str = Field("unnamed", min_length=1, description="name shown in tables and on videos")
     description: str = Field("", description="one sentence on what it stands for")
-    task: Literal["data-collection", "station-keeping"] = Field(
-        "data-collection", description="collect data from nodes, or hold a formation in the current"
+    task: str = Field(
+        "data-collection", description="data-collection, station-keeping (hold a formation), or a plugin's task"
     )
     area: Area = Field(default_factory=Area, description="the operating area")
     mission: Mission = Field(default_factory=Mission, description="clock of the mission")
@@ -68,12 +71,26 @@ class Scenario(Section):
     auv: Auv = Field(default_factory=Auv, description="the AUVs")
     nodes: Nodes = Field(default_factory=Nodes, description="sensor nodes and their data link")
     stations: Stations = Field(default_factory=Stations, description="formation of the task station-keeping")
+    task_parameters: TaskParameters = Field(
+        default_factory=TaskParameters, description="numbers that a plugin's task declares, and weights of its rewards"
+    )
     observation: Observation = Field(default_factory=Observation, description="what an AUV observes")
     reward: Reward = Field(default_factory=Reward, description="weights of the reward's named terms")
     reference: Reference = Field(default_factory=Reference, description="recorded speeds of the heuristics")
 
+    @field_validator("task")
+    @classmethod
+    def _known_task(cls, name: str) -> str:
+        return known(name, tasks)
+
     @model_validator(mode="after")
     def _check(self) -> Scenario:
+        declared = self.task_definition.declared
+        for name in self.task_parameters.numbers:
+            if name not in declared:
+                raise ValueError(
+                    f"task_parameters.{name}: allowed for task {self.task!r}: {', '.join(declared) or 'none'}"
+                )
         if self.auv.separation == "geometry" and self.auv.depth >= self.area.depth:
             raise ValueError("auv.depth must be below area.depth")
         smaller = min(self.area.width, self.area.length)
@@ -106,9 +123,14 @@ class Scenario(Section):
             raise ValueError(f"storm.significant_height must not be above {highest:.3g} m, where such waves break")
 
     @property
+    def task_definition(self) -> Task:
+        """The task itself."""
+        return tasks[self.task]
+
+    @property
     def targets(self) -> int:
         """Number of places that AUVs can be sent to: nodes, or stations."""
-        return self.nodes.count if self.task == "data-collection" else self.auv.count
+        return self.nodes.count if self.task_definition.targets == "nodes" else self.auv.count
 
     @staticmethod
     def shipped() -> list[str]:
@@ -159,6 +181,7 @@ class Scenario(Section):
                     f"{key} = {_toml(getattr(section, key))}  # {about.description}"
                     for key, about in type(section).model_fields.items()
                 ]
+                lines += [f"{key} = {_toml(value)}" for key, value in (section.model_extra or {}).items()]
         return "\n".join(lines) + "\n"
 
 

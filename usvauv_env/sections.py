@@ -6,10 +6,13 @@ All values are SI: metres, seconds, radians, watts, hertz.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from datetime import date, datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from kernels.mission.target_rules import target_rules
 
 MAX_AUVS = 16
 MAX_NODES = 500
@@ -19,6 +22,17 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Side = Literal["west", "east", "south", "north"]
+
+
+def known(name: str, names: Collection[str]) -> str:
+    """The name itself, if it is one of some names.
+
+    Raises:
+        ValueError: it is not; the message lists them.
+    """
+    if name not in names:
+        raise ValueError(f"{name!r}: allowed are {', '.join(names)}")
+    return name
 
 
 class Section(BaseModel):
@@ -290,13 +304,22 @@ class Nodes(Section):
     buffer: Positive = Field(5000.0, description="buffer capacity C, packets")
     start_backlog: NonNegative = Field(1000.0, description="backlog at the start is uniform from 0 to this, packets")
     payload: Positive = Field(2.0, description="data in a full buffer, Mbit")
-    distance_weight: NonNegative = Field(0.015, description="α of the target rule λ b/C − α d, 1/(m s)")
+    target_rule: str = Field(
+        "backlog-less-distance",
+        description="next node of an AUV: backlog-less-distance (λ b/C − α d), or a plugin's rule",
+    )
+    distance_weight: NonNegative = Field(0.015, description="α of that rule, 1/(m s)")
     source_power: Positive = Field(0.03, description="acoustic source power, W")
     frequency: Positive = Field(20000.0, description="carrier of the data link, Hz")
     bandwidth: Positive = Field(10000.0, description="bandwidth of the data link, Hz")
     rate_law: Literal["shannon", "demonstration"] = Field(
         "shannon", description="B log2(1 + 10^(SNR/10)), or the demonstration's B log2(1 + 10^SNR) with SNR in dB"
     )
+
+    @field_validator("target_rule")
+    @classmethod
+    def _known_rule(cls, name: str) -> str:
+        return known(name, target_rules)
 
     @model_validator(mode="after")
     def _check(self) -> Nodes:
@@ -311,12 +334,25 @@ class Stations(Section):
     radius: NonNegative = Field(40.0, description="radius of the circle on which the stations lie, one an AUV, m")
 
 
+class TaskParameters(Section):
+    """Numbers of a plugin's task by name; what is not given has the task's default."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    __pydantic_extra__: dict[str, Finite]
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The numbers given."""
+        return self.__pydantic_extra__
+
+
 class Observation(Section):
     current: Literal["none", "speed", "vector", "profile"] = Field(
         "speed",
         description="the perceived current: not at all, its speed (Eq. 4), speed and both components, or these and "
         "what a current profiler measures 25 and 50 m away",
     )
+    extra: tuple[str, ...] = Field((), description="further terms of the observation, a plugin's")
 
 
 class Reward(Section):

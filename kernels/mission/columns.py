@@ -1,161 +1,147 @@
-"""Column numbers of the mission's arrays: the one place that says what stands where.
+"""Columns of the mission's arrays (float32), and what a random draw is for. W worlds, K AUVs, M nodes."""
 
-Arrays (float32 unless said): W worlds, K AUVs, M nodes, V vortices.
-
-    p        (P,)        numbers of the scenario            `Parameter`
-    link     (K, C)      acoustic constants of each AUV     `usbl.link_table`
-    auv      (W, K, A)   `AuvColumn`
-    kinds    (R, .)      kinds of node by their arrivals    see `kernels.mission.poisson_table`
-    node     (W, M, N)   `NodeColumn`
-    vortex   (W, V, 4)   x0, y0, Γ, δ
-    boat     (W, B)      `BoatColumn`
-    estimate (W, K, E)   what the boat knows of each AUV    `EstimateColumn`
-    track    (W, K, T)   where there is a tracker           see `kernels.positioning.tracker`
-    layers   (N, 3)      the speed of sound                 see `kernels.positioning.rays`
-    clock    (W, 2)      int32: episode, mission steps done
-    lane     (W,)        int32: which sea of the pool the world sails on
-    stream   (L, ., ., 2) real current at `Level`, see `kernels.flow.regular_grid`
-    bed      (1, ., ., 1) depth h, m, likewise
-    U, V     packed transports of the long waves, see `kernels.flow.long_waves`
-    wave     (seas, groups, columns, LANES)  the storm's components, see `kernels.flow.airy`; velocities at `Level`
-"""
-
-from typing import NamedTuple
-
-from kernels.types import columns
-
-Parameter = columns(
-    "step",
-    "width",
-    "length",
-    "diagonal",
-    "first_world",
-    "circulation_min",
-    "circulation_max",
-    "alternate",
-    "core_radius_min",
-    "core_radius_max",
-    "random_vortices",
-    "tilt",
-    "attitude_error",
-    "top_speed",
-    "drifts",
-    "hold_x",
-    "hold_y",
-    "separation_boat",
-    "sound_speed",
-    "propagates",
-    "latency",
-    "packet_loss",
-    "current_variance",
-    "correlation_time",
-    "current_reading",
-    "horizon",
-    "cruise",
-    "speed_min",
-    "speed_max",
-    "polar",
-    "start_margin",
-    "start_separation",
-    "safe_distance",
-    "collision_distance",
-    "hover_radius",
-    "node_margin",
-    "formation_radius",
-    "buffer",
-    "start_backlog",
-    "payload",
-    "data_level",
-    "data_frequency",
-    "data_bandwidth",
-    "data_demonstration",
-    "distance_weight",
-    "observed_current",
-    "progress",
-    "weight_distance",
-    "weight_border",
-    "weight_overflow",
-    "weight_proximity",
-    "weight_service",
-    "weight_power",
-    "weight_collaboration",
-    "farthest",
-)
-AuvColumn = columns(
-    "x",
-    "y",
-    "water_x",
-    "water_y",
-    "current_x",
-    "current_y",
-    "target",
-    "hover",
-    "rate",
-    "cargo",
-    "covariance_xx",
-    "covariance_xy",
-    "covariance_yy",
-    "fix_x",
-    "fix_y",
-    "fix_flags",
-    "moved_x",
-    "moved_y",
-    "power",
-    "hovering",
-    "service_rate",
-    "delivered",
-    "border",
-    "position_error",
-)
-EstimateColumn = columns("x", "y", "separation", "covariance_xx", "covariance_xy", "covariance_yy")
-NodeColumn = columns("x", "y", "rate", "backlog", "kind")
-BoatColumn = columns(
-    "x",
-    "y",
-    "goal_x",
-    "goal_y",
-    "elevation",
-    "slope_x",
-    "slope_y",
-    "current_x",
-    "current_y",
-    "moved_x",
-    "moved_y",
-    "overflowing",
-    "collisions",
-)
-RewardTerm = columns("distance", "border", "overflow", "proximity", "service", "power", "collaboration")
-Strategy = columns("fim", "fim_greedy", "fim_horizon", "hold", "centroid")
-Refraction = columns("none", "ignored", "corrected")
-Task = columns("collection", "station_keeping")
-Draw = columns("node", "auv", "vortex", "vortex_sign", "fix", "attitude", "arrival", "loss", "reading")
-
-# Where the current profiler of an AUV measures: on beams towards the target and BEAM_ANGLE to its right and left, at
-# PROFILE_CELLS distances BEAM_CELL apart.
-BEAMS, BEAM_ANGLE = 3, 1.0  # rad
-PROFILE_CELLS, BEAM_CELL = 2, 25.0  # m
-PROFILE_POINTS = BEAMS * PROFILE_CELLS
-
-MEASURES = AuvColumn.names[AuvColumn.power : AuvColumn.position_error + 1]
+from kernels.types import Columns
 
 
-class Options(NamedTuple):
-    """What is compiled into the mission's kernels; what is not chosen costs neither time nor compilation.
+class Parameter(Columns):
+    """Numbers of a scenario, (P,), in SI units; flags are 0 or 1."""
 
-    Attributes:
-        task: of `Task`.
-        waveform: fixes by sampled tones, not by the statistical model.
-        refraction: of `Refraction`: sound goes straight; it bends and the fix ignores that; or the fix corrects it.
-        tracker: the boat tracks its AUVs.
-        strategy: of the boat, of `Strategy`.
-        form: what it maximises, of `kernels.planning.objectives.form`.
-        serial: few worlds on a CPU: the calling thread does them before another has woken up.
-    """
+    step: int
+    width: int
+    length: int
+    diagonal: int
+    first_world: int
+    circulation_min: int
+    circulation_max: int
+    alternate: int
+    core_radius_min: int
+    core_radius_max: int
+    random_vortices: int
+    tilt: int
+    attitude_error: int
+    top_speed: int
+    drifts: int
+    separation_boat: int
+    sound_speed: int
+    propagates: int
+    latency: int
+    packet_loss: int
+    current_variance: int
+    correlation_time: int
+    current_reading: int
+    horizon: int
+    cruise: int
+    speed_min: int
+    speed_max: int
+    polar: int
+    start_margin: int
+    start_separation: int
+    safe_distance: int
+    collision_distance: int
+    hover_radius: int
+    node_margin: int
+    formation_radius: int
+    buffer: int
+    start_backlog: int
+    payload: int
+    data_level: int
+    data_frequency: int
+    data_bandwidth: int
+    data_demonstration: int
+    distance_weight: int
+    progress: int
+    farthest: int
 
-    task: int = Task.collection
-    waveform: bool = False
-    refraction: int = Refraction.none
-    tracker: bool = False
-    strategy: int = Strategy.fim
-    form: int = 0
-    serial: bool = False
+
+class AuvColumn(Columns):
+    """State of an AUV, and what the last step did and cost, (W, K, A)."""
+
+    x: int  # m, true
+    y: int
+    water_x: int  # velocity through the water, m/s
+    water_y: int
+    current_x: int  # velocity of the water at the AUV, m/s
+    current_y: int
+    target: int  # index of its node
+    hover: int  # time left to hover, s
+    rate: int  # of the data link while hovering, Mbit/s
+    cargo: int  # data of the service under way, Mbit
+    covariance_xx: int  # of the fix, m²
+    covariance_xy: int
+    covariance_yy: int
+    fix_x: int  # m
+    fix_y: int
+    fix_flags: int  # bits of `kernels.positioning.usbl`
+    moved_x: int  # displacement in the last step, m
+    moved_y: int
+    closed: int  # approach to the target in the last step, or minus the distance to it, m
+    power: int  # W
+    hovering: int  # 1 while it serves its node
+    service_rate: int  # rate of a service completed in the last step, else 0, Mbit/s
+    delivered: int  # its data, Mbit
+    border: int  # 1 where the last move was refused
+    position_error: int  # |estimate − truth|, m
+
+
+class EstimateColumn(Columns):
+    """What the boat knows of an AUV, (W, K, E)."""
+
+    x: int  # m
+    y: int
+    separation: int  # vertical distance to the boat, m
+    covariance_xx: int  # m²
+    covariance_xy: int
+    covariance_yy: int
+
+
+class NodeColumn(Columns):
+    """State of a node or station, (W, M, N)."""
+
+    x: int  # m
+    y: int
+    rate: int  # of arrivals, packets/s
+    backlog: int  # packets
+    kind: int  # row of the table of arrivals
+
+
+class BoatColumn(Columns):
+    """State of the boat, and counts of the last step, (W, B)."""
+
+    x: int  # m
+    y: int
+    goal_x: int  # where it heads for, m
+    goal_y: int
+    elevation: int  # of the sea under it, m
+    slope_x: int
+    slope_y: int
+    current_x: int  # velocity of the water there, m/s
+    current_y: int
+    moved_x: int  # displacement in the last step, m
+    moved_y: int
+    overflowing: int  # nodes that lost packets
+    collisions: int  # pairs of AUVs closer than the collision distance
+
+
+class Refraction(Columns):
+    """How sound travels: straight; bent, which the fix ignores; bent, which the fix corrects."""
+
+    none: int
+    ignored: int
+    corrected: int
+
+
+class Draw(Columns):
+    """What a random draw is for: part of its address."""
+
+    node: int
+    auv: int
+    vortex: int
+    vortex_sign: int
+    fix: int
+    attitude: int
+    arrival: int
+    loss: int
+    reading: int
+
+
+MEASURES = AuvColumn.names[AuvColumn.span("power", "position_error")]

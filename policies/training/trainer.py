@@ -284,7 +284,7 @@ class Trainer:
             self.learner.updates = counters["updates"]
             self.gain, self.scale = counters["gain"], counters["scale"]
             self.replay.restore(groups["replay"], counters["head"], counters["size"])
-            self.world.load(groups["world"])
+            self.world.load_state(groups["world"])
             self.steps, self.seconds = counters["steps"], counters["seconds"]
             self.evaluation, self.history = counters["evaluation"], counters["history"]
             self.best = -math.inf if counters["best"] is None else counters["best"]

@@ -16,8 +16,8 @@ from policies.export import export
 from policies.frames import ACTION_SIZE, FRAMES
 from policies.standardizer import Standardizer
 from usvauv_env import Scenario, World
-from usvauv_env.faces.quantities import commanded, observed
-from usvauv_env.world.world import observation_size
+from usvauv_env.world.observation import ObservationLayout, commanded
+from usvauv_env.world.spaces import observed_quantities
 
 KINDS = {
     "shipped": ("extreme", None, {}),
@@ -73,7 +73,7 @@ class TestActions:
 
     def test_on_its_target_and_far_outside(self, exported):
         policy, session, _ = exported
-        size = len(observed(policy.scenario))
+        size = len(observed_quantities(policy.scenario))
         for value in (0.0, -1.0, 50.0):
             observation = torch.full((2, policy.scenario.auv.count, size), value)
             (action,) = session.run(["action"], {"observation": observation.numpy()})
@@ -116,7 +116,7 @@ class TestQuantities:
     """The table against what a world really puts into an observation."""
 
     def column(self, scenario, observation, quantity):
-        (index,) = [row.index for row in observed(scenario) if row.quantity == quantity]
+        (index,) = [row.index for row in observed_quantities(scenario) if row.quantity == quantity]
         return observation[..., index]
 
     def test_observation(self):
@@ -147,9 +147,10 @@ class TestQuantities:
     @pytest.mark.parametrize("scenario", ["ideal", "station-keeping"])
     def test_as_many_as_the_world_gives(self, scenario, current):
         setting = Scenario.load(scenario, [f"observation.current={current}"])
-        assert len(observed(setting)) == observation_size(setting)
+        assert len(observed_quantities(setting)) == ObservationLayout.of(setting).size
         assert any(
-            ("station" if setting.task == "station-keeping" else "node") in row.quantity for row in observed(setting)
+            ("station" if setting.task == "station-keeping" else "node") in row.quantity
+            for row in observed_quantities(setting)
         )
 
     def test_action_names_the_form(self):

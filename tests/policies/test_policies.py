@@ -76,10 +76,10 @@ class TestFace:
     @pytest.mark.parametrize("auvs", [1, 2, 5])
     @pytest.mark.parametrize("current", ["none", "speed", "vector"])
     def test_layout_is_the_worlds(self, auvs, current):
-        from usvauv_env.world.world import observation_size
+        from usvauv_env.world.observation import ObservationLayout
 
         toy = scenario(auv={"count": auvs}, observation={"current": current})
-        assert Layout.of(toy).size == observation_size(toy)
+        assert Layout.of(toy).size == ObservationLayout.of(toy).size
 
 
 class TestStraight:

@@ -122,7 +122,7 @@ class ToyWorld:
             "generator": self.generator.get_state(),
         }
 
-    def load(self, state: dict[str, Tensor]) -> None:
+    def load_state(self, state: dict[str, Tensor]) -> None:
         self.position, self.target, self.clock = state["position"], state["target"], state["clock"]
         self.generator.set_state(state["generator"])
 

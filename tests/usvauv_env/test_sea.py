@@ -295,7 +295,7 @@ class TestNonlinear:
         state = world.state()
         world.step(action)
         boat = world.boat.clone()
-        world.load(state)
+        world.load_state(state)
         world.step(action)
         assert torch.equal(world.boat, boat)
         assert boat[:, BoatColumn.elevation].abs().min() > 0

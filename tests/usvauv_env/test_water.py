@@ -163,6 +163,6 @@ class TestVortices:
         world.step(torch.zeros(3, 2, 2))
         moved = world.vortex.clone()
         assert not torch.equal(moved, state["vortex"])
-        world.load(state)
+        world.load_state(state)
         world.step(torch.zeros(3, 2, 2))
         assert torch.equal(world.vortex, moved)

@@ -48,7 +48,7 @@ def evaluate(
     from usvauv_env.record.metrics import COLUMNS, episode_metrics
     from usvauv_env.record.recorder import record
     from usvauv_env.record.table import write_rows
-    from usvauv_env.world.tables import UsvStrategy
+    from usvauv_env.world.boat_strategies import StrategyChoice
 
     at_least("--episodes", episodes, 1)
     setting = Scenario.load(scenario, overrides or ())
@@ -56,7 +56,7 @@ def evaluate(
     names = policy or list(dict.fromkeys([policies.default(setting), "straight", "crab"]))
     for name in names:
         policies.check(name, setting)
-    strategies = [UsvStrategy.parse(name, setting).name for name in usv or ["fim"]]
+    strategies = [StrategyChoice.parse(name, setting).name for name in usv or ["fim"]]
     rows = []
     total = len(names) * len(strategies) * episodes * setting.mission.steps
     try:

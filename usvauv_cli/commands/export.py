@@ -37,7 +37,7 @@ def export(
     import policies
     from policies.export import export as write
     from usvauv_env import Scenario
-    from usvauv_env.world.world import observation_size
+    from usvauv_env.world.observation import ObservationLayout
 
     if overrides and scenario is None:
         raise UserError("--set: name the scenario whose fields it changes, after the policy")
@@ -45,5 +45,5 @@ def export(
     path = writable(onnx or Path(f"{Path(policy).name}.onnx"), "--onnx")
     player = policies.load_learned(policy, setting)
     write(player, path)
-    auvs, size = player.scenario.auv.count, observation_size(player.scenario)
+    auvs, size = player.scenario.auv.count, ObservationLayout.of(player.scenario).size
     typer.echo(f"onnx: {path.resolve()}: observation (N, {auvs}, {size}), action (N, {auvs}, 2)")

@@ -46,8 +46,8 @@ def _advance(world: World, action: np.ndarray) -> tuple[np.ndarray, dict[str, np
         raise ValueError(f"action has shape {action.shape}: must be {expected}")
     if not np.isfinite(action).all():
         raise ValueError("action: all numbers must be finite")
-    _, reward, terminated, truncated, info = world.step(torch.from_numpy(np.clip(action, -1.0, 1.0)))
-    tensors = {"auv_reward": reward, **info, "horizon_ended": terminated}
+    _, reward, horizon_ended, truncated, info = world.step(torch.from_numpy(np.clip(action, -1.0, 1.0)))
+    tensors = {"auv_reward": reward, **info, "horizon_ended": horizon_ended}
     return truncated[:, 0].numpy(force=True), {name: tensor.numpy(force=True) for name, tensor in tensors.items()}
 
 
@@ -86,7 +86,6 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """
 
     metadata = {"render_modes": list(MODES), "render_fps": FPS}  # noqa: RUF012 - Gymnasium defines it as a class attribute
-    reward_names = World.reward_names
     measure_names = World.measure_names
 
     def __init__(
@@ -97,8 +96,13 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._usv = usv
         self.world = World(load_scenario(scenario), 1, _random_seed(self), usv)
         num_auvs = self.world.num_auvs
-        self.observation_space = batch_space(auv_observation_space(self.world.scenario), num_auvs)
+        self.observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
         self.action_space = batch_space(auv_action_space(), num_auvs)
+
+    @property
+    def reward_names(self) -> tuple[str, ...]:
+        """Columns of "reward_terms"."""
+        return self.world.reward_names
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -161,7 +165,6 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """
 
     metadata = {"render_modes": list(MODES), "render_fps": FPS, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
-    reward_names = World.reward_names
     measure_names = World.measure_names
 
     def __init__(
@@ -180,12 +183,17 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.world = World(load_scenario(scenario), num_envs, _random_seed(self), usv)
         num_auvs = self.world.num_auvs
-        self.single_observation_space = batch_space(auv_observation_space(self.world.scenario), num_auvs)
+        self.single_observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
         self.single_action_space = batch_space(auv_action_space(), num_auvs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._begun = False
         self._over = np.zeros(num_envs, np.bool_)  # episodes that ended and were not reset since
+
+    @property
+    def reward_names(self) -> tuple[str, ...]:
+        """Columns of "reward_terms"."""
+        return self.world.reward_names
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -40,7 +40,7 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         self._team = DataCollectionEnv(scenario, usv, render_mode)
         self.possible_agents = [f"auv_{k}" for k in range(self._team.world.num_auvs)]
         self.agents: list[str] = []
-        self._observation_spaces = {a: auv_observation_space(self._team.world.scenario) for a in self.possible_agents}
+        self._observation_spaces = {a: auv_observation_space(self._team.world.site) for a in self.possible_agents}
         self._action_spaces = {a: auv_action_space() for a in self.possible_agents}
 
     def observation_space(self, agent: str) -> Box:

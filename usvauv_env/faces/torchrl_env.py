@@ -58,7 +58,6 @@ class DataCollectionTorchRLEnv(EnvBase):
         RuntimeUnavailable: `arch` cannot be used here.
     """
 
-    reward_names = World.reward_names
     measure_names = World.measure_names
 
     def __init__(
@@ -78,9 +77,14 @@ class DataCollectionTorchRLEnv(EnvBase):
         self._over = torch.zeros(num_worlds, 1, dtype=torch.bool, device=self.device)
         self._make_specs()
 
+    @property
+    def reward_names(self) -> tuple[str, ...]:
+        """Columns of "reward_terms"."""
+        return self.world.reward_names
+
     def _make_specs(self) -> None:
         world, team = self.world, (self.world.num_worlds, self.world.num_auvs)
-        space = auv_observation_space(world.scenario)
+        space = auv_observation_space(world.site)
         self._low, self._high = (torch.from_numpy(bound).to(self.device) for bound in (space.low, space.high))
 
         def group(**specs: Bounded | Categorical | Composite | Unbounded) -> Composite:
@@ -97,7 +101,7 @@ class DataCollectionTorchRLEnv(EnvBase):
             return Categorical(2, shape=(*shape, 1), dtype=torch.bool, device=self.device)
 
         info = group(
-            reward_terms=numbers(len(self.reward_names)),
+            reward_terms=numbers(len(self.world.reward_names)),
             measures=numbers(len(self.measure_names)),
             horizon_ended=flag(*team),
         )
@@ -137,12 +141,12 @@ class DataCollectionTorchRLEnv(EnvBase):
             raise ValueError(f"action has shape {tuple(action.shape)}: must be {expected}")
         if not torch.isfinite(action).all():
             raise ValueError("action: all numbers must be finite")
-        _, reward, terminated, truncated, details = self.world.step(action.clamp(-1.0, 1.0))
+        _, reward, horizon_ended, truncated, details = self.world.step(action.clamp(-1.0, 1.0))
         self._over = truncated[:, :1].clone()
         info = self._no_info.empty()
         for name, tensor in details.items():
             info.set(name, tensor.clone())
-        info.set("horizon_ended", terminated.unsqueeze(-1))
+        info.set("horizon_ended", horizon_ended.unsqueeze(-1))
         following = self._tensordict(info)
         following.set(("agents", "reward"), reward.unsqueeze(-1).clone())
         return following

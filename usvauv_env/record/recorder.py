@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, RewardTerm
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.positioning.usbl import DETECTED
 from kernels.types import Level
 from usvauv_env.record.trace import Trace
@@ -81,17 +81,17 @@ class Recorder:
             policy=policy,
             usv=world.strategy.name,
             seed=world.seed,
-            reward_names=RewardTerm.names,
-            node_position=nodes[..., NodeColumn.x : NodeColumn.y + 1].copy(),
+            reward_names=world.reward_names,
+            node_position=nodes[..., NodeColumn.span("x", "y")].copy(),
             node_rate=nodes[..., NodeColumn.rate].copy(),
             time=start + np.arange(len(vehicles)) * world.scenario.mission.step,
-            auv_position=vehicles[..., AuvColumn.x : AuvColumn.y + 1],
-            auv_velocity=vehicles[..., AuvColumn.water_x : AuvColumn.water_y + 1],
-            fix=np.where(heard, vehicles[..., AuvColumn.fix_x : AuvColumn.fix_y + 1], np.float32(np.nan)),
-            fix_covariance=vehicles[..., AuvColumn.covariance_xx : AuvColumn.covariance_yy + 1],
+            auv_position=vehicles[..., AuvColumn.span("x", "y")],
+            auv_velocity=vehicles[..., AuvColumn.span("water_x", "water_y")],
+            fix=np.where(heard, vehicles[..., AuvColumn.span("fix_x", "fix_y")], np.float32(np.nan)),
+            fix_covariance=vehicles[..., AuvColumn.span("covariance_xx", "covariance_yy")],
             fix_flags=flags,
-            estimate=known[..., EstimateColumn.x : EstimateColumn.y + 1],
-            estimate_covariance=known[..., EstimateColumn.covariance_xx : EstimateColumn.covariance_yy + 1],
+            estimate=known[..., EstimateColumn.span("x", "y")],
+            estimate_covariance=known[..., EstimateColumn.span("covariance_xx", "covariance_yy")],
             target=column("target").astype(np.int16),
             hovering=column("hovering").astype(np.int8),
             power=column("power"),
@@ -99,9 +99,9 @@ class Recorder:
             delivered=column("delivered"),
             border=column("border").astype(np.int8),
             reward_terms=terms,
-            boat_position=boats[..., BoatColumn.x : BoatColumn.y + 1],
-            boat_goal=boats[..., BoatColumn.goal_x : BoatColumn.goal_y + 1],
-            boat_surface=boats[..., BoatColumn.elevation : BoatColumn.slope_y + 1],
+            boat_position=boats[..., BoatColumn.span("x", "y")],
+            boat_goal=boats[..., BoatColumn.span("goal_x", "goal_y")],
+            boat_surface=boats[..., BoatColumn.span("elevation", "slope_y")],
             backlog=backlog,
             overflowing=boats[..., BoatColumn.overflowing].astype(np.int16),
             collisions=boats[..., BoatColumn.collisions].astype(np.int16),

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from kernels import runtime
-from kernels.flow.current import follow
+from kernels.flow.current import particle_paths
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import MapView, nice_above
 from usvauv_env.render.shapes import Glaze
@@ -147,7 +147,7 @@ class CurrentStreaks:
             torch.from_numpy(np.array(array, np.float32)).to(device)
             for array in (self._vortex[None], self._stream[None], self._seeds)
         )
-        return follow(vortex, stream, seeds, level=0, size=self._size, step=step, count=count).cpu().numpy()
+        return particle_paths(vortex, stream, seeds, level=0, size=self._size, step=step, count=count).cpu().numpy()
 
     def _paths(self) -> np.ndarray:
         """Pixels (P, points, 2) of a whole life."""

@@ -10,11 +10,12 @@ from kernels.positioning import tracker, usbl
 from kernels.types import Level
 from usvauv_env.scenario import Scenario
 from usvauv_env.sea import storm
-from usvauv_env.site.bed_and_current import real_current
+from usvauv_env.site.site import Site
 
 
-def current_parts(scenario: Scenario) -> list[tuple[float, float]]:
+def current_parts(site: Site) -> list[tuple[float, float]]:
     """Variance per axis (m²/s²) and root mean square frequency (rad/s) of each part of the current at the AUVs."""
+    scenario = site.scenario
     current, sea, area, waves = scenario.current, scenario.sea, scenario.area, scenario.storm
     speed = scenario.reference.straight_speed
     parts = []
@@ -34,7 +35,7 @@ def current_parts(scenario: Scenario) -> list[tuple[float, float]]:
     ):
         if square > 0:
             parts.append((square * _forced_share(scenario, period), 2 * math.pi / period))
-    flow = real_current(scenario)
+    flow = site.current
     if flow is not None:
         parts.append(_real_part(scenario, flow.at(0.0)[Level.cruise], speed))
     return parts
@@ -65,15 +66,16 @@ def _real_part(scenario: Scenario, stream: np.ndarray, speed: float) -> tuple[fl
     return variance, change / math.sqrt(variance) if variance > 0 else 0.0
 
 
-def current_model(scenario: Scenario, link: np.ndarray) -> tuple[float, float]:
+def current_model(site: Site, link: np.ndarray) -> tuple[float, float]:
     """Variance (m²/s²) and correlation time (s) of the current for `kernels.positioning.tracker`.
 
     Args:
         link: `usbl.link_table` of the AUVs; fixes count as from a quarter of the area's smaller side away.
     """
+    scenario = site.scenario
     z = scenario.auv.depth
     away = min(scenario.area.width, scenario.area.length) / 4
     q = (z * z + away * away) / link[:, usbl.REFERENCE] ** 2
     noise = np.exp(link[:, usbl.POWER] * np.log(q) - link[:, usbl.LEVEL])
     fix_variance = float(noise.mean()) + (scenario.usbl.attitude_error * z) ** 2
-    return tracker.ornstein_uhlenbeck(current_parts(scenario), fix_variance, scenario.mission.step)
+    return tracker.ornstein_uhlenbeck(current_parts(site), fix_variance, scenario.mission.step)

@@ -1,68 +1,24 @@
-"""From a scenario to the plain numbers that the kernels read."""
+"""From a scenario and its site to the plain numbers that the kernels read."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from kernels.mission.columns import PROFILE_POINTS, Options, Parameter, Refraction, Strategy, Task
-from kernels.planning import objectives, receding_horizon
+from kernels.mission.columns import Parameter, Refraction
+from kernels.mission.target_rules import target_rules
+from kernels.mission.worlds import Program
+from kernels.planning import objectives
 from kernels.positioning import sonar_equation, tracker, usbl, waveform
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.site.bed_and_current import site
-from usvauv_env.site.site import boat_separation
+from usvauv_env.site.site import Site, boat_separation
 from usvauv_env.site.sound_speed import SoundSpeedProfile
+from usvauv_env.world.boat_strategies import BoatStrategy
 from usvauv_env.world.current_statistics import current_model
+from usvauv_env.world.observation import ObservationLayout, observation_terms
 
-OBSERVED_CURRENT = {"none": 0, "speed": 1, "vector": 2, "profile": 3}
-CURRENT_COMPONENTS = {"none": 0, "speed": 1, "vector": 3, "profile": 3 + 2 * PROFILE_POINTS}  # numbers observed
-KINDS = {"fim": "fim", "fim-greedy": "fim_greedy", "fim-horizon": "fim_horizon", "centroid": "centroid"}
 LAYER_TOLERANCE = 0.5  # m/s, see `SoundSpeedProfile.thinned`
-
-
-@dataclass(frozen=True)
-class UsvStrategy:
-    """How the boat chooses where to go.
-
-    `fim`: head for the place with the best Fisher information of the fixes, by `planner.objective`; `fim-greedy`: for
-    the best one within reach of one step; `fim-horizon`: for the one that is best for the tracks over the steps to
-    come; `hold:X,Y`: stay at a point, m; `centroid`: the mean of the estimated AUV positions.
-    """
-
-    name: str
-    code: int
-    x: float = 0.0
-    y: float = 0.0
-
-    @classmethod
-    def parse(cls, text: str, scenario: Scenario) -> UsvStrategy:
-        """Read a strategy by name.
-
-        Raises:
-            ScenarioError: unknown strategy, or a point outside the area.
-        """
-        kind, _, point = text.partition(":")
-        if kind == "fim-horizon" and not scenario.tracker.enabled:
-            raise ScenarioError("usv: 'fim-horizon' looks ahead along tracks and needs tracker.enabled = true")
-        if kind == "fim-horizon" and scenario.planner.objective not in receding_horizon.CRITERIA:
-            allowed = ", ".join(receding_horizon.CRITERIA)
-            raise ScenarioError(
-                f"usv: 'fim-horizon' needs planner.objective to be one of {allowed}, not {scenario.planner.objective}"
-            )
-        if kind in KINDS and not point:
-            return cls(kind, getattr(Strategy, KINDS[kind]))
-        if kind == "hold":
-            try:
-                x, y = (float(part) for part in point.split(","))
-            except ValueError:
-                raise ScenarioError(f"usv: {text!r}: expected hold:X,Y in metres, for example hold:100,100") from None
-            if not (0 <= x <= scenario.area.width and 0 <= y <= scenario.area.length):
-                limits = f"[0, {scenario.area.width:g}] × [0, {scenario.area.length:g}]"
-                raise ScenarioError(f"usv: {text!r}: the point must lie in the area {limits}")
-            return cls(f"hold:{x:g},{y:g}", Strategy.hold, x, y)
-        raise ScenarioError(f"usv: {text!r}: allowed are {', '.join(KINDS)} and hold:X,Y")
 
 
 def data_level(scenario: Scenario) -> float:
@@ -72,20 +28,15 @@ def data_level(scenario: Scenario) -> float:
     return sonar_equation.acoustic_source_level(nodes.source_power) - level
 
 
-def sound_speed_profile(scenario: Scenario) -> SoundSpeedProfile | None:
-    """As `Site.sound_speed`, for callers that do not hold the scenario's site yet."""
-    return site(scenario).sound_speed
-
-
-def sound_layers(scenario: Scenario) -> np.ndarray:
+def sound_layers(site: Site) -> np.ndarray:
     """The speed of sound for `kernels.positioning.rays`, (N, rays.COLUMNS)."""
-    profile = sound_speed_profile(scenario) or SoundSpeedProfile.constant(scenario.acoustics.sound_speed)
+    profile = site.sound_speed or SoundSpeedProfile.constant(site.scenario.acoustics.sound_speed)
     return profile.thinned(LAYER_TOLERANCE).layers()
 
 
-def sound_speed(scenario: Scenario) -> float:
+def sound_speed(site: Site) -> float:
     """The one speed of sound by which the array turns phases into cosines and delays into metres, m/s."""
-    profile = sound_speed_profile(scenario)
+    scenario, profile = site.scenario, site.sound_speed
     if profile is None:
         return scenario.acoustics.sound_speed
     if scenario.usbl.refraction == "array":
@@ -93,36 +44,55 @@ def sound_speed(scenario: Scenario) -> float:
     return profile.harmonic_mean(0.0, boat_separation(scenario))
 
 
-def options(scenario: Scenario, strategy: UsvStrategy) -> Options:
+def program(site: Site, strategy: BoatStrategy) -> Program:
     """What the mission's kernels are compiled for.
 
     Raises:
-        ScenarioError: a tone too short for the waveform receiver.
+        ScenarioError: a tone too short for the waveform receiver, or an unknown observation term.
     """
-    s = scenario
+    s = site.scenario
     if s.usbl.model == "waveform" and s.usbl.periods < waveform.FEWEST_PERIODS:
         raise ScenarioError(
             f"usbl.periods = {s.usbl.periods}: must be at least {waveform.FEWEST_PERIODS} with usbl.model = waveform"
         )
     refraction = Refraction.none
-    if sound_speed_profile(s) is not None:
+    if site.sound_speed is not None:
         refraction = Refraction.corrected if s.usbl.refraction == "corrected" else Refraction.ignored
-    return Options(
-        task=Task.station_keeping if s.task == "station-keeping" else Task.collection,
+    return Program(
+        task=s.task_definition,
+        strategy=strategy.functions,
+        target_rule=target_rules[s.nodes.target_rule],
+        observation=tuple(observation_terms[name].write for name in ObservationLayout.of(s).terms),
+        objective_code=objectives.form(s.planner.measurement, s.planner.objective),
         waveform=s.usbl.model == "waveform",
         refraction=refraction,
         tracker=s.tracker.enabled,
-        strategy=strategy.code,
-        form=objectives.form(s.planner.measurement, s.planner.objective),
     )
 
 
-def link_table(scenario: Scenario) -> np.ndarray:
+def task_parameters(scenario: Scenario) -> np.ndarray:
+    """The numbers that the task declares, as the scenario has them, (≥ 1,)."""
+    given = scenario.task_parameters.numbers
+    return np.array([given.get(name, default) for name, default in scenario.task_definition.parameters] or [0.0])
+
+
+def reward_weights(scenario: Scenario) -> np.ndarray:
+    """Weights of the task's reward terms, (R,)."""
+    given = scenario.task_parameters.numbers
+    return np.array(
+        [
+            getattr(scenario.reward, term.name) if term.weight is None else given.get(term.name, term.weight)
+            for term in scenario.task_definition.reward_terms
+        ]
+    )
+
+
+def link_table(site: Site) -> np.ndarray:
     """Acoustic constants of each AUV's positioning link, see `kernels.positioning.usbl.link_table`."""
-    s = scenario
+    s = site.scenario
     return usbl.link_table(
         [s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)],
-        sound_speed=sound_speed(s),
+        sound_speed=sound_speed(site),
         source_level=s.acoustics.source_level,
         target_strength=s.acoustics.target_strength,
         path=s.acoustics.path,
@@ -139,12 +109,17 @@ def link_table(scenario: Scenario) -> np.ndarray:
     )
 
 
-def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int) -> np.ndarray:
-    """All numbers of a scenario in the order of `kernels.mission.columns.Parameter`, float32."""
-    s = scenario
+def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarray:
+    """All numbers of a scenario in the order of `kernels.mission.columns.Parameter`, float32.
+
+    Args:
+        link: of `link_table`.
+        first_world: index of the first world.
+    """
+    s = site.scenario
     current_variance, correlation_time = 0.0, tracker.FOREVER
     if s.tracker.enabled:
-        current_variance, correlation_time = current_model(s, link_table(s))
+        current_variance, correlation_time = current_model(site, link)
     numbers = {
         "step": s.mission.step,
         "width": s.area.width,
@@ -161,10 +136,8 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
         "attitude_error": s.usbl.attitude_error,
         "top_speed": s.boat.top_speed,
         "drifts": s.boat.drifts,
-        "hold_x": strategy.x,
-        "hold_y": strategy.y,
         "separation_boat": boat_separation(s),
-        "sound_speed": sound_speed(s),
+        "sound_speed": sound_speed(site),
         "propagates": s.usbl.propagation,
         "latency": s.usbl.latency,
         "packet_loss": s.usbl.packet_loss,
@@ -191,15 +164,7 @@ def pack_parameters(scenario: Scenario, strategy: UsvStrategy, first_world: int)
         "data_bandwidth": s.nodes.bandwidth,
         "data_demonstration": s.nodes.rate_law == "demonstration",
         "distance_weight": s.nodes.distance_weight,
-        "observed_current": OBSERVED_CURRENT[s.observation.current],
         "progress": s.reward.distance_form == "progress",
-        "weight_distance": s.reward.distance,
-        "weight_border": s.reward.border,
-        "weight_overflow": s.reward.overflow,
-        "weight_proximity": s.reward.proximity,
-        "weight_service": s.reward.service,
-        "weight_power": s.reward.power,
-        "weight_collaboration": s.reward.collaboration,
         "farthest": math.hypot(s.area.diagonal, boat_separation(s)),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from inspect import signature
+
 import numpy as np
 import torch
 
 from kernels import runtime
 from kernels.flow import current, vortex
 from kernels.launch import Launch
-from kernels.mission import poisson_table, reset, step
-from kernels.mission.columns import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn, RewardTerm
+from kernels.mission import poisson_table
+from kernels.mission.columns import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from kernels.mission.run import Phase, run
 from kernels.positioning import tracker
+from kernels.shallow_water.linear import ShallowWater
 from kernels.types import Level
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.forcing import build_sea, build_short_waves, fine_cells
-from usvauv_env.site.bed_and_current import bed, real_current
-from usvauv_env.world.tables import (
-    CURRENT_COMPONENTS,
-    UsvStrategy,
-    fixed_vortices,
-    link_table,
-    options,
-    pack_parameters,
-    sound_layers,
-)
+from usvauv_env.sea.nonlinear_pool import NonlinearSeas
+from usvauv_env.sea.storm import AirySea
+from usvauv_env.site.site import Site
+from usvauv_env.world import tables
+from usvauv_env.world.boat_strategies import StrategyChoice
+from usvauv_env.world.observation import ObservationLayout
 
 MAX_WORLDS = 1 << 22
 STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "observation")
-
-
-def observation_size(scenario: Scenario) -> int:
-    """Numbers in one AUV's observation."""
-    return 2 * (scenario.auv.count - 1) + 6 + CURRENT_COMPONENTS[scenario.observation.current]
 
 
 class World:
@@ -42,32 +38,19 @@ class World:
     (first_world + w) modulo `sea.realisations`; the seas start anew when all worlds are reset together and run on when
     only some are.
 
-    Observation of AUV k, float32 (num_worlds, num_auvs, observation_size); K AUVs, D the area's diagonal. Positions are
-    the estimated ones: of the last fix, or of the tracker:
-
-        index            quantity                                      unit   range
-        0 .. 2K-3        for each other AUV j: (x_j − x_k, y_j − y_k)  D      −1 .. 1
-        2K-2, 2K-1       target node minus own position                D      −1 .. 1
-        2K, 2K+1         own position                                  D      0 .. 1
-        2K+2             own last move was refused at the border       –      0 or 1
-        2K+3             share of nodes overflowing                    –      0 .. 1
-        2K+4             current speed at the AUV (Eq. 4)              m/s    ≥ 0     if observation.current ≠ "none"
-        2K+5, 2K+6       current at the AUV, x and y                   m/s    any     if it is "vector" or "profile"
-        2K+7 .. 2K+18    current around the AUV, x and y               m/s    any     if it is "profile"
-
-    A current profiler (a horizontal ADCP) measures at 25 m, then at 50 m, on three beams: 1 rad to the right of the
-    target's bearing, towards it, 1 rad to the left. It averages over waves: what it sees is vortices and real currents.
+    Observation of AUV k, float32 (num_worlds, num_auvs, observation_size): the terms of `observation_layout`, which
+    `usvauv_env.world.observation` and `docs/interfaces.md` tabulate. Positions are the estimated ones: of the last fix,
+    or of the tracker.
 
     Action, float32 (num_worlds, num_auvs, 2) in [−1, 1]: with auv.action = "vector" the velocity through the water over
-    speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear from
-    speed_min (−1)
-    to speed_max (1).
+    speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear
+    from speed_min (−1) to speed_max (1).
 
     Args:
         scenario: what to simulate.
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1.
-        usv: "fim", "fim-greedy", "fim-horizon", "hold:X,Y" or "centroid", see `UsvStrategy`.
+        usv: strategy of the boat: "fim", "fim-greedy", "fim-horizon", "hold:X,Y", "centroid" or a plugin's.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
         arch: where to run, see `kernels.runtime.start`.
@@ -79,7 +62,6 @@ class World:
     """
 
     measure_names = MEASURES
-    reward_names = RewardTerm.names
 
     def __init__(
         self,
@@ -99,83 +81,84 @@ class World:
         if fine_sea and num_worlds != 1:
             raise ScenarioError(f"num_worlds = {num_worlds}: a finely resolved sea carries exactly one world")
         self.scenario = scenario
+        self.site = Site(scenario)
         self.num_worlds = num_worlds
         self.num_auvs = scenario.auv.count
         self.seed = seed
-        self.strategy = UsvStrategy.parse(usv, scenario)
+        self.strategy = StrategyChoice.parse(usv, scenario)
+        self.reward_names = scenario.task_definition.reward_names
         self.steps = scenario.mission.steps
-        self.observation_size = observation_size(scenario)
+        self.observation_layout = ObservationLayout.of(scenario)
+        self.observation_size = self.observation_layout.size
         self.device = runtime.start(arch).device
-        self._key = (seed & 0xFFFFFFFF, seed >> 32)
         self._first_world = first_world
         self._sea_interval = max(1, round(scenario.sea.update_interval / scenario.mission.step))
         self._fine_sea = fine_sea
+        self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
 
-        def array(*shape: int) -> torch.Tensor:
+        def zeros(*shape: int) -> torch.Tensor:
             return torch.zeros(shape, dtype=torch.float32, device=self.device)
 
-        num_nodes, num_vortices = scenario.targets, max(scenario.current.vortices, 1)
+        num_vortices = max(scenario.current.vortices, 1)
         team = (num_worlds, self.num_auvs)
-        self.auv = array(*team, len(AuvColumn.names))
-        self.node = array(num_worlds, num_nodes, len(NodeColumn.names))
-        self.vortex = array(num_worlds, num_vortices, 4)
-        self.boat = array(num_worlds, len(BoatColumn.names))
-        self.estimate = array(*team, len(EstimateColumn.names))
-        self.track = array(*(team if scenario.tracker.enabled else (1, 1)), tracker.COLUMNS)
-        self.observation = array(*team, self.observation_size)
-        self.reward = array(*team)
-        self.reward_terms = array(*team, len(RewardTerm.names))
+        self.auv = zeros(*team, len(AuvColumn.names))
+        self.node = zeros(num_worlds, scenario.targets, len(NodeColumn.names))
+        self.vortex = zeros(num_worlds, num_vortices, 4)
+        self.boat = zeros(num_worlds, len(BoatColumn.names))
+        self.estimate = zeros(*team, len(EstimateColumn.names))
+        self.track = zeros(*(team if scenario.tracker.enabled else (1, 1)), tracker.COLUMNS)
+        self.observation = zeros(*team, self.observation_size)
+        self.reward = zeros(*team)
+        self.reward_terms = zeros(*team, len(self.reward_names))
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
-        self._parameters = self._upload(pack_parameters(scenario, self.strategy, first_world))
-        alone = runtime.better_alone(num_worlds * self.num_auvs)
-        self._options = options(scenario, self.strategy)._replace(serial=alone)
-        self._link = self._upload(link_table(scenario))
-        self._layers = self._upload(sound_layers(scenario))
-        self._arrivals = self._upload(poisson_table.table(scenario.nodes.arrival_rates, scenario.mission.step))
-        self._fixed_vortex = self._upload(fixed_vortices(scenario))
-        self._bed = self._upload(bed(scenario))
-        self._flow = real_current(scenario)
-        self._stream = array(len(Level.names), 1, 1, 2) if self._flow is None else self._upload(self._flow.at(0.0))
+        self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
+        self._action = zeros(*team, 2)
+        self._flow = self.site.current
+        self._stream = zeros(len(Level.names), 1, 1, 2) if self._flow is None else self._upload(self._flow.at(0.0))
         self._evolve_vortices = None
         eddies = scenario.current
         if eddies.viscosity > 0 or eddies.mutual:
-            self._room = array(num_worlds, num_vortices, 7)
             self._evolve_vortices = vortex.evolution(
-                self.vortex, self._room, scenario.mission.step, eddies.viscosity, eddies.mutual
+                self.vortex,
+                zeros(num_worlds, num_vortices, 7),
+                scenario.mission.step,
+                eddies.viscosity,
+                eddies.mutual,
             )
-        self._action = array(*team, 2)
+        self._constants = self._upload_tables()
         self._begin_sea(episode=0)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse to rebind a public attribute: the kernels would go on with the old one."""
+        if name in self.__dict__ and not name.startswith("_"):
+            raise AttributeError(f"World.{name}: cannot be rebound; a tensor can be written in place, {name}[:] = ...")
+        super().__setattr__(name, value)
+
+    @property
+    def sea(self) -> ShallowWater | NonlinearSeas:
+        """The long waves that the worlds sail on."""
+        return self._sea
+
+    @property
+    def storm(self) -> AirySea:
+        """The short waves."""
+        return self._storm
 
     def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
         """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation."""
         if mask is None:
             episode = int(self._clock[0, 0]) + 1
-            if (episode, 0) != (self._sea_episode, self._steps_since_sea):  # else they stand at its beginning
+            if (episode, 0) != (self._sea_episode, self._steps_since_sea):  # the seas are not at its beginning yet
                 self._begin_sea(episode)
-            mask = torch.ones(self.num_worlds, dtype=torch.bool, device=self.device)
-        with runtime.compiled_quickly():
-            reset.begin_episodes(
-                self._options,
-                self._parameters,
-                self._arrivals,
-                self._link,
-                self._layers,
-                self._fixed_vortex,
-                *self._key,
-                mask.to(self.device, torch.uint8).contiguous(),
-                *self._sea_arguments,
-                self._clock,
-                self.auv,
-                self.node,
-                self.vortex,
-                self.boat,
-                self.estimate,
-                self.track,
-                self.observation,
-            )
+            self._chosen.fill_(1)
+        else:
+            self._chosen.copy_(mask)
+        self._reset()
         return self.observation
 
-    def step(self, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, dict]:
+    def step(
+        self, action: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
         """Advance all worlds by one mission step.
 
         Args:
@@ -185,10 +168,10 @@ class World:
             ValueError: an action of another shape.
 
         Returns:
-            observation (W, K, O); reward (W, K); terminated (W, K): a service ended the learner's value horizon, the
-            episode goes on; truncated (W, K): the episode's time is over, call `reset`; info with "reward_terms"
-            (W, K, R) named `reward_names` and "measures" (W, K, 6) named `measure_names`. All but terminated and
-            truncated are overwritten by the next step.
+            observation (W, K, O); reward (W, K); horizon_ended (W, K) bool: a service ended the learner's value
+            horizon, the episode goes on; truncated (W, K) bool: the episode's time is over, call `reset`; info with
+            "reward_terms" (W, K, R) named `reward_names` and "measures" (W, K, 6) named `measure_names`. All but
+            horizon_ended and truncated are overwritten by the next step.
         """
         if action.shape != self._action.shape:
             raise ValueError(f"action has shape {tuple(action.shape)}: must be {tuple(self._action.shape)}")
@@ -201,25 +184,33 @@ class World:
         self._action.copy_(action)
         self._step()
         served = self.auv[..., AuvColumn.service_rate] > 0
-        terminated = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
+        horizon_ended = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
         truncated = (self._clock[:, 1:] >= self.steps).expand(-1, self.num_auvs)
         info = {"reward_terms": self.reward_terms, "measures": self.measures()}
-        return self.observation, self.reward, terminated, truncated, info
+        return self.observation, self.reward, horizon_ended, truncated, info
 
     def rewind(self) -> None:
         """Make the next `reset` begin the first episode again, as in a new world of the same seed."""
         self._clock.fill_(-1)
 
     def state(self) -> dict[str, torch.Tensor]:
-        """Everything that decides the future of the worlds, as copies; `load` brings it back bit for bit."""
+        """Everything that decides the future of the worlds, as copies; `load_state` brings it back bit for bit."""
         own = {name: getattr(self, name).clone() for name in STATE}
         own["clock"] = self._clock.clone()
         own["sea"], own["sea_clock"] = self.sea.state()
         own["sea_episode"] = torch.tensor([self._sea_episode, self._steps_since_sea])
         return own
 
-    def load(self, state: dict[str, torch.Tensor]) -> None:
-        """Go back to a state that `state` gave for a world of the same scenario, seed and size."""
+    def load_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Go back to a state that `state` gave for a world of the same scenario, seed and size.
+
+        Raises:
+            ScenarioError: a tensor of it has another shape.
+        """
+        for name in STATE:
+            given, own = tuple(state[name].shape), tuple(getattr(self, name).shape)
+            if given != own:
+                raise ScenarioError(f"state of the world: {name} has shape {given}: must be {own}")
         episode, steps = state["sea_episode"].tolist()
         self._begin_sea(episode)
         self._steps_since_sea = steps
@@ -231,13 +222,13 @@ class World:
 
     def measures(self) -> torch.Tensor:
         """What the last step cost and brought, (num_worlds, num_auvs, 6), columns `measure_names`."""
-        return self.auv[..., AuvColumn.power : AuvColumn.position_error + 1]
+        return self.auv[..., AuvColumn.span("power", "position_error")]
 
     def current(self) -> torch.Tensor:
         """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: all that `kernels.flow.current`
         names, and the storm.
         """
-        return self.auv[..., AuvColumn.current_x : AuvColumn.current_y + 1]
+        return self.auv[..., AuvColumn.span("current_x", "current_y")]
 
     def current_field(self, flow: torch.Tensor, mask: torch.Tensor, margin: float = 0.0) -> None:
         """True velocity of the water at cruise level, without the storm, into `flow`, m/s.
@@ -248,19 +239,44 @@ class World:
             margin: distance of the grid's edges from those of the area, m.
         """
         current.on_grid(
-            self._parameters,
+            self._area,
             self.vortex,
             self._stream,
+            self._constants["bed"],
             *self.sea.transports,
             *self.sea.units,
-            self._bed,
-            self._lane,
             self.sea.nx,
             self.sea.ny,
+            self._lane,
             mask.to(self.device, torch.uint8).contiguous(),
             margin,
             flow,
         )
+
+    def _upload_tables(self) -> dict[str, object]:
+        """What the kernels read and nothing changes, by the names of the kernel's arguments."""
+        scenario, key = self.scenario, self.seed
+        link = tables.link_table(self.site)
+        numbers = {
+            "p": tables.pack_parameters(self.site, link, self._first_world),
+            "link": link,
+            "layers": tables.sound_layers(self.site),
+            "arrivals": poisson_table.table(scenario.nodes.arrival_rates, scenario.mission.step),
+            "fixed_vortex": tables.fixed_vortices(scenario),
+            "strategy_arguments": np.array(self.strategy.numbers or [0.0]),
+            "task_parameters": tables.task_parameters(scenario),
+            "reward_weights": tables.reward_weights(scenario),
+            "bed": self.site.bed,
+        }
+        program = tables.program(self.site, self.strategy.strategy)
+        first = [place.start for _, place in self.observation_layout]
+        return {
+            **{name: self._upload(array) for name, array in numbers.items()},
+            "program": program._replace(serial=runtime.better_alone(self.num_worlds * self.num_auvs)),
+            "observation_first": torch.tensor(first, dtype=torch.int32, device=self.device),
+            "key_low": key & 0xFFFFFFFF,
+            "key_high": key >> 32,
+        }
 
     def _begin_sea(self, episode: int) -> None:
         """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
@@ -268,41 +284,41 @@ class World:
         seed = self.seed + (episode << 64)
         if self._fine_sea:
             first = self._first_world % pool
-            self.sea = build_sea(self.scenario, seed, 1, fine_cells(self.scenario), first)
-            self.storm = build_short_waves(self.scenario, seed, 1, first)
+            self._sea = build_sea(self.scenario, seed, 1, fine_cells(self.scenario), first)
+            self._storm = build_short_waves(self.scenario, seed, 1, first)
             lane = torch.zeros(1, dtype=torch.int32)
         else:
             first = self._first_world % pool
             count = min(self.num_worlds, pool)
             if first + count > pool:  # around the end of the pool
                 first, count = 0, pool
-            self.sea = build_sea(self.scenario, seed, count, first=first)
-            self.storm = build_short_waves(self.scenario, seed, count, first=first)
+            self._sea = build_sea(self.scenario, seed, count, first=first)
+            self._storm = build_short_waves(self.scenario, seed, count, first=first)
             lane = (torch.arange(self.num_worlds) + self._first_world) % pool - first
         self._lane = lane.to(self.device, torch.int32)
-        water = (self.sea.eta, *self.sea.transports, *self.sea.units, self.storm.wave, self._stream, self._bed)
-        self._sea_arguments = (*water, self._lane, self.sea.nx, self.sea.ny)
+        (U, V), (unit_x, unit_y) = self.sea.transports, self.sea.units
+        arguments = {
+            **self._constants,
+            "vortex": self.vortex,
+            "stream": self._stream,
+            "eta": self.sea.eta,
+            "U": U,
+            "V": V,
+            "unit_x": unit_x,
+            "unit_y": unit_y,
+            "nx": self.sea.nx,
+            "ny": self.sea.ny,
+            "sea": self._lane,
+            "wave": self.storm.wave,
+            "chosen": self._chosen,
+            "clock": self._clock,
+            "action": self._action,
+            **{name: getattr(self, name) for name in (*STATE, "reward_terms", "reward")},
+        }
         with runtime.compiled_quickly():
-            self._step = Launch(
-                step.step,
-                self._options,
-                self._parameters,
-                self._arrivals,
-                self._link,
-                self._layers,
-                *self._key,
-                *self._sea_arguments,
-                self._action,
-                self._clock,
-                self.auv,
-                self.node,
-                self.vortex,
-                self.boat,
-                self.estimate,
-                self.track,
-                self.observation,
-                self.reward_terms,
-                self.reward,
+            self._reset, self._step = (
+                Launch(run, *({"phase": phase, **arguments}[name] for name in signature(run).parameters))
+                for phase in (Phase.reset, Phase.step)
             )
         self._steps_since_sea = 0
         self._sea_episode = episode

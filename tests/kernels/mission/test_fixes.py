@@ -283,7 +283,7 @@ class TestTracker:
             observation = world.step(steady(observation))[0]
         kept = world.state()
         first = [world.step(steady(observation))[0].clone() for _ in range(5)]
-        world.load(kept)
+        world.load_state(kept)
         again = [world.step(steady(observation))[0].clone() for _ in range(5)]
         assert torch.equal(first[-1], again[-1])
 

@@ -1,0 +1,53 @@
+"""How an AUV moves in a step."""
+
+import taichi as ti
+
+from kernels.mission import vehicle
+from kernels.mission.columns import AuvColumn, NodeColumn, Parameter
+from kernels.types import vec2
+
+
+@ti.func
+def distance_to_target(worlds: ti.template(), w, k):
+    """True horizontal distance from AUV k to its target, m."""
+    target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+    return vec2(
+        worlds.node[w, target, NodeColumn.x] - worlds.auv[w, k, AuvColumn.x],
+        worlds.node[w, target, NodeColumn.y] - worlds.auv[w, k, AuvColumn.y],
+    ).norm()
+
+
+@ti.func
+def travel(worlds: ti.template(), w, k, a0, a1):
+    """Move AUV k for one step as its action commands and with the water; a move across the border is refused."""
+    p = ti.static(worlds.p)
+    auv = ti.static(worlds.auv)
+    velocity = vehicle.water_velocity(p, a0, a1)
+    auv[w, k, AuvColumn.water_x] = velocity[0]
+    auv[w, k, AuvColumn.water_y] = velocity[1]
+    auv[w, k, AuvColumn.power] = vehicle.travelling_power(velocity.norm())
+    x = auv[w, k, AuvColumn.x]
+    y = auv[w, k, AuvColumn.y]
+    current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
+    moved = vec2(x, y) + p[Parameter.step] * (velocity + current)
+    inside = moved[0] >= 0.0 and moved[0] <= p[Parameter.width]
+    inside = inside and moved[1] >= 0.0 and moved[1] <= p[Parameter.length]
+    if inside:
+        auv[w, k, AuvColumn.x] = moved[0]
+        auv[w, k, AuvColumn.y] = moved[1]
+        auv[w, k, AuvColumn.moved_x] = moved[0] - x
+        auv[w, k, AuvColumn.moved_y] = moved[1] - y
+    else:
+        auv[w, k, AuvColumn.border] = 1.0
+
+
+@ti.func
+def clear_last_step(worlds: ti.template(), w, k):
+    """Clear what AUV k did in the step before."""
+    auv = ti.static(worlds.auv)
+    auv[w, k, AuvColumn.moved_x] = 0.0
+    auv[w, k, AuvColumn.moved_y] = 0.0
+    auv[w, k, AuvColumn.border] = 0.0
+    auv[w, k, AuvColumn.service_rate] = 0.0
+    auv[w, k, AuvColumn.delivered] = 0.0
+    auv[w, k, AuvColumn.hovering] = 0.0

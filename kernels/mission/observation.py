@@ -1,0 +1,128 @@
+"""Terms of an AUV's observation: each function writes one term, from a given index on.
+
+What a term's numbers mean, their units and ranges stand in `usvauv_env.world.observation`.
+"""
+
+import math
+
+import taichi as ti
+
+from kernels.flow import airy, current
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, Parameter
+from kernels.types import Level, vec2
+
+# A horizontal current profiler measures on beams towards the target and BEAM_ANGLE to its right and left, at
+# PROFILE_CELLS distances BEAM_CELL apart.
+BEAMS, BEAM_ANGLE = 3, 1.0  # rad
+PROFILE_CELLS, BEAM_CELL = 2, 25.0  # m
+PROFILE_POINTS = BEAMS * PROFILE_CELLS
+COSINE, SINE = math.cos(BEAM_ANGLE), math.sin(BEAM_ANGLE)
+
+
+@ti.func
+def target_offset(worlds: ti.template(), w, k) -> vec2:
+    """From the estimated position of AUV k to its target, over the area's diagonal."""
+    scale = 1.0 / worlds.p[Parameter.diagonal]
+    target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+    return vec2(
+        (worlds.node[w, target, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x]) * scale,
+        (worlds.node[w, target, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y]) * scale,
+    )
+
+
+@ti.func
+def others(worlds: ti.template(), w, k, first):
+    """Estimated positions of the other AUVs relative to the own one."""
+    scale = 1.0 / worlds.p[Parameter.diagonal]
+    estimate = ti.static(worlds.estimate)
+    slot = first
+    for j in range(worlds.auv.shape[1]):
+        if j != k:
+            dx = estimate[w, j, EstimateColumn.x] - estimate[w, k, EstimateColumn.x]
+            dy = estimate[w, j, EstimateColumn.y] - estimate[w, k, EstimateColumn.y]
+            worlds.observation[w, k, slot] = dx * scale
+            worlds.observation[w, k, slot + 1] = dy * scale
+            slot += 2
+
+
+@ti.func
+def target(worlds: ti.template(), w, k, first):
+    """The target relative to the own estimated position."""
+    offset = target_offset(worlds, w, k)
+    worlds.observation[w, k, first] = offset[0]
+    worlds.observation[w, k, first + 1] = offset[1]
+
+
+@ti.func
+def position(worlds: ti.template(), w, k, first):
+    """The own estimated position."""
+    scale = 1.0 / worlds.p[Parameter.diagonal]
+    worlds.observation[w, k, first] = worlds.estimate[w, k, EstimateColumn.x] * scale
+    worlds.observation[w, k, first + 1] = worlds.estimate[w, k, EstimateColumn.y] * scale
+
+
+@ti.func
+def border(worlds: ti.template(), w, k, first):
+    """Whether the last move was refused at the border."""
+    worlds.observation[w, k, first] = worlds.auv[w, k, AuvColumn.border]
+
+
+@ti.func
+def overflow(worlds: ti.template(), w, k, first):
+    """Share of the nodes that overflow."""
+    worlds.observation[w, k, first] = worlds.boat[w, BoatColumn.overflowing] / worlds.node.shape[1]
+
+
+@ti.func
+def current_speed(worlds: ti.template(), w, k, first):
+    """Speed of the current at the AUV (Eq. 4)."""
+    worlds.observation[w, k, first] = vec2(
+        worlds.auv[w, k, AuvColumn.current_x], worlds.auv[w, k, AuvColumn.current_y]
+    ).norm()
+
+
+@ti.func
+def current_vector(worlds: ti.template(), w, k, first):
+    """Components of the current at the AUV."""
+    worlds.observation[w, k, first] = worlds.auv[w, k, AuvColumn.current_x]
+    worlds.observation[w, k, first + 1] = worlds.auv[w, k, AuvColumn.current_y]
+
+
+@ti.func
+def current_profile(worlds: ti.template(), w, k, first):
+    """Components of the current, without waves, at the points of the profiler."""
+    towards = target_offset(worlds, w, k)
+    bearing = vec2(1.0, 0.0)
+    if towards.norm() > 1e-9:
+        bearing = towards.normalized()
+    for point in range(PROFILE_POINTS):
+        side = point % BEAMS - 1
+        reach = BEAM_CELL * (point // BEAMS + 1)
+        cosine = ti.select(side == 0, 1.0, COSINE)
+        sine = side * SINE
+        x = worlds.auv[w, k, AuvColumn.x] + reach * (cosine * bearing[0] - sine * bearing[1])
+        y = worlds.auv[w, k, AuvColumn.y] + reach * (sine * bearing[0] + cosine * bearing[1])
+        there = current.without_waves(worlds.water, Level.cruise, w, x, y)
+        worlds.observation[w, k, first + 2 * point] = there[0]
+        worlds.observation[w, k, first + 1 + 2 * point] = there[1]
+
+
+@ti.func
+def sense_current(worlds: ti.template(), w, k):
+    """Store the velocity of the water at AUV k, which also carries it during the coming step."""
+    x = worlds.auv[w, k, AuvColumn.x]
+    y = worlds.auv[w, k, AuvColumn.y]
+    storm = airy.motion(worlds.water.wave, worlds.water.sea[w], Level.cruise, x, y)
+    here = vec2(storm[3], storm[4])
+    here += current.velocity(worlds.water, Level.cruise, w, x, y)
+    worlds.auv[w, k, AuvColumn.current_x] = here[0]
+    worlds.auv[w, k, AuvColumn.current_y] = here[1]
+
+
+@ti.func
+def write(worlds: ti.template(), w, k):
+    """Write the observation of AUV k, term by term."""
+    sense_current(worlds, w, k)
+    terms = ti.static(worlds.program.observation)
+    for t in ti.static(range(len(terms))):
+        terms[t](worlds, w, k, worlds.observation_first[t])

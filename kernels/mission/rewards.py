@@ -1,0 +1,97 @@
+"""The standard terms of an AUV's reward (Eq. 4–5): functions (worlds, w, k, weight) → weight × a quantity."""
+
+import taichi as ti
+
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter
+from kernels.mission.tasks.task import RewardTerm
+from kernels.types import vec2, vec3
+
+
+@ti.func
+def distance(worlds: ti.template(), w, k, weight):
+    """Metres closed on the target in the step, or minus the distance to it."""
+    return weight * worlds.auv[w, k, AuvColumn.closed]
+
+
+@ti.func
+def border(worlds: ti.template(), w, k, weight):
+    """1 where the move was refused at the border."""
+    return weight * worlds.auv[w, k, AuvColumn.border]
+
+
+@ti.func
+def overflow(worlds: ti.template(), w, k, weight):
+    """Number of nodes that lost packets in the step."""
+    return weight * worlds.boat[w, BoatColumn.overflowing]
+
+
+@ti.func
+def proximity(worlds: ti.template(), w, k, weight):
+    """Metres below the safe distance, summed over the other AUVs."""
+    auv = ti.static(worlds.auv)
+    total = 0.0
+    for j in range(auv.shape[1]):
+        if j != k:
+            apart = vec2(
+                auv[w, j, AuvColumn.x] - auv[w, k, AuvColumn.x], auv[w, j, AuvColumn.y] - auv[w, k, AuvColumn.y]
+            ).norm()
+            total += ti.max(0.0, worlds.p[Parameter.safe_distance] - apart)
+    return weight * total
+
+
+@ti.func
+def service(worlds: ti.template(), w, k, weight):
+    """1 where a service was completed in the step."""
+    served = 0.0
+    if worlds.auv[w, k, AuvColumn.service_rate] > 0.0:
+        served = 1.0
+    return weight * served
+
+
+@ti.func
+def power(worlds: ti.template(), w, k, weight):
+    """Electrical power, W."""
+    return weight * worlds.auv[w, k, AuvColumn.power]
+
+
+@ti.func
+def collaboration(worlds: ti.template(), w, k, weight):
+    """l_max / l with the slant distance l to the boat (Eq. 5)."""
+    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, BoatColumn.x]
+    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, BoatColumn.y]
+    slant = vec3(dx, dy, worlds.estimate[w, k, EstimateColumn.separation]).norm()
+    return weight * worlds.p[Parameter.farthest] / slant
+
+
+@ti.func
+def write(worlds: ti.template(), w, k):
+    """Write the weighted reward terms of AUV k, and their sum."""
+    terms = ti.static(worlds.program.task.reward_terms)
+    for r in ti.static(range(len(terms))):
+        worlds.reward_terms[w, k, r] = terms[r].function(worlds, w, k, worlds.reward_weights[r])
+    total = 0.0
+    for r in range(worlds.reward_terms.shape[2]):
+        total += worlds.reward_terms[w, k, r]
+    worlds.reward[w, k] = total
+
+
+@ti.func
+def count_collisions(worlds: ti.template(), w):
+    """Count the pairs of AUVs that are closer than the collision distance."""
+    auv = ti.static(worlds.auv)
+    count = 0.0
+    for k in range(auv.shape[1]):
+        for j in range(k):
+            apart = vec2(
+                auv[w, j, AuvColumn.x] - auv[w, k, AuvColumn.x], auv[w, j, AuvColumn.y] - auv[w, k, AuvColumn.y]
+            ).norm()
+            if apart < worlds.p[Parameter.collision_distance]:
+                count += 1.0
+    worlds.boat[w, BoatColumn.collisions] = count
+
+
+# Their weights stand in the scenario's section `reward`.
+STANDARD = tuple(
+    RewardTerm(function.__name__, function, weight=None)
+    for function in (distance, border, overflow, proximity, service, power, collaboration)
+)

@@ -1,0 +1,98 @@
+"""The mission's kernel, batched over worlds: one loop iteration a world."""
+
+import taichi as ti
+
+from kernels.flow import airy
+from kernels.flow.current import Water
+from kernels.mission import reset, step
+from kernels.mission.columns import Parameter
+from kernels.mission.worlds import Worlds
+from kernels.types import Columns, array1, array2, array3, array4, index1, index2, mask1
+
+
+class Phase(Columns):
+    """What the kernel does: begin episodes, or advance them."""
+
+    reset: int
+    step: int
+
+
+@ti.kernel
+def run(
+    phase: ti.template(),
+    program: ti.template(),
+    p: array1,
+    link: array2,
+    layers: array2,
+    arrivals: array2,
+    fixed_vortex: array2,
+    strategy_arguments: array1,
+    task_parameters: array1,
+    reward_weights: array1,
+    observation_first: index1,
+    key_low: ti.u32,
+    key_high: ti.u32,
+    vortex: array3,
+    stream: array4,
+    bed: array4,
+    eta: array4,
+    U: array4,
+    V: array4,
+    unit_x: ti.f32,
+    unit_y: ti.f32,
+    nx: ti.i32,
+    ny: ti.i32,
+    sea: index1,
+    wave: airy.waves,
+    chosen: mask1,
+    clock: index2,
+    action: array3,
+    auv: array3,
+    node: array3,
+    boat: array2,
+    estimate: array3,
+    track: array3,
+    observation: array3,
+    reward_terms: array3,
+    reward: array2,
+):
+    """Begin the next episode of each world w with `chosen[w]` ≠ 0, or advance all worlds by one mission step.
+
+    The arrays are those of `Worlds` and of its `Water`.
+    """
+    ti.loop_config(serialize=program.serial)
+    for w in range(clock.shape[0]):
+        width = p[Parameter.width]
+        length = p[Parameter.length]
+        water = ti.static(Water(vortex, stream, width, length, bed, eta, U, V, unit_x, unit_y, nx, ny, sea, wave))
+        worlds = ti.static(
+            Worlds(
+                program,
+                p,
+                link,
+                layers,
+                arrivals,
+                fixed_vortex,
+                strategy_arguments,
+                task_parameters,
+                reward_weights,
+                observation_first,
+                key_low,
+                key_high,
+                water,
+                clock,
+                action,
+                auv,
+                node,
+                boat,
+                estimate,
+                track,
+                observation,
+                reward_terms,
+                reward,
+            )
+        )  # fmt: skip
+        if ti.static(phase == Phase.step):
+            step.advance(worlds, w)
+        elif chosen[w] != 0:
+            reset.begin_episode(worlds, w)

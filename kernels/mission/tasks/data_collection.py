@@ -1,0 +1,127 @@
+"""The task of collecting data: nodes fill, AUVs go to them, hover, and take what they hold."""
+
+import taichi as ti
+
+from kernels.flow import regular_grid
+from kernels.mission import poisson_table, rewards
+from kernels.mission.columns import AuvColumn, BoatColumn, Draw, NodeColumn, Parameter
+from kernels.mission.motion import distance_to_target, travel
+from kernels.mission.tasks.task import Task, tasks
+from kernels.mission.vehicle import hovering_power
+from kernels.mission.worlds import uniforms
+from kernels.positioning import sonar_equation
+from kernels.types import vec2
+
+
+@ti.func
+def place_nodes(worlds: ti.template(), w):
+    """Scatter the nodes of a new episode over the bed, with a backlog in each."""
+    p = ti.static(worlds.p)
+    node = ti.static(worlds.node)
+    num_kinds = worlds.arrivals.shape[0]
+    for i in range(node.shape[1]):
+        u = uniforms(worlds, w, Draw.node, i)
+        margin = p[Parameter.node_margin]
+        node[w, i, NodeColumn.x] = margin + u[0] * (p[Parameter.width] - 2 * margin)
+        node[w, i, NodeColumn.y] = margin + u[1] * (p[Parameter.length] - 2 * margin)
+        kind = ti.min(ti.cast(u[2] * num_kinds, ti.i32), num_kinds - 1)
+        node[w, i, NodeColumn.kind] = ti.cast(kind, ti.f32)
+        node[w, i, NodeColumn.rate] = worlds.arrivals[kind, poisson_table.RATE]
+        node[w, i, NodeColumn.backlog] = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
+
+
+@ti.func
+def choose_target(worlds: ti.template(), w, k):
+    """Send AUV k to the node that the target rule chooses."""
+    worlds.auv[w, k, AuvColumn.target] = ti.cast(worlds.program.target_rule(worlds, w, k), ti.f32)
+
+
+@ti.func
+def begin_service(worlds: ti.template(), w, k, distance):
+    """Set the data to carry, the link's rate at this horizontal distance (m), and how long AUV k hovers for it."""
+    p = ti.static(worlds.p)
+    auv = ti.static(worlds.auv)
+    target = ti.cast(auv[w, k, AuvColumn.target], ti.i32)
+    x = worlds.node[w, target, NodeColumn.x]
+    y = worlds.node[w, target, NodeColumn.y]
+    depth = regular_grid.sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
+    separation = depth - p[Parameter.cruise]
+    slant = ti.sqrt(distance * distance + separation * separation)
+    snr = p[Parameter.data_level] - sonar_equation.transmission_loss(slant, p[Parameter.data_frequency])
+    law = ti.cast(p[Parameter.data_demonstration], ti.i32)
+    rate = 1e-6 * sonar_equation.shannon_rate(p[Parameter.data_bandwidth], snr, law)
+    cargo = p[Parameter.payload] * worlds.node[w, target, NodeColumn.backlog] / p[Parameter.buffer]
+    auv[w, k, AuvColumn.rate] = rate
+    auv[w, k, AuvColumn.cargo] = cargo
+    auv[w, k, AuvColumn.hover] = ti.max(cargo / rate, 1e-3 * p[Parameter.step])
+
+
+@ti.func
+def move(worlds: ti.template(), w, k, a0, a1):
+    """One step of AUV k: hover and send, or travel with the current."""
+    p = ti.static(worlds.p)
+    auv = ti.static(worlds.auv)
+    before = distance_to_target(worlds, w, k)
+    after = before
+    if auv[w, k, AuvColumn.hover] > 0.0:
+        current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
+        auv[w, k, AuvColumn.hovering] = 1.0
+        auv[w, k, AuvColumn.water_x] = 0.0
+        auv[w, k, AuvColumn.water_y] = 0.0
+        auv[w, k, AuvColumn.power] = hovering_power(current.norm())
+        auv[w, k, AuvColumn.hover] = auv[w, k, AuvColumn.hover] - p[Parameter.step]
+        if auv[w, k, AuvColumn.hover] <= 0.0:
+            auv[w, k, AuvColumn.hover] = 0.0
+            auv[w, k, AuvColumn.service_rate] = auv[w, k, AuvColumn.rate]
+            auv[w, k, AuvColumn.delivered] = auv[w, k, AuvColumn.cargo]
+    else:
+        travel(worlds, w, k, a0, a1)
+        after = distance_to_target(worlds, w, k)
+        if after <= p[Parameter.hover_radius]:
+            begin_service(worlds, w, k, after)
+    if p[Parameter.progress] > 0.5:
+        auv[w, k, AuvColumn.closed] = before - after
+    else:
+        auv[w, k, AuvColumn.closed] = -after
+
+
+@ti.func
+def fill_nodes(worlds: ti.template(), w):
+    """Poisson arrivals at every node; counts those whose full buffer lost packets."""
+    p = ti.static(worlds.p)
+    node = ti.static(worlds.node)
+    overflowing = 0.0
+    for group in range((node.shape[1] + 3) // 4):
+        u = uniforms(worlds, w, Draw.arrival, group)
+        for part in ti.static(range(4)):
+            i = 4 * group + part
+            if i < node.shape[1]:
+                kind = ti.cast(node[w, i, NodeColumn.kind], ti.i32)
+                backlog = node[w, i, NodeColumn.backlog] + poisson_table.draw(worlds.arrivals, kind, u[part])
+                if backlog > p[Parameter.buffer]:
+                    backlog = p[Parameter.buffer]
+                    overflowing += 1.0
+                node[w, i, NodeColumn.backlog] = backlog
+    worlds.boat[w, BoatColumn.overflowing] = overflowing
+
+
+@ti.func
+def empty_served(worlds: ti.template(), w):
+    """Empty the nodes whose service was completed in this step, and send their AUVs on."""
+    for k in range(worlds.auv.shape[1]):
+        if worlds.auv[w, k, AuvColumn.service_rate] > 0.0:
+            worlds.node[w, ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32), NodeColumn.backlog] = 0.0
+            choose_target(worlds, w, k)
+
+
+tasks.register(
+    "data-collection",
+    Task(
+        place=place_nodes,
+        assign=choose_target,
+        move=move,
+        update=fill_nodes,
+        finish=empty_served,
+        reward_terms=rewards.STANDARD,
+    ),
+)

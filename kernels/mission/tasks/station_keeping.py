@@ -1,0 +1,61 @@
+"""The task of keeping station: every AUV holds its place in a formation, whatever the current does."""
+
+import taichi as ti
+
+from kernels.mission import rewards
+from kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
+from kernels.mission.motion import distance_to_target, travel
+from kernels.mission.tasks.task import Task, tasks
+from kernels.mission.worlds import uniforms
+
+TWO_PI = 6.283185307179586
+
+
+@ti.func
+def place_stations(worlds: ti.template(), w):
+    """Spread the stations of a new episode evenly over a circle about the area's centre, turned at random."""
+    p = ti.static(worlds.p)
+    node = ti.static(worlds.node)
+    u = uniforms(worlds, w, Draw.node, 0)
+    count = node.shape[1]
+    for i in range(count):
+        angle = TWO_PI * (u[0] + i / count)
+        node[w, i, NodeColumn.x] = 0.5 * p[Parameter.width] + p[Parameter.formation_radius] * ti.cos(angle)
+        node[w, i, NodeColumn.y] = 0.5 * p[Parameter.length] + p[Parameter.formation_radius] * ti.sin(angle)
+        node[w, i, NodeColumn.kind] = 0.0
+        node[w, i, NodeColumn.rate] = 0.0
+        node[w, i, NodeColumn.backlog] = 0.0
+
+
+@ti.func
+def assign_station(worlds: ti.template(), w, k):
+    """AUV k holds station k."""
+    worlds.auv[w, k, AuvColumn.target] = ti.cast(k, ti.f32)
+
+
+@ti.func
+def move(worlds: ti.template(), w, k, a0, a1):
+    """One step of AUV k."""
+    travel(worlds, w, k, a0, a1)
+    worlds.auv[w, k, AuvColumn.closed] = -distance_to_target(worlds, w, k)
+
+
+@ti.func
+def nothing(worlds: ti.template(), w):
+    """Stations stay as they are."""
+
+
+tasks.register(
+    "station-keeping",
+    Task(
+        place=place_stations,
+        assign=assign_station,
+        move=move,
+        update=nothing,
+        finish=nothing,
+        reward_terms=rewards.STANDARD,
+        targets="auvs",
+        heuristic="keep",
+        baseline="keep",
+    ),
+)

@@ -1,0 +1,124 @@
+"""What the functions of a mission pass on: the arrays of all worlds, and what is compiled into the kernels."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import taichi as ti
+
+from kernels import random
+from kernels.mission.columns import Parameter, Refraction
+from kernels.mission.tasks.task import Task
+
+
+class Strategy(NamedTuple):
+    """Taichi functions of a boat strategy.
+
+    Attributes:
+        start: (worlds, w) → vec2, where the boat begins, m; the AUVs' estimated positions are then the true ones.
+        goal: (worlds, w) → vec2, where it should be next, m.
+    """
+
+    start: Callable[..., Any]
+    goal: Callable[..., Any]
+
+
+class Program(NamedTuple):
+    """What is compiled into the mission's kernels; what is not chosen costs neither time nor compilation.
+
+    Attributes:
+        task: what the AUVs have to do.
+        strategy: of the boat.
+        target_rule: (worlds, w, k) → index of the node that AUV k heads for next.
+        observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
+        objective_code: what the boat maximises, of `kernels.planning.objectives.form`.
+        waveform: fixes by sampled tones, not by the statistical model.
+        refraction: of `Refraction`.
+        tracker: the boat tracks its AUVs.
+        serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
+    """
+
+    task: Task
+    strategy: Strategy
+    target_rule: Callable[..., Any]
+    observation: tuple[Callable[..., Any], ...]
+    objective_code: int = 0
+    waveform: bool = False
+    refraction: int = Refraction.none
+    tracker: bool = False
+    serial: bool = False
+
+
+class Worlds(NamedTuple):
+    """Arrays of all worlds, float32 unless said: W worlds, K AUVs, M nodes.
+
+    Attributes:
+        program: what is compiled.
+        p: (P,) numbers of the scenario, `Parameter`.
+        link: (K, C) acoustic constants of each AUV, `kernels.positioning.usbl.link_table`.
+        layers: (N, 3) sound speed profile, `kernels.positioning.rays`.
+        arrivals: (R, .) table of Poisson arrivals, `kernels.mission.poisson_table`.
+        fixed_vortex: (V, 4) vortices that are not drawn at random.
+        strategy_arguments: (≥ 1,) numbers that the boat strategy was given.
+        task_parameters: (≥ 1,) numbers that the task declares.
+        reward_weights: (R,) weights of the reward terms.
+        observation_first: (terms,) int32, index of the first number of each term.
+        key_low, key_high: uint32, the seed.
+        water: `kernels.flow.current.Water`.
+        clock: (W, 2) int32, episode and mission steps done.
+        action: (W, K, 2) in [−1, 1].
+        auv: (W, K, A) `AuvColumn`.
+        node: (W, M, N) `NodeColumn`.
+        boat: (W, B) `BoatColumn`.
+        estimate: (W, K, E) `EstimateColumn`.
+        track: (W, K, T) where there is a tracker, `kernels.positioning.tracker`.
+        observation: (W, K, O).
+        reward_terms: (W, K, R) weighted.
+        reward: (W, K).
+    """
+
+    program: Any
+    p: Any
+    link: Any
+    layers: Any
+    arrivals: Any
+    fixed_vortex: Any
+    strategy_arguments: Any
+    task_parameters: Any
+    reward_weights: Any
+    observation_first: Any
+    key_low: Any
+    key_high: Any
+    water: Any
+    clock: Any
+    action: Any
+    auv: Any
+    node: Any
+    boat: Any
+    estimate: Any
+    track: Any
+    observation: Any
+    reward_terms: Any
+    reward: Any
+
+
+@ti.func
+def address(worlds: ti.template(), w, step, draw, index):
+    """Counter of a random draw: the world's own index, its episode, a step, and what the draw is for (`Draw`)."""
+    return random.uint4(
+        ti.cast(w + ti.cast(worlds.p[Parameter.first_world], ti.i32), ti.u32),
+        ti.cast(worlds.clock[w, 0], ti.u32),
+        ti.cast(step, ti.u32),
+        ti.cast(draw * 65536 + index, ti.u32),
+    )
+
+
+@ti.func
+def uniforms(worlds: ti.template(), w, draw, index):
+    """Four independent numbers uniform in (0, 1), of the present step."""
+    return random.uniforms(address(worlds, w, worlds.clock[w, 1], draw, index), worlds.key_low, worlds.key_high)
+
+
+@ti.func
+def normals(worlds: ti.template(), w, draw, index):
+    """Four independent standard normal numbers, of the present step."""
+    return random.normals(address(worlds, w, worlds.clock[w, 1], draw, index), worlds.key_low, worlds.key_high)

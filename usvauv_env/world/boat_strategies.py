@@ -1,0 +1,102 @@
+"""Boat strategies by name, as `--usv` gives them: where the boat goes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from kernels.mission import boat_strategies as kernel
+from kernels.mission.worlds import Strategy
+from kernels.planning import receding_horizon
+from kernels.registry import Registry
+from usvauv_env.scenario import Scenario, ScenarioError
+
+
+def _no_check(scenario: Scenario, numbers: Sequence[float]) -> str:
+    return ""
+
+
+@dataclass(frozen=True)
+class BoatStrategy:
+    """A strategy of the boat.
+
+    Attributes:
+        functions: what it is in Taichi.
+        arguments: what the numbers after its name are, as in "hold:X,Y"; the functions read them from
+            `worlds.strategy_arguments`.
+        refuse: (scenario, numbers) → why they cannot be used together, or an empty text.
+    """
+
+    functions: Strategy
+    arguments: tuple[str, ...] = ()
+    refuse: Callable[[Scenario, Sequence[float]], str] = _no_check
+
+
+boat_strategies: Registry[BoatStrategy] = Registry("usv", ScenarioError)
+
+
+@dataclass(frozen=True)
+class StrategyChoice:
+    """A boat strategy with its numbers.
+
+    Attributes:
+        name: as tables show it, with the numbers.
+        strategy: the strategy.
+        numbers: that it was given.
+    """
+
+    name: str
+    strategy: BoatStrategy
+    numbers: tuple[float, ...] = ()
+
+    @classmethod
+    def parse(cls, text: str, scenario: Scenario) -> StrategyChoice:
+        """Read a strategy by name.
+
+        Raises:
+            ScenarioError: unknown strategy, wrong numbers, or one that cannot be used in the scenario.
+        """
+        name, colon, rest = text.partition(":")
+        if name not in boat_strategies or (colon and not boat_strategies[name].arguments):
+            raise ScenarioError(f"usv: {text!r}: allowed are {', '.join(_usage(known) for known in boat_strategies)}")
+        strategy = boat_strategies[name]
+        try:
+            numbers = tuple(float(part) for part in rest.split(",")) if strategy.arguments else ()
+        except ValueError:
+            numbers = None
+        if numbers is None or len(numbers) != len(strategy.arguments):
+            example = f"{name}:{','.join(['100'] * len(strategy.arguments))}"
+            raise ScenarioError(f"usv: {text!r}: expected {_usage(name)}, for example {example}")
+        if problem := strategy.refuse(scenario, numbers):
+            raise ScenarioError(f"usv: {text!r}{problem}")
+        shown = f"{name}:{','.join(f'{number:g}' for number in numbers)}" if numbers else name
+        return cls(shown, strategy, numbers)
+
+
+def _usage(name: str) -> str:
+    arguments = boat_strategies[name].arguments
+    return f"{name}:{','.join(arguments)}" if arguments else name
+
+
+def _needs_tracker(scenario: Scenario, numbers: Sequence[float]) -> str:
+    if not scenario.tracker.enabled:
+        return " looks ahead along tracks and needs tracker.enabled = true"
+    if scenario.planner.objective not in receding_horizon.CRITERIA:
+        allowed = ", ".join(receding_horizon.CRITERIA)
+        return f" needs planner.objective to be one of {allowed}, not {scenario.planner.objective}"
+    return ""
+
+
+def _in_area(scenario: Scenario, numbers: Sequence[float]) -> str:
+    x, y = numbers
+    if 0 <= x <= scenario.area.width and 0 <= y <= scenario.area.length:
+        return ""
+    return f": the point must lie in the area [0, {scenario.area.width:g}] × [0, {scenario.area.length:g}]"
+
+
+# By planner.objective: the best place; the best one within reach of a step; the best for the tracks of coming steps.
+boat_strategies.register("fim", BoatStrategy(kernel.FIM))
+boat_strategies.register("fim-greedy", BoatStrategy(kernel.FIM_GREEDY))
+boat_strategies.register("fim-horizon", BoatStrategy(kernel.FIM_HORIZON, refuse=_needs_tracker))
+boat_strategies.register("centroid", BoatStrategy(kernel.CENTROID))  # the mean of the AUVs' estimated positions
+boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area))  # a point of the area, m

@@ -1,0 +1,238 @@
+"""What an AUV observes and commands: a table of terms, from which offsets, spaces, names and documentation are derived.
+
+A term is present or not by the scenario. Present terms stand one after the other in the order of `observation_terms`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from kernels.mission import observation as kernel
+from kernels.mission.observation import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
+from kernels.registry import Registry
+from usvauv_env.scenario import Scenario, ScenarioError
+
+POSITION_BOUND = 2.0  # of the area's diagonal: the area itself spans 1, the rest is for fixes that lie outside it
+CURRENT = math.inf  # stands for the largest current of the scenario
+
+
+class Quantity(NamedTuple):
+    """One number of a vector.
+
+    Attributes:
+        index: place in the vector.
+        quantity: what it is; x points east, y north.
+        unit: what 1 stands for.
+        low, high: bounds in the spaces of the Gymnasium, PettingZoo and TorchRL environments.
+    """
+
+    index: int
+    quantity: str
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ObservationTerm:
+    """One term of an AUV's observation: numbers that belong together.
+
+    Attributes:
+        write: Taichi function (worlds, w, k, first) that writes the numbers of AUV k from index `first` on.
+        quantities: the number K of AUVs → what each number is, in order.
+        unit: "D", the area's diagonal; "m/s"; or "1".
+        low, high: bounds in the spaces, in that unit; ±inf stands for ± the largest current of the scenario.
+        condition: when the term is present, in words.
+        present: whether it is present. None: where `observation.extra` or the task names it.
+    """
+
+    write: Callable[..., Any]
+    quantities: Callable[[int], Sequence[str]]
+    unit: str
+    low: float
+    high: float
+    condition: str = "named in `observation.extra` or by the task"
+    present: Callable[[Scenario], bool] | None = None
+
+
+observation_terms: Registry[ObservationTerm] = Registry("observation term", ScenarioError)
+
+
+@dataclass(frozen=True)
+class ObservationLayout:
+    """Where the terms of a scenario stand in an AUV's observation (..., O): `observation[..., layout.slice("target")]`.
+
+    Attributes:
+        num_auvs: number K of AUVs.
+        terms: names of the terms, in order.
+    """
+
+    num_auvs: int
+    terms: tuple[str, ...]
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> ObservationLayout:
+        """The layout of a scenario.
+
+        Raises:
+            ScenarioError: an unknown term in `observation.extra` or of the task.
+        """
+        extra = {*scenario.observation.extra, *scenario.task_definition.observation}
+        for name in extra:
+            observation_terms[name]
+        present = (
+            name
+            for name, term in observation_terms.items()
+            if (term.present(scenario) if term.present else name in extra)
+        )
+        return cls(scenario.auv.count, tuple(present))
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.terms
+
+    def __iter__(self) -> Iterator[tuple[str, slice]]:
+        """Names and indices of the terms."""
+        last = 0
+        for name in self.terms:
+            first, last = last, last + len(observation_terms[name].quantities(self.num_auvs))
+            yield name, slice(first, last)
+
+    @property
+    def size(self) -> int:
+        """Numbers O in one AUV's observation."""
+        return max(place.stop for _, place in self)
+
+    def slice(self, name: str) -> slice:
+        """Indices of a term.
+
+        Raises:
+            KeyError: the term is not present.
+        """
+        return dict(self)[name]
+
+
+def observed(scenario: Scenario, current_bound: float) -> list[Quantity]:
+    """The observation of one AUV, number by number; `current_bound` is the largest current, m/s."""
+    layout = ObservationLayout.of(scenario)
+    rows: list[Quantity] = []
+    for name in layout.terms:
+        term = observation_terms[name]
+        unit = f"area's diagonal, {scenario.area.diagonal:.6g} m" if term.unit == "D" else term.unit
+        low, high = (math.copysign(current_bound, x) if math.isinf(x) else x for x in (term.low, term.high))
+        for text in term.quantities(layout.num_auvs):
+            rows.append(Quantity(len(rows), text, unit, low, high))
+    return rows
+
+
+def commanded(scenario: Scenario) -> list[Quantity]:
+    """The action of one AUV, number by number."""
+    auv = scenario.auv
+    if auv.action == "vector":
+        clamped = f"the velocity's norm is clamped into {auv.speed_min:g} .. {auv.speed_max:g} m/s"
+        names = [(f"velocity through the water, {axis}; {clamped}", f"{auv.speed_max:g} m/s") for axis in "xy"]
+    else:
+        span = f"{auv.speed_min:g} m/s at -1, {auv.speed_max:g} m/s at 1, linear between"
+        names = [("heading, from east towards north", "pi rad"), (f"speed through the water: {span}", "1")]
+    return [Quantity(index, text, unit, -1.0, 1.0) for index, (text, unit) in enumerate(names)]
+
+
+def table() -> str:
+    """All terms as a Markdown table; indices for any number K of AUVs, as with every term before present."""
+    rows = ["| index | term | quantity | unit | bounds of the spaces | present |", "|" + " --- |" * 6]
+    layouts = [ObservationLayout(count, tuple(observation_terms)) for count in (2, 3)]
+    for (name, two), (_, three) in zip(*layouts, strict=True):
+        term = observation_terms[name]
+        ends = (_linear(two.start, three.start), _linear(two.stop - 1, three.stop - 1))
+        texts = term.quantities(2)
+        text = texts[0] if len(texts) == 1 else f"{texts[0]}; …; {texts[-1]}"
+        low, high = (str(x).replace("inf", "c").replace(".0", "").replace("-", "−") for x in (term.low, term.high))
+        index = " … ".join(dict.fromkeys(ends))
+        rows.append(f"| {index} | `{name}` | {text} | {term.unit} | {low} … {high} | {term.condition} |")
+    return "\n".join(rows)
+
+
+def _linear(two: int, three: int) -> str:
+    """The number that is linear in K, from its values at K = 2 and K = 3."""
+    slope = three - two
+    constant = two - 2 * slope
+    if not slope:
+        return str(constant)
+    sign = "+" if constant > 0 else "−"
+    return f"{slope if slope != 1 else ''}K" + (f"{sign}{abs(constant)}" if constant else "")
+
+
+def _shows(*choices: str) -> Callable[[Scenario], bool]:
+    return lambda scenario: scenario.observation.current in choices
+
+
+def _always(scenario: Scenario) -> bool:
+    return True
+
+
+def _others(num_auvs: int) -> list[str]:
+    return [
+        f"{axis} of another AUV, number {number} of the others in the order of their index, minus own {axis}"
+        for number in range(1, num_auvs)
+        for axis in "xy"
+    ]
+
+
+def _profile(num_auvs: int) -> list[str]:
+    places = [(BEAM_CELL * (point // BEAMS + 1), BEAM_ANGLE * (point % BEAMS - 1)) for point in range(PROFILE_POINTS)]
+    return [
+        f"current {reach:g} m away, {beam:g} rad to the left of the target's bearing, {axis}"
+        for reach, beam in places
+        for axis in "xy"
+    ]
+
+
+def _register() -> None:
+    """The shipped terms, in the order in which they stand in an observation."""
+    position, share, speed, velocity = (
+        ("D", -POSITION_BOUND, POSITION_BOUND),
+        ("1", 0.0, 1.0),
+        ("m/s", 0.0, CURRENT),
+        ("m/s", -CURRENT, CURRENT),
+    )
+    target = [f"{axis} of the target, a node or station, minus own {axis}" for axis in "xy"]
+    components = [f"current at the AUV, {axis}" for axis in "xy"]
+    shipped = (
+        ("others", kernel.others, _others, position, "always", _always),
+        ("target", kernel.target, target, position, "always", _always),
+        ("position", kernel.position, ["own x", "own y"], position, "always", _always),
+        ("border", kernel.border, ["1 if the last move was refused at the border, else 0"], share, "always", _always),
+        ("overflow", kernel.overflow, ["share of nodes that overflow"], share, "always", _always),
+        (
+            "current_speed",
+            kernel.current_speed,
+            ["speed of the current at the AUV"],
+            speed,
+            '`observation.current` is not "none"',
+            _shows("speed", "vector", "profile"),
+        ),
+        (
+            "current",
+            kernel.current_vector,
+            components,
+            velocity,
+            '`observation.current` is "vector" or "profile"',
+            _shows("vector", "profile"),
+        ),
+        (
+            "current_profile",
+            kernel.current_profile,
+            _profile,
+            velocity,
+            '`observation.current` is "profile"',
+            _shows("profile"),
+        ),
+    )
+    for name, write, texts, kind, condition, present in shipped:
+        quantities = texts if callable(texts) else (lambda num_auvs, fixed=texts: fixed)
+        observation_terms.register(name, ObservationTerm(write, quantities, *kind, condition, present))
+
+
+_register()
