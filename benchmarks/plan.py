@@ -27,6 +27,7 @@ from kernels import runtime
 from kernels.planning import global_search, objectives, tilted_array
 from kernels.positioning import usbl
 from usvauv_env import Scenario
+from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
 SIDE = 200.0
@@ -147,7 +148,7 @@ def evolution(auvs: np.ndarray, link: np.ndarray, form: int, whole_generation: b
 def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str, object]:
     """Rates, ratio and gap of one objective for teams of `auvs`."""
     device, form = runtime.start().device, FORMS[name]
-    link = torch.from_numpy(link_table(Scenario.load("extreme", [f"auv.count={auvs}"]))).to(device)
+    link = torch.from_numpy(link_table(Site(Scenario.load("extreme", [f"auv.count={auvs}"])))).to(device)
     exact_link = link.double().cpu().numpy()
     random = np.random.default_rng(auvs)
     batch = (1 << 17) // auvs if device.type == "cpu" else (1 << 24) // auvs
@@ -186,7 +187,7 @@ def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[s
     """Loss in ln of the objective from planning level while the surface slopes towards a random direction."""
     device, form = runtime.start().device, FORMS[name]
     objective, measurement = objectives.OBJECTIVES[form // 2], form % 2
-    link = torch.from_numpy(link_table(Scenario.load("extreme", [f"auv.count={auvs}"]))).to(device)
+    link = torch.from_numpy(link_table(Site(Scenario.load("extreme", [f"auv.count={auvs}"])))).to(device)
     random = np.random.default_rng(auvs)
     team = layouts("anywhere", count, auvs, random)
     level = global_search.plan_batch(link, torch.from_numpy(team).to(device), form=form, width=SIDE, length=SIDE)

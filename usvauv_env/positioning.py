@@ -12,6 +12,7 @@ from kernels import runtime
 from kernels.planning import fisher, global_search, objectives, tilted_array
 from kernels.positioning import fix_probability
 from usvauv_env.scenario import Scenario
+from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
 
@@ -38,7 +39,7 @@ def solve(
         and the objective (m, n).
     """
     device = runtime.start(arch).device
-    link = torch.from_numpy(link_table(scenario)).to(device)
+    link = torch.from_numpy(link_table(Site(scenario))).to(device)
     form = objectives.form(measurement, objective)
     width, length = scenario.area.width, scenario.area.length
     points = torch.tensor(auvs, dtype=torch.float32, device=device)[None]

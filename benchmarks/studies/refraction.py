@@ -20,6 +20,7 @@ from benchmarks.machine import best_time, describe
 from kernels import runtime
 from kernels.positioning import rays, usbl
 from usvauv_env import Scenario
+from usvauv_env.site.site import Site
 from usvauv_env.site.sound_speed import SoundSpeedProfile
 from usvauv_env.world.tables import link_table
 
@@ -78,7 +79,7 @@ def covariance_ratio(profile: SoundSpeedProfile, R: np.ndarray) -> np.ndarray:
 def noise(R: np.ndarray) -> np.ndarray:
     """Standard deviation of the horizontal error in `extreme`, level array, attitude known, root of both axes, m."""
     device = runtime.start().device
-    link = torch.from_numpy(link_table(Scenario.load("extreme"))).to(device)
+    link = torch.from_numpy(link_table(Site(Scenario.load("extreme")))).to(device)
     offset = tensor(np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1))
     zero = torch.zeros((len(R), 5), device=device)
     index = torch.zeros(len(R), dtype=torch.int32, device=device)

@@ -12,6 +12,7 @@ from matplotlib import image
 from kernels.planning import global_search, objectives
 from kernels.positioning import usbl
 from usvauv_env import Scenario
+from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
@@ -39,7 +40,7 @@ def solve(plan):
 
 
 def link(scenario, count, depth):
-    return torch.from_numpy(link_table(Scenario.load(scenario, [f"auv.count={count}", f"auv.depth={depth}"])))
+    return torch.from_numpy(link_table(Site(Scenario.load(scenario, [f"auv.count={count}", f"auv.depth={depth}"]))))
 
 
 class TestOptimum:
@@ -112,7 +113,9 @@ class TestErrors:
         assert good[0] > 0.9999
         assert good[2] < 0.05
         assert 0.2 < good[1] < 0.8
-        link = torch.from_numpy(link_table(Scenario.load("extreme", ["auv.count=1", "usbl.spacing=0.06"]))).to(device)
+        link = torch.from_numpy(link_table(Site(Scenario.load("extreme", ["auv.count=1", "usbl.spacing=0.06"])))).to(
+            device
+        )
         draws = 40_000
         noise = torch.randn((draws, 6), generator=torch.Generator().manual_seed(3)).to(device)
         offset = noise.new_tensor([20.0 - 170.0, 0.0, -100.0]).expand(draws, 3).contiguous()

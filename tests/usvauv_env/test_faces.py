@@ -20,6 +20,7 @@ from usvauv_env.faces.camera import FPS, SIZE
 from usvauv_env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
 from usvauv_env.record.recorder import record
 from usvauv_env.render.painter import Painter
+from usvauv_env.site.site import Site
 from usvauv_env.world.spaces import auv_observation_space
 
 NAME = "usvauv/DataCollection-v0"
@@ -303,7 +304,7 @@ class TestSpaces:
         ids=lambda scenario: f"{scenario.name}-{scenario.auv.count}",
     )
     def test_contains_what_is_observed_unclamped(self, scenario):
-        space = auv_observation_space(scenario)
+        space = auv_observation_space(Site(scenario))
         world = World(scenario, 64, seed=2)
         observation = world.reset()
         assert space.shape == (world.observation_size,)
@@ -319,12 +320,12 @@ class TestSpaces:
         lone += ["sea.irregular_rms=0", "sea.start_rms=0"]
         scenario = Scenario.load("extreme", lone)
         speed = World(scenario, 2000, seed=2).reset()[..., 8]
-        bound = auv_observation_space(scenario).high[8]
+        bound = auv_observation_space(Site(scenario)).high[8]
         assert 0.99 * bound < speed.max() <= bound
 
     def test_storm_stays_within_six_deviations(self):
         scenario = Scenario.load("extreme", ["current.count=0", "sea.irregular_rms=0", "sea.start_rms=0"])
-        bound = auv_observation_space(scenario).high[8]
+        bound = auv_observation_space(Site(scenario)).high[8]
         world = World(scenario, 256, seed=2)
         world.reset()
         still = torch.zeros(256, 2, 2)

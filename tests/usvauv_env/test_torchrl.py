@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.site.site import Site
 from usvauv_env.world.spaces import auv_observation_space
 
 pytest.importorskip("torchrl")
@@ -187,7 +188,7 @@ class TestSeeds:
 
 class TestSpecs:
     def test_bounds_are_those_of_the_gymnasium_face(self, short):
-        env, space = DataCollectionTorchRLEnv(short, 3), auv_observation_space(short)
+        env, space = DataCollectionTorchRLEnv(short, 3), auv_observation_space(Site(short))
         observation, action = env.observation_spec[OBSERVATION], env.full_action_spec[ACTION]
         for spec, low, high in ((observation, space.low, space.high), (action, [-1, -1], [1, 1])):
             np.testing.assert_array_equal(spec.space.low.numpy(force=True), np.broadcast_to(low, spec.shape))

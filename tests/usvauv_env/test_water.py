@@ -43,9 +43,9 @@ class TestRealCurrent:
         scenario = Scenario.load("ideal", [*PLACE, f"water.currents={currents}", "boat.top_speed=0.001"])
         world = World(scenario, 64, seed=1)
         head_for_targets(world, 30)
-        boat = world.boat[:, BoatColumn.x : BoatColumn.y + 1].double().numpy()
-        water = world.boat[:, BoatColumn.current_x : BoatColumn.current_y + 1].numpy()
-        auv = world.auv[..., AuvColumn.x : AuvColumn.y + 1].double().numpy()
+        boat = world.boat[:, BoatColumn.span("x", "y")].double().numpy()
+        water = world.boat[:, BoatColumn.span("current_x", "current_y")].numpy()
+        auv = world.auv[..., AuvColumn.span("x", "y")].double().numpy()
         for place, depth, found in ((boat, 0.0, water), (auv, 100.0, world.current().numpy())):
             lon, lat = FRAME.to_geographic(place[..., 0], place[..., 1])
             depth = max(depth, cmems().depth.values[0])

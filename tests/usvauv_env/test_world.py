@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from kernels.flow import airy
-from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn, RewardTerm
+from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from kernels.types import Level
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.forcing import build_short_waves
@@ -100,7 +100,7 @@ class TestState:
         saved = world.state()
         futures = []
         for carrier in (world, world, World(scenario, num_worlds=5, seed=2)):
-            carrier.load(saved)
+            carrier.load_state(saved)
             observation, rewards = carrier.observation, []
             for _ in range(40):
                 observation, reward, _, truncated, _ = carrier.step(steer(observation))
@@ -126,7 +126,7 @@ class TestStart:
     def test_ranges(self, extreme):
         world = World(extreme, num_worlds=2000, seed=1)
         world.reset()
-        xy = world.auv[..., AuvColumn.x : AuvColumn.y + 1]
+        xy = world.auv[..., AuvColumn.span("x", "y")]
         assert xy.min() >= 10
         assert xy.max() <= 190
         assert (xy[:, 0] - xy[:, 1]).norm(dim=-1).min() >= 20
@@ -167,9 +167,9 @@ class TestStart:
             world.step(torch.rand(64, 2, 2, generator=torch.Generator().manual_seed(0)))
         fields = np.stack(world.sea.velocity(), axis=-1)
         cells = np.array([world.sea.dx, world.sea.dy])
-        boat = world.boat[:, BoatColumn.x : BoatColumn.y + 1].numpy()[:, None]
-        place = np.concatenate([world.auv[..., AuvColumn.x : AuvColumn.y + 1].numpy(), boat], axis=1)
-        water = world.boat[:, None, BoatColumn.current_x : BoatColumn.current_y + 1].numpy()
+        boat = world.boat[:, BoatColumn.span("x", "y")].numpy()[:, None]
+        place = np.concatenate([world.auv[..., AuvColumn.span("x", "y")].numpy(), boat], axis=1)
+        water = world.boat[:, None, BoatColumn.span("current_x", "current_y")].numpy()
         found = np.concatenate([world.current().numpy(), water], axis=1)
         p = place / cells - 0.5
         low = np.clip(np.floor(p).astype(int), 0, 48)
@@ -202,7 +202,7 @@ class TestMotion:
         world = World(extreme, num_worlds=8, seed=4)
         world.reset()
         world.step(torch.tensor(action).expand(8, 2, 2).contiguous())
-        water = world.auv[..., AuvColumn.water_x : AuvColumn.water_y + 1].norm(dim=-1)
+        water = world.auv[..., AuvColumn.span("water_x", "water_y")].norm(dim=-1)
         travelling = world.auv[..., AuvColumn.hovering] == 0
         torch.testing.assert_close(water[travelling], torch.full_like(water[travelling], speed))
 
@@ -210,7 +210,7 @@ class TestMotion:
         world = World(Scenario.load("ideal", ["auv.action=polar"]), num_worlds=1, seed=4)
         world.reset()
         world.step(torch.tensor([[[0.5, 0.0], [-1.0, 1.0]]]))
-        water = world.auv[0, :, AuvColumn.water_x : AuvColumn.water_y + 1]
+        water = world.auv[0, :, AuvColumn.span("water_x", "water_y")]
         torch.testing.assert_close(water, torch.tensor([[0.0, 1.7], [-2.2, 0.0]]), atol=1e-5, rtol=0)
 
     def test_a_move_across_the_border_is_refused_and_counted(self):
@@ -244,7 +244,7 @@ class TestMotion:
     def test_centroid_follows_the_measured_positions(self):
         world = World(Scenario.load("ideal"), num_worlds=8, seed=0, usv="centroid")
         run(world, 50)
-        estimates_before_last_fix = world.boat[:, BoatColumn.goal_x : BoatColumn.goal_y + 1]
+        estimates_before_last_fix = world.boat[:, BoatColumn.span("goal_x", "goal_y")]
         truth = world.auv[..., 0:2].mean(dim=1)
         assert (estimates_before_last_fix - truth).norm(dim=-1).max() < 4
 
@@ -271,10 +271,10 @@ class TestStorm:
         world.boat[:, BoatColumn.x] = 90.0  # 42 m from where it is to be held
         world.step(torch.zeros(16, 2, 2))
         boat = world.boat
-        seen = storm_at(world, boat[:, BoatColumn.x : BoatColumn.y + 1], Level.surface)
-        torch.testing.assert_close(boat[:, BoatColumn.elevation : BoatColumn.current_y + 1], seen[:, :5])
+        seen = storm_at(world, boat[:, BoatColumn.span("x", "y")], Level.surface)
+        torch.testing.assert_close(boat[:, BoatColumn.span("elevation", "current_y")], seen[:, :5])
         assert seen[:, 0].std() > 0.8
-        drift = before[:, BoatColumn.current_x : BoatColumn.current_y + 1]
+        drift = before[:, BoatColumn.span("current_x", "current_y")]
         moved = boat[:, 0:2] - torch.stack([torch.full((16,), 90.0), before[:, BoatColumn.y]], dim=1)
         torch.testing.assert_close((moved - drift).norm(dim=1), torch.full((16,), 4.0), atol=1e-4, rtol=0)
 
@@ -319,7 +319,7 @@ class TestStorm:
             observation, *_ = world.step(steer(observation))
             boat.append(world.boat.clone())
             current.append(world.current().norm(dim=-1))
-        elevation, slope_x, slope_y = torch.stack(boat)[..., BoatColumn.elevation : BoatColumn.slope_y + 1].unbind(-1)
+        elevation, slope_x, slope_y = torch.stack(boat)[..., BoatColumn.span("elevation", "slope_y")].unbind(-1)
         assert elevation.square().mean().sqrt() == pytest.approx(2.6, abs=0.15)
         tilt = np.degrees(np.arctan(torch.hypot(slope_x, slope_y).numpy()))
         assert np.quantile(tilt, 0.99) == pytest.approx(14, abs=0.7)
@@ -451,7 +451,7 @@ class TestReward:
             )
             torch.testing.assert_close(info["reward_terms"], expected, atol=3e-4, rtol=1e-4)
             torch.testing.assert_close(reward, expected.sum(-1), atol=6e-4, rtol=1e-4)
-        assert len(RewardTerm.names) == expected.shape[-1]
+        assert len(world.reward_names) == expected.shape[-1]
 
     def test_loitering_scores_below_straight(self, extreme):
         """Circling beside the target earns nothing: the distance term pays only for metres closed."""

@@ -14,14 +14,14 @@ from kernels import runtime
 from kernels.planning import global_search, objectives
 from kernels.positioning import usbl
 from usvauv_env.record.trace import Trace
-from usvauv_env.site.site import boat_separation
+from usvauv_env.site.site import Site, boat_separation
 from usvauv_env.world.tables import link_table
 
 
 def variance(trace: Trace) -> np.ndarray:
     """Variance per horizontal axis of fixes from the best place, (T, W, K), m²: the mean of the two axes'."""
     scenario = trace.scenario
-    link = torch.from_numpy(link_table(scenario)).to(runtime.start().device)
+    link = torch.from_numpy(link_table(Site(scenario))).to(runtime.start().device)
     steps, worlds, auvs = trace.power.shape
     separation = boat_separation(scenario) + trace.boat_surface[..., :1].repeat(auvs, -1)
     layout = np.concatenate([trace.auv_position, separation[..., None]], -1).reshape(-1, auvs, 3).astype(np.float32)

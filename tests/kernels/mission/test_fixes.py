@@ -12,8 +12,9 @@ from kernels.positioning import tracker, usbl
 from tests.usvauv_env.test_world import run
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.record.recorder import record
+from usvauv_env.site.site import Site
 from usvauv_env.world.current_statistics import current_model
-from usvauv_env.world.tables import link_table, options, sound_speed, sound_speed_profile
+from usvauv_env.world.tables import link_table, program, sound_speed
 
 LOUD = ["acoustics.source_level=230", "usbl.attitude_error=0", "usbl.tilt=false"]
 THERMOCLINE = "acoustics.sound_speed_profile=[[0, 1522], [20, 1522.3], [50, 1492], [200, 1490]]"
@@ -68,7 +69,7 @@ class TestLate:
         offset = torch.tensor(ago.reshape(-1, 3), dtype=torch.float32)
         index = torch.arange(2, dtype=torch.int32).repeat(len(offset) // 2)
         none = offset.new_zeros(len(offset), 5)
-        link = torch.from_numpy(link_table(scenario))
+        link = torch.from_numpy(link_table(Site(scenario)))
         expected = usbl.fixes(link, index, offset, none[:, :2].contiguous(), 0.0, none)[1].numpy()
         near = trace.border[1:].reshape(-1) == 0
         np.testing.assert_allclose(trace.fix_covariance[1:].reshape(-1, 3)[near, 0], expected[near, 0], rtol=2e-3)
@@ -166,14 +167,14 @@ class TestSound:
             means[refraction] = (error / R)[R > 60].mean()
         assert abs(means["corrected"]) < 2e-5
         assert abs(means["mean"]) < 1e-3
-        profile = sound_speed_profile(Scenario.load("extreme", [THERMOCLINE]))
+        profile = Site(Scenario.load("extreme", [THERMOCLINE])).sound_speed
         c, harmonic = profile.at(0.0), profile.harmonic_mean(0.0, 100.0)
         assert means["array"] == pytest.approx((c / harmonic) ** 2 - 1, rel=0.05)
 
     def test_the_mean_is_the_reference(self):
         scenario = Scenario.load("extreme", [THERMOCLINE])
-        assert sound_speed(scenario) == pytest.approx(sound_speed_profile(scenario).harmonic_mean(0.0, 100.0))
-        assert sound_speed(Scenario.load("extreme")) == 1500
+        assert sound_speed(Site(scenario)) == pytest.approx(Site(scenario).sound_speed.harmonic_mean(0.0, 100.0))
+        assert sound_speed(Site(Scenario.load("extreme"))) == 1500
 
     @pytest.mark.parametrize(
         ("settings", "message"),
@@ -196,7 +197,7 @@ class TestSound:
         pytest.importorskip("gsw")
         water = "acoustics.temperature_salinity=[[0, 20, 38], [15, 20, 38], [50, 13, 38.2], [200, 12.9, 38.4]]"
         scenario = Scenario.load("extreme", [water, "water.latitude=43", "water.longitude=6"])
-        assert sound_speed_profile(scenario).at(0.0) == pytest.approx(1525.1, abs=0.3)
+        assert Site(scenario).sound_speed.at(0.0) == pytest.approx(1525.1, abs=0.3)
 
 
 class TestModels:
@@ -212,7 +213,7 @@ class TestModels:
     def test_only_what_is_chosen_is_compiled(self):
         scenario = Scenario.load("extreme")
         world = World(scenario, 1)
-        chosen = options(scenario, world.strategy)
+        chosen = program(world.site, world.strategy.strategy)
         assert not any((chosen.waveform, chosen.refraction, chosen.tracker))
         assert world.track.shape == (1, 1, tracker.COLUMNS)
 
@@ -236,14 +237,14 @@ class TestTracker:
             heard = auv[..., AuvColumn.fix_flags] == usbl.DETECTED
             logged.append(
                 (
-                    auv[..., AuvColumn.water_x : AuvColumn.water_y + 1].reshape(shape),
+                    auv[..., AuvColumn.span("water_x", "water_y")].reshape(shape),
                     adrift.reshape(-1),
-                    auv[..., AuvColumn.fix_x : AuvColumn.fix_y + 1].reshape(shape),
-                    auv[..., AuvColumn.covariance_xx : AuvColumn.covariance_yy + 1].reshape(shape),
+                    auv[..., AuvColumn.span("fix_x", "fix_y")].reshape(shape),
+                    auv[..., AuvColumn.span("covariance_xx", "covariance_yy")].reshape(shape),
                     torch.where(heard, age, -1.0).reshape(-1),
                 )
             )
-        variance, correlation_time = current_model(scenario, world._link.numpy())
+        variance, correlation_time = current_model(Site(scenario), world._constants["link"].numpy())
         arrays = (torch.stack(parts) for parts in zip(*logged, strict=True))
         model = {"variance": variance, "correlation_time": correlation_time, "step": 1.0}
         track, _ = tracker.follow(start, *arrays, **model)
@@ -268,7 +269,7 @@ class TestTracker:
             observation = world.step(steady(observation))[0]
         own = observation[..., 4:6] * scenario.area.diagonal
         torch.testing.assert_close(own, world.track[..., : tracker.Y + 1], rtol=0, atol=1e-4)
-        fixes = world.auv[..., AuvColumn.fix_x : AuvColumn.fix_y + 1]
+        fixes = world.auv[..., AuvColumn.span("fix_x", "fix_y")]
         assert (own - fixes).norm(dim=-1).mean() > 0.05
 
     def test_a_world_is_the_same_alone_in_a_batch_and_restored(self):

@@ -340,7 +340,7 @@ class TestPolicy:
         mask = torch.tensor([True, False, True, True])
         world.current_field(flow, mask, margin)
         assert flow[1].isnan().all()
-        place = (world.auv[..., AuvColumn.x : AuvColumn.y + 1].clamp(margin, 200 - margin) - margin).cpu().numpy()
+        place = (world.auv[..., AuvColumn.span("x", "y")].clamp(margin, 200 - margin) - margin).cpu().numpy()
         x = np.arange(count, dtype=float)
         for w in (0, 2, 3):
             sampled = RegularGridInterpolator((x, x), flow[w].cpu().numpy())(place[w][:, ::-1])

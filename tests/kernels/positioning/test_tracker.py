@@ -11,6 +11,7 @@ import policies
 from kernels.mission.columns import AuvColumn
 from kernels.positioning import tracker
 from usvauv_env.scenario import Scenario
+from usvauv_env.site.site import Site
 from usvauv_env.world.current_statistics import current_model
 from usvauv_env.world.tables import link_table
 from usvauv_env.world.world import World
@@ -279,7 +280,9 @@ def log(device):
     velocity = np.stack([column["water_x"], column["water_y"]], -1)
     covariance = np.stack([column["covariance_xx"], column["covariance_xy"], column["covariance_yy"]], -1)
     truth = np.stack([column["x"], column["y"], column["current_x"], column["current_y"]], -1)
-    model = dict(zip(("variance", "correlation_time"), current_model(scenario, link_table(scenario)), strict=True))
+    model = dict(
+        zip(("variance", "correlation_time"), current_model(Site(scenario), link_table(Site(scenario))), strict=True)
+    )
     start = begin(fix[0, :, :2], covariance[0], model["variance"], device)
     arrays = velocity[1:], adrift[1:], fix[1:, :, :2], covariance[1:], np.zeros((150, 128))
     return start, arrays, truth[1:], model
