@@ -1,6 +1,6 @@
 """Types of Taichi arguments, and numbered columns of arrays."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import taichi as ti
 
@@ -41,3 +41,8 @@ class Level(Columns):
 
     surface: int
     cruise: int
+
+
+def columns(*names: str) -> Any:
+    """`Columns` of the given names, for a table that one file knows."""
+    return type("Columns", (Columns,), {"__annotations__": dict.fromkeys(names, int)})
