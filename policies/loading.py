@@ -36,19 +36,19 @@ def available() -> list[str]:
 
 
 def default(scenario: Scenario) -> str:
-    """The best shipped policy that fits a scenario; where none does `crab`, or `keep` where stations are to be held."""
+    """The best shipped policy that fits a scenario; where none does, the heuristic that its task names."""
     for name in trained():
         try:
             check(name, scenario)
         except PolicyError:
             continue
         return name
-    return "crab" if scenario.task == "data-collection" else "keep"
+    return scenario.task_definition.heuristic
 
 
 def baseline(scenario: Scenario) -> str:
     """The heuristic that a learned policy has to beat."""
-    return "straight" if scenario.task == "data-collection" else "keep"
+    return scenario.task_definition.baseline
 
 
 def load(name: str | Path, world: World) -> Policy:

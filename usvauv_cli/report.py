@@ -34,13 +34,14 @@ def metrics_table(rows: Sequence[EpisodeMetrics]) -> None:
     table.add_column("policy", no_wrap=True)
     table.add_column("usv", no_wrap=True)
     table.add_column("n", justify="right")
-    for title in SHOWN.values():
+    shown = SHOWN | {name: name for name in rows[0].of_task}
+    for title in shown.values():
         table.add_column(title, justify="right", no_wrap=True)
     for (policy, usv), group in groupby(rows, key=lambda row: (row.policy, row.usv)):
         episodes = list(group)
         cells = []
-        for name in SHOWN:
-            values = [getattr(row, name) for row in episodes]
+        for name in shown:
+            values = [row.columns()[name] for row in episodes]
             spread = statistics.stdev(values) if len(values) > 1 else 0.0
             cells.append(f"{statistics.fmean(values):.2f} ± {spread:.2f}")
         table.add_row(policy, usv, str(len(episodes)), *cells)

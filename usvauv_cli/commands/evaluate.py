@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -45,7 +44,7 @@ def evaluate(
     import policies
     from usvauv_cli import console, report
     from usvauv_env import Scenario, World
-    from usvauv_env.record.metrics import COLUMNS, episode_metrics
+    from usvauv_env.record.metrics import episode_metrics
     from usvauv_env.record.recorder import record
     from usvauv_env.record.table import write_rows
     from usvauv_env.world.boat_strategies import StrategyChoice
@@ -71,9 +70,9 @@ def evaluate(
                         rows += episode_metrics(trace, first)
     except KeyboardInterrupt:
         if rows:
-            write_rows(out, COLUMNS, map(asdict, rows))
+            write_rows(out, list(rows[0].columns()), (row.columns() for row in rows))
             typer.echo(f"stopped; the {len(rows)} episodes that are complete are in {out}")
         raise
-    write_rows(out, COLUMNS, map(asdict, rows))
+    write_rows(out, list(rows[0].columns()), (row.columns() for row in rows))
     report.metrics_table(rows)
     typer.echo(f"{len(rows)} episodes written to {out}")

@@ -7,7 +7,7 @@ FOLDER/evaluations/POLICY-in-SCENARIO.csv  a test, one row an episode
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -147,4 +147,4 @@ def test(
     term = trace.reward_terms[..., trace.reward_names.index("collaboration")]
     added = term.sum(axis=2, dtype=np.float64).mean(axis=0)
     for row, value in zip(episode_metrics(trace, first), added, strict=True):
-        yield {**about, **asdict(row), "collaboration": float(value)}
+        yield {**about, **row.columns(), "collaboration": float(value)}

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
 from kernels.positioning.usbl import DETECTED
+from kernels.registry import Registry
 from usvauv_env.record.trace import Trace
 
 
@@ -32,6 +34,7 @@ class EpisodeMetrics:
         collisions: pair-steps below the collision distance. border: refused moves.
         position_error_mean, _median, _p95: of |estimate − truth| over all AUVs and steps, m.
         fix_error_median: of |fix − truth| over all good fixes, m. fixes_good: share of fixes that were good.
+        of_task: the figures of `task_metrics` that belong to the task, by name.
     """
 
     scenario: str
@@ -54,10 +57,31 @@ class EpisodeMetrics:
     position_error_p95: float
     fix_error_median: float
     fixes_good: float
+    of_task: dict[str, float] = field(default_factory=dict)
+
+    def columns(self) -> dict[str, Any]:
+        """The row of the CSV, column → value."""
+        return {name: getattr(self, name) for name in COLUMNS} | self.of_task
 
 
-COLUMNS = tuple(field.name for field in fields(EpisodeMetrics))
+COLUMNS = tuple(column.name for column in fields(EpisodeMetrics) if column.name != "of_task")
 FIGURES = COLUMNS[5:]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A figure of merit of one task.
+
+    Attributes:
+        task: name of the task.
+        values: trace → one number for each world, (W,).
+    """
+
+    task: str
+    values: Callable[[Trace], np.ndarray]
+
+
+task_metrics: Registry[Metric] = Registry("metric")
 
 
 def position_error(trace: Trace) -> np.ndarray:
@@ -85,6 +109,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     good = trace.fix_flags == DETECTED
     ec = energy_consumption(trace.power, trace.hovering, step)
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
+    of_task = {name: m.values(trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
     return [
         EpisodeMetrics(
             scenario=trace.scenario.name,
@@ -107,6 +132,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             position_error_p95=float(np.quantile(error[:, w], 0.95)),
             fix_error_median=float(np.median(fix_error[:, w][good[:, w]])) if good[:, w].any() else math.nan,
             fixes_good=float(good[:, w].mean()),
+            of_task={name: float(values[w]) for name, values in of_task.items()},
         )
         for w in range(trace.node_position.shape[0])
     ]
@@ -114,4 +140,5 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
 
 def mean_figures(rows: Sequence[EpisodeMetrics]) -> dict[str, float]:
     """Mean of every figure over episodes."""
-    return {name: statistics.fmean(getattr(row, name) for row in rows) for name in FIGURES}
+    columns = [row.columns() for row in rows]
+    return {name: statistics.fmean(row[name] for row in columns) for name in (*FIGURES, *rows[0].of_task)}

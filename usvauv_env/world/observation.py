@@ -58,7 +58,7 @@ class ObservationTerm:
     present: Callable[[Scenario], bool] | None = None
 
 
-observation_terms: Registry[ObservationTerm] = Registry("observation term", ScenarioError)
+observation_terms: Registry[ObservationTerm] = Registry("observation term")
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,8 @@ class ObservationLayout:
         """
         extra = {*scenario.observation.extra, *scenario.task_definition.observation}
         for name in extra:
-            observation_terms[name]
+            if name not in observation_terms:
+                raise ScenarioError(f"observation.extra: {name!r}: allowed are {', '.join(observation_terms)}")
         present = (
             name
             for name, term in observation_terms.items()

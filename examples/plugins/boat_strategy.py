@@ -1,0 +1,21 @@
+"""A boat strategy: above one AUV. `usvauv eval --plugin boat_strategy.py --usv above:1`"""
+
+import taichi as ti
+
+from kernels.mission.columns import EstimateColumn
+from kernels.mission.worlds import Strategy
+from kernels.types import vec2
+from usvauv_env.world.boat_strategies import BoatStrategy, boat_strategies
+
+
+@ti.func
+def above(worlds: ti.template(), w) -> vec2:
+    k = ti.cast(worlds.strategy_arguments[0], ti.i32)
+    return vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
+
+
+def refuse(scenario, numbers):
+    return "" if numbers[0] in range(scenario.auv.count) else f": the AUV must be from 0 to {scenario.auv.count - 1}"
+
+
+boat_strategies.register("above", BoatStrategy(Strategy(start=above, goal=above), ("AUV",), refuse))

@@ -1,0 +1,77 @@
+"""A task: AUVs visit waypoints one after the other. `usvauv eval ideal --plugin task.py --set task=survey`"""
+
+import taichi as ti
+
+from kernels.mission import rewards
+from kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
+from kernels.mission.motion import distance_to_target, travel
+from kernels.mission.tasks.task import RewardTerm, Task, tasks
+from kernels.mission.worlds import uniforms
+from usvauv_env.record.metrics import Metric, task_metrics
+from usvauv_env.world.observation import ObservationTerm, observation_terms
+
+
+@ti.func
+def place(worlds: ti.template(), w):
+    for i in range(worlds.node.shape[1]):
+        u = uniforms(worlds, w, Draw.node, i)
+        worlds.node[w, i, NodeColumn.x] = u[0] * worlds.p[Parameter.width]
+        worlds.node[w, i, NodeColumn.y] = u[1] * worlds.p[Parameter.length]
+
+
+@ti.func
+def assign(worlds: ti.template(), w, k):
+    worlds.auv[w, k, AuvColumn.target] = ti.cast(k % worlds.node.shape[1], ti.f32)
+
+
+@ti.func
+def move(worlds: ti.template(), w, k, a0, a1):
+    before = distance_to_target(worlds, w, k)
+    travel(worlds, w, k, a0, a1)
+    after = distance_to_target(worlds, w, k)
+    worlds.auv[w, k, AuvColumn.closed] = before - after
+    if after < worlds.task_parameters[0]:
+        worlds.auv[w, k, AuvColumn.delivered] = 1.0
+
+
+@ti.func
+def update(worlds: ti.template(), w):
+    """Waypoints stay as they are."""
+
+
+@ti.func
+def finish(worlds: ti.template(), w):
+    for k in range(worlds.auv.shape[1]):
+        if worlds.auv[w, k, AuvColumn.delivered] > 0.0:
+            following = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32) + worlds.auv.shape[1]
+            worlds.auv[w, k, AuvColumn.target] = ti.cast(following % worlds.node.shape[1], ti.f32)
+
+
+@ti.func
+def visit(worlds: ti.template(), w, k, weight):
+    return weight * worlds.auv[w, k, AuvColumn.delivered]
+
+
+@ti.func
+def distance_left(worlds: ti.template(), w, k, first):
+    worlds.observation[w, k, first] = distance_to_target(worlds, w, k) / worlds.p[Parameter.diagonal]
+
+
+tasks.register(
+    "survey",
+    Task(
+        place=place,
+        assign=assign,
+        move=move,
+        update=update,
+        finish=finish,
+        # A weight of None is that of the scenario's section `reward`.
+        reward_terms=(RewardTerm("distance", rewards.distance, None), RewardTerm("visit", visit, 10.0)),
+        parameters=(("radius", 5.0),),
+        observation=("distance_left",),
+    ),
+)
+observation_terms.register(
+    "distance_left", ObservationTerm(distance_left, lambda num_auvs: ["distance to the waypoint"], "D", 0.0, 1.0)
+)
+task_metrics.register("visits", Metric("survey", lambda trace: trace.delivered.sum(axis=(0, 2))))
