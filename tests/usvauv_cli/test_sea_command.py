@@ -21,14 +21,14 @@ from usvauv_cli.app import main
 from usvauv_cli.sea_view.block import Block
 from usvauv_cli.sea_view.figure import spectrum, target_spectrum
 from usvauv_cli.sea_view.section import Section
-from usvauv_cli.sea_view.video import SeaFilm, SeaPainter
+from usvauv_cli.sea_view.video import SeaPainter, SeaVideo
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import Layout, Rectangle
 from usvauv_env.sea.forcing import build_sea, build_short_waves
 from usvauv_env.sea.storm import cumulative
 from usvauv_env.sea_alone.netcdf import SeaFile
-from usvauv_env.sea_alone.simulation import LoneSea, cells, first_vortices, survey
+from usvauv_env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
 
 STEADY = ["current.mutual=false", "current.viscosity=0"]
 STILL = ["storm.spectrum=none", "sea.irregular_rms=0", "sea.start_rms=0", "current.count=0"]
@@ -142,7 +142,7 @@ class TestData:
         assert not np.allclose(a.current_x, c.current_x, atol=0.01)
 
     def test_appears_only_when_it_is_whole(self, tmp_path):
-        path, sea = tmp_path / "a.nc", LoneSea(Scenario.load("extreme"), 0, (10, 10), 1.0)
+        path, sea = tmp_path / "a.nc", SeaSimulation(Scenario.load("extreme"), 0, (10, 10), 1.0)
         path.write_bytes(b"older")
 
         def write(fail: bool) -> None:
@@ -160,7 +160,7 @@ class TestData:
         assert xarray.load_dataset(path, engine="h5netcdf").sizes["time"] == 1
 
     def test_size_is_foretold(self, tmp_path):
-        sea = LoneSea(Scenario.load("extreme"), 0, (64, 64), 1.0)
+        sea = SeaSimulation(Scenario.load("extreme"), 0, (64, 64), 1.0)
         with SeaFile(tmp_path / "a.nc", sea) as file:
             for record in range(40):
                 if record:
@@ -171,12 +171,12 @@ class TestData:
         assert (tmp_path / "a.nc").stat().st_size == pytest.approx(expected, rel=0.2)
 
 
-class TestLoneSea:
+class TestSeaSimulation:
     def test_vortices_that_change_are_those_of_the_world(self, tmp_path):
         scenario = Scenario.load("extreme", ["current.mutual=true", "current.viscosity=2", "sea.realisations=1"])
         world = World(scenario, 1, 5, "hold:0,0")
         world.reset()
-        sea = LoneSea(scenario, 5, (10, 10), 1.0, first_vortices(scenario, 5))
+        sea = SeaSimulation(scenario, 5, (10, 10), 1.0, first_vortices(scenario, 5))
         with SeaFile(tmp_path / "a.nc", sea) as file:
             for _ in range(4):
                 np.testing.assert_allclose(sea.vortices, world.vortex[0].cpu(), rtol=1e-6)
@@ -194,7 +194,7 @@ class TestLoneSea:
         for module in ("sea.forcing", "sea_alone.simulation"):
             monkeypatch.setattr(f"usvauv_env.{module}.still_depth", still_depth)
         scenario = Scenario.load("extreme", ["area.depth=50", "auv.depth=40"])
-        sea = LoneSea(scenario, 0, (20, 20), 1.0)
+        sea = SeaSimulation(scenario, 0, (20, 20), 1.0)
         assert not sea.surface().storm[:, :10].any()
         assert sea.surface().storm[:, 10:].all()
         painter = SeaPainter(sea, survey(scenario, 0, 2), 2, (640, 360), 30)
@@ -212,7 +212,7 @@ class TestLoneSea:
                 return np.stack([np.stack([x + t, 10.0 * y], -1)] * 2).astype(np.float32)
 
         monkeypatch.setattr("usvauv_env.sea_alone.simulation.real_current", lambda _: Flow())
-        sea = LoneSea(Scenario.load("extreme"), 0, (8, 8), 2.0)
+        sea = SeaSimulation(Scenario.load("extreme"), 0, (8, 8), 2.0)
         sea.advance()
         np.testing.assert_allclose(sea.current()[..., 0], np.broadcast_to(3 * sea.x / 200 + 2, (8, 8)), rtol=1e-6)
         np.testing.assert_allclose(sea.current()[..., 1].T, np.broadcast_to(20 * sea.y / 200, (8, 8)), rtol=1e-6)
@@ -249,9 +249,9 @@ class TestVideo:
             assert sum(1 for _ in file.decode(stream)) == 8  # each 0.2 s from 0 to 1.4 s: twice as fast as it happens
             assert file.duration / 1e6 == pytest.approx(0.8)
 
-    def painter(self, *overrides: str, size=(1280, 720)) -> tuple[SeaPainter, LoneSea]:
+    def painter(self, *overrides: str, size=(1280, 720)) -> tuple[SeaPainter, SeaSimulation]:
         scenario = Scenario.load("extreme", overrides)
-        sea = LoneSea(scenario, 0, (50, 50), 0.5, first_vortices(scenario, 0))
+        sea = SeaSimulation(scenario, 0, (50, 50), 0.5, first_vortices(scenario, 0))
         return SeaPainter(sea, survey(scenario, 0, 5), 11, size, 30), sea
 
     def test_map_is_bright_where_the_sea_is_high(self):
@@ -305,8 +305,8 @@ class TestVideo:
 
     def test_size_is_foretold(self, tmp_path):
         scenario = Scenario.load("extreme")
-        sea = LoneSea(scenario, 0, (50, 50), 1 / 15)
-        with SeaFilm(tmp_path / "a.mp4", sea, survey(scenario, 0, 4), 60, (640, 360), 30) as film:
+        sea = SeaSimulation(scenario, 0, (50, 50), 1 / 15)
+        with SeaVideo(tmp_path / "a.mp4", sea, survey(scenario, 0, 4), 60, (640, 360), 30) as film:
             for _ in range(60):
                 film.add(sea)
                 sea.advance()
@@ -367,7 +367,7 @@ class TestFigure:
 
     def test_spectrum_of_the_storm_is_its_target(self):
         scenario = Scenario.load("extreme", ["sea.irregular_rms=0", "sea.start_rms=0", "sea.fine_cells=16"])
-        sea = LoneSea(scenario, 1, (12, 12), 0.5)
+        sea = SeaSimulation(scenario, 1, (12, 12), 0.5)
         records = []
         for _ in range(1200):
             records.append(sea.surface().elevation.ravel())

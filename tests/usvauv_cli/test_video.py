@@ -13,14 +13,14 @@ from usvauv_cli.encoder import render
 from usvauv_env.files import OutputError
 from usvauv_env.record.metrics import episode_metrics
 from usvauv_env.record.trace import Trace
-from usvauv_env.render import glyphs, style
+from usvauv_env.render import style, symbols
 from usvauv_env.render.frame_layout import Layout, MapView, Rectangle
 from usvauv_env.render.map import error_axes
 from usvauv_env.render.painter import Painter
-from usvauv_env.render.running_metrics import Running
+from usvauv_env.render.plots import RecordedPlot
+from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
 from usvauv_env.render.text import shorten, text_width, write
-from usvauv_env.render.time_plot import TimePlot
 from usvauv_env.scenario import Scenario
 from usvauv_env.sections import Area
 
@@ -248,7 +248,7 @@ class TestMap:
 
     def test_headings_point_the_right_way(self):
         picture = np.zeros((80, 80, 3), np.uint8)
-        glyphs.auv(picture, np.array([40.0, 40.0]), np.pi / 2, 60, (255, 255, 255), 4)
+        symbols.auv(picture, np.array([40.0, 40.0]), np.pi / 2, 60, (255, 255, 255), 4)
         rows = np.nonzero((picture == 255).all(-1))[0]
         band = np.nonzero(picture[:, 40].max(-1) < 60)[0]
         assert rows.min() < 14  # the nose in the north, at the top
@@ -325,7 +325,7 @@ class TestMap:
         seen = []
 
         class Recorder:
-            def shine(self, lines: np.ndarray, *_: object) -> None:
+            def white_lines(self, lines: np.ndarray, *_: object) -> None:
                 seen.append(lines)
 
         streaks.draw(Recorder(), 10.0, 1)
@@ -378,7 +378,7 @@ class TestPanel:
 
     def test_running_series(self):
         trace = synthetic_trace(steps=90)
-        running = Running.of(trace)
+        running = RunningMetrics.of(trace)
         error = np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)[:, 0]
         np.testing.assert_allclose(running.position_error, error)
         for t in (0, 10, 29, 30, 80):
@@ -406,11 +406,11 @@ class TestPanel:
     def test_plot_passes_through_its_values(self):
         layout = Layout.fit(1280, 720, Area())
         still = np.zeros((720, 1280, 3), np.uint8)
-        plot = TimePlot(still, Rectangle(800, 300, 400, 100), 0.1, 10.0, 100.0, layout, log=True)
+        plot = RecordedPlot(still, Rectangle(800, 300, 400, 100), 0.1, 10.0, 100.0, layout, log=True)
         time = np.linspace(1, 100, 100)
         plot.curve(time, np.full(100, 1.0), (0, 0, 255))
         plot.finish()
-        plot.uncover(50.0)
+        plot.show_until(50.0)
         rows, columns = np.nonzero(still[300:400, 800:1200, 2] > 150)
         assert rows.mean() == pytest.approx(49.5, abs=1)  # 1 is half way between 0.1 and 10
         assert columns.max() == pytest.approx(0.5 * 399, abs=2)
@@ -419,15 +419,15 @@ class TestPanel:
         trace = synthetic_trace(steps=5, auvs=1, sea=False, vortices=0)
         east = replace(trace, estimate=trace.auv_position + np.array([0.3, 0.0]))
         _, painter = paint(east, 4, (1280, 720))
-        lenses = painter.panel._lenses
+        insets = painter.panel._insets
         frame, _ = paint(east, 4, (1280, 720))
-        centre = lenses._centres[0] + np.array([0.3 * lenses._scale, 0.0])
+        centre = insets._centres[0] + np.array([0.3 * insets._scale, 0.0])
         x, y = np.round(centre).astype(int)
         bright = (frame[y - 8 : y + 9, x - 8 : x + 9] > 200).all(-1)
         rows, columns = np.nonzero(bright)
         assert len(rows) > 8  # the diamond, hollow and in the middle of this window
         assert (abs(rows.mean() - 8), abs(columns.mean() - 8)) < (1.5, 1.5)
-        assert lenses.magnification == pytest.approx(lenses._scale / painter.map.view.per_metre)
+        assert insets.magnification == pytest.approx(insets._scale / painter.map.view.per_metre)
 
 
 class TestAnyShape:

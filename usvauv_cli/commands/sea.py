@@ -19,7 +19,7 @@ from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, 
 from usvauv_cli.commands.simulate import parse_size
 
 if TYPE_CHECKING:
-    from usvauv_env.sea_alone.simulation import LoneSea
+    from usvauv_env.sea_alone.simulation import SeaSimulation
 
 FIGURES = (".png", ".pdf", ".svg")
 FORMATS = (".mp4", ".nc", *FIGURES)
@@ -34,7 +34,7 @@ class Sink(Protocol):
     def __enter__(self) -> Sink: ...
     def __exit__(self, *problem: object) -> None: ...
 
-    def add(self, sea: LoneSea) -> None:
+    def add(self, sea: SeaSimulation) -> None:
         """Take the sea as it is now."""
 
     def expected_bytes(self, records: int) -> int:
@@ -91,8 +91,8 @@ def sea(
     """
     from usvauv_cli import console
     from usvauv_env import Scenario
-    from usvauv_env.render.time_plot import clock
-    from usvauv_env.sea_alone.simulation import LoneSea, cells, first_vortices
+    from usvauv_env.render.text import clock
+    from usvauv_env.sea_alone.simulation import SeaSimulation, cells, first_vortices
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
@@ -117,7 +117,7 @@ def sea(
     setting = setting.model_copy(update={"mission": longer})
 
     records = round(duration / interval) + 1
-    water = LoneSea(setting, seed, shape, interval, first_vortices(setting, seed, arch))
+    water = SeaSimulation(setting, seed, shape, interval, first_vortices(setting, seed, arch))
     typer.echo(describe(water, records))
     if kind == ".mp4":
         typer.echo(
@@ -142,7 +142,7 @@ def sea(
         raise KeyboardInterrupt
 
 
-def describe(water: LoneSea, records: int) -> str:
+def describe(water: SeaSimulation, records: int) -> str:
     """Grid and steps in two lines."""
     area, (dx, dy) = water.scenario.area, water.spacing
     spacing = f"{dx:.3g} m" if abs(dx / dy - 1) < 1e-3 else f"{dx:.3g} × {dy:.3g} m"
@@ -155,7 +155,7 @@ def describe(water: LoneSea, records: int) -> str:
     )
 
 
-def sink(out: Path, water: LoneSea, records: int, pixels: tuple[int, int], fps: int) -> Sink:
+def sink(out: Path, water: SeaSimulation, records: int, pixels: tuple[int, int], fps: int) -> Sink:
     """What the ending of the file's name asks for."""
     kind = out.suffix.lower()
     if kind == ".nc":
@@ -165,10 +165,10 @@ def sink(out: Path, water: LoneSea, records: int, pixels: tuple[int, int], fps: 
     from usvauv_env.sea_alone.simulation import survey
 
     if kind == ".mp4":
-        from usvauv_cli.sea_view.video import SeaFilm
+        from usvauv_cli.sea_view.video import SeaVideo
 
         expected = survey(water.scenario, water.seed, (records - 1) * water.interval)
-        return SeaFilm(out, water, expected, records, pixels, fps)
+        return SeaVideo(out, water, expected, records, pixels, fps)
     from usvauv_cli.sea_view.figure import SeaFigure
 
     return SeaFigure(out, water, records)
@@ -201,7 +201,7 @@ def stoppable() -> Iterator[Stop]:
         signal.signal(signal.SIGINT, before)
 
 
-def trial(water: LoneSea, file: Sink, records: int, stop: Stop) -> tuple[int, float]:
+def trial(water: SeaSimulation, file: Sink, records: int, stop: Stop) -> tuple[int, float]:
     """Make the first records; returns how many, and the seconds each further one takes.
 
     The first two are not timed: kernels are compiled in them.

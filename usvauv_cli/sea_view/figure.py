@@ -31,10 +31,10 @@ from usvauv_cli.sea_view.video import LONG_WAVES, SHADED, land, thumbnail, weath
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import MapView, Rectangle
 from usvauv_env.render.sea_layers import SeaSurface
-from usvauv_env.render.time_plot import clock
+from usvauv_env.render.text import clock
 from usvauv_env.scenario import Scenario
 from usvauv_env.sea.storm import band, cumulative
-from usvauv_env.sea_alone.simulation import LoneSea
+from usvauv_env.sea_alone.simulation import SeaSimulation
 
 LEVELS = LinearSegmentedColormap.from_list("levels", [web(colour) for colour in style.SEA])
 MAPS = 4
@@ -54,7 +54,7 @@ class SeaFigure:
         records: how many there will be.
     """
 
-    def __init__(self, out: Path, sea: LoneSea, records: int) -> None:
+    def __init__(self, out: Path, sea: SeaSimulation, records: int) -> None:
         self._out, self._sea = out, sea
         self._section = Section(sea.scenario)
         self._wanted = {round(place) for place in np.linspace(0, records - 1, MAPS)}
@@ -72,7 +72,7 @@ class SeaFigure:
         probed[np.ix_(rows, columns)] = True
         self._at = probed & sea.wet
 
-    def add(self, sea: LoneSea) -> None:
+    def add(self, sea: SeaSimulation) -> None:
         """Take in the sea as it is now."""
         surface = sea.surface()
         small = thumbnail(surface.elevation)

@@ -12,15 +12,22 @@ import numpy as np
 from usvauv_cli.encoder import even, expected_bytes, one_drawing_thread, video_file
 from usvauv_cli.sea_view.block import Block
 from usvauv_cli.sea_view.section import Section
-from usvauv_env.render import glyphs, shapes, style
+from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.frame_layout import Layout, MapView, Rectangle, nice_above
-from usvauv_env.render.map_axes import draw_surroundings
-from usvauv_env.render.panel_parts import draw_card, draw_clock, draw_tiles, inside, write_heading, write_title
+from usvauv_env.render.map_axes import draw_map_axes
+from usvauv_env.render.panel_elements import (
+    draw_card,
+    draw_clock,
+    draw_tiles,
+    within_margins,
+    write_heading,
+    write_title,
+)
+from usvauv_env.render.plots import LivePlot, SectionPlot
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
-from usvauv_env.render.shapes import Glaze
+from usvauv_env.render.shapes import Overlay
 from usvauv_env.render.text import write
-from usvauv_env.render.time_plot import LivePlot, SectionPlot
-from usvauv_env.sea_alone.simulation import LoneSea, Surface
+from usvauv_env.sea_alone.simulation import SeaSimulation, Surface
 
 SHADED = 480  # pixels a side of the surface as it is shaded
 TRIAL = 12  # first pictures that are kept to estimate the size of the file
@@ -38,7 +45,7 @@ class SeaPainter:
         fps: frames a second.
     """
 
-    def __init__(self, sea: LoneSea, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int) -> None:
+    def __init__(self, sea: SeaSimulation, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int) -> None:
         scenario, area = sea.scenario, sea.scenario.area
         self.layout = layout = Layout.fit(*size, area, with_legend=False)
         self._frames, self._frame, self._fps = frames, 0, fps
@@ -51,7 +58,7 @@ class SeaPainter:
         self.surface = SeaSurface(sample, self.view, SHADED)
         self.streaks = CurrentStreaks(sea.vortices, sea.stream(), area.width, area.length, self.view, layout.unit)
         self._streak_step = min(sea.interval, 0.25 * self.streaks.tail)
-        self._glaze = Glaze(*layout.map)
+        self._overlay = Overlay(*layout.map)
         self._land = land(sea, layout.map.width, layout.map.height)
         shaded = self.surface.relief(first).shape
         self._shaded_land = land(sea, shaded[1], shaded[0])
@@ -66,10 +73,10 @@ class SeaPainter:
         self._still = np.full((layout.height, layout.width, 3), style.BACKGROUND, np.uint8)
         self._picture = np.empty_like(self._still)
         cells = f"{len(sea.x)} × {len(sea.y)} cells of {sea.spacing[0]:.3g} m"
-        draw_surroundings(self._still, self, layout, area, cells)
+        draw_map_axes(self._still, self, layout, area, cells)
         self._lay_panel_out(sea, sample)
 
-    def _lay_panel_out(self, sea: LoneSea, sample: np.ndarray) -> None:
+    def _lay_panel_out(self, sea: SeaSimulation, sample: np.ndarray) -> None:
         """The still parts of the panel, and its plots."""
         layout, unit, still = self.layout, self.layout.unit, self._still
         box, gap = layout.panel, round(7 * layout.unit)
@@ -86,22 +93,22 @@ class SeaPainter:
         name, about = f"Sea of “{scenario.name}”", f"{weather(sea)} · seed {sea.seed}"
         write_title(still, self._title, unit, name, about, self._duration, self._fps * sea.interval)
 
-        room = inside(block_box, unit, top=26, sides=8, bottom=6)
+        room = within_margins(block_box, unit, top=26, sides=8, bottom=6)
         self._block = Block(scenario.area, room, layout, sample, self._reach)
         write_heading(still, unit, block_box, "The surface, seen from the south-east", self._block.note)
         plot_room = {"top": 28, "sides": 18, "bottom": 20, "left": 42}
-        room = inside(section_box, unit, **plot_room)
+        room = within_margins(section_box, unit, **plot_room)
         axis = -self._reach, self._reach, self._section.length, layout
         self._section_plot = SectionPlot(still, room, *axis)
         write_heading(
             still, unit, section_box, "Section along the waves, from A to B, m", "thin: highest and lowest so far"
         )
         axis = -self._reach, self._reach, self._duration, layout
-        self._level_plot = LivePlot(still, inside(level_box, unit, **plot_room), *axis)
+        self._level_plot = LivePlot(still, within_margins(level_box, unit, **plot_room), *axis)
         parts = "amber: long waves alone" if self._both else ""
         write_heading(still, unit, level_box, "Elevation in the middle, m", parts)
 
-    def frame(self, sea: LoneSea) -> np.ndarray:
+    def frame(self, sea: SeaSimulation) -> np.ndarray:
         """Picture (height, width, 3) BGR of the sea as it is; overwritten by the next."""
         surface = sea.surface()
         self._measure(sea, surface)
@@ -132,7 +139,7 @@ class SeaPainter:
         draw_tiles(picture, self._tiles, unit, self.figures(now))
         return picture
 
-    def _measure(self, sea: LoneSea, surface: Surface) -> None:
+    def _measure(self, sea: SeaSimulation, surface: Surface) -> None:
         """Bring the figures up to date."""
         self._highest = max(self._highest, float(surface.elevation.max(where=sea.wet, initial=-math.inf)))
         self._lowest = min(self._lowest, float(surface.elevation.min(where=sea.wet, initial=math.inf)))
@@ -156,9 +163,9 @@ class SeaPainter:
     def _draw_map(self, picture: np.ndarray, relief: np.ndarray) -> None:
         layout, box = self.layout, self.layout.map
         box.of(picture)[:] = cv2.resize(relief, (box.width, box.height), interpolation=cv2.INTER_CUBIC)
-        self._glaze.clear()
-        self.streaks.draw(self._glaze, self._frame * self._streak_step, layout.px(1.2))
-        self._glaze.blend(picture)
+        self._overlay.clear()
+        self.streaks.draw(self._overlay, self._frame * self._streak_step, layout.px(1.2))
+        self._overlay.blend(picture)
         box.of(picture)[self._land] = style.LAND
         ends = self.view.pixel(self._section.ends)
         for piece in shapes.dashes(*ends, 6 * layout.unit):
@@ -168,18 +175,18 @@ class SeaPainter:
         head = [tip, *(tip - (13 * along - turn * 6 * side) * layout.unit for turn in (1, -1))]
         shapes.fill(picture, np.array(head), style.WHITE)
         for name, end, inwards in (("A", ends[0], along), ("B", ends[1], -along)):
-            glyphs.badge(picture, name, end + 14 * layout.unit * inwards, 12 * layout.unit, style.WHITE)
+            symbols.badge(picture, name, end + 14 * layout.unit * inwards, 12 * layout.unit, style.WHITE)
         if self.surface.limit == 0.0:
             middle = box.left + box.width / 2, box.top + 0.3 * box.height
             words = "still: this sea has neither long waves nor a storm"
             write(picture, words, middle, 14 * layout.unit, style.TEXT, anchor="centre")
 
 
-class SeaFilm:
+class SeaVideo:
     """A video of a sea, one frame a step; a context, as which the file appears when it ends and not after an error."""
 
     def __init__(
-        self, out: Path, sea: LoneSea, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int
+        self, out: Path, sea: SeaSimulation, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int
     ) -> None:
         size = even(size, out)
         self._fps = fps
@@ -189,7 +196,7 @@ class SeaFilm:
         self._stack.enter_context(one_drawing_thread())
         self._append = self._stack.enter_context(video_file(out, *size, fps))
 
-    def add(self, sea: LoneSea) -> None:
+    def add(self, sea: SeaSimulation) -> None:
         """Draw the sea as it is now as the next frame."""
         picture = self._painter.frame(sea)
         if len(self._first) < TRIAL:
@@ -200,7 +207,7 @@ class SeaFilm:
         """Size to expect of a video of so many frames, from the first ones."""
         return expected_bytes(self._first, frames, self._fps)
 
-    def __enter__(self) -> SeaFilm:
+    def __enter__(self) -> SeaVideo:
         return self
 
     def __exit__(self, *problem: object) -> None:
@@ -217,13 +224,13 @@ def thumbnail(field: np.ndarray) -> np.ndarray:
     return cv2.resize(field, size, interpolation=cv2.INTER_AREA)
 
 
-def land(sea: LoneSea, width: int, height: int) -> np.ndarray:
+def land(sea: SeaSimulation, width: int, height: int) -> np.ndarray:
     """Where there is land in a picture of the area, the north on top, (height, width)."""
     dry = (~sea.wet[::-1]).astype(np.float32)
     return cv2.resize(dry, (width, height), interpolation=cv2.INTER_AREA) > 0.5
 
 
-def weather(sea: LoneSea) -> str:
+def weather(sea: SeaSimulation) -> str:
     """What moves the sea, in a few words."""
     storm, names = sea.scenario.storm, {"jonswap": "JONSWAP", "pm": "Pierson–Moskowitz", "tma": "TMA"}
     words = []

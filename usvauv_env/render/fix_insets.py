@@ -1,28 +1,28 @@
-"""Magnifying lenses, one for each AUV: its fixes around its true position, and the estimate with its error ellipse."""
+"""Magnified insets, one for each AUV: its fixes around its true position, and the estimate with its error ellipse."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from usvauv_env.record.trace import Trace
-from usvauv_env.render import glyphs, shapes, style
+from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.frame_layout import Layout, MapView, Rectangle, nice
 from usvauv_env.render.map import SIGMAS, error_axes
-from usvauv_env.render.running_metrics import Running
+from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.text import text_width, write
 
 FIXES = 60  # shown at a time
 
 
-class Lenses:
-    """Circles in a row or two, all at one scale.
+class FixInsets:
+    """Circular insets in up to three rows, all at one scale.
 
     Attributes:
-        magnification: metres in a lens are this many times larger than on the map.
+        magnification: scale of the insets over that of the map.
         ring: radius of the inner ring, m.
     """
 
-    def __init__(self, trace: Trace, running: Running, layout: Layout, box: Rectangle, view: MapView) -> None:
+    def __init__(self, trace: Trace, running: RunningMetrics, layout: Layout, box: Rectangle, view: MapView) -> None:
         self._running, self._layout = running, layout
         truth = trace.auv_position[:, 0]
         self._fix_error = (trace.fix[:, 0] - truth).astype(float)
@@ -60,10 +60,10 @@ class Lenses:
         """Backgrounds, rings and true positions."""
         layout = self._layout
         for auv, centre in enumerate(self._centres):
-            self._draw_glass(picture, centre, style.auv_colour(auv))
-            glyphs.plus(picture, centre, 5 * layout.unit, style.TEXT, layout.px(1))
+            self._draw_background(picture, centre, style.auv_colour(auv))
+            symbols.plus(picture, centre, 5 * layout.unit, style.TEXT, layout.px(1))
 
-    def _draw_glass(self, picture: np.ndarray, centre: np.ndarray, colour: style.Colour) -> None:
+    def _draw_background(self, picture: np.ndarray, centre: np.ndarray, colour: style.Colour) -> None:
         unit = self._layout.unit
 
         def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
@@ -74,7 +74,7 @@ class Lenses:
         shapes.smooth(picture, centre, self._radius + 2 * unit, self._layout.zoom, draw)
 
     def draw(self, picture: np.ndarray, t: int) -> None:
-        """Fixes of the last steps, fading; the estimate as a diamond, with the ellipse predicted for it."""
+        """Draw the latest fixes, older ones fainter; the estimate as a diamond with its predicted ellipse."""
         layout, unit = self._layout, self._layout.unit
         first = max(0, t - FIXES + 1)
         for auv, centre in enumerate(self._centres):
@@ -85,16 +85,16 @@ class Lenses:
             axes = error_axes(self._covariance[t, auv]) * (self._scale, -self._scale)
             outline = shapes.ellipse_points(np.zeros(2), axes)
             distance = np.hypot(outline[:, :1], outline[:, 1:])
-            outline *= np.minimum(1.0, self._radius / np.maximum(distance, 1e-9))  # pressed against the rim
+            outline *= np.minimum(1.0, self._radius / np.maximum(distance, 1e-9))  # parts outside are drawn on the rim
             shapes.stroke(picture, centre + outline, style.WHITE, layout.px(1.2), closed=True)
-            glyphs.plus(picture, centre, 5 * unit, style.TEXT, layout.px(1))
+            symbols.plus(picture, centre, 5 * unit, style.TEXT, layout.px(1))
             estimate = self._error[t, auv] * (self._scale, -self._scale)
             if self._inside(estimate):
-                glyphs.fix(picture, centre + estimate, 4.5 * unit, style.WHITE, 1.5 * unit, layout.zoom)
+                symbols.fix(picture, centre + estimate, 4.5 * unit, style.WHITE, 1.5 * unit, layout.zoom)
             self._caption(picture, t, auv)
 
     def _inside(self, offsets: np.ndarray) -> np.ndarray:
-        """Whether points (..., 2), pixels from a lens's centre, lie in it; a fix that never came does not."""
+        """Whether points (..., 2), pixels from the centre, lie in an inset; false for NaN, a fix without detection."""
         return np.hypot(offsets[..., 0], offsets[..., 1]) < self._radius - 2 * self._layout.unit
 
     def _caption(self, picture: np.ndarray, t: int, auv: int) -> None:

@@ -1,4 +1,4 @@
-"""Where things are in a frame: a map on the left, a panel on the right, and the map's coordinates."""
+"""Layout of a frame: a map on the left, a panel on the right; map coordinates; round numbers for scales."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ class Rectangle(NamedTuple):
         return image[self.top : self.bottom, self.left : self.right]
 
 
-LEGEND_HEIGHT = 146  # of the design
-SMALLEST_PANEL = 530  # of the design; lower ones do without the legend
+LEGEND_HEIGHT = 146  # pixels of the design
+SMALLEST_PANEL = 530  # height in pixels of the design; panels below it have no legend
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Rectangles of a frame designed for 1280 × 720, or upright for 720 × 1280, and scaled to others.
+    """Rectangles of a frame designed for 1280 × 720, or upright for 720 × 1280, and scaled to other sizes.
 
     Attributes:
         width, height: of the frame, pixels.
-        unit: pixels to one pixel of the design; text and margins use it. It is held up in small frames so that text
-            can be read; there is no room for the legend then.
-        map: what the operating area covers. panel: what is left for numbers and plots.
+        unit: pixels to one pixel of the design, for text and margins. It has a lower bound, so that text in small
+            frames is legible; they have no legend.
+        map: the operating area. panel: numbers and plots.
         legend: below the map if there is room, else below the panel if there is room, else None.
     """
 
@@ -57,7 +57,7 @@ class Layout:
 
     @classmethod
     def fit(cls, width: int, height: int, area: Area, with_legend: bool = True) -> Layout:
-        """Share a frame between the map of an area, its sides in proportion, the panel and, if wanted, the legend."""
+        """Divide a frame into the map of an area, true to scale, the panel and, if wanted, the legend."""
         long, short = max(width, height), min(width, height)
         unit = max(min(long / 1280, short / 720), 0.72 * min(1.0, long / 640))
         upright = height > width
@@ -85,7 +85,7 @@ class Layout:
 
     @property
     def zoom(self) -> int:
-        """How much finer than the frame shapes are drawn before they are averaged."""
+        """Factor by which shapes are drawn magnified before they are averaged."""
         return 4 if self.unit < 1.5 else 2
 
     def px(self, size: float) -> int:

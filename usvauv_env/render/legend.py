@@ -1,4 +1,4 @@
-"""The legend: each symbol of the picture and what it means, in words that need no paper."""
+"""Legend of the video: each symbol and its meaning, without terms that the paper introduces."""
 
 from __future__ import annotations
 
@@ -6,49 +6,49 @@ from collections.abc import Callable
 
 import numpy as np
 
-from usvauv_env.render import glyphs, shapes, style
+from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.panel_parts import draw_card
+from usvauv_env.render.panel_elements import draw_card
 from usvauv_env.render.text import shorten, text_width, write
 
 Symbol = Callable[[np.ndarray, np.ndarray, Layout], None]
 
 
 def _auv(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    glyphs.auv(picture, at, 0.35, 22 * layout.unit, style.auv_colour(0), layout.zoom)
+    symbols.auv(picture, at, 0.35, 22 * layout.unit, style.auv_colour(0), layout.zoom)
 
 
 def _boat(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    glyphs.boat(picture, at, 0.35, 22 * layout.unit, layout.zoom)
+    symbols.boat(picture, at, 0.35, 22 * layout.unit, layout.zoom)
 
 
 def _goal(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    glyphs.cross(picture, at, 4.5 * layout.unit, style.BOAT, layout.px(2))
+    symbols.cross(picture, at, 4.5 * layout.unit, style.BOAT, layout.px(2))
 
 
 def _target(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
     ends = at + np.array([(-11, 5), (11, -5)]) * layout.unit
-    for piece in shapes.dashes(*ends, 4 * layout.unit):
+    for piece in shapes.dashes(ends[0], ends[1], 4 * layout.unit):
         shapes.stroke(picture, piece, style.auv_colour(0), layout.px(1.3))
 
 
 def _node(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    gauges = glyphs.NodeGauges(5.5 * layout.unit)
+    gauges = symbols.NodeGauges(5.5 * layout.unit)
     for x, share in ((-13, 0.12), (0, 0.5), (13, 0.85)):
         gauges.draw(picture, at + (np.array([x, 0]) * layout.unit), share)
 
 
 def _full(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    glyphs.NodeGauges(5.5 * layout.unit).draw(picture, at, 1.0, 0.6)
+    symbols.NodeGauges(5.5 * layout.unit).draw(picture, at, 1.0, 0.6)
 
 
 def _service(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    glyphs.progress_ring(picture, at, 8 * layout.unit, 0.65, style.auv_colour(0), 2.8 * layout.unit, layout.zoom)
+    symbols.progress_ring(picture, at, 8 * layout.unit, 0.65, style.auv_colour(0), 2.8 * layout.unit, layout.zoom)
 
 
 def _fix(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    glyphs.plus(picture, at + np.array([-7, 0]) * layout.unit, 4.5 * layout.unit, style.TEXT, layout.px(1))
-    glyphs.fix(
+    symbols.plus(picture, at + np.array([-7, 0]) * layout.unit, 4.5 * layout.unit, style.TEXT, layout.px(1))
+    symbols.fix(
         picture, at + np.array([7, 0]) * layout.unit, 4.5 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom
     )
 

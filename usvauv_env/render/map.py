@@ -1,4 +1,4 @@
-"""The map: everything that has a place in the operating area, seen from above."""
+"""The map of a mission: sea surface, current, vehicles, nodes and fixes, seen from above."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import math
 import numpy as np
 
 from usvauv_env.record.trace import Trace
-from usvauv_env.render import glyphs, shapes, style
+from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.frame_layout import Layout, MapView
-from usvauv_env.render.running_metrics import Running
+from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
-from usvauv_env.render.shapes import Glaze
+from usvauv_env.render.shapes import Overlay
 from usvauv_env.render.text import text_width, write
 
 TRAIL = 120.0  # s
-TRAIL_PIECES = 10  # a trail fades in this many pieces
-POPUP_FRAMES = 45  # how long the data of a completed service is shown
-SIGMAS = 2.0  # size of error ellipses; in two dimensions 86 % of the fixes lie inside
+TRAIL_PIECES = 10  # of one opacity each
+POPUP_FRAMES = 45  # for which the data of a completed service is shown
+SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
 
 
 def error_axes(covariance: np.ndarray) -> np.ndarray:
@@ -27,14 +27,14 @@ def error_axes(covariance: np.ndarray) -> np.ndarray:
     return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[:, None] * directions.T
 
 
-class Map:
+class MissionMap:
     """Draws world 0 of a trace.
 
     Attributes:
-        view: metres to pixels. surface, streaks: the layers whose scales stand above the map.
+        view: metres to pixels. surface, streaks: layers, whose scales `map_axes` draws.
     """
 
-    def __init__(self, trace: Trace, running: Running, layout: Layout) -> None:
+    def __init__(self, trace: Trace, running: RunningMetrics, layout: Layout) -> None:
         scenario = trace.scenario
         self._trace, self._running, self._layout = trace, running, layout
         self.view = MapView(scenario.area, layout.map)
@@ -43,27 +43,27 @@ class Map:
             trace.vortex[0, 0], trace.stream, scenario.area.width, scenario.area.length, self.view, layout.unit
         )
         self._step = scenario.mission.step
-        # The streaks show the true drift, unless steps are so long that the eye could not follow it.
+        # Streaks drift at the true speed, up to a quarter of their length a step.
         self._streak_step = min(self._step, 0.25 * self.streaks.tail)
-        self._glaze = Glaze(*layout.map)
+        self._overlay = Overlay(*layout.map)
         self._boat = self.view.pixel(trace.boat_position[:, 0])
         self._auvs = self.view.pixel(trace.auv_position[:, 0])
         self._nodes = self.view.pixel(trace.node_position[0])
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         spacing = np.sqrt(layout.map.width * layout.map.height / len(self._nodes))
         self._node_radius = float(np.clip(spacing / 7, 3.0 * layout.unit, 9.5 * layout.unit))
-        self._gauges = glyphs.NodeGauges(self._node_radius)
+        self._gauges = symbols.NodeGauges(self._node_radius)
         self._hover_radius = max(scenario.auv.hover_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
 
     def draw(self, picture: np.ndarray, t: int) -> None:
         """Draw step t over the map's rectangle."""
         self.surface.paint(picture, t)
-        self._glaze.clear()
+        self._overlay.clear()
         self.streaks.update(self._trace.vortex[t, 0])
-        self.streaks.draw(self._glaze, t * self._streak_step, self._layout.px(1.2))
+        self.streaks.draw(self._overlay, t * self._streak_step, self._layout.px(1.2))
         self._draw_trails(t)
         self._draw_links(t)
-        self._glaze.blend(picture)
+        self._overlay.blend(picture)
         self._draw_nodes(picture, t)
         self._draw_boat(picture, t)
         for auv in range(self._auvs.shape[1]):
@@ -78,33 +78,33 @@ class Map:
 
     def _fade(self, track: np.ndarray, t: int, colour: style.Colour, opacity: float, width: int) -> None:
         first = max(0, t - round(TRAIL / self._step))
-        # At most a few points a piece: with a short mission step the trail would have thousands.
+        # At most 120 points: with a short mission step the trail would have thousands.
         points = track[np.unique(np.linspace(first, t, min(t - first, 120) + 1).astype(int))]
         length = max(2, len(points) // TRAIL_PIECES + 1)
         pieces = [points[begin : begin + length + 1] for begin in range(0, len(points) - 1, length)]
         for place, piece in enumerate(pieces):
             share = (place + 1) / len(pieces)
-            # A young trail starts bright: it has not had the time to fade.
+            # A trail shorter than TRAIL fades less.
             full = min(1.0, (t - first) * self._step / TRAIL)
-            self._glaze.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
+            self._overlay.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
 
     def _draw_links(self, t: int) -> None:
-        """Dashed lines to the targets, thin lines of sound from the boat, rings around services."""
+        """Dashed lines to the targets, thin lines from the boat to the AUVs it locates, rings around services."""
         unit, phase = self._layout.unit, (t % 24) / 24
         for auv, position in enumerate(self._auvs[t]):
             colour = style.auv_colour(auv)
             node = self._nodes[self._node_of(t, auv)]
-            self._glaze.strokes([np.stack([self._boat[t], position])], style.WHITE, 0.16, self._layout.px(1))
+            self._overlay.strokes([np.stack([self._boat[t], position])], style.WHITE, 0.16, self._layout.px(1))
             if self._trace.hovering[t, 0, auv]:
-                self._glaze.disc(node, self._hover_radius, colour, 0.16)
-                self._glaze.ring(node, self._hover_radius * (0.35 + 0.65 * phase), colour, 0.8 * (1 - phase))
+                self._overlay.disc(node, self._hover_radius, colour, 0.16)
+                self._overlay.ring(node, self._hover_radius * (0.35 + 0.65 * phase), colour, 0.8 * (1 - phase))
             else:
                 pieces = shapes.dashes(position, node, 5 * unit)
                 if pieces:
-                    self._glaze.strokes(pieces, colour, 0.7, self._layout.px(1.3))
+                    self._overlay.strokes(pieces, colour, 0.7, self._layout.px(1.3))
 
     def _node_of(self, t: int, auv: int) -> int:
-        """The node an AUV serves or heads for; a service that ends in step t has already chosen the next one."""
+        """The node an AUV serves or heads for. In the last step of a service the target is already the next node."""
         serving = self._trace.hovering[t, 0, auv] and t > 0
         return int(self._trace.target[t - 1 if serving else t, 0, auv])
 
@@ -118,27 +118,27 @@ class Map:
         if np.hypot(*(goal - self._boat[t])) > 3 * layout.unit:
             for piece in shapes.dashes(self._boat[t], goal, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.BOAT, layout.px(1))
-        glyphs.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
-        glyphs.boat(picture, self._boat[t], self._running.boat_heading[t], 34 * layout.unit, layout.zoom)
+        symbols.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
+        symbols.boat(picture, self._boat[t], self._running.boat_heading[t], 34 * layout.unit, layout.zoom)
 
     def _draw_auv(self, picture: np.ndarray, t: int, auv: int) -> None:
         layout, position, colour = self._layout, self._auvs[t, auv], style.auv_colour(auv)
         if self._trace.hovering[t, 0, auv]:
             node = self._nodes[self._node_of(t, auv)]
             share = self._running.service_share[t, auv]
-            glyphs.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
-        glyphs.auv(picture, position, self._running.heading[t, auv], 29 * layout.unit, colour, layout.zoom)
+            symbols.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
+        symbols.auv(picture, position, self._running.heading[t, auv], 29 * layout.unit, colour, layout.zoom)
         axes = self.view.vector(error_axes(self._trace.estimate_covariance[t, 0, auv]))
         fix = self.view.pixel(self._trace.estimate[t, 0, auv])
         if np.abs(axes).max() > 2 * layout.unit:
             shapes.stroke(picture, shapes.ellipse_points(fix, axes), colour, layout.px(1), closed=True)
-        if np.hypot(*(fix - position)) > 5 * layout.unit:  # a smaller error is seen in the lens only
-            glyphs.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
+        if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
+            symbols.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         label = position + np.array([14, -12]) * layout.unit
-        glyphs.badge(picture, str(auv + 1), label, 11 * layout.unit, colour)
+        symbols.badge(picture, str(auv + 1), label, 11 * layout.unit, colour)
 
     def _draw_popups(self, picture: np.ndarray, t: int) -> None:
-        """The data of each AUV's latest service, rising from the node for a moment."""
+        """The data of each AUV's latest service, rising from the node for `POPUP_FRAMES`."""
         unit, box = self._layout.unit, self._layout.map
         first, size = max(0, t - POPUP_FRAMES + 1), 13 * unit
         for auv in range(self._auvs.shape[1]):

@@ -1,4 +1,4 @@
-"""What stands around the map and never changes: axes in metres, scale bar, north arrow, colour scale, speed scale."""
+"""Still parts around the map: axes in metres, scale bar, directions, colour scale, speed scale."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from usvauv_env.sections import Area
 
 
 class Scene(Protocol):
-    """A map: metres to pixels, and the layers whose scales stand above it."""
+    """A map: metres to pixels, and the layers whose scales are drawn above it."""
 
     view: MapView
     surface: SeaSurface
     streaks: CurrentStreaks
 
 
-def draw_surroundings(picture: np.ndarray, scene: Scene, layout: Layout, area: Area, note: str) -> None:
-    """Draw them once on the still background, with a note below the map if there is room."""
+def draw_map_axes(picture: np.ndarray, scene: Scene, layout: Layout, area: Area, note: str) -> None:
+    """Draw axes and scales on a picture, and a note below the map if there is room."""
     unit, box = layout.unit, layout.map
     corners = [(0, 0), (area.width, 0), (area.width, area.length), (0, area.length)]
     frame = scene.view.pixel(np.array(corners, float)) + np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)]) * unit
@@ -50,13 +50,13 @@ def draw_surroundings(picture: np.ndarray, scene: Scene, layout: Layout, area: A
 
 
 def view_note(scenario: Scenario) -> str:
-    """From where a mission is seen."""
+    """Point of view, and the depth of the AUVs."""
     below = scenario.auv.depth if scenario.auv.separation == "geometry" else scenario.area.depth
     return f"seen from above, AUVs {below:g} m below the boat"
 
 
 def _scale_bar(picture: np.ndarray, scene: Scene, layout: Layout, below: float) -> float:
-    """Draw it at the left and return its width with its text."""
+    """Draw a scale bar at the left; returns its width including the text, pixels."""
     unit, box = layout.unit, layout.map
     length = nice(0.25 * box.width / scene.view.per_metre)
     bar = length * scene.view.per_metre
@@ -69,7 +69,7 @@ def _scale_bar(picture: np.ndarray, scene: Scene, layout: Layout, below: float) 
 
 
 def _scales(picture: np.ndarray, scene: Scene, layout: Layout) -> float:
-    """Above the map, from the right: colours of the sea, speed of the current. Return where they begin."""
+    """Draw colour scale and speed scale above the map, from the right; returns their left end, pixels."""
     unit, size = layout.unit, 11 * layout.unit
     right, line = layout.map.right, layout.map.top - 8 * unit
 

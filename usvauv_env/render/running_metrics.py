@@ -1,4 +1,4 @@
-"""What a viewer is told at each step of a trace: the metrics so far, fix errors, headings, progress of services."""
+"""Figures shown at each step of a trace: metrics so far, fix errors, headings, progress of services."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MEDIAN_WINDOW = 30.0  # s
 
 
 @dataclass(frozen=True)
-class Running:
+class RunningMetrics:
     """Series of world 0, T steps and K AUVs.
 
     Attributes:
@@ -24,7 +24,7 @@ class Running:
         error_median: (T, K) its median over the last 30 s.
         off_target: (T,) mean over AUVs of the distance to the target, m. power: (T,) of the AUVs together, W.
         heading: (T, K) of the AUVs, boat_heading: (T,) of the boat, anticlockwise from east, rad.
-        service_share: (T, K) done part of the service going on, 0 when travelling.
+        service_share: (T, K) completed part of the service under way, 0 when travelling.
     """
 
     sdr: np.ndarray
@@ -41,7 +41,7 @@ class Running:
     service_share: np.ndarray
 
     @classmethod
-    def of(cls, trace: Trace) -> Running:
+    def of(cls, trace: Trace) -> RunningMetrics:
         step = trace.scenario.mission.step
         rate = trace.service_rate[:, 0].astype(float)
         hovering = trace.hovering[:, 0].astype(bool)
@@ -82,7 +82,7 @@ def _smooth(series: np.ndarray, window: int) -> np.ndarray:
 
 
 def _heading(velocity: np.ndarray, least: float) -> np.ndarray:
-    """Direction (T, K) of vectors (T, K, 2); a vector shorter than `least` keeps the direction before it."""
+    """Direction (T, K) of vectors (T, K, 2); vectors shorter than `least` keep the previous direction."""
     angle = np.arctan2(velocity[..., 1], velocity[..., 0])
     moving = np.hypot(velocity[..., 0], velocity[..., 1]) > least
     last = np.maximum.accumulate(np.where(moving, np.arange(len(angle))[:, None], -1), axis=0)
@@ -91,7 +91,7 @@ def _heading(velocity: np.ndarray, least: float) -> np.ndarray:
 
 
 def _service_share(hovering: np.ndarray, completed: np.ndarray) -> np.ndarray:
-    """Done part of each service (T, K): it starts with the first hovering step and ends with its completion."""
+    """Completed part of each service (T, K), from the first hovering step to the last."""
     share = np.zeros(hovering.shape)
     for auv in range(hovering.shape[1]):
         begin = None

@@ -1,4 +1,4 @@
-"""The lowest layers of the map: the sea surface as coloured, shaded relief, and the current as drifting streaks."""
+"""Bottom layers of the map: the sea surface as coloured, shaded relief, and the current as drifting streaks."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from kernels import runtime
 from kernels.flow.current import particle_paths
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import MapView, nice_above
-from usvauv_env.render.shapes import Glaze
+from usvauv_env.render.shapes import Overlay
 
-RELIEF_PIXELS = 160  # the relief is shaded at no more than this many pixels a side, then enlarged
-LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # from the north-west, as on printed maps
+RELIEF_PIXELS = 160  # largest side of the relief as it is shaded, before it is enlarged
+LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # unit vector to the light: east, north, up
 
 
 class SeaSurface:
     """Elevation as colour, slope as shade.
 
     Attributes:
-        limit: elevation (m) of the colour scale's ends, ±, reached by one place in a hundred; 0 for a flat sea.
+        limit: elevation (m) of the colour scale's ends, ±, about the 99th percentile; 0 for a flat sea.
     """
 
     def __init__(self, surface: np.ndarray, view: MapView, pixels: int = RELIEF_PIXELS) -> None:
         """
         Args:
-            surface: what the scales are fitted to, (T, Y, X) m with row 0 in the south, or empty for a flat sea.
+            surface: elevation that the scales are fitted to, (T, Y, X) m, row 0 in the south; empty for a flat sea.
             view: the map.
-            pixels: most pixels a side that are shaded before enlarging.
+            pixels: largest side of the relief as it is shaded, before it is enlarged.
         """
         self._surface = surface
         self._view = view
@@ -41,20 +41,20 @@ class SeaSurface:
             return
         usual = float(np.quantile(np.abs(surface[:: max(1, len(surface) // 50)]), 0.99))
         self.limit = nice_above(max(usual, 0.1 * highest), (1, 1.5, 2, 3, 4, 5, 7, 10))
-        # Long waves are far too flat to throw a shade: steepen them until a steep place stands at about 30°.
+        # Slopes are exaggerated until steep ones, the 98th percentile, are drawn at about 30°.
         some = surface[:: max(1, len(surface) // 20)].astype(np.float32)
         slopes = [np.hypot(*self._slopes(self._small(field))) for field in some]
-        # A tide is as good as level: what slopes it has are rounding errors, and stay flat.
+        # The lower bound keeps rounding errors of an almost level surface from being exaggerated.
         self._steepen = 0.55 / max(float(np.quantile(slopes, 0.98)), 1e-3 * self.limit)
 
     def _small(self, field: np.ndarray) -> np.ndarray:
-        """The field with the north on top, at the resolution it is shaded at."""
+        """A field with the north on top, reduced to the resolution of shading."""
         area = self._view.rectangle
         shrink = min(1.0, self._pixels / max(area.width, area.height))
         shape = max(2, round(area.width * shrink)), max(2, round(area.height * shrink))
         field = np.flipud(field).astype(np.float32)
         if shape[0] >= field.shape[1] or shape[1] >= field.shape[0]:
-            return field  # enlarging before shading would show as a plaid
+            return field  # shading an enlarged field would show its grid
         return cv2.resize(field, shape, interpolation=cv2.INTER_AREA)
 
     @staticmethod
@@ -88,7 +88,7 @@ class SeaSurface:
 
 
 def colour_scale(width: int, height: int) -> np.ndarray:
-    """The colours from lowest to highest, left to right, as a picture."""
+    """Picture of the colour scale, lowest elevation at the left, (height, width, 3)."""
     return np.repeat(_COLOURS[np.linspace(0, 255, width).astype(int)][None], height, axis=0).astype(np.uint8)
 
 
@@ -102,13 +102,13 @@ _COLOURS = _colour_table()
 
 
 class CurrentStreaks:
-    """Particles that drift with the current and draw short tails: a longer tail is a faster current.
+    """Particles that drift with the current, with tails as long as the way they drift in the time `tail`.
 
-    A particle starts at its seed and lives for `LIVES` tail times, each born at a different moment. Its path is that in
-    the field as it stands, so where the field changes the picture changes with it, without jumps.
+    A particle starts at its seed point, at a time of its own, and lives for `LIVES` tail times. Its path is that in the
+    present field, so where the field changes the picture changes with it, without jumps.
 
     Attributes:
-        fastest: highest speed in the area at the start, m/s. tail: time a tail stands for, s; infinite without current.
+        fastest: highest speed in the area at the start, m/s. tail: s, infinite without current.
     """
 
     TAIL_POINTS = 8
@@ -133,7 +133,7 @@ class CurrentStreaks:
         if self.fastest < 1e-3:
             self.fastest = 0.0
             return
-        # The fastest tail is 30 px of the design; a weak current is not made to look like a strong one.
+        # The fastest tail is 30 px of the design, in a current below 0.1 m/s proportionally shorter.
         self.tail = 30 * unit / (max(self.fastest, 0.1) * view.per_metre)
         self._step = self.tail / self.TAIL_POINTS
         self._life = (self.LIVES + 1) * self.TAIL_POINTS
@@ -150,16 +150,16 @@ class CurrentStreaks:
         return particle_paths(vortex, stream, seeds, level=0, size=self._size, step=step, count=count).cpu().numpy()
 
     def _paths(self) -> np.ndarray:
-        """Pixels (P, points, 2) of a whole life."""
+        """Pixels (P, points, 2) of the paths over a whole life."""
         return self._view.pixel(self._follow(self._step, self.LIVES * self.TAIL_POINTS).astype(float))
 
     def update(self, vortex: np.ndarray) -> None:
-        """Vortices (V, 4) as they are now."""
+        """Set the vortices (V, 4)."""
         if self.fastest > 0 and not np.array_equal(vortex, self._vortex):
             self._vortex = vortex
             self._path = self._paths()
 
-    def draw(self, glaze: Glaze, time: float, width: int) -> None:
+    def draw(self, overlay: Overlay, time: float, width: int) -> None:
         """Draw the tails at a time in s."""
         if self.fastest == 0.0:
             return
@@ -169,5 +169,5 @@ class CurrentStreaks:
         part = (ages - whole)[:, :, None]
         each = np.arange(len(age))[:, None]
         tails = self._path[each, whole] * (1 - part) + self._path[each, whole + 1] * part
-        glaze.shine(tails, 0.22, width)
-        glaze.shine(tails[:, : self.TAIL_POINTS // 2 + 1], 0.5, width)
+        overlay.white_lines(tails, 0.22, width)
+        overlay.white_lines(tails[:, : self.TAIL_POINTS // 2 + 1], 0.5, width)

@@ -31,7 +31,7 @@ def ring(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | 
 
 
 def arc(image: np.ndarray, centre: np.ndarray, radius: float, share: float, colour: Colour, width: int) -> None:
-    """The part `share` of a circle, clockwise from the top."""
+    """The part `share` (0 to 1) of a circle, clockwise from the top."""
     turns = np.linspace(0.0, 2 * np.pi * min(share, 1.0), max(2, round(48 * share) + 1))
     stroke(image, np.asarray(centre) + radius * np.stack([np.sin(turns), -np.cos(turns)], 1), colour, width)
 
@@ -70,10 +70,10 @@ def smooth(
     factor: int,
     draw: Callable[[np.ndarray, np.ndarray, int], None],
 ) -> None:
-    """Draw on a magnified copy of the square `reach` pixels around a centre and put it back, averaged.
+    """Draw on a copy, magnified by `factor`, of the square `reach` pixels around a centre; put it back, averaged.
 
-    OpenCV's own anti-aliasing shows steps and beads in lines wider than one pixel. `draw` receives the copy, the centre
-    in it and the factor.
+    OpenCV's own anti-aliasing shows steps in lines wider than one pixel. `draw` receives the copy, the centre in it and
+    the factor.
     """
     x0, y0 = (max(int(c - reach), 0) for c in centre)
     region = image[y0 : max(int(centre[1] + reach) + 2, 0), x0 : max(int(centre[0] + reach) + 2, 0)]
@@ -84,10 +84,10 @@ def smooth(
     cv2.resize(fine, (region.shape[1], region.shape[0]), region, interpolation=cv2.INTER_AREA)
 
 
-class Glaze:
-    """A translucent layer over one region of a picture: colour and coverage, blended in one go.
+class Overlay:
+    """A translucent layer over one region of a picture: colour and coverage, blended at once.
 
-    Later strokes replace earlier ones where they cross.
+    Where shapes overlap, the later one replaces the earlier one.
     """
 
     def __init__(self, left: int, top: int, width: int, height: int) -> None:
@@ -100,15 +100,15 @@ class Glaze:
         self._colour.fill(255)
         self._cover.fill(0)
 
-    def shine(self, lines: np.ndarray, opacity: float, width: int) -> None:
-        """White lines (N, P, 2), to be drawn before all else: the layer is white where nothing is on it."""
+    def white_lines(self, lines: np.ndarray, opacity: float, width: int) -> None:
+        """White lines (N, P, 2), to be drawn first: they set the coverage alone; a cleared layer is white."""
         pieces = list(fixed(lines - self._origin))
         cv2.polylines(self._cover, pieces, False, round(255 * opacity), width, cv2.LINE_AA, _SHIFT)
 
     def strokes(self, lines: list[np.ndarray], colour: Colour, opacity: float, width: int = 1) -> None:
         """Open lines, each (N, 2) pixels of the whole picture."""
         pieces = [fixed(line - self._origin) for line in lines]
-        # The colour is laid wider and hard-edged, so that the coverage alone makes the soft edge.
+        # The colour is wider and not anti-aliased: the edge is that of the coverage.
         cv2.polylines(self._colour, pieces, False, colour, width + 2, cv2.LINE_8, _SHIFT)
         cv2.polylines(self._cover, pieces, False, round(255 * opacity), width, cv2.LINE_AA, _SHIFT)
 
@@ -121,7 +121,7 @@ class Glaze:
         disc(self._cover, np.asarray(centre) - self._origin, radius, round(255 * opacity))
 
     def blend(self, picture: np.ndarray) -> None:
-        """Lay it over its region of the picture."""
+        """Blend the layer into its region of the picture."""
         region = picture[self._region]
         cover = cv2.merge([self._cover] * 3)
         above = cv2.multiply(self._colour, cover, scale=1 / 255)

@@ -1,4 +1,4 @@
-"""The side panel: what is shown, the clock, the figures so far, lenses on the fixes, plots, legend."""
+"""Side panel of a mission: title, clock, figures so far, insets with the fixes, plots."""
 
 from __future__ import annotations
 
@@ -6,19 +6,26 @@ import numpy as np
 
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import style
-from usvauv_env.render.fix_insets import Lenses
+from usvauv_env.render.fix_insets import FixInsets
 from usvauv_env.render.frame_layout import Layout, MapView, Rectangle, nice_above
-from usvauv_env.render.panel_parts import draw_card, draw_clock, draw_tiles, inside, write_heading, write_title
-from usvauv_env.render.running_metrics import Running
+from usvauv_env.render.panel_elements import (
+    draw_card,
+    draw_clock,
+    draw_tiles,
+    within_margins,
+    write_heading,
+    write_title,
+)
+from usvauv_env.render.plots import RecordedPlot
+from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.text import write
-from usvauv_env.render.time_plot import TimePlot
 
 
-class Panel:
-    """Draws its still parts once and its plots step by step on `still`, and the rest on each frame."""
+class SidePanel:
+    """Draws still parts once and plots step by step on the picture `still`, the rest on each frame."""
 
     def __init__(
-        self, still: np.ndarray, trace: Trace, running: Running, layout: Layout, view: MapView, speed_up: float
+        self, still: np.ndarray, trace: Trace, running: RunningMetrics, layout: Layout, view: MapView, speed_up: float
     ) -> None:
         self._still, self._trace, self._running, self._layout = still, trace, running, layout
         self._elevation = trace.boat_surface[:, 0, 0]
@@ -27,33 +34,35 @@ class Panel:
         gap, heights = round(7 * unit), self._heights()
         tops = [box.top + sum(heights[:place]) + place * gap for place in range(len(heights))]
         boxes = [Rectangle(box.left, top, box.width, height) for top, height in zip(tops, heights, strict=True)]
-        self._title, self._tiles, lens_box, error_box, heave_box = boxes
+        self._title, self._tiles, inset_box, error_box, heave_box = boxes
         for card in boxes[1:]:
             draw_card(still, card, unit)
-        self._lenses = Lenses(trace, running, layout, inside(lens_box, unit, top=30, sides=8, bottom=2), view)
-        magnified = f"Fixes around the true position, {self._lenses.magnification:.0f} × magnified"
-        write_heading(self._still, unit, lens_box, magnified, f"inner ring {self._lenses.ring:g} m")
-        self._lenses.draw_still(still)
+        self._insets = FixInsets(
+            trace, running, layout, within_margins(inset_box, unit, top=30, sides=8, bottom=2), view
+        )
+        magnified = f"Fixes around the true position, {self._insets.magnification:.0f} × magnified"
+        write_heading(self._still, unit, inset_box, magnified, f"inner ring {self._insets.ring:g} m")
+        self._insets.draw_still(still)
         duration = max(float(trace.time[-1]), trace.scenario.mission.step)
         self._error_plot = self._plot_errors(error_box, duration)
         self._heave_plot = self._plot_heave(heave_box, duration)
         self._write_title()
 
     def _heights(self) -> list[int]:
-        """Heights of title, figures, lenses, fix errors and heave, pixels."""
+        """Heights of title, figures, insets, fix errors and heave, pixels."""
         layout = self._layout
         fixed = [round(height * layout.unit) for height in (56, 54)]
         rest = layout.panel.height - sum(fixed) - 4 * round(7 * layout.unit)
-        lenses, errors = round(0.42 * rest), round(0.35 * rest)
-        return [*fixed, lenses, errors, rest - lenses - errors]
+        insets, errors = round(0.42 * rest), round(0.35 * rest)
+        return [*fixed, insets, errors, rest - insets - errors]
 
-    def _plot_errors(self, box: Rectangle, duration: float) -> TimePlot:
+    def _plot_errors(self, box: Rectangle, duration: float) -> RecordedPlot:
         unit, error = self._layout.unit, self._running.position_error
         low, high = np.quantile(error, (0.03, 0.998))
         low = max(float(low), 1e-9)
-        plot = TimePlot(
+        plot = RecordedPlot(
             self._still,
-            inside(box, unit, top=28, sides=18, bottom=20, left=42),
+            within_margins(box, unit, top=28, sides=18, bottom=20, left=42),
             low,
             max(float(high), 1.5 * low),
             duration,
@@ -72,11 +81,11 @@ class Panel:
         plot.finish()
         return plot
 
-    def _plot_heave(self, box: Rectangle, duration: float) -> TimePlot:
+    def _plot_heave(self, box: Rectangle, duration: float) -> RecordedPlot:
         unit = self._layout.unit
         limit = nice_above(max(float(np.abs(self._elevation).max()), 1.0))
-        room = inside(box, unit, top=28, sides=18, bottom=20, left=42)
-        plot = TimePlot(self._still, room, -limit, limit, duration, self._layout)
+        room = within_margins(box, unit, top=28, sides=18, bottom=20, left=42)
+        plot = RecordedPlot(self._still, room, -limit, limit, duration, self._layout)
         write_heading(self._still, unit, box, "Sea surface η under the boat, m")
         plot.area(self._trace.time, self._elevation, style.mix(style.CARD, style.SEA[3], 0.55))
         plot.curve(self._trace.time, self._elevation, style.SEA[4])
@@ -90,7 +99,7 @@ class Panel:
         write_title(self._still, self._title, self._layout.unit, name, run, float(trace.time[-1]), self._speed_up)
 
     def figures(self, t: int) -> list[tuple[str, str]]:
-        """What the tiles say at step t: name with unit, and value."""
+        """Contents of the tiles at step t: name with unit, and value."""
         running = self._running
         if self._trace.scenario.task == "station-keeping":
             return [
@@ -109,16 +118,16 @@ class Panel:
         ]
 
     def advance(self, t: int) -> None:
-        """Uncover the plots up to step t on the still picture."""
+        """Show the plots up to step t on the still picture."""
         for plot in (self._error_plot, self._heave_plot):
-            plot.uncover(float(self._trace.time[t]))
+            plot.show_until(float(self._trace.time[t]))
 
     def draw(self, picture: np.ndarray, t: int) -> None:
-        """Draw what changes in each frame over a copy of the still picture."""
+        """Draw the moving parts of step t over a copy of the still picture."""
         unit, time = self._layout.unit, float(self._trace.time[t])
         draw_clock(picture, self._title, self._layout, time, (t + 1) / len(self._trace.time))
         draw_tiles(picture, self._tiles, unit, self.figures(t))
-        self._lenses.draw(picture, t)
+        self._insets.draw(picture, t)
         for plot in (self._error_plot, self._heave_plot):
             plot.draw_cursor(picture, time)
         box = self._heave_plot.box

@@ -1,4 +1,4 @@
-"""Colours and proportions of the video; colours are OpenCV's order blue, green, red."""
+"""Colours of the video, in OpenCV's order blue, green, red."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ BOAT_DECK = colour("#1b4f8a")
 FULL = colour("#ff453a")
 GAUGE = (colour("#35d07f"), colour("#ffb020"), FULL)  # backlog of a node: empty, half, full
 
-# Sea by elevation, lowest first. The mean level is mid-blue, so that crests and troughs are told apart at a glance.
+# Sea by elevation, lowest first; the mean level is mid-blue.
 SEA = tuple(colour(code) for code in ("#082349", "#0e3963", "#18557f", "#2a7c99", "#64aeb9"))
 LAND = colour("#4a4b40")
 
-# Told apart from the sea and from the nodes' green, amber and red.
+# Distinct from the sea and from the nodes' green, amber and red.
 _AUVS = tuple(colour(code) for code in ("#ff6fcf", "#ffe95c", "#b7a0ff", "#7df9ff", "#ff9d66", "#c9f26b"))
 
 

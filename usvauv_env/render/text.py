@@ -1,6 +1,6 @@
-"""Text in pictures: DejaVu Sans (it comes with matplotlib) rendered by FreeType; OpenCV's own fonts have no Greek.
+"""Text in pictures: DejaVu Sans, which matplotlib installs, rendered by FreeType; OpenCV's own fonts have no Greek.
 
-Rendering a string takes about 40 µs a letter, so masks are kept: most of what a video says, it says in every frame.
+Rendering takes about 40 µs a letter, so masks are cached: most texts are the same in every frame.
 """
 
 from __future__ import annotations
@@ -27,11 +27,19 @@ def _mask(text: str, size: float, bold: bool) -> tuple[np.ndarray, int]:
     """Coverage (height, width, 1) 0..255 of a text, and the rows above its baseline."""
     font = _font(bold)
     font.set_size(size, 72)
-    # A name from outside may hold letters that the font lacks.
+    # Names of scenarios and policies may hold letters that the font lacks.
     font.set_text("".join(letter if font.get_char_index(ord(letter)) else "?" for letter in text), 0.0)
     font.draw_glyphs_to_bitmap(antialiased=True)
     mask = np.array(font.get_image(), np.uint16)[:, :, None]
     return mask, mask.shape[0] - round(font.get_descent() / 64)
+
+
+def clock(seconds: float) -> str:
+    """A time as minutes:seconds, from one hour on hours:minutes:seconds."""
+    whole = int(seconds)
+    if whole >= 3600:
+        return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+    return f"{whole // 60}:{whole % 60:02d}"
 
 
 def text_width(text: str, size: float, bold: bool = False) -> int:

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from usvauv_env.files import atomic_write
-from usvauv_env.sea_alone.simulation import LoneSea
+from usvauv_env.sea_alone.simulation import SeaSimulation
 
 CHUNK = 512  # cells along a side of what is compressed as one
 ELEVATION = "sea_surface_height_above_mean_sea_level"
@@ -29,7 +29,7 @@ class SeaFile:
     are steady, else (time, y, x); `depth` (y, x). x points east, y north.
     """
 
-    def __init__(self, path: Path, sea: LoneSea) -> None:
+    def __init__(self, path: Path, sea: SeaSimulation) -> None:
         self._records = 0
         with ExitStack() as stack:
             self._partial = stack.enter_context(atomic_write(path))
@@ -46,7 +46,7 @@ class SeaFile:
         """Size of the file so far."""
         return self._partial.stat().st_size
 
-    def add(self, sea: LoneSea) -> None:
+    def add(self, sea: SeaSimulation) -> None:
         """Write the sea as it is now as the next record."""
         n, (u, v) = self._records, sea.velocity()
         self._file.resize_dimension("time", n + 1)
@@ -76,7 +76,7 @@ class SeaFile:
             if kind is None:  # else the first error is the one to report
                 raise OSError(str(error)) from None
 
-    def _describe(self, sea: LoneSea) -> None:
+    def _describe(self, sea: SeaSimulation) -> None:
         """Global attributes."""
         scenario, version = sea.scenario, metadata.version("usvauv")
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -94,7 +94,7 @@ class SeaFile:
             scenario=scenario.to_toml(),
         )
 
-    def _lay_out(self, sea: LoneSea) -> None:
+    def _lay_out(self, sea: SeaSimulation) -> None:
         """Dimensions, coordinates with their bounds, and the variables.
 
         x and y have no attribute `axis`: ParaView takes that for longitude and latitude and wraps the sea round a

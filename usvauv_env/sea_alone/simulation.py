@@ -77,7 +77,7 @@ def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.T
     return world.vortex[:, :count].clone()
 
 
-class LoneSea:
+class SeaSimulation:
     """The sea on which world 0 of a seed sails in its first episode, with nothing on it.
 
     Args:
@@ -197,7 +197,7 @@ def survey(scenario: Scenario, seed: int, duration: float) -> np.ndarray:
     """Elevations to expect: the same sea on few cells at some moments, (moments, Y, X) m."""
     longer = max(scenario.area.width, scenario.area.length) / SURVEY_CELLS
     shape = tuple(max(FEWEST, round(side / longer)) for side in (scenario.area.width, scenario.area.length))
-    sea = LoneSea(scenario, seed, shape, duration / SURVEY_MOMENTS)
+    sea = SeaSimulation(scenario, seed, shape, duration / SURVEY_MOMENTS)
     fields = [sea.surface().elevation]
     for _ in range(SURVEY_MOMENTS):
         sea.advance()

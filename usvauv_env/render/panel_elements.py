@@ -1,4 +1,4 @@
-"""What side panels are made of: a title with a clock, figures in tiles, cards with headings."""
+"""Elements of a side panel: title with clock, tiles with figures, cards (rounded backgrounds) with headings."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import numpy as np
 
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.text import shorten, text_width, write
-from usvauv_env.render.time_plot import clock
+from usvauv_env.render.text import clock, shorten, text_width, write
 
 
 def write_title(
     picture: np.ndarray, box: Rectangle, unit: float, name: str, run: str, duration: float, speed_up: float
 ) -> None:
-    """What is shown in two lines, how long it lasts and how fast it plays; room is left for the clock."""
+    """Two lines: name, with room for the clock at its right; run, duration and play speed."""
     end, edge = clock(duration), 2 * unit
     room = box.width - text_width(end, 24 * unit, bold=True) - 14 * unit
     name = shorten(name, 21 * unit, room, bold=True)
@@ -27,7 +26,7 @@ def write_title(
 
 
 def draw_clock(picture: np.ndarray, box: Rectangle, layout: Layout, time: float, share: float) -> None:
-    """The time in s, and a bar of which `share` is done, in the title's box."""
+    """The time in s, and a progress bar filled to `share`, in the title's box."""
     unit = layout.unit
     corner = box.right - 2 * unit, box.top + 24 * unit
     write(picture, clock(time), corner, 24 * unit, style.TEXT, bold=True, anchor="right")
@@ -47,7 +46,7 @@ def draw_tiles(picture: np.ndarray, box: Rectangle, unit: float, figures: list[t
 
 
 def _fitting(text: str, size: float, room: float, bold: bool = False) -> float:
-    """The size, or a smaller one at which the text is no wider than `room`."""
+    """Font size, reduced where needed so that the text is no wider than `room` pixels."""
     width = text_width(text, size, bold)
     return size if width <= room else size * max(room, 1.0) / width
 
@@ -73,10 +72,10 @@ def draw_card(picture: np.ndarray, box: Rectangle, unit: float) -> None:
             cv2.circle(picture, (x, y), radius, style.CARD, -1, cv2.LINE_AA)
 
 
-def inside(
+def within_margins(
     box: Rectangle, unit: float, top: float, sides: float, bottom: float, left: float | None = None
 ) -> Rectangle:
-    """The box less margins of the design."""
+    """The box without its margins, which are in pixels of the design."""
     a, b, c = round((sides if left is None else left) * unit), round(sides * unit), round(top * unit)
     return Rectangle(
         box.left + a, box.top + c, max(box.width - a - b, 8), max(box.height - c - round(bottom * unit), 8)

@@ -1,4 +1,4 @@
-"""The symbols of map and legend: vehicles, nodes, fixes. Headings are anticlockwise from east, rad."""
+"""Symbols of map and legend: vehicles, nodes, fixes. Headings are anticlockwise from east, rad."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _BAND = np.array([(0.3, 0.11), (0.22, 0.11), (0.22, -0.11), (0.3, -0.11)])
 
 
 def _place(outline: np.ndarray, centre: np.ndarray, heading: float, length: float) -> np.ndarray:
-    """The outline turned and moved; pixels, whose y runs down."""
+    """An outline scaled, rotated and translated; pixels, y down."""
     cos, sin = np.cos(heading), np.sin(heading)
     x, y = outline[:, 0] * length, outline[:, 1] * length
     return np.asarray(centre) + np.stack([x * cos - y * sin, -(x * sin + y * cos)], 1)
@@ -59,7 +59,7 @@ def boat(image: np.ndarray, centre: np.ndarray, heading: float, length: float, f
 def progress_ring(
     image: np.ndarray, centre: np.ndarray, radius: float, share: float, colour: Colour, width: float, factor: int
 ) -> None:
-    """A ring whose part `share`, clockwise from the top, is done."""
+    """A ring filled to `share`, clockwise from the top."""
 
     def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
         dim = style.mix(colour, style.OUTLINE, 0.65)
@@ -105,13 +105,13 @@ def badge(image: np.ndarray, text: str, centre: np.ndarray, size: float, colour:
 class NodeGauges:
     """Discs with a ring that fills clockwise, green to amber to red, and a halo around full ones.
 
-    Each level is drawn once, magnified, and then copied: hundreds of nodes cost little.
+    Each level is drawn once, magnified, and copied from then on.
     """
 
     LEVELS = 48
     HALOS = 8
     MAGNIFIED = 6
-    TOO_SMALL = 4.5  # px: below it a ring could not be seen, and the disc is all colour
+    TOO_SMALL = 4.5  # pixels of radius below which there is a disc and no ring
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
