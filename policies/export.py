@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,17 +15,18 @@ from torch import Tensor, nn
 
 from policies.learned import LearnedPolicy
 from policies.policy import PolicyError
+from usvauv_env.files import atomic_write
 from usvauv_env.site.site import Site
 from usvauv_env.world.observation import commanded
 from usvauv_env.world.spaces import observed_quantities
 
 NEEDED = ("onnx", "onnxscript")
-EXAMPLE_WORLDS = 3  # any number but 1, which the tracer would take for a constant
+EXAMPLE_WORLDS = 3  # any number but 1, which the exporter takes for a constant
 TRAINING = ("algorithm", "command", "commit", "steps", "score", "torch")
 
 
 class _Graph(nn.Module):
-    """A policy as the tracer wants it: a module whose parameters are the actor's."""
+    """A policy as a module whose parameters are the actor's, as the exporter needs it."""
 
     def __init__(self, policy: LearnedPolicy):
         super().__init__()
@@ -40,12 +40,13 @@ class _Graph(nn.Module):
 def export(policy: LearnedPolicy, path: Path) -> None:
     """Write a learned policy as ONNX: input "observation" (N, K, O), output "action" (N, K, 2), float32, any N.
 
-    What `policy.act` does is traced, so that the file takes the world's own observation and gives its action. With it
-    travels metadata, each value JSON: "observation" and "action" list index, quantity, unit, low and high of every
-    number of an AUV; "policy" says for which scenario it is, and by which command and commit it was trained.
+    The graph is a trace of `policy.act`, from the world's observation to its action. The file has metadata, each value
+    JSON: "observation" and "action" list index, quantity, unit, low and high of every number of an AUV; "policy" gives
+    the scenario it is for, and the command and commit by which it was trained.
 
     Raises:
-        PolicyError: a library is missing, or the file cannot be written.
+        PolicyError: a library is missing.
+        OutputError: the file cannot be written.
     """
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
@@ -65,7 +66,7 @@ def export(policy: LearnedPolicy, path: Path) -> None:
         )
     assert program is not None  # as always with dynamo=True
     model = program.model
-    # The exporter notes the source line of every node, with paths that mean nothing elsewhere.
+    # The exporter records the source line of every node, with paths of this machine.
     for node in model.graph.all_nodes():
         node.metadata_props.clear()
     model.producer_name, model.graph.name = "usvauv", policy.name
@@ -85,22 +86,16 @@ def export(policy: LearnedPolicy, path: Path) -> None:
         action=json.dumps([row._asdict() for row in commanded(scenario)]),
         policy=json.dumps(about),
     )
-    partial = path.with_name(path.name + ".partial")
-    try:
+    with atomic_write(path) as partial:
         program.save(partial)
-        os.replace(partial, path)
-    except OSError as error:
-        raise PolicyError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep torch's own exporter from reporting to a user what only its authors can change."""
+    """Silence messages of torch's exporter that a user can do nothing about."""
     logger = logging.getLogger("torch.onnx")
     level = logger.level
-    logger.setLevel(logging.ERROR)  # it misses torchvision, which no policy uses
+    logger.setLevel(logging.ERROR)  # it reports that torchvision is missing, which no policy uses
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*LeafSpec.*", category=FutureWarning)

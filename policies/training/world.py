@@ -57,6 +57,6 @@ class TrainingWorld(Protocol):
         """Everything that decides the future of the worlds, as copies."""
         ...
 
-    def load(self, state: dict[str, Tensor], /) -> None:
+    def load_state(self, state: dict[str, Tensor], /) -> None:
         """Go back to a state."""
         ...

@@ -16,6 +16,7 @@ from policies.export import export
 from policies.frames import ACTION_SIZE, FRAMES
 from policies.standardizer import Standardizer
 from usvauv_env import Scenario, World
+from usvauv_env.files import OutputError
 from usvauv_env.site.site import Site
 from usvauv_env.world.observation import ObservationLayout, commanded
 from usvauv_env.world.spaces import observed_quantities
@@ -199,6 +200,6 @@ class TestCommand:
 
     def test_a_place_that_cannot_be_written(self, tmp_path):
         (tmp_path / "a.onnx").mkdir()
-        with pytest.raises(PolicyError, match="cannot be written"):
+        with pytest.raises(OutputError, match="cannot be written"):
             export(policies.load_learned("sac-extreme"), tmp_path / "a.onnx")
         assert [path.name for path in tmp_path.iterdir()] == ["a.onnx"]
