@@ -3,17 +3,18 @@
 import gymnasium
 import numpy as np
 
-import usvauv_env  # noqa: F401 - registers the environment
+from usvauv_env import Scenario  # importing usvauv_env registers the environment
+from usvauv_env.world.observation import ObservationLayout
 
 
 def main(num_envs: int = 512, steps: int = 1000) -> float:
     """Run all missions for `steps` mission steps; prints and returns the mean reward of a team per step."""
     envs = gymnasium.make_vec("usvauv/DataCollection-v0", num_envs=num_envs, scenario="extreme")
-    num_auvs = envs.single_action_space.shape[0]
+    target = ObservationLayout.of(Scenario.load("extreme")).slice("target")
     observation, _ = envs.reset(seed=0)
     total = 0.0
     for _ in range(steps):
-        to_target = observation[..., 2 * num_auvs - 2 : 2 * num_auvs]
+        to_target = observation[..., target]
         distance = np.linalg.norm(to_target, axis=-1, keepdims=True)
         action = 0.7 * to_target / np.maximum(distance, 1e-9)
         observation, reward, _, _, _ = envs.step(action)

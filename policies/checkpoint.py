@@ -26,7 +26,7 @@ from torch import Tensor
 
 from policies.algorithms import ALGORITHMS, Sizes
 from policies.config import TrainingConfig
-from policies.frames import ACTION_SIZE, FRAMES, Layout
+from policies.frames import ACTION_SIZE, FRAMES
 from policies.learned import LearnedPolicy
 from policies.policy import PolicyError
 from policies.standardizer import Standardizer
@@ -103,7 +103,7 @@ def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, 
     content = {
         "format": FORMAT,
         "algorithm": config.algorithm,
-        "observation_size": Layout.of(scenario).size,
+        "observation_size": policy.frame.layout.size,
         "num_auvs": scenario.auv.count,
         "action": scenario.auv.action,
         **about,

@@ -50,13 +50,14 @@ class LearnedPolicy(Policy):
         """The same actors in another scenario.
 
         Raises:
-            PolicyError: task, number of AUVs, observed current or form of the action differ.
+            PolicyError: task, number of AUVs, observed terms or form of the action differ.
         """
         team = self.scenario.auv.count
         for quantity, own, needed in (
             ("task", self.scenario.task, scenario.task),
             ("number of AUVs", team, team if self.any_team else scenario.auv.count),
             ("observed current", self.scenario.observation.current, scenario.observation.current),
+            ("observed terms beside", self.scenario.observation.extra, scenario.observation.extra),
             ("action form", self.scenario.auv.action, scenario.auv.action),
         ):
             if own != needed:

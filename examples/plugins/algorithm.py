@@ -1,6 +1,6 @@
 """An algorithm: DDPG whose targets are the mean of four critics.
 
-    usvauv train --plugin examples/plugins/algorithm.py --algorithm ensemble
+usvauv train --plugin examples/plugins/algorithm.py --algorithm ensemble
 """
 
 import torch

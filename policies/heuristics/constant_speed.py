@@ -7,7 +7,6 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from policies.frames import Layout
 from policies.guidance import command, crab, unit
 from policies.heuristics.heuristic import Heuristic, number
 from usvauv_env.scenario import Scenario
@@ -34,7 +33,7 @@ class ConstantSpeed(Heuristic):
 
     def bearing(self, observation: Tensor) -> Tensor:
         """Unit vector towards the measured target, (W, K, 2)."""
-        return unit(Layout.of(self.scenario).target(observation))
+        return unit(self.target(observation))
 
 
 class Straight(ConstantSpeed):

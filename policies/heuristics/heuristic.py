@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from torch import Tensor
+
 from policies.policy import Policy
 from usvauv_env.scenario import Scenario
+from usvauv_env.world.observation import ObservationLayout
 from usvauv_env.world.world import World
 
 
@@ -22,6 +25,16 @@ class Heuristic(Policy):
         super().__init__(name, world.scenario)
         self.world = world
         self.argument = argument
+        layout = ObservationLayout.of(world.scenario)
+        self._target, self._position = layout.slice("target"), layout.slice("position")
+
+    def target(self, observation: Tensor) -> Tensor:
+        """Offset of the target from the measured position, (W, K, 2), over the area's diagonal."""
+        return observation[..., self._target]
+
+    def position(self, observation: Tensor) -> Tensor:
+        """Measured position, (W, K, 2), over the area's diagonal."""
+        return observation[..., self._position]
 
     @classmethod
     def parse(cls, text: str | None, scenario: Scenario) -> Any:

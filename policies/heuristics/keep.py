@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from policies.frames import Layout
 from policies.guidance import command, unit
 from policies.heuristics.heuristic import Heuristic
 
@@ -17,7 +16,7 @@ class Keep(Heuristic):
 
     def act(self, observation: Tensor) -> Tensor:
         auv, step = self.scenario.auv, self.scenario.mission.step
-        offset = Layout.of(self.scenario).target(observation) * self.scenario.area.diagonal
+        offset = self.target(observation) * self.scenario.area.diagonal
         velocity = offset / step - self.world.current().to(observation)
         speed = velocity.norm(dim=-1).clamp(auv.speed_min, auv.speed_max)
         return command(unit(velocity), speed, self.scenario)

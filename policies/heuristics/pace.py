@@ -7,7 +7,6 @@ import math
 import torch
 from torch import Tensor
 
-from policies.frames import Layout
 from policies.guidance import SpeedToFly, command, crab, unit
 from policies.heuristics.heuristic import Heuristic, number
 from usvauv_env.scenario import Scenario
@@ -31,7 +30,7 @@ class Pace(Heuristic):
         return price
 
     def act(self, observation: Tensor) -> Tensor:
-        track = unit(Layout.of(self.scenario).target(observation))
+        track = unit(self.target(observation))
         current = self.world.current().to(track)
         speed = self.speed_to_fly(track, torch.full_like(track[..., 0], self.argument), current)
         return command(crab(track, speed, current), speed, self.scenario)

@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from kernels.planning import zermelo
-from policies.frames import Layout
 from policies.guidance import command, unit
 from policies.heuristics.constant_speed import Crab
 from usvauv_env.world.world import World
@@ -46,9 +45,8 @@ class Zermelo(Crab):
 
     def act(self, observation: Tensor) -> Tensor:
         auv, area, world = self.scenario.auv, self.scenario.area, self.world
-        layout = Layout.of(self.scenario)
-        position = area.diagonal * layout.position(observation) - MARGIN
-        offset = area.diagonal * layout.target(observation)
+        position = area.diagonal * self.position(observation) - MARGIN
+        offset = area.diagonal * self.target(observation)
         goal = position + offset
         new = (goal - self.goal).norm(dim=-1) > SAME_GOAL
         self.age = torch.where(new, math.inf, self.age + self.scenario.mission.step)

@@ -93,7 +93,8 @@ class TestGuidedFrame:
         slow, fast = power(lowest), power(lowest + step)
         assert frame.price == pytest.approx(lowest * (fast - slow) / step - slow, rel=1e-5)
         observation = torch.zeros(1, 2, frame.layout.size)
-        observation[..., 2], observation[..., 4:6] = 0.2, 0.3  # a target in the east, and amid the area
+        frame.term(observation, "target")[..., 0] = 0.2  # in the east
+        frame.term(observation, "position")[:] = 0.3  # in the middle of the area
         speeds = [
             float(frame.decode(observation, torch.tensor([0.0, a1]).expand(1, 2, 2))[0, 0].norm()) * calm.auv.speed_max
             for a1 in (-1.0, -0.01, 0.1, 0.5)

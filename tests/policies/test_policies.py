@@ -10,7 +10,7 @@ import torch
 
 import policies
 from policies import PolicyError, Trainer
-from policies.frames import Layout, TargetFrame, WorldFrame
+from policies.frames import TargetFrame, WorldFrame
 from policies.guidance import rotate, unit, unrotate
 from tests.policies.toy import LEARNING, ToyWorld, scenario
 from usvauv_env import Scenario, World
@@ -72,14 +72,6 @@ class TestFace:
         assert policy.for_scenario(calm).scenario is calm
         with pytest.raises(PolicyError, match=part):
             policy.for_scenario(scenario(**changes))
-
-    @pytest.mark.parametrize("auvs", [1, 2, 5])
-    @pytest.mark.parametrize("current", ["none", "speed", "vector"])
-    def test_layout_is_the_worlds(self, auvs, current):
-        from usvauv_env.world.observation import ObservationLayout
-
-        toy = scenario(auv={"count": auvs}, observation={"current": current})
-        assert Layout.of(toy).size == ObservationLayout.of(toy).size
 
 
 class TestStraight:
@@ -164,8 +156,9 @@ class TestFrames:
         """The observation of the same team with the world turned about the AUV by an angle."""
         observation = observation.clone()
         direction = torch.tensor([math.cos(turn), math.sin(turn)])
-        for first in [*range(0, 2 * layout.num_auvs, 2), layout.size - 2]:
-            observation[..., first : first + 2] = rotate(observation[..., first : first + 2], direction)
+        for name in ("others", "target", "current"):
+            vectors = observation[..., layout.slice(name)]
+            vectors.copy_(rotate(vectors.unflatten(-1, (-1, 2)), direction).flatten(-2))
         return observation
 
     def test_rotations_invert(self):
@@ -175,9 +168,9 @@ class TestFrames:
 
     def test_target_frame_turns_with_the_target(self):
         toy = scenario(auv={"count": 3})
-        layout, frame = Layout.of(toy), TargetFrame(toy)
+        frame = TargetFrame(toy)
         observation, _ = observe(toy)
-        before, after = frame.encode(observation), frame.encode(self.turned(observation, layout, 0.7))
+        before, after = frame.encode(observation), frame.encode(self.turned(observation, frame.layout, 0.7))
         assert before.shape[-1] == frame.features
         bearing = [2, 3]
         rest = [index for index in range(frame.features) if index not in bearing]
@@ -187,11 +180,11 @@ class TestFrames:
 
     def test_target_frame_sees_the_nearest_other(self):
         toy = scenario(auv={"count": 3})
-        observation = torch.zeros(1, 3, 13)
-        observation[..., 0:2] = torch.tensor([0.5, 0.0])
-        observation[..., 2:4] = torch.tensor([0.0, 0.1])
-        observation[..., 4:6] = torch.tensor([0.0, 0.3])  # the target is in the north
-        features = TargetFrame(toy).encode(observation)[0, 0]
+        frame = TargetFrame(toy)
+        observation = torch.zeros(1, 3, frame.layout.size)
+        frame.term(observation, "others")[:] = torch.tensor([0.5, 0.0, 0.0, 0.1])
+        frame.term(observation, "target")[:] = torch.tensor([0.0, 0.3])  # in the north
+        features = frame.encode(observation)[0, 0]
         torch.testing.assert_close(features[:1], torch.tensor([0.3]))
         torch.testing.assert_close(features[2:6], torch.tensor([0.0, 1.0, 0.1, 0.0]), atol=1e-6, rtol=0)
 
@@ -199,7 +192,7 @@ class TestFrames:
     def test_one_auv_has_nobody_beside_it(self, current):
         toy = scenario(auv={"count": 1}, observation={"current": current})
         frame = TargetFrame(toy)
-        features = frame.encode(torch.rand(4, 1, Layout.of(toy).size))
+        features = frame.encode(torch.rand(4, 1, frame.layout.size))
         assert features.shape == (4, 1, frame.features)
         assert (features[..., 4:9] == 0).all()
 

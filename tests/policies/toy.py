@@ -7,8 +7,8 @@ from torch import Tensor
 
 import policies
 from policies import TrainingConfig
-from policies.frames import Layout
 from usvauv_env.scenario import Scenario
+from usvauv_env.world.observation import ObservationLayout
 
 # Small networks on one core: a second thread only waits for the first.
 torch.set_num_threads(1)
@@ -56,7 +56,8 @@ class ToyWorld:
 
     def __init__(self, toy: Scenario, num_worlds: int, seed: int = 0, terminates: bool = False):
         self.scenario, self.num_worlds, self.num_auvs = toy, num_worlds, toy.auv.count
-        self.observation_size = Layout.of(toy).size
+        self.layout = ObservationLayout.of(toy)
+        self.observation_size = self.layout.size
         self.steps = toy.mission.steps
         self.device = torch.device("cpu")
         self.terminates = terminates
@@ -76,14 +77,19 @@ class ToyWorld:
         return self.drift.expand(self.num_worlds, self.num_auvs, 2)
 
     def _observe(self) -> Tensor:
-        parts = []
-        for auv in range(self.num_auvs):
-            own = self.position[:, auv]
-            others = [self.position[:, j] - own for j in range(self.num_auvs) if j != auv]
-            places = torch.stack([*others, self.target[:, auv] - own, own], 1).flatten(1) / self.scenario.area.diagonal
-            current = torch.cat((self.drift.norm().view(1), self.drift)).expand(self.num_worlds, 3)
-            parts.append(torch.cat((places, torch.zeros(self.num_worlds, 2), current), -1))
-        return torch.stack(parts, 1)
+        auvs, diagonal = range(self.num_auvs), self.scenario.area.diagonal
+        others = [self.position[:, [j for j in auvs if j != k]] - self.position[:, k : k + 1] for k in auvs]
+        flag = torch.zeros((self.num_worlds, self.num_auvs, 1))
+        terms = {
+            "others": torch.stack(others, 1).flatten(2) / diagonal,
+            "target": (self.target - self.position) / diagonal,
+            "position": self.position / diagonal,
+            "border": flag,
+            "overflow": flag,
+            "current_speed": flag + self.drift.norm(),
+            "current": flag + self.drift,
+        }
+        return torch.cat([terms[name] for name in self.layout.terms], -1)
 
     def velocity(self, action: Tensor) -> Tensor:
         """Velocity through the water, (W, K, 2), m/s."""

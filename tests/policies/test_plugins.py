@@ -1,0 +1,61 @@
+"""A policy and an algorithm from files outside the package."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+
+import policies
+from policies import PolicyError, Trainer
+from policies.algorithms import ALGORITHMS
+from policies.heuristics import HEURISTICS
+from tests.policies.toy import LEARNING, ToyWorld, scenario
+from usvauv_env import plugins
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "plugins"
+
+
+@pytest.fixture(autouse=True)
+def _registries(monkeypatch):
+    """What a test registers is gone after it."""
+    for registry in (ALGORITHMS, HEURISTICS):
+        monkeypatch.setattr(registry, "_items", dict(registry._items))
+    monkeypatch.setattr(plugins, "_paths", [])
+
+
+def load(name: str, folder: Path) -> None:
+    plugins.load(shutil.copy(EXAMPLES / name, folder / f"my_{name}"))
+
+
+def test_a_policy_leads_its_target_by_the_drift(tmp_path):
+    world = ToyWorld(scenario(), 16, seed=2)
+    observation = world.reset()
+    with pytest.raises(PolicyError, match="neither a checkpoint directory nor one of"):
+        policies.load("lead:20", world)
+    load("policy.py", tmp_path)
+    assert policies.available()[-1] == "lead"
+    straight = policies.load("straight", world).act(observation)
+    torch.testing.assert_close(policies.load("lead:0", world).act(observation), straight)
+    world.target -= 20.0 * world.drift
+    upstream = policies.load("straight", world).act(world._observe())
+    torch.testing.assert_close(policies.load("lead:20", world).act(observation), upstream)
+    with pytest.raises(PolicyError, match=r"^policy lead:soon: could not convert string to float: 'soon'$"):
+        policies.check("lead:soon", scenario())
+
+
+def test_an_algorithm_trains_and_its_policy_is_kept(tmp_path):
+    with pytest.raises(PolicyError, match=r"algorithm = 'ensemble': must be one of sac, td3, ddpg$"):
+        dataclasses.replace(LEARNING, algorithm="ensemble")
+    load("algorithm.py", tmp_path)
+    config = dataclasses.replace(LEARNING, algorithm="ensemble", warmup=320)
+    trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config, tmp_path / "run")
+    untrained = trainer.learner.actor.weights[-1].detach().clone()
+    assert trainer.train(32 * 30)["updates"] == 20
+    assert not torch.equal(trainer.learner.actor.weights[-1], untrained)
+    observation = trainer.world.reset()
+    kept = policies.load(tmp_path / "run", trainer.world)
+    assert torch.equal(kept.act(observation), trainer.policy().act(observation))
