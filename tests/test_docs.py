@@ -1,0 +1,123 @@
+"""README and docs: each Python snippet runs, each command parses, each file and name that they speak of is there."""
+
+import importlib.util
+import os
+import pkgutil
+import re
+import shlex
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import typer
+
+import usvauv_env
+from usvauv_cli.app import app
+from usvauv_env import plugins
+
+ROOT = Path(__file__).parents[1]
+PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md")), *sorted((ROOT / "docs").glob("*.md"))]
+SCENARIOS = sorted(path.stem for path in (Path(usvauv_env.__file__).parent / "scenarios").glob("*.toml"))
+NAMED = re.compile(rf"""(["'])(?:{"|".join(SCENARIOS)})\1""")  # a scenario's name in quotation marks
+PLACE = re.compile(
+    r"(?:kernels|usvauv_env|policies|usvauv_cli|tests|benchmarks|examples|docs)(?:/[\w./-]*|[.](?!md)[\w.]*\w)"
+)
+
+
+def blocks(text: str) -> Iterator[str]:
+    """Code of a page: fenced blocks and blocks that are indented by four spaces after an empty line."""
+    fence = re.compile(r"^```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+    yield from fence.findall(text)
+    indented = re.compile(r"(?<=\n\n)(?:    .*\n|\n(?=    ))+")
+    yield from (textwrap.dedent(block).strip() + "\n" for block in indented.findall(fence.sub("", text)))
+
+
+def spans(text: str) -> list[str]:
+    """Code within the sentences of a page, on one line each."""
+    return [" ".join(span.split()) for span in re.findall(r"(?<!`)`([^`]+)`(?!`)", text)]
+
+
+def is_python(block: str) -> bool:
+    return re.search(r"^(?:import|from) \w", block, re.MULTILINE) is not None
+
+
+def is_call(span: str) -> bool:
+    """Whether a span can be run as it stands: a call of a public function with a scenario's name."""
+    return re.match(r"(?:gymnasium|usvauv_env|policies)\.[\w.]+\(", span) is not None and bool(NAMED.search(span))
+
+
+def snippets() -> Iterator:
+    """Python of each page; what names a scenario once for each one that ships."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        found = [block for block in blocks(text) if is_python(block)]
+        found += re.findall(r'python -c "(.*)"', text)
+        calls = [span for span in spans(text) if is_call(span)]
+        if calls:
+            found.append("\n".join(["import gymnasium, policies, usvauv_env, usvauv_env.faces.torchrl_env", *calls]))
+        for number, code in enumerate(found):
+            for scenario in SCENARIOS if NAMED.search(code) else [None]:
+                name = f"{page.stem}-{number}" + (f"-{scenario}" if scenario else "")
+                yield pytest.param(NAMED.sub(f'"{scenario}"', code), id=name)
+
+
+def commands() -> Iterator:
+    """Command lines of each page that begin with `usvauv` or `python`."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        shell = "\n".join(block for block in blocks(text) if not is_python(block)).replace("\\\n", " ")
+        for line in dict.fromkeys(
+            part.strip() for whole in [*shell.splitlines(), *spans(text)] for part in whole.split("&&")
+        ):
+            if re.match(r"(?:usvauv|python) ", line) and "…" not in line:
+                words = shlex.split(line.partition(" > ")[0], comments=True)
+                yield pytest.param(words, id=f"{page.stem}: {' '.join(words)[:60]}")
+
+
+@pytest.mark.parametrize("code", list(snippets()))
+def test_python_runs(tmp_path, code):
+    """In a process of its own, so that what it registers ends with it."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path, env=environment
+    )
+    assert done.returncode == 0, f"{code}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("command", list(commands()))
+def test_commands_parse(monkeypatch, command):
+    monkeypatch.setattr(plugins, "load", lambda path: None)
+    program, *arguments = command
+    if program == "usvauv":
+        group = typer.main.get_command(app)
+        try:
+            context = group.make_context("usvauv", list(arguments))
+            name, subcommand, rest = group.resolve_command(context, [*context._protected_args, *context.args])
+            subcommand.make_context(name, rest, parent=context)
+        except Exception as error:
+            if type(error).__name__ != "Exit":  # `--help` and `--version`
+                raise
+    elif arguments[0] == "-m":
+        assert importlib.util.find_spec(arguments[1]) is not None
+    elif arguments[0] != "-c":
+        assert (ROOT / arguments[0]).is_file()
+
+
+def named_places() -> Iterator:
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        links = re.findall(r"\]\((?!http)([^)#]+)", text)
+        yield from (pytest.param(page.parent / link, id=f"{page.stem}: {link}") for link in dict.fromkeys(links))
+        for span in dict.fromkeys(match[0] for span in spans(text) if (match := PLACE.match(span))):
+            yield pytest.param(ROOT / span if "/" in span else span, id=f"{page.stem}: {span}")
+
+
+@pytest.mark.parametrize("place", list(named_places()))
+def test_what_is_named_exists(place):
+    if isinstance(place, Path):
+        assert place.exists()
+    else:
+        pkgutil.resolve_name(place)
