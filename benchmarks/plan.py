@@ -32,8 +32,8 @@ from usvauv_env.world.tables import link_table
 
 SIDE = 200.0
 TEAMS = (2, 4, 8, 16)
-FORMS = {
-    f"{objective} {measurement}": objectives.form(measurement, objective)
+CODES = {
+    f"{objective} {measurement}": objectives.objective_code(measurement, objective)
     for objective, measurement in (("d", "fix"), ("a", "fix"), ("e", "fix"), ("sum", "phase"))
 }
 KINDS = ("anywhere", "near-collinear", "coincident", "beneath the boat", "any depth", "shallow corners")
@@ -62,7 +62,7 @@ def layouts(kind: str, count: int, auvs: int, random: np.random.Generator) -> np
     return np.concatenate([place, z[..., None]], axis=-1).astype(np.float32)
 
 
-def log_objective(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarray:
+def log_objective(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, code: int) -> np.ndarray:
     """ln of the objective in double precision: boat (..., 2) and auvs (..., K, 3) in m, link (K, COLUMNS)."""
     dx, dy = boat[..., None, 0] - auvs[..., 0], boat[..., None, 1] - auvs[..., 1]
     z2 = auvs[..., 2] ** 2
@@ -70,11 +70,11 @@ def log_objective(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, form: in
     S0 = link[:, usbl.REFERENCE]
     log_T = link[:, usbl.LEVEL] - link[:, usbl.POWER] * np.log(q / S0**2) - link[:, usbl.DECAY] * (np.sqrt(q) - S0)
     v = np.exp(-log_T) + link[:, usbl.ATTITUDE] * z2
-    if form == FORMS["d fix"]:
+    if code == CODES["d fix"]:
         return -2 * np.log(v).sum(-1)
-    if form == FORMS["a fix"]:
+    if code == CODES["a fix"]:
         return -np.log(2 * v.sum(-1))
-    if form == FORMS["e fix"]:
+    if code == CODES["e fix"]:
         return -np.log(v.max(-1))
     T, s2 = 1 / v, z2 / q
     a, b = T * s2 * s2, T * (1 + s2) / q
@@ -82,7 +82,7 @@ def log_objective(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, form: in
     return np.log(xx * yy - xy * xy)
 
 
-def best_by_search(auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarray:
+def best_by_search(auvs: np.ndarray, link: np.ndarray, code: int) -> np.ndarray:
     """Global maximum of each layout (n, K, 3): dense grid, then a pattern search from its best peaks and every AUV.
 
     A pattern search can get stuck at a kink, so for E, which has one maximum, there is `best_of_one_peak` too.
@@ -90,19 +90,19 @@ def best_by_search(auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarray:
     axis = np.linspace(0, SIDE, GRID)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     value = np.concatenate(
-        [log_objective(grid, part[:, None], link, form) for part in np.array_split(auvs, len(auvs) // 20)]
+        [log_objective(grid, part[:, None], link, code) for part in np.array_split(auvs, len(auvs) // 20)]
     )
     padded = np.pad(value.reshape(-1, GRID, GRID), ((0, 0), (1, 1), (1, 1)), constant_values=-np.inf)
     around = [padded[:, i : i + GRID, j : j + GRID] for i in range(3) for j in range(3)]
     peaks = np.where(value >= np.max(around, axis=0).reshape(value.shape), value, -np.inf)
     x = grid[np.argsort(peaks, axis=1)[:, -PEAKS:]]
     x = np.concatenate([x, np.clip(auvs[..., :2], 0, SIDE)], axis=1)
-    best = log_objective(x, auvs[:, None], link, form)
+    best = log_objective(x, auvs[:, None], link, code)
     h = np.full(x.shape[:2], SIDE / (GRID - 1))
     pattern = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j], float)
     while h.max() > 1e-4:
         there = np.clip(x[:, :, None] + h[..., None, None] * pattern, 0, SIDE)
-        height = log_objective(there, auvs[:, None, None], link, form)
+        height = log_objective(there, auvs[:, None, None], link, code)
         leader = height.argmax(-1)[..., None]
         top = np.take_along_axis(height, leader, -1)[..., 0]
         better = top > best
@@ -110,10 +110,10 @@ def best_by_search(auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarray:
         best = np.where(better, top, best)
         h = np.where(better, h, 0.5 * h)
     best = best.max(1)
-    return np.maximum(best, best_of_one_peak(auvs, link, form)) if form == FORMS["e fix"] else best
+    return np.maximum(best, best_of_one_peak(auvs, link, code)) if code == CODES["e fix"] else best
 
 
-def best_of_one_peak(auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarray:
+def best_of_one_peak(auvs: np.ndarray, link: np.ndarray, code: int) -> np.ndarray:
     """Maximum of each layout (n, K, 3) by golden sections in x of golden sections in y: the objective has one peak."""
 
     def golden(f: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
@@ -131,40 +131,40 @@ def best_of_one_peak(auvs: np.ndarray, link: np.ndarray, form: int) -> np.ndarra
         return np.maximum(at_left, at_right)
 
     def column(x: np.ndarray) -> np.ndarray:
-        return golden(lambda y: log_objective(np.stack([x, y], axis=-1), auvs, link, form))
+        return golden(lambda y: log_objective(np.stack([x, y], axis=-1), auvs, link, code))
 
     return golden(column)
 
 
-def evolution(auvs: np.ndarray, link: np.ndarray, form: int, whole_generation: bool) -> float:
+def evolution(auvs: np.ndarray, link: np.ndarray, code: int, whole_generation: bool) -> float:
     """Highest ln of the objective that SciPy's differential evolution finds for one layout (K, 3)."""
     settings = {"vectorized": True, "updating": "deferred"} if whole_generation else {}
     found = differential_evolution(
-        lambda x: -log_objective(np.asarray(x).T, auvs, link, form), [(0, SIDE)] * 2, rng=0, **settings
+        lambda x: -log_objective(np.asarray(x).T, auvs, link, code), [(0, SIDE)] * 2, rng=0, **settings
     )
     return -float(found.fun)
 
 
 def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str, object]:
     """Rates, ratio and gap of one objective for teams of `auvs`."""
-    device, form = runtime.start().device, FORMS[name]
+    device, code = runtime.start().device, CODES[name]
     link = torch.from_numpy(link_table(Site(Scenario.load("extreme", [f"auv.count={auvs}"])))).to(device)
     exact_link = link.double().cpu().numpy()
     random = np.random.default_rng(auvs)
     batch = (1 << 17) // auvs if device.type == "cpu" else (1 << 24) // auvs
     points = torch.from_numpy(layouts("anywhere", batch, auvs, random)).to(device)
-    time = best_time(lambda: global_search.plan_batch(link, points, form=form, width=SIDE, length=SIDE), seconds)
+    time = best_time(lambda: global_search.plan_batch(link, points, code=code, width=SIDE, length=SIDE), seconds)
     plans_per_second = batch / time
 
     trial = np.concatenate([layouts(kind, trials // len(KINDS), auvs, random) for kind in KINDS])
-    found = global_search.plan_batch(link, torch.from_numpy(trial).to(device), form=form, width=SIDE, length=SIDE)
+    found = global_search.plan_batch(link, torch.from_numpy(trial).to(device), code=code, width=SIDE, length=SIDE)
     exact = trial.astype(float)
-    reached = log_objective(found[:, :2].double().cpu().numpy(), exact, exact_link, form)
-    gap = best_by_search(exact, exact_link, form) - reached
+    reached = log_objective(found[:, :2].double().cpu().numpy(), exact, exact_link, code)
+    gap = best_by_search(exact, exact_link, code) - reached
 
     few = range(0, len(exact), max(1, len(exact) // 3))
     slow = {
-        word: len(few) / best_time(lambda w=whole: [evolution(exact[i], exact_link, form, w) for i in few], 0.0, 1)
+        word: len(few) / best_time(lambda w=whole: [evolution(exact[i], exact_link, code, w) for i in few], 0.0, 1)
         for word, whole in (("one_place_a_call", False), ("one_generation_a_call", True))
     }
     return {
@@ -178,19 +178,19 @@ def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str,
         "largest_gap": float(gap.max()),
         "largest_gap_by_kind": dict(zip(KINDS, gap.reshape(len(KINDS), -1).max(1).tolist(), strict=True)),
         "largest_gap_of_differential_evolution": float(
-            max((reached + gap)[i] - evolution(exact[i], exact_link, form, True) for i in few)
+            max((reached + gap)[i] - evolution(exact[i], exact_link, code, True) for i in few)
         ),
     }
 
 
 def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[str, object]:
     """Loss in ln of the objective from planning level while the surface slopes towards a random direction."""
-    device, form = runtime.start().device, FORMS[name]
-    objective, measurement = objectives.OBJECTIVES[form // 2], form % 2
+    device, code = runtime.start().device, CODES[name]
+    objective, measurement = objectives.OBJECTIVES[code // 2], code % 2
     link = torch.from_numpy(link_table(Site(Scenario.load("extreme", [f"auv.count={auvs}"])))).to(device)
     random = np.random.default_rng(auvs)
     team = layouts("anywhere", count, auvs, random)
-    level = global_search.plan_batch(link, torch.from_numpy(team).to(device), form=form, width=SIDE, length=SIDE)
+    level = global_search.plan_batch(link, torch.from_numpy(team).to(device), code=code, width=SIDE, length=SIDE)
     angle = 2 * math.pi * random.random(count)
     tilt_of = torch.from_numpy(slope * np.stack([np.cos(angle), np.sin(angle)], axis=-1).astype(np.float32)).to(device)
 
@@ -236,8 +236,8 @@ def measure(teams: tuple[int, ...], trials: int, seconds: float) -> dict[str, ob
     """All figures."""
     return {
         "machine": describe(),
-        "plans": [measure_team(auvs, name, trials, seconds) for auvs in teams for name in FORMS],
-        "tilt": [measure_tilt(auvs, name, 100) for auvs in teams[:2] for name in FORMS if not name.startswith("sum")],
+        "plans": [measure_team(auvs, name, trials, seconds) for auvs in teams for name in CODES],
+        "tilt": [measure_tilt(auvs, name, 100) for auvs in teams[:2] for name in CODES if not name.startswith("sum")],
     }
 
 

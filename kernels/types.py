@@ -6,6 +6,11 @@ import taichi as ti
 
 vec2 = ti.types.vector(2, ti.f32)
 vec3 = ti.types.vector(3, ti.f32)
+vec4 = ti.types.vector(4, ti.f32)
+vec5 = ti.types.vector(5, ti.f32)
+vec6 = ti.types.vector(6, ti.f32)
+mat2 = ti.types.matrix(2, 2, ti.f32)
+mat3 = ti.types.matrix(3, 3, ti.f32)
 array1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
 array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
 array3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
@@ -14,6 +19,7 @@ index1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 index2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
 index3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
 mask1 = ti.types.ndarray(dtype=ti.u8, ndim=1)
+mask2 = ti.types.ndarray(dtype=ti.u8, ndim=2)
 
 
 class Columns:

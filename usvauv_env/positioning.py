@@ -40,16 +40,16 @@ def solve(
     """
     device = runtime.start(arch).device
     link = torch.from_numpy(link_table(Site(scenario))).to(device)
-    form = objectives.form(measurement, objective)
+    code = objectives.objective_code(measurement, objective)
     width, length = scenario.area.width, scenario.area.length
     points = torch.tensor(auvs, dtype=torch.float32, device=device)[None]
-    optimum = global_search.plan_batch(link, points, form=form, width=width, length=length)[0, :2].tolist()
+    optimum = global_search.plan_batch(link, points, code=code, width=width, length=length)[0, :2].tolist()
     centroid = np.mean(auvs, axis=0)[:2].tolist()
 
     def log_objective(boats) -> np.ndarray:
         boats = torch.as_tensor(np.asarray(boats, np.float32), device=device)
         layouts = points.expand(len(boats), -1, -1).contiguous()
-        return objectives.log_objective_batch(link, layouts, boats, form=form)[:, 0].double().cpu().numpy()
+        return objectives.log_objective_batch(link, layouts, boats, code=code)[:, 0].double().cpu().numpy()
 
     boats = [optimum, centroid, *others]
     values = log_objective(boats)

@@ -8,6 +8,18 @@ import taichi as ti
 
 
 @ti.func
+def interpolate(field: ti.template(), level: ti.i32, component: ti.template(), column: ti.f32, row: ti.f32) -> ti.f32:
+    """Value at a fractional column and row of the grid."""
+    i = ti.math.clamp(ti.cast(row, ti.i32), 0, field.shape[1] - 2)
+    j = ti.math.clamp(ti.cast(column, ti.i32), 0, field.shape[2] - 2)
+    south = field[level, i, j, component]
+    south += (column - j) * (field[level, i, j + 1, component] - south)
+    north = field[level, i + 1, j, component]
+    north += (column - j) * (field[level, i + 1, j + 1, component] - north)
+    return south + (row - i) * (north - south)
+
+
+@ti.func
 def sample(
     field: ti.template(),
     level: ti.i32,
@@ -18,14 +30,6 @@ def sample(
     length: ti.f32,
 ) -> ti.f32:
     """Value at (x, y) in an area of the given size, m."""
-    last_row = field.shape[1] - 1
-    last_column = field.shape[2] - 1
-    p = ti.math.clamp(x / width, 0.0, 1.0) * last_column
-    q = ti.math.clamp(y / length, 0.0, 1.0) * last_row
-    j = ti.min(ti.cast(p, ti.i32), last_column - 1)
-    i = ti.min(ti.cast(q, ti.i32), last_row - 1)
-    south = field[level, i, j, component]
-    south += (p - j) * (field[level, i, j + 1, component] - south)
-    north = field[level, i + 1, j, component]
-    north += (p - j) * (field[level, i + 1, j + 1, component] - north)
-    return south + (q - i) * (north - south)
+    column = ti.math.clamp(x / width, 0.0, 1.0) * (field.shape[2] - 1)
+    row = ti.math.clamp(y / length, 0.0, 1.0) * (field.shape[1] - 1)
+    return interpolate(field, level, component, column, row)

@@ -5,6 +5,7 @@ import taichi as ti
 from kernels.mission.columns import BoatColumn, EstimateColumn, Parameter
 from kernels.mission.worlds import Strategy
 from kernels.planning import global_search, objectives, receding_horizon
+from kernels.planning.team import Team
 from kernels.types import vec2
 
 
@@ -27,35 +28,22 @@ def centroid(worlds: ti.template(), w) -> vec2:
 @ti.func
 def fim(worlds: ti.template(), w) -> vec2:
     """The place in the area with the best information."""
-    best = global_search.plan(
-        worlds.estimate,
-        w,
-        worlds.estimate.shape[1],
-        worlds.link,
-        worlds.program.objective_code,
-        worlds.boat[w, BoatColumn.goal_x],
-        worlds.boat[w, BoatColumn.goal_y],
-        worlds.p[Parameter.width],
-        worlds.p[Parameter.length],
-    )
+    count = worlds.estimate.shape[1]
+    team = ti.static(Team(worlds.estimate, worlds.link, w, count))
+    size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
+    last = vec2(worlds.boat[w, BoatColumn.goal_x], worlds.boat[w, BoatColumn.goal_y])
+    best = global_search.plan(team, worlds.program.objective_code, last, size)
     return vec2(best[0], best[1])
 
 
 @ti.func
 def best_within(worlds: ti.template(), w, reach) -> vec2:
     """The place with the best information at most `reach` (m) from the boat."""
-    best = global_search.greedy(
-        worlds.estimate,
-        w,
-        worlds.estimate.shape[1],
-        worlds.link,
-        worlds.program.objective_code,
-        worlds.boat[w, BoatColumn.x],
-        worlds.boat[w, BoatColumn.y],
-        reach,
-        worlds.p[Parameter.width],
-        worlds.p[Parameter.length],
-    )
+    count = worlds.estimate.shape[1]
+    team = ti.static(Team(worlds.estimate, worlds.link, w, count))
+    size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
+    here = vec2(worlds.boat[w, BoatColumn.x], worlds.boat[w, BoatColumn.y])
+    best = global_search.greedy(team, worlds.program.objective_code, here, reach, size)
     return vec2(best[0], best[1])
 
 
@@ -85,17 +73,9 @@ def fim_horizon(worlds: ti.template(), w) -> vec2:
     )
     here = vec2(worlds.boat[w, BoatColumn.x], worlds.boat[w, BoatColumn.y])
     last = vec2(worlds.boat[w, BoatColumn.goal_x], worlds.boat[w, BoatColumn.goal_y])
-    best = receding_horizon.plan(
-        worlds.track,
-        worlds.estimate,
-        w,
-        worlds.link,
-        outlook,
-        here,
-        last,
-        p[Parameter.width],
-        p[Parameter.length],
-    )
+    count = worlds.estimate.shape[1]
+    team = ti.static(Team(worlds.estimate, worlds.link, w, count))
+    best = receding_horizon.plan(team, worlds.track, outlook, here, last, vec2(p[Parameter.width], p[Parameter.length]))
     return vec2(best[0], best[1])
 
 

@@ -6,8 +6,7 @@ from kernels import random
 from kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Refraction
 from kernels.mission.worlds import address, normals, uniforms
 from kernels.positioning import rays, tracker, usbl, waveform
-from kernels.positioning.usbl import mat3, vec4
-from kernels.types import vec2, vec3
+from kernels.types import mat3, vec2, vec3, vec4
 
 DEPLOYMENT_VARIANCE = 1e-4  # of the place where an AUV is deployed, m²
 

@@ -30,7 +30,7 @@ class Program(NamedTuple):
         strategy: of the boat.
         target_rule: (worlds, w, k) → index of the node that AUV k heads for next.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
-        objective_code: what the boat maximises, of `kernels.planning.objectives.form`.
+        objective_code: what the boat maximises, of `kernels.planning.objectives.objective_code`.
         waveform: fixes by sampled tones, not by the statistical model.
         refraction: of `Refraction`.
         tracker: the boat tracks its AUVs.

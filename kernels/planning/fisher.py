@@ -25,22 +25,15 @@ The attitude error is common to all fixes of one step; the correlation between A
 import taichi as ti
 import torch
 
+from kernels.planning.team import Team, position, squared_separation
 from kernels.positioning.usbl import ATTITUDE, DECAY, LEVEL, POWER, REFERENCE
+from kernels.types import array2, array3, vec2, vec3
 
 PHASE = 0
 FIX = 1
 MEASUREMENTS = ("phase", "fix")
 
-vec3 = ti.types.vector(3, ti.f32)
 mat2x3 = ti.types.matrix(2, 3, ti.f32)
-array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-array3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
-
-
-@ti.func
-def squared_separation(z):
-    """z² of a vertical separation z (m), at least 1 m²: the laws of sound begin at 1 m."""
-    return ti.max(z * z, 1.0)
 
 
 @ti.func
@@ -64,8 +57,8 @@ def log_strength(link: ti.template(), k, q, z2) -> vec3:
     f = log_signal(link, k, q)
     if link[k, ATTITUDE] > 0.0:
         u = link[k, ATTITUDE] * z2 * ti.exp(f[0])
-        share = 1.0 / (1.0 + u)
-        f = vec3(f[0] - ti.log(1.0 + u), f[1] * share, (f[2] - u * share * f[1] * f[1]) * share)
+        fraction = 1.0 / (1.0 + u)
+        f = vec3(f[0] - ti.log(1.0 + u), f[1] * fraction, (f[2] - u * fraction * f[1] * f[1]) * fraction)
     return f
 
 
@@ -95,29 +88,21 @@ def coefficients(link: ti.template(), k, measurement: ti.template(), log_scale, 
 
 
 @ti.func
-def information(estimate: ti.template(), w, num_auvs, link: ti.template(), measurement: ti.template(), x, y) -> vec3:
-    """J = (J11, J12, J22) in 1/m², summed over the AUVs, for a boat at (x, y).
-
-    Args:
-        estimate: (W, K, 3) estimated x, y and vertical separation of every AUV, m; `w` selects the world.
-        num_auvs: K, at most the rows of `link`.
-        link: (K, COLUMNS) of `usbl.link_table`.
-        measurement: PHASE or FIX.
-        x, y: m.
-    """
+def information(team: ti.template(), measurement: ti.template(), place: vec2) -> vec3:
+    """J = (J11, J12, J22) in 1/m², summed over the AUVs of a `Team`, for a boat at `place` (m); PHASE or FIX."""
     J = vec3(0.0, 0.0, 0.0)
-    for k in range(num_auvs):
-        dx = x - estimate[w, k, 0]
-        dy = y - estimate[w, k, 1]
-        c = coefficients(link, k, measurement, 0.0, dx * dx + dy * dy, squared_separation(estimate[w, k, 2]))
-        J += vec3(c[0, 0] + c[1, 0] * dy * dy, -c[1, 0] * dx * dy, c[0, 0] + c[1, 0] * dx * dx)
+    for k in range(team.count):
+        d = place - position(team, k)
+        c = coefficients(team.link, k, measurement, 0.0, d.norm_sqr(), squared_separation(team, k))
+        J += vec3(c[0, 0] + c[1, 0] * d[1] * d[1], -c[1, 0] * d[0] * d[1], c[0, 0] + c[1, 0] * d[0] * d[0])
     return J
 
 
 @ti.kernel
 def _information_batch(link: array2, points: array3, boat: array2, measurement: ti.template(), out: array2):
     for i in range(points.shape[0]):
-        J = information(points, i, points.shape[1], link, measurement, boat[i, 0], boat[i, 1])
+        team = ti.static(Team(points, link, i, points.shape[1]))
+        J = information(team, measurement, vec2(boat[i, 0], boat[i, 1]))
         for j in ti.static(range(3)):
             out[i, j] = J[j]
 

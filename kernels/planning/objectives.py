@@ -17,25 +17,38 @@ A and E are one function, −1/β ln Σ_k exp(β (g_k + bias_k)): with the logar
 it is A; with that of its larger variance, and large β, E smoothed.
 """
 
+from typing import NamedTuple
+
 import taichi as ti
 import torch
 
-from kernels.planning import paper_objective
-from kernels.planning.fisher import FIX, MEASUREMENTS, PHASE, log_strength, squared_separation
+from kernels.planning import jet, paper_objective
+from kernels.planning.fisher import FIX, MEASUREMENTS, PHASE, log_strength
+from kernels.planning.team import Team, check_team, each_auv, position, squared_separation
+from kernels.types import array2, array3, vec2, vec3, vec6
 
 OBJECTIVES = ("d", "a", "e", "sum", "paper")
 D, A, E, SUM, PAPER = range(5)
-MAX_AUVS = 16
-
-vec3 = ti.types.vector(3, ti.f32)
-vec6 = ti.types.vector(6, ti.f32)
-each_auv = ti.types.vector(MAX_AUVS, ti.f32)
-array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-array3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
 
-def form(measurement: str, objective: str) -> int:
-    """The code that kernels take for a scenario's planner.measurement and planner.objective.
+class Objective(NamedTuple):
+    """An objective as a kernel evaluates it.
+
+    Attributes:
+        code: of `objective_code`, a constant of the kernel.
+        log_scale: of `paper_objective.log_scale`, for SUM and PAPER.
+        sharpness: β of A and E, 1 for A.
+        bias: of each AUV (`each_auv`) for A and E, 0 for A.
+    """
+
+    code: int
+    log_scale: ti.f32
+    sharpness: ti.f32
+    bias: ti.Vector
+
+
+def objective_code(measurement: str, objective: str) -> int:
+    """The code by which kernels know a scenario's planner.measurement and planner.objective.
 
     Raises:
         ValueError: unknown name.
@@ -46,26 +59,26 @@ def form(measurement: str, objective: str) -> int:
     return 2 * OBJECTIVES.index(objective) + MEASUREMENTS.index(measurement)
 
 
-def objective_of(form: int) -> int:
-    """One of D, A, E, SUM, PAPER. Forms are constants of a kernel, so that only one objective is compiled into it."""
-    return form // 2
+def objective_of(code: int) -> int:
+    """D, A, E, SUM or PAPER. Codes are constants of a kernel, so that only one objective is compiled into it."""
+    return code // 2
 
 
-def measurement_of(form: int) -> int:
+def measurement_of(code: int) -> int:
     """PHASE or FIX."""
-    return form % 2
+    return code % 2
 
 
 @ti.func
-def log_variance(link: ti.template(), k, form: ti.template(), q, z2) -> vec3:
+def log_variance(link: ti.template(), k, code: ti.template(), q, z2) -> vec3:
     """ln det, ln tr or ln of the larger eigenvalue of J_k⁻¹ for D, A, E, and its first two derivatives by q (m²)."""
-    objective = ti.static(objective_of(form))
+    objective = ti.static(objective_of(code))
     g = -log_strength(link, k, q, z2)
     if ti.static(objective == D):
         g *= 2.0
-    elif ti.static(objective == A and measurement_of(form) == FIX):
+    elif ti.static(objective == A and measurement_of(code) == FIX):
         g[0] += 0.6931471805599453
-    if ti.static(measurement_of(form) == PHASE):
+    if ti.static(measurement_of(code) == PHASE):
         i = 1.0 / q
         if ti.static(objective == A):
             y = (q / z2) ** 2
@@ -77,152 +90,92 @@ def log_variance(link: ti.template(), k, form: ti.template(), q, z2) -> vec3:
 
 
 @ti.func
-def by_place(g: vec3, dx, dy) -> vec6:
-    """A function of q as one of the boat's place: value, gradient (x, y) and Hessian (xx, xy, yy)."""
-    # The derivatives of q by x and y are 2 dx, 2 dy and 2.
-    g1 = 2.0 * g[1]
-    g2 = 4.0 * g[2]
-    return vec6(g[0], g1 * dx, g1 * dy, g1 + g2 * dx * dx, g2 * dx * dy, g1 + g2 * dy * dy)
+def auv_variance(team: ti.template(), code: ti.template(), k, place: vec2) -> vec6:
+    """`log_variance` of AUV k as a jet of the boat's place."""
+    d = place - position(team, k)
+    z2 = squared_separation(team, k)
+    return jet.of_squared_distance(log_variance(team.link, k, code, d.norm_sqr() + z2, z2), d[0], d[1])
 
 
 @ti.func
-def log_det(estimate: ti.template(), w, num_auvs, link: ti.template(), form: ti.template(), x, y) -> vec6:
+def log_det(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
     """Objective D."""
     f = vec6(0.0)
-    for k in range(num_auvs):
-        dx = x - estimate[w, k, 0]
-        dy = y - estimate[w, k, 1]
-        z2 = squared_separation(estimate[w, k, 2])
-        f -= by_place(log_variance(link, k, form, dx * dx + dy * dy + z2, z2), dx, dy)
+    for k in range(team.count):
+        f -= auv_variance(team, code, k, place)
     return f
 
 
 @ti.func
-def power_mean(
-    estimate: ti.template(),
-    w,
-    num_auvs,
-    link: ti.template(),
-    form: ti.template(),
-    sharpness,
-    bias: ti.template(),
-    x,
-    y,
-) -> vec6:
+def power_mean(team: ti.template(), objective: ti.template(), place: vec2) -> vec6:
     """−1/β ln Σ_k exp(β (g_k + bias_k)) with β = `sharpness`: objective A, and E smoothed."""
+    beta = objective.sharpness
     largest = -1e30
     total = vec6(0.0)  # Σ of w, w ∇g, w (∇²g + β ∇g ∇gᵀ) with w = exp(β (g + bias − largest))
-    for k in range(num_auvs):
-        dx = x - estimate[w, k, 0]
-        dy = y - estimate[w, k, 1]
-        z2 = squared_separation(estimate[w, k, 2])
-        g = by_place(log_variance(link, k, form, dx * dx + dy * dy + z2, z2), dx, dy)
-        height = g[0] + bias[k]
+    for k in range(team.count):
+        g = auv_variance(team, objective.code, k, place)
+        height = g[jet.VALUE] + objective.bias[k]
         if height > largest:
-            total *= ti.exp(sharpness * (largest - height))
+            total *= ti.exp(beta * (largest - height))
             largest = height
-        weight = ti.exp(sharpness * (height - largest))
-        total += weight * vec6(
-            1.0,
-            g[1],
-            g[2],
-            g[3] + sharpness * g[1] * g[1],
-            g[4] + sharpness * g[1] * g[2],
-            g[5] + sharpness * g[2] * g[2],
-        )
-    mean = total / total[0]
-    return -vec6(
-        largest + ti.log(total[0]) / sharpness,
-        mean[1],
-        mean[2],
-        mean[3] - sharpness * mean[1] * mean[1],
-        mean[4] - sharpness * mean[1] * mean[2],
-        mean[5] - sharpness * mean[2] * mean[2],
-    )
+        term = jet.add_gradient_product(g, beta)
+        term[jet.VALUE] = 1.0
+        total += ti.exp(beta * (height - largest)) * term
+    mean = jet.add_gradient_product(total / total[jet.VALUE], -beta)
+    mean[jet.VALUE] = largest + ti.log(total[jet.VALUE]) / beta
+    return -mean
 
 
 @ti.func
-def worst(estimate: ti.template(), w, num_auvs, link: ti.template(), form: ti.template(), x, y) -> vec6:
+def worst(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
     """Objective E with the derivatives of the worst-located AUV's term."""
     f = vec6(0.0)
-    for k in range(num_auvs):
-        dx = x - estimate[w, k, 0]
-        dy = y - estimate[w, k, 1]
-        z2 = squared_separation(estimate[w, k, 2])
-        g = by_place(log_variance(link, k, form, dx * dx + dy * dy + z2, z2), dx, dy)
-        if k == 0 or -g[0] < f[0]:
+    for k in range(team.count):
+        g = auv_variance(team, code, k, place)
+        if k == 0 or -g[jet.VALUE] < f[jet.VALUE]:
             f = -g
     return f
 
 
 @ti.func
-def log_objective(
-    estimate: ti.template(),
-    w,
-    num_auvs,
-    link: ti.template(),
-    form: ti.template(),
-    log_scale,
-    sharpness,
-    bias: ti.template(),
-    x,
-    y,
-) -> vec6:
-    """ln of the objective, but E smoothed, with its gradient (x, y) and Hessian (xx, xy, yy) for a boat at (x, y).
-
-    Args:
-        estimate: (W, K, 3) estimated x, y and vertical separation of every AUV, m; `w` selects the world.
-        num_auvs: K, at most the rows of `link`; for A and E at most MAX_AUVS.
-        link: (K, COLUMNS) of `usbl.link_table`.
-        form: of `form`.
-        log_scale: of `summed.log_scale`, for SUM and PAPER.
-        sharpness, bias: β and bias (K used of MAX_AUVS) of A and E; for A 1 and 0.
-        x, y: m.
-    """
-    objective = ti.static(objective_of(form))
+def log_objective(team: ti.template(), objective: ti.template(), place: vec2) -> vec6:
+    """Jet of ln of a `Objective` objective for a boat at `place` (m); exact but for E."""
+    chosen = ti.static(objective_of(objective.code))
     f = vec6(0.0)
-    if ti.static(objective == D):
-        f = log_det(estimate, w, num_auvs, link, form, x, y)
-    elif ti.static(objective in (A, E)):
-        f = power_mean(estimate, w, num_auvs, link, form, sharpness, bias, x, y)
+    if ti.static(chosen == D):
+        f = log_det(team, objective.code, place)
+    elif ti.static(chosen in (A, E)):
+        f = power_mean(team, objective, place)
     else:
-        measurement, printed = ti.static(measurement_of(form), objective == PAPER)
-        f = paper_objective.log_det(estimate, w, num_auvs, link, measurement, printed, log_scale, x, y)
+        measurement, printed = ti.static(measurement_of(objective.code), chosen == PAPER)
+        f = paper_objective.log_det(team, measurement, printed, objective.log_scale, place)
     return f
 
 
 @ti.kernel
-def _batch(link: array2, points: array3, boat: array2, form: ti.template(), out: array2):
+def _batch(link: array2, points: array3, boat: array2, code: ti.template(), out: array2):
     for i in range(points.shape[0]):
+        team = ti.static(Team(points, link, i, points.shape[1]))
+        place = vec2(boat[i, 0], boat[i, 1])
         f = vec6(0.0)
-        if ti.static(objective_of(form) == E):
-            f = worst(points, i, points.shape[1], link, form, boat[i, 0], boat[i, 1])
+        if ti.static(objective_of(code) == E):
+            f = worst(team, code, place)
         else:
-            scale = paper_objective.log_scale(points, i, points.shape[1], link)
-            f = log_objective(points, i, points.shape[1], link, form, scale, 1.0, each_auv(0.0), boat[i, 0], boat[i, 1])
+            scale = paper_objective.log_scale(team)
+            bias = each_auv(0.0)
+            f = log_objective(team, ti.static(Objective(code, scale, 1.0, bias)), place)
         for j in ti.static(range(6)):
             out[i, j] = f[j]
 
 
-def check_team(points: torch.Tensor, places: torch.Tensor) -> None:
-    """
-    Raises:
-        ValueError: more AUVs in the layouts (n, K, 3) than kernels provide for, or not one place (n, 2) for each.
-    """
-    if places.shape != (points.shape[0], 2):
-        raise ValueError(f"places: {tuple(places.shape)} must be ({points.shape[0]}, 2)")
-    if points.shape[1] > MAX_AUVS:
-        raise ValueError(f"points: {points.shape[1]} AUVs, at most {MAX_AUVS} are possible")
-
-
-def log_objective_batch(link: torch.Tensor, points: torch.Tensor, boat: torch.Tensor, *, form: int) -> torch.Tensor:
+def log_objective_batch(link: torch.Tensor, points: torch.Tensor, boat: torch.Tensor, *, code: int) -> torch.Tensor:
     """ln of the objective (lengths in m) with gradient and Hessian, for many boats and layouts.
 
     Args:
         link: (K, COLUMNS) float32 of `usbl.link_table`.
         points: (n, K, 3) float32, x, y and vertical separation of every AUV, m.
         boat: (n, 2) float32, m.
-        form: of `form`. E is exact; its derivatives are those of the worst-located AUV's term.
+        code: of `objective_code`. E is exact; its derivatives are those of the worst-located AUV's term.
 
     Returns:
         (n, 6) float32: f, x, y, xx, xy, yy.
@@ -232,5 +185,5 @@ def log_objective_batch(link: torch.Tensor, points: torch.Tensor, boat: torch.Te
     """
     check_team(points, boat)
     out = points.new_empty((points.shape[0], 6))
-    _batch(link, points, boat, form, out)
+    _batch(link, points, boat, code, out)
     return out

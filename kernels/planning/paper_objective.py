@@ -14,20 +14,19 @@ sin²α jumps beneath the boat; ρ² + (1 m)² in place of ρ² makes it smooth.
 
 import taichi as ti
 
-from kernels.planning.fisher import coefficients, log_signal, log_strength, squared_separation, times_T
-
-vec3 = ti.types.vector(3, ti.f32)
-vec6 = ti.types.vector(6, ti.f32)
-mat3 = ti.types.matrix(3, 3, ti.f32)
+from kernels.planning import jet
+from kernels.planning.fisher import coefficients, log_signal, log_strength, times_T
+from kernels.planning.team import position, squared_separation
+from kernels.types import mat3, vec2, vec3, vec6
 
 
 @ti.func
-def log_scale(estimate: ti.template(), w, num_auvs, link: ti.template()):
+def log_scale(team: ti.template()):
     """The largest ln T straight above an AUV: the scale that keeps the sums of order one."""
     largest = -1e30
-    for k in range(num_auvs):
-        z2 = squared_separation(estimate[w, k, 2])
-        largest = ti.max(largest, log_strength(link, k, z2, z2)[0])
+    for k in range(team.count):
+        z2 = squared_separation(team, k)
+        largest = ti.max(largest, log_strength(team.link, k, z2, z2)[0])
     return largest
 
 
@@ -57,74 +56,59 @@ def terms(link: ti.template(), k, measurement: ti.template(), printed: ti.templa
 
 
 @ti.func
-def log_det(
-    estimate: ti.template(),
-    w,
-    num_auvs,
-    link: ti.template(),
-    measurement: ti.template(),
-    printed: ti.template(),
-    scale,
-    x,
-    y,
-) -> vec6:
-    """ln det J with its gradient (x, y) and Hessian (xx, xy, yy); arguments as `optimality.log_objective`."""
-    P = vec6(0.0)  # J11, J22, J12 and E, each with its gradient and Hessian
+def diagonal_entry(a: vec3, b: vec3, dx, dy) -> vec6:
+    """Jet of a(q) + b(q) dy² at q = dx² + dy² + z², from the values and two derivatives by q of a and b."""
+    xx = dx * dx
+    yy = dy * dy
+    f1 = a[1] + b[1] * yy
+    f2 = 4.0 * (a[2] + b[2] * yy)
+    return vec6(
+        a[0] + b[0] * yy,
+        2.0 * dx * f1,
+        2.0 * dy * (f1 + b[0]),
+        2.0 * f1 + xx * f2,
+        dx * dy * (f2 + 4.0 * b[1]),
+        2.0 * (f1 + b[0]) + yy * (f2 + 8.0 * b[1]),
+    )
+
+
+@ti.func
+def off_diagonal_entry(b: vec3, dx, dy) -> vec6:
+    """Jet of b(q) dx dy."""
+    xx = dx * dx
+    yy = dy * dy
+    xy = dx * dy
+    return vec6(
+        b[0] * xy,
+        dy * (b[0] + 2.0 * b[1] * xx),
+        dx * (b[0] + 2.0 * b[1] * yy),
+        xy * (6.0 * b[1] + 4.0 * b[2] * xx),
+        b[0] + 2.0 * b[1] * (xx + yy) + 4.0 * b[2] * xx * yy,
+        xy * (6.0 * b[1] + 4.0 * b[2] * yy),
+    )
+
+
+@ti.func
+def log_det(team: ti.template(), measurement: ti.template(), printed: ti.template(), scale, place: vec2) -> vec6:
+    """Jet of ln det J for a boat at `place` (m); `printed` selects Eq. 3a, `scale` is that of `log_scale`."""
+    P = vec6(0.0)  # jets of J11, J22 (x and y exchanged), J12 and E
     Q = vec6(0.0)
     R = vec6(0.0)
     E = vec6(0.0)
-    for k in range(num_auvs):
-        dx = x - estimate[w, k, 0]
-        dy = y - estimate[w, k, 1]
-        xx = dx * dx
-        yy = dy * dy
-        xy = dx * dy
-        c = terms(link, k, measurement, printed, scale, xx + yy, squared_separation(estimate[w, k, 2]))
-        b = c[1, 0]
-        b1 = c[1, 1]
-        b2 = c[1, 2]
-        p1 = c[0, 1] + b1 * yy
-        p2 = 4.0 * (c[0, 2] + b2 * yy)
-        q1 = c[0, 1] + b1 * xx
-        q2 = 4.0 * (c[0, 2] + b2 * xx)
-        P += vec6(
-            c[0, 0] + b * yy,
-            2.0 * dx * p1,
-            2.0 * dy * (p1 + b),
-            2.0 * p1 + xx * p2,
-            xy * (p2 + 4.0 * b1),
-            2.0 * (p1 + b) + yy * (p2 + 8.0 * b1),
-        )
-        Q += vec6(
-            c[0, 0] + b * xx,
-            2.0 * dx * (q1 + b),
-            2.0 * dy * q1,
-            2.0 * (q1 + b) + xx * (q2 + 8.0 * b1),
-            xy * (q2 + 4.0 * b1),
-            2.0 * q1 + yy * q2,
-        )
-        R -= vec6(
-            b * xy,
-            dy * (b + 2.0 * b1 * xx),
-            dx * (b + 2.0 * b1 * yy),
-            xy * (6.0 * b1 + 4.0 * b2 * xx),
-            b + 2.0 * b1 * (xx + yy) + 4.0 * b2 * xx * yy,
-            xy * (6.0 * b1 + 4.0 * b2 * yy),
-        )
-        E += vec6(
-            c[2, 0],
-            2.0 * dx * c[2, 1],
-            2.0 * dy * c[2, 1],
-            2.0 * c[2, 1] + 4.0 * xx * c[2, 2],
-            4.0 * xy * c[2, 2],
-            2.0 * c[2, 1] + 4.0 * yy * c[2, 2],
-        )
-    D = ti.max(P[0] * Q[0] - R[0] * R[0] + E[0], 1e-37)
-    D_x = P[1] * Q[0] + P[0] * Q[1] - 2.0 * R[0] * R[1] + E[1]
-    D_y = P[2] * Q[0] + P[0] * Q[2] - 2.0 * R[0] * R[2] + E[2]
-    D_xx = P[3] * Q[0] + 2.0 * P[1] * Q[1] + P[0] * Q[3] - 2.0 * (R[1] * R[1] + R[0] * R[3]) + E[3]
-    D_xy = P[4] * Q[0] + P[1] * Q[2] + P[2] * Q[1] + P[0] * Q[4] - 2.0 * (R[1] * R[2] + R[0] * R[4]) + E[4]
-    D_yy = P[5] * Q[0] + 2.0 * P[2] * Q[2] + P[0] * Q[5] - 2.0 * (R[2] * R[2] + R[0] * R[5]) + E[5]
-    g_x = D_x / D
-    g_y = D_y / D
-    return vec6(ti.log(D) + 2.0 * scale, g_x, g_y, D_xx / D - g_x * g_x, D_xy / D - g_x * g_y, D_yy / D - g_y * g_y)
+    for k in range(team.count):
+        d = place - position(team, k)
+        dx = d[0]
+        dy = d[1]
+        c = terms(team.link, k, measurement, printed, scale, d.norm_sqr(), squared_separation(team, k))
+        a = vec3(c[0, 0], c[0, 1], c[0, 2])
+        b = vec3(c[1, 0], c[1, 1], c[1, 2])
+        P += diagonal_entry(a, b, dx, dy)
+        Q += diagonal_entry(a, b, dy, dx)
+        R -= off_diagonal_entry(b, dx, dy)
+        E += diagonal_entry(vec3(c[2, 0], c[2, 1], c[2, 2]), vec3(0.0), dx, dy)
+    Q = vec6(Q[jet.VALUE], Q[jet.Y], Q[jet.X], Q[jet.YY], Q[jet.XY], Q[jet.XX])
+    det = jet.product(P, Q) - jet.square(R) + E
+    det[jet.VALUE] = ti.max(det[jet.VALUE], 1e-37)
+    f = jet.logarithm(det)
+    f[jet.VALUE] += 2.0 * scale
+    return f

@@ -1,38 +1,36 @@
-"""Where the boat should head for, judged by the tracks' covariance over the steps to come.
+"""The boat's goal by the tracks' covariance over the steps to come.
 
 The boat heads for a goal in a straight line at its top speed and stays there; AUV k goes on with the velocity it was
-last commanded and the current its track has. At each step of the horizon every AUV gives a fix of variance
-r = 1/T per axis (of `fisher`, the attitude error in it), and its covariance is carried on as
-the tracker does. The fix and the current's model are the same for both axes, so one number of each 2 × 2 block of the
-covariance is enough, half its trace:
+last commanded and the current of its track. At each step of the horizon every AUV gives a fix of variance r = 1/T per
+axis (of `fisher`, attitude error included), and its covariance is propagated as the tracker does. The fix and the
+current's model are the same for both axes, so one number of each 2 × 2 block of the covariance is enough, half its
+trace:
 
     a ← a r/(a + r),  b ← b r/(a + r),  c ← c − b²/(a + r)      a fix,
     b ← ρ b,  c ← ρ² c + σ² (1 − ρ²);  a ← a + 2 m b + m² c,  b ← b + m c      a step, m s of it adrift.
 
 Criteria, means over the steps of the covariance after the fix: D, −Σ_k 2 ln a, ln det of the posterior information on
 all positions; A, −Σ_k 2 a, minus the trace of its inverse; E, −max_k a with each AUV's mean a, minus the inverse of its
-least eigenvalue. Their derivatives by the goal are carried through the recursion. The water's current on the boat and
-its heave are neglected.
+least eigenvalue. Their derivatives by the goal are first-order jets (`kernels.planning.jet`) through the recursion. The
+water's current on the boat and its heave are neglected.
 
-What it brings over heading for the optimum of the next fix alone is small: positions decide, hardly the prior, and a
-boat faster than the AUVs is always there in time. The criterion matters more: D gives up an AUV far away for a better
-fix of a near one, A does not.
+The gain over planning one step is small: the position of the boat matters, the prior hardly does, and a boat faster
+than the AUVs is always there in time. The criterion matters more: D gives up an AUV far away for a better fix of a near
+one, A does not.
 """
 
 import taichi as ti
 import torch
 
 from kernels.planning import fisher
+from kernels.planning.jet import product, ratio
+from kernels.planning.team import Team, squared_separation
 from kernels.positioning import tracker
+from kernels.types import array2, array3, vec2, vec3
 
 CRITERIA = ("d", "a", "e")
 D, A, E = range(3)
 MAX_EVALUATIONS = 24
-
-vec2 = ti.types.vector(2, ti.f32)
-vec3 = ti.types.vector(3, ti.f32)
-array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-array3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
 Outlook = ti.types.struct(
     criterion=ti.i32,  # D, A or E
@@ -45,32 +43,19 @@ Outlook = ti.types.struct(
 
 
 @ti.func
-def product(u: vec3, v: vec3) -> vec3:
-    """Product of two numbers that carry two derivatives each."""
-    return vec3(u[0] * v[0], u[0] * v[1] + u[1] * v[0], u[0] * v[2] + u[2] * v[0])
-
-
-@ti.func
-def ratio(u: vec3, v: vec3) -> vec3:
-    share = u[0] / v[0]
-    return vec3(share, (u[1] - share * v[1]) / v[0], (u[2] - share * v[2]) / v[0])
-
-
-@ti.func
-def fix_variance(link: ti.template(), k, offset: vec2, z) -> vec3:
-    """Variance per axis of a fix (m²) at the horizontal offset boat − AUV, and its derivatives by the boat's x, y."""
-    z2 = fisher.squared_separation(z)
-    f = fisher.log_strength(link, k, offset.norm_sqr() + z2, z2)
+def fix_variance(team: ti.template(), k, offset: vec2) -> vec3:
+    """First-order jet of the variance per axis of a fix (m²) at the horizontal offset boat − AUV."""
+    z2 = squared_separation(team, k)
+    f = fisher.log_strength(team.link, k, offset.norm_sqr() + z2, z2)
     variance = ti.exp(-f[0])
     slope = -2.0 * variance * f[1]
     return vec3(variance, slope * offset[0], slope * offset[1])
 
 
 @ti.func
-def look_ahead(
-    track: ti.template(), estimate: ti.template(), w, link: ti.template(), outlook: Outlook, boat: vec2, goal: vec2
-) -> vec3:
-    """The criterion of a goal and its derivatives by the goal's x and y; arguments as `plan`."""
+def look_ahead(team: ti.template(), track: ti.template(), outlook: Outlook, boat: vec2, goal: vec2) -> vec3:
+    """First-order jet of the criterion by the goal; arguments as `plan`."""
+    w = team.world
     step = outlook.step
     way = goal - boat
     distance = ti.max(way.norm(), 1e-6)
@@ -78,7 +63,7 @@ def look_ahead(
     rho = ti.exp(-step / outlook.correlation_time)
     noise = vec3(outlook.variance * (1.0 - rho * rho), 0.0, 0.0)
     total = vec3(0.0, 0.0, 0.0)
-    for k in range(track.shape[1]):
+    for k in range(team.count):
         m = step * track[w, k, tracker.ADRIFT]
         velocity = vec2(track[w, k, tracker.WATER_X], track[w, k, tracker.WATER_Y])
         velocity += track[w, k, tracker.ADRIFT] * vec2(track[w, k, tracker.CURRENT_X], track[w, k, tracker.CURRENT_Y])
@@ -88,17 +73,17 @@ def look_ahead(
         c = vec3(0.5 * (track[w, k, tracker.UU] + track[w, k, tracker.VV]), 0.0, 0.0)
         sum_a = vec3(0.0, 0.0, 0.0)
         for h in range(outlook.steps):
-            share = ti.min((h + 1.0) * outlook.top_speed * step / distance, 1.0)
-            r = fix_variance(link, k, boat + share * way - place, estimate[w, k, 2])
-            slope = share * vec2(r[1], r[2])
-            if share < 1.0:  # under way only the goal's direction counts
+            progress = ti.min((h + 1.0) * outlook.top_speed * step / distance, 1.0)
+            r = fix_variance(team, k, boat + progress * way - place)
+            slope = progress * vec2(r[1], r[2])
+            if progress < 1.0:  # under way only the direction of the goal matters
                 slope -= along * along.dot(slope)
             r = vec3(r[0], slope[0], slope[1])
             s = a + r
-            left = ratio(r, s)
+            remaining = ratio(r, s)
             c -= product(b, ratio(b, s))
-            b = product(b, left)
-            a = product(a, left)
+            b = product(b, remaining)
+            a = product(a, remaining)
             if outlook.criterion == D:
                 total -= 2.0 * vec3(ti.log(a[0]), a[1] / a[0], a[2] / a[0])
             sum_a += a
@@ -115,36 +100,27 @@ def look_ahead(
 
 
 @ti.func
-def inside(point: vec2, width, length) -> vec2:
-    return vec2(ti.min(ti.max(point[0], 0.0), width), ti.min(ti.max(point[1], 0.0), length))
+def inside(point: vec2, size: vec2) -> vec2:
+    """The point of [0, width] × [0, length] nearest to a point."""
+    return ti.min(ti.max(point, 0.0), size)
 
 
 @ti.func
-def plan(
-    track: ti.template(),
-    estimate: ti.template(),
-    w,
-    link: ti.template(),
-    outlook: Outlook,
-    boat: vec2,
-    goal: vec2,
-    width,
-    length,
-) -> vec3:
-    """The best goal in [0, width] × [0, length] and its criterion: the best of some starts, and uphill from there.
+def plan(team: ti.template(), track: ti.template(), outlook: Outlook, boat: vec2, goal: vec2, size: vec2) -> vec3:
+    """The best goal in the area and its criterion: ascent from the best of several starts.
 
     Args:
-        track: (W, K, tracker.COLUMNS), after `tracker.carry`, before the fix; `w` selects the world.
-        estimate: (W, K, 3), of which the vertical separations (m) are used.
-        link: (K, COLUMNS) of `usbl.link_table`.
+        team: `Team`, of which the vertical separations and the links are used.
+        track: (W, K, tracker.COLUMNS), after `tracker.carry`, before the fix.
         outlook: criterion, model and horizon.
         boat: the boat's place, m. goal: the last goal, m; it stays where nothing is better. Further starts are the
             boat, the AUVs and their mean.
-        width, length: m.
+        size: width and length of the area, m.
     """
-    count = track.shape[1]
-    best = inside(goal, width, length)
-    value = look_ahead(track, estimate, w, link, outlook, boat, best)
+    w = team.world
+    count = team.count
+    best = inside(goal, size)
+    value = look_ahead(team, track, outlook, boat, best)
     middle = vec2(0.0, 0.0)
     for k in range(count):
         middle += vec2(track[w, k, tracker.X], track[w, k, tracker.Y]) / count
@@ -154,8 +130,8 @@ def plan(
             point = vec2(track[w, start, tracker.X], track[w, start, tracker.Y])
         elif start == count:
             point = boat
-        point = inside(point, width, length)
-        found = look_ahead(track, estimate, w, link, outlook, boat, point)
+        point = inside(point, size)
+        found = look_ahead(team, track, outlook, boat, point)
         if found[0] > value[0] + 1e-6 * ti.abs(value[0]):
             best = point
             value = found
@@ -163,8 +139,8 @@ def plan(
     evaluations = 0
     while radius > 0.05 and evaluations < MAX_EVALUATIONS:
         slope = vec2(value[1], value[2])
-        point = inside(best + radius * slope / ti.max(slope.norm(), 1e-20), width, length)
-        found = look_ahead(track, estimate, w, link, outlook, boat, point)
+        point = inside(best + radius * slope / ti.max(slope.norm(), 1e-20), size)
+        found = look_ahead(team, track, outlook, boat, point)
         evaluations += 1
         if found[0] > value[0]:
             best = point
@@ -193,14 +169,15 @@ def _batch(
     out: array2,
 ):
     for i in range(track.shape[0]):
+        team = ti.static(Team(estimate, link, i, track.shape[1]))
         outlook = Outlook(criterion, variance, correlation_time, top_speed, step, steps)
         boat = vec2(place[i, 0], place[i, 1])
         goal = vec2(place[i, 2], place[i, 3])
         found = vec3(0.0, 0.0, 0.0)
         if searching != 0:
-            found = plan(track, estimate, i, link, outlook, boat, goal, width, length)
+            found = plan(team, track, outlook, boat, goal, vec2(width, length))
         else:
-            found = look_ahead(track, estimate, i, link, outlook, boat, goal)
+            found = look_ahead(team, track, outlook, boat, goal)
         for j in ti.static(range(3)):
             out[i, j] = found[j]
 

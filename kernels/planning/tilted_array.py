@@ -18,13 +18,9 @@ takes the array to be level, since it cannot know how the sea will tilt the boat
 import taichi as ti
 import torch
 
-from kernels.planning.fisher import PHASE, array2
+from kernels.planning.fisher import PHASE
 from kernels.positioning import usbl
-
-array1i = ti.types.ndarray(dtype=ti.i32, ndim=1)
-vec2 = ti.types.vector(2, ti.f32)
-vec3 = ti.types.vector(3, ti.f32)
-mat2 = ti.types.matrix(2, 2, ti.f32)
+from kernels.types import array2, index1, mat2, vec2, vec3
 
 
 @ti.func
@@ -107,7 +103,7 @@ def information(link: ti.template(), k, measurement, offset: vec3, slope: vec2) 
 @ti.kernel
 def _batch(
     link: array2,
-    auv: array1i,
+    auv: index1,
     measurement: ti.i32,
     offset: array2,
     slope: array2,

@@ -1,4 +1,4 @@
-"""Zermelo's navigation problem: the cheapest way to a circle through a current that stands still.
+"""Zermelo's navigation problem: the cheapest path to a circle through a steady current.
 
 J(x) is the least cost of reaching the circle of radius R about the goal from x inside the area, moving with the water's
 velocity c(x) and a velocity of any direction and of speed s through the water, at a cost rate L(s). By dynamic
@@ -7,15 +7,15 @@ programming
     max over s of [ s ‖∇J‖ − L(s) ] − c·∇J = 0,    J = 0 on the circle,
 
 and the course is −∇J/‖∇J‖. With the one speed V and the rate 1, J is the time to go T, and V ‖∇T‖ − c·∇T = 1 (Zermelo
-1931, doi 10.1002/zamm.19310110205). Where the current is stronger than the vehicle there may be no way at all.
+1931, doi 10.1002/zamm.19310110205). Where the current is faster than the vehicle there may be no path at all.
 
 The scheme is semi-Lagrangian (Hopf–Lax): a node's cost is the least, over all points of the ring of its eight
-neighbours, of the way there through the node's own current plus the cost interpolated there. It is consistent and
-monotone whatever the current's strength (Bornemann, Rasch 2006, doi 10.1007/s00791-006-0016-y). Gauss–Seidel sweeps in
-four orders, each with the quarter of the ring that lies upwind of its order, carry it through the grid (Zhao 2005, doi
-10.1090/S0025-5718-04-01678-3) until four in a row change nothing. Errors are of first order in the spacing, and to the
-late side. In a current stronger than the vehicle ways along the rim of what can be reached may be missed, because a
-face of the ring with an end beyond it is closed.
+neighbours, of the path there through the node's own current plus the cost interpolated there. It is consistent and
+monotone for any current (Bornemann, Rasch 2006, doi 10.1007/s00791-006-0016-y). Gauss–Seidel sweeps in four orders,
+each with the quarter of the ring that lies upwind of its order, are repeated until four in a row change nothing (Zhao
+2005, doi 10.1090/S0025-5718-04-01678-3). Errors are of first order in the spacing and overestimate the cost. In a
+current faster than the vehicle, paths near the edge of the reachable set may be missed, because a face of the ring with
+an end beyond the edge is not used.
 
 Arrays, float32 unless said, of W worlds and K vehicles:
 
@@ -23,24 +23,45 @@ Arrays, float32 unless said, of W worlds and K vehicles:
     goal     (W, K, 2)               centre of the circle, m
     speeds   (S,)                    speeds through the water to choose from, m/s
     rates    (S,)                    L of each, cost units a second, above 0
-    cost     (W, K, rows, columns)   J; `UNREACHABLE` where there is no way
+    cost     (W, K, rows, columns)   J; `UNREACHABLE` where there is no path
 """
+
+from typing import NamedTuple
 
 import taichi as ti
 import torch
 
-from kernels.types import array1, array3, array4, vec2
+from kernels.flow import regular_grid
+from kernels.types import array1, array3, array4, mask2, vec2
 
 UNREACHABLE = 1e9
-DIRECTIONS = 64  # in which a way is looked for before the best is refined
+DIRECTIONS = 64  # tried before the best is refined
 REFINEMENTS = 8  # halvings of the angle between two of them
-TOLERANCE = 1e-5  # of a cost, below which a sweep has changed nothing
+TOLERANCE = 1e-5  # smallest relative decrease of a cost that counts as a change
 MAX_SWEEPS = 400
-NEAR = 2.5  # spacings from the circle within which the way is taken to be straight
+NEAR = 2.5  # spacings from the circle within which the path is taken to be straight
 REACH = 1.5  # spacings that a course looks ahead
 TWO_PI = 6.283185307179586
 
-mask2 = ti.types.ndarray(dtype=ti.u8, ndim=2)
+
+class Problem(NamedTuple):
+    """The problem of one vehicle, arrays and numbers inside a kernel.
+
+    Attributes:
+        flow, cost, speeds, rates: as in the module. world, vehicle: first indices of `flow` and `cost`.
+        goal: centre of the circle, m. radius: R, m.
+        spacing: (dx, dy) of the grid, m.
+    """
+
+    flow: ti.types.ndarray
+    cost: ti.types.ndarray
+    speeds: ti.types.ndarray
+    rates: ti.types.ndarray
+    world: ti.i32
+    vehicle: ti.i32
+    goal: ti.Vector
+    radius: ti.f32
+    spacing: ti.Vector
 
 
 @ti.func
@@ -60,96 +81,66 @@ def travel_time(d: vec2, c: vec2, V: ti.f32, R: ti.f32) -> ti.f32:
 
 
 @ti.func
-def straight_cost(d: vec2, c: vec2, R: ti.f32, speeds: ti.template(), rates: ti.template()) -> ti.f32:
+def straight_cost(problem: ti.template(), d: vec2, c: vec2, R: ti.f32) -> ti.f32:
     """Least cost over the speeds of coming within R of a place at d in a uniform current."""
     J = UNREACHABLE
-    for s in range(speeds.shape[0]):
-        t = travel_time(d, c, speeds[s], R)
+    for s in range(problem.speeds.shape[0]):
+        t = travel_time(d, c, problem.speeds[s], R)
         if t < UNREACHABLE:
-            J = ti.min(J, rates[s] * t)
+            J = ti.min(J, problem.rates[s] * t)
     return J
 
 
 @ti.func
-def across_face(
-    J_e: ti.f32,
-    J_d: ti.f32,
-    c_n: ti.f32,
-    c_s: ti.f32,
-    step_n: ti.f32,
-    step_s: ti.f32,
-    speeds: ti.template(),
-    rates: ti.template(),
-) -> ti.f32:
+def cost_across_face(problem: ti.template(), J_e: ti.f32, J_d: ti.f32, c: vec2, step: vec2) -> ti.f32:
     """Least cost through the inside of the face between a neighbour e along n and its neighbour d along s.
 
     Crossing on the course φ from n towards s costs J_e + step_n (L + q w_s)/w_n, with the velocities over ground
     w_n = V cos φ + c_n and w_s = V sin φ + c_s and the slope q of the cost along the face. It is least where
-    A sin φ + B cos φ = −q V with A = L + q c_s, B = q c_n.
+    A sin φ + B cos φ = −q V with A = L + q c_s, B = q c_n. `c` and `step` have the components n and s.
     """
     J = UNREACHABLE
-    q = (J_d - J_e) / step_s
-    B = q * c_n
-    for s in range(speeds.shape[0]):
-        V = speeds[s]
-        L = rates[s]
-        A = L + q * c_s
+    q = (J_d - J_e) / step[1]
+    B = q * c[0]
+    for s in range(problem.speeds.shape[0]):
+        V = problem.speeds[s]
+        L = problem.rates[s]
+        A = L + q * c[1]
         square = A * A + B * B
         root = square - q * q * V * V
         if root > 0.0:
             root = ti.sqrt(root)
-            w_s = V * (-q * V * A - root * B) / square + c_s
-            w_n = V * (root * A - q * V * B) / square + c_n
-            if w_n > 0.0 and w_s >= 0.0 and w_s * step_n <= w_n * step_s:
-                J = ti.min(J, J_e + step_n * (L + q * w_s) / w_n)
+            w_s = V * (-q * V * A - root * B) / square + c[1]
+            w_n = V * (root * A - q * V * B) / square + c[0]
+            if w_n > 0.0 and w_s >= 0.0 and w_s * step[0] <= w_n * step[1]:
+                J = ti.min(J, J_e + step[0] * (L + q * w_s) / w_n)
     return J
 
 
 @ti.func
-def current_at(flow: ti.template(), w, x: ti.f32, y: ti.f32, dx: ti.f32, dy: ti.f32) -> vec2:
-    """Bilinear current at a point of the area, m/s."""
-    p = x / dx
-    q = y / dy
-    j = ti.math.clamp(ti.cast(p, ti.i32), 0, flow.shape[2] - 2)
-    i = ti.math.clamp(ti.cast(q, ti.i32), 0, flow.shape[1] - 2)
-    c = vec2(0.0, 0.0)
-    for axis in ti.static(range(2)):
-        south = flow[w, i, j, axis] + (p - j) * (flow[w, i, j + 1, axis] - flow[w, i, j, axis])
-        north = flow[w, i + 1, j, axis] + (p - j) * (flow[w, i + 1, j + 1, axis] - flow[w, i + 1, j, axis])
-        c[axis] = south + (q - i) * (north - south)
-    return c
-
-
-@ti.func
-def near_cost(flow: ti.template(), w, goal: vec2, x: vec2, R, dx, dy, speeds: ti.template(), rates: ti.template()):
-    """Cost of the straight way in the current of its middle, beside the goal; `UNREACHABLE` away from it."""
+def cost_near_goal(problem: ti.template(), x: vec2) -> ti.f32:
+    """Cost of the straight path from x in the current at its middle; `UNREACHABLE` away from the goal."""
     J = UNREACHABLE
-    d = goal - x
-    if d.norm() < R + NEAR * ti.max(dx, dy):
-        middle = x + 0.5 * d
-        J = straight_cost(d, current_at(flow, w, middle[0], middle[1], dx, dy), R, speeds, rates)
+    d = problem.goal - x
+    if d.norm() < problem.radius + NEAR * problem.spacing.max():
+        node = (x + 0.5 * d) / problem.spacing
+        c = vec2(0.0, 0.0)
+        for axis in ti.static(range(2)):
+            c[axis] = regular_grid.interpolate(problem.flow, problem.world, axis, node[0], node[1])
+        J = straight_cost(problem, d, c, problem.radius)
     return J
 
 
 @ti.func
-def cost_at(
-    flow: ti.template(),
-    cost: ti.template(),
-    w,
-    k,
-    goal: vec2,
-    x: vec2,
-    R,
-    dx,
-    dy,
-    speeds: ti.template(),
-    rates: ti.template(),
-) -> ti.f32:
-    """Cost at a point of the area: bilinear, and beside the goal that of the straight way."""
-    J = near_cost(flow, w, goal, x, R, dx, dy, speeds, rates)
+def cost_at(problem: ti.template(), x: vec2) -> ti.f32:
+    """Cost at a point of the area: bilinear, and near the goal that of the straight path."""
+    J = cost_near_goal(problem, x)
     if J >= UNREACHABLE:
-        p = x[0] / dx
-        q = x[1] / dy
+        w = problem.world
+        k = problem.vehicle
+        cost = ti.static(problem.cost)
+        p = x[0] / problem.spacing[0]
+        q = x[1] / problem.spacing[1]
         j = ti.math.clamp(ti.cast(p, ti.i32), 0, cost.shape[3] - 2)
         i = ti.math.clamp(ti.cast(q, ti.i32), 0, cost.shape[2] - 2)
         south = cost[w, k, i, j] + (p - j) * (cost[w, k, i, j + 1] - cost[w, k, i, j])
@@ -162,27 +153,15 @@ def cost_at(
 
 
 @ti.func
-def improve(
-    flow: ti.template(),
-    cost: ti.template(),
-    w,
-    k,
-    i,
-    j,
-    up,
-    right,
-    dx,
-    dy,
-    speeds: ti.template(),
-    rates: ti.template(),
-):
-    """Least cost of node (i, j) by its neighbours in row i − up and column j − right, where there are such."""
-    rows = cost.shape[2]
-    columns = cost.shape[3]
+def improved_cost(problem: ti.template(), i, j, up, right) -> ti.f32:
+    """Least cost of node (i, j) by its neighbours in row i − up and column j − right, where these exist."""
+    w = problem.world
+    k = problem.vehicle
+    cost = ti.static(problem.cost)
     row = i - up
     column = j - right
-    has_row = row >= 0 and row < rows
-    has_column = column >= 0 and column < columns
+    has_row = row >= 0 and row < cost.shape[2]
+    has_column = column >= 0 and column < cost.shape[3]
     J_x = UNREACHABLE
     J_y = UNREACHABLE
     J_d = UNREACHABLE
@@ -193,21 +172,21 @@ def improve(
     if has_row and has_column:
         J_d = cost[w, k, row, column]
     J = cost[w, k, i, j]
-    if ti.min(J_x, J_y, J_d) < J:  # a way costs more than its end
-        c_x = -right * flow[w, i, j, 0]  # in axes that point to the neighbours
-        c_y = -up * flow[w, i, j, 1]
-        c = vec2(c_x, c_y)
+    if ti.min(J_x, J_y, J_d) < J:  # a path costs more than its end
+        # In axes that point to the neighbours.
+        c = vec2(-right * problem.flow[w, i, j, 0], -up * problem.flow[w, i, j, 1])
+        step = problem.spacing
         if J_x < J:
-            J = ti.min(J, J_x + straight_cost(vec2(dx, 0.0), c, 0.0, speeds, rates))
+            J = ti.min(J, J_x + straight_cost(problem, vec2(step[0], 0.0), c, 0.0))
         if J_y < J:
-            J = ti.min(J, J_y + straight_cost(vec2(0.0, dy), c, 0.0, speeds, rates))
+            J = ti.min(J, J_y + straight_cost(problem, vec2(0.0, step[1]), c, 0.0))
         if J_d < UNREACHABLE:
             if J_d < J:
-                J = ti.min(J, J_d + straight_cost(vec2(dx, dy), c, 0.0, speeds, rates))
+                J = ti.min(J, J_d + straight_cost(problem, step, c, 0.0))
             if J_x < UNREACHABLE and ti.min(J_x, J_d) < J:
-                J = ti.min(J, across_face(J_x, J_d, c_x, c_y, dx, dy, speeds, rates))
+                J = ti.min(J, cost_across_face(problem, J_x, J_d, c, step))
             if J_y < UNREACHABLE and ti.min(J_y, J_d) < J:
-                J = ti.min(J, across_face(J_y, J_d, c_y, c_x, dy, dx, speeds, rates))
+                J = ti.min(J, cost_across_face(problem, J_y, J_d, vec2(c[1], c[0]), vec2(step[1], step[0])))
     return J
 
 
@@ -228,11 +207,11 @@ def _solve(
         if due[w, k] != 0:
             rows = cost.shape[2]
             columns = cost.shape[3]
-            dx = width / (columns - 1)
-            dy = length / (rows - 1)
+            spacing = vec2(width / (columns - 1), length / (rows - 1))
             centre = vec2(goal[w, k, 0], goal[w, k, 1])
+            problem = ti.static(Problem(flow, cost, speeds, rates, w, k, centre, R, spacing))
             for i, j in ti.ndrange(rows, columns):
-                cost[w, k, i, j] = near_cost(flow, w, centre, vec2(j * dx, i * dy), R, dx, dy, speeds, rates)
+                cost[w, k, i, j] = cost_near_goal(problem, vec2(j * spacing[0], i * spacing[1]))
             unchanged = 0
             sweep = 0
             while unchanged < 4 and sweep < MAX_SWEEPS:
@@ -243,7 +222,7 @@ def _solve(
                     i = m if up > 0 else rows - 1 - m
                     for n in range(columns):
                         j = n if right > 0 else columns - 1 - n
-                        J = improve(flow, cost, w, k, i, j, up, right, dx, dy, speeds, rates)
+                        J = improved_cost(problem, i, j, up, right)
                         if J < cost[w, k, i, j]:
                             if J < (1.0 - TOLERANCE) * cost[w, k, i, j]:
                                 unchanged = 0
@@ -252,36 +231,48 @@ def _solve(
 
 
 @ti.func
-def cost_by(
-    flow: ti.template(),
-    cost: ti.template(),
-    w,
-    k,
-    goal: vec2,
-    x: vec2,
-    c: vec2,
-    d: vec2,
-    R,
-    dx,
-    dy,
-    width,
-    length,
-    speeds: ti.template(),
-    rates: ti.template(),
-) -> ti.f32:
-    """Least cost of going from x to x + d straight over ground, then as is best; c is the current at x."""
+def cost_by(problem: ti.template(), x: vec2, c: vec2, d: vec2, size: vec2) -> ti.f32:
+    """Least cost of a path that begins straight over ground from x to x + d; c is the current at x, size the area's."""
     end = x + d
     J = UNREACHABLE
-    if end[0] >= 0.0 and end[0] <= width and end[1] >= 0.0 and end[1] <= length:
-        rest = cost_at(flow, cost, w, k, goal, end, R, dx, dy, speeds, rates)
+    if end[0] >= 0.0 and end[0] <= size[0] and end[1] >= 0.0 and end[1] <= size[1]:
+        rest = cost_at(problem, end)
         if rest < UNREACHABLE:
-            J = ti.min(rest + straight_cost(d, c, 0.0, speeds, rates), UNREACHABLE)
+            J = ti.min(rest + straight_cost(problem, d, c, 0.0), UNREACHABLE)
     return J
 
 
 @ti.func
 def heading(angle: ti.f32) -> vec2:
+    """Unit vector at an angle (rad) from the x axis."""
     return vec2(ti.cos(angle), ti.sin(angle))
+
+
+@ti.func
+def best_leg(problem: ti.template(), x: vec2, c: vec2, size: vec2) -> vec2:
+    """The cheapest way to begin a path at x, a vector over ground of about REACH spacings, m; zero if there is none."""
+    inside = vec2(ti.math.clamp(x[0], 0.0, size[0]), ti.math.clamp(x[1], 0.0, size[1]))
+    reach = REACH * problem.spacing.max()
+    best = 0.0
+    least = UNREACHABLE
+    span = TWO_PI / DIRECTIONS
+    for m in range(DIRECTIONS):
+        J = cost_by(problem, x, c, inside - x + reach * heading(m * span), size)
+        if J < least:
+            least = J
+            best = m * span
+    for _ in range(REFINEMENTS):
+        span *= 0.5
+        middle = best
+        for side in ti.static((-1, 1)):
+            J = cost_by(problem, x, c, inside - x + reach * heading(middle + side * span), size)
+            if J < least:
+                least = J
+                best = middle + side * span
+    d = vec2(0.0, 0.0)
+    if least < UNREACHABLE:
+        d = inside - x + reach * heading(best)
+    return d
 
 
 @ti.kernel
@@ -299,39 +290,17 @@ def _steer(
     velocity: array3,
 ):
     for w, k in ti.ndrange(cost.shape[0], cost.shape[1]):
-        dx = width / (cost.shape[3] - 1)
-        dy = length / (cost.shape[2] - 1)
+        size = vec2(width, length)
+        spacing = vec2(width / (cost.shape[3] - 1), length / (cost.shape[2] - 1))
         centre = vec2(goal[w, k, 0], goal[w, k, 1])
+        problem = ti.static(Problem(flow, cost, speeds, rates, w, k, centre, R, spacing))
         x = vec2(position[w, k, 0], position[w, k, 1])
-        inside = vec2(ti.math.clamp(x[0], 0.0, width), ti.math.clamp(x[1], 0.0, length))
         c = vec2(current[w, k, 0], current[w, k, 1])
-        reach = REACH * ti.max(dx, dy)
         d = centre - x
-        radius = 0.0
-        if d.norm() < R + reach:
-            radius = R
-        else:
-            best = 0.0
-            least = UNREACHABLE
-            span = TWO_PI / DIRECTIONS
-            for m in range(DIRECTIONS):
-                d = inside - x + reach * heading(m * span)
-                J = cost_by(flow, cost, w, k, centre, x, c, d, R, dx, dy, width, length, speeds, rates)
-                if J < least:
-                    least = J
-                    best = m * span
-            for _ in range(REFINEMENTS):
-                span *= 0.5
-                middle = best
-                for side in ti.static((-1, 1)):
-                    d = inside - x + reach * heading(middle + side * span)
-                    J = cost_by(flow, cost, w, k, centre, x, c, d, R, dx, dy, width, length, speeds, rates)
-                    if J < least:
-                        least = J
-                        best = middle + side * span
-            d = vec2(0.0, 0.0)
-            if least < UNREACHABLE:
-                d = inside - x + reach * heading(best)
+        radius = R
+        if d.norm() >= R + REACH * spacing.max():
+            d = best_leg(problem, x, c, size)
+            radius = 0.0
         least = UNREACHABLE
         velocity[w, k, 0] = 0.0
         velocity[w, k, 1] = 0.0
@@ -355,7 +324,7 @@ def solve(
     size: tuple[float, float],
     radius: float,
 ) -> None:
-    """Solve for the cost J of the vehicles that are due, in place; the others' stays. Shapes as in the module.
+    """Solve for the cost J of the vehicles that are due, in place; that of the others stays. Shapes as in the module.
 
     Args:
         due: (W, K) uint8.
@@ -377,10 +346,10 @@ def steer(
     size: tuple[float, float],
     radius: float,
 ) -> None:
-    """Velocity through the water (m/s) with which to go on, into `velocity` (W, K, 2).
+    """Write the best velocity through the water (m/s) into `velocity` (W, K, 2).
 
-    The course is the best of all directions over ground, a node or two ahead, not that of the nearest node. It is zero
-    where no way leads to the goal, and inside the circle.
+    The course is the best of all directions over ground, a node or two ahead, not that of the nearest node. The
+    velocity is zero where no path leads to the goal, and inside the circle.
 
     Args:
         position: (W, K, 2), m. current: (W, K, 2), the water's velocity there, m/s.

@@ -30,6 +30,8 @@ import numpy as np
 import taichi as ti
 import torch
 
+from kernels.types import array1, array2, vec2, vec3
+
 # Columns of the table of layers, one row a depth; a layer reaches from its row to the next.
 DEPTH = 0  # m
 SPEED = 1  # m/s
@@ -39,9 +41,6 @@ COLUMNS = 3
 BEYOND = 2e4  # m, how far the end layers of constant speed reach
 FLATTEST = 1e5  # tan θ at which a ray counts as horizontal
 ROUNDS = 60  # of Newton's method; 2 or 3 are usual, near the last direct ray t grows by half in each
-
-vec2 = ti.types.vector(2, ti.f32)
-vec3 = ti.types.vector(3, ti.f32)
 
 
 def layer_table(depth: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -278,9 +277,9 @@ def along_arc(g: ti.f32, c: ti.f32, s: ti.f32, w: ti.f32, time: ti.f32) -> vec2:
 
 @ti.kernel
 def _eigenrays(
-    layers: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    ends: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    out: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    layers: array2,
+    ends: array2,
+    out: array2,
 ):
     for n in range(ends.shape[0]):
         ray = eigenray(layers, ends[n, 0], ends[n, 1], ends[n, 2])
@@ -304,11 +303,11 @@ def eigenrays(layers: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
 
 @ti.kernel
 def _arrivals(
-    layers: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    depth: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    offset: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    layers: array2,
+    depth: array1,
+    offset: array2,
     c: ti.f32,
-    out: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    out: array2,
 ):
     for n in range(offset.shape[0]):
         heard = refracted(layers, depth[n], vec3(offset[n, 0], offset[n, 1], offset[n, 2]), c)
@@ -327,11 +326,11 @@ def arrivals(layers: torch.Tensor, depth: torch.Tensor, offset: torch.Tensor, c:
 
 @ti.kernel
 def _positions(
-    layers: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    depth: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    heard: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    layers: array2,
+    depth: array1,
+    heard: array2,
     c: ti.f32,
-    out: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    out: array2,
 ):
     for n in range(heard.shape[0]):
         place = follow(layers, depth[n], vec2(heard[n, 0], heard[n, 1]), heard[n, 3], c)

@@ -17,12 +17,10 @@ import math
 import taichi as ti
 
 from kernels import random
+from kernels.types import vec2, vec3, vec4
 
 TWO_PI = 2.0 * math.pi
 
-vec2 = ti.types.vector(2, ti.f32)
-vec3 = ti.types.vector(3, ti.f32)
-vec4 = ti.types.vector(4, ti.f32)
 edges4 = ti.types.matrix(4, 3, ti.f32)
 
 

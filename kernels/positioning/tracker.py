@@ -33,6 +33,7 @@ import taichi as ti
 import torch
 
 from kernels.flow import airy
+from kernels.types import array2, array3, mat2, vec2, vec3
 
 # Columns of a track: the state, the upper triangle of its covariance, and what was commanded last.
 X, Y, CURRENT_X, CURRENT_Y = range(4)
@@ -40,12 +41,6 @@ XX, XY, XU, XV, YY, YU, YV, UU, UV, VV = range(4, 14)
 ADRIFT, WATER_X, WATER_Y = range(14, 17)
 COLUMNS = 17
 FOREVER = 1e9  # s, correlation time of a current that does not change
-
-vec2 = ti.types.vector(2, ti.f32)
-vec3 = ti.types.vector(3, ti.f32)
-mat2 = ti.types.matrix(2, 2, ti.f32)
-array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-array3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
 
 @ti.func

@@ -33,6 +33,7 @@ import taichi as ti
 import torch
 
 from kernels.positioning import sonar_equation
+from kernels.types import array2, index1, mat3, vec2, vec3, vec4, vec5
 
 # Columns of the link table, one row an AUV.
 KAPPA = 0  # 2πf d/c, phase difference per direction cosine, rad
@@ -58,12 +59,6 @@ NO_RAY = 8  # no direct ray of sound leads from the AUV to the array: nothing is
 LOST = 16  # interrogation or reply was lost
 
 PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
-
-vec2 = ti.types.vector(2, ti.f32)
-vec3 = ti.types.vector(3, ti.f32)
-vec4 = ti.types.vector(4, ti.f32)
-vec5 = ti.types.vector(5, ti.f32)
-mat3 = ti.types.matrix(3, 3, ti.f32)
 
 
 def link_table(
@@ -298,15 +293,15 @@ def horizontal_covariance(
 
 @ti.kernel
 def _fixes(
-    link: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    auv: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    offset: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    slope: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    link: array2,
+    auv: index1,
+    offset: array2,
+    slope: array2,
     attitude_error: ti.f32,
-    noise: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    estimate: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    covariance: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    flags: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    noise: array2,
+    estimate: array2,
+    covariance: array2,
+    flags: index1,
 ):
     for i in range(offset.shape[0]):
         r = vec3(offset[i, 0], offset[i, 1], offset[i, 2])

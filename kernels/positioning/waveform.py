@@ -42,7 +42,7 @@ from kernels.positioning.tone import (
     sum_of_part,
     tone_edges,
 )
-from kernels.positioning.usbl import vec2, vec3, vec4, vec5
+from kernels.types import array2, index1, mat3, vec2, vec3, vec4, vec5, vec6
 
 GATE = 2
 LAST_WINDOW = 2 * GATE  # windows begin at the periods 0 to LAST_WINDOW
@@ -61,8 +61,6 @@ AMPLITUDE = 3  # of the tone over the noise, all hydrophones together
 RESIDUAL = 4  # rad, mean phase by the y pair minus that by the x pair: near ±π where one of them has wrapped
 SLIP = 5  # error of the delay in whole periods
 MEASURED = 6
-
-vec6 = ti.types.vector(6, ti.f32)
 
 
 class Blocks(NamedTuple):
@@ -329,7 +327,7 @@ def measure(
 
 
 @ti.func
-def fix(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, heard: vec6, axes: usbl.mat3) -> vec5:
+def fix(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, heard: vec6, axes: mat3) -> vec5:
     """The fix that follows from a measurement of sound that goes straight, as `usbl.fix` returns it."""
     true_phase = link[k, usbl.KAPPA] / S * vec2(body[0], body[1])
     phase = vec2(heard[PHASE_X], heard[PHASE_Y])
@@ -340,17 +338,17 @@ def fix(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, heard: vec6, axes
 
 @ti.kernel
 def _fixes(
-    link: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    auv: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    offset: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    slope: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    link: array2,
+    auv: index1,
+    offset: array2,
+    slope: array2,
     attitude_error: ti.f32,
     key_low: ti.u32,
     key_high: ti.u32,
     sampled: ti.template(),
-    estimate: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    flags: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    measurement: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    estimate: array2,
+    flags: index1,
+    measurement: array2,
 ):
     for n in range(offset.shape[0]):
         k = auv[n]

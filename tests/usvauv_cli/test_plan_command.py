@@ -48,14 +48,14 @@ class TestOptimum:
     @pytest.mark.parametrize("measurement", ["fix", "phase"])
     def test_is_that_of_the_planner(self, solve, device, objective, measurement):
         result = solve(*TEAM, "--objective", objective, "--measurement", measurement, "--compare", "20,180")
-        form = objectives.form(measurement, objective)
+        code = objectives.objective_code(measurement, objective)
         table, points = link("extreme", 2, 70).to(device), torch.tensor([POSITIONS], device=device)
-        expected = global_search.plan_batch(table, points, form=form)[0].tolist()
+        expected = global_search.plan_batch(table, points, code=code)[0].tolist()
         best = result["optimum"]
         assert [best["x"], best["y"]] == pytest.approx(expected[:2], abs=1e-4)
         assert best["log_objective"] == pytest.approx(expected[2], abs=1e-4)
         boat = torch.tensor([[20.0, 180.0]], device=device)
-        there = objectives.log_objective_batch(table, points, boat, form=form)[0, 0].item()
+        there = objectives.log_objective_batch(table, points, boat, code=code)[0, 0].item()
         assert result["compare"][0]["log_objective"] == pytest.approx(there, abs=1e-4)
         assert result["compare"][0]["log_objective"] < best["log_objective"]
         assert result["centroid"]["log_objective"] <= best["log_objective"] + 1e-5

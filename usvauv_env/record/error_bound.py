@@ -27,8 +27,8 @@ def variance(trace: Trace) -> np.ndarray:
     layout = np.concatenate([trace.auv_position, separation[..., None]], -1).reshape(-1, auvs, 3).astype(np.float32)
     points = torch.from_numpy(layout).to(link.device)
     width, length = scenario.area.width, scenario.area.length
-    form = objectives.form("fix", "d")
-    best = global_search.plan_batch(link, points, form=form, width=width, length=length)[:, None, :2]
+    code = objectives.objective_code("fix", "d")
+    best = global_search.plan_batch(link, points, code=code, width=width, length=length)[:, None, :2]
     away = torch.cat([points[..., :2] - best, -points[..., 2:]], -1).reshape(-1, 3).contiguous()
     index = torch.arange(auvs, dtype=torch.int32, device=link.device).repeat(steps * worlds)
     level, none = away.new_zeros(len(away), 2), away.new_zeros(len(away), 5)

@@ -63,7 +63,7 @@ def program(site: Site, strategy: BoatStrategy) -> Program:
         strategy=strategy.functions,
         target_rule=target_rules[s.nodes.target_rule],
         observation=tuple(observation_terms[name].write for name in ObservationLayout.of(s).terms),
-        objective_code=objectives.form(s.planner.measurement, s.planner.objective),
+        objective_code=objectives.objective_code(s.planner.measurement, s.planner.objective),
         waveform=s.usbl.model == "waveform",
         refraction=refraction,
         tracker=s.tracker.enabled,

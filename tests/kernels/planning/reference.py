@@ -9,8 +9,8 @@ from torch.func import grad, jacrev, vmap
 from kernels.planning import objectives
 from kernels.positioning import sonar_equation, usbl
 
-FORMS = {
-    f"{objective} {measurement}": objectives.form(measurement, objective)
+CODES = {
+    f"{objective} {measurement}": objectives.objective_code(measurement, objective)
     for objective in objectives.OBJECTIVES
     for measurement in ("phase", "fix")
     if (objective, measurement) != ("paper", "fix")
@@ -58,7 +58,7 @@ def sigma(K, S, source_level=135.0):
     return torch.tensor(out, dtype=torch.float64)
 
 
-def log_objective(boat, auvs, link, form):
+def log_objective(boat, auvs, link, code):
     """ln of the objective in r̂, t̂ form and double precision: boat (..., 2), auvs (..., K, 3)."""
     d = auvs[..., :2] - boat[..., None, :]
     z2 = auvs[..., 2].square().clamp(min=1.0)
@@ -68,47 +68,47 @@ def log_objective(boat, auvs, link, form):
     log_T = link[:, usbl.LEVEL] - link[:, usbl.POWER] * torch.log(q / S0**2) - link[:, usbl.DECAY] * (q.sqrt() - S0)
     T, s2 = log_T.exp(), z2 / q
     cross = d[..., :, None, 0] * d[..., None, :, 1] - d[..., :, None, 1] * d[..., None, :, 0]
-    if form == FORMS["paper phase"]:
+    if code == CODES["paper phase"]:
         weight = T * (1 + s2**2) / (rho2 + 1)
         pairs = (weight[..., :, None] * weight[..., None, :] * cross.square()).sum((-1, -2)) / 2
         return (3 * (T.square() * s2).sum(-1) + pairs).log()
     v = 1 / T + link[:, usbl.ATTITUDE] * z2
-    if form == FORMS["sum fix"]:
+    if code == CODES["sum fix"]:
         return 2 * (1 / v).sum(-1).log()
-    if form == FORMS["sum phase"]:
+    if code == CODES["sum phase"]:
         # Sum over pairs of det (s⁴ r̂r̂ᵀ + t̂t̂ᵀ) terms: free of the cancellation that J11 J22 − J12² has.
         a, b = s2**2 / v, (1 + s2) / q / v
         tall = (b * rho2).sum(-1)
         pairs = (b[..., :, None] * b[..., None, :] * cross.square()).sum((-1, -2)) / 2
         return (a.sum(-1) ** 2 + a.sum(-1) * tall + pairs).log()
-    across, along = (v, v / s2**2) if form in (FORMS["d phase"], FORMS["a phase"], FORMS["e phase"]) else (v, v)
-    if form in (FORMS["d phase"], FORMS["d fix"]):
+    across, along = (v, v / s2**2) if code in (CODES["d phase"], CODES["a phase"], CODES["e phase"]) else (v, v)
+    if code in (CODES["d phase"], CODES["d fix"]):
         return -(across * along).log().sum(-1)
-    if form in (FORMS["a phase"], FORMS["a fix"]):
+    if code in (CODES["a phase"], CODES["a fix"]):
         return -(across + along).sum(-1).log()
     return -along.amax(-1).log()
 
 
-def best_by_dense_search(points, link, form, box):
+def best_by_dense_search(points, link, code, box):
     """Largest log objective of each layout over a grid of 5 m (200 m box), polished in double precision."""
     points, link = points.double(), link.double()
     n, cells = points.shape[0], 41
     axis = torch.linspace(0, box, cells, dtype=torch.float64)
     grid = torch.cartesian_prod(axis, axis)
-    value = torch.cat([log_objective(grid, part[:, None], link, form) for part in points.split(50)])
-    if form in (FORMS["e phase"], FORMS["e fix"]):
-        return torch.maximum(value.amax(1), best_of_one_peak(points, link, form, box))
+    value = torch.cat([log_objective(grid, part[:, None], link, code) for part in points.split(50)])
+    if code in (CODES["e phase"], CODES["e fix"]):
+        return torch.maximum(value.amax(1), best_of_one_peak(points, link, code, box))
     image = value.reshape(n, cells, cells)
     peak = image >= torch.nn.functional.max_pool2d(image[:, None], 3, 1, 1)[:, 0]
     x = grid[torch.where(peak.reshape(n, -1), value, -torch.inf).topk(5, dim=1).indices]
-    return polished(torch.cat([x, points[..., :2].clamp(0, box)], 1), points, link, form, box)
+    return polished(torch.cat([x, points[..., :2].clamp(0, box)], 1), points, link, code, box)
 
 
-def polished(x, points, link, form, box):
+def polished(x, points, link, code, box):
     """Best of the maxima uphill of some places (n, m, 2), by Newton steps with derivatives from autograd."""
 
     def f(boat, auvs):
-        return log_objective(boat, auvs, link, form)
+        return log_objective(boat, auvs, link, code)
 
     best = f(x, points[:, None])
     gradient, curvature = vmap(vmap(grad(f), (0, None))), vmap(vmap(jacrev(grad(f)), (0, None)))
@@ -144,11 +144,11 @@ def golden(f, n, high, steps=44):
     return torch.maximum(at_left, at_right)
 
 
-def best_of_one_peak(points, link, form, box):
+def best_of_one_peak(points, link, code, box):
     """Maximum of each layout by golden sections in x of golden sections in y: the way to a kink of one peak."""
     n = len(points)
 
     def column(x):
-        return golden(lambda y: log_objective(torch.stack([x, y], -1), points, link, form), n, box)
+        return golden(lambda y: log_objective(torch.stack([x, y], -1), points, link, code), n, box)
 
     return golden(column, n, box)

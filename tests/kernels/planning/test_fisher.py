@@ -98,7 +98,7 @@ class TestBound:
         auvs = torch.tensor([[60.0, 140.0, -100.0], [150.0, 95.0, -100.0]], device=device)
         link = table(device, 2)
         boat = {
-            "fim": global_search.plan_batch(link, auvs[None], form=objectives.form("fix", "d"))[0, :2],
+            "fim": global_search.plan_batch(link, auvs[None], code=objectives.objective_code("fix", "d"))[0, :2],
             "hold:0,0": auvs.new_tensor([0.0, 0.0]),
             "hold:100,100": auvs.new_tensor([100.0, 100.0]),
             "centroid": auvs[:, :2].mean(0),
@@ -125,7 +125,7 @@ class TestBound:
         ]
 
     def test_phases_at_known_depth(self, device, strategy):
-        """Estimating from Eq. 1's phases and the known depth meets J⁻¹ of form PHASE where the noise is small."""
+        """Estimates from Eq. 1's phases and the known depth meet J⁻¹ of PHASE where the noise is small."""
         auvs, boat = self.geometry(device, strategy)
 
         def estimator(link, k, offset, noise):
@@ -139,7 +139,7 @@ class TestBound:
 
     @pytest.mark.parametrize("attitude_error", [0.0, 0.004])
     def test_the_fixes_as_they_are(self, device, strategy, attitude_error):
-        """The fixes of `usbl.fix` at Table 1's source level, by a level array, meet J⁻¹ of form FIX."""
+        """The fixes of `usbl.fix` at Table 1's source level, by a level array, meet J⁻¹ of FIX."""
         auvs, boat = self.geometry(device, strategy)
 
         def estimator(link, k, offset, noise):

@@ -7,14 +7,14 @@ import torch
 
 from kernels.planning import global_search, objectives
 from kernels.positioning import usbl
-from tests.kernels.planning.reference import FORMS, KINDS, best_by_dense_search, log_objective, random_layouts, table
+from tests.kernels.planning.reference import CODES, KINDS, best_by_dense_search, log_objective, random_layouts, table
 
 AREA = 200.0
 
 
-def tolerance(form):
+def tolerance(code):
     """Largest gap in ln of the objective: E's optimum is a kink, where rounding the place to single precision tells."""
-    return 5e-6 if objectives.OBJECTIVES[form // 2] == "e" else 1e-6
+    return 5e-6 if objectives.OBJECTIVES[code // 2] == "e" else 1e-6
 
 
 def all_kinds(n, K, seed):
@@ -23,37 +23,37 @@ def all_kinds(n, K, seed):
 
 class TestPlan:
     @pytest.mark.parametrize("K", [2, 3, 4, 8])
-    @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-    def test_finds_the_global_maximum(self, device, form, K):
-        """1000 random layouts for each form, near-collinear, coincident, in corners, outside the box, at any depth."""
+    @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+    def test_finds_the_global_maximum(self, device, code, K):
+        """For each objective 1000 layouts: near-collinear, coincident, in corners, outside the box, at any depth."""
         link = table(device, K, attitude_error=0.0017)
-        points = all_kinds(42, K, 10 * K + form)
-        out = global_search.plan_batch(link, points.to(device), form=form, width=AREA, length=AREA).double().cpu()
+        points = all_kinds(42, K, 10 * K + code)
+        out = global_search.plan_batch(link, points.to(device), code=code, width=AREA, length=AREA).double().cpu()
         assert out[:, :2].min() >= 0
         assert out[:, :2].max() <= AREA
-        reached = log_objective(out[:, :2], points.double(), link.double().cpu(), form)
-        gap = best_by_dense_search(points, link.cpu(), form, AREA) - reached
-        assert gap.max() < tolerance(form)
+        reached = log_objective(out[:, :2], points.double(), link.double().cpu(), code)
+        gap = best_by_dense_search(points, link.cpu(), code, AREA) - reached
+        assert gap.max() < tolerance(code)
         # The value can be a sum of 2K logarithms in single precision.
         assert ((out[:, 2] - reached).abs() / (5 + reached.abs())).max() < 2e-6
 
     @pytest.mark.parametrize("name", ["d fix", "a phase", "e phase", "sum phase"])
     @pytest.mark.parametrize("noise", [{"planner_noise": "constant"}, {"noise_law": "demonstration"}])
     def test_other_noise(self, device, noise, name):
-        link, form = table(device, 3, **noise), FORMS[name]
+        link, code = table(device, 3, **noise), CODES[name]
         points = all_kinds(20, 3, 99)
-        out = global_search.plan_batch(link, points.to(device), form=form).double().cpu()
-        reached = log_objective(out[:, :2], points.double(), link.double().cpu(), form)
-        assert (best_by_dense_search(points, link.cpu(), form, AREA) - reached).max() < tolerance(form)
+        out = global_search.plan_batch(link, points.to(device), code=code).double().cpu()
+        reached = log_objective(out[:, :2], points.double(), link.double().cpu(), code)
+        assert (best_by_dense_search(points, link.cpu(), code, AREA) - reached).max() < tolerance(code)
 
-    @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-    def test_any_start_leads_there(self, device, form):
+    @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+    def test_any_start_leads_there(self, device, code):
         points = random_layouts("uniform", 200, 3, AREA, 4).to(device)
         link = table(device, 3)
         heights = []
         for seed in range(3):
             start = AREA * torch.rand(200, 2, generator=torch.Generator().manual_seed(seed))
-            heights.append(global_search.plan_batch(link, points, form=form, start=start.to(device))[:, 2])
+            heights.append(global_search.plan_batch(link, points, code=code, start=start.to(device))[:, 2])
         assert (heights[0] - heights[1]).abs().max() < 1e-5
         assert (heights[0] - heights[2]).abs().max() < 1e-5
 
@@ -68,16 +68,16 @@ class TestPlan:
         heights = []
         for seed in range(4):
             start = AREA * torch.rand(2000, 2, generator=torch.Generator().manual_seed(seed))
-            heights.append(global_search.plan_batch(link, points, form=FORMS[name], start=start.to(device))[:, 2])
+            heights.append(global_search.plan_batch(link, points, code=CODES[name], start=start.to(device))[:, 2])
         heights = torch.stack(heights)
         assert ((heights.amax(0) - heights.amin(0)) / (5 + heights[0].abs())).max() < 3e-6
 
-    @pytest.mark.parametrize("name", [name for name in FORMS if not name.startswith("paper")])
+    @pytest.mark.parametrize("name", [name for name in CODES if not name.startswith("paper")])
     def test_one_place_is_watched_from_straight_above(self, device, name):
         """One AUV, and three at the same place and depth."""
         for count in (1, 3):
             points = torch.tensor([[[37.0, 151.0, -100.0]] * count], device=device)
-            best = global_search.plan_batch(table(device, count, attitude_error=0.003), points, form=FORMS[name])[0]
+            best = global_search.plan_batch(table(device, count, attitude_error=0.003), points, code=CODES[name])[0]
             assert best[:2].tolist() == pytest.approx([37.0, 151.0], abs=1e-3)
 
     @pytest.mark.parametrize("name", ["d fix", "a fix", "e fix", "d phase", "a phase", "e phase"])
@@ -88,19 +88,19 @@ class TestPlan:
         place = torch.stack([100 - way, 100 + way])
         points = torch.cat([place, torch.full((2, 1), -100.0)], 1)[None].to(device)
         start = torch.tensor([[180.0, 30.0]], device=device)
-        best = global_search.plan_batch(table(device, 1).repeat(2, 1), points, form=FORMS[name], start=start)[0]
+        best = global_search.plan_batch(table(device, 1).repeat(2, 1), points, code=CODES[name], start=start)[0]
         assert best[:2].tolist() == pytest.approx([100, 100], abs=2e-3)
 
-    @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-    def test_order_and_mirror_change_nothing(self, device, form):
+    @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+    def test_order_and_mirror_change_nothing(self, device, code):
         points = all_kinds(20, 4, 11).to(device)
         link = table(device, 4, attitude_error=0.0017)
-        height = global_search.plan_batch(link, points, form=form)[:, 2]
+        height = global_search.plan_batch(link, points, code=code)[:, 2]
         order = torch.tensor([2, 0, 3, 1], device=device)
-        mixed = global_search.plan_batch(link[order].contiguous(), points[:, order].contiguous(), form=form)[:, 2]
+        mixed = global_search.plan_batch(link[order].contiguous(), points[:, order].contiguous(), code=code)[:, 2]
         mirrored = points.clone()
         mirrored[..., 0] = AREA - points[..., 0]
-        other = global_search.plan_batch(link, mirrored, form=form)[:, 2]
+        other = global_search.plan_batch(link, mirrored, code=code)[:, 2]
         for found in (mixed, other):
             assert ((found - height).abs() / (5 + height.abs())).max() < 3e-6
 
@@ -110,7 +110,7 @@ class TestPlan:
         link = table(device, 1).repeat(2, 1)
         for x in (20.0, 180.0):
             start = torch.tensor([[x, 100.0]], device=device)
-            goal = global_search.plan_batch(link, points, form=FORMS["sum phase"], start=start)[0]
+            goal = global_search.plan_batch(link, points, code=CODES["sum phase"], start=start)[0]
             assert abs(goal[0].item() - x) < 40
 
     def test_d_watches_all_where_the_sum_watches_one(self, device):
@@ -118,8 +118,8 @@ class TestPlan:
         points = torch.tensor([[[40.0, 100.0, -100.0], [160.0, 100.0, -100.0]]], device=device)
         link = table(device, 1).repeat(2, 1)
         start = torch.tensor([[41.0, 100.0]], device=device)
-        summed = global_search.plan_batch(link, points, form=FORMS["sum phase"], start=start)[0, 0].item()
-        d = global_search.plan_batch(link, points, form=FORMS["d fix"], start=start)[0, 0].item()
+        summed = global_search.plan_batch(link, points, code=CODES["sum phase"], start=start)[0, 0].item()
+        d = global_search.plan_batch(link, points, code=CODES["d fix"], start=start)[0, 0].item()
         assert min(abs(summed - 40), abs(summed - 160)) < 15
         assert d == pytest.approx(100, abs=0.1)
 
@@ -128,7 +128,7 @@ class TestPlan:
         points = torch.tensor([[[10.0, 100.0, -30.0], [14.0, 100.0, -30.0], [190.0, 100.0, -30.0]]], device=device)
         link = table(device, 1).repeat(3, 1)
         d, a, e = (
-            global_search.plan_batch(link, points, form=FORMS[name])[0, 0].item()
+            global_search.plan_batch(link, points, code=CODES[name])[0, 0].item()
             for name in ("d fix", "a fix", "e fix")
         )
         assert d < 20 < a - 40
@@ -138,10 +138,10 @@ class TestPlan:
         """Where no AUV is straight below, at least two have the worst variance."""
         points = random_layouts("uniform", 300, 4, AREA, 21)
         link = table(device, 4, attitude_error=0.0017)
-        out = global_search.plan_batch(link, points.to(device), form=FORMS["e fix"]).double().cpu()
+        out = global_search.plan_batch(link, points.to(device), code=CODES["e fix"]).double().cpu()
         alone = torch.stack(
             [
-                log_objective(out[:, :2], points[:, k : k + 1].double(), link[k : k + 1].double().cpu(), FORMS["e fix"])
+                log_objective(out[:, :2], points[:, k : k + 1].double(), link[k : k + 1].double().cpu(), CODES["e fix"])
                 for k in range(4)
             ]
         )
@@ -152,7 +152,7 @@ class TestPlan:
 
 
 class TestGreedy:
-    def best_of_disc(self, points, link, form, boat, reach):
+    def best_of_disc(self, points, link, code, boat, reach):
         """Highest value of each layout over rings round the boat, in the area, five times refined."""
         centre, size = boat.double(), torch.full((len(boat),), reach, dtype=torch.float64)
         best = torch.full((len(boat),), -torch.inf, dtype=torch.float64)
@@ -164,7 +164,7 @@ class TestGreedy:
             way = middle[:, None] + size[:, None, None] * disc - centre[:, None]
             far = way.norm(dim=2, keepdim=True).clamp(min=1e-30)
             place = (centre[:, None] + way * (reach / far).clamp(max=1)).clamp(0, AREA)
-            height = log_objective(place, points.double()[:, None], link.double(), form)
+            height = log_objective(place, points.double()[:, None], link.double(), code)
             top = height.argmax(1)
             best = torch.maximum(best, height.amax(1))
             middle = place[torch.arange(len(boat)), top]
@@ -182,33 +182,33 @@ class TestGreedy:
 
     @pytest.mark.parametrize("K", [2, 4])
     @pytest.mark.parametrize("reach", [4.0, 40.0])
-    @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-    def test_finds_the_best_place_in_reach(self, device, form, reach, K):
-        points, boat = self.case(K, 100 + form)
+    @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+    def test_finds_the_best_place_in_reach(self, device, code, reach, K):
+        points, boat = self.case(K, 100 + code)
         link = table(device, K, attitude_error=0.0017)
         out = (
-            global_search.greedy_batch(link, points.to(device), boat.to(device), form=form, reach=reach).double().cpu()
+            global_search.greedy_batch(link, points.to(device), boat.to(device), code=code, reach=reach).double().cpu()
         )
         assert ((out[:, :2] - boat).norm(dim=1) <= reach + 5e-5).all()
         assert out[:, :2].min() >= 0
         assert out[:, :2].max() <= AREA
-        reached = log_objective(out[:, :2], points.double(), link.double().cpu(), form)
-        gap = self.best_of_disc(points, link.cpu(), form, boat, reach) - reached
+        reached = log_objective(out[:, :2], points.double(), link.double().cpu(), code)
+        gap = self.best_of_disc(points, link.cpu(), code, boat, reach) - reached
         # On the disc's rim, too, the objective has a slope, and the rim is rounded to single precision. PAPER can have
         # several maxima round one AUV, and the climbs miss a slightly better one now and then.
-        assert gap.max() < (2e-3 if form == FORMS["paper phase"] else 1e-5)
+        assert gap.max() < (2e-3 if code == CODES["paper phase"] else 1e-5)
 
-    @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-    def test_with_a_reach_beyond_the_area_it_is_the_plan(self, device, form):
+    @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+    def test_with_a_reach_beyond_the_area_it_is_the_plan(self, device, code):
         points, boat = (part.to(device) for part in self.case(3, 7, 10))
         link = table(device, 3)
-        far = global_search.greedy_batch(link, points, boat, form=form, reach=500.0)
-        plan = global_search.plan_batch(link, points, form=form, start=boat)
+        far = global_search.greedy_batch(link, points, boat, code=code, reach=500.0)
+        plan = global_search.plan_batch(link, points, code=code, start=boat)
         assert (far - plan)[:, 2].abs().max() < 1e-5
 
     def test_no_reach_is_no_move(self, device):
         points, boat = (part.to(device) for part in self.case(3, 8, 5))
-        found = global_search.greedy_batch(table(device, 3), points, boat, form=FORMS["d fix"], reach=0.0)
+        found = global_search.greedy_batch(table(device, 3), points, boat, code=CODES["d fix"], reach=0.0)
         assert (found[:, :2] - boat).abs().max() < 1e-5
 
 
@@ -216,4 +216,4 @@ def test_too_many_auvs_are_refused(device):
     points = torch.zeros(1, 17, 3, device=device)
     link = torch.from_numpy(usbl.link_table([15000.0] * 17)).to(device)
     with pytest.raises(ValueError, match="17 AUVs, at most 16"):
-        global_search.plan_batch(link, points, form=FORMS["e fix"])
+        global_search.plan_batch(link, points, code=CODES["e fix"])

@@ -7,7 +7,7 @@ import torch
 from torch.func import grad, jacrev, vmap
 
 from kernels.planning import fisher, objectives
-from tests.kernels.planning.reference import FORMS, KINDS, log_objective, random_layouts, table
+from tests.kernels.planning.reference import CODES, KINDS, log_objective, random_layouts, table
 
 
 def random_boats(n, seed):
@@ -25,7 +25,7 @@ class TestPaper:
         log_T = math.log(fisher.information_batch(link, one, boat, measurement=fisher.FIX)[0, 0].item())
         chi = (angle[:, None] - angle).sin().square().sum().item() / 2
         return chi, {
-            name: math.exp(objectives.log_objective_batch(link, auvs, boat, form=FORMS[name])[0, 0].item() - 2 * log_T)
+            name: math.exp(objectives.log_objective_batch(link, auvs, boat, code=CODES[name])[0, 0].item() - 2 * log_T)
             for name in ("sum phase", "sum fix", "paper phase")
         }
 
@@ -58,7 +58,7 @@ class TestPaper:
         points, boat = random_layouts("depths", 20, 3, 200.0, 7).to(device), random_boats(20, 8).to(device)
         with_error, without = (
             objectives.log_objective_batch(
-                table(device, 3, attitude_error=error), points, boat, form=FORMS["paper phase"]
+                table(device, 3, attitude_error=error), points, boat, code=CODES["paper phase"]
             )
             for error in (0.01, 0.0)
         )
@@ -66,18 +66,18 @@ class TestPaper:
 
 
 @pytest.mark.parametrize("attitude_error", [0.0, 0.003])
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-def test_gradient_and_hessian(device, form, attitude_error):
+@pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+def test_gradient_and_hessian(device, code, attitude_error):
     n, K = 400, 4
     points = random_layouts("depths", n, K, 200.0, 5)
     boat = random_boats(n, 6)
     boat[:40] = points[:40, 0, :2]
     link = table(device, K, attitude_error=attitude_error)
-    out = objectives.log_objective_batch(link, points.to(device), boat.to(device), form=form).double().cpu()
+    out = objectives.log_objective_batch(link, points.to(device), boat.to(device), code=code).double().cpu()
     exact = link.double().cpu()
 
     def f(boat, auvs):
-        return log_objective(boat, auvs, exact, form)
+        return log_objective(boat, auvs, exact, code)
 
     boat, points = boat.double(), points.double()
     assert (out[:, 0] - f(boat, points)).abs().max() < 3e-5
@@ -106,8 +106,8 @@ class TestBlocks:
             whole[:, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = J.double().cpu()[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
 
         def value(objective):
-            form = objectives.form(measurement, objective)
-            return objectives.log_objective_batch(link, points, boat, form=form)[:, 0].double().cpu()
+            code = objectives.objective_code(measurement, objective)
+            return objectives.log_objective_batch(link, points, boat, code=code)[:, 0].double().cpu()
 
         return whole, value
 
@@ -125,7 +125,7 @@ class TestBlocks:
         torch.testing.assert_close(value("e"), torch.linalg.eigvalsh(whole)[:, 0].log(), atol=1e-4, rtol=0)
 
 
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("code", CODES.values(), ids=CODES)
 class TestInvariances:
     n, K = 10 * len(KINDS), 4
 
@@ -134,18 +134,18 @@ class TestInvariances:
         points = torch.cat([random_layouts(kind, 10, self.K, 200.0, 3) for kind in KINDS])
         return table(device, self.K, attitude_error=0.003), points.to(device), random_boats(self.n, 4).to(device)
 
-    def test_permutation(self, case, form):
+    def test_permutation(self, case, code):
         link, points, boat = case
         order = torch.tensor([2, 0, 3, 1], device=points.device)
-        plain = objectives.log_objective_batch(link, points, boat, form=form)
-        mixed = objectives.log_objective_batch(link[order].contiguous(), points[:, order].contiguous(), boat, form=form)
+        plain = objectives.log_objective_batch(link, points, boat, code=code)
+        mixed = objectives.log_objective_batch(link[order].contiguous(), points[:, order].contiguous(), boat, code=code)
         torch.testing.assert_close(mixed, plain, rtol=1e-4, atol=3e-5)
 
-    def test_mirror(self, case, form):
+    def test_mirror(self, case, code):
         link, points, boat = case
-        plain = objectives.log_objective_batch(link, points, boat, form=form)
+        plain = objectives.log_objective_batch(link, points, boat, code=code)
         mirror = torch.tensor([-1.0, 1.0, 1.0], device=points.device)
-        found = objectives.log_objective_batch(link, points * mirror, boat * mirror[:2], form=form)
+        found = objectives.log_objective_batch(link, points * mirror, boat * mirror[:2], code=code)
         signs = torch.tensor([1.0, -1, 1, 1, -1, 1], device=points.device)
         torch.testing.assert_close(found * signs, plain, rtol=1e-6, atol=1e-7)
 
@@ -158,27 +158,27 @@ def test_variances_are_convex(device, name, noise):
     points = torch.cat([random_layouts(kind, 500, 3, 200.0, 5) for kind in KINDS]).double()
     one, other = random_boats(len(points), 1).double(), random_boats(len(points), 2).double()
     at_one, at_other, between = (
-        (-log_objective(boat, points, link, FORMS[name])).exp() for boat in (one, other, 0.5 * (one + other))
+        (-log_objective(boat, points, link, CODES[name])).exp() for boat in (one, other, 0.5 * (one + other))
     )
     assert (between <= 0.5 * (at_one + at_other) * (1 + 1e-12)).all()
 
 
 def test_names():
     with pytest.raises(ValueError, match="measurement: 'sound' is not one of phase, fix"):
-        objectives.form("sound", "d")
+        objectives.objective_code("sound", "d")
     with pytest.raises(ValueError, match="objective: 'best' is not one of d, a, e, sum, paper"):
-        objectives.form("phase", "best")
-    assert len(set(FORMS.values())) == len(FORMS) == 9
+        objectives.objective_code("phase", "best")
+    assert len(set(CODES.values())) == len(CODES) == 9
 
 
 def test_too_many_auvs_are_refused(device):
     points = torch.zeros(1, 17, 3, device=device)
     with pytest.raises(ValueError, match="17 AUVs, at most 16"):
-        objectives.log_objective_batch(table(device, 17), points, points[:, 0, :2].contiguous(), form=FORMS["a fix"])
+        objectives.log_objective_batch(table(device, 17), points, points[:, 0, :2].contiguous(), code=CODES["a fix"])
 
 
 def test_a_boat_for_each_layout(device):
     with pytest.raises(ValueError, match=r"places: \(3, 2\) must be \(4, 2\)"):
         objectives.log_objective_batch(
-            table(device, 2), torch.zeros(4, 2, 3, device=device), torch.zeros(3, 2, device=device), form=FORMS["a fix"]
+            table(device, 2), torch.zeros(4, 2, 3, device=device), torch.zeros(3, 2, device=device), code=CODES["a fix"]
         )

@@ -130,9 +130,9 @@ class TestPlan:
             track[..., columns] = value
         link = links(2, device, attitude_error=0.0)
         found = receding_horizon.plan_batch(track, estimate, link, boat, goal, steps=1, top_speed=300.0, **MODEL)
-        best = global_search.plan_batch(link, estimate, form=objectives.form("fix", "d"))
+        best = global_search.plan_batch(link, estimate, code=objectives.objective_code("fix", "d"))
         at_found = objectives.log_objective_batch(
-            link, estimate, found[:, :2].contiguous(), form=objectives.form("fix", "d")
+            link, estimate, found[:, :2].contiguous(), code=objectives.objective_code("fix", "d")
         )[:, 0]
         gap = (best[:, 2] - at_found).cpu().numpy()
         assert np.mean(gap < 1e-5) > 0.98  # one climb: of two maxima it may find the lower
@@ -235,7 +235,7 @@ def voyage(device, count, planner, *, top_speed, steps, seed, worlds=64):
 
 
 def to_the_optimum(link, track, estimate, boat, goal):
-    return global_search.plan_batch(link, estimate, form=objectives.form("fix", "d"), start=goal)[:, :2]
+    return global_search.plan_batch(link, estimate, code=objectives.objective_code("fix", "d"), start=goal)[:, :2]
 
 
 def ahead(steps, top_speed):
@@ -243,7 +243,7 @@ def ahead(steps, top_speed):
         options = {"criterion": "a", "steps": steps, "top_speed": top_speed}
         return receding_horizon.plan_batch(track, estimate, link, boat, goal, **options, **MODEL)[:, :2]
 
-    return global_search
+    return planner
 
 
 class TestVoyage:

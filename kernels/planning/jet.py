@@ -1,0 +1,71 @@
+"""Jets: numbers that carry their derivatives by the boat's place (x, y), with the rules of calculus.
+
+A first-order jet is a vec3 (f, f_x, f_y), a second-order jet a vec6 (f, f_x, f_y, f_xx, f_xy, f_yy). Sums and multiples
+by a constant are those of vectors.
+"""
+
+import taichi as ti
+
+from kernels.types import vec3, vec6
+
+VALUE, X, Y, XX, XY, YY = range(6)
+
+
+@ti.func
+def product(u, v):
+    """u v, of two jets of the same order."""
+    f = u
+    f[VALUE] = u[VALUE] * v[VALUE]
+    for i in ti.static((X, Y)):
+        f[i] = u[i] * v[VALUE] + u[VALUE] * v[i]
+    if ti.static(u.n > 3):
+        f[XX] = u[XX] * v[VALUE] + 2.0 * u[X] * v[X] + u[VALUE] * v[XX]
+        f[XY] = u[XY] * v[VALUE] + u[X] * v[Y] + u[Y] * v[X] + u[VALUE] * v[XY]
+        f[YY] = u[YY] * v[VALUE] + 2.0 * u[Y] * v[Y] + u[VALUE] * v[YY]
+    return f
+
+
+@ti.func
+def square(u: vec6) -> vec6:
+    """u²; fewer operations than `product`."""
+    return vec6(
+        u[VALUE] * u[VALUE],
+        2.0 * u[VALUE] * u[X],
+        2.0 * u[VALUE] * u[Y],
+        2.0 * (u[X] * u[X] + u[VALUE] * u[XX]),
+        2.0 * (u[X] * u[Y] + u[VALUE] * u[XY]),
+        2.0 * (u[Y] * u[Y] + u[VALUE] * u[YY]),
+    )
+
+
+@ti.func
+def ratio(u: vec3, v: vec3) -> vec3:
+    """u/v, of first order."""
+    value = u[VALUE] / v[VALUE]
+    return vec3(value, (u[X] - value * v[X]) / v[VALUE], (u[Y] - value * v[Y]) / v[VALUE])
+
+
+@ti.func
+def add_gradient_product(u: vec6, factor) -> vec6:
+    """u with `factor` ∇u ∇uᵀ added to its Hessian, as the chain rule of exponential and logarithm asks for."""
+    f = u
+    f[XX] += factor * u[X] * u[X]
+    f[XY] += factor * u[X] * u[Y]
+    f[YY] += factor * u[Y] * u[Y]
+    return f
+
+
+@ti.func
+def logarithm(u: vec6) -> vec6:
+    """ln u."""
+    f = add_gradient_product(u / u[VALUE], -1.0)
+    f[VALUE] = ti.log(u[VALUE])
+    return f
+
+
+@ti.func
+def of_squared_distance(g: vec3, dx, dy) -> vec6:
+    """A function g(q), g'(q), g''(q) of q = dx² + dy² + a constant; dx and dy are the boat's place minus another."""
+    g1 = 2.0 * g[1]  # the derivatives of q by x and y are 2 dx, 2 dy and 2
+    g2 = 4.0 * g[2]
+    return vec6(g[0], g1 * dx, g1 * dy, g1 + g2 * dx * dx, g2 * dx * dy, g1 + g2 * dy * dy)
