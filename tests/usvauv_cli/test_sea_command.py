@@ -29,6 +29,7 @@ from usvauv_env.sea.forcing import build_sea, build_short_waves
 from usvauv_env.sea.storm import cumulative
 from usvauv_env.sea_alone.netcdf import SeaFile
 from usvauv_env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
+from usvauv_env.site.site import Site
 
 STEADY = ["current.mutual=false", "current.viscosity=0"]
 STILL = ["storm.spectrum=none", "sea.irregular_rms=0", "sea.start_rms=0", "current.count=0"]
@@ -63,8 +64,8 @@ def data(tmp_path_factory):
 class TestData:
     def test_is_the_sea_of_the_solvers(self, data):
         path, scenario = data
-        long_waves = build_sea(scenario, 3, 1, (25, 30))
-        storm = build_short_waves(scenario, 3, 1)
+        long_waves = build_sea(Site(scenario), 3, 1, (25, 30))
+        storm = build_short_waves(Site(scenario), 3, 1)
         with xarray.open_dataset(path, engine="h5netcdf") as file:
             assert file.elevation.dims == ("time", "y", "x")
             assert file.elevation.shape == (6, 30, 25)
@@ -191,8 +192,7 @@ class TestSeaSimulation:
         def still_depth(_, shape):
             return np.where(np.arange(shape[0]) < shape[0] // 2, -3.0, 50.0) * np.ones((shape[1], 1))
 
-        for module in ("sea.forcing", "sea_alone.simulation"):
-            monkeypatch.setattr(f"usvauv_env.{module}.still_depth", still_depth)
+        monkeypatch.setattr(Site, "still_depth", still_depth)
         scenario = Scenario.load("extreme", ["area.depth=50", "auv.depth=40"])
         sea = SeaSimulation(scenario, 0, (20, 20), 1.0)
         assert not sea.surface().storm[:, :10].any()
@@ -211,7 +211,7 @@ class TestSeaSimulation:
                 y, x = np.mgrid[0:3, 0:4]
                 return np.stack([np.stack([x + t, 10.0 * y], -1)] * 2).astype(np.float32)
 
-        monkeypatch.setattr("usvauv_env.sea_alone.simulation.real_current", lambda _: Flow())
+        monkeypatch.setattr(Site, "current", Flow())
         sea = SeaSimulation(Scenario.load("extreme"), 0, (8, 8), 2.0)
         sea.advance()
         np.testing.assert_allclose(sea.current()[..., 0], np.broadcast_to(3 * sea.x / 200 + 2, (8, 8)), rtol=1e-6)

@@ -10,12 +10,18 @@ from kernels.mission.columns import BoatColumn
 from kernels.shallow_water.packing import Packing
 from usvauv_env import Scenario, World
 from usvauv_env.sea.forcing import build_sea, coarse_cells, draw_edge_wave, fine_cells
+from usvauv_env.site.site import Site
 
 EDGES = ["west", "east", "south", "north"]
 
 
 def scenario(width: float = 200.0, length: float = 200.0, **sea) -> Scenario:
     return Scenario.from_dict({"area": {"width": width, "length": length}, "sea": sea})
+
+
+def sea_of(scenario: Scenario, seed: int, num_seas: int, cells: tuple[int, int] | None = None):
+    """Seas of a scenario at its own site."""
+    return build_sea(Site(scenario), seed, num_seas, cells)
 
 
 def between_cells(fine: np.ndarray, cells: tuple[int, int]) -> np.ndarray:
@@ -33,7 +39,7 @@ STORM = {"forced_edge": "west", "irregular_rms": 0.5, "regular_amplitude": 0.3, 
 
 class TestSeeds:
     def test_a_sea_does_not_depend_on_the_others(self):
-        few, more = (build_sea(scenario(**STORM), 11, n, (20, 20)) for n in (3, 19))
+        few, more = (sea_of(scenario(**STORM), 11, n, (20, 20)) for n in (3, 19))
         for _ in range(3):
             few.advance()
             more.advance()
@@ -41,8 +47,8 @@ class TestSeeds:
 
     def test_seeds_and_seas_differ(self):
         storm = scenario(**STORM)
-        one, two = (build_sea(storm, seed, 2, (20, 20)).elevation() for seed in (1, 2))
-        again = build_sea(storm, 1, 2, (20, 20)).elevation()
+        one, two = (sea_of(storm, seed, 2, (20, 20)).elevation() for seed in (1, 2))
+        again = sea_of(storm, 1, 2, (20, 20)).elevation()
         np.testing.assert_array_equal(one, again)
         fields = [one[0], one[1], two[0], two[1]]
         for a in range(4):
@@ -54,7 +60,7 @@ class TestSeeds:
         starts = []
         for components in (1, 16):
             sea = scenario(forced_edge="west", start_rms=1.0, irregular_components=components)
-            starts.append(build_sea(sea, 3, 1, (20, 20)).elevation())
+            starts.append(sea_of(sea, 3, 1, (20, 20)).elevation())
         np.testing.assert_array_equal(*starts)
 
 
@@ -72,7 +78,7 @@ class TestStatistics:
     @pytest.mark.parametrize("edge", ["none", *EDGES])
     def test_start_rms_is_exact(self, edge):
         """The modes are orthogonal on the grid too, so the rms over the cells is that over the area, in f32."""
-        sea = build_sea(scenario(start_rms=0.7, forced_edge=edge), 5, 2, (40, 30))
+        sea = sea_of(scenario(start_rms=0.7, forced_edge=edge), 5, 2, (40, 30))
         eta = sea.elevation()
         np.testing.assert_allclose(np.sqrt((eta.astype(float) ** 2).mean(axis=(1, 2))), 0.7, rtol=1e-6)
         if edge == "none":
@@ -80,14 +86,14 @@ class TestStatistics:
 
     def test_start_fits_the_edges(self):
         """A wall meets no slope and a forced edge no elevation: both vanish with the cells towards the edge."""
-        eta = build_sea(scenario(start_rms=1.0, forced_edge="north"), 2, 1, (256, 256)).elevation()[0]
+        eta = sea_of(scenario(start_rms=1.0, forced_edge="north"), 2, 1, (256, 256)).elevation()[0]
         steepest = np.abs(np.diff(eta, axis=1)).max()
         assert np.abs(eta[-1]).max() < 0.03 * np.abs(eta).max()
         assert np.abs(eta[1] - eta[0]).max() < 0.1 * steepest
         assert np.abs(eta[:, 1] - eta[:, 0]).max() < 0.1 * steepest
 
     def test_flat(self):
-        sea = build_sea(scenario(), 0, 4)
+        sea = sea_of(scenario(), 0, 4)
         assert sea.still
         sea.advance()
         assert not sea.elevation().any()
@@ -104,7 +110,7 @@ class TestForcing:
         """
         wave = {"regular_amplitude": 1.0, "regular_period": 60.0, "drag": drag}
         storm = scenario(200.0, 120.0, forced_edge=edge, update_interval=3.0, **wave)
-        sea = build_sea(storm, 0, 1, (50, 30))
+        sea = sea_of(storm, 0, 1, (50, 30))
         across = edge in ("west", "east")
         L, n = (200.0, 50) if across else (120.0, 30)
         omega = 2 * math.pi / 60
@@ -121,14 +127,14 @@ class TestForcing:
     def test_a_resonant_wave_starts_from_rest(self):
         period = 4 * 200 / math.sqrt(9.81 * 120)
         wave = {"forced_edge": "west", "regular_amplitude": 1.0, "regular_period": period}
-        assert not build_sea(scenario(**wave), 0, 1).elevation().any()
-        drag = build_sea(scenario(**wave, drag=0.2), 0, 1).elevation()
+        assert not sea_of(scenario(**wave), 0, 1).elevation().any()
+        drag = sea_of(scenario(**wave, drag=0.2), 0, 1).elevation()
         assert 0.5 < np.abs(drag).max() < 10
 
     def test_open_basin_carries_a_progressive_wave(self):
         """Forced in the west with an open east: e^{i(ωt − kx)} from the start on, in exact arithmetic."""
         wave = {"regular_amplitude": 1.0, "regular_period": 60.0}
-        sea = build_sea(scenario(forced_edge="west", radiating_edges=["east"], **wave), 0, 1, (100, 20))
+        sea = sea_of(scenario(forced_edge="west", radiating_edges=["east"], **wave), 0, 1, (100, 20))
         k = 2 * math.pi / 60 / math.sqrt(9.81 * 120)
         x = (np.arange(100) + 0.5) * 2
         for _ in range(90):
@@ -139,7 +145,7 @@ class TestForcing:
     def test_sponge_takes_it(self):
         """A layer of the wave's own length at the far end: what comes back is below one in a hundred."""
         wave = {"regular_amplitude": 1.0, "regular_period": 5.0, "sponge_width": 171.0}
-        sea = build_sea(scenario(400.0, forced_edge="west", sponge_edges=["east"], **wave), 0, 1, (400, 10))
+        sea = sea_of(scenario(400.0, forced_edge="west", sponge_edges=["east"], **wave), 0, 1, (400, 10))
         k = 2 * math.pi / 5 / math.sqrt(9.81 * 120)
         x = np.arange(400) + 0.5
         for _ in range(60):
@@ -151,7 +157,7 @@ class TestForcing:
     def test_incoming_wave(self):
         """Prescribed as the incoming wave at the open edge before a wall: twice its amplitude stands at the wall."""
         wave = {"regular_amplitude": 1.0, "regular_period": 40.0, "forcing": "incident"}
-        sea = build_sea(scenario(forced_edge="west", **wave), 0, 1, (100, 20))
+        sea = sea_of(scenario(forced_edge="west", **wave), 0, 1, (100, 20))
         k = 2 * math.pi / 40 / math.sqrt(9.81 * 120)
         x = (np.arange(100) + 0.5) * 2
         for _ in range(90):
@@ -163,7 +169,7 @@ class TestForcing:
     def test_nothing_shocks(self):
         """The record at the wall is smooth: no second difference in time is larger than the waves' own, a ω² dt²."""
         storm = scenario(forced_edge="west", irregular_rms=1.0, update_interval=1.0)
-        sea = build_sea(storm, 4, 1, (50, 50))
+        sea = sea_of(storm, 4, 1, (50, 50))
         wall = []
         for _ in range(120):
             wall.append(sea.elevation()[0, 20, -1])
@@ -186,7 +192,7 @@ class TestResolution:
         """
         modes = 3
         calm = scenario(start_rms=0.5, start_modes=modes, update_interval=2.0)
-        coarse, fine = build_sea(calm, 6, 1), build_sea(calm, 6, 1, (512, 512))
+        coarse, fine = sea_of(calm, 6, 1), sea_of(calm, 6, 1, (512, 512))
         place = (np.arange(50) + 0.5) / 50
         basis = np.cos(math.pi * place[:, None] * np.arange(modes + 1))
         amplitude = np.abs(np.linalg.pinv(basis) @ coarse.elevation()[0] @ np.linalg.pinv(basis).T)
@@ -213,7 +219,7 @@ class TestResolution:
         their difference; half of it is allowed."""
         sea = {"forced_edge": "south", "irregular_rms": 0.5, "start_rms": 0.3, "start_modes": 2, "drag": 0.01}
         storm = scenario(**sea, update_interval=2.0)
-        coarse, middle, fine = (build_sea(storm, 9, 1, cells) for cells in ((25, 25), (50, 50), (512, 512)))
+        coarse, middle, fine = (sea_of(storm, 9, 1, cells) for cells in ((25, 25), (50, 50), (512, 512)))
         predicted, found = 0.0, 0.0
         for _ in range(10):
             for solver in (coarse, middle, fine):
@@ -235,7 +241,7 @@ class TestNonlinear:
         differences = []
         for cells in ((25, 25), (50, 50)):
             linear, nonlinear = (
-                build_sea(scenario(**CALM, equations=equations), 3, 2, cells) for equations in ("linear", "nonlinear")
+                sea_of(scenario(**CALM, equations=equations), 3, 2, cells) for equations in ("linear", "nonlinear")
             )
             np.testing.assert_allclose(linear.elevation(), nonlinear.elevation(), atol=1e-6)
             for _ in range(5):
@@ -247,7 +253,7 @@ class TestNonlinear:
 
     def test_packed_for_the_boats(self):
         """The packed elevation is the solvers' own, and goes back with the state, bit for bit."""
-        sea = build_sea(scenario(**CALM, equations="nonlinear"), 3, 19, (20, 15))
+        sea = sea_of(scenario(**CALM, equations="nonlinear"), 3, 19, (20, 15))
         fields, clocks = sea.state()
         before = sea.elevation()
         sea.advance()
@@ -265,7 +271,7 @@ class TestNonlinear:
         about = {"forced_edge": "west", "radiating_edges": ["east"], "regular_amplitude": 1.0, "regular_period": 20.0}
         steepest = {}
         for equations in ("linear", "nonlinear"):
-            sea = build_sea(
+            sea = sea_of(
                 Scenario.from_dict(
                     {
                         "area": {"width": 200, "length": 40, "depth": 5},
@@ -304,7 +310,7 @@ class TestNonlinear:
 def test_extreme_has_five_metre_crests():
     """As the scenario says: the median over its seas of the highest long-wave crest of an episode."""
     scenario = Scenario.load("extreme")
-    sea = build_sea(scenario, 7, 32)
+    sea = sea_of(scenario, 7, 32)
     highest = np.zeros(32)
     for _ in range(1000):
         sea.advance()
@@ -316,7 +322,7 @@ def test_table_1_tide_is_flat():
     """Five metres high and flat to 2 µm by Eq. 7 (λ is 1482 km, the area 0.2 km); solved, to single precision."""
     kL = 2 * math.pi / 43200 / math.sqrt(9.81 * 120) * 200
     assert 5 * (1 / math.cos(kL) - 1) < 2e-6
-    sea = build_sea(Scenario.load("paper-extreme"), 0, 1, (50, 50))
+    sea = sea_of(Scenario.load("paper-extreme"), 0, 1, (50, 50))
     for _ in range(3):
         sea.advance()
     elevation = sea.elevation()[0]
@@ -329,7 +335,7 @@ def test_resonance_is_at_a_quarter_wave():
     amplitude = {}
     for period in (4 * 200 / math.sqrt(9.81 * 120), 30.0):
         overrides = ["sea.forced_edge=east", "sea.regular_amplitude=0.1", f"sea.regular_period={period}"]
-        sea = build_sea(Scenario.load("ideal", overrides), 0, 1, (50, 50))
+        sea = sea_of(Scenario.load("ideal", overrides), 0, 1, (50, 50))
         wall = []
         for _ in range(int(12 * period)):
             sea.advance()

@@ -12,8 +12,8 @@ from kernels.positioning import sonar_equation
 from tests.usvauv_env.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.forcing import build_sea
-from usvauv_env.site.bed_and_current import bed, mean_depth
 from usvauv_env.site.local_frame import LocalFrame
+from usvauv_env.site.site import Site
 from usvauv_env.world.tables import data_level
 
 PLACE = ["area.width=4000", "area.length=3000", "sea.cell_size=100", "water.longitude=5.01", "water.latitude=60.01"]
@@ -93,14 +93,14 @@ class TestRealBed:
         return Scenario.load("ideal", [*place, f"water.bathymetry={slope}", *changes])
 
     def test_bed_of_the_mission_and_of_the_sea(self, slope):
-        scenario, frame = self.scenario(slope), LocalFrame(4.95, 59.95)
-        field = bed(scenario)[0, :, :, 0]
+        site, frame = Site(self.scenario(slope)), LocalFrame(4.95, 59.95)
+        field = site.bed[0, :, :, 0]
         x, y = np.meshgrid(np.linspace(0, 1500, field.shape[1]), np.linspace(0, 1000, field.shape[0]))
         np.testing.assert_allclose(field, bed_depth(*frame.to_geographic(x, y)), atol=0.01)
-        sea = build_sea(scenario, 0, 1)
+        sea = build_sea(site, 0, 1)
         x, y = np.meshgrid((np.arange(30) + 0.5) * 50, (np.arange(20) + 0.5) * 50)
         np.testing.assert_allclose(sea.depth, bed_depth(*frame.to_geographic(x, y)), atol=0.01)
-        assert mean_depth(scenario) == pytest.approx(sea.depth.mean(), abs=0.1)
+        assert site.mean_depth == pytest.approx(sea.depth.mean(), abs=0.1)
 
     def test_nodes_lie_on_it(self, slope):
         """A service has the data rate of the slant range to a node on the bed."""
@@ -130,7 +130,7 @@ class TestRealBed:
     def test_dry_land_in_the_nonlinear_sea(self, slope):
         """Over the file's shore: water at rest stays at rest and land stays dry."""
         place = ["water.longitude=5.05", "water.latitude=60.05", "area.width=5000", "area.length=5000"]
-        sea = build_sea(self.scenario(slope, *place, "sea.equations=nonlinear", "sea.cell_size=100"), 0, 1)
+        sea = build_sea(Site(self.scenario(slope, *place, "sea.equations=nonlinear", "sea.cell_size=100")), 0, 1)
         before = sea.elevation()
         sea.advance()
         np.testing.assert_array_equal(sea.elevation(), before)

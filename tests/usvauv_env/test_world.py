@@ -15,6 +15,7 @@ from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from kernels.types import Level
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.forcing import build_short_waves
+from usvauv_env.site.site import Site
 
 
 def steer(observation: torch.Tensor, num_auvs: int = 2, share: float = 0.7) -> torch.Tensor:
@@ -292,7 +293,7 @@ class TestStorm:
         fine = World(scenario, num_worlds=1, seed=3, first_world=5, fine_sea=True)
         for each in (world, fine):
             run(each, 3)
-        pool = build_short_waves(scenario, 3, 16)
+        pool = build_short_waves(Site(scenario), 3, 16)
         pool.set_time(3.0)
         for each, cells in ((world, 50), (fine, 128)):
             x = (np.arange(cells) + 0.5) * 200 / cells

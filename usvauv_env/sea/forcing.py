@@ -16,7 +16,7 @@ from kernels.shallow_water.nonlinear import NonlinearShallowWater
 from usvauv_env.scenario import Scenario
 from usvauv_env.sea.nonlinear_pool import NonlinearSeas
 from usvauv_env.sea.storm import AirySea, build_storm
-from usvauv_env.site.bed_and_current import mean_depth, still_depth
+from usvauv_env.site.site import Site
 
 RESONANT_GAIN = 10.0  # |1/cos kL| from which a component starts from rest instead of in its steady state
 
@@ -43,20 +43,20 @@ def fine_cells(scenario: Scenario) -> tuple[int, int]:
 
 
 def build_sea(
-    scenario: Scenario, seed: int, num_seas: int, cells: tuple[int, int] | None = None, first: int = 0
+    site: Site, seed: int, num_seas: int, cells: tuple[int, int] | None = None, first: int = 0
 ) -> ShallowWater | NonlinearSeas:
     """Seas `first` to `first` + `num_seas` − 1 of a seed at t = 0; `advance` moves them on by `sea.update_interval`.
 
     Args:
-        scenario: its sections `area`, `water` and `sea` are used.
+        site: its bed, and the sections `area` and `sea` of its scenario, are used.
         seed: any non-negative integer.
         num_seas: number of seas.
         cells: (nx, ny); default `coarse_cells`.
         first: index of the first sea.
     """
-    sea = scenario.sea
+    scenario, sea = site.scenario, site.scenario.sea
     cells = cells or coarse_cells(scenario)
-    depth = still_depth(scenario, cells)
+    depth = site.still_depth(cells)
     size = scenario.area.width, scenario.area.length
     about = {"size": size, "cells": cells, "interval": sea.update_interval, "gravity": sea.gravity, "drag": sea.drag}
     drawn = [_draw(scenario, seed, first + index, cells, float(depth[depth > 0].mean())) for index in range(num_seas)]
@@ -98,9 +98,10 @@ def _draw(
     return wave, eta, u, v
 
 
-def build_short_waves(scenario: Scenario, seed: int, num_seas: int, first: int = 0) -> AirySea:
+def build_short_waves(site: Site, seed: int, num_seas: int, first: int = 0) -> AirySea:
     """The storm upon the seas of `build_sea`, with velocities at the levels `kernels.mission.columns.Level`."""
-    sea, storm, cruise, depth = scenario.sea, scenario.storm, scenario.auv.depth, mean_depth(scenario)
+    scenario, depth = site.scenario, site.mean_depth
+    sea, storm, cruise = scenario.sea, scenario.storm, scenario.auv.depth
     return build_storm(
         spectrum=storm.spectrum,
         significant_height=storm.significant_height,
@@ -209,13 +210,13 @@ def add_response(
         v += speed[:, None]
 
 
-def fastest(scenario: Scenario) -> float:
+def fastest(site: Site) -> float:
     """Bound on the speed of the water in long waves, m/s, except in resonance without drag.
 
     Forced components in their steady state, all in phase, and the start's modes likewise (by Cauchy and Schwarz), each
     mode with the speed √(g/h) of a progressive wave of its elevation.
     """
-    sea, depth = scenario.sea, mean_depth(scenario)
+    scenario, sea, depth = site.scenario, site.scenario.sea, site.mean_depth
     start = 2 * sea.start_rms * (sea.start_modes + 1) * math.sqrt(sea.gravity / depth)
     if sea.forced_edge == "none":
         return start

@@ -14,7 +14,7 @@ from kernels.types import Level
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.forcing import build_sea, build_short_waves, fine_cells
 from usvauv_env.sections import Water
-from usvauv_env.site.bed_and_current import real_current, still_depth
+from usvauv_env.site.site import Site
 from usvauv_env.world.world import World
 
 FEWEST, MOST = 3, 8192  # cells along a side
@@ -109,7 +109,9 @@ class SeaSimulation:
             raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
         self.scenario, self.seed, self.interval = scenario, seed, interval
         self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
-        self.depth = still_depth(scenario, shape)
+        paced = scenario.sea.model_copy(update={"update_interval": interval})
+        site = Site(scenario.model_copy(update={"sea": paced}))
+        self.depth = site.still_depth(shape)
         self.wet = self.depth > 0
         self._evolve_vortices = None
         current, self._pieces = scenario.current, math.ceil(interval / scenario.mission.step)
@@ -117,12 +119,11 @@ class SeaSimulation:
             room = self._vortex.new_zeros((*self._vortex.shape[:2], 7))
             step = interval / self._pieces
             self._evolve_vortices = vortex.evolution(self._vortex, room, step, current.viscosity, current.mutual)
-        self._flow = real_current(scenario)
+        self._flow = site.current
         flow_changes = self._flow is not None and len(self._flow.times) > 1
         self.steady = self._evolve_vortices is None and not flow_changes
-        paced = scenario.sea.model_copy(update={"update_interval": interval})
-        self.long_waves = build_sea(scenario.model_copy(update={"sea": paced}), seed, 1, shape)
-        self.storm = build_short_waves(scenario, seed, 1)
+        self.long_waves = build_sea(site, seed, 1, shape)
+        self.storm = build_short_waves(site, seed, 1)
         self.x = (np.arange(shape[0]) + 0.5) * (scenario.area.width / shape[0])
         self.y = (np.arange(shape[1]) + 0.5) * (scenario.area.length / shape[1])
         self._steps = 0

@@ -56,7 +56,7 @@ def current_bound(site: Site) -> float:
     scenario = site.scenario
     current, storm = scenario.current, scenario.storm
     peak = current.vortices * VORTEX_PEAK * current.circulation_max / current.core_radius_min
-    peak += fastest(scenario)
+    peak += fastest(site)
     if (flow := site.current) is not None:
         peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
     if storm.spectrum != "none":

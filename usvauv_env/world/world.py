@@ -284,16 +284,16 @@ class World:
         seed = self.seed + (episode << 64)
         if self._fine_sea:
             first = self._first_world % pool
-            self._sea = build_sea(self.scenario, seed, 1, fine_cells(self.scenario), first)
-            self._storm = build_short_waves(self.scenario, seed, 1, first)
+            self._sea = build_sea(self.site, seed, 1, fine_cells(self.scenario), first)
+            self._storm = build_short_waves(self.site, seed, 1, first)
             lane = torch.zeros(1, dtype=torch.int32)
         else:
             first = self._first_world % pool
             count = min(self.num_worlds, pool)
             if first + count > pool:  # around the end of the pool
                 first, count = 0, pool
-            self._sea = build_sea(self.scenario, seed, count, first=first)
-            self._storm = build_short_waves(self.scenario, seed, count, first=first)
+            self._sea = build_sea(self.site, seed, count, first=first)
+            self._storm = build_short_waves(self.site, seed, count, first=first)
             lane = (torch.arange(self.num_worlds) + self._first_world) % pool - first
         self._lane = lane.to(self.device, torch.int32)
         (U, V), (unit_x, unit_y) = self.sea.transports, self.sea.units
