@@ -1,11 +1,11 @@
 """Policies and training runs on disk: tensors in safetensors, everything else in JSON, so that loading runs no code.
 
-    NAME/policy.json            what it is, how it was made, how it scored
+    NAME/policy.json            the policy's settings, how it was made, its score
     NAME/policy.safetensors     actor weights, and statistics of the standardizer under the keys `whitening.*`
-    NAME/training.json          counters of a run that can go on
+    NAME/training.json          counters of a run, for resuming
     NAME/training.safetensors   networks, optimisers, replay, generator, world
 
-A directory is written beside its place and moved there when it is complete.
+A directory is written under another name beside its own and renamed when it is complete.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def write(directory: Path, parts: Mapping[str, tuple[Mapping[str, Any], Mapping[
     """Write `part.json` and `part.safetensors` for each part; the directory changes as a whole or not at all.
 
     Raises:
-        PolicyError: the place cannot be written.
+        PolicyError: the directory cannot be written.
     """
     directory = Path(directory)
     try:
@@ -59,7 +59,7 @@ def write(directory: Path, parts: Mapping[str, tuple[Mapping[str, Any], Mapping[
 
 
 def _swap(new: Path, place: Path) -> None:
-    """Put the directory `new` into its place; what was there comes back if that fails."""
+    """Rename the directory `new` to `place`; what was there is restored if that fails."""
     old = new.with_name(new.name + "-old")
     if place.exists():
         os.replace(place, old)
@@ -77,7 +77,7 @@ def _tensors(directory: Path, part: str) -> Path:
 
 
 def read(directory: Path, part: str, device: torch.device) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """What `write` stored for a part.
+    """JSON and tensors of a part, as given to `write`.
 
     Raises:
         PolicyError: missing or damaged.
@@ -98,7 +98,7 @@ def read(directory: Path, part: str, device: torch.device) -> tuple[dict[str, An
 
 
 def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, Any]) -> tuple[dict, dict]:
-    """JSON and tensors of a policy; `about` adds how it was made and how it scored."""
+    """JSON and tensors of a policy; `about` adds how it was made and its score."""
     scenario = policy.scenario
     content = {
         "format": FORMAT,
@@ -126,12 +126,7 @@ def load_policy(
     """
     device = device or torch.device("cpu")
     content, tensors = read(directory, POLICY, device)
-    path = directory / f"{POLICY}.json"
-    config = read_config(content, path)
-    try:
-        own = Scenario.from_dict(content["scenario"], str(path))
-    except (KeyError, ScenarioError) as error:
-        raise PolicyError(f"{path}: checkpoint is damaged: scenario: {error}") from None
+    own, config = _scenario_and_config(content, directory / f"{POLICY}.json")
     sizes = Sizes(1 if config.shared else own.auv.count, FRAMES[config.frame](own).features, ACTION_SIZE)
     actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator(device))
     try:
@@ -149,27 +144,24 @@ def load_policy(
     return policy if scenario is None else policy.for_scenario(scenario)
 
 
-def read_config(content: Mapping[str, Any], path: Path) -> TrainingConfig:
-    """The settings recorded in a checkpoint's JSON."""
-    settings = content.get("training")
-    if not isinstance(settings, dict):
-        raise PolicyError(f"{path}: checkpoint is damaged: no training settings")
-    return TrainingConfig.from_dict(settings, str(path))
+def _scenario_and_config(content: Mapping[str, Any], path: Path) -> tuple[Scenario, TrainingConfig]:
+    """What a policy was trained in and with, from the JSON of its checkpoint."""
+    try:
+        scenario = Scenario.from_dict(content["scenario"], str(path))
+        return scenario, TrainingConfig.from_dict(content["training"], str(path))
+    except (KeyError, ScenarioError) as error:
+        raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
 
 
 def read_run(directory: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]:
-    """Scenario, settings and JSON of the run that `Trainer` keeps in a directory, to build its world before resuming.
+    """Scenario, settings and JSON of the run in a directory, from which its world is built before resuming.
 
     Raises:
         PolicyError: there is no such run, or it is damaged.
     """
     last = Path(directory) / "last"
     content, _ = read(last, POLICY, torch.device("cpu"))
-    path = last / f"{POLICY}.json"
-    try:
-        return Scenario.from_dict(content["scenario"], str(path)), read_config(content, path), content
-    except (KeyError, ScenarioError) as error:
-        raise PolicyError(f"{path}: checkpoint is damaged: scenario: {error}") from None
+    return *_scenario_and_config(content, last / f"{POLICY}.json"), content
 
 
 def read_history(directory: Path) -> list[dict[str, float]]:

@@ -12,29 +12,29 @@ from policies.policy import PolicyError
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """What a training run is made of, next to its scenario.
+    """Settings of a training run, beside its scenario.
 
     Attributes:
         algorithm: a name in `algorithms.ALGORITHMS`.
         num_worlds: W, worlds stepped together. Each step stores W transitions for each AUV.
         seed: of the training worlds, the initial weights, the exploration and the sampling.
-        shared: one network for all AUVs, trained on the transitions of all; else each AUV learns alone.
+        shared: one network for all AUVs, trained on the transitions of all; else one for each AUV.
         frame: a name in `frames.FRAMES`.
         hidden: width of each hidden layer.
-        renewal: maximise the average reward trip by trip, see `Trainer`. Off where the scenario has services end the
-            value's horizon without it (`reward.service_terminates`).
+        renewal: maximise the average reward trip by trip, see `Trainer`; without effect in a scenario in which services
+            end the value's horizon (`reward.service_terminates`).
         gamma: discount γ of one mission step.
         n_step: steps n of reward before the bootstrap.
         batch: transitions per learner in one update.
         updates: gradient updates for each step of all worlds.
-        learning_rate: of Adam at the start, for actor, critics and temperature.
-        final_rate: share of it that is left at the end of the run; it falls linearly with the steps.
-        tau: share of the way the target networks go towards the networks in each update.
+        learning_rate: initial learning rate of Adam for actor, critics and temperature.
+        final_rate: learning rate at the end of the run over the initial one; it falls linearly with the steps.
+        tau: τ of the soft update of target networks.
         noise: standard deviation of the exploration noise of TD3 and DDPG.
-        correlation: of the exploration noise between one step and the next, see `CorrelatedNoise`.
+        correlation: correlation of the exploration noise from one step to the next, see `CorrelatedNoise`.
         replay: capacity in transitions per AUV.
         warmup: world-steps of the untrained policy, with its exploration, before the first update.
-        reward_scale: what the mean size of a reward before the first update is brought to before it is learned from.
+        reward_scale: mean magnitude to which rewards are scaled, by those before the first update.
         layer_norm: normalise the critics' hidden layers.
     """
 
@@ -84,7 +84,7 @@ class TrainingConfig:
                 raise PolicyError(f"training: {name} = {getattr(self, name)!r}: must be {rule}")
 
     def changed(self, assignments: Sequence[str]) -> TrainingConfig:
-        """With fields set by "name=value", as in "updates=4", "hidden=128,128" or "renewal=false".
+        """A copy with fields set by "name=value", as in "updates=4", "hidden=128,128" or "renewal=false".
 
         Raises:
             PolicyError: not of that form, no such field, or a value that is not allowed.
@@ -104,27 +104,23 @@ class TrainingConfig:
     @classmethod
     def from_dict(cls, values: dict, source: str) -> TrainingConfig:
         """The inverse of `dataclasses.asdict`, from JSON; `source` names the file in an error message."""
-        known = {field.name for field in fields(cls)}
-        unknown = sorted(set(values) - known)
-        if unknown:
-            raise PolicyError(f"{source}: checkpoint is damaged: unknown training settings {', '.join(unknown)}")
         try:
             return cls(**{**values, "hidden": tuple(values["hidden"])})
         except (KeyError, TypeError, PolicyError) as error:
-            raise PolicyError(f"{source}: checkpoint is damaged: {error}") from None
+            raise PolicyError(f"{source}: checkpoint is damaged, or needs a plugin: {error}") from None
 
 
-# What is not chosen elsewhere: by options of their own, or by the world.
+# Settings that `changed` takes; the others have options of their own.
 TUNABLE = tuple(
     field.name for field in fields(TrainingConfig) if field.name not in ("algorithm", "num_worlds", "seed", "shared")
 )
 
 
 def _value(text: str, now: object) -> object:
-    """A value of the kind of the present one.
+    """Read a value of the type of the present one.
 
     Raises:
-        ValueError: it is not.
+        ValueError: it is of another type.
     """
     if isinstance(now, bool):
         if text not in ("true", "false"):

@@ -64,10 +64,9 @@ def load(name: str | Path, world: World) -> Policy:
         PolicyError: unknown name, missing or damaged checkpoint, one that does not fit the world's scenario, argument
             out of range.
     """
-    heuristic = _heuristic(name)
-    if heuristic is None:
-        return load_learned(name, world.scenario, world.device)
-    return HEURISTICS[heuristic](str(name), world, _argument(str(name), world.scenario))
+    if kind := HEURISTICS.get(_base(name)):
+        return kind(str(name), world, _argument(name, world.scenario))
+    return load_learned(name, world.scenario, world.device)
 
 
 def check(name: str | Path, scenario: Scenario) -> None:
@@ -76,10 +75,10 @@ def check(name: str | Path, scenario: Scenario) -> None:
     Raises:
         PolicyError: as `load`.
     """
-    if _heuristic(name) is None:
-        load_learned(name, scenario)
+    if _base(name) in HEURISTICS:
+        _argument(name, scenario)
     else:
-        _argument(str(name), scenario)
+        load_learned(name, scenario)
 
 
 def load_learned(
@@ -91,7 +90,7 @@ def load_learned(
         PolicyError: as `load`, or a heuristic.
     """
     text, directory = str(name), Path(name)
-    if _heuristic(name) is not None:
+    if _base(name) in HEURISTICS:
         raise PolicyError(f"policy {text}: has no network; only learned policies have")
     if text in trained():
         return load_policy(_shipped() / text, text, scenario, device)
@@ -103,16 +102,14 @@ def load_learned(
     raise PolicyError(f"{text}: not a checkpoint: policy.json is missing")
 
 
-def _heuristic(name: str | Path) -> str | None:
-    """The heuristic that a name stands for; None for a learned policy."""
-    text = str(name)
-    base = text.partition(":")[0]
-    return base if base in HEURISTICS and text not in trained() else None
+def _base(name: str | Path) -> str:
+    """A name without its argument."""
+    return str(name).partition(":")[0]
 
 
-def _argument(name: str, scenario: Scenario) -> Any:
+def _argument(name: str | Path, scenario: Scenario) -> Any:
     """The argument in a heuristic's name."""
-    base, colon, text = name.partition(":")
+    base, colon, text = str(name).partition(":")
     try:
         return HEURISTICS[base].parse(text if colon else None, scenario)
     except ValueError as error:

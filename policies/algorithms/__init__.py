@@ -4,9 +4,8 @@ From outside: `ALGORITHMS`, the classes by name; `Learner`, what a new one deriv
 """
 
 from kernels.registry import Registry
-from policies.algorithms.batch import Batch
 from policies.algorithms.ddpg import DDPG
-from policies.algorithms.learner import Learner, Settings, Sizes
+from policies.algorithms.learner import Batch, Learner, Settings, Sizes
 from policies.algorithms.sac import SAC
 from policies.algorithms.td3 import TD3
 from policies.policy import PolicyError

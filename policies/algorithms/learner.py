@@ -1,4 +1,4 @@
-"""What the algorithms have in common: their networks, their optimisers, and the state of both."""
+"""What the algorithms have in common: what they are given, their optimisers, and the state of both."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Generic, Protocol, TypeVar
 import torch
 from torch import Tensor, nn
 
-from policies.algorithms.batch import Batch
 from policies.networks import StackedMLP
 
 AVERAGED = 200  # updates, time constant of the averaged actor
@@ -33,6 +32,25 @@ class Sizes:
     stack: int
     observation: int
     action: int
+
+
+@dataclass(frozen=True)
+class Batch:
+    """n-step transitions of S independent learners, B each.
+
+    Attributes:
+        observation: (S, B, F) features at step t.
+        action: (S, B, A) action taken there.
+        reward: (S, B) Σ γ^i r_{t+i} over the m ≤ n steps until the value's horizon or the episode ends.
+        discount: (S, B) weight of the value of `next_observation`: γ^m, or 0 where the value's horizon ended.
+        next_observation: (S, B, F) features at step t + m.
+    """
+
+    observation: Tensor
+    action: Tensor
+    reward: Tensor
+    discount: Tensor
+    next_observation: Tensor
 
 
 class Settings(Protocol):

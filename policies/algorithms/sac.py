@@ -11,8 +11,7 @@ import copy
 import torch
 from torch import Tensor, nn
 
-from policies.algorithms.batch import Batch
-from policies.algorithms.learner import Learner, Settings, Sizes
+from policies.algorithms.learner import Batch, Learner, Settings, Sizes
 from policies.networks import Critic, GaussianActor
 
 

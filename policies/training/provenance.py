@@ -14,10 +14,10 @@ from usvauv_env import plugins
 
 
 def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
-    """What is written beside a checkpoint so that it can be made again: command, commit, versions, plugins.
+    """Command, commit, version of torch and plugins, as recorded in a checkpoint so that it can be reproduced.
 
-    A run that goes on keeps those it was begun with, as the JSON `begun` of its checkpoint has them; "resumed" lists
-    after how many world-steps it went on, and with what.
+    A resumed run keeps those of its beginning, from the JSON `begun` of its checkpoint; "resumed" lists the world-steps
+    at which it was resumed, and with what.
     """
 
     def git(*arguments: str) -> str:

@@ -74,6 +74,16 @@ class TestFace:
             policy.for_scenario(scenario(**changes))
 
 
+@pytest.mark.parametrize("name", ["ideal", "extreme", "paper-ideal", "paper-extreme", "station-keeping"])
+def test_the_default_policy_acts_in_every_scenario_and_area(name):
+    world = World(Scenario.load(name, ["area.width=150", "area.length=120"]), 2)
+    policy = policies.load(policies.default(world.scenario), world)
+    assert policy.scenario is world.scenario
+    action = policy.act(world.reset())
+    assert action.shape == (2, world.num_auvs, 2)
+    assert action.abs().max() <= 1.0
+
+
 class TestStraight:
     @pytest.mark.parametrize("action", ["vector", "polar"])
     @pytest.mark.parametrize("speed", [1.2, 1.7, 2.2])
