@@ -25,7 +25,7 @@ from usvauv_cli.sea_view.video import SeaPainter, SeaVideo
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.sea.forcing import build_sea, build_short_waves
+from usvauv_env.sea.build import build_sea, build_short_waves
 from usvauv_env.sea.storm import cumulative
 from usvauv_env.sea_alone.netcdf import SeaFile
 from usvauv_env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey

@@ -9,7 +9,8 @@ import torch
 from kernels.mission.columns import BoatColumn
 from kernels.shallow_water.packing import Packing
 from usvauv_env import Scenario, World
-from usvauv_env.sea.forcing import build_sea, coarse_cells, draw_edge_wave, fine_cells
+from usvauv_env.sea.build import build_sea, coarse_cells, fine_cells
+from usvauv_env.sea.forcing import draw_boundary_wave
 from usvauv_env.site.site import Site
 
 EDGES = ["west", "east", "south", "north"]
@@ -68,7 +69,7 @@ class TestStatistics:
     def test_edge_wave(self):
         """Exact rms, equal amplitudes, one frequency in each band, and the regular component first, with phase 0."""
         about = {"irregular_rms": 0.8, "irregular_components": 12, "regular_amplitude": 0.3, "regular_period": 500.0}
-        wave = draw_edge_wave(scenario(forced_edge="east", **about), np.random.default_rng(0))
+        wave = draw_boundary_wave(scenario(forced_edge="east", **about), np.random.default_rng(0))
         assert (wave.amplitude[0], wave.period[0], wave.phase[0]) == (0.3, 500.0, 0.0)
         np.testing.assert_allclose(wave.amplitude[1:] ** 2 / 2, 0.8**2 / 12)
         band = (1 / wave.period[1:] - 1 / 300) / (1 / 75 - 1 / 300) * 12

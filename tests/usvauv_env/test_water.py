@@ -11,7 +11,7 @@ from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from kernels.positioning import sonar_equation
 from tests.usvauv_env.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
 from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.sea.forcing import build_sea
+from usvauv_env.sea.build import build_sea
 from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import data_level

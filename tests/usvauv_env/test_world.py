@@ -14,7 +14,7 @@ from kernels.flow import airy
 from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from kernels.types import Level
 from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.sea.forcing import build_short_waves
+from usvauv_env.sea.build import build_short_waves
 from usvauv_env.site.site import Site
 
 

@@ -1,4 +1,4 @@
-"""Several nonlinear seas with the face of the linear solver's pool."""
+"""Several nonlinear seas as one `usvauv_env.sea.long_waves.LongWaves`."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from kernels.shallow_water.packing import LANES, Packing
 
 
 class NonlinearSeas:
-    """Nonlinear solvers side by side, whose elevation is packed for the boats as
-    `kernels.shallow_water.packing.sample` reads it.
+    """Nonlinear solvers side by side, with fields packed as `kernels.shallow_water.packing.sample` reads them.
 
     On dry land the elevation is that of the ground.
 
@@ -38,7 +37,7 @@ class NonlinearSeas:
         shape = 3, self._packing.blocks, self.ny + 1, self._packing.columns, LANES
         self.eta, U, V = torch.zeros(shape, device=runtime.start().device)
         self.transports = U, V
-        self._show()
+        self._pack()
 
     @property
     def time(self) -> float:
@@ -49,7 +48,7 @@ class NonlinearSeas:
         """One interval."""
         for solver in self._solvers:
             solver.advance()
-        self._show()
+        self._pack()
 
     def elevation(self) -> np.ndarray:
         """Elevation at cell centres, m, (num_seas, ny, nx); a copy."""
@@ -61,17 +60,18 @@ class NonlinearSeas:
         return np.stack(u), np.stack(v)
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Copies of all fields and clocks; `load` brings them back bit for bit."""
+        """Copies of all fields and clocks; `load_state` restores them bit for bit."""
         fields, clocks = zip(*(solver.state() for solver in self._solvers), strict=True)
         return torch.stack(fields), torch.stack(clocks)
 
-    def load_state(self, fields: torch.Tensor, clocks: torch.Tensor) -> None:
-        """Go back to what `state` gave."""
-        for solver, field, clock in zip(self._solvers, fields, clocks, strict=True):
-            solver.load_state(field, clock)
-        self._show()
+    def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
+        """Restore what `state` returned."""
+        for solver, own, time in zip(self._solvers, fields, clock, strict=True):
+            solver.load_state(own, time)
+        self._pack()
 
-    def _show(self) -> None:
+    def _pack(self) -> None:
+        """Copy the solvers' fields to the packed ones."""
         self._packing.pack(self.elevation(), self.eta, 0)
         depth = np.stack([solver.depth() for solver in self._solvers])
         for axis, (velocity, packed) in enumerate(zip(self.velocity(), self.transports, strict=True)):

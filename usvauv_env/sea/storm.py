@@ -1,13 +1,13 @@
-"""The storm: a directional sea of wind waves, drawn from a spectrum and a seed, that runs on without end.
+"""The storm: a directional sea of wind waves, drawn from a spectrum and a seed, that does not repeat.
 
     η(x, t) = Σ a cos(k·x − ω t + φ),   E(ω, θ) = S(ω) D(θ),   D ∝ cos^{2s}((θ − θ0)/2).
 
 The spectrum is cut into as many strata as there are components. Half of them follow the energy and half the slope: each
-has the same share of (∫ S dω/m0 + ∫ k² S dω/m_slope)/2, since the slope lies mostly in a tail with little energy. A
+has the same part of (∫ S dω/m0 + ∫ k² S dω/m_slope)/2, since the slope lies mostly in a tail with little energy. A
 component has its stratum's energy and a frequency drawn from S within it, so a sum over components of any function of
-frequency has the spectrum's integral as its mean, and Hs = 4 √m0 is exact in each realisation. Directions are drawn one
-from each of equally likely sectors and dealt out at random; one direction a frequency keeps the sea ergodic. Phases are
-uniform. Time averages over N such components have the kurtosis 3 − 1.5 Σa⁴/(Σa²)².
+frequency has the spectrum's integral as its mean, and Hs = 4 √m0 is exact in each realisation. One direction is drawn
+from each of equally likely sectors, and components get them in random order; one direction a frequency keeps the sea
+ergodic. Phases are uniform. Time averages over N such components have the kurtosis 3 − 1.5 Σa⁴/(Σa²)².
 
 Sources: Hasselmann et al. (1973), "Measurements of wind-wave growth and swell decay during JONSWAP"; Bouws et al.
 (1985), doi 10.1029/JC090iC01p00975 (TMA); Mitsuyasu et al. (1975), doi
@@ -26,24 +26,24 @@ import torch
 from kernels import runtime
 from kernels.flow import airy
 
-STREAM = 2  # of the random numbers of a sea
+STREAM = 2  # spawn key of the storm among the random numbers of a sea
 SHAPES = ("none", "jonswap", "pm", "tma")
 FINE = 8192  # points at which spectrum and spreading are tabulated
 
 
 class AirySea:
-    """Seas of given components at a time that can be set at will.
+    """Seas of given components at any time.
 
     Args:
         amplitude, omega, direction, phase: a (m), ω > 0 (rad/s), direction of travel θ (rad from east towards north), φ
             (rad), each (seas, N); N may be 0.
         depth: h, m.
         gravity: g, m/s².
-        levels: heights z at which water velocities are wanted, −h ≤ z ≤ 0, m.
+        levels: heights z of the water velocities, −h ≤ z ≤ 0, m.
 
     Attributes:
         k: wave number (seas, N), rad/m.
-        wave: what the kernels read, torch (seas, groups, columns, LANES); see `kernels.flow.airy`.
+        wave: table of the components for kernels, torch (seas, groups, columns, LANES); see `kernels.flow.airy`.
         time: s.
     """
 
@@ -68,7 +68,7 @@ class AirySea:
         self.set_time(0.0)
 
     def set_time(self, time: float) -> None:
-        """Set the time, s. Phases are reduced in double precision: no digit is lost however late it is."""
+        """Set the time, s. Phases are reduced in double precision, so that late times lose no digits."""
         self.time = time
         self.wave[:, :, airy.PHASE] = torch.remainder(self._start - self._frequency * time, 1.0)
 
@@ -123,16 +123,16 @@ def build_storm(
         omega, S = band(spectrum, peak_period, gamma, shortest_wave, depth, gravity)
         k = airy.wavenumber(omega, depth, gravity)
         energy, slope = cumulative(omega, S), cumulative(omega, k**2 * S)
-        share = (energy / energy[-1] + slope / slope[-1]) / 2
-        edges = np.interp(np.linspace(0, 1, count + 1), share, energy / energy[-1])
+        weight = (energy / energy[-1] + slope / slope[-1]) / 2
+        strata = np.interp(np.linspace(0, 1, count + 1), weight, energy / energy[-1])
         sectors, probability = spread(spreading)
         for index in range(num_seas):
             own = np.random.SeedSequence(seed, spawn_key=(first + index, STREAM))
             random = np.random.Generator(np.random.Philox(own))
-            quantile = edges[:-1] + np.diff(edges) * random.random(count)
+            quantile = strata[:-1] + np.diff(strata) * random.random(count)
             sector = (random.permutation(count) + random.random(count)) / count
             drawn[:, index] = (
-                significant_height / 4 * np.sqrt(2 * np.diff(edges)),
+                significant_height / 4 * np.sqrt(2 * np.diff(strata)),
                 np.interp(quantile, energy / energy[-1], omega),
                 direction + np.interp(sector, probability, sectors),
                 2 * math.pi * random.random(count),

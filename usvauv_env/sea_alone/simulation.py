@@ -12,7 +12,7 @@ from kernels import runtime
 from kernels.flow import vortex
 from kernels.types import Level
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.forcing import build_sea, build_short_waves, fine_cells
+from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells
 from usvauv_env.sections import Water
 from usvauv_env.site.site import Site
 from usvauv_env.world.world import World

@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 from kernels.flow import airy
 from kernels.types import Level
 from usvauv_env.scenario import Scenario
-from usvauv_env.sea.forcing import fastest
+from usvauv_env.sea.forcing import speed_bound
 from usvauv_env.sea.storm import band
 from usvauv_env.site.site import Site
 from usvauv_env.world.observation import Quantity, observed
@@ -56,7 +56,7 @@ def current_bound(site: Site) -> float:
     scenario = site.scenario
     current, storm = scenario.current, scenario.storm
     peak = current.vortices * VORTEX_PEAK * current.circulation_max / current.core_radius_min
-    peak += fastest(site)
+    peak += speed_bound(site)
     if (flow := site.current) is not None:
         peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
     if storm.spectrum != "none":

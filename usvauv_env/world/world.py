@@ -15,11 +15,10 @@ from kernels.mission import poisson_table
 from kernels.mission.columns import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.mission.run import Phase, run
 from kernels.positioning import tracker
-from kernels.shallow_water.linear import ShallowWater
 from kernels.types import Level
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.forcing import build_sea, build_short_waves, fine_cells
-from usvauv_env.sea.nonlinear_pool import NonlinearSeas
+from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells
+from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.storm import AirySea
 from usvauv_env.site.site import Site
 from usvauv_env.world import tables
@@ -135,7 +134,7 @@ class World:
         super().__setattr__(name, value)
 
     @property
-    def sea(self) -> ShallowWater | NonlinearSeas:
+    def sea(self) -> LongWaves:
         """The long waves that the worlds sail on."""
         return self._sea
 

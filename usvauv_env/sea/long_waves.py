@@ -1,0 +1,58 @@
+"""What a world needs of the solver of its long waves, linear or nonlinear."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import torch
+
+
+class LongWaves(Protocol):
+    """Independent seas over one bed on nx × ny cells, advanced together.
+
+    Attributes:
+        eta: packed elevation, torch (blocks, rows, W, LANES), m; see `kernels.shallow_water.packing`.
+        nx, ny: cells. dx, dy: their size, m.
+        interval: time of one `advance`, s.
+    """
+
+    eta: torch.Tensor
+    nx: int
+    ny: int
+    dx: float
+    dy: float
+    interval: float
+
+    @property
+    def time(self) -> float:
+        """Time of the elevation, s."""
+        ...
+
+    @property
+    def transports(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Packed transports U, V through western and southern faces; times `units` in m²/s."""
+        ...
+
+    @property
+    def units(self) -> tuple[float, float]:
+        """Factors that turn `transports` into m²/s."""
+        ...
+
+    def advance(self) -> None:
+        """One interval."""
+
+    def elevation(self) -> np.ndarray:
+        """Elevation at cell centres, m, (num_seas, ny, nx), f32; a copy."""
+        ...
+
+    def velocity(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities (u, v) at cell centres, m/s, each (num_seas, ny, nx), f32; zero on land."""
+        ...
+
+    def state(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Copies of fields and clocks."""
+        ...
+
+    def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
+        """Restore what `state` returned, bit for bit."""
