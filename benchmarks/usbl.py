@@ -48,7 +48,7 @@ def places(count: int) -> tuple[torch.Tensor, ...]:
     """Arguments of a batch of fixes: link, row, offset (spread over a wavelength of range), slope."""
     device = runtime.start().device
     offset = torch.tensor(OFFSET) * (1 + torch.linspace(-0.05, 0.05, count)[:, None] / math.hypot(*OFFSET))
-    link = torch.from_numpy(usbl.link_table((CARRIER,), spacing=SPACING))
+    link = torch.from_numpy(usbl.link_table((CARRIER,), usbl.Sonar(spacing=SPACING)))
     slope = 0.05 * torch.randn((count, 2), generator=torch.Generator().manual_seed(1))
     row = torch.zeros(count, dtype=torch.int32)
     return tuple(part.to(device) for part in (link, row, offset, slope))
@@ -150,7 +150,7 @@ def measure_agreement(count: int) -> list[dict[str, object]]:
     for place, snr, spacing in AGREEMENT:
         S = math.hypot(*place)
         offset = torch.tensor(place, device=device) * (1 + torch.linspace(-0.05, 0.05, count)[:, None].to(device) / S)
-        link = torch.from_numpy(usbl.link_table((CARRIER,), spacing=spacing)).to(device)
+        link = torch.from_numpy(usbl.link_table((CARRIER,), usbl.Sonar(spacing=spacing))).to(device)
         loss = link[0, usbl.PATHS] * (15 * math.log10(S) + link[0, usbl.ABSORPTION] * S / 1000)
         link[0, usbl.SNR_AT_1M] = snr + loss
         tones, tone_flags, _ = waveform.fixes(link, row, offset, level, 0.0, 7, sampled=True)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from kernels.mission.target_rules import target_rules
+from kernels.positioning.ambient_noise import ambient_noise_laws
 
 MAX_AUVS = 16
 MAX_NODES = 500
@@ -194,12 +195,18 @@ class Acoustics(Section):
         "practical", description="kind of that salinity: practical (PSS-78, as a CTD gives it), or absolute, g/kg"
     )
     path: Literal["echo", "transponder"] = Field("echo", description="two-way echo or one-way transponder")
+    ambient_noise: str = Field("coates", description="law of the noise density: coates, or a plugin's law")
     shipping: float = Field(0.5, ge=0, le=1, description="shipping activity in the noise, 0 to 1")
     wind: float = Field(0.0, ge=0, le=60, description="wind speed in the noise, m/s")
     bandwidth: Positive = Field(1000.0, description="receiver bandwidth of the positioning link, Hz")
     noise_law: Literal["amplitude", "demonstration"] = Field(
         "amplitude", description="noise relative to the tone: 10^(−SNR/20), or the demonstration's 10^(−SNR/10)"
     )
+
+    @field_validator("ambient_noise")
+    @classmethod
+    def _known_noise(cls, name: str) -> str:
+        return known(name, ambient_noise_laws)
 
 
 class Usbl(Section):

@@ -1,11 +1,11 @@
-"""Sonar equation: absorption, transmission loss, ambient noise, signal-to-noise ratio and data rate.
+"""Sonar equation: absorption, transmission loss, noise level, signal-to-noise ratio and data rate.
 
 Scalar laws, callable from kernels (in f32) and from Python (in double precision). Levels are in dB re 1 µPa,
-frequencies in Hz; the classical fits take kHz and are converted here and nowhere else.
+frequencies in Hz, also where the source's fit takes kHz. Laws of the ambient noise are in
+`kernels.positioning.ambient_noise`.
 
 Sources: Thorp, "Analytic description of the low-frequency attenuation coefficient", J. Acoust. Soc. Am. 42 (1967) 270,
-doi 10.1121/1.1910566; Coates, "Underwater Acoustic Systems" (1990) for the noise fit; Shannon,
-doi 10.1109/JRPROC.1949.232969.
+doi 10.1121/1.1910566; Shannon, doi 10.1109/JRPROC.1949.232969.
 """
 
 import taichi as ti
@@ -42,26 +42,9 @@ def transmission_loss(r: ti.f32, f: ti.f32) -> ti.f32:
 
 
 @ti.pyfunc
-def noise_density(f: ti.f32, shipping: ti.f32, wind: ti.f32) -> ti.f32:
-    """Noise at frequency f (Hz), dB re 1 µPa²/Hz: turbulence, shipping (0 to 1), wind (m/s) and thermal noise."""
-    F = f / 1000.0
-    log_F = log10(F)
-    turbulence = 17.0 - 30.0 * log_F
-    ships = 40.0 + 20.0 * (shipping - 0.5) + 26.0 * log_F - 60.0 * log10(F + 0.03)
-    waves = 50.0 + 7.5 * ti.sqrt(wind) + 20.0 * log_F - 40.0 * log10(F + 0.4)
-    thermal = -15.0 + 20.0 * log_F
-    return 10.0 * log10(
-        power_of_10(turbulence / 10.0)
-        + power_of_10(ships / 10.0)
-        + power_of_10(waves / 10.0)
-        + power_of_10(thermal / 10.0)
-    )
-
-
-@ti.pyfunc
-def noise_level(f: ti.f32, bandwidth: ti.f32, shipping: ti.f32, wind: ti.f32) -> ti.f32:
-    """NL: the density at f (Hz) taken as constant over a band of `bandwidth` Hz, dB re 1 µPa."""
-    return noise_density(f, shipping, wind) + 10.0 * log10(bandwidth)
+def noise_level(density: ti.f32, bandwidth: ti.f32) -> ti.f32:
+    """NL of a noise density (dB re 1 µPa²/Hz) taken as constant over a band of `bandwidth` Hz, dB re 1 µPa."""
+    return density + 10.0 * log10(bandwidth)
 
 
 @ti.pyfunc

@@ -27,12 +27,14 @@ known). The fix is rotated back with the attitude measured, which is wrong by a 
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import taichi as ti
 import torch
 
 from kernels.positioning import sonar_equation
+from kernels.positioning.ambient_noise import NoiseLaw, coates
 from kernels.types import array2, index1, mat3, vec2, vec3, vec4, vec5
 
 # Columns of the link table, one row an AUV.
@@ -61,70 +63,83 @@ LOST = 16  # interrogation or reply was lost
 PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
 
 
-def link_table(
-    carriers: Sequence[float],
-    *,
-    sound_speed: float = 1500.0,
-    source_level: float = 135.0,
-    target_strength: float = 3.0,
-    path: str = "echo",
-    shipping: float = 0.5,
-    wind: float = 0.0,
-    bandwidth: float = 1000.0,
-    noise_law: str = "amplitude",
-    spacing: float = 0.033,
-    periods: float = 10.0,
-    sampling_rate: float = 2.016e6,
-    planner_noise: str = "range",
-    reference_range: float = 100.0,
-    attitude_error: float = 0.0,
-) -> np.ndarray:
-    """Constants of every AUV's acoustic link, (K, COLUMNS) float32.
+@dataclass(frozen=True)
+class Sonar:
+    """Acoustics of the array and the AUVs' transponders or echoes, and what the planner supposes of them.
 
-    Args:
-        carriers: carrier frequency f of each AUV, Hz.
-        sound_speed, source_level, target_strength, shipping, wind, bandwidth: m/s, dB re 1 µPa at 1 m, dB, 0 to 1,
-            m/s, Hz.
+    Attributes:
+        sound_speed: c, m/s.
+        source_level: dB re 1 µPa at 1 m.
+        target_strength: of an AUV, dB; counts for an echo.
         path: "echo" or "transponder".
+        ambient_noise: law of the noise density, see `kernels.positioning.ambient_noise`.
+        shipping, wind: arguments of that law, 0 to 1 and m/s.
+        bandwidth: of the receiver, Hz.
         noise_law: "amplitude", σ_n = 10^(−SNR/20), or "demonstration", σ_n = 10^(−SNR/10).
-        spacing, periods, sampling_rate: d in m, length of the tone in carrier periods, f_s in Hz.
+        spacing: d, m.
+        periods: length of the tone in periods of its carrier.
+        sampling_rate: f_s, Hz.
         planner_noise: "range", the planner's σ grows with range as the real one does, or "constant", it is that of the
             slant range `reference_range` everywhere. The fixes themselves always have the real one.
         reference_range: m, at least 1; a slant range typical for the task, for example the AUVs' depth.
-        attitude_error: ε that the planner reckons with, rad.
+        attitude_error: ε in the planner's information, rad.
 
     Raises:
         ValueError: unknown path, noise law or planner noise.
     """
-    for name, value, allowed in (
-        ("path", path, ("echo", "transponder")),
-        ("noise_law", noise_law, ("amplitude", "demonstration")),
-        ("planner_noise", planner_noise, ("range", "constant")),
-    ):
-        if value not in allowed:
-            raise ValueError(f"{name}: {value!r} is not one of {', '.join(allowed)}")
-    paths = 2 if path == "echo" else 1
-    exponent = 1 if noise_law == "amplitude" else 2
+
+    sound_speed: float = 1500.0
+    source_level: float = 135.0
+    target_strength: float = 3.0
+    path: str = "echo"
+    ambient_noise: NoiseLaw = coates
+    shipping: float = 0.5
+    wind: float = 0.0
+    bandwidth: float = 1000.0
+    noise_law: str = "amplitude"
+    spacing: float = 0.033
+    periods: float = 10.0
+    sampling_rate: float = 2.016e6
+    planner_noise: str = "range"
+    reference_range: float = 100.0
+    attitude_error: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, allowed in (
+            ("path", ("echo", "transponder")),
+            ("noise_law", ("amplitude", "demonstration")),
+            ("planner_noise", ("range", "constant")),
+        ):
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name}: {getattr(self, name)!r} is not one of {', '.join(allowed)}")
+
+
+def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
+    """Constants of every AUV's acoustic link, (K, COLUMNS) float32, for the carrier frequencies f of K AUVs, Hz."""
+    s = sonar
+    paths = 2 if s.path == "echo" else 1
+    exponent = 1 if s.noise_law == "amplitude" else 2
     table = np.zeros((len(carriers), COLUMNS))
     for row, f in zip(table, carriers, strict=True):
         alpha = sonar_equation.absorption(f)
-        row[KAPPA] = 2.0 * math.pi * f * spacing / sound_speed
-        row[SNR_AT_1M] = source_level - sonar_equation.noise_level(f, bandwidth, shipping, wind)
-        row[SNR_AT_1M] += target_strength if path == "echo" else 0.0
+        noise = sonar_equation.noise_level(s.ambient_noise(f, s.shipping, s.wind), s.bandwidth)
+        row[KAPPA] = 2.0 * math.pi * f * s.spacing / s.sound_speed
+        row[SNR_AT_1M] = s.source_level - noise
+        row[SNR_AT_1M] += s.target_strength if s.path == "echo" else 0.0
         row[PATHS] = paths
         row[ABSORPTION] = alpha
         row[NOISE_EXPONENT] = exponent
-        row[SAMPLES] = periods * sampling_rate / f
-        row[RANGE_PER_PHASE] = sound_speed / (2.0 * math.pi * f) / paths
-        row[PERIODS] = periods
+        row[SAMPLES] = s.periods * s.sampling_rate / f
+        row[RANGE_PER_PHASE] = s.sound_speed / (2.0 * math.pi * f) / paths
+        row[PERIODS] = s.periods
         # T = κ²/(σ² q) with σ² = 4/N · 10^(−exponent · SNR/10) and SNR = SNR(1 m) − paths · (15 log10 S + α S/1000).
-        snr = row[SNR_AT_1M] - paths * sonar_equation.transmission_loss(reference_range, f)
-        row[LEVEL] = math.log(row[KAPPA] ** 2 * row[SAMPLES] / 4.0 / reference_range**2)
+        snr = row[SNR_AT_1M] - paths * sonar_equation.transmission_loss(s.reference_range, f)
+        row[LEVEL] = math.log(row[KAPPA] ** 2 * row[SAMPLES] / 4.0 / s.reference_range**2)
         row[LEVEL] += exponent * snr * sonar_equation.LN10 / 10.0
-        row[POWER] = 1.0 + 0.75 * exponent * paths if planner_noise == "range" else 1.0
-        row[DECAY] = exponent * paths * alpha * sonar_equation.LN10 / 1e4 if planner_noise == "range" else 0.0
-        row[REFERENCE] = reference_range
-        row[ATTITUDE] = attitude_error**2
+        row[POWER] = 1.0 + 0.75 * exponent * paths if s.planner_noise == "range" else 1.0
+        row[DECAY] = exponent * paths * alpha * sonar_equation.LN10 / 1e4 if s.planner_noise == "range" else 0.0
+        row[REFERENCE] = s.reference_range
+        row[ATTITUDE] = s.attitude_error**2
     return table.astype(np.float32)
 
 

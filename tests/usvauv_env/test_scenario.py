@@ -73,6 +73,7 @@ def test_toml_round_trip():
         ("nodes.margin=100", ["nodes.margin", "100"]),
         ("reference.straight_speed=3", ["reference.straight_speed", "speed_max"]),
         ("reference.zermelo_speed=3", ["reference.zermelo_speed", "speed_max"]),
+        ("acoustics.ambient_noise=silence", ["acoustics.ambient_noise", "'silence': allowed are coates"]),
         ("auv", ["--set", "section.field=value"]),
         ("name.x=1", ["--set", "not a section"]),
     ],

@@ -11,6 +11,7 @@ from kernels.mission.target_rules import target_rules
 from kernels.mission.worlds import Program
 from kernels.planning import objectives
 from kernels.positioning import sonar_equation, tracker, usbl, waveform
+from kernels.positioning.ambient_noise import ambient_noise_laws
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.site.site import Site, boat_separation
 from usvauv_env.site.sound_speed import SoundSpeedProfile
@@ -24,7 +25,8 @@ LAYER_TOLERANCE = 0.5  # m/s, see `SoundSpeedProfile.thinned`
 def data_level(scenario: Scenario) -> float:
     """SNR of the data link at 1 m without loss, dB."""
     nodes, noise = scenario.nodes, scenario.acoustics
-    level = sonar_equation.noise_level(nodes.frequency, nodes.bandwidth, noise.shipping, noise.wind)
+    density = ambient_noise_laws[noise.ambient_noise](nodes.frequency, noise.shipping, noise.wind)
+    level = sonar_equation.noise_level(density, nodes.bandwidth)
     return sonar_equation.acoustic_source_level(nodes.source_power) - level
 
 
@@ -90,12 +92,12 @@ def reward_weights(scenario: Scenario) -> np.ndarray:
 def link_table(site: Site) -> np.ndarray:
     """Acoustic constants of each AUV's positioning link, see `kernels.positioning.usbl.link_table`."""
     s = site.scenario
-    return usbl.link_table(
-        [s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)],
+    sonar = usbl.Sonar(
         sound_speed=sound_speed(site),
         source_level=s.acoustics.source_level,
         target_strength=s.acoustics.target_strength,
         path=s.acoustics.path,
+        ambient_noise=ambient_noise_laws[s.acoustics.ambient_noise],
         shipping=s.acoustics.shipping,
         wind=s.acoustics.wind,
         bandwidth=s.acoustics.bandwidth,
@@ -107,6 +109,7 @@ def link_table(site: Site) -> np.ndarray:
         reference_range=boat_separation(s),
         attitude_error=s.usbl.attitude_error,
     )
+    return usbl.link_table([s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)], sonar)
 
 
 def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarray:

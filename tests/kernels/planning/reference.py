@@ -8,6 +8,7 @@ from torch.func import grad, jacrev, vmap
 
 from kernels.planning import objectives
 from kernels.positioning import sonar_equation, usbl
+from kernels.positioning.ambient_noise import coates
 
 CODES = {
     f"{objective} {measurement}": objectives.objective_code(measurement, objective)
@@ -23,7 +24,7 @@ def carriers(K):
 
 
 def table(device, K, **link):
-    return torch.from_numpy(usbl.link_table(carriers(K), **link)).to(device)
+    return torch.from_numpy(usbl.link_table(carriers(K), usbl.Sonar(**link))).to(device)
 
 
 def random_layouts(kind, n, K, box, seed):
@@ -53,7 +54,7 @@ def sigma(K, S, source_level=135.0):
     """Standard deviation (rad) of the phase differences of an echo at slant ranges S (K,), straight from the laws."""
     out = []
     for f, s in zip(carriers(K), S, strict=True):
-        snr = sonar_equation.echo_snr(source_level, 3.0, sonar_equation.noise_level(f, 1000.0, 0.5, 0.0), s, f)
+        snr = sonar_equation.echo_snr(source_level, 3.0, sonar_equation.noise_level(coates(f, 0.5, 0.0), 1000.0), s, f)
         out.append(math.sqrt(4 * 10 ** (-snr / 10) / (10 * 2.016e6 / f)))
     return torch.tensor(out, dtype=torch.float64)
 

@@ -214,6 +214,6 @@ class TestGreedy:
 
 def test_too_many_auvs_are_refused(device):
     points = torch.zeros(1, 17, 3, device=device)
-    link = torch.from_numpy(usbl.link_table([15000.0] * 17)).to(device)
+    link = torch.from_numpy(usbl.link_table([15000.0] * 17, usbl.Sonar())).to(device)
     with pytest.raises(ValueError, match="17 AUVs, at most 16"):
         global_search.plan_batch(link, points, code=CODES["e fix"])

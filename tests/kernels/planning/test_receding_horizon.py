@@ -16,7 +16,7 @@ SPEED = 4.0
 
 
 def links(count, device, attitude_error=ATTITUDE_ERROR):
-    return torch.from_numpy(usbl.link_table(CARRIERS[:count], attitude_error=attitude_error)).to(device)
+    return torch.from_numpy(usbl.link_table(CARRIERS[:count], usbl.Sonar(attitude_error=attitude_error))).to(device)
 
 
 def layouts(seed, worlds, count, device, *, spread=200.0):

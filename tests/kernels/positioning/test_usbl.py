@@ -12,6 +12,8 @@ import torch
 from scipy import stats
 
 from kernels.positioning import fix_probability, sonar_equation, usbl
+from kernels.positioning.ambient_noise import coates
+from kernels.types import vec2
 
 CARRIERS = (15000.0, 18000.0)
 LEVEL = (0.0, 0.0)
@@ -25,7 +27,7 @@ def fixes(device, offset, *, slope=LEVEL, attitude_error=0.0, noise=None, auv=0,
     n = noise.shape[0]
     true = torch.tensor(offset, dtype=torch.float32, device=device).expand(n, 3).contiguous()
     estimate, covariance = usbl.fixes(
-        torch.from_numpy(usbl.link_table(CARRIERS, **link)).to(device),
+        torch.from_numpy(usbl.link_table(CARRIERS, usbl.Sonar(**link))).to(device),
         torch.full((n,), auv, dtype=torch.int32, device=device),
         true,
         torch.tensor(slope, dtype=torch.float32, device=device).expand(n, 2).contiguous(),
@@ -57,7 +59,7 @@ class TestNoise:
     def test_sigma_from_the_sonar_equation(self, device, path, noise_law, auv):
         f, offset = CARRIERS[auv], (80.0, -30.0, -100.0)
         S = math.hypot(*offset)
-        NL = sonar_equation.noise_level(f, 1000.0, 0.5, 0.0)
+        NL = sonar_equation.noise_level(coates(f, 0.5, 0.0), 1000.0)
         snr = (
             sonar_equation.echo_snr(135.0, 3.0, NL, S, f)
             if path == "echo"
@@ -95,7 +97,7 @@ class TestGeometry:
         @ti.kernel
         def axes(out: ti.types.ndarray(dtype=ti.f32, ndim=2)):
             for _ in range(1):
-                A = usbl.array_axes(usbl.attitude(usbl.vec2(slope_x, slope_y)))
+                A = usbl.array_axes(usbl.attitude(vec2(slope_x, slope_y)))
                 for i, j in ti.static(ti.ndrange(3, 3)):
                     out[i, j] = A[i, j]
 
@@ -152,7 +154,7 @@ def test_attitude_error_of_a_steep_array_far_to_the_side(device):
 
 def flagged(device, offset, *, slope=LEVEL, seed=9, **link):
     """Flags (DRAWS,) of fixes of one geometry, and the two probabilities predicted for it."""
-    table = torch.from_numpy(usbl.link_table(CARRIERS, **link)).to(device)
+    table = torch.from_numpy(usbl.link_table(CARRIERS, usbl.Sonar(**link))).to(device)
     auv = torch.zeros(DRAWS, dtype=torch.int32, device=device)
     true = torch.tensor(offset, dtype=torch.float32, device=device).expand(DRAWS, 3).contiguous()
     tilt = torch.tensor(slope, dtype=torch.float32, device=device).expand(DRAWS, 2).contiguous()
@@ -177,7 +179,7 @@ class TestValidity:
         """Four hydrophones' energy over the noise is noncentral χ² of 8 degrees of freedom."""
         S, f = 100.0, CARRIERS[0]
         snr = 20 * math.log10(a / math.sqrt(10 * 2.016e6 / f / 2))
-        level = snr + sonar_equation.transmission_loss(S, f) + sonar_equation.noise_level(f, 1000.0, 0.5, 0.0)
+        level = snr + sonar_equation.transmission_loss(S, f) + sonar_equation.noise_level(coates(f, 0.5, 0.0), 1000.0)
         flags, detected, _ = flagged(device, (0.0, 0.0, -S), source_level=level, path="transponder")
         exact = stats.ncx2.sf(8 + 4 * usbl.PERIOD_ENERGY * 10, 8, 4 * a * a)
         assert detected == pytest.approx(exact, abs=1e-3)
@@ -194,7 +196,7 @@ class TestValidity:
         """Amplitude and phases of one complex Gaussian: σ² falls as 2a/(2a + n)."""
         noise = torch.zeros(2, 6)
         noise[:, 0], noise[1, 5] = 1.0, 3.0
-        table = torch.from_numpy(usbl.link_table(CARRIERS, source_level=115.0)).to(device)
+        table = torch.from_numpy(usbl.link_table(CARRIERS, usbl.Sonar(source_level=115.0))).to(device)
         place = torch.tensor([[0.0, 0.0, -100.0]] * 2, device=device)
         estimate, _, _ = usbl.flagged_fixes(
             table, place.new_zeros(2, dtype=torch.int32), place, place.new_zeros(2, 2), 0.0, noise.to(device)
@@ -221,7 +223,7 @@ class TestValidity:
 
     def test_without_noise_a_wrap_is_what_it_is(self, device):
         for spacing, wrapped in ((0.033, 0), (0.1, usbl.WRAPPED)):
-            table = torch.from_numpy(usbl.link_table(CARRIERS, spacing=spacing)).to(device)
+            table = torch.from_numpy(usbl.link_table(CARRIERS, usbl.Sonar(spacing=spacing))).to(device)
             place = torch.tensor([[100.0, 0.0, -100.0]], device=device)
             none = place.new_zeros(1, 6)
             _, _, flags = usbl.flagged_fixes(table, none[:, 0].int(), place, place.new_zeros(1, 2), 0.0, none)
@@ -234,10 +236,15 @@ class TestLinkTable:
     )
     def test_unknown_choice_is_refused(self, field, value):
         with pytest.raises(ValueError, match=f"{field}: '{value}' is not one of"):
-            usbl.link_table(CARRIERS, **{field: value})
+            usbl.Sonar(**{field: value})
+
+    def test_a_louder_sea_is_that_much_less_snr(self):
+        loud = usbl.Sonar(ambient_noise=lambda f, shipping, wind: 7.0 + coates(f, shipping, wind))
+        snr = [usbl.link_table(CARRIERS, sonar)[:, usbl.SNR_AT_1M] for sonar in (usbl.Sonar(), loud)]
+        assert snr[0] - snr[1] == pytest.approx(7.0, abs=1e-4)
 
     def test_one_row_an_auv(self):
-        table = usbl.link_table((12000.0, 15000.0, 18000.0))
+        table = usbl.link_table((12000.0, 15000.0, 18000.0), usbl.Sonar())
         assert table.shape == (3, usbl.COLUMNS)
         assert table.dtype == np.float32
         assert table[:, usbl.KAPPA] == pytest.approx(2 * np.pi * np.array([12e3, 15e3, 18e3]) * 0.033 / 1500, rel=1e-6)

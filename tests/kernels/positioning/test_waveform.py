@@ -14,7 +14,9 @@ from scipy import stats
 
 from kernels import random
 from kernels.positioning import fix_probability, sonar_equation, usbl, waveform
+from kernels.positioning.ambient_noise import coates
 from kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
+from kernels.types import vec2, vec3
 
 SIGNIFICANCE = 1e-5
 SAMPLING_RATE = 2.016e6
@@ -27,9 +29,9 @@ def link_at(snr, offset, carrier=15000.0, path="echo", **settings):
     level = (
         snr
         + paths * sonar_equation.transmission_loss(S, carrier)
-        + sonar_equation.noise_level(carrier, 1000.0, 0.5, 0.0)
+        + sonar_equation.noise_level(coates(carrier, 0.5, 0.0), 1000.0)
     )
-    table = usbl.link_table((carrier,), source_level=level, target_strength=0.0, path=path, **settings)
+    table = usbl.link_table((carrier,), usbl.Sonar(source_level=level, target_strength=0.0, path=path, **settings))
     return torch.from_numpy(table)
 
 
@@ -342,11 +344,11 @@ class TestDraws:
             out: ti.types.ndarray(dtype=ti.f32, ndim=2),
         ):
             for n in range(out.shape[0]):
-                r = usbl.vec3(offset[n, 0], offset[n, 1], offset[n, 2])
+                r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
                 address = random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0))
                 S = r.norm()
                 heard = waveform.measure(link, 0, r, S, address, ti.u32(16), ti.u32(0), waveform.PROJECTED)
-                f = waveform.fix(link, 0, r, S, heard, usbl.array_axes(usbl.vec2(0.0, 0.0)))
+                f = waveform.fix(link, 0, r, S, heard, usbl.array_axes(vec2(0.0, 0.0)))
                 for j in ti.static(range(5)):
                     out[n, j] = f[j]
 
