@@ -1,4 +1,4 @@
-"""Stable-Baselines3's SAC on our environment, for `benchmarks.train`, which says what the variants are."""
+"""Stable-Baselines3's SAC on our environment, for `benchmarks.train`, which describes the variants."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 import policies
 from examples.stable_baselines3_sac import SAC, AuvVecEnv
-from policies.frames import FRAMES, TargetFrame, WorldFrame
+from policies.frames import FRAMES, Frame
 from usvauv_env import Scenario
 
 DEFAULT_WORLDS = 4
 
 
 def learner(variant: str, scenario: str, seed: int) -> tuple[SAC, Callable[[torch.Tensor], torch.Tensor], int]:
-    """A model that is about to learn, how it acts in our worlds without exploring, and the number of AUVs."""
+    """An untrained model, its action in our worlds without exploration, and the number of AUVs."""
     ours = policies.TrainingConfig()
     worlds = DEFAULT_WORLDS if variant == "sb3_defaults" else ours.num_worlds
     env = AuvVecEnv(worlds, seed, scenario=scenario)
@@ -36,7 +36,7 @@ def learner(variant: str, scenario: str, seed: int) -> tuple[SAC, Callable[[torc
             "buffer_size": ours.replay * num_auvs,
             "gradient_steps": ours.updates,
             "learning_starts": ours.warmup * num_auvs,
-            "ent_coef": "auto_0.05",  # about the temperature that ours begins with
+            "ent_coef": "auto_0.05",  # about our initial temperature
             "policy_kwargs": {"net_arch": list(ours.hidden)},
         }
     model = SAC("MlpPolicy", Framed(env, frame), seed=seed, device="cpu", **settings)
@@ -51,9 +51,9 @@ def learner(variant: str, scenario: str, seed: int) -> tuple[SAC, Callable[[torc
 
 
 class Framed(VecEnvWrapper):
-    """AUVs as environments, seen and steered through one of our frames."""
+    """AUVs as environments, observed and commanded through one of our frames."""
 
-    def __init__(self, env: VecEnv, frame: TargetFrame | WorldFrame) -> None:
+    def __init__(self, env: VecEnv, frame: Frame) -> None:
         self.frame = frame
         super().__init__(env, gymnasium.spaces.Box(-np.inf, np.inf, (frame.features,), np.float32))
 

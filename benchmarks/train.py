@@ -1,28 +1,26 @@
-"""Seconds of training until a policy is worth having in `extreme`, ours and Stable-Baselines3's SAC beside it.
+"""Seconds of training until a policy reaches two targets in `extreme`: our trainer beside Stable-Baselines3's SAC.
 
     python -m benchmarks.train --json
 
-Two targets for arps, the mean of 32 episodes in worlds nobody trains in: 95 % of the way from `random` to `straight` at
-its best speed, and `straight` itself. A target counts as passed where two evaluations in a row, after the first
-gradient update, are at or above it; the first of the two gives seconds, updates, world-steps and agent-steps, and the
-seconds of all threads of this process, which neighbours on the machine hardly change ("cpu_seconds").
-Evaluations come after the same stretches of training time for everyone, at least `SPACING` and `GROWTH` of the time so
-far apart; their own time, imports, the compilation of kernels and the making of worlds are not counted. The evaluation
-at 0 s is the untrained policy's.
+The targets are values of arps, the mean of 32 episodes in worlds that are not trained in: 95 % of the way from `random`
+to `straight` at its best speed, and `straight` itself. A target is reached where two evaluations in a row, after the
+first gradient update, are at or above it; the first of the two gives seconds, updates, world-steps, agent-steps, and
+the processor seconds of all threads of this process, on which other programs have little effect ("cpu_seconds").
+Evaluations of all learners come after the same times of training, at least `SPACING` and `GROWTH` of the time so far
+apart; their own time, imports, compilation of kernels and construction of worlds are not counted. The evaluation at 0 s
+is the untrained policy's.
 
-"ours" is what `usvauv train` does, "ours_shared" the same with one network for all AUVs: both steer through an
-autopilot that makes even an untrained policy a good heuristic. "ours_target_frame" is shared and has no autopilot; its
-course is still relative to the target's bearing, so that an untrained policy heads for it. "ours_world_axes" has
-neither.
+"ours" is `usvauv train`, "ours_shared" the same with one network for all AUVs; both use the guided frame, whose
+autopilot makes an untrained policy a good heuristic. "ours_target_frame" is shared and without autopilot; its course is
+relative to the target's bearing, so an untrained policy heads for the target. "ours_world_axes" has neither.
 Stable-Baselines3 learns one policy for all AUVs through the adapter of `examples/stable_baselines3_sac.py`:
 "sb3_defaults" in 4 worlds (8 environments) with all its defaults, "sb3_tuned" in as many worlds as ours and with our
 settings wherever it has them (batch, learning rate, n-step returns, sizes of networks, updates, exploration before
-learning), "sb3_tuned_our_frame" the same with our features and actions. All of them on one torch thread; kernels on
-all.
+learning), "sb3_tuned_our_frame" the same with our features and actions. torch uses one thread, kernels all.
 
-A run that does not pass both targets within `--limit` seconds ends there; a ratio to it is then a lower bound and is
-marked so. Progress goes to stderr; Ctrl-C ends the benchmark with the runs that are finished. With all defaults it
-takes some 40 minutes a seed.
+A run that does not reach both targets within `--limit` seconds ends there; a ratio to it is then marked as a lower
+bound. Progress goes to stderr; Ctrl-C ends the benchmark with the finished runs. With all defaults it takes some 40
+minutes a seed.
 """
 
 from __future__ import annotations
@@ -51,7 +49,7 @@ SCENARIO = "extreme"
 EPISODES = 32
 EVALUATION_SEED = 1_000_003  # none of the training seeds
 SPACING, GROWTH = 1.0, 0.05  # between two evaluations: seconds, and share of the time so far
-WAY = 0.95
+TARGET_SHARE = 0.95  # of the way from `random` to `straight`
 COSTS = ("seconds", "cpu_seconds", "updates", "world_steps", "agent_steps")
 SB3_VARIANTS = ("sb3_defaults", "sb3_tuned", "sb3_tuned_our_frame")
 
@@ -59,7 +57,7 @@ Act = Callable[[torch.Tensor], torch.Tensor]
 
 
 class Evaluator:
-    """arps of the same `EPISODES` episodes for everyone."""
+    """arps of a policy, in the same `EPISODES` episodes for all."""
 
     def __init__(self) -> None:
         self.world = World(Scenario.load(SCENARIO), EPISODES, EVALUATION_SEED)
@@ -79,10 +77,10 @@ class Evaluator:
 
 
 class Course:
-    """One training run: a clock that stands still during evaluations, and what they found.
+    """One training run: a clock that stops during evaluations, and their results.
 
     Args:
-        name: for the progress.
+        name: shown with the progress.
         evaluator: gives the arps of a policy.
         targets: arps to pass, by name.
         limit: seconds of training after which the run ends.
@@ -99,7 +97,7 @@ class Course:
         return time.perf_counter(), time.process_time()
 
     def look(self, act: Act, updates: int, world_steps: int) -> bool:
-        """Evaluate if it is time to; whether the run is over."""
+        """Evaluate if one is due; returns whether the run is over."""
         spent = self._spent
         if self.looks:
             spent = [done + now - since for done, now, since in zip(spent, self._clocks(), self._since, strict=True)]
@@ -132,7 +130,7 @@ class Course:
 
 
 def train_ours(course: Course, config: policies.TrainingConfig) -> None:
-    """Our trainer, from the first step to the end of the course."""
+    """Train with our trainer until the course is over."""
     trainer = policies.Trainer(World(Scenario.load(SCENARIO), config.num_worlds, config.seed), config)
     course.look(trainer.policy().act, 0, 0)
     over = False
@@ -148,7 +146,7 @@ def train_ours(course: Course, config: policies.TrainingConfig) -> None:
 
 
 def train_stable_baselines3(course: Course, variant: str, seed: int) -> None:
-    """Stable-Baselines3's SAC, from the first step to the end of the course."""
+    """Train with Stable-Baselines3's SAC until the course is over."""
     model, act, num_auvs = importlib.import_module("benchmarks.stable_baselines3_sac").learner(variant, SCENARIO, seed)
     callbacks = importlib.import_module("stable_baselines3.common.callbacks")
 
@@ -164,7 +162,7 @@ def train_stable_baselines3(course: Course, variant: str, seed: int) -> None:
 
 
 def summarise(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Median and all values of what each target took; null where it was not passed."""
+    """Median and all values of each cost of each target; null where it was not reached."""
     return {
         target: {
             name: figures([math.inf if run["passed"][target] is None else run["passed"][target][name] for run in runs])
@@ -184,7 +182,7 @@ def figures(values: list[float]) -> dict[str, Any]:
 
 
 def contestants(algorithm: str) -> dict[str, Callable[[Course, int], None]]:
-    """Everyone who learns, by name."""
+    """The learners, by name."""
     config = policies.TrainingConfig(algorithm=algorithm)
     everyone: dict[str, Callable[[Course, int], None]] = {
         name: lambda course, seed, changes=changes: train_ours(course, replace(config, seed=seed, **changes))
@@ -205,8 +203,8 @@ def measure(algorithm: str, seeds: int, limit: float, only: list[str]) -> dict[s
     machine = describe()
     evaluator = Evaluator()
     reference = {name: evaluator.score(name) for name in ("random", "straight", "crab")}
-    way = reference["random"] + WAY * (reference["straight"] - reference["random"])
-    targets = {"95_percent": way, "straight": reference["straight"]}
+    near = reference["random"] + TARGET_SHARE * (reference["straight"] - reference["random"])
+    targets = {"95_percent": near, "straight": reference["straight"]}
     everyone = {name: train for name, train in contestants(algorithm).items() if name in only}
     results: dict[str, Any] = {name: {"runs": []} for name in everyone}
     turns = [(seed, name) for seed in range(seeds) for name in everyone]
@@ -253,7 +251,7 @@ def ratios(results: dict[str, Any], targets: dict[str, float], limit: float) -> 
 
 
 def ratio(ours: float | None, other: float | None, limit: float) -> dict[str, Any] | None:
-    """Null where ours did not arrive; a lower bound where only the other did not."""
+    """Time of the other over ours; null if ours did not reach the target, a lower bound if only the other did not."""
     if ours is None:
         return None
     return {"times": (other or limit) / ours, "lower_bound": other is None}

@@ -1,6 +1,6 @@
-"""TD3 in one file, in CleanRL's manner: everything that happens can be read from top to bottom.
+"""TD3 in one file, in the style of CleanRL.
 
-One actor and one pair of critics for all AUVs, trained on what each of them sees and earns. Install and run:
+One actor and one pair of critics for all AUVs, trained on the observations and rewards of each. Install and run:
 
     pip install -c constraints.txt -e .
     python examples/cleanrl_td3.py --steps 6000
@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> list[float]:
                 action = actor(observation)
             action = (action + asked.exploration * torch.randn_like(action)).clamp(-1, 1)
         following, team_reward, _, over, details = envs.step(action.unflatten(0, (asked.worlds, num_auvs)).numpy())
-        # Time is all that ends a mission, so the value of what follows always counts.
+        # A mission ends by time alone, so every transition bootstraps.
         reward = asked.reward_scale * rows(details["auv_reward"])
         replay.add(observation, action, reward, rows(following))
         if over.any():
@@ -119,17 +119,17 @@ def main(arguments: Sequence[str] | None = None) -> list[float]:
         observation = rows(following)
 
         if step > warmup:
-            seen, done, earned, then = replay.sample(asked.batch)
+            state, tried, earned, next_state = replay.sample(asked.batch)
             with torch.no_grad():
-                noise = (asked.policy_noise * torch.randn_like(done)).clamp(-asked.noise_clip, asked.noise_clip)
-                next_action = (target_actor(then) + noise).clamp(-1, 1)
-                target = earned + asked.gamma * target_critics(then, next_action).amin(0)
-            critic_loss = functional.mse_loss(critics(seen, done), target.expand(2, -1))
+                noise = (asked.policy_noise * torch.randn_like(tried)).clamp(-asked.noise_clip, asked.noise_clip)
+                next_action = (target_actor(next_state) + noise).clamp(-1, 1)
+                target = earned + asked.gamma * target_critics(next_state, next_action).amin(0)
+            critic_loss = functional.mse_loss(critics(state, tried), target.expand(2, -1))
             critic_optimiser.zero_grad()
             critic_loss.backward()
             critic_optimiser.step()
             if step % asked.delay == 0:
-                actor_loss = -critics(seen, actor(seen))[0].mean()
+                actor_loss = -critics(state, actor(state))[0].mean()
                 actor_optimiser.zero_grad()
                 actor_loss.backward()
                 actor_optimiser.step()

@@ -1,4 +1,4 @@
-"""A look at the real water that a mission would sail on, before it does: depths and currents of an area, as a figure.
+"""Depths and currents of an area from files, as a figure, to look at before a mission uses them.
 
 python examples/real_water.py bathymetry.nc currents.nc 0.5 58.5 --width 2000 --length 2000
 """

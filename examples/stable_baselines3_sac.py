@@ -19,13 +19,13 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 import usvauv_env  # noqa: F401 - registers the environment
 
-REWARD_SCALE = 0.1  # a service brings 30; Adam is at ease with numbers around one
+REWARD_SCALE = 0.1  # a service brings 30, and Adam's defaults suit numbers of order one
 
 
 class AuvVecEnv(VecEnv):
-    """W missions of K AUVs as W·K environments of one AUV, each with its own reward; the others are its surroundings.
+    """W missions of K AUVs as W·K environments of one AUV, each with its own reward.
 
-    Stable-Baselines3 wants the first observation of the next episode in the step that ends one, and the last
+    Stable-Baselines3 expects the first observation of the next episode in the step that ends one, and the last
     observation in that step's info.
     """
 

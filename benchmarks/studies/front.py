@@ -2,11 +2,11 @@
 
     python -m benchmarks.studies.front --out docs/front.png
 
-Paired episodes: everyone sails in the same worlds. A heuristic's parameter (speed, or price of time) traces a curve of
-SDR over EC. Each learned policy is set against the curve of `straight`, linear between its speeds: its SDR over that of
-`straight` at equal EC, and its EC over that of `straight` at equal SDR; the same SDR over `pace`; and its services over
-those of `zermelo`, which knows the whole current, at equal EC. Intervals are 95 % by the bootstrap over episodes, all
-policies resampled together.
+Paired episodes: all policies act in the same worlds. A heuristic's argument (speed, or price of time) traces a curve of
+SDR over EC. Each learned policy is compared with the curve of `straight`, linear between its speeds: its SDR over that
+of `straight` at equal EC, and its EC over that of `straight` at equal SDR; the same SDR over `pace`; and its services
+over those of `zermelo`, which knows the whole current, at equal EC. Intervals are 95 % by the bootstrap over episodes,
+all policies resampled together.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Table = dict[str, dict[str, np.ndarray]]
 
 
 def fitting(names: list[str], scenario: Scenario) -> list[str]:
-    """Those that can be used in a scenario."""
+    """The policies that fit a scenario."""
     kept = []
     for name in names:
         try:
@@ -52,8 +52,8 @@ def fitting(names: list[str], scenario: Scenario) -> list[str]:
     return kept
 
 
-def sail(names: list[str], scenario: Scenario, episodes: int, seed: int) -> Table:
-    """Figures of merit of each policy, (episodes,)."""
+def measure(names: list[str], scenario: Scenario, episodes: int, seed: int) -> Table:
+    """Figures of merit of each policy, (episodes,), in the same worlds."""
     world, table = World(scenario, episodes, seed), {}
     for name in names:
         policy = policies.load(name, world)
@@ -78,7 +78,7 @@ def curve(family: str, table: Table, figure: str, drawn: np.ndarray) -> np.ndarr
 
 
 def ratio(name: str, table: Table, family: str, figure: str, at: str) -> list[float]:
-    """A policy's figure over that of a heuristic where both have the same `at`: mean and 95 % interval."""
+    """A policy's figure over that of a heuristic at an equal value of the figure `at`: mean and 95 % interval."""
     count = len(table[name][figure])
     drawn = np.random.default_rng(0).integers(0, count, (RESAMPLES, count))
     drawn = np.concatenate((np.arange(count)[None], drawn))
@@ -138,7 +138,7 @@ def main() -> None:
     print(f"{describe()}; {arguments.episodes} episodes of {SCENARIO}, seed {arguments.seed}; mean ± 95 %\n")
     print("| policy | " + " | ".join(FIGURES) + " |\n" + "| --- " * (len(FIGURES) + 1) + "|")
     points = [f"{family}:{value:g}" for family, values in CURVES.items() for value in values]
-    table = sail([*learned, *points], scenario, arguments.episodes, arguments.seed)
+    table = measure([*learned, *points], scenario, arguments.episodes, arguments.seed)
     results = {name: compare(name, table) for name in learned}
     print()
     for name, rows in results.items():

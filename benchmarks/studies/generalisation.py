@@ -1,4 +1,4 @@
-"""How far learned policies carry: trained in one water, tested in others; and what each part of the framework brings.
+"""Generalisation of learned policies to other conditions, and the effect of each part of the framework.
 
     python -m benchmarks.studies.generalisation --out runs/generalisation
 
@@ -58,7 +58,7 @@ ABLATIONS = {
 
 
 def train(name: str, steps: int, folder: Path) -> Path:
-    """The folder of the best policy of a run, which is made if it is not there."""
+    """Train, unless the run is finished already; returns the folder of its best policy."""
     place = folder / name.replace(" ", "-")
     if not (place / "last").exists() or policies.read_run(place)[2]["steps"] < steps:
         base, changes = TRAINED[name]
