@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from usvauv_cli.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
 from usvauv_cli.objectives import NAMES
+from usvauv_env.positioning import Landscape, Plan
 from usvauv_env.render import style
 
 SIGMAS = 2
@@ -35,11 +36,11 @@ LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 PLACES = ("#ffb020", "#ff6f61", "#c9f26b", "#7df9ff", "#ff9dd6", "#b7a0ff")
 
 
-def magnification(result: dict) -> float:
+def magnification(result: Plan) -> float:
     """The largest of ..., 1, 2, 3, 5, 10, ... by which the error ellipses can be drawn larger and still fit."""
-    best = max(error["major"] for error in result["optimum"]["errors"])
-    worst = max(error["major"] for place in (result["optimum"], *result["compare"]) for error in place["errors"])
-    side = min(result["area"]["width"], result["area"]["length"])
+    best = max(error.major for error in result.optimum.errors)
+    worst = max(error.major for place in (result.optimum, *result.compare) for error in place.errors)
+    side = min(result.area.width, result.area.length)
     room = min(LARGEST_BEST / best, LARGEST / worst) * side / SIGMAS
     decade = 10.0 ** math.floor(math.log10(room))
     return decade * max(step for step in (1, 2, 3, 5) if step * decade <= room)
@@ -60,19 +61,18 @@ def letter_of(i: int) -> str:
     return LETTERS[i % len(LETTERS)]
 
 
-def draw(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
+def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     """Draw the result of a plan and save it, the format by the file's suffix.
 
     Args:
-        result: what `usvauv plan --json` writes.
-        landscape: x (n,) and y (m,) in m and ln of the objective (m, n) there.
+        result, landscape: of `usvauv_env.positioning.solve`.
         path: file to write.
     """
-    width, length = result["area"]["width"], result["area"]["length"]
+    width, length = result.area.width, result.area.length
     # In inches: the map, within 6 × 6, then the colour bar and the legend, as tall as its rows need; above, the title.
     across, along = (MAP * side / max(width, length) for side in (width, length))
     across = max(across, 1.0)
-    rows = 8 + len(result["auvs"]) + len(result["compare"])
+    rows = 8 + len(result.auvs) + len(result.compare)
     below = max(along, 0.21 * rows) - along
     total = np.array([across + 5.2, along + below + 1.75])
     figure = Figure(figsize=tuple(total), facecolor=BACKGROUND)
@@ -85,17 +85,17 @@ def draw(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], pat
     draw_landscape(result, landscape, axes, bar)
     scale = draw_places(result, axes)
     draw_legend(result, scale, figure, place(1.85 + across, 0.78 + below + along))
-    best = result["optimum"]
-    title = f"Best place for the boat: ({best['x']:.1f}, {best['y']:.1f}) m"
-    about = f"{result['scenario']} · objective {result['objective']} · measurement {result['measurement']}"
-    if result["slope"] != [0, 0]:
-        about += f" · errors on a slope of {result['slope'][0]:g}, {result['slope'][1]:g}"
+    best = result.optimum
+    title = f"Best place for the boat: ({best.x:.1f}, {best.y:.1f}) m"
+    about = f"{result.scenario} · objective {result.objective} · measurement {result.measurement}"
+    if result.slope != (0, 0):
+        about += f" · errors on a slope of {result.slope[0]:g}, {result.slope[1]:g}"
     figure.text(*place(0.8, total[1] - 0.45), title, color=TEXT, fontsize=15, fontweight="bold")
     figure.text(*place(0.8, total[1] - 0.72), about, color=MUTED, fontsize=10)
     save(figure, path)
 
 
-def draw_landscape(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.ndarray], axes: Axes, bar: Axes) -> None:
+def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) -> None:
     """ln of the objective as filled contours; lines where the error is a given multiple of the best.
 
     Objectives A and E have the unit m⁻², so the error goes with their power −1/2. Determinants have it once for every
@@ -103,13 +103,13 @@ def draw_landscape(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.nda
     −1/(2 · axes). What the paper prints is no determinant of information, so it has no lines.
     """
     x, y, value = landscape
-    low, high = np.percentile(value, 0.5), max(value.max(), result["optimum"]["log_objective"])
+    low, high = np.percentile(value, 0.5), max(value.max(), result.optimum.log_objective)
     filled = axes.contourf(x, y, value, levels=np.linspace(low, high + 1e-3, 41), cmap=SEA, extend="min")
     filled.set_edgecolor("face")  # no hairlines between the bands in PDF and SVG
-    ellipse_axes = {"d": 2 * len(result["auvs"]), "sum": 2}.get(result["objective"], 1)
-    levels = {result["optimum"]["log_objective"] - 2 * ellipse_axes * math.log(factor): factor for factor in FACTORS}
+    ellipse_axes = {"d": 2 * len(result.auvs), "sum": 2}.get(result.objective, 1)
+    levels = {result.optimum.log_objective - 2 * ellipse_axes * math.log(factor): factor for factor in FACTORS}
     drawn = sorted(level for level in levels if value.min() < level < value.max())
-    if drawn and result["objective"] in LINES:
+    if drawn and result.objective in LINES:
         lines = axes.contour(x, y, value, levels=drawn, colors=TEXT, linewidths=0.7, linestyles="solid", alpha=0.65)
         labels = axes.clabel(lines, fmt={level: f"×{factor:g}" for level, factor in levels.items()}, fontsize=8)
         for label in labels:
@@ -119,41 +119,41 @@ def draw_landscape(result: dict, landscape: tuple[np.ndarray, np.ndarray, np.nda
     ticks = max(1, round(7 * min(1.0, y[-1] / x[-1])))
     scale = axes.figure.colorbar(shades, cax=bar, ticks=MaxNLocator(ticks))
     scale.outline.set_visible(False)
-    bar.set_title(NAMES[result["objective"]], color=MUTED, fontsize=9.5, loc="left", pad=8)
+    bar.set_title(NAMES[result.objective], color=MUTED, fontsize=9.5, loc="left", pad=8)
     style_axes(axes, tick_pad=9)
     style_axes(bar, tick_pad=4)
     axes.set_xlabel("x (east), m", fontsize=10)
     axes.set_ylabel("y (north), m", fontsize=10)
 
 
-def draw_places(result: dict, axes: Axes) -> float:
+def draw_places(result: Plan, axes: Axes) -> float:
     """AUVs, their ellipses from the optimum and every compared place, the places; returns the magnification."""
-    best, others, centroid = result["optimum"], result["compare"], result["centroid"]
+    best, others, centroid = result.optimum, result.compare, result.centroid
     scale = magnification(result)
     shadow = [withStroke(linewidth=3, foreground=OUTLINE)]
     for place, colour, dash in [(best, TEXT, "-"), *((p, place_colour(i), (0, (4, 2))) for i, p in enumerate(others))]:
-        for auv, error in zip(result["auvs"], place["errors"], strict=True):
-            size = [2 * SIGMAS * scale * error[axis] for axis in ("major", "minor")]
-            ellipse = Ellipse((auv["x"], auv["y"]), *size, angle=math.degrees(error["angle"]), fill=False)
+        for auv, error in zip(result.auvs, place.errors, strict=True):
+            size = [2 * SIGMAS * scale * axis for axis in (error.major, error.minor)]
+            ellipse = Ellipse((auv.x, auv.y), *size, angle=math.degrees(error.angle), fill=False)
             ellipse.set(edgecolor=colour, linestyle=dash, linewidth=1.5, zorder=4)
             ellipse.set_path_effects(shadow if place is best else [])
             axes.add_patch(ellipse)
     above = {"clip_on": False, "mec": OUTLINE}
-    for k, auv in enumerate(result["auvs"]):
+    for k, auv in enumerate(result.auvs):
         colour = web(style.auv_colour(k))
-        axes.plot(auv["x"], auv["y"], "o", ms=7, mfc=colour, mew=1, zorder=5, **above)
-        label = axes.annotate(str(k + 1), (auv["x"], auv["y"]), (6, 6), textcoords="offset points", zorder=6)
+        axes.plot(auv.x, auv.y, "o", ms=7, mfc=colour, mew=1, zorder=5, **above)
+        label = axes.annotate(str(k + 1), (auv.x, auv.y), (6, 6), textcoords="offset points", zorder=6)
         label.set(color=colour, fontsize=11, fontweight="bold", path_effects=shadow)
     for i, place in enumerate(others):
-        axes.plot(place["x"], place["y"], "s", ms=13, mfc=place_colour(i), mew=1.2, zorder=7, **above)
-        letter = axes.annotate(letter_of(i), (place["x"], place["y"]), ha="center", va="center_baseline", zorder=8)
+        axes.plot(place.x, place.y, "s", ms=13, mfc=place_colour(i), mew=1.2, zorder=7, **above)
+        letter = axes.annotate(letter_of(i), (place.x, place.y), ha="center", va="center_baseline", zorder=8)
         letter.set(color=OUTLINE, fontsize=8, fontweight="bold")
-    axes.plot(centroid["x"], centroid["y"], "+", ms=12, mew=2, color=TEXT, path_effects=shadow, zorder=8)
-    axes.plot(best["x"], best["y"], "*", ms=20, mfc=TEXT, mew=1.2, zorder=9, **above)
+    axes.plot(centroid.x, centroid.y, "+", ms=12, mew=2, color=TEXT, path_effects=shadow, zorder=8)
+    axes.plot(best.x, best.y, "*", ms=20, mfc=TEXT, mew=1.2, zorder=9, **above)
     return scale
 
 
-def draw_legend(result: dict, scale: float, figure: Figure, corner: tuple[float, float]) -> None:
+def draw_legend(result: Plan, scale: float, figure: Figure, corner: tuple[float, float]) -> None:
     """What the marks are: places with their rms error, AUVs with their error from the optimum, lines."""
 
     def mark(marker: str, colour: str, size: float) -> Line2D:
@@ -166,27 +166,27 @@ def draw_legend(result: dict, scale: float, figure: Figure, corner: tuple[float,
     def heading(text: str) -> tuple[Line2D, str]:
         return line("none", "none"), text
 
-    best, centroid = result["optimum"], result["centroid"]
+    best, centroid = result.optimum, result.centroid
     entries = [
         heading("Boat: rms error of a fix"),
-        (mark("*", TEXT, 15), f"optimum   {metres(best['rms'])} m"),
-        (mark("+", TEXT, 9), f"centroid   {metres(centroid['rms'])} m"),
+        (mark("*", TEXT, 15), f"optimum   {metres(best.rms)} m"),
+        (mark("+", TEXT, 9), f"centroid   {metres(centroid.rms)} m"),
     ]
-    for i, place in enumerate(result["compare"]):
-        text = f"{letter_of(i)} ({place['x']:g}, {place['y']:g})   {metres(place['rms'])} m"
+    for i, place in enumerate(result.compare):
+        text = f"{letter_of(i)} ({place.x:g}, {place.y:g})   {metres(place.rms)} m"
         entries.append((mark("s", place_colour(i), 9), text))
     entries.append(heading("AUV: 1-σ from the optimum"))
-    for k, (auv, error) in enumerate(zip(result["auvs"], best["errors"], strict=True)):
-        text = f"{k + 1}, {auv['depth']:g} m deep   {metres(error['major'])} × {metres(error['minor'])} m"
+    for k, (auv, error) in enumerate(zip(result.auvs, best.errors, strict=True)):
+        text = f"{k + 1}, {auv.depth:g} m deep   {metres(error.major)} × {metres(error.minor)} m"
         entries.append((mark("o", web(style.auv_colour(k)), 7), text))
     entries.append(heading(f"{SIGMAS}-σ ellipses, drawn × {scale:g}"))
     entries.append((line(TEXT, "-"), "from the optimum"))
-    if result["compare"]:
-        letters = [letter_of(i) for i in range(len(result["compare"]))]
+    if result.compare:
+        letters = [letter_of(i) for i in range(len(result.compare))]
         text = "from " + ", ".join(letters) + (", each in its colour" if len(letters) > 1 else "")
         entries.append((line(place_colour(0), "--"), text))
-    if result["objective"] in LINES:
-        entries.append(heading(LINES[result["objective"]]))
+    if result.objective in LINES:
+        entries.append(heading(LINES[result.objective]))
         entries.append((line(TEXT, "-", 0.7), "as a multiple of the best"))
     handles, texts = zip(*entries, strict=True)
     legend = figure.legend(

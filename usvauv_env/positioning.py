@@ -1,9 +1,11 @@
-"""Where should the boat be, and how good is a fix from there? The planner's answer for one layout of AUVs."""
+"""The planner's answer for one layout of AUVs: the best place of the boat, and how good fixes from there are."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,6 +18,90 @@ from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
 
+@dataclass(frozen=True)
+class FixError:
+    """Error to expect of one good fix of an AUV.
+
+    Attributes:
+        range: slant range, m.
+        major, minor: standard deviations along the axes of the horizontal error ellipse, m.
+        angle: of the major axis, rad, anticlockwise from east.
+        good: probability that the fix is good.
+    """
+
+    range: float
+    major: float
+    minor: float
+    angle: float
+    good: float
+
+
+@dataclass(frozen=True)
+class BoatPlace:
+    """A place of the boat (m), ln of the objective there, rms of all AUVs' errors (m), and the error of each AUV."""
+
+    x: float
+    y: float
+    log_objective: float
+    rms: float
+    errors: list[FixError]
+
+
+@dataclass(frozen=True)
+class AuvPosition:
+    """Position of an AUV, m, depth positive down, and its carrier, Hz."""
+
+    x: float
+    y: float
+    depth: float
+    carrier: float
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Size of an area, m."""
+
+    width: float
+    length: float
+    depth: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The planner's answer; `usvauv plan --json` writes its fields.
+
+    Attributes:
+        scenario: name of the scenario.
+        objective, measurement: as in its section `planner`.
+        attitude_error: rad.
+        slope: ∂η/∂x and ∂η/∂y of the surface that the array lies on.
+        area: of the scenario.
+        auvs: the layout.
+        optimum: the best place.
+        centroid: the mean of the AUVs' positions.
+        compare: further places.
+    """
+
+    scenario: str
+    objective: str
+    measurement: str
+    attitude_error: float
+    slope: tuple[float, float]
+    area: Extent
+    auvs: list[AuvPosition]
+    optimum: BoatPlace
+    centroid: BoatPlace
+    compare: list[BoatPlace]
+
+
+class Landscape(NamedTuple):
+    """ln of the objective (m, n) for the boat at x (n,) and y (m,), m."""
+
+    x: np.ndarray
+    y: np.ndarray
+    log_objective: np.ndarray
+
+
 def solve(
     scenario: Scenario,
     auvs: Sequence[tuple[float, float, float]],
@@ -24,8 +110,8 @@ def solve(
     measurement: str,
     slope: tuple[float, float] = (0.0, 0.0),
     arch: str = "auto",
-) -> tuple[dict, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Where the boat should be for a layout of AUVs, and how good their fixes are there and elsewhere.
+) -> tuple[Plan, Landscape]:
+    """Find the best place of the boat for a layout of AUVs, and predict their fixes from there and elsewhere.
 
     Args:
         auvs: x, y and depth of each, m; as many as the scenario has.
@@ -33,10 +119,7 @@ def solve(
         objective, measurement: as in the scenario's section `planner`.
         slope: ∂η/∂x and ∂η/∂y of the surface that the array lies on, for the errors predicted. The best place is that
             of a level array.
-
-    Returns:
-        The result as plain data (`usvauv plan --help` lists its keys), and the landscape to draw: x (n,) and y (m,), m,
-        and the objective (m, n).
+        arch: architecture of the kernels, see `kernels.runtime.start`.
     """
     device = runtime.start(arch).device
     link = torch.from_numpy(link_table(Site(scenario))).to(device)
@@ -46,52 +129,42 @@ def solve(
     optimum = global_search.plan_batch(link, points, code=code, width=width, length=length)[0, :2].tolist()
     centroid = np.mean(auvs, axis=0)[:2].tolist()
 
-    def log_objective(boats) -> np.ndarray:
-        boats = torch.as_tensor(np.asarray(boats, np.float32), device=device)
+    def log_objective(places: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
+        boats = torch.as_tensor(np.asarray(places, np.float32), device=device)
         layouts = points.expand(len(boats), -1, -1).contiguous()
         return objectives.log_objective_batch(link, layouts, boats, code=code)[:, 0].double().cpu().numpy()
 
     boats = [optimum, centroid, *others]
-    values = log_objective(boats)
-    predicted = [predict(link, auvs, boat, measurement, slope) for boat in boats]
-    places = [
-        {
-            "x": x,
-            "y": y,
-            "log_objective": float(value),
-            "rms": math.sqrt(sum(e["major"] ** 2 + e["minor"] ** 2 for e in errors) / len(errors)),
-            "errors": errors,
-        }
-        for (x, y), value, errors in zip(boats, values, predicted, strict=True)
-    ]
-    result = {
-        "scenario": scenario.name,
-        "objective": objective,
-        "measurement": measurement,
-        "attitude_error": scenario.usbl.attitude_error,
-        "slope": list(slope),
-        "area": {"width": width, "length": length, "depth": scenario.area.depth},
-        "auvs": [
-            {"x": x, "y": y, "depth": depth, "carrier": scenario.usbl.carrier(k, len(auvs))}
-            for k, (x, y, depth) in enumerate(auvs)
-        ],
-        "optimum": places[0],
-        "centroid": places[1],
-        "compare": places[2:],
-    }
+    places = []
+    for (x, y), value in zip(boats, log_objective(boats), strict=True):
+        errors = predict(link, auvs, (x, y), measurement, slope)
+        rms = math.sqrt(sum(error.major**2 + error.minor**2 for error in errors) / len(errors))
+        places.append(BoatPlace(x, y, float(value), rms, errors))
+    plan = Plan(
+        scenario=scenario.name,
+        objective=objective,
+        measurement=measurement,
+        attitude_error=scenario.usbl.attitude_error,
+        slope=slope,
+        area=Extent(width, length, scenario.area.depth),
+        auvs=[AuvPosition(*auv, scenario.usbl.carrier(k, len(auvs))) for k, auv in enumerate(auvs)],
+        optimum=places[0],
+        centroid=places[1],
+        compare=places[2:],
+    )
     x, y = np.linspace(0, width, 201), np.linspace(0, length, 201)
     grid = np.stack(np.meshgrid(x, y), axis=-1)
-    return result, (x, y, log_objective(grid.reshape(-1, 2)).reshape(len(y), len(x)))
+    return plan, Landscape(x, y, log_objective(grid.reshape(-1, 2)).reshape(len(y), len(x)))
 
 
 def predict(
     link: torch.Tensor,
     auvs: Sequence[tuple[float, float, float]],
-    boat: Sequence[float],
+    boat: tuple[float, float],
     measurement: str,
     slope: tuple[float, float],
-) -> list[dict]:
-    """Horizontal error ellipse of one fix of every AUV from a boat at `boat`, and how likely the fix is good."""
+) -> list[FixError]:
+    """Errors of one fix of every AUV from a boat at `boat`, m; other arguments as for `solve`."""
     count = len(auvs)
     offset = torch.tensor(
         [[x - boat[0], y - boat[1], -depth] for x, y, depth in auvs], dtype=torch.float32, device=link.device
@@ -104,17 +177,17 @@ def predict(
         for part in tilted_array.predict_batch(link, index, offset, slopes, measurement=code)
     )
     detected, good = fix_probability.good_probability(link, index, offset, slopes)
-    ellipses = []
+    errors = []
     for k in range(count):
         variances, axes = np.linalg.eigh(covariance[k, [0, 1, 1, 2]].reshape(2, 2))
         strengths = np.linalg.eigvalsh(information[k, [0, 1, 1, 2]].reshape(2, 2))
-        ellipses.append(
-            {
-                "range": offset[k].double().norm().item(),
-                "major": math.sqrt(variances[1]),
-                "minor": 1 / math.sqrt(strengths[1]),
-                "angle": math.atan2(axes[1, 1], axes[0, 1]) % math.pi,
-                "good": float(detected[k] * good[k]),
-            }
+        errors.append(
+            FixError(
+                range=offset[k].double().norm().item(),
+                major=math.sqrt(variances[1]),
+                minor=1 / math.sqrt(strengths[1]),
+                angle=math.atan2(axes[1, 1], axes[0, 1]) % math.pi,
+                good=float(detected[k] * good[k]),
+            )
         )
-    return ellipses
+    return errors

@@ -13,6 +13,7 @@ from usvauv_cli.objectives import MEASUREMENTS, NAMES, OBJECTIVES
 
 if TYPE_CHECKING:
     from usvauv_env import Scenario
+    from usvauv_env.positioning import Plan
 
 FORMATS = (".png", ".pdf", ".svg")
 
@@ -90,6 +91,7 @@ def plan(
     AUVs' information; paper ln of what Eq. 3 prints.
     """
     import json
+    from dataclasses import asdict
 
     from usvauv_env import Scenario
     from usvauv_env.positioning import solve
@@ -117,7 +119,7 @@ def plan(
 
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
     if json_file:
-        text = json.dumps(result, indent=1)
+        text = json.dumps(asdict(result), indent=1)
         if to_stdout:
             typer.echo(text)
         else:
@@ -226,19 +228,19 @@ def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Sce
     return scenario.model_copy(update={"auv": team})
 
 
-def print_table(result: dict) -> None:
+def print_table(result: Plan) -> None:
     """Print every place with ln of the objective and the errors of every AUV from there."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    best = result["optimum"]
+    best = result.optimum
     table = Table(box=box.SIMPLE_HEAD, title_justify="left")
     for name in (
         "boat",
         "x m",
         "y m",
-        NAMES[result["objective"]],
+        NAMES[result.objective],
         "rms m",
         "AUV",
         "range m",
@@ -247,23 +249,20 @@ def print_table(result: dict) -> None:
         "good",
     ):
         table.add_column(name, justify="left" if name == "boat" else "right", no_wrap=True)
-    places = [("optimum", best), ("centroid", result["centroid"]), *(("compare", p) for p in result["compare"])]
+    places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]
     for name, place in places:
-        head = (name, *(f"{place[key]:.2f}" for key in ("x", "y", "log_objective")), f"{place['rms']:.3f}")
-        for k, error in enumerate(place["errors"], 1):
-            cells = (str(k), f"{error['range']:.1f}", f"{error['major']:.3f}", f"{error['minor']:.3f}")
-            table.add_row(*(head if k == 1 else [""] * 5), *cells, f"{error['good']:.1%}")
+        head = (name, *(f"{value:.2f}" for value in (place.x, place.y, place.log_objective)), f"{place.rms:.3f}")
+        for k, error in enumerate(place.errors, 1):
+            cells = (str(k), f"{error.range:.1f}", f"{error.major:.3f}", f"{error.minor:.3f}")
+            table.add_row(*(head if k == 1 else [""] * 5), *cells, f"{error.good:.1%}")
         table.add_section()
     typer.echo(
-        f"Boat at x = {best['x']:.2f} m, y = {best['y']:.2f} m:"
-        f" {NAMES[result['objective']]} = {best['log_objective']:.3f}, a fix is {best['rms']:.2f} m off (rms)"
+        f"Boat at x = {best.x:.2f} m, y = {best.y:.2f} m:"
+        f" {NAMES[result.objective]} = {best.log_objective:.3f}, a fix is {best.rms:.2f} m off (rms)"
     )
-    array = (
-        "level array" if result["slope"] == [0, 0] else f"array on a slope of {', '.join(map(str, result['slope']))}"
-    )
+    array = "level array" if result.slope == (0, 0) else f"array on a slope of {', '.join(map(str, result.slope))}"
     typer.echo(
-        f"{result['scenario']}, objective {result['objective']}, measurement {result['measurement']}, {array};"
-        " errors 1-σ"
+        f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors 1-σ"
     )
     console = Console(width=None if Console().is_terminal else 120)
     console.print(table)
