@@ -52,10 +52,10 @@ class Scenario(Section):
     Load a shipped one by name or any by path: `Scenario.load("extreme", ["auv.count=3"])`.
     """
 
-    name: str = Field("unnamed", min_length=1, description="name shown in tables and on videos")
-    description: str = Field("", description="one sentence on what it stands for")
+    name: str = Field(default="unnamed", min_length=1, description="name shown in tables and on videos")
+    description: str = Field(default="", description="one sentence on what it stands for")
     task: str = Field(
-        "data-collection", description="data-collection, station-keeping (hold a formation), or a plugin's task"
+        default="data-collection", description="data-collection, station-keeping (hold a formation), or a plugin's task"
     )
     area: Area = Field(default_factory=Area, description="the operating area")
     mission: Mission = Field(default_factory=Mission, description="clock of the mission")

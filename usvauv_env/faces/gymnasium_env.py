@@ -30,8 +30,9 @@ from usvauv_env.world.spaces import auv_action_space, auv_observation_space, loa
 from usvauv_env.world.world import World
 
 
-def _observe(world: World, space: Box) -> np.ndarray:
-    """The team's observations (W, K, O) inside `space` (K, O), as a new array."""
+def _observe(world: World, space: gymnasium.Space[Any]) -> np.ndarray:
+    """The team's observations (W, K, O) inside the box `space` (K, O), as a new array."""
+    assert isinstance(space, Box)
     return np.clip(world.observation.numpy(force=True), space.low, space.high)
 
 

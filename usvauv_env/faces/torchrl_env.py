@@ -91,14 +91,14 @@ class DataCollectionTorchRLEnv(EnvBase):
             return Composite(specs, shape=team, device=self.device)
 
         def numbers(count: int) -> Unbounded:
-            return Unbounded(shape=(*team, count), device=self.device)
+            return Unbounded(shape=torch.Size((*team, count)), device=self.device)
 
         def bounded(low: torch.Tensor, high: torch.Tensor) -> Bounded:
-            shape = (*team, len(low))
+            shape = torch.Size((*team, len(low)))
             return Bounded(low.expand(shape), high.expand(shape), shape=shape, device=self.device)
 
         def flag(*shape: int) -> Categorical:
-            return Categorical(2, shape=(*shape, 1), dtype=torch.bool, device=self.device)
+            return Categorical(2, shape=torch.Size((*shape, 1)), dtype=torch.bool, device=self.device)
 
         info = group(
             reward_terms=numbers(len(self.world.reward_names)),

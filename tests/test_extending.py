@@ -1,0 +1,137 @@
+"""Plugins from files outside the package do what `docs/extending.md` says, which shows those very files."""
+
+import csv
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from usvauv_env.world import observation
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted((ROOT / "examples" / "plugins").glob("*.py"))
+CALL = "import sys; sys.argv[0] = 'usvauv'; from usvauv_cli.app import main; main()"
+SHORT = ("--set", "mission.duration=60", "--episodes", "2")
+
+
+def usvauv(folder, *arguments, plugin=None):
+    """Run the command in a folder, with a copy of an example there as plugin."""
+    if plugin:
+        shutil.copy(ROOT / "examples" / "plugins" / plugin, folder)
+        arguments = (*arguments, "--plugin", plugin)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", CALL, *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+
+
+def evaluated(folder, *arguments, plugin):
+    """Rows of the CSV of `usvauv eval` with the policy `straight` in a short `ideal`."""
+    done = usvauv(folder, "eval", "ideal", "--policy", "straight", *SHORT, *arguments, plugin=plugin)
+    assert done.returncode == 0, done.stderr
+    with (folder / "metrics.csv").open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_documentation_shows_the_files():
+    text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+    for path in EXAMPLES:
+        assert f"```python\n{path.read_text(encoding='utf-8')}```" in text, path.name
+
+
+def test_table_of_the_observation_is_the_one_printed():
+    assert observation.table() in (ROOT / "docs" / "interfaces.md").read_text(encoding="utf-8")
+
+
+def test_task(tmp_path):
+    chosen = ("--set", "task=survey", "--set", "auv.count=3")
+    near = evaluated(tmp_path, *chosen, plugin="task.py")
+    far = evaluated(tmp_path, *chosen, "--set", "task_parameters.radius=60", plugin="task.py")
+    visits = [sum(float(row["visits"]) for row in rows) for rows in (near, far)]
+    assert visits[1] > 2 * visits[0] > 0
+    weighted = evaluated(
+        tmp_path,
+        *chosen,
+        *("--set", "task_parameters.radius=60", "--set", "task_parameters.visit=30"),
+        plugin="task.py",
+    )
+    for row, other in zip(far, weighted, strict=True):
+        gained = 20 * float(row["visits"]) / 60
+        assert float(other["arps"]) - float(row["arps"]) == pytest.approx(gained, rel=1e-5)
+
+
+def test_boat_strategy(tmp_path):
+    rows = evaluated(tmp_path, "--usv", "above:0", "--usv", "above:1", "--usv", "fim", plugin="boat_strategy.py")
+    assert [row["usv"] for row in rows[::2]] == ["above:0", "above:1", "fim"]
+    assert len({row["position_error_mean"] for row in rows}) == len(rows)
+    refused = usvauv(tmp_path, "eval", "--usv", "above:2", plugin="boat_strategy.py")
+    assert refused.returncode == 2
+    assert refused.stderr.strip() == "error: usv: 'above:2': the AUV must be from 0 to 1"
+
+
+def test_target_rule(tmp_path):
+    long = ("--set", "mission.duration=300")
+    nearest = evaluated(tmp_path, *long, "--set", "nodes.target_rule=nearest", plugin="target_rule.py")
+    shipped = evaluated(tmp_path, *long, plugin="target_rule.py")
+    assert sum(int(row["services"]) for row in nearest) > sum(int(row["services"]) for row in shipped)
+
+
+def test_noise_law(tmp_path):
+    quiet, loud = (
+        evaluated(
+            tmp_path,
+            "--set",
+            "acoustics.ambient_noise=wind-only",
+            "--set",
+            f"acoustics.wind={wind}",
+            plugin="noise_law.py",
+        )
+        for wind in (1, 4)
+    )
+    for a, b in zip(quiet, loud, strict=True):
+        # Two doublings of the wind are 10 dB, which amplitudes of noise have as a factor √10.
+        assert float(b["fix_error_median"]) == pytest.approx(10**0.5 * float(a["fix_error_median"]), rel=0.1)
+
+
+def test_observation_term(tmp_path):
+    script = """
+from usvauv_env import Scenario, World, plugins
+plugins.load("observation_term.py")
+world = World(Scenario.load("ideal", ['observation.extra=["backlog"]']), 3)
+plain = World(Scenario.load("ideal"), 3)
+assert world.observation_size == plain.observation_size + 1
+from kernels.mission.columns import AuvColumn, NodeColumn
+observation = world.reset()
+assert (observation[..., :-1] == plain.reset()).all()
+target = world.auv[..., AuvColumn.target].long()
+backlog = world.node[..., NodeColumn.backlog].gather(1, target)
+(index,) = range(*world.observation_layout.slice("backlog").indices(world.observation_size))
+assert (observation[..., index] - backlog / 5000).abs().max() < 1e-6
+assert backlog.min() > 0
+"""
+    shutil.copy(ROOT / "examples" / "plugins" / "observation_term.py", tmp_path)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    (tmp_path / "script.py").write_text(script)
+    subprocess.run([sys.executable, "script.py"], cwd=tmp_path, env=environment, check=True, timeout=300)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "plugin broken.py: must be a Python file"),
+        ("import nowhere", "plugin broken.py: ModuleNotFoundError: No module named 'nowhere'"),
+        (
+            "from kernels.mission.target_rules import target_rules\n"
+            "target_rules.register('backlog-less-distance', None)",
+            "plugin broken.py: target rule 'backlog-less-distance': is registered already",
+        ),
+    ],
+)
+def test_a_plugin_that_cannot_be_loaded_gives_one_line(tmp_path, text, message):
+    if text:
+        (tmp_path / "broken.py").write_text(text)
+    done = usvauv(tmp_path, "eval", "--plugin", "broken.py")
+    assert (done.returncode, done.stderr.strip()) == (2, f"error: {message}")
+    assert not (tmp_path / "metrics.csv").exists()
