@@ -78,6 +78,23 @@ def test_target_rule(tmp_path):
     assert sum(int(row["services"]) for row in nearest) > sum(int(row["services"]) for row in shipped)
 
 
+def test_noise_law(tmp_path):
+    quiet, loud = (
+        evaluated(
+            tmp_path,
+            "--set",
+            "acoustics.ambient_noise=wind-only",
+            "--set",
+            f"acoustics.wind={wind}",
+            plugin="noise_law.py",
+        )
+        for wind in (1, 4)
+    )
+    for a, b in zip(quiet, loud, strict=True):
+        # Two doublings of the wind are 10 dB, which amplitudes of noise have as a factor √10.
+        assert float(b["fix_error_median"]) == pytest.approx(10**0.5 * float(a["fix_error_median"]), rel=0.1)
+
+
 def test_observation_term(tmp_path):
     script = """
 from usvauv_env import Scenario, World, plugins
