@@ -1,8 +1,8 @@
-"""Counter-based random numbers: a draw is a pure function of its address, never of thread or call order.
+"""Counter-based random numbers: a draw is a pure function of its address, whatever the threads and the order of calls.
 
 Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC'11,
 doi 10.1145/2063384.2063405). The key is the 64-bit seed; the counter is the address (world, episode, step, draw).
-The same episode therefore results for any number of worlds and threads.
+So an episode is the same for any number of worlds and threads.
 """
 
 import taichi as ti

@@ -1,7 +1,7 @@
-"""The one place where Taichi is started and where the rest of the program learns what it runs on.
+"""Start of Taichi, the device that kernels run on, and how kernels are compiled.
 
-Taichi is started at the first use, never at import. Starting it a second time would invalidate every compiled kernel,
-so a second call with another architecture is an error.
+Taichi is started at first use, never at import. A second start would invalidate every compiled kernel, so a second call
+with another architecture is an error.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import io
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import taichi as ti
 import torch
@@ -20,18 +21,18 @@ from taichi.lang.ast import ast_transformer_utils
 
 from kernels.errors import UserError
 
-FEW_TASKS = 256  # of about a microsecond: on two cores waking another thread only pays beyond
-TURNS = 16  # of a loop that a thread takes at a time
+FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
+ITERATIONS = 16  # of a loop that a thread takes at a time
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan", "metal")
 
 
 class RuntimeUnavailable(UserError, RuntimeError):
-    """The requested architecture cannot be used on this machine, or another one is already running."""
+    """The requested architecture cannot be used on this machine, or another one is running already."""
 
 
 @dataclass(frozen=True)
 class Runtime:
-    """What is running: Taichi's architecture, torch's device and the number of CPU threads of both."""
+    """Taichi's architecture, torch's device and the number of CPU threads of Taichi's kernels."""
 
     arch: str
     device: torch.device
@@ -47,12 +48,15 @@ def available_cores() -> int:
 
 
 def start(arch: str = "auto", threads: int | None = None) -> Runtime:
-    """Start Taichi once, and tell what was started.
+    """Start Taichi if it is not running yet.
 
     Args:
         arch: one of `ARCHITECTURES`; "auto" takes CUDA where torch and Taichi both see a device, else the CPU.
         threads: CPU threads of Taichi's kernels; default all cores this process may use. Torch is set to one thread,
             because its small matrix products lose far more to a busy second core than they gain from it.
+
+    Returns:
+        what is running.
 
     Raises:
         RuntimeUnavailable: unknown or unusable architecture, or a different one is running already.
@@ -76,43 +80,44 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
                 cpu_max_num_threads=threads,
                 offline_cache=True,
                 fast_math=False,
-                # Taichi would give a thread at least 512 turns of a loop, whatever one takes: fewer ran on one thread.
+                # By default a thread gets at least 512 iterations, so that a shorter loop runs on one thread.
                 make_cpu_multithreading_loop=False,
                 cpu_block_dim_adaptive=False,
-                default_cpu_block_dim=TURNS,
+                default_cpu_block_dim=ITERATIONS,
                 log_level=ti.ERROR,
             )
     except Exception as error:
         raise RuntimeUnavailable(f"arch: {arch!r} could not be started: {error}") from error
-    _read_kernels_quickly()
+    _speed_up_reading_of_kernels()
     torch.set_num_threads(1)
     device = torch.device("cuda" if arch == "cuda" else "cpu")
     _running = Runtime(arch, device, threads)
     return _running
 
 
-def _read_kernels_quickly() -> None:
-    """Halve the time that Taichi takes to read a kernel, which it does in every process, compiled before or not.
+def _speed_up_reading_of_kernels() -> None:
+    """Halve the time in which Taichi reads the source of a kernel, as each process does, also of one compiled before.
 
-    For each expression it composes an extract of the source with the expression underlined, in case of an error; and
-    it reads a function's source again for each call of it. File and line are enough for an error, and once to read.
+    For its error messages Taichi composes an extract of the source for each expression, and it reads the source of a
+    function again at each call of it. Here messages have file and line only, and a source is read once.
     """
 
-    def place(context, node) -> str:
+    def position(context, node) -> str:
         line = node.lineno + context.lineno_offset
         return f'File "{context.file}", line {line}, in {context.func.func.__name__}:\n'
 
-    ast_transformer_utils.ASTTransformerContext.get_pos_info = place
+    transformer: Any = ast_transformer_utils.ASTTransformerContext
+    transformer.get_pos_info = position
     for name in ("getsourcelines", "getsourcefile"):
         setattr(kernel_impl, name, functools.cache(getattr(kernel_impl, name)))
 
 
 @contextlib.contextmanager
 def vectors_in_registers() -> Iterator[None]:
-    """Let a kernel that is compiled here keep whole vectors in registers, where Taichi would by default split them.
+    """Compile kernels within this context so that whole vectors stay in registers; by default Taichi splits them.
 
-    Twice as fast on a CPU. Not the default, because Taichi then lacks several vector functions that other kernels use
-    and takes it that arrays begin at whole vectors, which those of torch do, but not all of NumPy.
+    Twice as fast on a CPU. Not the default, because Taichi then lacks several vector functions that other kernels use,
+    and expects that arrays are aligned to vectors, which holds for torch, but not always for NumPy.
     """
     config = impl.current_cfg()
     default = config.real_matrix_scalarize
@@ -125,9 +130,9 @@ def vectors_in_registers() -> Iterator[None]:
 
 @contextlib.contextmanager
 def compiled_quickly() -> Iterator[None]:
-    """Let a kernel that is compiled here go without the pass that takes most of the time of compiling a long one.
+    """Compile kernels within this context without the pass that takes most of the time of compiling a long one.
 
-    That takes a half to a third of the time; what comes out is a tenth to a fifth slower.
+    Compiling takes a third to a half of the time; the kernel is a tenth to a fifth slower.
     """
     config = impl.current_cfg()
     default = config.cfg_optimization
@@ -139,10 +144,10 @@ def compiled_quickly() -> Iterator[None]:
 
 
 def better_alone(tasks: int) -> bool:
-    """Whether so few short tasks on a CPU are done sooner by the calling thread than another one wakes up."""
+    """Whether the calling thread finishes so few short tasks on a CPU before another thread wakes up."""
     return start().device.type == "cpu" and tasks <= FEW_TASKS
 
 
 def synchronize() -> None:
-    """Wait until all launched kernels are done (a no-op on the CPU, needed before a clock is read on a GPU)."""
+    """Wait until all launched kernels are done; on a CPU they already are."""
     ti.sync()

@@ -49,9 +49,11 @@ class Diagnostics:
 
     def mass(self) -> np.ndarray:
         """Volume above the mean level Σ η Δx Δy, m³, (num_seas,)."""
-        chunks = self.scheme.chunks(0, self.scheme.packing.ny)
-        dx, dy = self.scheme.spacing
-        return sum(self._eta(*rows).sum(axis=(1, 2), dtype=np.float64) for rows in chunks) * dx * dy
+        packing, (dx, dy) = self.scheme.packing, self.scheme.spacing
+        total = np.zeros(packing.num_seas)
+        for first, last in self.scheme.chunks(0, packing.ny):
+            total += self._eta(first, last).sum(axis=(1, 2), dtype=np.float64)
+        return total * dx * dy
 
     def energy(self, prescribed: np.ndarray) -> np.ndarray:
         """The scheme's own energy, per density, m⁵/s², (num_seas,).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import torch
@@ -103,7 +104,7 @@ class Discretisation:
         depth, ny, (_, (sponge_y, _)) = self.depth, self.packing.ny, self._sponge
         changes = [] if depth.strides[0] == 0 else [i for i in range(1, ny) if (depth[i] != depth[i - 1]).any()]
         damped = np.flatnonzero(np.diff(sponge_y)) + 1
-        rows = np.unique([0, 1, *changes, *(i + 1 for i in changes), *damped, ny])
+        rows = np.unique(np.array([0, 1, *changes, *(i + 1 for i in changes), *damped, ny], int))
         C = torch.empty((2, len(rows), self.packing.columns, LANES), device=device)
         done = 0
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
@@ -124,7 +125,8 @@ class Discretisation:
         U⁺ = a U⁻ − C (η − (E − R U⁻)), a = (1 − s)/(1 + s), C = 2 λ²/(1 + s + λ), R = 1/(λ (1 + s)).
         """
         resistances = []
-        for side, along in (("south", np.s_[0]), ("north", np.s_[-1]), ("west", np.s_[:, 0]), ("east", np.s_[:, -1])):
+        cells: dict[Side, Any] = {"south": np.s_[0], "north": np.s_[-1], "west": np.s_[:, 0], "east": np.s_[:, -1]}
+        for side, along in cells.items():
             axis, outward, _, _ = GEOMETRY[side]
             depth = self.depth[along].astype(np.float64)
             factor = self.drag_factor * self._sponge[axis][0][0 if outward < 0 else -1]

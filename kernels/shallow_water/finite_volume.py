@@ -6,6 +6,8 @@ boundaries in `kernels.shallow_water.ghost_cells`.
 Instead of the depth h the state is D = h − max(−b, 0), the water over that of the still sea: the elevation at sea, the
 depth on land. Rounding is then that of the wave, not that of the depth, and the still sea is exactly 0.
 """
+# pyright: reportAttributeAccessIssue=false, reportIndexIssue=false
+# (the members of Taichi's structs and the elements of its vectors exist only while a kernel is compiled)
 
 from collections import namedtuple
 

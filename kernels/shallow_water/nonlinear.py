@@ -32,12 +32,12 @@ class NonlinearShallowWater:
     with the depth h = η − b between the surface z = η and the bed z = b; z = 0 is the mean level. Finite volumes on
     cell averages: limited linear reconstruction of surface, depth and velocity, hydrostatic reconstruction at the
     faces, HLLC flux, Heun's method in time (`kernels.shallow_water.riemann`, `kernels.shallow_water.finite_volume`).
-    Second order where the flow is smooth; bores have their right speed; lakes at rest stay so; depth stays positive
-    and mass is kept to rounding.
+    Second order where the flow is smooth; bores have the right speed; lakes at rest stay at rest; depth stays positive
+    and mass is conserved to rounding.
     Steps are chosen on the device, Δt ((|u| + c)/Δx + (|v| + c)/Δy) ≤ 0.45, where ½ is the limit of positive depth.
 
-    It costs more than the linear solver and blurs short waves, which that one does not: it is for waves that are high
-    or currents that are fast beside the depth and its celerity, and for land that gets wet.
+    It costs more than the linear solver and damps short waves, which that one does not: it is for waves that are high
+    against the depth, currents that are fast against the celerity, and land that gets wet.
 
     Args:
         size: (width, length) of the basin X × Y, m.
@@ -50,8 +50,8 @@ class NonlinearShallowWater:
         boundaries: kind by side; a side that is missing is a "wall". Others are "radiating" to a still sea outside
             (waves leave), or "forced", where the elevation is prescribed (by `set_forcing`) and waves from inside are
             reflected. Where water leaves faster than waves travel a forced boundary cannot hold its level.
-        dry: depth under which water does not move, m. Choose about 1e-5 of the greatest depth; less costs time, because
-            thin water runs fast.
+        dry: depth under which water does not move, m. Choose about 1e-5 of the greatest depth; with less the time steps
+            are shorter, because thin water runs fast.
 
     Attributes:
         bed: b as it is used, rounded to f32, (ny, nx).
@@ -90,7 +90,7 @@ class NonlinearShallowWater:
         self._sea, self._land = np.maximum(-self.bed, 0), np.maximum(self.bed, 0)
 
         self._columns = W = math.ceil(self.nx / LANES)
-        self._first = np.arange(LANES) * (self.nx - W) // (LANES - 1)
+        self._first_column = np.arange(LANES) * (self.nx - W) // (LANES - 1)
         self._bands = max(1, min(running.threads, self.nx * self.ny // BAND, self.ny))
         numbers = {"dtype": torch.float32, "device": running.device}
         self._state = torch.zeros((2, 3, self.ny + 4, W + 4, LANES), **numbers)
@@ -118,7 +118,11 @@ class NonlinearShallowWater:
         self._tide = torch.tensor(components, dtype=torch.float64, device=self._clock.device)
 
     def set_state(
-        self, eta: np.ndarray, u: np.ndarray | None = None, v: np.ndarray | None = None, time: float = 0.0
+        self,
+        eta: float | np.ndarray,
+        u: float | np.ndarray | None = None,
+        v: float | np.ndarray | None = None,
+        time: float = 0.0,
     ) -> None:
         """Start from a surface and velocities.
 
@@ -221,19 +225,19 @@ class NonlinearShallowWater:
 
     def _spread(self, field: np.ndarray, ghosts: int) -> np.ndarray:
         """A field (rows, nx + 2 ghosts) as (rows, W + 2 ghosts, LANES)."""
-        return field[:, np.arange(self._columns + 2 * ghosts)[:, None] + self._first]
+        return field[:, np.arange(self._columns + 2 * ghosts)[:, None] + self._first_column]
 
-    def _owner(self, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _owner(self, column: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Packed column and lane of a column of the basin; of the last lane that has it."""
-        lane = np.searchsorted(self._first, column, side="right") - 1
-        return column - self._first[lane], lane
+        lane = np.searchsorted(self._first_column, column, side="right") - 1
+        return column - self._first_column[lane], lane
 
     def _halo_table(self) -> list[tuple[int, ...]]:
         """The table `halo` of `kernels.shallow_water.finite_volume.step`."""
         table = []
         for j in (-2, -1, self._columns, self._columns + 1):
             for lane in range(LANES):
-                column = self._first[lane] + j
+                column = self._first_column[lane] + j
                 if column < 0:
                     source = WEST, -column, *self._owner(0), *self._owner(1)
                 elif column >= self.nx:

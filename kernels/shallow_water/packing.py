@@ -1,15 +1,15 @@
-"""Packed Arakawa C grids: how fields lie in memory, on the way in and out, and sampling between cells.
+"""Packed Arakawa C grids: layout of fields in memory, conversion from and to plain arrays, and sampling between cells.
 
-A packed field has the shape (blocks, rows, W, LANES): vectors of LANES numbers that one machine instruction takes
-together. There are two ways of filling the lanes, and one source for both.
+A packed field has the shape (blocks, rows, W, LANES): vectors of LANES numbers that one machine instruction processes
+together. The lanes are filled in one of two ways, by the same source.
 
 - *pool*, several seas: lane l of block b is sea 16 b + l, and W = nx + o.
 - *strips*, one sea: lane l holds columns l W to l W + W − 1, so W = ⌈(nx + o)/16⌉; W ≤ nx tells strips from pool.
 
 Rows 0 to ny − 1 and columns 0 to nx − 1 are water. U[j] and V[i] are the faces west of column j and south of row i, so
-column nx and row ny hold the eastern and northern edge, and columns are cyclic, so that the last one (of the last
-lane, in strips) lies west of column 0. These outer cells hold the elevation outside an open edge; all their other
-faces are shut. There are o = 2 outer columns where west and east are both open, else one. Rows above ny belong to the
+column nx and row ny hold the eastern and northern boundary, and columns are cyclic, so that the last one (of the last
+lane, in strips) lies west of column 0. These outer cells hold the elevation outside an open boundary; all their other
+faces are closed. There are o = 2 outer columns where west and east are both open, else one. Rows above ny belong to the
 time loop: the row south of row 0, and copies.
 """
 
@@ -29,7 +29,7 @@ vectors = ti.types.ndarray(dtype=vector, ndim=1)
 
 @dataclass(frozen=True)
 class Packing:
-    """Way of packing the fields (num_seas, ny + 1, nx + 1) of a number of seas; `outer` is the number o above."""
+    """Packing of the fields (num_seas, ny + 1, nx + 1) of a number of seas; `outer` is the number o above."""
 
     num_seas: int
     nx: int
@@ -38,7 +38,7 @@ class Packing:
 
     @property
     def strips(self) -> bool:
-        """Whether lanes are strips of one sea."""
+        """Whether lanes are strips of one sea, and not seas of a pool."""
         return self.num_seas == 1 and self.nx >= LANES
 
     @property
@@ -55,13 +55,13 @@ class Packing:
     def pack(self, field: np.ndarray, packed: torch.Tensor, first: int) -> None:
         """Write rows of a field (num_seas, rows, nx + 1) to the rows from `first` on."""
         rows, columns = field.shape[1:]
-        field = torch.as_tensor(field, dtype=torch.float32)
+        values = torch.as_tensor(field, dtype=torch.float32)
         if self.strips:
-            field = torch.nn.functional.pad(field, (0, self.columns * LANES - columns))
-            packed[0, first : first + rows] = field.view(rows, LANES, self.columns).transpose(1, 2)
+            values = torch.nn.functional.pad(values, (0, self.columns * LANES - columns))
+            packed[0, first : first + rows] = values.view(rows, LANES, self.columns).transpose(1, 2)
         else:
-            field = torch.nn.functional.pad(field, (0, 0, 0, 0, 0, self.blocks * LANES - self.num_seas))
-            lanes = field.view(self.blocks, LANES, rows, columns).permute(0, 2, 3, 1)
+            values = torch.nn.functional.pad(values, (0, 0, 0, 0, 0, self.blocks * LANES - self.num_seas))
+            lanes = values.view(self.blocks, LANES, rows, columns).permute(0, 2, 3, 1)
             packed[:, first : first + rows, :columns] = lanes
 
     def unpack(self, packed: torch.Tensor, first: int, last: int) -> np.ndarray:
@@ -89,7 +89,7 @@ def sample(
 
     η is bilinear between the four cell centres around the point. η_x is the difference over each western face,
     bilinear between those faces, likewise η_y: continuous everywhere and second order, as is η. In the outer half
-    cell (for a slope: the outer cell) the nearest polynomial is continued, so a linear surface is exact up to the edge.
+    cell (for a slope: the outer cell) the nearest polynomial is continued, so a plane is exact up to the boundary.
 
     Args:
         eta: packed elevation (blocks, rows, W, LANES) as an ndarray argument of f32 with ndim=4.

@@ -331,4 +331,4 @@ def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) 
             free += 1
         table[band, : BandTable.extent, : len(row)] = packed, source, row
         table[band, BandTable.extent, : len(Extent.names)] = len(row), low > 0, high <= ny
-    return tile, table, free
+    return tile, table, int(free)

@@ -1,9 +1,21 @@
 """What a validation case is: a formula, a run at a resolution, and what is expected of its errors."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+
+import numpy as np
+
+
+def order(errors: Sequence[float]) -> float:
+    """Order of convergence of the last two errors, on grids that are refined by two."""
+    return math.log2(errors[-2] / errors[-1])
+
+
+def relative_L1(computed: np.ndarray, exact: np.ndarray) -> float:
+    """Σ |computed − exact| / Σ |exact| over all cells."""
+    return float(np.abs(computed - exact).sum() / np.abs(exact).sum())
 
 
 @dataclass(frozen=True)
@@ -36,6 +48,9 @@ class Case:
         tolerance: greatest error allowed at the finest, by quantity.
         order: bounds of the order between the two finest, by quantity; quantities that are missing have none.
         slow: whether it is left out of the quick tests.
+
+    Raises:
+        ValueError: resolutions that do not rise, or an order without a tolerance.
     """
 
     name: str
@@ -46,6 +61,19 @@ class Case:
     tolerance: Mapping[str, float]
     order: Mapping[str, tuple[float, float]]
     slow: bool = False
+
+    def __post_init__(self) -> None:
+        if list(self.resolutions) != sorted(set(self.resolutions)) or not set(self.order) <= set(self.tolerance):
+            raise ValueError(f"{self.name}: resolutions must rise, and each order needs a tolerance")
+
+    def failures(self) -> list[str]:
+        """Quantities whose error at the finest resolution is above its tolerance, or whose order is out of bounds."""
+        return [
+            name
+            for name, measured in self.measure().items()
+            if not measured.errors[-1] <= self.tolerance[name]
+            or (name in self.order and not self.order[name][0] < measured.orders[-1] < self.order[name][1])
+        ]
 
     def measure(self) -> dict[str, Measurement]:
         """Run it at all resolutions."""

@@ -1,34 +1,32 @@
-"""The nonlinear solver's cases for the table; their solutions are those of
-`tests.kernels.shallow_water.test_nonlinear`, which tests them.
-"""
+"""The nonlinear cases of the table; `tests.kernels.shallow_water.test_nonlinear` tests them in more detail."""
 
 import numpy as np
 
 from kernels.shallow_water.nonlinear import NonlinearShallowWater
-from tests.cases.case import Case
+from tests.cases import solutions
+from tests.cases.case import Case, relative_L1
 from tests.cases.plain import SIDES, centres
-from tests.kernels.shallow_water import test_nonlinear as known
 
 
 def dam_break(n: int, behind: float, before: float) -> dict[str, float]:
     x = centres(n, 10.0) - 5
-    solver = known.channel(n, 10.0, bed=0.0, interval=6.0)
+    solver = solutions.channel(n, 10.0, bed=0.0, interval=6.0)
     solver.set_state(np.where(x < 0, behind, before))
     solver.advance()
-    h, u = known.stoker(x, 6.0, behind, before) if before else known.ritter(x, 6.0, behind)
+    h, u = solutions.stoker(x, 6.0, behind, before) if before else solutions.ritter(x, 6.0, behind)
     computed = solver.depth()[0]
-    return {"h": known.relative_L1(computed, h), "hu": known.relative_L1(computed * solver.velocity()[0][0], h * u)}
+    return {"h": relative_L1(computed, h), "hu": relative_L1(computed * solver.velocity()[0][0], h * u)}
 
 
 def radial(n: int) -> dict[str, float]:
-    case = known.RadialDamBreak()
+    case = solutions.RadialDamBreak()
     r, h = case.reference()
     x = centres(4 * n, case.size) - case.size / 2
     exact = np.interp(np.hypot(x, x[:, None]), r, h).reshape(n, 4, n, 4).mean(axis=(1, 3))
-    return {"h": known.relative_L1(case.solve(n).depth(), exact)}
+    return {"h": relative_L1(case.solve(n).depth(), exact)}
 
 
-def thacker(n: int, case: type[known.Thacker]) -> dict[str, float]:
+def thacker(n: int, case: type[solutions.Thacker]) -> dict[str, float]:
     """After a period; the shore on the row next to the middle, in cells."""
     exact = case(n)
     (solver,) = exact.solve(1)
@@ -36,7 +34,7 @@ def thacker(n: int, case: type[known.Thacker]) -> dict[str, float]:
     wet = exact.x[n // 2, solver.depth()[n // 2] > 2e-3 * exact.h0]
     west, east = exact.shores(exact.period, exact.y[n // 2, 0])
     ends = abs(wet.min() - solver.dx / 2 - west), abs(wet.max() + solver.dx / 2 - east)
-    return {"h": known.relative_L1(solver.depth(), h), "shore": max(ends) / solver.dx}
+    return {"h": relative_L1(solver.depth(), h), "shore": max(ends) / solver.dx}
 
 
 def rest(n: int) -> dict[str, float]:
@@ -86,7 +84,7 @@ CASES = (
         "Thacker's plane",
         "η = σ h0/a² (2x cos ωt + 2y sin ωt − σ), ω = √(2 g h0)/a, σ = a/2; one period",
         "Thacker 1981; SWASHES 4.2.2",
-        lambda n: thacker(n, known.Plane),
+        lambda n: thacker(n, solutions.Plane),
         (50, 100),
         {"h": 0.0093, "shore": 2.0},
         {"h": (1.4, 2.5)},
@@ -96,7 +94,7 @@ CASES = (
         "Thacker's paraboloid",
         "η = h0 (√(1 − A²)/(1 − A cos ωt) − 1 − r²/a² ((1 − A²)/(1 − A cos ωt)² − 1)); one period",
         "Thacker 1981; SWASHES 4.2.2",
-        lambda n: thacker(n, known.Paraboloid),
+        lambda n: thacker(n, solutions.Paraboloid),
         (50, 100),
         {"h": 0.0093, "shore": 2.0},
         {"h": (1.7, 2.5)},

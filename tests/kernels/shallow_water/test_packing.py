@@ -16,6 +16,7 @@ from kernels.shallow_water.cellwise import CellwiseBackend
 from kernels.shallow_water.linear import ShallowWater
 from kernels.shallow_water.packing import LANES
 from kernels.shallow_water.wavefront import BandTable, Extent
+from tests.cases.case import order
 from tests.cases.plain import centres, many, rough_bed
 
 THREADS = """
@@ -31,11 +32,6 @@ print(len(backend._bands), backend._copy_serially)
 """
 CLOSED = {"north": "forced"}
 OPEN = {"west": "radiating", "east": "incident", "south": "sponge", "north": "forced"}
-
-
-def order(errors: list[float]) -> float:
-    """Order of convergence of errors on grids that are refined by two."""
-    return math.log2(errors[-2] / errors[-1])
 
 
 def storm(num_seas: int, boundaries: dict[str, str]) -> ShallowWater:
