@@ -17,7 +17,7 @@ SURFACE_PIXELS = 128
 
 
 class Recorder:
-    """Gathers the states of a world, one after the other, and makes a trace of them."""
+    """Copies the states of a world one by one and makes a trace of them."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -28,24 +28,24 @@ class Recorder:
         return len(self._rows["auv"])
 
     def clear(self) -> None:
-        """Forget all states."""
+        """Remove all states."""
         self._rows = {name: [] for name in ("auv", "boat", "backlog", "terms", "estimate", "vortex")}
 
     def drop_last(self) -> None:
-        """Forget the last state."""
+        """Remove the last state."""
         for rows in self._rows.values():
             rows.pop()
 
     def add(self) -> None:
-        """Take the world's present state."""
-        world, kept = self.world, self.world.scenario.current.vortices
+        """Append the present state of the world."""
+        world, num_vortices = self.world, self.world.scenario.current.vortices
         for name, tensor in (
             ("auv", world.auv),
             ("boat", world.boat),
             ("backlog", world.node[..., NodeColumn.backlog]),
             ("terms", world.reward_terms),
             ("estimate", world.estimate),
-            ("vortex", world.vortex[:, :kept]),
+            ("vortex", world.vortex[:, :num_vortices]),
         ):
             self._rows[name].append(tensor.cpu().numpy().copy())
 
@@ -58,12 +58,14 @@ class Recorder:
         start: float = 0.0,
         worlds: slice = slice(None),
     ) -> Trace:
-        """What was recorded from state number `first` on, whose time is `start`, s; where nodes are is as of now.
+        """The trace from state number `first` on; nodes are where they are now.
 
         Args:
-            policy: its name, for the record.
-            worlds: which of them.
+            policy: name of the policy.
             surface: as in `Trace`.
+            first: number of the first state.
+            start: time of that state, s.
+            worlds: the worlds to take.
         """
         world = self.world
         vehicles, boats, backlog, terms, known, vortex = (
@@ -124,7 +126,7 @@ def record(
 
     Args:
         act: observation (W, K, O) → action (W, K, 2).
-        policy: its name, for the record.
+        policy: name of the policy.
         surface: also record the elevation of world 0's sea, at most `SURFACE_PIXELS` on a side.
         on_step: called with the number of steps done; an exception it raises ends the run.
     """

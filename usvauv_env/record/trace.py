@@ -1,4 +1,4 @@
-"""What happened in a run, as plain arrays: the only source of metrics, tables, videos and figures.
+"""Record of a run as plain arrays: the only source of metrics, tables, videos and figures.
 
 T mission steps, W worlds (episodes), K AUVs, M nodes, V vortices, R reward terms. Everything is in SI units, except
 data, which is in Mbit and Mbit/s. Index t of a time series is the state after mission step t.
@@ -46,7 +46,7 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "stream": ("stream_y", "stream_x", "axis"),
     "surface": ("time", "y", "x"),
 }
-OPTIONAL = {"stream": (0, 0, 2), "surface": (0, 0, 0)}  # what may be empty, and how that looks
+OPTIONAL = {"stream": (0, 0, 2), "surface": (0, 0, 0)}  # fields that may be empty, and their shape then
 
 
 class TraceError(UserError, ValueError):

@@ -1,4 +1,4 @@
-"""The record of a sea as CF-NetCDF, written step by step."""
+"""Simulated sea as CF-NetCDF, written step by step."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
+from types import TracebackType
 
 import h5netcdf
 import h5py
@@ -14,16 +15,16 @@ import numpy as np
 from usvauv_env.files import atomic_write
 from usvauv_env.sea_alone.simulation import SeaSimulation
 
-CHUNK = 512  # cells along a side of what is compressed as one
+CHUNK = 512  # largest side in cells of a chunk of the file
 ELEVATION = "sea_surface_height_above_mean_sea_level"
 WAYS = "eastward", "northward"  # along x and y
-EPOCH = "seconds since 2000-01-01 00:00:00"  # CF asks for a date; this one means nothing
+EPOCH = "seconds since 2000-01-01 00:00:00"  # CF requires a date; it is arbitrary
 
 
 class SeaFile:
-    """A CF-1.11 NetCDF-4 file of a sea, one record a step: memory does not grow with their number.
+    """A CF-1.11 NetCDF-4 file of a sea, one record a step; memory does not grow with the number of records.
 
-    To be used as a context: the file appears under its name when that ends, and not at all after an error.
+    A context manager: the file appears at its path when the context ends, and not at all after an error.
 
     Variables: `elevation`, `u` and `v` of the long waves, (time, y, x); `current_x` and `current_y`, (y, x) where they
     are steady, else (time, y, x); `depth` (y, x). x points east, y north.
@@ -47,32 +48,34 @@ class SeaFile:
         return self._partial.stat().st_size
 
     def add(self, sea: SeaSimulation) -> None:
-        """Write the sea as it is now as the next record."""
+        """Append a record of the present state of a sea."""
         n, (u, v) = self._records, sea.velocity()
         self._file.resize_dimension("time", n + 1)
-        self._file["time"][n] = sea.time
+        self._file.variables["time"][n] = sea.time
         fields = {"elevation": sea.surface().elevation, "u": u, "v": v}
         if not sea.steady:
             fields["current_x"], fields["current_y"] = np.moveaxis(sea.current(), -1, 0)
         for name, field in fields.items():
-            self._file[name][n] = field
+            self._file.variables[name][n] = field
         self._records = n + 1
 
     def expected_bytes(self, records: int) -> int:
-        """Size to expect of a file of so many records, from those written."""
+        """Estimated size of a file of so many records, by those written."""
         self._file.flush()
         return self._head + (self.bytes - self._head) * records // max(self._records, 1)
 
     def __enter__(self) -> SeaFile:
         return self
 
-    def __exit__(self, *problem: object) -> None:
-        self._stack.__exit__(*problem)
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, traceback)
 
     def _close(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             self._file.close()
-        except (OSError, RuntimeError, ValueError) as error:  # all three come of a full disk
+        except (OSError, RuntimeError, ValueError) as error:  # a full disk raises any of them
             if kind is None:  # else the first error is the one to report
                 raise OSError(str(error)) from None
 
@@ -148,8 +151,8 @@ class SeaFile:
         _label(variable, standard_name=standard_name, long_name=long_name, units=units)
 
 
-def _label(place: h5netcdf.File | h5netcdf.Variable, **attributes: str) -> None:
-    """Set attributes as texts of fixed length: ParaView does not read those of variable length."""
+def _label(target: h5netcdf.File | h5netcdf.Variable, **attributes: str) -> None:
+    """Set attributes as strings of fixed length; ParaView does not read strings of variable length."""
     for name, text in attributes.items():
         encoded = text.encode("utf-8")
-        place.attrs[name] = np.array(encoded, h5py.string_dtype("utf-8", len(encoded)))
+        target.attrs[name] = np.array(encoded, h5py.string_dtype("utf-8", len(encoded)))

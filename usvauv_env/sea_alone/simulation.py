@@ -1,4 +1,4 @@
-"""The sea of a scenario alone: long waves, storm and current, without boat and AUVs."""
+"""Simulation of the sea of a scenario without vehicles: long waves, storm and current."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from usvauv_env.sections import Water
 from usvauv_env.site.site import Site
 from usvauv_env.world.world import World
 
-FEWEST, MOST = 3, 8192  # cells along a side
+FEWEST, MOST = 3, 8192  # cells along a side of the area
 SURVEY_CELLS, SURVEY_MOMENTS = 64, 100
 
 
 class Surface(NamedTuple):
-    """Elevation at cell centres, row 0 in the south, m, (ny, nx) float32: all of it, and the storm's part.
+    """Elevation at cell centres, row 0 in the south, m, (ny, nx) float32: total, and the storm's part.
 
-    On land there is no storm, and the elevation is what the solver says: 0, or the ground or the flood upon it.
+    On land the storm's part is 0 and the total is the solver's: 0 (linear), or the ground and the water on it
+    (nonlinear).
     """
 
     elevation: np.ndarray
@@ -32,15 +33,15 @@ class Surface(NamedTuple):
 
 
 def cells(scenario: Scenario, spacing: float | None) -> tuple[int, int]:
-    """Cells (nx, ny) of about `spacing` m; default those of a sea that is looked at, `fine_cells`.
+    """Cells (nx, ny) of about `spacing` m; default `fine_cells`.
 
     Raises:
-        ScenarioError: that is fewer than 3 or more than 8192 along a side.
+        ScenarioError: fewer than 3 or more than 8192 cells along a side.
     """
     if spacing is None:
         return fine_cells(scenario)
     sides = scenario.area.width, scenario.area.length
-    count = tuple(round(side / spacing) for side in sides) if spacing > 0 else (0, 0)
+    count = (round(sides[0] / spacing), round(sides[1] / spacing)) if spacing > 0 else (0, 0)
     if min(count) < FEWEST or max(count) > MOST:
         finest, coarsest = max(sides) / (MOST + 0.49), min(sides) / (FEWEST - 0.49)
         raise ScenarioError(
@@ -78,7 +79,7 @@ def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.T
 
 
 class SeaSimulation:
-    """The sea on which world 0 of a seed sails in its first episode, with nothing on it.
+    """The sea of world 0 of a seed in its first episode, without vehicles.
 
     Args:
         scenario: its sections `area`, `water`, `sea`, `storm` and `current` are used.
@@ -88,10 +89,10 @@ class SeaSimulation:
         vortices: as of `first_vortices`; none by default.
 
     Attributes:
-        long_waves: the solver. storm: the short waves upon it.
+        long_waves: the solver. storm: the short waves.
         x, y: cell centres (nx,) and (ny,), m.
         depth: still-water depth at cell centres, at most 0 on land, (ny, nx), m. wet: where it is above 0.
-        steady: the current does not change with time.
+        steady: whether the current is constant in time.
 
     Raises:
         ScenarioError: the seed is out of range.
@@ -144,7 +145,7 @@ class SeaSimulation:
         return self.scenario.area.width / len(self.x), self.scenario.area.length / len(self.y)
 
     def advance(self) -> None:
-        """One interval."""
+        """Advance by one interval."""
         self.long_waves.advance()
         self._steps += 1
         self.storm.set_time(self.time)
@@ -153,7 +154,7 @@ class SeaSimulation:
                 self._evolve_vortices()
 
     def surface(self) -> Surface:
-        """The elevation now."""
+        """The present elevation."""
         storm = self.storm.elevation(0, self.x, self.y).astype(np.float32) * self.wet
         return Surface(self._grid(self.long_waves.elevation()) + storm, storm)
 
@@ -163,41 +164,41 @@ class SeaSimulation:
         return self._grid(u), self._grid(v)
 
     def stream(self) -> np.ndarray:
-        """The real current at the surface now, m/s, (rows, columns, 2) as in `kernels.flow.regular_grid`; empty for
-        none.
+        """The present real current at the surface, m/s, (rows, columns, 2) as in `kernels.flow.regular_grid`.
+
+        Empty where the scenario has none.
         """
         if self._flow is None:
             return np.zeros((0, 0, 2), np.float32)
         return self._flow.at(min(self.time, self._flow.times[-1]))[Level.surface]
 
     def current(self) -> np.ndarray:
-        """Velocity of the current at the surface at cell centres now, vortices and real, m/s, (ny, nx, 2) float32."""
+        """Present velocity of vortices and real current at the surface, at cell centres, m/s, (ny, nx, 2) float32."""
         points = np.stack(np.meshgrid(self.x, self.y), axis=-1).astype(np.float32)
         flat = torch.from_numpy(points.reshape(1, -1, 2)).to(self._vortex.device)
         field = vortex.sample_current(self._vortex, flat)[0].cpu().numpy().reshape(points.shape)
         stream, area = self.stream(), self.scenario.area
         if stream.size:
-            to_rows, to_columns = (
-                _weights(self.y / area.length, stream.shape[0]),
-                _weights(self.x / area.width, stream.shape[1]),
-            )
+            to_rows = _weights(self.y / area.length, stream.shape[0])
+            to_columns = _weights(self.x / area.width, stream.shape[1])
             field += np.einsum("ya,abc,xb->yxc", to_rows, stream, to_columns, optimize=True)
         return np.where(self.wet[..., None], field, np.float32(0))
 
     def _grid(self, field: np.ndarray) -> np.ndarray:
-        """A solver's field, with or without an axis for seas."""
+        """A solver's field on the grid (ny, nx), float32; linear solvers have an axis for seas."""
         return field.reshape(len(self.y), len(self.x)).astype(np.float32)
 
 
-def _weights(place: np.ndarray, nodes: int) -> np.ndarray:
-    """Weights (P, nodes) by which values at evenly spaced nodes give those at shares of the way, linearly."""
-    return np.maximum(0, 1 - np.abs(place[:, None] * (nodes - 1) - np.arange(nodes))).astype(np.float32)
+def _weights(position: np.ndarray, nodes: int) -> np.ndarray:
+    """Weights (P, nodes) of linear interpolation between evenly spaced nodes at positions from 0 to 1."""
+    return np.maximum(0, 1 - np.abs(position[:, None] * (nodes - 1) - np.arange(nodes))).astype(np.float32)
 
 
 def survey(scenario: Scenario, seed: int, duration: float) -> np.ndarray:
-    """Elevations to expect: the same sea on few cells at some moments, (moments, Y, X) m."""
-    longer = max(scenario.area.width, scenario.area.length) / SURVEY_CELLS
-    shape = tuple(max(FEWEST, round(side / longer)) for side in (scenario.area.width, scenario.area.length))
+    """Elevations to expect: the same sea on few cells at `SURVEY_MOMENTS` + 1 times, (times, Y, X) m."""
+    width, length = scenario.area.width, scenario.area.length
+    spacing = max(width, length) / SURVEY_CELLS
+    shape = max(FEWEST, round(width / spacing)), max(FEWEST, round(length / spacing))
     sea = SeaSimulation(scenario, seed, shape, duration / SURVEY_MOMENTS)
     fields = [sea.surface().elevation]
     for _ in range(SURVEY_MOMENTS):

@@ -1,4 +1,4 @@
-"""Reading fields on longitude and latitude lines from CF-NetCDF files: the variable, its axes, its units, its part.
+"""Fields on longitude and latitude lines in CF-NetCDF files: variable, axes, units, and reading a part of them.
 
 Variables and coordinates are recognised by the attributes that the CF conventions give them, never by their place in
 the file. Only the part that is asked for is read. Source: https://cfconventions.org.
@@ -38,7 +38,7 @@ METRES_PER_SECOND = {
 
 
 class OceanError(UserError, ValueError):
-    """A file of real water cannot be used; one line names the file, the variable, what is wrong and what is allowed."""
+    """A file of bathymetry or currents cannot be used; one line names file, variable, problem and what is allowed."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Axis:
         return Axis(self.name, self.dimension, self.values[positions], self.order[positions])
 
     def unwrapped(self, centre: float) -> Axis:
-        """Longitudes within 180° of `centre`; a point that the file holds twice, 360° apart, is kept once."""
+        """Longitudes within 180° of `centre`; of a point that the file holds twice, 360° apart, one remains."""
         values = self.values - 360 * np.round((self.values - centre) / 360)
         rank = np.argsort(values)
         apart = np.diff(values[rank], prepend=-np.inf) > 1e-3 * np.diff(self.values).min()
@@ -196,7 +196,7 @@ def _factor(array: xarray.DataArray, where: str, units: dict[str, float]) -> flo
 
 
 def _kind(variable: xarray.DataArray) -> str | None:
-    """What a coordinate measures, one of `AXES`, by its standard_name, units, positive and axis attributes."""
+    """Kind of a coordinate, one of `AXES`, by its standard_name, units, positive and axis attributes."""
     attributes = variable.attrs
     standard_name, axis = attributes.get("standard_name"), attributes.get("axis")
     units = str(attributes.get("units", "")).lower()
@@ -227,7 +227,7 @@ def _along(dataset: xarray.Dataset, array: xarray.DataArray, dimension: Hashable
 
 
 def _refuse(dataset: xarray.Dataset, where: str, dimension: Hashable) -> None:
-    """Say why a dimension without a known coordinate cannot be used."""
+    """Raise the error for a dimension without a known coordinate."""
     for name, variable in dataset.variables.items():
         if variable.ndim == 2 and dimension in variable.dims and _kind(dataset[name]) in ("latitude", "longitude"):
             raise OceanError(

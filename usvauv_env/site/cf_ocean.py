@@ -1,7 +1,7 @@
-"""Real water: currents and bathymetry of an area on the Earth, read from CF-NetCDF files onto the local plane.
+"""Currents and bathymetry of an area on the Earth, read from CF-NetCDF files onto the local plane.
 
-Between the points of a file fields are linear in longitude, latitude, depth and time. Where a file has no value, there
-is land or bed: the water is at rest there and the depth is 0. `docs/real-water.md` walks through one file.
+Between the points of a file fields are linear in longitude, latitude, depth and time. Points without a value are land
+or bed: velocity and depth are 0 there. `docs/real-water.md` walks through one file.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray
 
 from usvauv_env.site.cf import METRES, METRES_PER_SECOND, Axis, Field, OceanError, field, find, open_file
-from usvauv_env.site.interpolation import BLOCK, bilinear, cell_means, places, shares, spacing
+from usvauv_env.site.interpolation import BLOCK, bilinear, bracket, cell_means, depth_weights, spacing
 from usvauv_env.site.local_frame import LocalFrame
 
 DEPTH_NAMES = (
@@ -37,8 +38,8 @@ CURRENT_NAMES = (
     ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
     ("sea_water_x_velocity", "sea_water_y_velocity"),  # east and north too, since `field` refuses any other grid
 )
-DEEPEST, FASTEST = 12000.0, 20.0  # m and m/s beyond which a value must be a fill value or in other units
-SURFACE_LAYER = 15.0  # the shallowest level of a file stands for the water above it down to this depth, m
+DEEPEST, FASTEST = 12000.0, 20.0  # m and m/s; larger values are fill values or in other units
+SURFACE_LAYER = 15.0  # m; a file whose first depth is at most this serves up to the surface
 MAX_NODES = 129
 SLACK = 1e-5  # degrees by which rounded coordinates may miss the area
 TOLERANCE = 1e-3  # s by which rounded times may miss the mission
@@ -73,7 +74,7 @@ class Flow:
             return self.velocity[0]
         if not self.times[0] - TOLERANCE <= t <= self.times[-1] + TOLERANCE:
             raise ValueError(f"t = {t:g} s; allowed: {self.times[0]:g} to {self.times[-1]:g} s")
-        index, weight = places(self.times, t)
+        index, weight = bracket(self.times, t)
         weight = np.float32(weight)
         return (1 - weight) * self.velocity[index] + weight * self.velocity[index + 1]
 
@@ -141,7 +142,8 @@ def read_flow(
     with open_file(path) as dataset:
         east, north = (field(dataset, path, name, METRES_PER_SECOND) for name in _current_names(dataset, path))
         picked, times, begin = _mission(east, path, start, duration)
-        if not np.array_equal(*(part.axes["time"].values if "time" in part.axes else [] for part in (east, north))):
+        clocks = [part.axes["time"].values if "time" in part.axes else [] for part in (east, north)]
+        if not np.array_equal(clocks[0], clocks[1]):
             raise OceanError(f"{path}: {east.name} and {north.name} are given at different times")
         outline = _outline(frame, width, length)
         windows = [part.axes | _window(part, *outline) | _layers(part, path, levels) for part in (east, north)]
@@ -176,12 +178,12 @@ def _bed(dataset: xarray.Dataset, path: str | Path) -> tuple[Field, float]:
 
 def _current_names(dataset: xarray.Dataset, path: str | Path) -> tuple[str, str]:
     for pair in CURRENT_NAMES:
-        found = [find(dataset, path, (standard_name,)) for standard_name in pair]
-        if all(found):
-            return found[0], found[1]
-        if any(found):
-            missing = pair[found.index(None)]
-            raise OceanError(f"{path}: has {found[0] or found[1]} but no variable with standard_name {missing}")
+        east, north = (find(dataset, path, (standard_name,)) for standard_name in pair)
+        if east and north:
+            return east, north
+        if east or north:
+            missing = pair[1 if east else 0]
+            raise OceanError(f"{path}: has {east or north} but no variable with standard_name {missing}")
     allowed = " or ".join(" with ".join(pair) for pair in CURRENT_NAMES)
     raise OceanError(f"{path}: no variables with the standard_name of a current: {allowed}")
 
@@ -231,7 +233,7 @@ def _layers(source: Field, path: str | Path, levels: Sequence[float]) -> dict[st
                 f"{path}: {axis.name}: currents are needed at {level:g} m and the file's depths are {depths[0]:g} to "
                 f"{depths[-1]:g} m; they serve from {top:g} to {bottom:g} m"
             )
-    needed = np.flatnonzero(shares(depths, levels).any(axis=0))
+    needed = np.flatnonzero(depth_weights(depths, levels).any(axis=0))
     return {"depth": axis.part(needed)}
 
 
@@ -270,7 +272,8 @@ def _parse(start: str) -> np.datetime64:
     return np.datetime64(moment, "ns")
 
 
-def _iso(moment: np.datetime64) -> str:
+def _iso(moment: Any) -> str:
+    """A datetime64 as text, to the second."""
     return str(moment.astype("datetime64[s]"))
 
 
@@ -281,7 +284,8 @@ def _nodes(windows: Sequence[dict[str, Axis]], width: float, length: float) -> t
         min(max(math.ceil(2 * extent / size) + 1, 2), MAX_NODES)
         for extent, size in zip((width, length), steps, strict=True)
     )
-    return tuple(np.meshgrid(np.linspace(0, width, nx), np.linspace(0, length, ny)))
+    x, y = np.meshgrid(np.linspace(0, width, nx), np.linspace(0, length, ny))
+    return x, y
 
 
 def _at_levels(source: Field, axes: dict[str, Axis], levels: Sequence[float]) -> np.ndarray:
@@ -293,8 +297,9 @@ def _at_levels(source: Field, axes: dict[str, Axis], levels: Sequence[float]) ->
         raise OceanError(
             f"{source.path}: {source.name}: {fastest:g} m/s; allowed: up to {FASTEST:g} m/s: see its units and fill"
         )
-    weights = shares(axes["depth"].values, levels)
-    dry = ~(known.any(axis=(2, 3))[:, None] & (weights > 0)).any(axis=2)
+    weights = depth_weights(axes["depth"].values, levels)
+    wet = np.asarray(known.any(axis=(2, 3)))
+    dry = ~(wet[:, None] & (weights > 0)).any(axis=2)
     if dry.any():
         t, level = np.argwhere(dry)[0]
         when = f" at {_iso(axes['time'].values[t])}" if "time" in axes else ""

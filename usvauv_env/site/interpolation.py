@@ -1,4 +1,4 @@
-"""From the points of a file to those of an area: linear in longitude, latitude, depth and time."""
+"""Interpolation from the points of a file to those of an area: linear in longitude, latitude, depth and time."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from usvauv_env.site.cf import Axis
 from usvauv_env.site.local_frame import EQUATOR, LocalFrame
@@ -13,8 +14,8 @@ from usvauv_env.site.local_frame import EQUATOR, LocalFrame
 BLOCK = 2**21  # values interpolated at a time
 
 
-def shares(depths: np.ndarray, levels: Sequence[float]) -> np.ndarray:
-    """Weight of each depth of a file in each level, (L, D): linear between depths, the nearest beyond them."""
+def depth_weights(depths: np.ndarray, levels: Sequence[float]) -> np.ndarray:
+    """Weight of each depth of a file in each level, (L, D): linear between depths, nearest depth beyond them."""
     return np.stack([np.interp(levels, depths, unit) for unit in np.eye(len(depths))], axis=1)
 
 
@@ -51,14 +52,14 @@ def spacing(axes: dict[str, Axis]) -> tuple[float, float]:
 
 def bilinear(values: np.ndarray, axes: dict[str, Axis], lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     """A field (…, latitude, longitude) at points inside its window."""
-    i, right = places(axes["longitude"].values, lon)
-    j, up = places(axes["latitude"].values, lat)
+    i, right = bracket(axes["longitude"].values, lon)
+    j, up = bracket(axes["latitude"].values, lat)
     south = (1 - right) * values[..., j, i] + right * values[..., j, i + 1]
     north = (1 - right) * values[..., j + 1, i] + right * values[..., j + 1, i + 1]
     return (1 - up) * south + up * north
 
 
-def places(values: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def bracket(values: np.ndarray, targets: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Index of the value at or below each target and the weight, 0 to 1, of the next."""
     index = np.clip(np.searchsorted(values, targets, "right") - 1, 0, len(values) - 2)
     return index, np.clip((targets - values[index]) / (values[index + 1] - values[index]), 0, 1)

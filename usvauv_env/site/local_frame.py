@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from usvauv_env.site.cf import OceanError
 
@@ -67,7 +68,7 @@ class LocalFrame:
         return along_x, east * math.sin(phi0) * np.sin(turn) + north * tilt
 
 
-def _meridian(latitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _meridian(latitude: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Distance from the Earth's axis and height above the equator's plane of points of the ellipsoid, m."""
     phi = np.radians(latitude)
     N = EQUATOR / np.sqrt(np.cos(phi) ** 2 + SQUEEZE * np.sin(phi) ** 2)

@@ -1,8 +1,8 @@
 """Speed of sound against depth: a constant, a table, or temperature and salinity through TEOS-10.
 
 Between the depths of a profile the speed is linear, so rays are arcs of circles (`kernels.positioning.rays`); above
-the first and below the last depth it stays what it is there. Temperature and salinity need the library gsw. No second
-formula stands in where it is missing, because one scenario would then mean different water on different machines.
+the first and below the last depth it is constant. Temperature and salinity need the library gsw. Without it there is an
+error and no simpler formula, so that a scenario means the same water on every machine.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ SLOWEST, FASTEST = 1300.0, 1700.0  # m/s
 DEEPEST = 11000.0  # m
 COLDEST, WARMEST = -3.0, 45.0  # °C
 SALTIEST = 50.0  # g/kg or practical
-KILOGRAMS = (0.02, 0.05)  # sea salt in kg/kg; so little in g/kg is rarer than the mistake
+KILOGRAMS = (0.02, 0.05)  # salinity of the sea in kg/kg; values in g/kg that low are taken for this mistake
 FIRST_DEPTH = 15.0  # m, the deepest that a profile may begin; above lies the mixed layer
 FIT_POINTS = 4  # per depth at which a thinned profile is fitted
-DEGREES_PER_LAYER = 0.5  # °C; by such steps the speed strays less than 5 mm/s from linear
+DEGREES_PER_LAYER = 0.5  # °C between depths; the speed is then linear to 5 mm/s
 
 
 class SoundSpeedError(UserError, ValueError):
-    """A profile of the speed of sound cannot be used; one line names the number, its place and what is allowed."""
+    """A sound speed profile cannot be used; one line names the value, its row or depth and what is allowed."""
 
 
 @dataclass(frozen=True)
@@ -141,10 +141,10 @@ class SoundSpeedProfile:
         return float((deep - shallow) / np.sum(np.diff(z) / c[:-1] * slowing))
 
     def thinned(self, tolerance: float) -> SoundSpeedProfile:
-        """Few depths with nearly the same rays; kernels take time in proportion, and casts come with a depth a metre.
+        """A profile of fewer depths with nearly the same rays; the kernels' time grows with the number of depths.
 
-        Depths are chosen so that straight pieces between them miss no speed by more than `tolerance`, m/s (Douglas and
-        Peucker's rule); then the speeds there are fitted to the whole profile, so that what is missed averages out.
+        Depths are chosen so that the linear interpolation between them deviates from no speed by more than `tolerance`,
+        m/s (Douglas and Peucker's rule); then the speeds there are fitted to the whole profile by least squares.
         """
         kept = {0, len(self.depths) - 1}
         open_ends = [(0, len(self.depths) - 1)]
