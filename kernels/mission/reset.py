@@ -1,12 +1,14 @@
 """The start of an episode in one world."""
 
+from typing import Any, NamedTuple
+
 import taichi as ti
 
 from kernels import random
 from kernels.mission import boat, fixes, observation
 from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter
 from kernels.mission.worlds import address, uniforms
-from kernels.types import vec2
+from kernels.types import array1, array2, array3, index2, vec2
 
 START_ATTEMPTS = 256
 
@@ -17,11 +19,20 @@ def between(low, high, u):
     return low + u * (high - low)
 
 
+class VortexDraw(NamedTuple):
+    """The part of `Worlds` that `place_vortices` reads."""
+
+    p: Any
+    fixed_vortex: Any
+    key_low: Any
+    key_high: Any
+    clock: Any
+
+
 @ti.func
-def place_vortices(worlds: ti.template(), w):
+def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
     """Draw the vortices of an episode, or take the fixed ones, and their signs."""
     p = ti.static(worlds.p)
-    vortex = ti.static(worlds.water.vortex)
     for v in range(vortex.shape[1]):
         if p[Parameter.random_vortices] > 0.5:
             u = uniforms(worlds, w, Draw.vortex, v)
@@ -36,6 +47,13 @@ def place_vortices(worlds: ti.template(), w):
             u = uniforms(worlds, w, Draw.vortex_sign, v)
             if u[0] < 0.5:
                 vortex[w, v, 2] = -vortex[w, v, 2]
+
+
+@ti.kernel
+def draw_vortices(p: array1, fixed_vortex: array2, key_low: ti.u32, key_high: ti.u32, clock: index2, vortex: array3):
+    """The vortices with which the present episode of each world begins, into `vortex` (W, V, 4)."""
+    for w in range(vortex.shape[0]):
+        place_vortices(ti.static(VortexDraw(p, fixed_vortex, key_low, key_high, clock)), vortex, w)
 
 
 @ti.func
@@ -85,7 +103,7 @@ def begin_episode(worlds: ti.template(), w):
     worlds.clock[w, 0] = worlds.clock[w, 0] + 1
     worlds.clock[w, 1] = 0
     worlds.program.task.place(worlds, w)
-    place_vortices(worlds, w)
+    place_vortices(worlds, worlds.water.vortex, w)
     for k in range(num_auvs):
         place_auv(worlds, w, k)
         begin_estimate(worlds, w, k)

@@ -10,12 +10,12 @@ import torch
 
 from kernels import runtime
 from kernels.flow import vortex
+from kernels.mission import reset
 from kernels.types import Level
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells
-from usvauv_env.sections import Water
 from usvauv_env.site.site import Site
-from usvauv_env.world.world import World
+from usvauv_env.world import tables
 
 FEWEST, MOST = 3, 8192  # cells along a side of the area
 SURVEY_CELLS, SURVEY_MOMENTS = 64, 100
@@ -61,21 +61,29 @@ def _floor(value: float) -> str:
     return f"{math.floor(value / power) * power:g}"
 
 
+def _check_seed(seed: int) -> None:
+    if not 0 <= seed < 1 << 64:
+        raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
+
+
 def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.Tensor:
     """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `kernels.flow.vortex`.
 
-    They do not depend on the water, so the world they are drawn for has little of it.
+    Raises:
+        ScenarioError: the seed is out of range.
+        RuntimeUnavailable: `arch` cannot be used here.
     """
-    count = scenario.current.vortices
+    _check_seed(seed)
     device = runtime.start(arch).device
-    if not count:
-        return torch.zeros((1, 0, 4), device=device)
-    coarse = scenario.sea.model_copy(update={"cell_size": min(scenario.area.width, scenario.area.length) / 4})
-    few = coarse.model_copy(update={"realisations": 1, "equations": "linear"})
-    small = scenario.model_copy(update={"sea": few, "water": Water()})
-    world = World(small, 1, seed, "hold:0,0", arch=arch)
-    world.reset()
-    return world.vortex[:, :count].clone()
+    site, drawn = Site(scenario), torch.zeros((1, scenario.current.vortices, 4), device=device)
+    if drawn.numel():
+        parameters, fixed = (
+            torch.from_numpy(np.ascontiguousarray(table, np.float32)).to(device)
+            for table in (tables.pack_parameters(site, tables.link_table(site), 0), tables.fixed_vortices(scenario))
+        )
+        clock = torch.zeros((1, 2), dtype=torch.int32, device=device)
+        reset.draw_vortices(parameters, fixed, seed & 0xFFFFFFFF, seed >> 32, clock, drawn)
+    return drawn
 
 
 class SeaSimulation:
@@ -106,8 +114,7 @@ class SeaSimulation:
         interval: float,
         vortices: torch.Tensor | None = None,
     ) -> None:
-        if not 0 <= seed < 1 << 64:
-            raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
+        _check_seed(seed)
         self.scenario, self.seed, self.interval = scenario, seed, interval
         self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
         paced = scenario.sea.model_copy(update={"update_interval": interval})
