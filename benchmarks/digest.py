@@ -1,0 +1,80 @@
+"""Two digests, one of missions and one of seas, which a refactoring must not change.
+
+    python -m benchmarks.digest
+
+The missions are those of all shipped scenarios and of some with rarer settings, three worlds each, with random actions
+and one reset of a single world. All that a step returns, the current and the sea enter the digest bit for bit. A
+digest depends on the versions of Taichi and torch and on the processor.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import torch
+
+from usvauv_env import Scenario, World
+
+STEPS = 40
+WAVEFORM = ["usbl.model=waveform"]
+REFRACTION = [
+    "acoustics.sound_speed_profile=[[0,1500],[50,1490],[200,1485]]",
+    "usbl.latency=0.2",
+    "usbl.packet_loss=0.1",
+]
+TRACKED = ["tracker.enabled=true", "auv.count=3", "tracker.current_reading=0.05"]
+PAPER_OBJECTIVE = ["planner.objective=paper", "auv.count=4", "planner.measurement=fix"]
+POLAR = ["observation.current=vector", "auv.action=polar"]
+
+MISSIONS = [  # scenario, overrides, the boat's strategy
+    ("ideal", [], "fim"),
+    ("extreme", [], "fim"),
+    ("paper-ideal", POLAR, "fim"),
+    ("paper-extreme", [], "hold:100,100"),
+    ("station-keeping", [], "centroid"),
+    ("extreme", ["auv.count=8", "planner.objective=a"], "fim-greedy"),
+    ("extreme", TRACKED, "fim-horizon"),
+    ("extreme", REFRACTION, "fim"),
+    ("ideal", WAVEFORM, "fim"),
+    ("ideal", PAPER_OBJECTIVE, "fim"),
+    ("ideal", ["planner.objective=e", "auv.count=4"], "fim"),
+]
+SEAS = [
+    [],
+    ["sea.forcing=incident", "sea.radiating_edges=['west']", "sea.sponge_edges=['north']"],
+    ["sea.equations=nonlinear", "sea.radiating_edges=['west']"],
+]
+
+
+def mission(scenario: Scenario, usv: str) -> bytes:
+    """Digest of `STEPS` steps of three worlds."""
+    world = World(scenario, num_worlds=3, seed=7, usv=usv)
+    generator = torch.Generator().manual_seed(1)
+    found = hashlib.sha256(world.reset().cpu().numpy().tobytes())
+    for step in range(STEPS):
+        if step == STEPS // 2:
+            world.reset(torch.tensor([False, True, False], device=world.device))
+        action = 2 * torch.rand((3, world.num_auvs, 2), generator=generator).to(world.device) - 1
+        observation, reward, *_, info = world.step(action)
+        for tensor in (observation, reward, info["reward_terms"], info["measures"], world.current()):
+            found.update(tensor.cpu().contiguous().numpy().tobytes())
+    found.update(world.surface(64).tobytes())
+    return found.digest()
+
+
+def sea(scenario: Scenario) -> bytes:
+    """Digest of the surface in 10 steps on fine cells."""
+    world = World(scenario, num_worlds=1, seed=3, usv="hold:0,0", fine_sea=True)
+    world.reset()
+    found = hashlib.sha256()
+    for _ in range(10):
+        world.step(torch.zeros((1, world.num_auvs, 2), device=world.device))
+        found.update(world.surface(512).tobytes())
+    return found.digest()
+
+
+if __name__ == "__main__":
+    missions = [mission(Scenario.load(name, changes), usv) for name, changes, usv in MISSIONS]
+    print("missions", hashlib.sha256(b"".join(missions)).hexdigest()[:16])
+    seas = [sea(Scenario.load("extreme", changes)) for changes in SEAS]
+    print("seas    ", hashlib.sha256(b"".join(seas)).hexdigest()[:16])
