@@ -35,8 +35,10 @@ from usvauv_env.scenario import Scenario, ScenarioError
 FORMAT = 1
 POLICY, TRAINING = "policy", "training"
 
+Part = tuple[dict[str, Any], dict[str, Tensor]]  # its JSON and its tensors
 
-def write(directory: Path, parts: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Tensor]]]) -> None:
+
+def write(directory: Path, parts: Mapping[str, Part]) -> None:
     """Write `part.json` and `part.safetensors` for each part; the directory changes as a whole or not at all.
 
     Raises:
@@ -76,7 +78,7 @@ def _tensors(directory: Path, part: str) -> Path:
     return directory / f"{part}.safetensors"
 
 
-def read(directory: Path, part: str, device: torch.device) -> tuple[dict[str, Any], dict[str, Tensor]]:
+def read(directory: Path, part: str, device: torch.device) -> Part:
     """JSON and tensors of a part, as given to `write`.
 
     Raises:
@@ -97,7 +99,7 @@ def read(directory: Path, part: str, device: torch.device) -> tuple[dict[str, An
         raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
 
 
-def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, Any]) -> tuple[dict, dict]:
+def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, Any]) -> Part:
     """JSON and tensors of a policy; `about` adds how it was made and its score."""
     scenario = policy.scenario
     content = {

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from policies.algorithms import ALGORITHMS
 from policies.frames import FRAMES
@@ -59,7 +60,7 @@ class TrainingConfig:
     reward_scale: float = 0.12
     layer_norm: bool = True
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         allowed = {
             "algorithm": (self.algorithm in ALGORITHMS, f"one of {', '.join(ALGORITHMS)}"),
             "frame": (self.frame in FRAMES, f"one of {', '.join(FRAMES)}"),
@@ -102,7 +103,7 @@ class TrainingConfig:
         return replace(self, **values)
 
     @classmethod
-    def from_dict(cls, values: dict, source: str) -> TrainingConfig:
+    def from_dict(cls, values: Mapping[str, Any], source: str) -> TrainingConfig:
         """The inverse of `dataclasses.asdict`, from JSON; `source` names the file in an error message."""
         try:
             return cls(**{**values, "hidden": tuple(values["hidden"])})

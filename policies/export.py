@@ -28,7 +28,7 @@ TRAINING = ("algorithm", "command", "commit", "steps", "score", "torch")
 class _Graph(nn.Module):
     """A policy as a module whose parameters are the actor's, as the exporter needs it."""
 
-    def __init__(self, policy: LearnedPolicy):
+    def __init__(self, policy: LearnedPolicy) -> None:
         super().__init__()
         self.actor = policy.actor
         self.act = policy.act

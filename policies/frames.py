@@ -39,7 +39,7 @@ class Frame:
     any_team: ClassVar[bool] = False
     features: int
 
-    def __init__(self, scenario: Scenario):
+    def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.layout = ObservationLayout.of(scenario)
         self._places = dict(self.layout)
@@ -64,7 +64,7 @@ class Frame:
 class WorldFrame(Frame):
     """Features are the observation, actions the world's."""
 
-    def __init__(self, scenario: Scenario):
+    def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.features = self.layout.size
 
@@ -89,7 +89,7 @@ class TargetFrame(Frame):
 
     any_team = True
 
-    def __init__(self, scenario: Scenario):
+    def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.features = 9 + sum(place.stop - place.start for name, place in self.layout if name not in RELATIVE)
         self.reach = max(2.0 * scenario.auv.safe_distance, 1.0) / scenario.area.diagonal
@@ -144,7 +144,7 @@ class GuidedFrame(TargetFrame):
     Within `BORDER_MARGIN` of the border a course that leads out is turned along it.
     """
 
-    def __init__(self, scenario: Scenario):
+    def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.speed_to_fly = SpeedToFly(scenario)
         self.price = PRICE if "current" in self.layout else self.speed_to_fly.free_price()

@@ -68,7 +68,7 @@ class SpeedToFly:
     (speed to fly). Where no speed makes headway it is the one that loses least ground.
     """
 
-    def __init__(self, scenario: Scenario):
+    def __init__(self, scenario: Scenario) -> None:
         auv = scenario.auv
         self.speeds = torch.linspace(auv.speed_min, auv.speed_max, SPEEDS)
         self.power = torch.tensor([travelling_power(speed) for speed in self.speeds.tolist()])

@@ -36,7 +36,7 @@ class LearnedPolicy(Policy):
         actor: StackedMLP,
         shared: bool,
         about: Mapping[str, Any] = MappingProxyType({}),
-    ):
+    ) -> None:
         super().__init__(name, scenario)
         self.frame_name = frame
         self.frame = FRAMES[frame](scenario)

@@ -36,7 +36,7 @@ class StackedMLP(nn.Module):
         generator: torch.Generator,
         layer_norm: bool = False,
         output_gain: float = 1.0,
-    ):
+    ) -> None:
         super().__init__()
         self.layer_norm = layer_norm
         self.weights = nn.ParameterList()
@@ -112,7 +112,7 @@ class Critic(nn.Module):
         hidden: Sequence[int],
         generator: torch.Generator,
         layer_norm: bool,
-    ):
+    ) -> None:
         super().__init__()
         self.critics = critics
         both = observation_size + action_size

@@ -20,7 +20,7 @@ class Policy:
         scenario: that of the world it acts in: sizes, speed limits, form of the action.
     """
 
-    def __init__(self, name: str, scenario: Scenario):
+    def __init__(self, name: str, scenario: Scenario) -> None:
         self.name = name
         self.scenario = scenario
 

@@ -78,7 +78,7 @@ def features(observation: np.ndarray) -> Tensor:
 class Pendulum:
     """A learner and its standardizer, trained on `STEPS` steps of Pendulum-v1 as `Trainer` trains in the ocean."""
 
-    def __init__(self, config: TrainingConfig):
+    def __init__(self, config: TrainingConfig) -> None:
         self.config = config
         self.generator = torch.Generator().manual_seed(config.seed)
         self.learner: Learner = ALGORITHMS[config.algorithm](SIZES, config, self.generator)

@@ -26,7 +26,7 @@ class DeterministicLearner(Learner[DeterministicActor]):
         layers = (sizes.observation, *config.hidden, sizes.action)
         return DeterministicActor(sizes.stack, layers, generator, output_gain=0.01)
 
-    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator):
+    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__(sizes, config, generator)
         self.set_actor(self.make_actor(sizes, config, generator))
         shape = (self.members, sizes.stack, sizes.observation, sizes.action)

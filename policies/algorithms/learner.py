@@ -87,7 +87,7 @@ class Learner(nn.Module, Generic[Actor]):
     actor: Actor
     averaged: Actor
 
-    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator):
+    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__()
         self.sizes = sizes
         self.config = config

@@ -21,7 +21,7 @@ class SAC(Learner[GaussianActor]):
         layers = (sizes.observation, *config.hidden, 2 * sizes.action)
         return GaussianActor(sizes.stack, layers, generator, output_gain=0.01)
 
-    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator):
+    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__(sizes, config, generator)
         self.set_actor(self.make_actor(sizes, config, generator))
         self.critics = Critic(

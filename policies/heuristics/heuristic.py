@@ -21,7 +21,7 @@ class Heuristic(Policy):
         argument: what `parse` made of the text after the colon in `name`.
     """
 
-    def __init__(self, name: str, world: World, argument: Any):
+    def __init__(self, name: str, world: World, argument: Any) -> None:
         super().__init__(name, world.scenario)
         self.world = world
         self.argument = argument

@@ -18,7 +18,7 @@ class Pace(Heuristic):
 
     argument: float
 
-    def __init__(self, name: str, world: World, argument: float):
+    def __init__(self, name: str, world: World, argument: float) -> None:
         super().__init__(name, world, argument)
         self.speed_to_fly = SpeedToFly(self.scenario)
 

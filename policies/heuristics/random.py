@@ -17,7 +17,7 @@ class Random(Heuristic):
     The draw is a hash of (seed, step, world, AUV, component), so it is the same for any number of worlds.
     """
 
-    def __init__(self, name: str, world: World, argument: None = None):
+    def __init__(self, name: str, world: World, argument: None = None) -> None:
         super().__init__(name, world, argument)
         self.step = 0
 

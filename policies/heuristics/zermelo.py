@@ -29,7 +29,7 @@ class Zermelo(Crab):
 
     reference = "zermelo_speed"
 
-    def __init__(self, name: str, world: World, argument: float):
+    def __init__(self, name: str, world: World, argument: float) -> None:
         super().__init__(name, world, argument)
         area = self.scenario.area
         columns, rows = (max(LEAST_CELLS, math.ceil(side / SPACING)) + 1 for side in (area.width, area.length))

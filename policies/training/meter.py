@@ -16,7 +16,7 @@ class Meter:
     `services`, `sdr` and `border` are scaled to one episode of one world.
     """
 
-    def __init__(self, world: TrainingWorld):
+    def __init__(self, world: TrainingWorld) -> None:
         self.world = world
         self.reset()
 

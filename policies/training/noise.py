@@ -21,7 +21,7 @@ class CorrelatedNoise:
         generator: source of the normal numbers, on the device of the noise.
     """
 
-    def __init__(self, shape: tuple[int, ...], correlation: float, generator: torch.Generator):
+    def __init__(self, shape: tuple[int, ...], correlation: float, generator: torch.Generator) -> None:
         self.correlation = correlation
         self.generator = generator
         self.value = self._draw(shape)

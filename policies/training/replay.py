@@ -32,7 +32,7 @@ class Replay:
         shared: one learner gets the transitions of all AUVs.
     """
 
-    def __init__(self, rows: int, shape: tuple[int, int, int, int], device: torch.device, shared: bool):
+    def __init__(self, rows: int, shape: tuple[int, int, int, int], device: torch.device, shared: bool) -> None:
         worlds, auvs, features, actions = shape
         self.rows, self.worlds, self.shared, self.device = rows, worlds, shared, device
         self.observation = torch.zeros((rows, worlds, auvs, features), device=device)

@@ -78,7 +78,7 @@ class Trainer:
         evaluate: Evaluate | None = None,
         provenance: Mapping[str, Any] | None = None,
         evaluations: int = EVALUATIONS,
-    ):
+    ) -> None:
         if config.num_worlds != world.num_worlds:
             raise PolicyError(f"training: num_worlds = {config.num_worlds}, but the world has {world.num_worlds}")
         self.world, self.config = world, config
@@ -224,7 +224,7 @@ class Trainer:
             if self.directory is not None:
                 checkpoint.write(self.directory / "best", {POLICY: self._describe()})
 
-    def _describe(self) -> tuple[dict, dict[str, Tensor]]:
+    def _describe(self) -> checkpoint.Part:
         about = {
             "score": self.evaluation.get("arps"),
             "evaluation": self.evaluation,
