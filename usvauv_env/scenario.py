@@ -39,6 +39,7 @@ from usvauv_env.sections import (
     Usbl,
     Water,
     known,
+    section,
 )
 
 
@@ -52,31 +53,29 @@ class Scenario(Section):
     Load a shipped one by name or any by path: `Scenario.load("extreme", ["auv.count=3"])`.
     """
 
-    name: str = Field(default="unnamed", min_length=1, description="name shown in tables and on videos")
-    description: str = Field(default="", description="one sentence on what it stands for")
+    name: str = Field("unnamed", min_length=1, description="name shown in tables and on videos")
+    description: str = Field("", description="one sentence on what it stands for")
     task: str = Field(
-        default="data-collection", description="data-collection, station-keeping (hold a formation), or a plugin's task"
+        "data-collection", description="data-collection, station-keeping (hold a formation), or a plugin's task"
     )
-    area: Area = Field(default_factory=Area, description="the operating area")
-    mission: Mission = Field(default_factory=Mission, description="clock of the mission")
-    sea: Sea = Field(default_factory=Sea, description="sea surface: shallow-water equations (Eq. 6)")
-    storm: Storm = Field(default_factory=Storm, description="short waves upon it: a directional Airy sea")
-    water: Water = Field(default_factory=Water, description="real bed and currents from files")
-    current: Current = Field(default_factory=Current, description="current: Lamb–Oseen vortices (Eq. 8)")
-    acoustics: Acoustics = Field(default_factory=Acoustics, description="sonar equation of the positioning link")
-    usbl: Usbl = Field(default_factory=Usbl, description="ultra-short baseline positioning (Eq. 1)")
-    boat: Boat = Field(default_factory=Boat, description="the USV")
-    planner: Planner = Field(default_factory=Planner, description="Fisher-information path planning (Eq. 2–3)")
-    tracker: Tracker = Field(default_factory=Tracker, description="tracker of the AUVs")
-    auv: Auv = Field(default_factory=Auv, description="the AUVs")
-    nodes: Nodes = Field(default_factory=Nodes, description="sensor nodes and their data link")
-    stations: Stations = Field(default_factory=Stations, description="formation of the task station-keeping")
-    task_parameters: TaskParameters = Field(
-        default_factory=TaskParameters, description="numbers that a plugin's task declares, and weights of its rewards"
-    )
-    observation: Observation = Field(default_factory=Observation, description="what an AUV observes")
-    reward: Reward = Field(default_factory=Reward, description="weights of the reward's named terms")
-    reference: Reference = Field(default_factory=Reference, description="recorded speeds of the heuristics")
+    area: Area = section(Area, "the operating area")
+    mission: Mission = section(Mission, "clock of the mission")
+    sea: Sea = section(Sea, "sea surface: shallow-water equations (Eq. 6)")
+    storm: Storm = section(Storm, "short waves upon it: a directional Airy sea")
+    water: Water = section(Water, "real bed and currents from files")
+    current: Current = section(Current, "current: Lamb–Oseen vortices (Eq. 8)")
+    acoustics: Acoustics = section(Acoustics, "sonar equation of the positioning link")
+    usbl: Usbl = section(Usbl, "ultra-short baseline positioning (Eq. 1)")
+    boat: Boat = section(Boat, "the USV")
+    planner: Planner = section(Planner, "Fisher-information path planning (Eq. 2–3)")
+    tracker: Tracker = section(Tracker, "tracker of the AUVs")
+    auv: Auv = section(Auv, "the AUVs")
+    nodes: Nodes = section(Nodes, "sensor nodes and their data link")
+    stations: Stations = section(Stations, "formation of the task station-keeping")
+    task_parameters: TaskParameters = section(TaskParameters, "numbers of a plugin's task, and weights of its rewards")
+    observation: Observation = section(Observation, "what an AUV observes")
+    reward: Reward = section(Reward, "weights of the reward's named terms")
+    reference: Reference = section(Reference, "recorded speeds of the heuristics")
 
     @field_validator("task")
     @classmethod

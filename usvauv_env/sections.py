@@ -6,9 +6,9 @@ All values are SI: metres, seconds, radians, watts, hertz.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from datetime import date, datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -40,10 +40,18 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
 
+S = TypeVar("S", bound=Section)
+
+
+def section(kind: type[S], description: str) -> S:
+    """A field that is a section, by default with the defaults of its fields."""
+    return Field(default_factory=cast(Callable[[], S], kind), description=description)
+
+
 class Area(Section):
-    width: float = Field(default=200.0, ge=40, le=20000, description="extent in x (east), m")
-    length: float = Field(default=200.0, ge=40, le=20000, description="extent in y (north), m")
-    depth: float = Field(default=120.0, ge=5, le=11000, description="water depth h, m")
+    width: float = Field(200.0, ge=40, le=20000, description="extent in x (east), m")
+    length: float = Field(200.0, ge=40, le=20000, description="extent in y (north), m")
+    depth: float = Field(120.0, ge=5, le=11000, description="water depth h, m")
 
     @property
     def diagonal(self) -> float:
@@ -52,8 +60,8 @@ class Area(Section):
 
 
 class Mission(Section):
-    step: float = Field(default=1.0, gt=0, le=10, description="mission step, s")
-    duration: float = Field(default=1000.0, gt=0, le=1e6, description="length of an episode, s")
+    step: float = Field(1.0, gt=0, le=10, description="mission step, s")
+    duration: float = Field(1000.0, gt=0, le=1e6, description="length of an episode, s")
 
     @property
     def steps(self) -> int:
@@ -65,49 +73,40 @@ class Sea(Section):
     """Shallow-water surface (Eq. 6), its forcing at one edge and its start."""
 
     equations: Literal["linear", "nonlinear"] = Field(
-        default="linear",
-        description="linear long waves, or nonlinear ones with bores and dry shores, which cost far more",
+        "linear", description="linear long waves, or nonlinear ones with bores and dry shores, which cost far more"
     )
-    cell_size: float = Field(default=4.0, ge=0.05, le=1000, description="grid spacing while training and evaluating, m")
-    fine_cells: int = Field(default=512, ge=16, le=8192, description="cells along the longer side when simulated live")
-    gravity: Positive = Field(default=9.81, description="gravitational acceleration g, m/s²")
-    drag: NonNegative = Field(default=0.0, description="linear bottom drag rate, 1/s; keeps a resonant basin finite")
-    update_interval: Positive = Field(
-        default=1.0, description="time between updates of the surface seen by the boat, s"
-    )
+    cell_size: float = Field(4.0, ge=0.05, le=1000, description="grid spacing while training and evaluating, m")
+    fine_cells: int = Field(512, ge=16, le=8192, description="cells along the longer side when simulated live")
+    gravity: Positive = Field(9.81, description="gravitational acceleration g, m/s²")
+    drag: NonNegative = Field(0.0, description="linear bottom drag rate, 1/s; keeps a resonant basin finite")
+    update_interval: Positive = Field(1.0, description="time between updates of the surface seen by the boat, s")
     realisations: int = Field(
-        default=16, ge=1, le=4096, description="different seas in a batch; world w sails on sea w modulo this"
+        16, ge=1, le=4096, description="different seas in a batch; world w sails on sea w modulo this"
     )
     forced_edge: Literal["none", "west", "east", "south", "north"] = Field(
-        default="none", description="edge where the elevation is prescribed"
+        "none", description="edge where the elevation is prescribed"
     )
     forcing: Literal["elevation", "incident"] = Field(
-        default="elevation",
+        "elevation",
         description="what is prescribed there: the elevation, or the wave that comes in, while others leave",
     )
     radiating_edges: tuple[Side, ...] = Field(
-        default=(), description="edges that long waves leave through; edges not named anywhere are reflecting walls"
+        (), description="edges that long waves leave through; edges not named anywhere are reflecting walls"
     )
-    sponge_edges: tuple[Side, ...] = Field(default=(), description="edges with a layer in front that absorbs waves")
-    sponge_width: Positive = Field(default=40.0, description="width of that layer, m")
+    sponge_edges: tuple[Side, ...] = Field((), description="edges with a layer in front that absorbs waves")
+    sponge_width: Positive = Field(40.0, description="width of that layer, m")
     regular_amplitude: NonNegative = Field(
-        default=0.0, description="amplitude of the regular wave or tide at the forced edge, m"
+        0.0, description="amplitude of the regular wave or tide at the forced edge, m"
     )
-    regular_period: Positive = Field(default=43200.0, description="its period, s (Table 1's tide: 43200)")
+    regular_period: Positive = Field(43200.0, description="its period, s (Table 1's tide: 43200)")
     irregular_rms: NonNegative = Field(
-        default=0.0, description="rms elevation of the irregular long waves at the forced edge, m"
+        0.0, description="rms elevation of the irregular long waves at the forced edge, m"
     )
-    irregular_components: int = Field(
-        default=16, ge=1, le=256, description="number of their components, equal energy each"
-    )
-    irregular_period_min: Positive = Field(default=75.0, description="their shortest period, s")
-    irregular_period_max: Positive = Field(default=300.0, description="their longest period, s")
-    start_rms: NonNegative = Field(
-        default=0.0, description="rms elevation of the seeded standing waves the sea starts with, m"
-    )
-    start_modes: int = Field(
-        default=4, ge=1, le=16, description="highest number of half wavelengths across the area in them"
-    )
+    irregular_components: int = Field(16, ge=1, le=256, description="number of their components, equal energy each")
+    irregular_period_min: Positive = Field(75.0, description="their shortest period, s")
+    irregular_period_max: Positive = Field(300.0, description="their longest period, s")
+    start_rms: NonNegative = Field(0.0, description="rms elevation of the seeded standing waves the sea starts with, m")
+    start_modes: int = Field(4, ge=1, le=16, description="highest number of half wavelengths across the area in them")
 
     @model_validator(mode="after")
     def _check(self) -> Sea:
@@ -128,32 +127,27 @@ class Storm(Section):
     """Short waves: a directional Airy sea upon the long waves of `Sea`."""
 
     spectrum: Literal["none", "jonswap", "pm", "tma"] = Field(
-        default="none",
-        description="JONSWAP, Pierson–Moskowitz, TMA (JONSWAP in water of finite depth), or no short waves",
+        "none", description="JONSWAP, Pierson–Moskowitz, TMA (JONSWAP in water of finite depth), or no short waves"
     )
-    significant_height: Positive = Field(
-        default=6.5, description="significant height Hs = 4 √m0, m; WMO sea state 7: 6 to 9"
-    )
-    peak_period: Positive = Field(default=11.0, description="peak period Tp, s")
-    gamma: float = Field(default=2.2, ge=1, le=20, description="peak enhancement γ; Pierson–Moskowitz has 1")
-    direction: Finite = Field(default=math.pi, description="mean direction of travel, from east towards north, rad")
-    spreading: float = Field(default=10.0, ge=0, le=1000, description="s of the spreading cos^2s(½Δθ)")
-    components: int = Field(default=64, ge=8, le=1024, description="number of component waves in a sea")
-    shortest_wave: Positive = Field(default=20.0, description="shortest wave length that moves and tilts the boat, m")
+    significant_height: Positive = Field(6.5, description="significant height Hs = 4 √m0, m; WMO sea state 7: 6 to 9")
+    peak_period: Positive = Field(11.0, description="peak period Tp, s")
+    gamma: float = Field(2.2, ge=1, le=20, description="peak enhancement γ; Pierson–Moskowitz has 1")
+    direction: Finite = Field(math.pi, description="mean direction of travel, from east towards north, rad")
+    spreading: float = Field(10.0, ge=0, le=1000, description="s of the spreading cos^2s(½Δθ)")
+    components: int = Field(64, ge=8, le=1024, description="number of component waves in a sea")
+    shortest_wave: Positive = Field(20.0, description="shortest wave length that moves and tilts the boat, m")
 
 
 class Water(Section):
     """The real bed and the real currents, read from CF-NetCDF files (`usvauv_env.site.cf_ocean`)."""
 
-    bathymetry: str = Field(default="", description="file with the depth of the bed; empty: flat at area.depth")
-    currents: str = Field(default="", description="file with currents, added to the vortices; empty: none")
+    bathymetry: str = Field("", description="file with the depth of the bed; empty: flat at area.depth")
+    currents: str = Field("", description="file with currents, added to the vortices; empty: none")
     longitude: float = Field(
-        default=0.0, ge=-180, le=360, description="longitude of the area's south-west corner, degrees east"
+        0.0, ge=-180, le=360, description="longitude of the area's south-west corner, degrees east"
     )
-    latitude: float = Field(
-        default=0.0, ge=-85, le=85, description="latitude of the area's south-west corner, degrees north"
-    )
-    start: str = Field(default="", description="ISO time at which the mission begins; empty: the first of the file")
+    latitude: float = Field(0.0, ge=-85, le=85, description="latitude of the area's south-west corner, degrees north")
+    start: str = Field("", description="ISO time at which the mission begins; empty: the first of the file")
 
     @field_validator("start", mode="before")
     @classmethod
@@ -166,20 +160,16 @@ class Current(Section):
     """Superposed Lamb–Oseen vortices (Eq. 8)."""
 
     centres: tuple[tuple[Finite, Finite], ...] = Field(
-        default=(),
-        max_length=MAX_VORTICES,
-        description="fixed vortex centres [[x, y], ...], m; empty: drawn anew each episode",
+        (), max_length=MAX_VORTICES, description="fixed vortex centres [[x, y], ...], m; empty: drawn anew each episode"
     )
-    count: int = Field(
-        default=0, ge=0, le=MAX_VORTICES, description="number of vortices drawn when no centres are given"
-    )
-    circulation_min: NonNegative = Field(default=0.0, description="smallest |Γ|, m²/s")
-    circulation_max: NonNegative = Field(default=0.0, description="largest |Γ|, m²/s")
-    alternate: bool = Field(default=True, description="draw the sign of Γ at random; false: all turn anticlockwise")
-    core_radius_min: Positive = Field(default=30.0, description="smallest core radius δ, m")
-    core_radius_max: Positive = Field(default=30.0, description="largest core radius δ, m")
-    viscosity: NonNegative = Field(default=0.0, description="eddy viscosity ν by which cores spread, dδ²/dt = 4ν, m²/s")
-    mutual: bool = Field(default=False, description="vortices carry one another")
+    count: int = Field(0, ge=0, le=MAX_VORTICES, description="number of vortices drawn when no centres are given")
+    circulation_min: NonNegative = Field(0.0, description="smallest |Γ|, m²/s")
+    circulation_max: NonNegative = Field(0.0, description="largest |Γ|, m²/s")
+    alternate: bool = Field(True, description="draw the sign of Γ at random; false: all turn anticlockwise")
+    core_radius_min: Positive = Field(30.0, description="smallest core radius δ, m")
+    core_radius_max: Positive = Field(30.0, description="largest core radius δ, m")
+    viscosity: NonNegative = Field(0.0, description="eddy viscosity ν by which cores spread, dδ²/dt = 4ν, m²/s")
+    mutual: bool = Field(False, description="vortices carry one another")
 
     @model_validator(mode="after")
     def _check(self) -> Current:
@@ -198,30 +188,27 @@ class Current(Section):
 class Acoustics(Section):
     """Sonar equation of the positioning link and of the noise."""
 
-    sound_speed: float = Field(default=1500.0, ge=1300, le=1700, description="speed of sound c, m/s")
+    sound_speed: float = Field(1500.0, ge=1300, le=1700, description="speed of sound c, m/s")
     source_level: float = Field(
-        default=135.0, ge=0, le=260, description="source level of the positioning tone, dB re 1 µPa at 1 m"
+        135.0, ge=0, le=260, description="source level of the positioning tone, dB re 1 µPa at 1 m"
     )
-    target_strength: float = Field(default=3.0, ge=-60, le=60, description="target strength of the echo, dB")
+    target_strength: float = Field(3.0, ge=-60, le=60, description="target strength of the echo, dB")
     sound_speed_profile: tuple[tuple[Finite, Finite], ...] = Field(
-        default=(),
-        description="speed of sound against depth, [[m, m/s], ...], in place of the constant; empty: constant",
+        (), description="speed of sound against depth, [[m, m/s], ...], in place of the constant; empty: constant"
     )
     temperature_salinity: tuple[tuple[Finite, Finite, Finite], ...] = Field(
-        default=(),
-        description="or the water itself, [[depth m, in-situ °C, salinity], ...]; the speed follows by TEOS-10",
+        (), description="or the water itself, [[depth m, in-situ °C, salinity], ...]; the speed follows by TEOS-10"
     )
     salinity: Literal["practical", "absolute"] = Field(
-        default="practical",
-        description="kind of that salinity: practical (PSS-78, as a CTD gives it), or absolute, g/kg",
+        "practical", description="kind of that salinity: practical (PSS-78, as a CTD gives it), or absolute, g/kg"
     )
-    path: Literal["echo", "transponder"] = Field(default="echo", description="two-way echo or one-way transponder")
-    ambient_noise: str = Field(default="coates", description="law of the noise density: coates, or a plugin's law")
-    shipping: float = Field(default=0.5, ge=0, le=1, description="shipping activity in the noise, 0 to 1")
-    wind: float = Field(default=0.0, ge=0, le=60, description="wind speed in the noise, m/s")
-    bandwidth: Positive = Field(default=1000.0, description="receiver bandwidth of the positioning link, Hz")
+    path: Literal["echo", "transponder"] = Field("echo", description="two-way echo or one-way transponder")
+    ambient_noise: str = Field("coates", description="law of the noise density: coates, or a plugin's law")
+    shipping: float = Field(0.5, ge=0, le=1, description="shipping activity in the noise, 0 to 1")
+    wind: float = Field(0.0, ge=0, le=60, description="wind speed in the noise, m/s")
+    bandwidth: Positive = Field(1000.0, description="receiver bandwidth of the positioning link, Hz")
     noise_law: Literal["amplitude", "demonstration"] = Field(
-        default="amplitude", description="noise relative to the tone: 10^(−SNR/20), or the demonstration's 10^(−SNR/10)"
+        "amplitude", description="noise relative to the tone: 10^(−SNR/20), or the demonstration's 10^(−SNR/10)"
     )
 
     @field_validator("ambient_noise")
@@ -233,30 +220,29 @@ class Acoustics(Section):
 class Usbl(Section):
     """Ultra-short baseline array and its estimator (Eq. 1)."""
 
-    spacing: float = Field(default=0.033, gt=0, le=10, description="array spacing d, m")
+    spacing: float = Field(0.033, gt=0, le=10, description="array spacing d, m")
     carriers: tuple[Positive, ...] = Field(
-        default=(15000.0, 18000.0), min_length=1, max_length=MAX_AUVS, description="carrier of each AUV, Hz"
+        (15000.0, 18000.0), min_length=1, max_length=MAX_AUVS, description="carrier of each AUV, Hz"
     )
-    carrier_min: Positive = Field(default=12000.0, description="carriers of further AUVs are spread from here ..., Hz")
-    carrier_max: Positive = Field(default=18000.0, description="... to here, Hz")
-    periods: int = Field(default=10, ge=1, le=10000, description="length of the tone, carrier periods")
-    sampling_rate: Positive = Field(default=2.016e6, description="sampling rate, Hz")
+    carrier_min: Positive = Field(12000.0, description="carriers of further AUVs are spread from here ..., Hz")
+    carrier_max: Positive = Field(18000.0, description="... to here, Hz")
+    periods: int = Field(10, ge=1, le=10000, description="length of the tone, carrier periods")
+    sampling_rate: Positive = Field(2.016e6, description="sampling rate, Hz")
     model: Literal["statistical", "waveform"] = Field(
-        default="statistical",
-        description="fixes drawn from their distribution, or measured from sampled tones in noise",
+        "statistical", description="fixes drawn from their distribution, or measured from sampled tones in noise"
     )
     refraction: Literal["corrected", "mean", "array"] = Field(
-        default="corrected",
+        "corrected",
         description="with a profile: fixes follow the bent ray, or a straight one at the mean or the array's speed",
     )
     propagation: bool = Field(
-        default=False, description="a fix is of where the AUV was when its sound left it, not of where it is"
+        False, description="a fix is of where the AUV was when its sound left it, not of where it is"
     )
-    latency: float = Field(default=0.0, ge=0, le=10, description="time that then passes until a fix can be used, s")
-    packet_loss: float = Field(default=0.0, ge=0, lt=1, description="probability that a fix never arrives")
-    tilt: bool = Field(default=False, description="the array tilts with the surface under the boat")
+    latency: float = Field(0.0, ge=0, le=10, description="time that then passes until a fix can be used, s")
+    packet_loss: float = Field(0.0, ge=0, lt=1, description="probability that a fix never arrives")
+    tilt: bool = Field(False, description="the array tilts with the surface under the boat")
     attitude_error: float = Field(
-        default=0.0, ge=0, le=0.5, description="standard deviation of the residual attitude error per axis, rad"
+        0.0, ge=0, le=0.5, description="standard deviation of the residual attitude error per axis, rad"
     )
 
     def carrier(self, auv: int, count: int) -> float:
@@ -269,61 +255,53 @@ class Usbl(Section):
 
 
 class Boat(Section):
-    top_speed: float = Field(default=4.0, gt=0, le=1e4, description="top speed through the water, m/s")
-    drifts: bool = Field(default=True, description="the current carries the boat")
+    top_speed: float = Field(4.0, gt=0, le=1e4, description="top speed through the water, m/s")
+    drifts: bool = Field(True, description="the current carries the boat")
 
 
 class Planner(Section):
     """What the boat maximises when it plans by Fisher information (Eq. 2–3)."""
 
     measurement: Literal["phase", "fix"] = Field(
-        default="phase",
-        description="information of Eq. 1's phases at known depth, or of the whole fix (phases and delay)",
+        "phase", description="information of Eq. 1's phases at known depth, or of the whole fix (phases and delay)"
     )
     noise: Literal["range", "constant"] = Field(
-        default="range", description="phase noise that grows with range by the sonar equation, or one constant"
+        "range", description="phase noise that grows with range by the sonar equation, or one constant"
     )
     objective: Literal["d", "a", "e", "sum", "paper"] = Field(
-        default="d",
+        "d",
         description="information on all positions by its determinant (d), its inverse's trace (a) or least eigenvalue"
         " (e), determinant of the paper's sum (sum), or what Eq. 3 prints (paper)",
     )
-    horizon: int = Field(default=10, ge=1, le=1000, description="steps that `fim-horizon` looks ahead")
+    horizon: int = Field(10, ge=1, le=1000, description="steps that `fim-horizon` looks ahead")
 
 
 class Tracker(Section):
     """Kalman filter of each AUV's position and current, from its commanded velocity and its fixes."""
 
-    enabled: bool = Field(default=False, description="the AUVs' positions are those of a tracker, not of the last fix")
+    enabled: bool = Field(False, description="the AUVs' positions are those of a tracker, not of the last fix")
     current_reading: NonNegative = Field(
-        default=0.0,
-        description="standard deviation of an AUV's current meter, which the tracker reads, m/s; 0: there is none",
+        0.0, description="standard deviation of an AUV's current meter, which the tracker reads, m/s; 0: there is none"
     )
 
 
 class Auv(Section):
-    count: int = Field(default=2, ge=1, le=MAX_AUVS, description="number of AUVs")
-    depth: Positive = Field(default=100.0, description="cruise depth, m")
+    count: int = Field(2, ge=1, le=MAX_AUVS, description="number of AUVs")
+    depth: Positive = Field(100.0, description="cruise depth, m")
     separation: Literal["geometry", "demonstration"] = Field(
-        default="geometry",
+        "geometry",
         description="vertical distances by geometry, or the demonstration's: the water depth both to boat and to node",
     )
-    speed_min: Positive = Field(default=1.2, description="lowest speed through the water, m/s")
-    speed_max: Positive = Field(default=2.2, description="highest speed through the water, m/s")
+    speed_min: Positive = Field(1.2, description="lowest speed through the water, m/s")
+    speed_max: Positive = Field(2.2, description="highest speed through the water, m/s")
     action: Literal["vector", "polar"] = Field(
-        default="vector", description="action as a velocity vector, or as (heading, speed)"
+        "vector", description="action as a velocity vector, or as (heading, speed)"
     )
-    start_margin: NonNegative = Field(default=10.0, description="least distance from the border at the start, m")
-    start_separation: NonNegative = Field(default=20.0, description="least distance between AUVs at the start, m")
-    safe_distance: NonNegative = Field(
-        default=12.0, description="distance below which the reward punishes proximity, m"
-    )
-    collision_distance: NonNegative = Field(
-        default=5.0, description="distance below which a step counts as a collision, m"
-    )
-    hover_radius: Positive = Field(
-        default=6.0, description="horizontal distance at which an AUV starts to serve its node, m"
-    )
+    start_margin: NonNegative = Field(10.0, description="least distance from the border at the start, m")
+    start_separation: NonNegative = Field(20.0, description="least distance between AUVs at the start, m")
+    safe_distance: NonNegative = Field(12.0, description="distance below which the reward punishes proximity, m")
+    collision_distance: NonNegative = Field(5.0, description="distance below which a step counts as a collision, m")
+    hover_radius: Positive = Field(6.0, description="horizontal distance at which an AUV starts to serve its node, m")
 
     @model_validator(mode="after")
     def _check(self) -> Auv:
@@ -333,30 +311,24 @@ class Auv(Section):
 
 
 class Nodes(Section):
-    count: int = Field(default=30, ge=1, le=MAX_NODES, description="number of sensor nodes on the bed")
-    margin: NonNegative = Field(default=10.0, description="least distance from the border, m")
+    count: int = Field(30, ge=1, le=MAX_NODES, description="number of sensor nodes on the bed")
+    margin: NonNegative = Field(10.0, description="least distance from the border, m")
     arrival_rates: tuple[NonNegative, ...] = Field(
-        default=(3.0, 5.0, 8.0, 12.0),
-        min_length=1,
-        max_length=16,
-        description="a node's λ is drawn from these, packets/s",
+        (3.0, 5.0, 8.0, 12.0), min_length=1, max_length=16, description="a node's λ is drawn from these, packets/s"
     )
-    buffer: Positive = Field(default=5000.0, description="buffer capacity C, packets")
-    start_backlog: NonNegative = Field(
-        default=1000.0, description="backlog at the start is uniform from 0 to this, packets"
-    )
-    payload: Positive = Field(default=2.0, description="data in a full buffer, Mbit")
+    buffer: Positive = Field(5000.0, description="buffer capacity C, packets")
+    start_backlog: NonNegative = Field(1000.0, description="backlog at the start is uniform from 0 to this, packets")
+    payload: Positive = Field(2.0, description="data in a full buffer, Mbit")
     target_rule: str = Field(
-        default="backlog-less-distance",
+        "backlog-less-distance",
         description="next node of an AUV: backlog-less-distance (λ b/C − α d), or a plugin's rule",
     )
-    distance_weight: NonNegative = Field(default=0.015, description="α of that rule, 1/(m s)")
-    source_power: Positive = Field(default=0.03, description="acoustic source power, W")
-    frequency: Positive = Field(default=20000.0, description="carrier of the data link, Hz")
-    bandwidth: Positive = Field(default=10000.0, description="bandwidth of the data link, Hz")
+    distance_weight: NonNegative = Field(0.015, description="α of that rule, 1/(m s)")
+    source_power: Positive = Field(0.03, description="acoustic source power, W")
+    frequency: Positive = Field(20000.0, description="carrier of the data link, Hz")
+    bandwidth: Positive = Field(10000.0, description="bandwidth of the data link, Hz")
     rate_law: Literal["shannon", "demonstration"] = Field(
-        default="shannon",
-        description="B log2(1 + 10^(SNR/10)), or the demonstration's B log2(1 + 10^SNR) with SNR in dB",
+        "shannon", description="B log2(1 + 10^(SNR/10)), or the demonstration's B log2(1 + 10^SNR) with SNR in dB"
     )
 
     @field_validator("target_rule")
@@ -374,9 +346,7 @@ class Nodes(Section):
 class Stations(Section):
     """The formation of the task "station-keeping"."""
 
-    radius: NonNegative = Field(
-        default=40.0, description="radius of the circle on which the stations lie, one an AUV, m"
-    )
+    radius: NonNegative = Field(40.0, description="radius of the circle on which the stations lie, one an AUV, m")
 
 
 class TaskParameters(Section):
@@ -393,36 +363,33 @@ class TaskParameters(Section):
 
 class Observation(Section):
     current: Literal["none", "speed", "vector", "profile"] = Field(
-        default="speed",
+        "speed",
         description="the perceived current: not at all, its speed (Eq. 4), speed and both components, or these and "
         "what a current profiler measures 25 and 50 m away",
     )
-    extra: tuple[str, ...] = Field(default=(), description="further terms of the observation, a plugin's")
+    extra: tuple[str, ...] = Field((), description="further terms of the observation, a plugin's")
 
 
 class Reward(Section):
     """Weights of the named reward terms, each multiplied with a quantity that is positive when present."""
 
     distance_form: Literal["progress", "distance"] = Field(
-        default="progress",
-        description="metres closed on the same target, or minus the distance to it (the paper's form)",
+        "progress", description="metres closed on the same target, or minus the distance to it (the paper's form)"
     )
-    distance: Finite = Field(default=0.6, description="weight of the distance term, 1/m")
-    border: Finite = Field(default=-0.1, description="weight of a refused move across the border")
-    overflow: Finite = Field(default=-0.05, description="weight of each overflowing node")
-    proximity: Finite = Field(default=-6.0, description="weight of each metre below the safe distance, 1/m")
-    service: Finite = Field(default=12.0, description="weight of a completed service")
-    power: Finite = Field(default=-0.085, description="weight of the power, 1/W")
-    collaboration: Finite = Field(default=0.1, description="weight of Eq. 5's l_max / l")
-    service_terminates: bool = Field(
-        default=False, description="a service ends the learner's value horizon (the paper's form)"
-    )
+    distance: Finite = Field(0.6, description="weight of the distance term, 1/m")
+    border: Finite = Field(-0.1, description="weight of a refused move across the border")
+    overflow: Finite = Field(-0.05, description="weight of each overflowing node")
+    proximity: Finite = Field(-6.0, description="weight of each metre below the safe distance, 1/m")
+    service: Finite = Field(12.0, description="weight of a completed service")
+    power: Finite = Field(-0.085, description="weight of the power, 1/W")
+    collaboration: Finite = Field(0.1, description="weight of Eq. 5's l_max / l")
+    service_terminates: bool = Field(False, description="a service ends the learner's value horizon (the paper's form)")
 
 
 class Reference(Section):
     """Best constant speeds of the heuristics, found once by `usvauv eval` over the speeds and recorded here."""
 
-    straight_speed: Positive = Field(default=1.2, description="best constant speed of `straight`, m/s")
-    crab_speed: Positive = Field(default=1.2, description="best constant speed of `crab`, m/s")
-    pace_price: NonNegative = Field(default=0.0, description="best price of time of `pace`, W")
-    zermelo_speed: Positive = Field(default=1.2, description="best constant speed of `zermelo`, m/s")
+    straight_speed: Positive = Field(1.2, description="best constant speed of `straight`, m/s")
+    crab_speed: Positive = Field(1.2, description="best constant speed of `crab`, m/s")
+    pace_price: NonNegative = Field(0.0, description="best price of time of `pace`, W")
+    zermelo_speed: Positive = Field(1.2, description="best constant speed of `zermelo`, m/s")
