@@ -18,9 +18,30 @@ import torch
 
 from kernels import runtime
 from kernels.launch import Launch
+from kernels.types import Columns, array2, array3, vec2
 
 TWO_PI = 6.283185307179586
-vec2 = ti.types.vector(2, ti.f32)
+
+
+class Vortex(Columns):
+    """A vortex, (W, V, 4)."""
+
+    x: int  # centre, m
+    y: int
+    Gamma: int  # circulation, m²/s
+    delta: int  # core radius, m
+
+
+class Work(Columns):
+    """Workspace of a step of a vortex, (W, V, 7)."""
+
+    x: int  # centre at the beginning, m
+    y: int
+    delta2: int  # δ² at the beginning, m²
+    u: int  # velocity of the centre in a stage, m/s
+    v: int
+    mean_u: int  # weighted mean of the stages' velocities, m/s
+    mean_v: int
 
 
 @ti.func
@@ -33,37 +54,43 @@ def core_factor(s: ti.f32) -> ti.f32:
 
 
 @ti.func
+def core_squared(vortex: ti.template(), w: ti.i32, v: ti.i32) -> ti.f32:
+    """δ² of vortex v, m²."""
+    return vortex[w, v, Vortex.delta] * vortex[w, v, Vortex.delta]
+
+
+@ti.func
 def current(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) at (x, y) in world w; `vortex` has shape (W, V, 4)."""
     V = vec2(0.0, 0.0)
     for v in range(vortex.shape[1]):
-        dx = x - vortex[w, v, 0]
-        dy = y - vortex[w, v, 1]
-        Gamma = vortex[w, v, 2]
-        delta2 = vortex[w, v, 3] * vortex[w, v, 3]
+        dx = x - vortex[w, v, Vortex.x]
+        dy = y - vortex[w, v, Vortex.y]
+        Gamma = vortex[w, v, Vortex.Gamma]
+        delta2 = core_squared(vortex, w, v)
         rotation = Gamma / (TWO_PI * delta2) * core_factor((dx * dx + dy * dy) / delta2)
         V += vec2(-rotation * dy, rotation * dx)
     return V
 
 
 @ti.func
-def carry(vortex: ti.template(), kept: ti.template(), w: ti.i32):
-    """Velocities (m/s) of all centres of a world by the other vortices, into columns 3 and 4 of `kept`.
+def mutual_velocities(vortex: ti.template(), work: ti.template(), w: ti.i32):
+    """Velocities (m/s) of all centres of a world by the other vortices, into `work`.
 
     Sums are written out: `+=` on an array would be an atomic.
     """
     for v in range(vortex.shape[1]):
-        kept[w, v, 3] = 0.0
-        kept[w, v, 4] = 0.0
+        work[w, v, Work.u] = 0.0
+        work[w, v, Work.v] = 0.0
         for other in range(v):
-            dx = vortex[w, v, 0] - vortex[w, other, 0]
-            dy = vortex[w, v, 1] - vortex[w, other, 1]
-            delta2 = vortex[w, v, 3] * vortex[w, v, 3] + vortex[w, other, 3] * vortex[w, other, 3]
+            dx = vortex[w, v, Vortex.x] - vortex[w, other, Vortex.x]
+            dy = vortex[w, v, Vortex.y] - vortex[w, other, Vortex.y]
+            delta2 = core_squared(vortex, w, v) + core_squared(vortex, w, other)
             turn = core_factor((dx * dx + dy * dy) / delta2) / (TWO_PI * delta2)
-            kept[w, v, 3] = kept[w, v, 3] - vortex[w, other, 2] * turn * dy
-            kept[w, v, 4] = kept[w, v, 4] + vortex[w, other, 2] * turn * dx
-            kept[w, other, 3] = kept[w, other, 3] + vortex[w, v, 2] * turn * dy
-            kept[w, other, 4] = kept[w, other, 4] - vortex[w, v, 2] * turn * dx
+            work[w, v, Work.u] = work[w, v, Work.u] - vortex[w, other, Vortex.Gamma] * turn * dy
+            work[w, v, Work.v] = work[w, v, Work.v] + vortex[w, other, Vortex.Gamma] * turn * dx
+            work[w, other, Work.u] = work[w, other, Work.u] + vortex[w, v, Vortex.Gamma] * turn * dy
+            work[w, other, Work.v] = work[w, other, Work.v] - vortex[w, v, Vortex.Gamma] * turn * dx
 
 
 @ti.func
@@ -71,52 +98,53 @@ def vorticity(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32:
     """Vorticity ϖ (1/s) at (x, y) in world w; `vortex` has shape (W, V, 4)."""
     total = 0.0
     for v in range(vortex.shape[1]):
-        dx = x - vortex[w, v, 0]
-        dy = y - vortex[w, v, 1]
-        delta2 = vortex[w, v, 3] * vortex[w, v, 3]
-        total += 2.0 * vortex[w, v, 2] / (TWO_PI * delta2) * ti.exp(-(dx * dx + dy * dy) / delta2)
+        dx = x - vortex[w, v, Vortex.x]
+        dy = y - vortex[w, v, Vortex.y]
+        delta2 = core_squared(vortex, w, v)
+        total += 2.0 * vortex[w, v, Vortex.Gamma] / (TWO_PI * delta2) * ti.exp(-(dx * dx + dy * dy) / delta2)
     return total
 
 
 @ti.kernel
 def _evolve(
     serial: ti.template(),
-    vortex: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    kept: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    vortex: array3,
+    work: array3,
     dt: ti.f32,
     viscosity: ti.f32,
     mutual: ti.i32,
 ):
-    """`kept` (W, V, 7): centre and δ² at the beginning, velocity, and the weighted sum of velocities."""
     ti.loop_config(serialize=serial)
     for w in range(vortex.shape[0]):
         for v in range(vortex.shape[1]):
-            kept[w, v, 0] = vortex[w, v, 0]
-            kept[w, v, 1] = vortex[w, v, 1]
-            kept[w, v, 2] = vortex[w, v, 3] * vortex[w, v, 3]
-            kept[w, v, 5] = 0.0
-            kept[w, v, 6] = 0.0
+            work[w, v, Work.x] = vortex[w, v, Vortex.x]
+            work[w, v, Work.y] = vortex[w, v, Vortex.y]
+            work[w, v, Work.delta2] = core_squared(vortex, w, v)
+            work[w, v, Work.mean_u] = 0.0
+            work[w, v, Work.mean_v] = 0.0
         if mutual != 0:
             for stage in ti.static(range(4)):
-                carry(vortex, kept, w)
-                share = ti.static((1 / 6, 1 / 3, 1 / 3, 1 / 6)[stage])
-                reach = ti.static((0.5, 0.5, 1.0, 0.0)[stage]) * dt
+                mutual_velocities(vortex, work, w)
+                weight = ti.static((1 / 6, 1 / 3, 1 / 3, 1 / 6)[stage])
+                time = ti.static((0.5, 0.5, 1.0, 0.0)[stage]) * dt
                 for v in range(vortex.shape[1]):
                     for axis in ti.static(range(2)):
-                        kept[w, v, 5 + axis] = kept[w, v, 5 + axis] + share * kept[w, v, 3 + axis]
-                        vortex[w, v, axis] = kept[w, v, axis] + reach * kept[w, v, 3 + axis]
-                    vortex[w, v, 3] = ti.sqrt(kept[w, v, 2] + 4.0 * viscosity * reach)
+                        work[w, v, Work.mean_u + axis] = (
+                            work[w, v, Work.mean_u + axis] + weight * work[w, v, Work.u + axis]
+                        )
+                        vortex[w, v, axis] = work[w, v, axis] + time * work[w, v, Work.u + axis]
+                    vortex[w, v, Vortex.delta] = ti.sqrt(work[w, v, Work.delta2] + 4.0 * viscosity * time)
         for v in range(vortex.shape[1]):
             for axis in ti.static(range(2)):
-                vortex[w, v, axis] = kept[w, v, axis] + dt * kept[w, v, 5 + axis]
-            vortex[w, v, 3] = ti.sqrt(kept[w, v, 2] + 4.0 * viscosity * dt)
+                vortex[w, v, axis] = work[w, v, axis] + dt * work[w, v, Work.mean_u + axis]
+            vortex[w, v, Vortex.delta] = ti.sqrt(work[w, v, Work.delta2] + 4.0 * viscosity * dt)
 
 
 @ti.kernel
 def _sample_current(
-    vortex: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    points: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    out: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    vortex: array3,
+    points: array3,
+    out: array3,
 ):
     for w, p in ti.ndrange(points.shape[0], points.shape[1]):
         V = current(vortex, w, points[w, p, 0], points[w, p, 1])
@@ -126,26 +154,26 @@ def _sample_current(
 
 @ti.kernel
 def _sample_vorticity(
-    vortex: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    points: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    out: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    vortex: array3,
+    points: array3,
+    out: array2,
 ):
     for w, p in ti.ndrange(points.shape[0], points.shape[1]):
         out[w, p] = vorticity(vortex, w, points[w, p, 0], points[w, p, 1])
 
 
-def evolution(vortex: torch.Tensor, kept: torch.Tensor, dt: float, viscosity: float, mutual: bool) -> Launch:
-    """What lets vortices spread and carry one another for a time, in place, by the classical Runge–Kutta method.
+def evolution(vortex: torch.Tensor, work: torch.Tensor, dt: float, viscosity: float, mutual: bool) -> Launch:
+    """A launch that lets vortices spread and move one another for a time, in place: classical Runge–Kutta method.
 
     Args:
         vortex: (W, V, 4) float32.
-        kept: (W, V, 7) float32, room to work in.
+        work: (W, V, 7) float32, workspace.
         dt: s; a vortex should not move further than a fraction of a core radius in it.
         viscosity: ν ≥ 0, m²/s.
         mutual: whether the centres move.
     """
     return Launch(
-        _evolve, runtime.better_alone(vortex.shape[0] * vortex.shape[1]), vortex, kept, dt, viscosity, int(mutual)
+        _evolve, runtime.better_alone(vortex.shape[0] * vortex.shape[1]), vortex, work, dt, viscosity, int(mutual)
     )
 
 

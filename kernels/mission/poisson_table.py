@@ -1,9 +1,9 @@
 """Poisson arrivals at nodes, each with one of a few rates, by inversion of the distribution from a table.
 
-A row of the table is a rate's: the rate, a guide, the cumulative distribution of what arrives in a mission step. The
-guide says for each of GUIDE equal parts of (0, 1) the smallest count that a number in it can give, so that hardly any
-cumulative value is looked at in vain. Source: Chen and Asau (1974), "On generating random variates from an empirical
-distribution", AIIE Transactions 6(2), doi 10.1080/05695557408974949.
+A row of the table holds one rate, a guide, and the cumulative distribution of the number of arrivals in a mission step.
+The guide holds for each of GUIDE equal parts of (0, 1) the smallest count that a number in it can give: the search
+begins there and rarely needs a second step. Source: Chen and Asau (1974), "On generating random variates from an
+empirical distribution", AIIE Transactions 6(2), doi 10.1080/05695557408974949.
 """
 
 import math
@@ -15,14 +15,14 @@ import taichi as ti
 GUIDE = 64
 RATE = 0  # column of the rate; the guide and the cumulative distribution follow
 CUMULATIVE = 1 + GUIDE
-BEYOND = 2.0**-26  # what is left of a distribution where its table ends; single precision knows no such number below 1
+TAIL = 2.0**-26  # probability beyond the end of a table; 1 − 2⁻²⁶ rounds to 1 in single precision
 
 
 def _cumulative(mean: float) -> np.ndarray:
-    """P(N ≤ 0), P(N ≤ 1), … of a Poisson number until `BEYOND` is left."""
+    """P(N ≤ 0), P(N ≤ 1), … of a Poisson number until `TAIL` is left."""
     probability = below = math.exp(-mean)
     values = [below]
-    while 1.0 - below > BEYOND:
+    while 1.0 - below > TAIL:
         probability *= mean / len(values)
         below += probability
         values.append(below)

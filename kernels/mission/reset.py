@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from kernels import random
+from kernels.flow.vortex import Vortex
 from kernels.mission import boat, fixes, observation
 from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter
 from kernels.mission.worlds import address, uniforms
@@ -36,17 +37,17 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
     for v in range(vortex.shape[1]):
         if p[Parameter.random_vortices] > 0.5:
             u = uniforms(worlds, w, Draw.vortex, v)
-            vortex[w, v, 0] = u[0] * p[Parameter.width]
-            vortex[w, v, 1] = u[1] * p[Parameter.length]
-            vortex[w, v, 2] = between(p[Parameter.circulation_min], p[Parameter.circulation_max], u[2])
-            vortex[w, v, 3] = between(p[Parameter.core_radius_min], p[Parameter.core_radius_max], u[3])
+            vortex[w, v, Vortex.x] = u[0] * p[Parameter.width]
+            vortex[w, v, Vortex.y] = u[1] * p[Parameter.length]
+            vortex[w, v, Vortex.Gamma] = between(p[Parameter.circulation_min], p[Parameter.circulation_max], u[2])
+            vortex[w, v, Vortex.delta] = between(p[Parameter.core_radius_min], p[Parameter.core_radius_max], u[3])
         else:
             for c in range(4):
                 vortex[w, v, c] = worlds.fixed_vortex[v, c]
         if p[Parameter.alternate] > 0.5:
             u = uniforms(worlds, w, Draw.vortex_sign, v)
             if u[0] < 0.5:
-                vortex[w, v, 2] = -vortex[w, v, 2]
+                vortex[w, v, Vortex.Gamma] = -vortex[w, v, Vortex.Gamma]
 
 
 @ti.kernel
