@@ -1,4 +1,4 @@
-"""Print all cases, and what the edges reflect, as Markdown."""
+"""Print all cases, and what the boundaries reflect, as Markdown."""
 
 import math
 
@@ -23,9 +23,9 @@ def rows(case: Case) -> list[str]:
 
 
 def reflections() -> list[str]:
-    """Reflection by edge, cells to a wave and angle: measured (theory)."""
+    """Reflection by boundary, cells to a wave and angle: measured (theory)."""
     angles = 0, 30, 45, 60
-    lines = ["| edge | cells to a wave | " + " | ".join(f"{a}°" for a in angles) + " |", "| --- " * 6 + "|"]
+    lines = ["| boundary | cells to a wave | " + " | ".join(f"{a}°" for a in angles) + " |", "| --- " * 6 + "|"]
     for width, points in ((0, 10), (0, 20), (0, 40), (0.5, 20), (1, 20), (2, 20)):
         name = f"sponge of {width:g} wave{'s' if width > 1 else ''}" if width else "radiating"
         found = (Packet(points, angle, round(width * points)).run() for angle in angles)

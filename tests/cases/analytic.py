@@ -110,7 +110,7 @@ def quarter_wave_gain(n: int) -> dict[str, float]:
 
 
 def resonant_growth(n: int) -> dict[str, float]:
-    """From rest with sin ωt at the edge, after 2, 4 and 6 periods.
+    """From rest with sin ωt at the boundary, after 2, 4 and 6 periods.
 
     The solution is a sum of images, η(0, t) = 2 Σ (−1)^j f(t − (2j + 1) L/c): 2 more at each crest, twice a period.
     """
@@ -127,7 +127,7 @@ def resonant_growth(n: int) -> dict[str, float]:
 
 
 def wave_maker(n: int) -> dict[str, float]:
-    """Wave number between the edge and a point that no wave from the far wall has reached, n cells to a wave.
+    """Wave number between the boundary and a point that no wave from the far wall has reached, n cells to a wave.
 
     Waves of 12 s; the complex amplitude is that of the last of 12 periods, its wave number the slope of its phase.
     """
@@ -151,7 +151,7 @@ def wave_maker(n: int) -> dict[str, float]:
 
 
 def incident_wave(n: int) -> dict[str, float]:
-    """Wave-maker beside open sea: at every edge in turn, a wall opposite, from a start in the steady state."""
+    """Wave-maker beside open sea: at every boundary in turn, a wall opposite, from a start in the steady state."""
     T, L, h, phase = 20.0, 300.0, 40.0, 0.7
     omega = 2 * math.pi / T
     k = omega / math.sqrt(GRAVITY * h)
@@ -212,7 +212,7 @@ CASES = (
         {"η": SECOND, "u": SECOND, "v": SECOND},
     ),
     Case(
-        "seiche, each edge forced",
+        "seiche, each boundary forced",
         "η = a cos kx/cos kL cos(ωt + φ), u = a (g k/ω) sin kx/cos kL sin(ωt + φ); rms of a = 1 and 2 m, T = 30 s",
         "Eq. 7",
         seiche,
@@ -232,7 +232,7 @@ CASES = (
     Case(
         "growth at resonance",
         "T = 4L/c from rest: η(0, nT) = −4 n a; relative, the worst of n = 2, 4, 6",
-        "images at wall and edge",
+        "images at wall and boundary",
         resonant_growth,
         (30, 60, 120),
         {"η": 2e-4},
@@ -258,7 +258,7 @@ CASES = (
     ),
     Case(
         "wave-maker beside open sea",
-        "edge incident, wall at 0: η = 2 a cos kx cos(ωt − kL + φ); rms, a = 1 and 2 m",
+        "boundary incident, wall at 0: η = 2 a cos kx cos(ωt − kL + φ); rms, a = 1 and 2 m",
         "d'Alembert",
         incident_wave,
         (40, 80, 160),

@@ -9,7 +9,12 @@ from kernels.shallow_water.linear import ShallowWater
 GRAVITY = 9.81
 ROUNDING = 2.0**-24  # half a unit in the last place of an f32 number near one
 SIDES = ("west", "east", "south", "north")
-SHARE = {"forced": 1, "incident": 2, "radiating": 0, "sponge": 0}  # of the prescribed elevation, outside
+ELEVATION_FACTOR = {
+    "forced": 1,
+    "incident": 2,
+    "radiating": 0,
+    "sponge": 0,
+}  # elevation outside over the prescribed one
 
 
 def centres(cells: int, length: float) -> np.ndarray:
@@ -25,9 +30,9 @@ def many(field: np.ndarray, num_seas: int) -> np.ndarray:
     return field * np.arange(1, num_seas + 1)[:, None, None]
 
 
-def from_wall(coordinate: np.ndarray, edge: str, length: float) -> np.ndarray:
-    """Distance from the wall opposite an open edge."""
-    return length - coordinate if edge in ("west", "south") else coordinate
+def from_wall(coordinate: np.ndarray, side: str, length: float) -> np.ndarray:
+    """Distance from the wall opposite an open boundary."""
+    return length - coordinate if side in ("west", "south") else coordinate
 
 
 def waves(amplitude: float, period: float, phase: float = 0.0, num_seas: int = 1) -> tuple[np.ndarray, ...]:
@@ -47,8 +52,8 @@ def rough_bed(nx: int, ny: int) -> np.ndarray:
 class PlainScheme:
     """The scheme of a solver for one sea, from rest; `advance_potential` is the two-array form for r = 0 and walls."""
 
-    def __init__(self, solver: ShallowWater, eta: np.ndarray, edge_elevation=lambda t: 0.0) -> None:
-        self.s, self.edge_elevation, self.steps = solver, edge_elevation, 0
+    def __init__(self, solver: ShallowWater, eta: np.ndarray, prescribed=lambda t: 0.0) -> None:
+        self.s, self.prescribed, self.steps = solver, prescribed, 0
         self.dt = dt = solver.time_step
         h = np.asarray(solver.depth, np.float64)
         wet = np.pad(h, 1)
@@ -87,11 +92,11 @@ class PlainScheme:
         return np.exp(-rate * self.dt)
 
     def gradient(self, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Differences on the faces; at an open edge to what stands outside of it, over half a cell."""
+        """Differences on the faces; at an open boundary to the elevation outside, over half a cell."""
         gx, gy = np.zeros_like(self.hx), np.zeros_like(self.hy)
         gx[:, 1:-1], gy[1:-1] = np.diff(field, axis=1) / self.s.dx, np.diff(field, axis=0) / self.s.dy
         for kind, place, across_x, away in self.open:
-            outside = SHARE[kind] * self.edge_elevation(self.steps * self.dt)
+            outside = ELEVATION_FACTOR[kind] * self.prescribed(self.steps * self.dt)
             across, size = (gx, self.s.dx) if across_x else (gy, self.s.dy)
             across[place] = away * (outside - field[place]) / (size / 2)
         return gx, gy
@@ -104,7 +109,7 @@ class PlainScheme:
             self.U = self.keep_x * self.U - (1 + self.keep_x) / 2 * dt * GRAVITY * self.hx * gx
             self.V = self.keep_y * self.V - (1 + self.keep_y) / 2 * dt * GRAVITY * self.hy * gy
             for kind, place, across_x, _ in self.open:
-                if kind != "forced":  # the elevation at the face has another U/c, of the old and the new transport
+                if kind != "forced":  # U/c at the face, mean of the old and the new transport
                     W, before, size = (self.U, old[0], self.s.dx) if across_x else (self.V, old[1], self.s.dy)
                     keep = np.broadcast_to(self.keep_x if across_x else self.keep_y, W.shape)[place]
                     passing = (1 + keep) / 2 * dt / size * np.sqrt(GRAVITY * self.h[place])

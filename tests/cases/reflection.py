@@ -1,7 +1,7 @@
-"""What comes back from a radiating edge and from a sponge: packets of waves, against the theory of the scheme.
+"""What comes back from a radiating boundary and from a sponge: packets of waves, against the theory of the scheme.
 
 All lengths are in cells, Δx = Δy = 1. A packet of waves a(k) e^{i(ωt + kx)} cos ly runs west at an angle θ,
-tan θ = l/k, towards the edge at x = 0; the velocities it starts with are those of the scheme's own waves, so that
+tan θ = l/k, towards the boundary at x = 0; the velocities it starts with are those of the scheme's own waves, so that
 nothing else is there. The measured reflection is √(energy after it has come back / energy before). The theory adds up
 |ρ(k)|² over the packet, ρ of the scheme's harmonic waves.
 """
@@ -21,14 +21,14 @@ CELERITY = math.sqrt(GRAVITY * DEPTH)
 
 @dataclass(frozen=True)
 class Packet:
-    """Waves of `points` cells at an angle (degrees) to the normal of the western edge, before it `sponge` cells."""
+    """Waves of `points` cells at an angle (degrees) to the normal of the western boundary, before it `sponge` cells."""
 
     points: int
     angle: float
     sponge: int = 0
 
     def grid(self) -> tuple[int, int, float]:
-        """Cells nx and ny, half a wave along the edge, and the mean wave number kx."""
+        """Cells nx and ny, half a wave along the boundary, and the mean wave number kx."""
         theta = math.radians(self.angle)
         ny = max(4, round(self.points / 2 / max(math.sin(theta), 1e-9))) if self.angle else 4
         kx = math.pi / ny / math.tan(theta) if self.angle else 2 * math.pi / self.points
@@ -92,7 +92,7 @@ class Packet:
         U, eta = np.arange(n), n + np.arange(n)  # unknowns; U at the n-th face is one
         M[U, U], M[U, eta] = turn - A / turn, (1 + A) / 2 * courant**2
         M[U[1:], eta[:-1]] = -(1 + A[1:]) / 2 * courant**2
-        damping = (1 - A[0]) / (1 + A[0])  # the face at the edge: (1 + s + λ) U⁺ = (1 − s − λ) U⁻ − 2 λ² η
+        damping = (1 - A[0]) / (1 + A[0])  # the face at the boundary: (1 + s + λ) U⁺ = (1 − s − λ) U⁻ − 2 λ² η
         M[0, 0], M[0, n] = (1 + damping + courant) * turn - (1 - damping - courant) / turn, 2 * courant**2
         along = courant**2 * 4 * math.sin(ky / 2) ** 2 / (turn - 1 / turn)  # δy V over η
         M[eta, eta], M[eta, U] = turn - B / turn + (1 + B) / 2 * along, -(1 + B) / 2
@@ -126,10 +126,10 @@ def sponge(n: int) -> dict[str, float]:
 
 
 def pulse(n: int) -> dict[str, float]:
-    """Energy left of a round hump in the middle of a square, all boundaries radiating, when each ray has met one edge.
+    """Energy left of a round hump in the middle of a square, all sides radiating, when each ray has met one of them.
 
-    A ray that meets an edge at θ keeps tan⁴ θ/2 of its energy; rays are even over 0 to 45°. Some have met a second edge
-    by then, so that this is a bound.
+    A ray that meets a boundary at θ keeps tan⁴ θ/2 of its energy; rays are even over 0 to 45°. Some have met a second
+    boundary by then, so that this is a bound.
     """
     x = centres(n, 1.0)
     r2 = (x - 0.5) ** 2 + (x[:, None] - 0.5) ** 2
@@ -161,7 +161,7 @@ def drain(n: int) -> dict[str, float]:
 
 CASES = (
     Case(
-        "radiating edge, n cells to a wave",
+        "radiating boundary, n cells to a wave",
         "ρ = (s cos ωΔt/2 − cos kΔx/2)/(s cos ωΔt/2 + cos kΔx/2) → (1 − cos θ)/(1 + cos θ), "
         "s = (cΔt/Δx) sin kΔx/2/sin ωΔt/2",
         "harmonic waves put into the scheme",

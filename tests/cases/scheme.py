@@ -17,7 +17,7 @@ from tests.cases.plain import GRAVITY, ROUNDING, PlainScheme, centres, many, rou
 def eigenmode(n: int) -> dict[str, float]:
     """Over three intervals, alone and three seas at once; the worst of it.
 
-    n + ½ half waves fit between a wall and an edge held at zero. The rounded coefficients change ω̃ by at most ½ 2⁻²⁴.
+    n + ½ half waves fit between a wall and a side held at zero. The rounded coefficients change ω̃ by at most ½ 2⁻²⁴.
     """
     nx, ny, X, Y, h = n, n - 15, 130.0, 90.0, 80.0
     worst = 0.0
@@ -71,7 +71,7 @@ def invariants(n: int) -> dict[str, float]:
 
 
 def rest(n: int) -> dict[str, float]:
-    """Water of one level over the rough bed, between walls and at an edge of that elevation."""
+    """Water of one level over the rough bed, between walls and at a boundary of that elevation."""
     level, worst = 0.75, {"η": 0.0, "u": 0.0}
     for boundaries in ({}, {"north": "forced"}, {"west": "forced", "east": "forced"}):
         nx, ny = n, n - 13

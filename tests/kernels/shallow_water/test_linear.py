@@ -41,7 +41,7 @@ class TestStep:
     @pytest.mark.parametrize(
         "boundaries", [{}, *({s: "forced"} for s in SIDES), *(dict.fromkeys(SIDES, k) for k in KINDS)]
     )
-    def test_limit_is_sharp_for_every_edge(self, boundaries, monkeypatch):
+    def test_limit_is_sharp_for_every_boundary(self, boundaries, monkeypatch):
         """Noise stays bounded just below the limit, also at open boundaries, and explodes just above it."""
         growth = {}
         for courant in (0.999, 1.02):
@@ -89,7 +89,7 @@ class TestStep:
         solver.set_forcing(np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
         assert not solver.still
 
-    def test_what_has_been_set_going_goes_on_without_forcing(self):
+    def test_waves_continue_without_forcing(self):
         solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, boundaries={"west": "incident"})
         solver.set_forcing(*waves(1.0, 7.0))
         solver.advance()
@@ -100,7 +100,7 @@ class TestStep:
         assert np.abs(solver.elevation() - before).max() > 0.1
 
 
-class TestEdges:
+class TestBoundaries:
     @pytest.mark.parametrize("boundaries", MIXED, ids=lambda boundaries: "-".join(boundaries.values()))
     def test_energy_only_falls(self, boundaries):
         """With nothing prescribed; half of the noise is waves so short that they hardly move."""
@@ -115,7 +115,7 @@ class TestEdges:
 
     @pytest.mark.parametrize("kind", ["incident", "radiating", "sponge"])
     def test_level_neither_stays_nor_drifts(self, kind):
-        """Filled 1 m too high, a basin with one open edge drains to nothing and stays there, for 1600 times L/c.
+        """Filled 1 m too high, a basin with one open boundary drains to nothing and stays there, for 1600 times L/c.
 
         What stays longest is the ripple that a jump leaves on any grid, a millionth of the jump a short while after.
         """
@@ -217,7 +217,7 @@ class TestAgainstPlainNumpy:
         [{}, *({side: "forced"} for side in SIDES), *MIXED],
         ids=lambda boundaries: "-".join(boundaries.values()) or "walls",
     )
-    def test_depth_drag_and_edges(self, boundaries, num_seas, flat):
+    def test_depth_drag_and_boundaries(self, boundaries, num_seas, flat):
         nx, ny = 37, 29
         depth = 50.0 if flat else rough_bed(nx, ny)
         random = np.random.default_rng(7)
@@ -263,7 +263,7 @@ class TestAgainstPlainNumpy:
         assert rms[1] > 50 * rms[0]
 
     def test_forcing_can_be_switched_off(self):
-        """The edge is then held at zero, not closed."""
+        """The boundary is then held at zero, not closed."""
         random = np.random.default_rng(3)
         solver = ShallowWater(
             size=(80, 80), cells=(20, 16), depth=50, interval=2.0, boundaries={"west": "forced"}, num_seas=2
@@ -281,7 +281,7 @@ class TestAgainstPlainNumpy:
         np.testing.assert_array_equal(before, start.astype(np.float32))  # a copy
 
     def test_clock_carries_the_phase(self):
-        """Started late, the edge wave goes on where it would be: the same as one at zero with the phase moved on."""
+        """Started late, the prescribed wave has its phase of that time: the same as from zero with a later phase."""
         late, T = 1.0e6, 17.0
         states = []
         for time, phase in ((late, 0.3), (0.0, 0.3 + 2 * math.pi * math.fmod(late, T) / T)):

@@ -139,15 +139,15 @@ class TestThacker:
 
 class TestRest:
     @pytest.mark.parametrize("level", [0.0, 0.75, -3.3])
-    @pytest.mark.parametrize("edge", ["wall", "forced"])
-    def test_lake_round_islands_stays(self, level, edge):
+    @pytest.mark.parametrize("kind", ["wall", "forced"])
+    def test_lake_round_islands_stays(self, level, kind):
         """Nothing moves by a single bit over a rough bed of 120 m depth with dry peaks."""
         n = 64
         x = centres(n, 200)
         bed = -120 + 140 * np.exp(-((x - 100) ** 2 + (x[:, None] - 90) ** 2) / 900)
         bed = bed + 3 * np.random.default_rng(0).normal(size=(n, n))
         solver = NonlinearShallowWater(
-            size=(200, 200), cells=(n, n), bed=bed, interval=2.0, boundaries=dict.fromkeys(SIDES, edge)
+            size=(200, 200), cells=(n, n), bed=bed, interval=2.0, boundaries=dict.fromkeys(SIDES, kind)
         )
         solver.set_forcing(np.array([level]), np.array([1e30]), np.zeros(1))
         solver.set_state(np.maximum(level, bed))
@@ -158,7 +158,7 @@ class TestRest:
         np.testing.assert_array_equal(solver.elevation(), before)
         assert not np.any(solver.velocity())
 
-    def test_still_sea_beside_an_radiating_edge(self):
+    def test_still_sea_beside_radiating_boundaries(self):
         solver = NonlinearShallowWater(
             size=(9, 9),
             cells=(20, 9),
@@ -262,7 +262,7 @@ class TestAgainstLinear:
         np.testing.assert_allclose(small, large, atol=1e-4 * np.abs(large).max())
 
 
-class TestEdges:
+class TestBoundaries:
     @pytest.mark.parametrize("axis", [0, 1])
     def test_wall_is_a_mirror(self, axis):
         """Half of a flow that is symmetric, behind a wall in the middle: the same bits."""
@@ -287,8 +287,8 @@ class TestEdges:
 
     @pytest.mark.parametrize("side", SIDES)
     @pytest.mark.parametrize(("amplitude", "reflected"), [(1e-3, 1e-4), (2.0, 0.003)])
-    def test_radiating_edge_lets_waves_out(self, side, amplitude, reflected):
-        """A hump of 40 m length on 10 m of water runs out over the edge; what comes back, in shares of its height."""
+    def test_radiating_boundary_lets_waves_out(self, side, amplitude, reflected):
+        """A hump of 40 m length on 10 m of water leaves; the rest, as a fraction of its height."""
         n, h = 200, 10.0
         x = centres(n, 200.0)
         x = x if side in ("east", "north") else x[::-1]
@@ -302,8 +302,8 @@ class TestEdges:
         assert np.abs(solver.elevation()).max() < reflected * amplitude
 
     @pytest.mark.parametrize("side", SIDES)
-    def test_forced_edge_is_second_order(self, side):
-        """The seiche η = a cos kx / cos kL cos ωt between a wall and a forced edge: rms over two periods."""
+    def test_forced_boundary_is_second_order(self, side):
+        """The seiche η = a cos kx / cos kL cos ωt between a wall and a forced boundary: rms over two periods."""
         L, h, T, a = 200.0, 120.0, 30.0, 1e-4
         omega = 2 * math.pi / T
         k = omega / math.sqrt(g * h)
@@ -326,7 +326,7 @@ class TestEdges:
         assert order(errors) > 1.8
 
     def test_high_tide_floods_a_beach_and_leaves_it(self):
-        """A tide of 2 m that is slow against the basin: the sea on a beach of 1:20 stands at the level of the edge."""
+        """A tide of 2 m that is slow against the basin: the sea on a beach of 1:20 has the level of the boundary."""
         n, T = 50, 1800.0
         x = centres(n, 200.0)
         bed = np.broadcast_to(-5 + x / 20, (4, n))
