@@ -94,19 +94,13 @@ def boundaries(scenario: Scenario) -> dict[Side, Boundary]:
 
 def build_short_waves(site: Site, seed: int, num_seas: int, first: int = 0) -> AirySea:
     """The storm upon the seas of `build_sea`, with velocities at the levels `kernels.types.Level`."""
-    scenario, storm, depth = site.scenario, site.scenario.storm, site.mean_depth
+    scenario, depth = site.scenario, site.mean_depth
+    levels = 0.0, -min(scenario.auv.depth, depth)
     return build_storm(
-        spectrum=storm.spectrum,
-        significant_height=storm.significant_height,
-        peak_period=storm.peak_period,
-        gamma=storm.gamma,
-        direction=storm.direction,
-        spreading=storm.spreading,
-        components=storm.components,
-        shortest_wave=storm.shortest_wave,
+        scenario.storm,
         depth=depth,
         gravity=scenario.sea.gravity,
-        levels=(0.0, -min(scenario.auv.depth, depth)),
+        levels=levels,
         seed=seed,
         num_seas=num_seas,
         first=first,

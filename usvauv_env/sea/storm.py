@@ -25,6 +25,7 @@ import torch
 
 from kernels import runtime
 from kernels.flow import airy
+from usvauv_env.sections import Storm
 
 STREAM = 2  # spawn key of the storm among the random numbers of a sea
 SHAPES = ("none", "jonswap", "pm", "tma")
@@ -81,15 +82,8 @@ class AirySea:
 
 
 def build_storm(
+    storm: Storm,
     *,
-    spectrum: str,
-    significant_height: float,
-    peak_period: float,
-    gamma: float,
-    direction: float,
-    spreading: float,
-    components: int,
-    shortest_wave: float,
     depth: float,
     gravity: float,
     levels: Sequence[float],
@@ -100,15 +94,9 @@ def build_storm(
     """Seas `first` to `first` + `num_seas` − 1 of a seed at t = 0; each depends on (seed, its index) alone.
 
     Args:
-        spectrum: "none", "jonswap", "pm" (Pierson–Moskowitz) or "tma".
-        significant_height: Hs = 4 √m0 of the waves above `shortest_wave`, m.
-        peak_period: Tp, s. For "tma" that of the JONSWAP spectrum it is made from.
-        gamma: γ ≥ 1, peak enhancement; "pm" takes 1.
-        direction: mean direction of travel θ0, rad from east towards north.
-        spreading: s ≥ 0.
-        components: N of each sea.
-        shortest_wave: wave length at which the spectrum is cut off, m. The slope's variance grows as its inverse's
-            logarithm.
+        storm: spectrum and its parameters. Hs = 4 √m0 is that of the waves above `shortest_wave`, where the spectrum is
+            cut off: the variance of the slope grows as the logarithm of 1/`shortest_wave`. Tp is for "tma" that of the
+            JONSWAP spectrum it is made from; "pm" takes γ = 1.
         depth, gravity, levels: as for `AirySea`.
         seed: any non-negative integer below 2¹²⁸.
         num_seas: number of seas.
@@ -117,24 +105,24 @@ def build_storm(
     Raises:
         ValueError: an unknown spectrum, or a cut-off that leaves less than twice the peak's frequency.
     """
-    count = 0 if spectrum == "none" else components
+    count = 0 if storm.spectrum == "none" else storm.components
     drawn = np.zeros((4, num_seas, count))
     if count:
-        omega, S = band(spectrum, peak_period, gamma, shortest_wave, depth, gravity)
+        omega, S = band(storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, depth, gravity)
         k = airy.wavenumber(omega, depth, gravity)
         energy, slope = cumulative(omega, S), cumulative(omega, k**2 * S)
         weight = (energy / energy[-1] + slope / slope[-1]) / 2
         strata = np.interp(np.linspace(0, 1, count + 1), weight, energy / energy[-1])
-        sectors, probability = spread(spreading)
+        sectors, probability = spread(storm.spreading)
         for index in range(num_seas):
             own = np.random.SeedSequence(seed, spawn_key=(first + index, STREAM))
             random = np.random.Generator(np.random.Philox(own))
             quantile = strata[:-1] + np.diff(strata) * random.random(count)
             sector = (random.permutation(count) + random.random(count)) / count
             drawn[:, index] = (
-                significant_height / 4 * np.sqrt(2 * np.diff(strata)),
+                storm.significant_height / 4 * np.sqrt(2 * np.diff(strata)),
                 np.interp(quantile, energy / energy[-1], omega),
-                direction + np.interp(sector, probability, sectors),
+                storm.direction + np.interp(sector, probability, sectors),
                 2 * math.pi * random.random(count),
             )
     return AirySea(*drawn, depth=depth, gravity=gravity, levels=levels)

@@ -12,6 +12,7 @@ from scipy.stats import kstest
 
 from kernels.flow import airy
 from usvauv_env.sea.storm import AirySea, band, build_storm, spread
+from usvauv_env.sections import Storm
 
 G, H = 9.81, 120.0
 STORM = {
@@ -32,7 +33,9 @@ STORM = {
 
 
 def storm(**changes) -> AirySea:
-    return build_storm(**{**STORM, **changes})
+    about = {**STORM, **changes}
+    section = Storm.model_construct(**{name: about.pop(name) for name in Storm.model_fields})  # also what it refuses
+    return build_storm(section, **about)
 
 
 def single(a=1.0, omega=0.6, direction=0.0, phase=0.0, depth=H, levels=(0.0,)) -> AirySea:
