@@ -138,7 +138,8 @@ def train_ours(course: Course, config: policies.TrainingConfig) -> None:
     def look(figures: dict[str, Any]) -> None:
         nonlocal over
         over = course.look(trainer.policy().act, figures["updates"], figures["steps"])
-        trainer.stopped = trainer.stopped or over
+        if over:
+            trainer.stop()
 
     trainer.train(sys.maxsize, look)
     if not over:

@@ -5,6 +5,9 @@
 >>> world = World(Scenario.load("extreme"))
 >>> policy = policies.load("straight:1.4", world)
 >>> action = policy.act(world.reset())
+
+From outside: the names below; the registries of `policies.heuristics`, `policies.algorithms` and `policies.frames`;
+`policies.guidance` for a policy of one's own, `policies.export` and `policies.training` for what their names say.
 """
 
 from policies.checkpoint import read_history, read_run

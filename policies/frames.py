@@ -1,4 +1,4 @@
-"""Frames: features of an observation for a network, and the world's action for what the network answers.
+"""Frames: between the world and a network.
 
 The world's observation and action are in world axes, in which a network has to learn every heading separately. In the
 target's frame x′ points from the AUV to its target and y′ to the left of it, and an action is a course relative to that
@@ -29,7 +29,7 @@ CURRENTS = ("current_speed", *CURRENT_VECTORS)
 
 
 class Frame:
-    """What stands between the world and a network.
+    """Features for a network, and the world's actions for the network's.
 
     Attributes:
         any_team: whether the number of features is the same for any number of AUVs.

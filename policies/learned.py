@@ -57,7 +57,7 @@ class LearnedPolicy(Policy):
             ("task", self.scenario.task, scenario.task),
             ("number of AUVs", team, team if self.any_team else scenario.auv.count),
             ("observed current", self.scenario.observation.current, scenario.observation.current),
-            ("observed terms beside", self.scenario.observation.extra, scenario.observation.extra),
+            ("extra observation terms", self.scenario.observation.extra, scenario.observation.extra),
             ("action form", self.scenario.auv.action, scenario.auv.action),
         ):
             if own != needed:

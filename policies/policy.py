@@ -1,4 +1,4 @@
-"""What a policy is: something that turns observations into actions."""
+"""Base of all policies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class PolicyError(UserError, ValueError):
 
 
 class Policy:
-    """Acts for all AUVs of all worlds at once; deterministic.
+    """Actions for observations of all AUVs of all worlds at once, without exploration.
 
     Attributes:
         name: what it is called in tables.

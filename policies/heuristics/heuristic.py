@@ -1,4 +1,4 @@
-"""What every heuristic is: a policy made for one world, with an optional argument in its name."""
+"""Base of the heuristics: a policy bound to one world, with an optional argument in its name."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Heuristic(Policy):
 
     Args:
         name: what it is called in tables, such as "crab:1.4".
-        world: the world it acts in; it may read everything there.
-        argument: what `parse` made of the text after the colon in `name`.
+        world: the world it acts in, whose true state it may read.
+        argument: value that `parse` gave for the text after the colon in `name`.
     """
 
     def __init__(self, name: str, world: World, argument: Any) -> None:
