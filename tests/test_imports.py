@@ -1,6 +1,6 @@
 """Packages import downwards only, rooms and modules not in circles, and Taichi is imported by the kernels alone."""
 
-from tests.import_graph import PACKAGES, circle, imported, module_graph, reduced, room_graph, sources
+from tests.import_graph import PACKAGES, ROOT, circle, imported, mermaid, module_graph, reduced, room_graph, sources
 
 MODULES = module_graph()
 
@@ -29,6 +29,11 @@ def test_no_circle_of_modules():
 
 def test_no_circle_of_rooms():
     assert circle(room_graph(MODULES)) == []
+
+
+def test_contributing_shows_the_graph():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert f"```mermaid\n{mermaid(room_graph(MODULES))}\n```" in text, "see `python -m tests.import_graph`"
 
 
 class TestGraph:
