@@ -21,7 +21,7 @@ class Water(NamedTuple):
         U, V: packed transports of the long waves.
         unit_x, unit_y: what makes m²/s of `U` and `V`.
         nx, ny: number of cells.
-        sea: (W,) int32, which sea of the pool a world sails on.
+        sea_index: (W,) int32, which sea of the pool a world sails on.
         wave: (seas, groups, columns, LANES) the storm's components, `airy`; velocities at each `Level`.
     """
 
@@ -37,7 +37,7 @@ class Water(NamedTuple):
     unit_y: Any = None
     nx: Any = None
     ny: Any = None
-    sea: Any = None
+    sea_index: Any = None
     wave: Any = None
 
 
@@ -54,7 +54,7 @@ def without_waves(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: 
 @ti.func
 def velocity(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) at (x, y) in world w."""
-    waves = long_waves.velocity(water, water.sea[w], x, y)
+    waves = long_waves.velocity(water, water.sea_index[w], x, y)
     return without_waves(water, level, w, x, y) + waves
 
 
@@ -70,7 +70,7 @@ def on_grid(
     unit_y: ti.f32,
     nx: ti.i32,
     ny: ti.i32,
-    sea: index1,
+    sea_index: index1,
     mask: mask1,
     margin: ti.f32,
     flow: array4,
@@ -80,7 +80,7 @@ def on_grid(
     `size` is the area's width and length, m. `flow` is (W, rows, columns, 2), row 0 in the south.
     """
     for w, i in ti.ndrange(flow.shape[0], flow.shape[1]):
-        water = ti.static(Water(vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea))
+        water = ti.static(Water(vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea_index))
         if mask[w] != 0:
             y = margin + (size[1] - 2.0 * margin) * i / (flow.shape[1] - 1)
             for j in range(flow.shape[2]):

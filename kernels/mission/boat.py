@@ -55,8 +55,8 @@ def ride(worlds: ti.template(), w):
     y = boat[w, BoatColumn.y]
     dx = water.width / water.nx
     dy = water.length / water.ny
-    surface = packing.sample(water.eta, water.sea[w], x, y, dx, dy, water.nx, water.ny)
-    storm = airy.motion(water.wave, water.sea[w], Level.surface, x, y)
+    surface = packing.sample(water.eta, water.sea_index[w], x, y, dx, dy, water.nx, water.ny)
+    storm = airy.motion(water.wave, water.sea_index[w], Level.surface, x, y)
     velocity = current.velocity(water, Level.surface, w, x, y)
     boat[w, BoatColumn.elevation] = surface[0] + storm[0]
     boat[w, BoatColumn.slope_x] = surface[1] + storm[1]

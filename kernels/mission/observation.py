@@ -112,7 +112,7 @@ def sense_current(worlds: ti.template(), w, k):
     """Store the velocity of the water at AUV k, which also carries it during the coming step."""
     x = worlds.auv[w, k, AuvColumn.x]
     y = worlds.auv[w, k, AuvColumn.y]
-    storm = airy.motion(worlds.water.wave, worlds.water.sea[w], Level.cruise, x, y)
+    storm = airy.motion(worlds.water.wave, worlds.water.sea_index[w], Level.cruise, x, y)
     here = vec2(storm[3], storm[4])
     here += current.velocity(worlds.water, Level.cruise, w, x, y)
     worlds.auv[w, k, AuvColumn.current_x] = here[0]

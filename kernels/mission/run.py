@@ -42,7 +42,7 @@ def run(
     unit_y: ti.f32,
     nx: ti.i32,
     ny: ti.i32,
-    sea: index1,
+    sea_index: index1,
     wave: airy.waves,
     chosen: mask1,
     clock: index2,
@@ -64,7 +64,7 @@ def run(
     for w in range(clock.shape[0]):
         width = p[Parameter.width]
         length = p[Parameter.length]
-        water = ti.static(Water(vortex, stream, width, length, bed, eta, U, V, unit_x, unit_y, nx, ny, sea, wave))
+        water = ti.static(Water(vortex, stream, width, length, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave))
         worlds = ti.static(
             Worlds(
                 program,

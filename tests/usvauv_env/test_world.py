@@ -90,6 +90,18 @@ class TestRandomNumbers:
 
 
 class TestState:
+    def test_rebound_tensors_are_refused(self, extreme):
+        """The kernels would go on with the old ones; written in place they count."""
+        world = World(extreme, num_worlds=2, seed=1, usv="hold:90,90")
+        world.reset()
+        with pytest.raises(AttributeError, match="World.boat: cannot be rebound"):
+            world.boat = world.boat.clone()
+        with pytest.raises(AttributeError, match="sea"):
+            world.sea = None
+        world.boat[:, BoatColumn.x] = 20.0
+        world.step(torch.zeros(2, 2, 2))
+        assert (world.boat[:, BoatColumn.x] < 30).all()
+
     def test_saved_and_restored_bit_for_bit(self, extreme):
         """Also into another world object, and across the end of an episode."""
         scenario = Scenario.load("extreme", ["mission.duration=40"])

@@ -246,7 +246,7 @@ class World:
             *self.sea.units,
             self.sea.nx,
             self.sea.ny,
-            self._lane,
+            self._sea_index,
             mask.to(self.device, torch.uint8).contiguous(),
             margin,
             flow,
@@ -281,20 +281,14 @@ class World:
         """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
         pool = self.scenario.sea.realisations
         seed = self.seed + (episode << 64)
-        if self._fine_sea:
-            first = self._first_world % pool
-            self._sea = build_sea(self.site, seed, 1, fine_cells(self.scenario), first)
-            self._storm = build_short_waves(self.site, seed, 1, first)
-            lane = torch.zeros(1, dtype=torch.int32)
-        else:
-            first = self._first_world % pool
-            count = min(self.num_worlds, pool)
-            if first + count > pool:  # around the end of the pool
-                first, count = 0, pool
-            self._sea = build_sea(self.site, seed, count, first=first)
-            self._storm = build_short_waves(self.site, seed, count, first=first)
-            lane = (torch.arange(self.num_worlds) + self._first_world) % pool - first
-        self._lane = lane.to(self.device, torch.int32)
+        first, count = self._first_world % pool, min(self.num_worlds, pool)
+        if first + count > pool:  # around the end of the pool
+            first, count = 0, pool
+        cells = fine_cells(self.scenario) if self._fine_sea else None
+        self._sea = build_sea(self.site, seed, count, cells, first)
+        self._storm = build_short_waves(self.site, seed, count, first)
+        index = (torch.arange(self.num_worlds) + self._first_world) % pool - first
+        self._sea_index = index.to(self.device, torch.int32)
         (U, V), (unit_x, unit_y) = self.sea.transports, self.sea.units
         arguments = {
             **self._constants,
@@ -307,7 +301,7 @@ class World:
             "unit_y": unit_y,
             "nx": self.sea.nx,
             "ny": self.sea.ny,
-            "sea": self._lane,
+            "sea_index": self._sea_index,
             "wave": self.storm.wave,
             "chosen": self._chosen,
             "clock": self._clock,
@@ -342,12 +336,12 @@ class World:
 
     def surface(self, pixels: int, world: int = 0) -> np.ndarray:
         """Elevation of a world's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
-        lane = int(self._lane[world])
-        elevation = self.sea.elevation()[lane]
+        index = int(self._sea_index[world])
+        elevation = self.sea.elevation()[index]
         factor = -(-max(elevation.shape) // pixels)
         rows, columns = (size // factor for size in elevation.shape)
         blocks = elevation[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)
         x, y = (
             (np.arange(count) + 0.5) * (factor * cell) for count, cell in ((columns, self.sea.dx), (rows, self.sea.dy))
         )
-        return blocks.mean(axis=(1, 3), dtype=np.float32) + self.storm.elevation(lane, x, y)
+        return blocks.mean(axis=(1, 3), dtype=np.float32) + self.storm.elevation(index, x, y)
