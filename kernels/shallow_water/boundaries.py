@@ -24,19 +24,12 @@ POWER, ABSORPTION = 2, 2.5
 
 
 class SideGeometry(NamedTuple):
-    """Where a side lies.
+    """Where a side lies."""
 
-    Attributes:
-        axis: 0 if it cuts the axis of U, 1 for V.
-        outward: sign of the transport that leaves.
-        faces: its faces in an array (…, rows, nx + 1).
-        cells: the cells along it in an array (…, rows + 1, nx) that begins one row further south.
-    """
-
-    axis: int
-    outward: int
-    faces: tuple
-    cells: tuple
+    axis: int  # 0 if it cuts the axis of U, 1 for V
+    outward: int  # sign of the transport that leaves
+    faces: tuple  # its faces in an array (…, rows, nx + 1)
+    cells: tuple  # the cells along it in an array (…, rows + 1, nx) that begins one row further south
 
 
 GEOMETRY: dict[Side, SideGeometry] = {

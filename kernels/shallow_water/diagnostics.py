@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
 
 import numpy as np
 import torch
@@ -12,36 +12,30 @@ from kernels.shallow_water.boundaries import GEOMETRY
 from kernels.shallow_water.discretisation import Discretisation
 
 
-@dataclass(frozen=True)
-class Diagnostics:
-    """What the packed fields of a sea hold.
+class Diagnostics(ABC):
+    """Diagnostics of a solver that has a discretisation and the packed fields η, U and V."""
 
-    Args:
-        scheme: the discretisation they belong to.
-        fields: η (m), U and V (in units of a cell in a substep, half a substep before η), packed.
-    """
+    _scheme: Discretisation
+    _state: torch.Tensor
 
-    scheme: Discretisation
-    fields: torch.Tensor
+    @abstractmethod
+    def _prescribed_now(self) -> np.ndarray:
+        """Prescribed elevation at the time of η, m, (num_seas, 1)."""
 
     def elevation(self) -> np.ndarray:
         """Elevation at cell centres, m, (num_seas, ny, nx), f32; a copy."""
-        packing = self.scheme.packing
+        packing = self._scheme.packing
         eta = np.empty((packing.num_seas, packing.ny, packing.nx), np.float32)
-        for first, last in self.scheme.chunks(0, packing.ny):
+        for first, last in self._scheme.chunks(0, packing.ny):
             eta[:, first:last] = self._eta(first, last)
         return eta
 
-    def velocity(self, prescribed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities (u, v) at cell centres at the time of η, m/s, each (num_seas, ny, nx), f32; zero on land.
-
-        Args:
-            prescribed: elevation at the boundaries at that time, m, (num_seas, 1).
-        """
-        packing = self.scheme.packing
+    def velocity(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities (u, v) at cell centres at the time of η, m/s, each (num_seas, ny, nx), f32; zero on land."""
+        packing = self._scheme.packing
         u, v = np.empty((2, packing.num_seas, packing.ny, packing.nx), np.float32)
-        for first, last in self.scheme.chunks(0, packing.ny):
-            h, before, after = self._transports(first, last + 1, prescribed)
+        for first, last in self._scheme.chunks(0, packing.ny):
+            h, before, after = self._transports(first, last + 1)
             faces = (before + after) / (2 * np.where(h > 0, h, math.inf)[:, None])
             u[:, first:last] = (faces[0, :, :-1, 1:] + faces[0, :, :-1, :-1]) / 2
             v[:, first:last] = (faces[1, :, 1:, :-1] + faces[1, :, :-1, :-1]) / 2
@@ -49,43 +43,45 @@ class Diagnostics:
 
     def mass(self) -> np.ndarray:
         """Volume above the mean level Σ η Δx Δy, m³, (num_seas,)."""
-        packing, (dx, dy) = self.scheme.packing, self.scheme.spacing
+        packing, (dx, dy) = self._scheme.packing, self._scheme.spacing
         total = np.zeros(packing.num_seas)
-        for first, last in self.scheme.chunks(0, packing.ny):
+        for first, last in self._scheme.chunks(0, packing.ny):
             total += self._eta(first, last).sum(axis=(1, 2), dtype=np.float64)
         return total * dx * dy
 
-    def energy(self, prescribed: np.ndarray) -> np.ndarray:
+    def energy(self) -> np.ndarray:
         """The scheme's own energy, per density, m⁵/s², (num_seas,).
 
         ½ Δx Δy (g Σ η² + Σ U⁻U⁺/h + Σ V⁻V⁺/h), U⁻ and U⁺ half a substep before and after η: positive below the
         stability limit, within O(Δt²) the energy ½ g η² + ½ h u², and in exact arithmetic constant without drag where
         boundaries are walls or held at zero. The faces of an open boundary count half.
         """
-        packing, (dx, dy) = self.scheme.packing, self.scheme.spacing
+        packing, (dx, dy) = self._scheme.packing, self._scheme.spacing
         total = np.zeros(packing.num_seas)
-        for first, last in self.scheme.chunks(0, packing.ny + 1):
-            h, before, after = self._transports(first, last, prescribed)
-            total += self.scheme.gravity * (self._eta(first, min(last, packing.ny)).astype(np.float64) ** 2).sum((1, 2))
+        for first, last in self._scheme.chunks(0, packing.ny + 1):
+            h, before, after = self._transports(first, last)
+            total += self._scheme.gravity * (self._eta(first, min(last, packing.ny)).astype(np.float64) ** 2).sum(
+                (1, 2)
+            )
             for axis, faces in enumerate(before * after / np.where(h > 0, h, math.inf)[:, None]):
-                for side in self.scheme.open_sides(axis, first, last):
+                for side in self._scheme.open_sides(axis, first, last):
                     faces[GEOMETRY[side].faces] /= 2
                 total += faces.sum(axis=(1, 2))
         return total * dx * dy / 2
 
     def _eta(self, first: int, last: int) -> np.ndarray:
-        return self.scheme.packing.unpack(self.fields[0], first, last)[:, :, :-1]
+        return self._scheme.packing.unpack(self._state[0], first, last)[:, :, :-1]
 
-    def _transports(self, first: int, last: int, prescribed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _transports(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Depth (2, rows, nx + 1) and transports U and V, m²/s, half a substep before and half a substep after the
         elevation, each (2, num_seas, rows, nx + 1), on western and southern faces of rows `first` to `last` − 1.
         """
-        scheme = self.scheme
-        packed = zip(self.fields[1:], scheme.spacing, strict=True)
+        scheme = self._scheme
+        packed = zip(self._state[1:], scheme.spacing, strict=True)
         before = np.stack(
             [scheme.packing.unpack(W, first, last).astype(np.float64) * (d / scheme.time_step) for W, d in packed]
         )
         h, damping = scheme.faces(first, last)
-        slopes = scheme.slopes(scheme.cell_rows(first, last, self._eta), first, last, prescribed)
+        slopes = scheme.slopes(scheme.cell_rows(first, last, self._eta), first, last, self._prescribed_now())
         push = scheme.time_step * scheme.gravity * h[:, None] * slopes
         return h, before, ((1 - damping)[:, None] * before - push) / (1 + damping)[:, None]

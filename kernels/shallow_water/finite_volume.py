@@ -25,7 +25,7 @@ doubles2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
 # forced boundaries at the beginning and at the end of the step.
 Clock = columns("done", "step", "steps", "friction", "level", "next_level")
 Tide = columns("amplitude", "omega", "phase")  # m, rad/s, rad
-# What a band keeps for the next row: half slopes across y (with the velocity along y first), and the flux through the
+# What a band stores for the next row: half slopes across y (with the velocity along y first), and the flux through the
 # northern face.
 Workspace = columns("eta", "h", "v", "u", "mass", "momentum", "transverse")
 
@@ -258,7 +258,7 @@ def march(sea: ti.template(), stage: ti.template(), band: ti.i32, dt: ti.f32):
 
 @ti.func
 def read_slopes(workspace: ti.template(), k: ti.i32):
-    """Half slopes across y that were kept for a column, as faces across y see them."""
+    """Half slopes across y that the row to the south has stored, as faces across y see them."""
     return ti.Struct(
         eta=workspace[k + Workspace.eta],
         h=workspace[k + Workspace.h],

@@ -21,7 +21,7 @@ from kernels.shallow_water.wavefront import WavefrontBackend
 COURANT = 0.95  # fraction of the stability limit that a substep may use
 
 
-class ShallowWater:
+class ShallowWater(Diagnostics):
     """Linear shallow-water seas over one bed, in time steps chosen by the solver.
 
         U_t = −g h η_x − r U,   V_t = −g h η_y − r V,   η_t = −U_x − V_y
@@ -111,7 +111,6 @@ class ShallowWater:
         self._C, self._coefficient_row = self._scheme.coefficients(device)
         self._state = torch.zeros((3, blocks, self._backend.rows, columns, LANES), device=device)
         self.eta, self._U, self._V = self._state
-        self._diagnostics = Diagnostics(self._scheme, self._state)
         self._prescribed = torch.zeros((blocks, self.substeps, LANES), device=device)
         self._resistance = self._scheme.resistances().to(device)
         self._sponge_factors = self._scheme.sponge_factors().to(device)
@@ -213,22 +212,6 @@ class ShallowWater:
         """Restore what `state` returned."""
         self._state.copy_(fields)
         self._intervals, self._start, self._at_rest = int(clock[0]), float(clock[1]), bool(clock[2])
-
-    def elevation(self) -> np.ndarray:
-        """Elevation at cell centres, m, (num_seas, ny, nx), f32; a copy."""
-        return self._diagnostics.elevation()
-
-    def velocity(self) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities (u, v) at cell centres at `time`, m/s, each (num_seas, ny, nx), f32; zero on land."""
-        return self._diagnostics.velocity(self._prescribed_now())
-
-    def mass(self) -> np.ndarray:
-        """Volume above the mean level Σ η Δx Δy, m³, (num_seas,)."""
-        return self._diagnostics.mass()
-
-    def energy(self) -> np.ndarray:
-        """The scheme's own energy, per density, m⁵/s², (num_seas,); see `Diagnostics.energy`."""
-        return self._diagnostics.energy(self._prescribed_now())
 
     def _prescribed_now(self) -> np.ndarray:
         """Prescribed elevation at `time`, m, (num_seas, 1)."""

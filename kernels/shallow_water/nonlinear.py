@@ -118,11 +118,7 @@ class NonlinearShallowWater:
         self._tide = torch.tensor(components, dtype=torch.float64, device=self._clock.device)
 
     def set_state(
-        self,
-        eta: float | np.ndarray,
-        u: float | np.ndarray | None = None,
-        v: float | np.ndarray | None = None,
-        time: float = 0.0,
+        self, eta: float | np.ndarray, u: float | np.ndarray = 0.0, v: float | np.ndarray = 0.0, time: float = 0.0
     ) -> None:
         """Start from a surface and velocities.
 
@@ -135,7 +131,7 @@ class NonlinearShallowWater:
             ValueError: something is not finite.
         """
         shape = self.ny, self.nx
-        eta, u, v = (np.broadcast_to(0.0 if f is None else f, shape).astype(np.float64) for f in (eta, u, v))
+        eta, u, v = (np.broadcast_to(f, shape).astype(np.float64) for f in (eta, u, v))
         if not all(np.isfinite(f).all() for f in (eta, u, v)):
             raise ValueError("state: must be finite")
         # A surface given as the bed itself may differ from it by the rounding of the bed: that is no water.

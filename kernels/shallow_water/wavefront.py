@@ -34,7 +34,7 @@ BandTable = columns("packed", "source", "coefficients", "extent")
 Extent = columns("rows", "copied_south", "copied_north")  # number of rows; whether a neighbour's lie south and north
 
 # Rough costs that decide how a launch is cut, in s: waking the threads, one cell and substep, fetching a cell from
-# memory, copying a cell. CACHE is the state that a wavefront may keep warm, half of a common second-level cache, bytes.
+# memory, copying a cell. CACHE is the state that a wavefront may hold, half of a common second-level cache, bytes.
 WAKE, CELL, FETCH, COPY, CACHE = 1e-4, 2e-10, 5e-10, 2e-10, 512 * 1024
 
 
@@ -64,21 +64,21 @@ def march(
     U ← a U − Cx δx η,  V ← a V − Cy δy η,  η ← η − δx U − δy V.
 
     One thread marches a band of rows as a wavefront: each substep works one row behind the substep before it, so that a
-    row is fetched once for all of them. Around a band lie copies of its neighbours' rows, of which every substep spoils
-    one. No value depends on how the rows are cut into bands, or on the number of threads.
+    row is fetched once for all of them. Around a band lie copies of its neighbours' rows, of which each substep
+    invalidates one. No value depends on how the rows are cut into bands, or on the number of threads.
 
     At an open boundary the outer cell is given the elevation E ± R U, with the transport U before the substep:
     prescribed with R = 0; with 1/R the celerity of waves (and the fitting C) waves leave (`ShallowWater`).
 
     In a sponge the factors on U and V are Fx a and Fy a, and η ← B η − ½ (1 + B) (δx U + δy V), B = Gx Gy.
 
-    Arrays are indexed by hand: Taichi works out the index of an array of several axes anew for every element, which
-    costs up to half the speed.
+    Arrays have one axis and their indices are written out: Taichi computes the index into several axes again for each
+    element, which costs up to half the speed.
 
     Args:
         eta, U, V: each (blocks, rows, W), m.
         Cx, Cy: (rows of coefficients, W): g h (Δt/Δx)²/(1 + r Δt/2) at western and southern faces, where equal rows may
-            stand once.
+            be stored once.
         prescribed: (blocks, substeps of the interval), prescribed elevation, m.
         resistance: R of the faces south (W,) and north (W,), west (ny + 1,) and east (ny + 1,); read if
             `options.radiating`.

@@ -65,8 +65,8 @@ class PlainScheme:
             for side, kind in solver.boundaries.kind.items()
             if kind != "wall"
         ]
-        for _, place, across_x, _ in self.open:
-            (self.hx if across_x else self.hy)[place] = h[place]
+        for _, at_side, across_x, _ in self.open:
+            (self.hx if across_x else self.hy)[at_side] = h[at_side]
         self.h = h
         self.eta = np.where(h > 0, eta, 0.0)
         gx, gy = self.gradient(self.eta)
@@ -74,20 +74,20 @@ class PlainScheme:
         self.phi = dt / 2 * GRAVITY * self.eta
         along = [(self.sponge(0, faces), self.sponge(0, centres)), (self.sponge(1, faces), self.sponge(1, centres))]
         drag = (1 - solver.drag * dt / 2) / (1 + solver.drag * dt / 2)
-        self.keep_x, self.keep_y = drag * along[0][0], drag * along[1][0][:, None]
-        self.keep = along[0][1] * along[1][1][:, None]
+        self.factor_x, self.factor_y = drag * along[0][0], drag * along[1][0][:, None]
+        self.factor = along[0][1] * along[1][1][:, None]
 
-    def sponge(self, axis: int, places) -> np.ndarray:
+    def sponge(self, axis: int, points) -> np.ndarray:
         """exp(−σ Δt), σ = 15/4 c/w d²: the celerity c of the deepest water in the layer, its width w, depth d in it."""
         s, n = self.s, (self.s.nx, self.s.ny)[axis]
         length = n * (s.dx, s.dy)[axis]
-        rate = 0 * places(n, length)
+        rate = 0 * points(n, length)
         for side in SIDES[2 * axis : 2 * axis + 2]:
             if s.boundaries.kind[side] == "sponge":
-                inside = lambda x, end=side: x if end in ("west", "south") else length - x  # noqa: E731
-                layer = inside(centres(n, length)) - (s.dx, s.dy)[axis] / 2 < s.boundaries.sponge_width
+                distance = lambda x, end=side: x if end in ("west", "south") else length - x  # noqa: E731
+                layer = distance(centres(n, length)) - (s.dx, s.dy)[axis] / 2 < s.boundaries.sponge_width
                 deepest = self.h[:, layer].max() if axis == 0 else self.h[layer].max()
-                d = np.maximum(1 - inside(places(n, length)) / s.boundaries.sponge_width, 0)
+                d = np.maximum(1 - distance(points(n, length)) / s.boundaries.sponge_width, 0)
                 rate = rate + 15 / 4 * math.sqrt(GRAVITY * deepest) / s.boundaries.sponge_width * d**2
         return np.exp(-rate * self.dt)
 
@@ -95,10 +95,10 @@ class PlainScheme:
         """Differences on the faces; at an open boundary to the elevation outside, over half a cell."""
         gx, gy = np.zeros_like(self.hx), np.zeros_like(self.hy)
         gx[:, 1:-1], gy[1:-1] = np.diff(field, axis=1) / self.s.dx, np.diff(field, axis=0) / self.s.dy
-        for kind, place, across_x, away in self.open:
+        for kind, at_side, across_x, outward in self.open:
             outside = ELEVATION_FACTOR[kind] * self.prescribed(self.steps * self.dt)
             across, size = (gx, self.s.dx) if across_x else (gy, self.s.dy)
-            across[place] = away * (outside - field[place]) / (size / 2)
+            across[at_side] = outward * (outside - field[at_side]) / (size / 2)
         return gx, gy
 
     def advance(self, substeps: int) -> np.ndarray:
@@ -106,16 +106,16 @@ class PlainScheme:
         for _ in range(substeps):
             gx, gy = self.gradient(self.eta)
             old = self.U, self.V
-            self.U = self.keep_x * self.U - (1 + self.keep_x) / 2 * dt * GRAVITY * self.hx * gx
-            self.V = self.keep_y * self.V - (1 + self.keep_y) / 2 * dt * GRAVITY * self.hy * gy
-            for kind, place, across_x, _ in self.open:
+            self.U = self.factor_x * self.U - (1 + self.factor_x) / 2 * dt * GRAVITY * self.hx * gx
+            self.V = self.factor_y * self.V - (1 + self.factor_y) / 2 * dt * GRAVITY * self.hy * gy
+            for kind, at_side, across_x, _ in self.open:
                 if kind != "forced":  # U/c at the face, mean of the old and the new transport
                     W, before, size = (self.U, old[0], self.s.dx) if across_x else (self.V, old[1], self.s.dy)
-                    keep = np.broadcast_to(self.keep_x if across_x else self.keep_y, W.shape)[place]
-                    passing = (1 + keep) / 2 * dt / size * np.sqrt(GRAVITY * self.h[place])
-                    W[place] = (W[place] - passing * before[place]) / (1 + passing)
+                    factor = np.broadcast_to(self.factor_x if across_x else self.factor_y, W.shape)[at_side]
+                    passing = (1 + factor) / 2 * dt / size * np.sqrt(GRAVITY * self.h[at_side])
+                    W[at_side] = (W[at_side] - passing * before[at_side]) / (1 + passing)
             flow = dt * (np.diff(self.U, axis=1) / self.s.dx + np.diff(self.V, axis=0) / self.s.dy)
-            self.eta = self.keep * self.eta - (1 + self.keep) / 2 * flow
+            self.eta = self.factor * self.eta - (1 + self.factor) / 2 * flow
             self.steps += 1
         return self.eta
 

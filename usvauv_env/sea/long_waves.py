@@ -14,7 +14,9 @@ class LongWaves(Protocol):
     Attributes:
         eta: packed elevation, torch (blocks, rows, W, LANES), m; see `kernels.shallow_water.packing`.
         nx, ny: cells. dx, dy: their size, m.
-        interval: time of one `advance`, s.
+        interval: time of one `advance`, s. time: that of the elevation, s.
+        transports: packed transports U, V through western and southern faces; times `units` in m²/s.
+        units: factors that turn `transports` into m²/s.
     """
 
     eta: torch.Tensor
@@ -25,19 +27,13 @@ class LongWaves(Protocol):
     interval: float
 
     @property
-    def time(self) -> float:
-        """Time of the elevation, s."""
-        ...
+    def time(self) -> float: ...
 
     @property
-    def transports(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Packed transports U, V through western and southern faces; times `units` in m²/s."""
-        ...
+    def transports(self) -> tuple[torch.Tensor, torch.Tensor]: ...
 
     @property
-    def units(self) -> tuple[float, float]:
-        """Factors that turn `transports` into m²/s."""
-        ...
+    def units(self) -> tuple[float, float]: ...
 
     def advance(self) -> None:
         """One interval."""
