@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
@@ -16,6 +17,21 @@ from torch.nn import functional
 
 LOG_STD_MIN, LOG_STD_MAX = -5.0, 1.0  # range of a Gaussian actor's log standard deviation
 ACTION_GAIN = 5.0  # factor on the actions that enter a critic
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Shape of the learning problem.
+
+    Attributes:
+        stack: S independent learners (1 if the AUVs share one).
+        observation: features F of one AUV.
+        action: components A of one action.
+    """
+
+    stack: int
+    observation: int
+    action: int
 
 
 class StackedMLP(nn.Module):
@@ -106,18 +122,16 @@ class Critic(nn.Module):
     def __init__(
         self,
         critics: int,
-        stack: int,
-        observation_size: int,
-        action_size: int,
+        sizes: Sizes,
         hidden: Sequence[int],
         generator: torch.Generator,
         layer_norm: bool,
     ) -> None:
         super().__init__()
         self.critics = critics
-        both = observation_size + action_size
-        self.of_state = StackedMLP(critics * stack, (observation_size, *hidden, 1), generator, layer_norm)
-        self.of_action = StackedMLP(critics * stack, (both, *hidden, 1), generator, layer_norm)
+        stack, both = critics * sizes.stack, sizes.observation + sizes.action
+        self.of_state = StackedMLP(stack, (sizes.observation, *hidden, 1), generator, layer_norm)
+        self.of_action = StackedMLP(stack, (both, *hidden, 1), generator, layer_norm)
 
     def forward(self, observation: Tensor, action: Tensor) -> Tensor:
         stack, batch, _ = observation.shape

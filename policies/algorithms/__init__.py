@@ -5,9 +5,10 @@ From outside: `ALGORITHMS`, the classes by name; `Learner`, what a new one deriv
 
 from kernels.registry import Registry
 from policies.algorithms.ddpg import DDPG
-from policies.algorithms.learner import Batch, Learner, Settings, Sizes
+from policies.algorithms.learner import Batch, Learner, Settings
 from policies.algorithms.sac import SAC
 from policies.algorithms.td3 import TD3
+from policies.networks import Sizes
 from policies.policy import PolicyError
 
 ALGORITHMS: Registry[type[Learner]] = Registry("algorithm", PolicyError)

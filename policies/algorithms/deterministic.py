@@ -8,8 +8,8 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from policies.algorithms.learner import Learner, Settings, Sizes
-from policies.networks import Critic, DeterministicActor
+from policies.algorithms.learner import Learner, Settings
+from policies.networks import Critic, DeterministicActor, Sizes
 
 
 class DeterministicLearner(Learner[DeterministicActor]):
@@ -29,8 +29,7 @@ class DeterministicLearner(Learner[DeterministicActor]):
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__(sizes, config, generator)
         self.set_actor(self.make_actor(sizes, config, generator))
-        shape = (self.members, sizes.stack, sizes.observation, sizes.action)
-        self.critics = Critic(*shape, config.hidden, generator, config.layer_norm)
+        self.critics = Critic(self.members, sizes, config.hidden, generator, config.layer_norm)
         self.target_actor = copy.deepcopy(self.actor).requires_grad_(False)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
         self.add_optimiser("critics", self.critics.parameters())

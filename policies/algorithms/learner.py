@@ -10,28 +10,13 @@ from typing import Generic, Protocol, TypeVar
 import torch
 from torch import Tensor, nn
 
-from policies.networks import StackedMLP
+from policies.networks import Sizes, StackedMLP
 
 AVERAGED = 200  # updates, time constant of the averaged actor
 # One fused operation for all parameters; torch has no public name for it.
 lerp_ = torch._foreach_lerp_  # pyright: ignore[reportPrivateImportUsage]
 
 Actor = TypeVar("Actor", bound=StackedMLP)
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """Shape of the learning problem.
-
-    Attributes:
-        stack: S independent learners (1 if the AUVs share one).
-        observation: features F of one AUV.
-        action: components A of one action.
-    """
-
-    stack: int
-    observation: int
-    action: int
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import copy
 import torch
 from torch import Tensor, nn
 
-from policies.algorithms.learner import Batch, Learner, Settings, Sizes
-from policies.networks import Critic, GaussianActor
+from policies.algorithms.learner import Batch, Learner, Settings
+from policies.networks import Critic, GaussianActor, Sizes
 
 
 class SAC(Learner[GaussianActor]):
@@ -24,9 +24,7 @@ class SAC(Learner[GaussianActor]):
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__(sizes, config, generator)
         self.set_actor(self.make_actor(sizes, config, generator))
-        self.critics = Critic(
-            2, sizes.stack, sizes.observation, sizes.action, config.hidden, generator, config.layer_norm
-        )
+        self.critics = Critic(2, sizes, config.hidden, generator, config.layer_norm)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
         # One temperature for each learner, small at first because rewards are of order one.
         self.log_alpha = nn.Parameter(torch.full((sizes.stack, 1), -3.0, device=generator.device))

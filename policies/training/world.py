@@ -24,20 +24,13 @@ class TrainingWorld(Protocol):
             among them.
     """
 
-    @property
-    def scenario(self) -> Scenario: ...
-    @property
-    def num_worlds(self) -> int: ...
-    @property
-    def num_auvs(self) -> int: ...
-    @property
-    def steps(self) -> int: ...
-    @property
-    def device(self) -> torch.device: ...
-    @property
-    def reward_names(self) -> tuple[str, ...]: ...
-    @property
-    def measure_names(self) -> tuple[str, ...]: ...
+    scenario: Scenario
+    num_worlds: int
+    num_auvs: int
+    steps: int
+    device: torch.device
+    reward_names: tuple[str, ...]
+    measure_names: tuple[str, ...]
 
     def reset(self) -> Tensor:
         """Begin the next episode of all worlds; returns observations (W, K, O)."""

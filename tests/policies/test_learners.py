@@ -132,7 +132,7 @@ class TestNetworks:
         assert not torch.allclose(network(x[:1].expand(3, -1, -1))[0], network(x[:1].expand(3, -1, -1))[1])
 
     def test_critics_share_the_input_of_their_agent(self):
-        critic = Critic(2, 3, 4, 2, (16,), seeded(), layer_norm=False)
+        critic = Critic(2, Sizes(3, 4, 2), (16,), seeded(), layer_norm=False)
         observation, action = torch.randn(3, 10, 4), torch.randn(3, 10, 2)
         value = critic(observation, action)
         for twin in range(2):

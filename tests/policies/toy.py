@@ -51,8 +51,8 @@ class ToyWorld:
     is the highest.
     """
 
-    reward_names = ("progress", "service", "effort")
-    measure_names = ("power", "hovering", "service_rate", "delivered", "border", "position_error")
+    reward_names: tuple[str, ...] = ("progress", "service", "effort")
+    measure_names: tuple[str, ...] = ("power", "hovering", "service_rate", "delivered", "border", "position_error")
 
     def __init__(self, toy: Scenario, num_worlds: int, seed: int = 0, terminates: bool = False):
         self.scenario, self.num_worlds, self.num_auvs = toy, num_worlds, toy.auv.count

@@ -94,7 +94,7 @@ class TestState:
         """The kernels would go on with the old ones; written in place they count."""
         world = World(extreme, num_worlds=2, seed=1, usv="hold:90,90")
         world.reset()
-        with pytest.raises(AttributeError, match="World.boat: cannot be rebound"):
+        with pytest.raises(AttributeError, match=r"World\.boat: cannot be rebound"):
             world.boat = world.boat.clone()
         with pytest.raises(AttributeError, match="sea"):
             world.sea = None
