@@ -85,12 +85,12 @@ def receive(worlds: ti.template(), arrival: Arrival, axes: mat3, draw: random.ui
     else:
         noise = random.normals(draw, worlds.key_low, worlds.key_high)
         tone = usbl.measure(link, k, arrival.body, arrival.slant_range, arrival.path, noise)
-        phase = vec2(usbl.wrap(tone[0]), usbl.wrap(tone[1]))
-        measured = tone[2]
-        amplitude = tone[3]
+        phase = vec2(usbl.wrap(tone.phase[0]), usbl.wrap(tone.phase[1]))
+        measured = tone.slant_range
+        amplitude = tone.amplitude
     true_phase = link[k, usbl.KAPPA] * vec2(arrival.body[0], arrival.body[1])
     found = usbl.located(link, k, true_phase, phase, amplitude, axes, arrival.length)
-    return Bearing(direction=vec3(found[0], found[1], found[2]), slant_range=measured, flags=ti.cast(found[3], ti.i32))
+    return Bearing(direction=found.vector, slant_range=measured, flags=found.flags)
 
 
 @ti.func

@@ -6,19 +6,19 @@ turned by a right angle,
     J = Σ_k J_k,  J_k = a_k(q) I + b_k(q) n_k n_kᵀ,  1/T_k = S_k² σ_k²/κ_k² + ε² z_k²,
     ln (κ²/(σ² q)) = level − power ln(q/S_0²) − decay (√q − S_0),
 
-which has no singularity beneath the boat and is positive definite as it stands (a, b ≥ 0). 1/T is the variance of a
-level array's fix across its line of sight: phase noise, and the attitude error ε in pitch and roll. σ by the sonar
-equation gives power = 1 + 3/4 · paths · exponent (echo 2.5, transponder 1.75; under the demonstration's noise law 4 and
-2.5) and a decay by absorption; a constant σ gives 1 and 0. These constants are in `usbl.link_table`. Two measurements:
+which is regular beneath the boat and positive definite (a, b ≥ 0). 1/T is the variance of a level array's fix across
+its line of sight, from phase noise and the attitude error ε in pitch and roll. σ by the sonar equation gives power =
+1 + 3/4 · paths · exponent (echo 2.5, transponder 1.75; under the demonstration's noise law 4 and 2.5) and a decay by
+absorption; a constant σ gives 1 and 0. These constants are in `usbl.link_table`. Two measurements:
 
 - PHASE, Eq. 1's two phase differences at known depth: T [s⁴ r̂r̂ᵀ + t̂t̂ᵀ] with s² = z²/q, so a = T z⁴/q² and
-  b = T (1 + z²/q)/q. That is HᵀR⁻¹H with the Jacobian H exactly. What the noise's strength itself tells about the
-  range, 4 (d ln σ/dρ)², is left out: 2e-4 per m² at S = 141 m, beside T = 3 per m².
+  b = T (1 + z²/q)/q. That is HᵀR⁻¹H with the exact Jacobian H. The information in the noise's strength about the
+  range, 4 (d ln σ/dρ)², is neglected: 2e-4 per m² at S = 141 m, compared with T = 3 per m².
 - FIX, phases and slant range, depth unknown and marginalised. Three measurements of three unknowns: the inverse of the
   Schur complement is the covariance I/T + (σ_S²/S²) d dᵀ. Its second term is below 1e-6 of the first (σ_S ~ 0.1 mm) and
   dropped: a = T, b = 0.
 
-The attitude error is common to all fixes of one step; the correlation between AUVs that this makes is left out.
+The attitude error is common to all fixes of one step; the resulting correlation between AUVs is neglected.
 `kernels.planning.tilted_array` has J for an array that does not lie level.
 """
 

@@ -1,17 +1,16 @@
 """What the planner maximises: optimality criteria of the information on all positions, and the paper's (Eq. 2–3).
 
-What is estimated are K positions. Their information matrix J is block diagonal with the blocks J_k of
-`kernels.planning.fisher`.
-Every objective is taken as its logarithm, here with v_k = 1/T_k, and q and z as there:
+K positions are estimated. Their information matrix J is block diagonal with the blocks J_k of
+`kernels.planning.fisher`. Objectives are evaluated as logarithms, here with v_k = 1/T_k, and q and z as there:
 
 - D: ln det J = Σ_k ln det J_k, the volume of the error ellipsoid. A block gives −2 ln v (FIX), −2 ln (v q/z²) (PHASE).
 - A: −ln tr J⁻¹, the sum of all variances. A block has the trace 2v (FIX), v (1 + q²/z⁴) (PHASE).
 - E: ln of the least eigenvalue of J, the worst axis of the worst-located AUV. A block has −ln v, −ln (v q²/z⁴).
 - SUM and PAPER: the paper's Eq. 2 and Eq. 3, see `kernels.planning.paper_objective`.
 
-In D, A and E a block counts by its distance alone, and every variance grows with it, so the maximum lies in the AUVs'
+D, A and E depend on the AUVs' distances only, and every variance grows with distance, so the maximum lies in the AUVs'
 convex hull. Both variances of a block are convex functions of the boat's place. So A, whose tr J⁻¹ is their sum, and E,
-whose 1/λ is their maximum, have no local maximum but the global one; D can have several.
+whose 1/λ is their maximum, have no local maximum except the global one; D can have several.
 
 A and E are one function, −1/β ln Σ_k exp(β (g_k + bias_k)): with the logarithm g of a block's trace, β = 1 and no bias
 it is A; with that of its larger variance, and large β, E smoothed.
@@ -139,7 +138,7 @@ def worst(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
 
 @ti.func
 def log_objective(team: ti.template(), objective: ti.template(), place: vec2) -> vec6:
-    """Jet of ln of a `Objective` objective for a boat at `place` (m); exact but for E."""
+    """Jet of ln of the `Objective` for a boat at `place` (m); E is smoothed."""
     chosen = ti.static(objective_of(objective.code))
     f = vec6(0.0)
     if ti.static(chosen == D):

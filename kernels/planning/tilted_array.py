@@ -1,4 +1,4 @@
-"""Covariance and information of one AUV's horizontal position from an array that lies on a slope, to first order.
+"""Covariance and information of one AUV's horizontal position from a tilted array, to first order.
 
 Pitch and roll follow from the surface's slope (`usbl.attitude`) and are measured with the error ε. Two measurements:
 
@@ -11,8 +11,8 @@ Pitch and roll follow from the surface's slope (`usbl.attitude`) and are measure
 
   where |det H| = |z b_z|/q²: the solid angle that an area on the bed has, and that of the projected directions.
 
-For a level array C is what `kernels.planning.fisher` has, for FIX with the range's error besides. The planner itself
-takes the array to be level, since it cannot know how the sea will tilt the boat once it is there.
+For a level array C is that of `kernels.planning.fisher`, for FIX with the range error added. The planner itself
+supposes a level array, since the tilt at a place the boat is yet to reach is unknown.
 """
 
 import taichi as ti
@@ -76,7 +76,7 @@ def covariance(link: ti.template(), k, measurement, offset: vec3, slope: vec2) -
         H = phase_jacobian(offset, slope)
         adjugate = mat2([[H[1, 1], -H[0, 1]], [-H[1, 0], H[0, 0]]])
         q = offset.norm_sqr()
-        # By the geometry and not from H, whose determinant cancels far from the nadir.
+        # From the geometry: the determinant of H cancels far from the nadir.
         determinant = offset[2] * (usbl.array_axes(usbl.attitude(slope)) @ offset)[2] / (q * q)
         root = adjugate / determinant
         C = packed(root @ phase_noise(link, k, offset, slope) @ root.transpose())
@@ -127,11 +127,11 @@ def _batch(
 def predict_batch(
     link: torch.Tensor, auv: torch.Tensor, offset: torch.Tensor, slope: torch.Tensor, *, measurement: int
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """`covariance` and `information` for many positions, and where the array hears them.
+    """`covariance` and `information` for many positions, and their directions from the array.
 
     Args:
         link: (K, COLUMNS) float32.
-        auv: (n,) int32, which row of the table each has.
+        auv: (n,) int32, row of the table for each.
         offset, slope: (n, 3) m and (n, 2), float32.
         measurement: `fisher.PHASE` or `fisher.FIX`.
 

@@ -1,4 +1,4 @@
-"""How probable it is that a fix can be used, by the statistical model of `kernels.positioning.usbl`."""
+"""Probability that a fix can be used, by the statistical model of `kernels.positioning.usbl`."""
 
 import math
 
@@ -13,8 +13,8 @@ def good_probability(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Probability that a fix is detected, and that a detected one is good: not wrapped and with a real depth.
 
-    The second is that of normal phase differences inside the square |φ| < π and the circle |φ| < κ, by Gauss–Legendre
-    quadrature along x.
+    The second is the probability that normal phase differences lie inside the square |φ_x|, |φ_y| < π and the circle
+    |φ| < κ, by Gauss–Legendre quadrature along x.
 
     Args:
         link, auv, offset, slope: as in `flagged_fixes`.

@@ -7,16 +7,16 @@ thickness h and gradient g = (c₂ − c₁)/h, with wᵢ = cos θᵢ = √(1 �
     τ = (artanh w₁ − artanh w₂)/g = h Q artanh(q)/q,
     q = (c₂ − c₁) Q,   Q = (c₁ + c₂)(1 + w₁w₂)/((w₁ + w₂)(c₁² + w₁²c₂²)).
 
-The forms on the right lose no digits for g → 0 or near the vertical: all terms are positive.
+The forms on the right do not cancel for g → 0 or near the vertical: all terms are positive.
 
 Eigenray between two depths at the horizontal range R. With t = tan θ at the fastest depth between them, where c = c_m,
 every cosine is w = A/√(1 + t²), A = √(1 + k t²), k = 1 − c²/c_m² ≥ 0, and
 
     r(t) = t Σ h (c₁ + c₂)/(c_m (A₁ + A₂)),   dr/dt = Σ h (c₁ + c₂)/(c_m A₁ A₂ (A₁ + A₂)).
 
-r(t) rises and is concave, so Newton's method from any point left of the root climbs to it and never past it, and
-t = R/(vertical distance) is to the left because no ray bends that way. Rays that turn between source and array do not
-exist in this form: beyond the range of the ray that is horizontal at the fastest depth there is "no direct ray".
+r(t) increases and is concave, so Newton's method from any point left of the root converges to it without overshoot.
+t = R/(vertical distance), the straight line's, is left of the root. Rays that turn between source and array are not
+covered: beyond the range of the ray that is horizontal at the fastest depth there is "no direct ray".
 
 Depths are positive downwards from the mean surface, negative on a wave's crest; speeds above the first and below the
 last depth of a table are those at its ends.
@@ -32,19 +32,19 @@ import torch
 
 from kernels.types import array1, array2, vec2, vec3
 
-# Columns of the table of layers, one row a depth; a layer reaches from its row to the next.
+# Columns of the table of layers, one row a depth; a layer extends from its row to the next.
 DEPTH = 0  # m
 SPEED = 1  # m/s
 GRADIENT = 2  # of the layer below, 1/s
 COLUMNS = 3
 
-BEYOND = 2e4  # m, how far the end layers of constant speed reach
+BEYOND = 2e4  # m, thickness of the end layers of constant speed
 FLATTEST = 1e5  # tan θ at which a ray counts as horizontal
-ROUNDS = 60  # of Newton's method; 2 or 3 are usual, near the last direct ray t grows by half in each
+ROUNDS = 60  # at most, of Newton's method; 2 or 3 are usual, near the last direct ray t grows by half in each
 
 
 def layer_table(depth: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """Layers between depths (N,), m, rising, with the speeds (N,), m/s, at them: (N + 2, COLUMNS) float32."""
+    """Table of layers (N + 2, COLUMNS), float32, from increasing depths (N,), m, and the speeds (N,) there, m/s."""
     z = np.concatenate([[depth[0] - BEYOND], depth, [depth[-1] + BEYOND]])
     c = np.concatenate([speed[:1], speed, speed[-1:]]).astype(float)
     gradient = np.append(np.diff(c) / np.diff(z), 0.0)
@@ -59,14 +59,14 @@ class Ray:
     upper_cosine: ti.f32  # cos θ at the shallower end
     lower_cosine: ti.f32  # and at the deeper
     time: ti.f32  # τ, s
-    exists: ti.i32  # 0: no direct ray, the other numbers mean nothing
+    exists: ti.i32  # 0: no direct ray, the other numbers are undefined
 
 
 @ti.dataclass
 class Arrival:
-    """What an array hears, in units in which a straight ray at the reference speed c gives geometry."""
+    """A direct arrival at an array, scaled so that a straight ray at the reference speed c gives the geometry."""
 
-    direction: vec3  # c times the slowness vector, towards where the sound comes from; its length is c/c(array)
+    direction: vec3  # c times the slowness vector, towards the source along the ray; its length is c/c(array)
     slant_range: ti.f32  # c τ, m
     exists: ti.i32  # 0: no direct ray; then direction and range are those of the straight line
 
@@ -98,7 +98,7 @@ def sound_speed(layers: ti.template(), depth: ti.f32) -> ti.f32:
 
 @ti.func
 def stretch(c: ti.f32, fastest: ti.f32, t: ti.f32) -> ti.f32:
-    """A = √(1 + k t²), by which cos θ at the speed c exceeds that at the fastest depth."""
+    """A = √(1 + k t²), the ratio of cos θ at the speed c to that at the fastest depth."""
     u = t / fastest
     return ti.sqrt(1.0 + (fastest - c) * (fastest + c) * u * u)
 
@@ -120,9 +120,9 @@ def range_and_slope(
         below = ti.min(layers[i + 1, DEPTH], deep)
         c2 = speed_in_layer(layers, i, below)
         A2 = stretch(c2, fastest, t)
-        share = (below - z) * (c1 + c2) / (A1 + A2)
-        reached += share
-        slope += share / (A1 * A2)
+        part = (below - z) * (c1 + c2) / (A1 + A2)
+        reached += part
+        slope += part / (A1 * A2)
         z = below
         c1 = c2
         A1 = A2
@@ -150,7 +150,7 @@ def layer_time(h: ti.f32, c1: ti.f32, c2: ti.f32, w1: ti.f32, w2: ti.f32) -> ti.
 def eigenray(layers: ti.template(), shallow: ti.f32, deep: ti.f32, R: ti.f32) -> Ray:
     """The direct ray between two depths (m), the deeper one second, at the horizontal range R (m).
 
-    Sound takes the same way in both directions, so either end may be the source.
+    By reciprocity either end may be the source.
     """
     bottom = ti.max(deep, shallow + 1e-3)
     first = layer_at(layers, shallow)
@@ -192,13 +192,13 @@ def eigenray(layers: ti.template(), shallow: ti.f32, deep: ti.f32, R: ti.f32) ->
 
 @ti.func
 def refracted(layers: ti.template(), depth: ti.f32, offset: vec3, c: ti.f32) -> Arrival:
-    """What an array hears of a source.
+    """The direct arrival at an array from a source.
 
     Args:
         layers: `layer_table`.
         depth: of the array, m; on a wave of elevation η it is −η.
-        offset: source minus array, m; z upwards, so that of a source below is negative.
-        c: reference speed, m/s: the one by which the array turns phases into cosines and delays into metres.
+        offset: source minus array, m, z upwards: negative for a source below.
+        c: reference speed, m/s, by which the array converts phases to cosines and delays to metres.
     """
     R = ti.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
     source = depth - offset[2]
@@ -217,13 +217,14 @@ def refracted(layers: ti.template(), depth: ti.f32, offset: vec3, c: ti.f32) -> 
 
 @ti.func
 def follow(layers: ti.template(), depth: ti.f32, across: vec2, slant_range: ti.f32, c: ti.f32) -> vec3:
-    """Offset (m) from array to source, followed down the ray: the inverse of `refracted` for a source below.
+    """Offset (m) from array to source, by tracing the ray down: the inverse of `refracted` for a source below.
 
-    A ray that has turned is followed as if its layer went on, which noise near the horizontal needs to stay finite.
+    A ray that turns is traced as if its layer had no end, so that the result stays finite for noisy directions near the
+    horizontal.
 
     Args:
         layers, depth, c: as in `refracted`.
-        across: horizontal part of the direction; longer than a horizontal arrival's it is shortened to that.
+        across: horizontal part of the direction, shortened to that of a horizontal arrival if it is longer.
         slant_range: c τ, m.
     """
     first = layer_at(layers, depth)
@@ -263,7 +264,7 @@ def follow(layers: ti.template(), depth: ti.f32, across: vec2, slant_range: ti.f
 def along_arc(g: ti.f32, c: ti.f32, s: ti.f32, w: ti.f32, time: ti.f32) -> vec2:
     """Horizontal range and depth (m) gained in a time (s) inside a layer of gradient g, from speed c, sin θ, cos θ.
 
-    tan(θ/2) grows as exp(g τ); from that follow both without a difference of near numbers.
+    tan(θ/2) grows as exp(g τ), which gives both without cancellation.
     """
     x = g * time
     growth = 1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0 + x * (1.0 / 120.0 + x / 720.0))))  # (exp x − 1)/x
@@ -291,10 +292,10 @@ def _eigenrays(
 
 
 def eigenrays(layers: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
-    """Many direct rays: ends (n, 3), shallow and deep depth and horizontal range, m; all float32.
+    """`eigenray` for many ends (n, 3): shallow and deep depth and horizontal range, m; all float32.
 
     Returns:
-        (n, 5): ξ (s/m), cos θ at the shallow and at the deep end, travel time (s), and 1 where there is such a ray.
+        (n, 5): ξ (s/m), cos θ at the shallow and at the deep end, travel time (s), and 1 where the ray exists, else 0.
     """
     out = torch.empty((ends.shape[0], 5), dtype=torch.float32, device=ends.device)
     _eigenrays(layers, ends, out)
@@ -310,11 +311,11 @@ def _arrivals(
     out: array2,
 ):
     for n in range(offset.shape[0]):
-        heard = refracted(layers, depth[n], vec3(offset[n, 0], offset[n, 1], offset[n, 2]), c)
+        arrival = refracted(layers, depth[n], vec3(offset[n, 0], offset[n, 1], offset[n, 2]), c)
         for j in ti.static(range(3)):
-            out[n, j] = heard.direction[j]
-        out[n, 3] = heard.slant_range
-        out[n, 4] = ti.f32(heard.exists)
+            out[n, j] = arrival.direction[j]
+        out[n, 3] = arrival.slant_range
+        out[n, 4] = ti.f32(arrival.exists)
 
 
 def arrivals(layers: torch.Tensor, depth: torch.Tensor, offset: torch.Tensor, c: float) -> torch.Tensor:
@@ -328,18 +329,18 @@ def arrivals(layers: torch.Tensor, depth: torch.Tensor, offset: torch.Tensor, c:
 def _positions(
     layers: array2,
     depth: array1,
-    heard: array2,
+    arrival: array2,
     c: ti.f32,
     out: array2,
 ):
-    for n in range(heard.shape[0]):
-        place = follow(layers, depth[n], vec2(heard[n, 0], heard[n, 1]), heard[n, 3], c)
+    for n in range(arrival.shape[0]):
+        source = follow(layers, depth[n], vec2(arrival[n, 0], arrival[n, 1]), arrival[n, 3], c)
         for j in ti.static(range(3)):
-            out[n, j] = place[j]
+            out[n, j] = source[j]
 
 
-def positions(layers: torch.Tensor, depth: torch.Tensor, heard: torch.Tensor, c: float) -> torch.Tensor:
-    """`follow` for many arrivals (n, 5) as `arrivals` returns them: (n, 3) offsets, m."""
-    out = torch.empty((heard.shape[0], 3), dtype=torch.float32, device=heard.device)
-    _positions(layers, depth, heard, c, out)
+def positions(layers: torch.Tensor, depth: torch.Tensor, arrival: torch.Tensor, c: float) -> torch.Tensor:
+    """`follow` for many arrivals (n, 5) of `arrivals` at arrays at depths (n,), m: (n, 3) offsets, m."""
+    out = torch.empty((arrival.shape[0], 3), dtype=torch.float32, device=arrival.device)
+    _positions(layers, depth, arrival, c, out)
     return out

@@ -70,7 +70,7 @@ def shannon_rate(bandwidth: ti.f32, snr: ti.f32, demonstration: ti.i32) -> ti.f3
     """Capacity B log2(1 + 10^(SNR/10)) of a band B (Hz) at an SNR in dB, bit/s.
 
     With `demonstration` not 0 it is the authors' public code's B log2(1 + 10^SNR), SNR still in dB: about ten times the
-    rate, kept only so that the paper's Table 2 can be set beside ours.
+    rate, for comparison with the paper's Table 2 only.
     """
     exponent = snr / 10.0
     if demonstration != 0:

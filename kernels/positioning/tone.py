@@ -1,15 +1,16 @@
 """The record of four hydrophones, a tone in white Gaussian noise, as sums of y e^{−2πjνn} over blocks of samples.
 
-Time is counted in periods of the carrier from the opening of the receiver's gate, ν = f/f_s periods a sample. A
-receiver at known frequency needs nothing else than such sums. Two ways to get them:
+Time is counted in periods of the carrier from the opening of the receiver's gate, ν = f/f_s periods a sample. Such
+sums are all that a receiver at known frequency needs. There are two ways to get them:
 
-- SAMPLED draws the noise of every sample and adds up.
-- PROJECTED draws the sums: those of white noise over disjoint blocks are independent Gaussians with the covariance
-  σ_n² Σ (cos, −sin)ᵀ(cos, −sin), in closed form, and where a receiver cuts a block in two after it has seen its sum,
-  the part is drawn from the normal distribution conditional on the sum.
+- SAMPLED draws the noise of every sample and sums.
+- PROJECTED draws the sums. Those of white noise over disjoint blocks are independent Gaussians with the covariance
+  σ_n² Σ (cos, −sin)ᵀ(cos, −sin), in closed form. Where a receiver splits a block whose sum is drawn already, the sum of
+  the part is drawn from the normal distribution conditional on that of the block.
 
-Both have exactly the same distribution. A block is given by two edges, (n, Re F, Im F) with its first sample or the one
-after its last and F(n) = Σ_{k<n} e^{4πjνk}, but for a constant: one sine and one cosine an edge, none a block.
+Both have exactly the same distribution. A block is given by two edges. An edge is (n, Re F, Im F), n the first sample
+of a block or the one after its last, and F(n) = Σ_{k<n} e^{4πjνk} up to a constant, so sines and cosines are needed at
+edges only.
 """
 
 import math
@@ -26,7 +27,7 @@ edges4 = ti.types.matrix(4, 3, ti.f32)
 
 @ti.dataclass
 class Record:
-    """What the hydrophones hear: on each a tone, sin 2π(νn − t_i) between two edges, and noise."""
+    """The record of the hydrophones: on each a tone, sin 2π(νn − t_i) between two edges, and noise."""
 
     nu: ti.f32
     half_cosecant: ti.f32  # 1/(2 sin 2πν)
@@ -40,7 +41,7 @@ class Record:
 
 @ti.func
 def fraction(turns):
-    """Turns brought into [−½, ½]."""
+    """Turns modulo one, in [−½, ½]."""
     return turns - ti.round(turns)
 
 
@@ -76,7 +77,7 @@ def rayleigh(u: ti.f32) -> ti.f32:
 
 @ti.func
 def normals(address: random.uint4, stream: random.uint4) -> vec4:
-    """As `random.normals`, with the key in the stream and its own functions: a sampled fix takes half the time."""
+    """As `random.normals` with the key in the stream; with the functions above a sampled fix takes half the time."""
     u = random.uniforms(address, stream[0], stream[1])
     a = rayleigh(u[0]) * direction(u[1])
     b = rayleigh(u[2]) * direction(u[3])
@@ -163,7 +164,7 @@ def sampled_sums(record: ti.template(), begin: vec4, end: vec4):
 
 @ti.func
 def projected_sums(record: ti.template(), begin: vec3, end: vec3):
-    """What `sampled_sums` gives for a block that is the same on all hydrophones, drawn at once."""
+    """`sampled_sums` of a block with the same edges on all hydrophones, drawn as sums."""
     real = vec4(0.0)
     imaginary = vec4(0.0)
     stream = record.stream
@@ -181,7 +182,7 @@ def projected_sums(record: ti.template(), begin: vec3, end: vec3):
 
 @ti.func
 def sum_of_part(record: ti.template(), i, block_begin, block_end, begin, end, total: vec2, draw: vec2) -> vec2:
-    """Sum over a part (begin, end) of a block's samples on hydrophone i, drawn on condition of the block's sum."""
+    """Sum over the part from begin to end of a block on hydrophone i, drawn conditional on the block's sum `total`."""
     Q = gram(block_begin, block_end)
     P = gram(begin, end)
     e = total - tone_sum(record, i, block_begin, block_end)

@@ -1,25 +1,25 @@
-"""A tracker of each AUV: Kalman filter on position and current, from commanded velocity and USBL fixes.
+"""Tracker of each AUV: a Kalman filter on position and current, from commanded velocity and USBL fixes.
 
 State (x, y, c_x, c_y). Over a time t in which the AUV is carried by the water (a hovering one is not),
 
     x ← x + t (v + c),   c ← ρ c + w,   ρ = e^{−t/τ},   w ~ N(0, σ² (1 − ρ²) I),   fix = x + n,   n ~ N(0, R),
 
-v the commanded velocity through the water, R the fix's predicted covariance. Where an Ornstein–Uhlenbeck current and
-Gaussian fixes are the truth this is the least-squares estimate; a fix in Cartesian coordinates and v in the world's
-frame make it linear, so what is called an extended filter has nothing to linearise but R. The covariance is kept in
-2 × 2 blocks A (position), B (position, current), C (current) and updated in Joseph's form, a sum of squares, with
-I − gain written R S⁻¹, which does not cancel: it stays positive definite in single precision.
+v the commanded velocity through the water, R the fix's predicted covariance. For an Ornstein–Uhlenbeck current and
+Gaussian fixes this is the least-squares estimate. A fix in Cartesian coordinates and v in the world's frame make the
+filter linear; only R is linearised. The covariance consists of 2 × 2 blocks A (position), B (position, current),
+C (current) and is updated in Joseph's form, a sum of squares, with I − gain written as R S⁻¹, which does not cancel: it
+stays positive definite in single precision.
 
-The current of a moving AUV is no Ornstein–Uhlenbeck process but a sum of eddies it passes through, orbital motion and
-long waves, each smooth. A filter that remembers a time m sees of it the mean square increment D(m), so it is given the
-random walk with that increment, q = D(m)/m, at its own memory m = (R t_fix/q)^¼: that of the stationary filter, whose
-characteristic polynomial is s⁴ + q/(R t_fix). σ² is the variance of all parts and τ = 2σ²/q; σ² bounds what the filter
-thinks of the current while fixes are lost. See `ornstein_uhlenbeck`.
+The current of a moving AUV is not an Ornstein–Uhlenbeck process but a sum of eddies it passes through, orbital motion
+and long waves, each smooth. For a filter with the memory m only its mean square increment D(m) matters. So the model is
+the random walk with that increment, q = D(m)/m, at the filter's own memory m = (R t_fix/q)^¼: that of the stationary
+filter, whose characteristic polynomial is s⁴ + q/(R t_fix). σ² is the variance of all parts and τ = 2σ²/q; σ² bounds
+the variance of the current while fixes are lost. See `ornstein_uhlenbeck`.
 
-The attitude error is common to all fixes of a moment. R contains it, so every AUV's filter is consistent by itself;
-that AUVs err alike is not used. The error of a relative position is therefore smaller than the two covariances say; the
-positions themselves a joint filter of two to six AUVs did not improve (rms 0.1 to 1 % worse, the currents being alike
-too). No gate refuses outliers: of the normalised innovations of a mission no more lie in the tail than χ² has there.
+The attitude error is common to all fixes of a moment. R contains it, so every AUV's filter is consistent by itself; the
+correlation between AUVs is not used. The error of a relative position is therefore smaller than the two covariances
+say. A joint filter of two to six AUVs did not improve the positions themselves (rms 0.1 to 1 % worse, the currents
+being correlated too). No gate rejects outliers: the tail of the normalised innovations of a mission is that of χ².
 
 Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), §5.2, §5.4,
 §6.2; Uhlenbeck and Ornstein (1930), doi 10.1103/PhysRev.36.823.
@@ -35,7 +35,8 @@ import torch
 from kernels.flow import airy
 from kernels.types import array2, array3, mat2, vec2, vec3
 
-# Columns of a track: the state, the upper triangle of its covariance, and what was commanded last.
+# Columns of a track: the state, the upper triangle of its covariance, whether the AUV is adrift and its last commanded
+# velocity through the water (0 where it is not).
 X, Y, CURRENT_X, CURRENT_Y = range(4)
 XX, XY, XU, XV, YY, YU, YV, UU, UV, VV = range(4, 14)
 ADRIFT, WATER_X, WATER_Y = range(14, 17)
@@ -45,21 +46,25 @@ FOREVER = 1e9  # s, correlation time of a current that does not change
 
 @ti.func
 def position_block(track: ti.template(), w, k) -> mat2:
+    """Block A of the covariance, m²."""
     return mat2([[track[w, k, XX], track[w, k, XY]], [track[w, k, XY], track[w, k, YY]]])
 
 
 @ti.func
 def cross_block(track: ti.template(), w, k) -> mat2:
+    """Block B of the covariance, rows of the position, columns of the current, m²/s."""
     return mat2([[track[w, k, XU], track[w, k, XV]], [track[w, k, YU], track[w, k, YV]]])
 
 
 @ti.func
 def current_block(track: ti.template(), w, k) -> mat2:
+    """Block C of the covariance, m²/s²."""
     return mat2([[track[w, k, UU], track[w, k, UV]], [track[w, k, UV], track[w, k, VV]]])
 
 
 @ti.func
-def keep(track: ti.template(), w, k, A: mat2, B: mat2, C: mat2):
+def store_covariance(track: ti.template(), w, k, A: mat2, B: mat2, C: mat2):
+    """Write the blocks of the covariance, A and C made symmetric."""
     track[w, k, XX] = A[0, 0]
     track[w, k, XY] = 0.5 * (A[0, 1] + A[1, 0])
     track[w, k, YY] = A[1, 1]
@@ -73,23 +78,24 @@ def keep(track: ti.template(), w, k, A: mat2, B: mat2, C: mat2):
 
 
 @ti.func
-def add(track: ti.template(), w, k, moved: vec2, turned: vec2):
-    track[w, k, X] = track[w, k, X] + moved[0]
-    track[w, k, Y] = track[w, k, Y] + moved[1]
-    track[w, k, CURRENT_X] = track[w, k, CURRENT_X] + turned[0]
-    track[w, k, CURRENT_Y] = track[w, k, CURRENT_Y] + turned[1]
+def correct_state(track: ti.template(), w, k, position: vec2, current: vec2):
+    """Add corrections of position (m) and current (m/s)."""
+    track[w, k, X] = track[w, k, X] + position[0]
+    track[w, k, Y] = track[w, k, Y] + position[1]
+    track[w, k, CURRENT_X] = track[w, k, CURRENT_X] + current[0]
+    track[w, k, CURRENT_Y] = track[w, k, CURRENT_Y] + current[1]
 
 
 @ti.func
-def correct(A: mat2, B: mat2, R: mat2, innovation: vec2):
-    """What an innovation of the part with block A adds to that part and to the other one, and its square over S."""
+def corrections(A: mat2, B: mat2, R: mat2, innovation: vec2):
+    """Corrections of the part with block A and of the other part by an innovation, and its square over S."""
     weighted = (A + R).inverse() @ innovation
     return A @ weighted, B.transpose() @ weighted, innovation.dot(weighted)
 
 
 @ti.func
 def joseph(A: mat2, B: mat2, C: mat2, R: mat2):
-    """Blocks after a measurement, of covariance R, of the part with block A; B is the cross block to the other part."""
+    """Blocks A, B, C after a measurement of covariance R of the part with block A; B is the cross block."""
     S = A + R
     S_inverse = S.inverse()
     rest = R @ S_inverse  # I − gain, without cancellation
@@ -105,7 +111,7 @@ def joseph(A: mat2, B: mat2, C: mat2, R: mat2):
 
 @ti.func
 def begin(track: ti.template(), w, k, x, y, covariance: vec3, variance):
-    """A new track at a measured or known place with covariance (xx, xy, yy), m², in a current of `variance`, m²/s²."""
+    """Begin a track at (x, y) with covariance (xx, xy, yy), m², in a current of zero mean and `variance`, m²/s²."""
     for c in ti.static(range(COLUMNS)):
         track[w, k, c] = 0.0
     track[w, k, X] = x
@@ -125,12 +131,12 @@ def shift(track: ti.template(), w, k, carried: vec2, time):
     C = current_block(track, w, k)
     track[w, k, X] = track[w, k, X] + carried[0] + time * track[w, k, CURRENT_X]
     track[w, k, Y] = track[w, k, Y] + carried[1] + time * track[w, k, CURRENT_Y]
-    keep(track, w, k, A + time * (B + B.transpose()) + time * time * C, B + time * C, C)
+    store_covariance(track, w, k, A + time * (B + B.transpose()) + time * time * C, B + time * C, C)
 
 
 @ti.func
 def carry(track: ti.template(), w, k, velocity: vec2, time, adrift):
-    """The AUV's motion, before the fix taken at its end or on the way.
+    """Propagate the track by the AUV's motion, before the fix taken at its end or on the way.
 
     Args:
         track: (W, K, COLUMNS) float32; `w` and `k` select the AUV.
@@ -146,23 +152,23 @@ def carry(track: ti.template(), w, k, velocity: vec2, time, adrift):
 
 @ti.func
 def renew(track: ti.template(), w, k, time, variance, correlation_time):
-    """Make the current that of the motion to come, `time` (s) later; σ² (m²/s²) and τ (s) are the current's."""
+    """Propagate the current by `time` (s) to the next motion; σ² = `variance` (m²/s²), τ = `correlation_time` (s)."""
     rho = ti.exp(-time / correlation_time)
     C = rho * rho * current_block(track, w, k)
     noise = variance * (1.0 - rho * rho)
     C[0, 0] += noise
     C[1, 1] += noise
-    keep(track, w, k, position_block(track, w, k), rho * cross_block(track, w, k), C)
+    store_covariance(track, w, k, position_block(track, w, k), rho * cross_block(track, w, k), C)
     track[w, k, CURRENT_X] = rho * track[w, k, CURRENT_X]
     track[w, k, CURRENT_Y] = rho * track[w, k, CURRENT_Y]
 
 
 @ti.func
 def update(track: ti.template(), w, k, fix: vec2, covariance: vec3, lag, carried: vec2):
-    """Bring in a fix; returns its normalised innovation squared, χ² of two degrees of freedom. A lost fix is no call.
+    """Update by a fix; returns its normalised innovation squared, χ² of two degrees of freedom.
 
-    A late fix is compared with the position at its own time, and the result carried on to the present. That is exact
-    while the current has not been renewed since; one later than a step is better taken as lost.
+    A late fix is compared with the position at its own time, and the result is propagated to the present. That is exact
+    as long as `renew` has not been called since; treat a fix that is older than a step as lost.
 
     Args:
         track: after `carry`.
@@ -177,26 +183,26 @@ def update(track: ti.template(), w, k, fix: vec2, covariance: vec3, lag, carried
     A = position_block(track, w, k)
     B = cross_block(track, w, k)
     C = current_block(track, w, k)
-    moved, turned, squared = correct(A, B, R, innovation)
+    position, current, squared = corrections(A, B, R, innovation)
     A, B, C = joseph(A, B, C, R)
-    keep(track, w, k, A, B, C)
-    add(track, w, k, moved, turned)
+    store_covariance(track, w, k, A, B, C)
+    correct_state(track, w, k, position, current)
     shift(track, w, k, carried, lag)
     return squared
 
 
 @ti.func
-def sense(track: ti.template(), w, k, current: vec2, variance):
-    """Bring in a reading of the current at the AUV (m/s) with `variance` per axis, m²/s²; after `renew`."""
+def sense(track: ti.template(), w, k, reading: vec2, variance):
+    """Update by a reading of the current at the AUV (m/s) with `variance` per axis, m²/s²; after `renew`."""
     R = mat2([[variance, 0.0], [0.0, variance]])
-    innovation = current - vec2(track[w, k, CURRENT_X], track[w, k, CURRENT_Y])
+    innovation = reading - vec2(track[w, k, CURRENT_X], track[w, k, CURRENT_Y])
     A = position_block(track, w, k)
     B = cross_block(track, w, k).transpose()
     C = current_block(track, w, k)
-    turned, moved, _ = correct(C, B, R, innovation)
+    current, position, _ = corrections(C, B, R, innovation)
     C, B, A = joseph(C, B, A, R)
-    keep(track, w, k, A, B.transpose(), C)
-    add(track, w, k, moved, turned)
+    store_covariance(track, w, k, A, B.transpose(), C)
+    correct_state(track, w, k, position, current)
 
 
 @ti.kernel
@@ -255,8 +261,8 @@ def follow(
         covariance: (T, N, 3) float32, (xx, xy, yy), m².
         age: (T, N) float32, age of the fix at the end of the step, from 0 to `step`, s; negative where it is lost.
         variance, correlation_time: of the current, see `renew`. step: s.
-        reading: (T, N, 2) float32, current at the AUV as it measures it at the end of each step, m/s; or nothing.
-        reading_deviation: its standard deviation per axis, above 0 where there is a reading, m/s.
+        reading: (T, N, 2) float32, current that the AUV measures at the end of each step, m/s; optional.
+        reading_deviation: its standard deviation per axis, m/s, above 0 if there are readings.
 
     Returns:
         (T + 1, N, COLUMNS) tracks at the start and after each step; (T, N) normalised innovation squared, −1 where
@@ -275,7 +281,7 @@ def follow(
 def eddies(
     count: int, circulation: tuple[float, float], core_radius: tuple[float, float], area: float, speed: float
 ) -> tuple[float, float]:
-    """Variance per axis (m²/s²) and frequency (rad/s) of the current met at a speed among random Lamb–Oseen vortices.
+    """Variance per axis (m²/s²) and frequency (rad/s) of the current along a path through random Lamb–Oseen vortices.
 
     Of N vortices with |Γ| and δ uniform between limits and centres spread over an area a, the vorticity has the mean
     square N E[Γ²] E[1/δ²]/(2π a), and a quarter of that is the mean square per axis of the change of velocity a metre.
@@ -312,9 +318,9 @@ def standing_waves(
 ) -> tuple[float, float]:
     """Variance per axis (m²/s²) and frequency (rad/s) of the current in shallow standing waves, a mission's mean.
 
-    Kinetic energy is in the mean as large as potential energy, half of that at the crests: g rms²/(4h) per axis. All
-    numbers of half waves from 0 to `modes` are alike in both axes, so (π/L)² modes (2 modes + 1)/3 is the mean of k².
-    Linear drag r takes energy as e^{−rt}.
+    Mean kinetic energy equals mean potential energy, half of that at the crests: g rms²/(4h) per axis. All numbers of
+    half waves from 0 to `modes` are equally likely in both axes, so (π/L)² modes (2 modes + 1)/3 is the mean of k².
+    Under linear drag r energy decays as e^{−rt}.
 
     Args:
         rms: elevation at the crests, m. length: L of the area, m. depth: h, m. gravity: g, m/s².

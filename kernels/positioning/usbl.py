@@ -16,10 +16,10 @@ Validity. With a² = 2/σ², the tone's energy over the noise on one hydrophone,
 amplitude R = 2a + 7/(4a) + n (a noncentral χ of 8 degrees of freedom, to 1e-3), and their phases scatter with σ² 2a/R.
 A fix is DETECTED where R² is at least 8 + 4 · PERIOD_ENERGY · periods: above it the correlator's choice among the
 carrier's cycles is right in all but about one of a million fixes and phases are Gaussian, below it one or the other
-fails and no fix should be used. A fix has WRAPPED where a phase difference has left (−π, π], as it can with d near half
-a wavelength or above, and has NO_DEPTH where x̂'² + ŷ'² > Ŝ², as it can near the horizon. It is good where its flags
-are DETECTED and nothing else. `kernels.positioning.waveform` measures sampled tones instead, and `docs/positioning.md`
-compares.
+fails and the fix should not be used. A fix has WRAPPED where a phase difference has left (−π, π], as it can with d near
+half a wavelength or above, and has NO_DEPTH where x̂'² + ŷ'² > Ŝ², as it can near the horizon. It is good where its
+flags are DETECTED and nothing else. `kernels.positioning.waveform` measures sampled tones instead;
+`docs/positioning.md` compares both.
 
 Attitude. The array is tilted by the surface slopes (pitch = atan ∂η/∂x, then roll about the pitched axis; heading is
 known). The fix is rotated back with the attitude measured, which is wrong by a residual error in pitch and roll.
@@ -49,15 +49,15 @@ PERIODS = 7  # length of the tone in periods of its carrier
 LEVEL = 8  # the planner's information of one AUV at q = S², 1/m²: ln T = LEVEL − POWER ln(q/S_0²) − DECAY (√q − S_0)
 POWER = 9
 DECAY = 10
-REFERENCE = 11  # S_0, m; where it is near the ranges that occur, no digits of single precision are lost
+REFERENCE = 11  # S_0, m; near the ranges that occur, or single precision loses digits
 ATTITUDE = 12  # ε², square of the attitude error in the planner's information, rad²
 COLUMNS = 13
 
 # Bits of a fix's flags.
-DETECTED = 1  # the tone stands out of the noise; the receiver knows
-WRAPPED = 2  # a phase difference left (−π, π]; only the simulation knows, a receiver sees it if one axis alone wraps
-NO_DEPTH = 4  # the direction measured has no real depth; the receiver knows
-NO_RAY = 8  # no direct ray of sound leads from the AUV to the array: nothing is heard
+DETECTED = 1  # the tone is above the detection threshold; known to the receiver
+WRAPPED = 2  # a phase difference left (−π, π]; known to the simulation, to a receiver only if one axis alone wraps
+NO_DEPTH = 4  # the direction measured has no real depth; known to the receiver
+NO_RAY = 8  # no direct ray of sound leads from the AUV to the array: nothing is received
 LOST = 16  # interrogation or reply was lost
 
 PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
@@ -143,6 +143,24 @@ def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
     return table.astype(np.float32)
 
 
+@ti.dataclass
+class Measurement:
+    """What the receiver measures of a tone."""
+
+    phase: vec2  # phase differences, unwrapped, rad
+    slant_range: ti.f32  # m
+    amplitude: ti.f32  # of the tone over the noise, all hydrophones together
+    sigma: ti.f32  # standard deviation of a phase difference, rad
+
+
+@ti.dataclass
+class Direction:
+    """The direction that follows from measured phases."""
+
+    vector: vec3  # in the world's frame
+    flags: ti.i32  # of the fix
+
+
 @ti.func
 def phase_deviation(link: ti.template(), k: ti.i32, S: ti.f32) -> ti.f32:
     """Standard deviation σ (rad) of a phase difference of AUV k at the slant range S (m)."""
@@ -177,7 +195,7 @@ def array_axes(angles: vec2) -> mat3:
 
 @ti.func
 def wrap(phase: ti.f32) -> ti.f32:
-    """A phase (rad) brought into [−π, π]."""
+    """A phase (rad) modulo one turn, in [−π, π]."""
     return phase - 6.283185307179586 * ti.round(phase * 0.15915494309189535)
 
 
@@ -188,25 +206,24 @@ def detection_threshold(link: ti.template(), k: ti.i32) -> ti.f32:
 
 
 @ti.func
-def measure(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, path: ti.f32, noise: vec4) -> vec5:
-    """What the receiver measures of a tone of AUV k: two phase differences (rad, unwrapped), range (m), amplitude, σ.
+def measure(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, path: ti.f32, noise: vec4) -> Measurement:
+    """Measurement of a tone of AUV k by the statistical model.
 
     Args:
         link: link table, (K, COLUMNS).
-        body: direction towards the AUV in the array's frame, a unit vector where sound goes straight.
-        S: slant range, m, which decides how loud the tone is. path: what the delay says it is, m.
+        body: direction towards the AUV in the array's frame, a unit vector where rays are straight.
+        S: slant range, m, for the SNR. path: slant range by the delay, m.
         noise: independent standard normal numbers for the two phases, the range and the amplitude.
     """
     sigma = phase_deviation(link, k, S)
-    # A tone that happens to be strong has the better phases. Below any detectable amplitude the law is of no use.
+    # The stronger a tone happens to be, the better its phases; bounded below, where no tone is detected.
     strength = 2.8284271247461903 / sigma
     scatter = sigma * ti.sqrt(strength / ti.max(strength + noise[3], 0.5 * strength))
-    return vec5(
-        link[k, KAPPA] * body[0] + scatter * noise[0],
-        link[k, KAPPA] * body[1] + scatter * noise[1],
-        path + range_deviation(link, k, scatter) * noise[2],
-        strength + 3.5 / strength + noise[3],
-        sigma,
+    return Measurement(
+        phase=vec2(link[k, KAPPA] * body[0] + scatter * noise[0], link[k, KAPPA] * body[1] + scatter * noise[1]),
+        slant_range=path + range_deviation(link, k, scatter) * noise[2],
+        amplitude=strength + 3.5 / strength + noise[3],
+        sigma=sigma,
     )
 
 
@@ -219,20 +236,20 @@ def located(
     amplitude: ti.f32,
     axes: mat3,
     length: ti.f32,
-) -> vec4:
-    """The direction that follows from what was measured, in the world's frame, and the fix's flags.
+) -> Direction:
+    """The direction that follows from measured phases, and the flags of the fix.
 
     Args:
         link: link table, (K, COLUMNS).
         true_phase, phase: phase differences (rad) of the true direction, unwrapped, and as measured.
         amplitude: measured amplitude of the tone over the noise, all hydrophones together.
         axes: the array's axes as measured, see `array_axes`.
-        length: of the direction; 1 where the speed of sound at the array is the one that κ supposes.
+        length: of the direction; 1 where the speed of sound at the array is that of κ.
     """
     flags = 0
     if amplitude >= detection_threshold(link, k):
         flags = flags | DETECTED
-    # What is no wrap is an error within (−π, π): the two differ by a whole turn.
+    # Without a wrap the error stays within (−π, π).
     if ti.abs(phase - true_phase).max() > math.pi:
         flags = flags | WRAPPED
     x = phase[0] / link[k, KAPPA]
@@ -241,7 +258,7 @@ def located(
     if zz < 0.0:
         flags = flags | NO_DEPTH
     r = axes.transpose() @ vec3(x, y, -ti.sqrt(ti.max(zz, 0.0)))
-    return vec4(r[0], r[1], r[2], ti.cast(flags, ti.f32))
+    return Direction(vector=r, flags=flags)
 
 
 @ti.func
@@ -254,23 +271,25 @@ def fix(
     noise: vec4,
     attitude_noise: vec2,
 ) -> vec5:
-    """One fix of AUV k where sound goes straight: the estimated offset from boat to AUV (m), σ (rad), and the flags.
+    """One fix of AUV k where rays are straight: the estimated offset from boat to AUV (m), σ (rad), and the flags.
 
     Args:
         link: link table, (K, COLUMNS).
         offset: true position of the AUV minus that of the wave-borne boat, m; below the boat z is negative.
         slope: surface slopes (∂η/∂x, ∂η/∂y) under the boat; zero for an array that stays level.
-        attitude_error: standard deviation of the error left in measured pitch and roll, rad.
-        noise: as in `measure`. attitude_noise: of pitch and roll, likewise.
+        attitude_error: standard deviation of the error of measured pitch and roll, rad.
+        noise: as in `measure`. attitude_noise: standard normal numbers for pitch and roll.
     """
     S = ti.max(offset.norm(), 1e-3)
     angles = attitude(slope)
     body = array_axes(angles) @ offset / S
-    heard = measure(link, k, body, S, S, noise)
+    measured = measure(link, k, body, S, S, noise)
     axes = array_axes(angles + attitude_error * attitude_noise)
     true_phase = link[k, KAPPA] * vec2(body[0], body[1])
-    found = located(link, k, true_phase, vec2(wrap(heard[0]), wrap(heard[1])), heard[3], axes, 1.0)
-    return vec5(heard[2] * found[0], heard[2] * found[1], heard[2] * found[2], heard[4], found[3])
+    phase = vec2(wrap(measured.phase[0]), wrap(measured.phase[1]))
+    found = located(link, k, true_phase, phase, measured.amplitude, axes, 1.0)
+    r = measured.slant_range * found.vector
+    return vec5(r[0], r[1], r[2], measured.sigma, ti.cast(found.flags, ti.f32))
 
 
 @ti.func
@@ -342,11 +361,11 @@ def flagged_fixes(
     attitude_error: float,
     noise: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Many fixes at once, for tests, tables and benchmarks.
+    """Many fixes, see `fix`.
 
     Args:
         link: (K, COLUMNS) float32, from `link_table`.
-        auv: (n,) int32, which row of the table each fix uses.
+        auv: (n,) int32, row of the table for each fix.
         offset: (n, 3) float32, true offset from boat to AUV, m.
         slope: (n, 2) float32, surface slopes.
         attitude_error: rad.

@@ -327,13 +327,14 @@ def measure(
 
 
 @ti.func
-def fix(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, heard: vec6, axes: mat3) -> vec5:
-    """The fix that follows from a measurement of sound that goes straight, as `usbl.fix` returns it."""
+def fix(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, measurement: vec6, axes: mat3) -> vec5:
+    """The fix from a measurement where rays are straight, as `usbl.fix` returns it; `axes` of the array as measured."""
     true_phase = link[k, usbl.KAPPA] / S * vec2(body[0], body[1])
-    phase = vec2(heard[PHASE_X], heard[PHASE_Y])
-    found = usbl.located(link, k, true_phase, phase, heard[AMPLITUDE], axes, 1.0)
-    r = S + heard[RANGE_ERROR]
-    return vec5(r * found[0], r * found[1], r * found[2], usbl.phase_deviation(link, k, S), found[3])
+    phase = vec2(measurement[PHASE_X], measurement[PHASE_Y])
+    found = usbl.located(link, k, true_phase, phase, measurement[AMPLITUDE], axes, 1.0)
+    r = S + measurement[RANGE_ERROR]
+    offset = r * found.vector
+    return vec5(offset[0], offset[1], offset[2], usbl.phase_deviation(link, k, S), ti.cast(found.flags, ti.f32))
 
 
 @ti.kernel
@@ -357,17 +358,17 @@ def _fixes(
         angles = usbl.attitude(vec2(slope[n, 0], slope[n, 1]))
         body = usbl.array_axes(angles) @ r
         index = ti.cast(n, ti.u32)
-        heard = measure(
+        measured = measure(
             link, k, body, S, random.uint4(index, ti.u32(0), ti.u32(0), ti.u32(0)), key_low, key_high, sampled
         )
         tilt = random.normals(random.uint4(index, ti.u32(1), ti.u32(0), ti.u32(0)), key_low, key_high)
         axes = usbl.array_axes(angles + attitude_error * vec2(tilt[0], tilt[1]))
-        found = fix(link, k, body, S, heard, axes)
+        found = fix(link, k, body, S, measured, axes)
         for j in ti.static(range(4)):
             estimate[n, j] = found[j]
         flags[n] = ti.cast(found[4], ti.i32)
         for j in ti.static(range(MEASURED)):
-            measurement[n, j] = heard[j]
+            measurement[n, j] = measured[j]
 
 
 def fixes(
@@ -380,18 +381,18 @@ def fixes(
     *,
     sampled: bool = False,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Many fixes at once from their tones; fix n depends on the seed and on n, not on how many are made.
+    """Many fixes from their tones; fix n depends on the seed and on n only.
 
     Args:
         link, auv, offset, slope, attitude_error: as in `usbl.fixes`.
         seed: 0 to 2⁶⁴ − 1.
-        sampled: draw the noise of every sample, in place of the sums that follow from it (see above).
+        sampled: draw the noise of every sample instead of the sums.
 
     Returns:
         (n, 4) estimated offset (m) and σ (rad); (n,) int32 flags, bits of `usbl`; (n, MEASURED) what was measured.
 
     Raises:
-        ValueError: a tone that is not a whole number, at least FEWEST_PERIODS, of periods long.
+        ValueError: a tone that is shorter than FEWEST_PERIODS or not a whole number of periods long.
     """
     periods = link[:, usbl.PERIODS]
     if bool(((periods < FEWEST_PERIODS) | (periods != periods.round())).any()):
