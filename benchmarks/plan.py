@@ -1,4 +1,4 @@
-"""The boat's planner against differential evolution, its gap to a dense search, and what a level array neglects.
+"""The boat's planner: its speed against differential evolution, its gap to a dense search, the loss by tilt.
 
     python -m benchmarks.plan --json
 

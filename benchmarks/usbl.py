@@ -2,11 +2,11 @@
 
     python -m benchmarks.usbl --json
 
-All make the same thing, a fix with its flags from boat to AUV by an echo, 15 kHz, ten periods at 2.016 MHz. The rates
-of `statistical` with noise drawn and of both waveforms include their random numbers. NumPy's is the demonstration's
-method, one fix after the other: the tone and its noise on each hydrophone, `numpy.linalg.lstsq` for the phase, the fix;
-its tone begins where the receiver expects it, so it is spared the search for the delay. It runs on one thread, where it
-is fastest. `threshold` and `agreement` hold what `docs/positioning.md` quotes.
+All compute the same, a fix with its flags from boat to AUV by an echo, 15 kHz, ten periods at 2.016 MHz. The rates of
+`statistical_with_noise_drawn` and of both waveforms include their random numbers. `numpy_lstsq` is the demonstration's
+method, one fix after the other: the tone and its noise on each hydrophone, `numpy.linalg.lstsq` for the phase, the fix.
+Its tone begins where the receiver expects it, so there is no search for the delay. It runs on one thread, where it is
+fastest. `threshold` and `agreement` are the tables of `docs/positioning.md`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SAMPLING_RATE = 2.016e6
 SPACING = 0.033
 SOUND_SPEED = 1500.0
 OFFSET = (70.0, -45.0, -104.0)
-REFUSAL = math.sqrt(10 * usbl.PERIOD_ENERGY)  # a at the threshold of detection
+THRESHOLD = math.sqrt(10 * usbl.PERIOD_ENERGY)  # a at the threshold of detection
 # Offset (m), SNR (dB), hydrophone spacing (m): usual, far to the side, at the threshold, near the horizon, wrapping.
 AGREEMENT = (
     ((0.0, 0.0, -100.0), 21.3, 0.033),
@@ -41,7 +41,7 @@ AGREEMENT = (
     ((80.0, 60.0, -9.0), 6.0, 0.033),
     ((83.2, 5.0, -55.2), 10.0, 0.06),
 )
-STRENGTHS = (300.0, 50.0, 20.0, REFUSAL, 14.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.3)
+STRENGTHS = (300.0, 50.0, 20.0, THRESHOLD, 14.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.3)
 
 
 def places(count: int) -> tuple[torch.Tensor, ...]:
@@ -112,7 +112,7 @@ def measure_rates(seconds: float) -> dict[str, float]:
 
 
 def measure_threshold(count: int) -> list[dict[str, float]]:
-    """Tones from loud to lost, detected or not: how many are, errors over their bounds, and wrong periods."""
+    """For tones from strong to lost: rate of detection, variances over their bounds, rate of wrong periods."""
     link, row, offset, _ = places(count)
     level = torch.zeros((count, 2), device=offset.device)
     S, N = math.hypot(*OFFSET), 10 * SAMPLING_RATE / CARRIER
@@ -141,7 +141,7 @@ def measure_threshold(count: int) -> list[dict[str, float]]:
 
 
 def measure_agreement(count: int) -> list[dict[str, object]]:
-    """Sampled tones beside the statistical model: share of good fixes, and root mean square errors of those (m)."""
+    """Sampled tones and the statistical model: rate of good fixes, and their root mean square errors (m)."""
     device = runtime.start().device
     row = torch.zeros(count, dtype=torch.int32, device=device)
     level = torch.zeros((count, 2), device=device)

@@ -1,4 +1,4 @@
-"""How far off the AUVs' estimated positions are, by the boat's strategy and with a tracker: our Fig. 4(b).
+"""Error of the AUVs' estimated positions by the boat's strategy and with a tracker, as the paper's Fig. 4(b).
 
     python -m benchmarks.studies.fix_error --out docs/fix-error.png
 
@@ -6,8 +6,8 @@ Paired episodes: every row sees the same worlds, AUVs steered by `straight`. For
 horizontal error over AUVs and steps; of these the median over episodes, and its 95 % interval by the bootstrap, as of
 the ratio to `fim` with the episodes paired; that ratio also for the 95th percentile. `bound` is the same median of
 errors that are normal with the covariance J⁻¹ of a fix by a level array from the place that is D-optimal for the true
-positions, at each step: what going there at once would give without a memory. It knows nothing of sound that takes
-time, by which a fix lags behind a moving AUV.
+positions, at each step: the error of a boat that is there at once, without a tracker. It neglects the travel time of
+sound, by which a fix lags behind a moving AUV.
 """
 
 from __future__ import annotations

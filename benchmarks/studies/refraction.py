@@ -1,10 +1,11 @@
-"""What a fix loses that takes rays for straight lines, and how fast the rays are.
+"""Error of a fix that supposes straight rays, and the speed of the ray kernels.
 
     python -m benchmarks.studies.refraction --out docs/refraction.png
 
-A level array at the mean surface hears a source 100 m deep without noise: the horizontal slowness and the travel time
-of the true ray. Fixes made of them: with the speed at the array, with the harmonic mean of the speed between surface
-and source (both straight lines), and down the ray through the profile. Beside them the noise of a fix in `extreme`.
+A level array at the mean surface receives a source 100 m deep without noise: the horizontal slowness and the travel
+time of the true ray. Fixes follow from them by three methods: straight lines with the speed at the array, straight
+lines with the harmonic mean of the speed between surface and source, and down the ray through the profile. The noise of
+a fix in `extreme` is shown for comparison.
 """
 
 from __future__ import annotations
@@ -44,13 +45,13 @@ def errors(profile: SoundSpeedProfile, R: np.ndarray) -> dict[str, np.ndarray]:
     layers, depth = tensor(profile.layers()), tensor(np.zeros_like(R))
     found = {}
     for method, c in zip(METHODS, (profile.at(0.0), *[profile.harmonic_mean(0.0, DEPTH)] * 2), strict=True):
-        heard = rays.arrivals(layers, depth, tensor(offset), c)
+        arrivals = rays.arrivals(layers, depth, tensor(offset), c)
         if method == "down the ray":
-            place = rays.positions(layers, depth, heard, c).double().cpu().numpy()
+            place = rays.positions(layers, depth, arrivals, c).double().cpu().numpy()
         else:
-            x, y, _, S, _ = heard.double().cpu().numpy().T
+            x, y, _, S, _ = arrivals.double().cpu().numpy().T
             place = S[:, None] * np.stack([x, y, -np.sqrt(np.maximum(1 - x * x - y * y, 0))], axis=1)
-        exists = heard[:, 4].cpu().numpy() > 0
+        exists = arrivals[:, 4].cpu().numpy() > 0
         found[method] = np.where(exists[:, None], (place - offset)[:, [0, 2]], np.nan)
     return found
 
@@ -63,13 +64,13 @@ def covariance_ratio(profile: SoundSpeedProfile, R: np.ndarray) -> np.ndarray:
     c = profile.harmonic_mean(0.0, DEPTH)
     offset = np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1)
     layers, depth = tensor(profile.layers()), tensor(np.zeros_like(R))
-    heard = rays.arrivals(layers, depth, tensor(offset), c)
+    arrivals = rays.arrivals(layers, depth, tensor(offset), c)
     S = np.hypot(R, DEPTH)
     ratios = []
     for column, axis, step, straight in ((1, 1, 4e-3, S), (0, 0, 4e-3, S), (3, 0, 1.0, R / S)):
         ends = []
         for sign in (1, -1):
-            moved = heard.clone()
+            moved = arrivals.clone()
             moved[:, column] += sign * step
             ends.append(rays.positions(layers, depth, moved, c).double().cpu().numpy()[:, axis])
         ratios.append((ends[0] - ends[1]) / (2 * step) / straight)
@@ -95,12 +96,12 @@ def rates(profile: SoundSpeedProfile, seconds: float) -> dict[str, float]:
     across = random.uniform(-200, 200, (count, 2))
     offset = tensor(np.column_stack([across, -DEPTH - elevation]))
     layers, depth = tensor(profile.layers()), tensor(-elevation)
-    heard = rays.arrivals(layers, depth, offset, 1500.0)
-    back = rays.positions(layers, depth, heard, 1500.0)
+    arrivals = rays.arrivals(layers, depth, offset, 1500.0)
+    back = rays.positions(layers, depth, arrivals, 1500.0)
     return {
         "depths": len(profile.depths),
         "rays_per_second": count / best_time(lambda: rays.arrivals(layers, depth, offset, 1500.0), seconds),
-        "positions_per_second": count / best_time(lambda: rays.positions(layers, depth, heard, 1500.0), seconds),
+        "positions_per_second": count / best_time(lambda: rays.positions(layers, depth, arrivals, 1500.0), seconds),
         "largest_error_there_and_back": float((back - offset).abs().max()),
     }
 
@@ -168,8 +169,8 @@ def thinning_error(fine: SoundSpeedProfile, thin: SoundSpeedProfile) -> float:
     R = np.linspace(1, 300, 300)
     depth = tensor(np.zeros_like(R))
     offset = tensor(np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1))
-    heard = rays.arrivals(tensor(fine.layers()), depth, offset, 1500.0)
-    back = rays.positions(tensor(thin.layers()), depth, heard, 1500.0)
+    arrivals = rays.arrivals(tensor(fine.layers()), depth, offset, 1500.0)
+    back = rays.positions(tensor(thin.layers()), depth, arrivals, 1500.0)
     return float((back - offset)[:, 0].abs().max())
 
 
