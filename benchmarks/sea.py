@@ -73,8 +73,8 @@ def triad_bandwidth(device: torch.device) -> float:
     return 12 * n / best_time(lambda: numba_triad(a, b, c, np.float32(0.5)))
 
 
-def ours(n: int, steps: int) -> float:
-    """Seconds of one step of our solver, when `steps` of them are asked for at once."""
+def solver_step(n: int, steps: int) -> float:
+    """Seconds of one substep of `ShallowWater`, in an interval of `steps` of them."""
     dx = 4.0
     step = 0.9 * dx / np.sqrt(2 * GRAVITY * DEPTH)
     sea = ShallowWater(size=(n * dx, n * dx), cells=(n, n), depth=DEPTH, gravity=GRAVITY, interval=float(step * steps))
@@ -84,7 +84,7 @@ def ours(n: int, steps: int) -> float:
 
 
 def measure(largest: int) -> dict[str, object]:
-    """All figures, by number of cells on a side."""
+    """All results, by number of cells on a side."""
     machine = describe()
     device = torch.device("cuda" if machine["arch"] == "cuda" else "cpu")
     bandwidth = triad_bandwidth(device)
@@ -100,13 +100,13 @@ def measure(largest: int) -> dict[str, object]:
             scalar_momentum(*tensors, c)
             scalar_continuity(*tensors, c)
 
-        # PyTorch gets all cores here; the project itself keeps it to one.
+        # PyTorch gets all cores here; elsewhere the project gives it one.
         torch.set_num_threads(machine["threads"])
         seconds = {
             "PyTorch": best_time(lambda t=tensors, c=c: torch_step(*t, float(c))),
             "scalar Taichi": best_time(scalar),
-            "single step": ours(n, 1),
-            "many steps": ours(n, STEPS_PER_LAUNCH),
+            "single step": solver_step(n, 1),
+            "many steps": solver_step(n, STEPS_PER_LAUNCH),
         }
         torch.set_num_threads(1)
         if device.type == "cpu":

@@ -7,9 +7,9 @@ So an episode is the same for any number of worlds and threads.
 
 import taichi as ti
 
+from kernels.types import vec2, vec4
+
 uint4 = ti.types.vector(4, ti.u32)
-float2 = ti.types.vector(2, ti.f32)
-float4 = ti.types.vector(4, ti.f32)
 
 
 @ti.func
@@ -41,24 +41,24 @@ def unit(word: ti.u32) -> ti.f32:
 
 
 @ti.func
-def uniforms(address: uint4, key_low: ti.u32, key_high: ti.u32) -> float4:
+def uniforms(address: uint4, key_low: ti.u32, key_high: ti.u32) -> vec4:
     """Four independent numbers uniform in (0, 1)."""
     w = philox(address, key_low, key_high)
-    return float4(unit(w[0]), unit(w[1]), unit(w[2]), unit(w[3]))
+    return vec4(unit(w[0]), unit(w[1]), unit(w[2]), unit(w[3]))
 
 
 @ti.func
-def gaussian_pair(u: ti.f32, v: ti.f32) -> float2:
+def gaussian_pair(u: ti.f32, v: ti.f32) -> vec2:
     """Box–Muller: two independent standard normal numbers from two uniform ones."""
     radius = ti.sqrt(-2.0 * ti.log(u))
     angle = 6.283185307179586 * v
-    return float2(radius * ti.cos(angle), radius * ti.sin(angle))
+    return vec2(radius * ti.cos(angle), radius * ti.sin(angle))
 
 
 @ti.func
-def normals(address: uint4, key_low: ti.u32, key_high: ti.u32) -> float4:
+def normals(address: uint4, key_low: ti.u32, key_high: ti.u32) -> vec4:
     """Four independent standard normal numbers."""
     u = uniforms(address, key_low, key_high)
     a = gaussian_pair(u[0], u[1])
     b = gaussian_pair(u[2], u[3])
-    return float4(a[0], a[1], b[0], b[1])
+    return vec4(a[0], a[1], b[0], b[1])

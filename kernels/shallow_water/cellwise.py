@@ -14,8 +14,8 @@ import torch
 from kernels.launch import Launch
 from kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
 from kernels.shallow_water.packing import LANES, Packing
-from kernels.shallow_water.wavefront import Options, Sea, elevation_outside, sides
-from kernels.types import array1, index1
+from kernels.shallow_water.wavefront import Options, Sea, elevation_outside
+from kernels.types import array1, index1, vec4
 
 
 @ti.kernel
@@ -29,7 +29,7 @@ def transports(
     resistance: array1,
     sponge_factor: array1,
     coefficient_row: index1,
-    elevation_factor: sides,
+    elevation_factor: vec4,
     blocks: ti.i32,
     W: ti.i32,
     nx: ti.i32,

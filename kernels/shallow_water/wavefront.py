@@ -16,9 +16,7 @@ from kernels import runtime
 from kernels.launch import Launch
 from kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
 from kernels.shallow_water.packing import LANES, Packing, vector, vectors
-from kernels.types import columns, index3
-
-sides = ti.types.vector(4, ti.f32)  # west, east, south, north
+from kernels.types import columns, index3, vec4
 
 # Compile-time options: whether lanes are strips of one sea, any boundary radiates, any sponge damps, the calling thread
 # marches all bands, and whether it makes all copies.
@@ -49,7 +47,7 @@ def march(
     resistance: vectors,
     sponge_factor: vectors,
     bands: index3,
-    elevation_factor: sides,
+    elevation_factor: vec4,
     blocks: ti.i32,
     W: ti.i32,
     nx: ti.i32,
@@ -84,7 +82,7 @@ def march(
             `options.radiating`.
         sponge_factor: Fx (W,), Gx (W,), Fy (ny + 1,) and Gy (ny + 1,); read if `options.sponge`.
         bands: (bands, 4, longest), the table `BandTable` of each band.
-        elevation_factor: factor on the prescribed elevation for each side; −1 for a wall.
+        elevation_factor: factor on the prescribed elevation for each side (west, east, south, north); −1 for a wall.
         nx, ny: columns and rows of water.
         a: (1 − r Δt/2)/(1 + r Δt/2).
         options: see `Options`.

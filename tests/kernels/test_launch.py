@@ -6,8 +6,7 @@ import taichi as ti
 import torch
 
 from kernels.launch import Launch
-
-vec3 = ti.types.vector(3, ti.f32)
+from kernels.types import vec3
 
 
 @ti.kernel
