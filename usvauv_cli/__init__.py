@@ -1,1 +1,5 @@
-"""What a person types and looks at: commands, video, tables."""
+"""The command line: `app` is its entrance, `commands` has one file a command, `reproduction` makes the paper's results.
+
+`encoder` writes a mission's video, `report` the tables in the terminal, `plan_figure` and `sea_view` the views of two
+commands, `figure_theme` the look of all figures. Nothing here is meant to be imported by other packages.
+"""

@@ -1,4 +1,4 @@
-"""A trace as a video: frames drawn offscreen by OpenCV, encoded as H.264 in MP4, which every browser plays."""
+"""Video of a trace: frames drawn by OpenCV, encoded as H.264 in MP4, which browsers play."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import av
+import av.container
+import av.error
 import cv2
 import numpy as np
-from av.video.reformatter import VideoReformatter
+from av.video.reformatter import Colorspace, VideoReformatter
 
 from usvauv_env.files import OutputError, atomic_write
 from usvauv_env.record.trace import Trace
 from usvauv_env.render.painter import Painter
 
 SMALLEST, LARGEST = 320, 7680  # pixels a side
-KEYFRAMES = 250  # from one picture that is stored whole to the next, the encoder's own choice
+KEYFRAMES = 250  # frames from one key frame to the next, the encoder's default
 
 
 @dataclass(frozen=True)
@@ -49,11 +51,11 @@ def render(
     fps: int = 30,
     progress: Callable[[int], object] = lambda frames: None,
 ) -> VideoSummary:
-    """Draw world 0 of a trace, one frame a mission step, so that it plays fps × step times as fast as it happened.
+    """Draw world 0 of a trace, one frame a mission step: it plays fps × step times as fast as the mission.
 
     Args:
-        out: MP4 file; it appears only when it is complete, under the same name as before or not at all.
-        size: width and height, pixels; an odd number is made even by leaving out one pixel, as yuv420p requires.
+        out: MP4 file; it appears only when it is complete.
+        size: width and height, pixels; odd numbers are reduced by 1, as yuv420p requires.
         progress: called with 1 after each frame.
 
     Raises:
@@ -79,10 +81,10 @@ def render(
 
 
 def even(size: tuple[int, int], out: Path) -> tuple[int, int]:
-    """The size as yuv420p can have it.
+    """The size with odd numbers reduced by 1, as yuv420p requires.
 
     Raises:
-        OutputError: it is out of range; the message names the file `out`.
+        OutputError: the size is out of range; the message names the file `out`.
     """
     width, height = (side - side % 2 for side in size)
     if not all(SMALLEST <= side <= LARGEST for side in (width, height)):
@@ -92,7 +94,7 @@ def even(size: tuple[int, int], out: Path) -> tuple[int, int]:
 
 @contextmanager
 def one_drawing_thread() -> Iterator[None]:
-    """OpenCV's small shapes gain nothing from threads; the second core is the encoder's."""
+    """Let OpenCV draw with one thread: small shapes gain nothing from more, and the encoder has threads of its own."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -121,10 +123,10 @@ def video_file(out: Path, width: int, height: int, fps: int) -> Iterator[Callabl
                 container.mux(stream.encode(None))
                 container.close()
             except BaseException:
-                with suppress(OSError, av.FFmpegError):  # the first error is the one to report
+                with suppress(OSError, av.error.FFmpegError):  # the first error is the one to report
                     container.close()
                 raise
-        except av.FFmpegError as error:
+        except av.error.FFmpegError as error:
             raise OutputError(f"{out}: cannot be written: {error.strerror or error}") from None
 
 
@@ -142,16 +144,13 @@ def _add_stream(container: av.container.OutputContainer, width: int, height: int
 
 def _convert(picture: np.ndarray, converter: VideoReformatter) -> av.VideoFrame:
     frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
-    return converter.reformat(frame, format="yuv420p", dst_colorspace="ITU709")
+    return converter.reformat(frame, format="yuv420p", dst_colorspace=Colorspace.ITU709)
 
 
 def expected_bytes(pictures: list[np.ndarray], frames: int, fps: int) -> int:
-    """Size to expect of a video of so many frames that goes on as its first pictures begin.
-
-    A whole picture comes every `KEYFRAMES` frames; of the others only the changes are stored.
-    """
-    whole, all_of_them = _encoded_bytes(pictures[:1], fps), _encoded_bytes(pictures, fps)
-    change = (all_of_them - whole) / max(len(pictures) - 1, 1)
+    """Estimated size of a video of so many frames, by its first pictures: one key frame every `KEYFRAMES` frames."""
+    whole, together = _encoded_bytes(pictures[:1], fps), _encoded_bytes(pictures, fps)
+    change = (together - whole) / max(len(pictures) - 1, 1)
     return round(whole + change * (frames - 1) + (whole - change) * ((frames - 1) // KEYFRAMES))
 
 

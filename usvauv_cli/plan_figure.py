@@ -1,4 +1,4 @@
-"""Figure of `usvauv plan`: the information over the area, the AUVs, the places of the boat, the error ellipses."""
+"""Figure of `usvauv plan`: objective over the area, AUVs, places of the boat, error ellipses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
-from matplotlib.patheffects import withStroke
+from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator
 
 from usvauv_cli.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
@@ -21,23 +21,23 @@ from usvauv_env.positioning import Landscape, Plan
 from usvauv_env.render import style
 
 SIGMAS = 2
-# Half an ellipse's major axis over the shorter side of the area, at most: from the optimum, from any place.
+# Upper bounds on a drawn semi-major axis over the shorter side of the area: from the optimum, from any place.
 LARGEST_BEST, LARGEST = 0.12, 0.25
 FACTORS = (1.05, 1.1, 1.25, 1.5, 2, 3, 5, 10, 20, 50)
-LINES = {
+LINES = {  # meaning of the contour lines, by objective
     "d": "Error, geometric mean",
     "a": "Error, root mean square",
     "e": "Error, worst axis of the worst AUV",
     "sum": "Error of a common offset",
 }
-HEADING_OUTDENT = 55  # px
+HEADING_OUTDENT = 55  # of the legend's headings, pixels
 MAP = 6.0  # longer side of the map, inches
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 PLACES = ("#ffb020", "#ff6f61", "#c9f26b", "#7df9ff", "#ff9dd6", "#b7a0ff")
 
 
 def magnification(result: Plan) -> float:
-    """The largest of ..., 1, 2, 3, 5, 10, ... by which the error ellipses can be drawn larger and still fit."""
+    """Factor by which error ellipses are drawn larger: the largest of ..., 1, 2, 3, 5, 10, ... at which they fit."""
     best = max(error.major for error in result.optimum.errors)
     worst = max(error.major for place in (result.optimum, *result.compare) for error in place.errors)
     side = min(result.area.width, result.area.length)
@@ -47,7 +47,7 @@ def magnification(result: Plan) -> float:
 
 
 def metres(value: float) -> str:
-    """Three digits of a length in m, without an exponent."""
+    """A length in m to three digits, without an exponent."""
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
@@ -69,43 +69,44 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
         path: file to write.
     """
     width, length = result.area.width, result.area.length
-    # In inches: the map, within 6 × 6, then the colour bar and the legend, as tall as its rows need; above, the title.
+    # Inches: the map within 6 × 6; beside it colour bar and legend, whose rows set the least height; above, the title.
     across, along = (MAP * side / max(width, length) for side in (width, length))
     across = max(across, 1.0)
     rows = 8 + len(result.auvs) + len(result.compare)
     below = max(along, 0.21 * rows) - along
-    total = np.array([across + 5.2, along + below + 1.75])
-    figure = Figure(figsize=tuple(total), facecolor=BACKGROUND)
+    width_in, height_in = across + 5.2, along + below + 1.75
+    figure = Figure(figsize=(width_in, height_in), facecolor=BACKGROUND)
 
-    def place(x: float, y: float, *size: float) -> tuple[float, ...]:
-        return tuple(np.array([x, y, *size]) / np.tile(total, 2)[: 2 + len(size)])
+    def at(x: float, y: float) -> tuple[float, float]:
+        return x / width_in, y / height_in
 
-    axes = figure.add_axes(place(0.8, 0.65 + below, across, along))
-    bar = figure.add_axes(place(1.0 + across, 0.65 + below, 0.15, along))
+    axes = figure.add_axes((*at(0.8, 0.65 + below), *at(across, along)))
+    bar = figure.add_axes((*at(1.0 + across, 0.65 + below), *at(0.15, along)))
     draw_landscape(result, landscape, axes, bar)
     scale = draw_places(result, axes)
-    draw_legend(result, scale, figure, place(1.85 + across, 0.78 + below + along))
+    draw_legend(result, scale, figure, at(1.85 + across, 0.78 + below + along))
     best = result.optimum
     title = f"Best place for the boat: ({best.x:.1f}, {best.y:.1f}) m"
     about = f"{result.scenario} · objective {result.objective} · measurement {result.measurement}"
     if result.slope != (0, 0):
         about += f" · errors on a slope of {result.slope[0]:g}, {result.slope[1]:g}"
-    figure.text(*place(0.8, total[1] - 0.45), title, color=TEXT, fontsize=15, fontweight="bold")
-    figure.text(*place(0.8, total[1] - 0.72), about, color=MUTED, fontsize=10)
+    left, top = at(0.8, height_in - 0.45)
+    figure.text(left, top, title, color=TEXT, fontsize=15, fontweight="bold")
+    figure.text(left, at(0.8, height_in - 0.72)[1], about, color=MUTED, fontsize=10)
     save(figure, path)
 
 
 def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) -> None:
-    """ln of the objective as filled contours; lines where the error is a given multiple of the best.
+    """Draw ln of the objective as filled contours, and lines where the error is a given multiple of the best.
 
-    Objectives A and E have the unit m⁻², so the error goes with their power −1/2. Determinants have it once for every
-    axis of every error ellipse they take in, so the error's geometric mean over those axes goes with the power
-    −1/(2 · axes). What the paper prints is no determinant of information, so it has no lines.
+    Objectives A and E have the unit m⁻²: the error is proportional to their power −1/2. Determinants have it once for
+    each axis of each error ellipse in them: the geometric mean of the error over those axes is proportional to the
+    power −1/(2 · axes). The paper's Eq. 3 as printed is no determinant of information and has no lines.
     """
     x, y, value = landscape
     low, high = np.percentile(value, 0.5), max(value.max(), result.optimum.log_objective)
     filled = axes.contourf(x, y, value, levels=np.linspace(low, high + 1e-3, 41), cmap=SEA, extend="min")
-    filled.set_edgecolor("face")  # no hairlines between the bands in PDF and SVG
+    filled.set_edgecolor("face")  # without it PDF and SVG show thin gaps between the bands
     ellipse_axes = {"d": 2 * len(result.auvs), "sum": 2}.get(result.objective, 1)
     levels = {result.optimum.log_objective - 2 * ellipse_axes * math.log(factor): factor for factor in FACTORS}
     drawn = sorted(level for level in levels if value.min() < level < value.max())
@@ -127,16 +128,21 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) ->
 
 
 def draw_places(result: Plan, axes: Axes) -> float:
-    """AUVs, their ellipses from the optimum and every compared place, the places; returns the magnification."""
+    """Draw AUVs, their error ellipses from the optimum and from each compared place, and the places.
+
+    Returns:
+        The magnification of the ellipses.
+    """
     best, others, centroid = result.optimum, result.compare, result.centroid
     scale = magnification(result)
-    shadow = [withStroke(linewidth=3, foreground=OUTLINE)]
+    shadow: list[AbstractPathEffect] = [withStroke(linewidth=3, foreground=OUTLINE)]
     for place, colour, dash in [(best, TEXT, "-"), *((p, place_colour(i), (0, (4, 2))) for i, p in enumerate(others))]:
         for auv, error in zip(result.auvs, place.errors, strict=True):
             size = [2 * SIGMAS * scale * axis for axis in (error.major, error.minor)]
             ellipse = Ellipse((auv.x, auv.y), *size, angle=math.degrees(error.angle), fill=False)
             ellipse.set(edgecolor=colour, linestyle=dash, linewidth=1.5, zorder=4)
-            ellipse.set_path_effects(shadow if place is best else [])
+            if place is best:
+                ellipse.set_path_effects(shadow)
             axes.add_patch(ellipse)
     above = {"clip_on": False, "mec": OUTLINE}
     for k, auv in enumerate(result.auvs):
@@ -154,7 +160,7 @@ def draw_places(result: Plan, axes: Axes) -> float:
 
 
 def draw_legend(result: Plan, scale: float, figure: Figure, corner: tuple[float, float]) -> None:
-    """What the marks are: places with their rms error, AUVs with their error from the optimum, lines."""
+    """Draw the legend: places with their rms error, AUVs with their error from the optimum, lines."""
 
     def mark(marker: str, colour: str, size: float) -> Line2D:
         edge = (TEXT, 2) if marker == "+" else (OUTLINE, 1)

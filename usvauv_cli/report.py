@@ -1,4 +1,4 @@
-"""What the commands print: tables of metrics, the summary of a mission, the live table of a training run."""
+"""Output of the commands in the terminal: tables of metrics, summary of a mission, live table of a training run."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SHOWN = {
 
 
 def metrics_table(rows: Sequence[EpisodeMetrics]) -> None:
-    """Print mean ± standard deviation over the episodes of each policy × strategy."""
+    """Print mean ± standard deviation over the episodes of each policy and boat strategy."""
     table = Table(title=f"{rows[0].scenario}, seed {rows[0].seed}: mean ± standard deviation over episodes")
     table.add_column("policy", no_wrap=True)
     table.add_column("usv", no_wrap=True)
@@ -49,7 +49,7 @@ def metrics_table(rows: Sequence[EpisodeMetrics]) -> None:
 
 
 def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
-    """Print what happened in one mission, in words."""
+    """Print the metrics of one mission as sentences."""
     minutes, seconds = divmod(round(float(trace.time[-1])), 60)
     if trace.scenario.task == "station-keeping":
         done = f"  {row.target_distance:.2f} m off station in the mean for {row.energy_wh:.1f} Wh (EC {row.ec:.1f} W)"
@@ -72,7 +72,7 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
 
 @contextmanager
 def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
-    """A live table of a training run (lines, where there is no terminal); the function it gives shows new figures."""
+    """Show a training run as a live table, outside a terminal as lines; the function it gives takes new figures."""
     console = Console()
     title = f"{algorithm} in {scenario}"
     if not console.is_terminal:
@@ -83,7 +83,7 @@ def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable
 
 
 def _line_printer(baseline: dict, title: str) -> Callable[[dict], None]:
-    """A function that prints figures as one line, at most every `LINE_EVERY` seconds and at the end."""
+    """Function that prints figures as one line, at most every `LINE_EVERY` seconds and at the end."""
     printed = -LINE_EVERY
 
     def show(figures: dict) -> None:

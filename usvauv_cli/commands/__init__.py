@@ -1,1 +1,4 @@
-"""One file a command; each is thin: read the options, call the packages below, print."""
+"""The commands of `usvauv`, one file each, and the options they share (`options`).
+
+A command imports what it needs when it runs, so that `--help` answers at once.
+"""

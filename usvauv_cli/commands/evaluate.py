@@ -1,4 +1,4 @@
-"""`usvauv eval`: every policy with every boat strategy on the same seeded worlds, to a CSV and a table."""
+"""`usvauv eval`: each policy with each boat strategy on the same seeded worlds, to a CSV and a table."""
 
 from __future__ import annotations
 

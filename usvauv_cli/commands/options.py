@@ -21,7 +21,7 @@ Usv = Annotated[str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with
 
 
 def _load_plugins(files: list[Path] | None) -> list[Path] | None:
-    """Import the plugins of installed distributions, then those named; eager, so before any other argument counts."""
+    """Import the plugins of installed distributions, then those named, before other arguments are processed."""
     from usvauv_env import plugins
 
     plugins.load_installed()
@@ -43,7 +43,7 @@ Plugins = Annotated[
 
 
 def at_least(option: str, value: float, least: float) -> None:
-    """Refuse a number that is too small or infinite, naming the option, the value and the limit.
+    """Check a number given by an option.
 
     Raises:
         UserError: `value` is below `least`, or not finite.
@@ -53,7 +53,7 @@ def at_least(option: str, value: float, least: float) -> None:
 
 
 def writable(path: Path, option: str = "--out") -> Path:
-    """The path itself, when a file can be created there; `option` is what gave it.
+    """The path given by an option, checked before long work: a file can be created there.
 
     Raises:
         UserError: it is a folder, its folder is missing, or it cannot be written.
@@ -69,3 +69,27 @@ def writable(path: Path, option: str = "--out") -> Path:
     except OSError as error:
         raise UserError(f"{option} {path}: cannot be written: {error.strerror}") from None
     return path
+
+
+def make_folder(path: Path) -> None:
+    """Create a folder, where it is missing.
+
+    Raises:
+        UserError: it cannot be created.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"--out {path}: cannot be made a folder: {error.strerror}") from None
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Read WIDTHxHEIGHT.
+
+    Raises:
+        UserError: not two whole numbers from 320 to 7680.
+    """
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.isdigit() and 320 <= int(part) <= 7680 for part in parts):
+        raise UserError(f"--size {text!r}: expected WIDTHxHEIGHT in pixels, each from 320 to 7680, like 1280x720")
+    return int(parts[0]), int(parts[1])

@@ -1,4 +1,4 @@
-"""`usvauv plan`: where should the boat be, given where its AUVs are? A table, a figure, JSON."""
+"""`usvauv plan`: the best place of the boat for given positions of its AUVs, as table, figure and JSON."""
 
 from __future__ import annotations
 
@@ -94,6 +94,7 @@ def plan(
     from dataclasses import asdict
 
     from usvauv_env import Scenario
+    from usvauv_env.files import atomic_write
     from usvauv_env.positioning import solve
 
     setting = Scenario.load(scenario, overrides or ())
@@ -115,8 +116,6 @@ def plan(
     if json_file and not to_stdout:
         writable(Path(json_file), "--json")
 
-    from usvauv_env.files import atomic_write
-
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
     if json_file:
         text = json.dumps(asdict(result), indent=1)
@@ -136,10 +135,10 @@ def plan(
 
 
 def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
-    """The value itself, when it is allowed.
+    """The value of an option, checked.
 
     Raises:
-        UserError: it is not.
+        UserError: it is not one of those allowed.
     """
     if value not in allowed:
         raise UserError(f"{option} {value!r}: allowed are {', '.join(allowed)}")
@@ -161,10 +160,11 @@ def numbers(option: str, text: str, form: str, unit: str = " in metres") -> list
     return values
 
 
-def inside(option: str, text: str, scenario: Scenario, x: float, y: float) -> None:
-    """
+def require_inside(option: str, text: str, scenario: Scenario, x: float, y: float) -> None:
+    """Check that (x, y) is in the scenario's area.
+
     Raises:
-        UserError: (x, y) is outside the scenario's area.
+        UserError: it is not.
     """
     area = scenario.area
     if not (0 <= x <= area.width and 0 <= y <= area.length):
@@ -181,7 +181,7 @@ def auv_position(text: str, scenario: Scenario) -> tuple[float, float, float]:
         UserError: it is not.
     """
     x, y, depth = numbers("--auv", text, "X,Y,Z")
-    inside("--auv", text, scenario, x, y)
+    require_inside("--auv", text, scenario, x, y)
     if not 0 < depth <= scenario.area.depth:
         raise UserError(
             f"--auv {text!r}: the depth must be above 0 and at most the water's {scenario.area.depth:g} m;"
@@ -197,7 +197,7 @@ def boat_position(text: str, scenario: Scenario) -> tuple[float, float]:
         UserError: it is not.
     """
     x, y = numbers("--compare", text, "X,Y")
-    inside("--compare", text, scenario, x, y)
+    require_inside("--compare", text, scenario, x, y)
     return x, y
 
 
@@ -229,7 +229,7 @@ def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Sce
 
 
 def print_table(result: Plan) -> None:
-    """Print every place with ln of the objective and the errors of every AUV from there."""
+    """Print each place with ln of the objective and the errors of each AUV from there."""
     from rich import box
     from rich.console import Console
     from rich.table import Table

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands.options import Plugins, at_least
-from usvauv_cli.commands.train import make_folder
+from usvauv_cli.commands.options import Plugins, at_least, make_folder
 
 
 def reproduce(

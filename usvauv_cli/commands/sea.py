@@ -7,7 +7,7 @@ import statistics
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Protocol
@@ -15,30 +15,27 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, writable
-from usvauv_cli.commands.simulate import parse_size
+from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, parse_size, writable
 
 if TYPE_CHECKING:
     from usvauv_env.sea_alone.simulation import SeaSimulation
 
 FIGURES = (".png", ".pdf", ".svg")
 FORMATS = (".mp4", ".nc", *FIGURES)
-SPEED = 2.0  # how many times as fast as it happens a video plays, unless told
-FIGURE_INTERVAL = 0.5  # s; the shortest waves of a storm have periods above 2 s
-TRIAL_RECORDS, TRIAL_SECONDS = 3, 0.5  # least work from which the rest is estimated
+SPEED = 2.0  # of a video without --interval, over that of the sea
+FIGURE_INTERVAL = 0.5  # s between records of a figure; the shortest waves of a storm have periods above 2 s
+TRIAL_RECORDS, TRIAL_SECONDS = 3, 0.5  # least work by which the rest is estimated
 
 
 class Sink(Protocol):
-    """What takes the records: a context, as which its file appears when it ends, and not at all after an error."""
-
-    def __enter__(self) -> Sink: ...
-    def __exit__(self, *problem: object) -> None: ...
+    """A file that is made of the records of a sea."""
 
     def add(self, sea: SeaSimulation) -> None:
-        """Take the sea as it is now."""
+        """Append a record of the present sea."""
 
     def expected_bytes(self, records: int) -> int:
-        """Size to expect of the file with so many records."""
+        """Estimated size of the file with so many records."""
+        ...
 
 
 def sea(
@@ -143,10 +140,10 @@ def sea(
 
 
 def describe(water: SeaSimulation, records: int) -> str:
-    """Grid and steps in two lines."""
+    """Grid and time steps in two lines."""
     area, (dx, dy) = water.scenario.area, water.spacing
     spacing = f"{dx:.3g} m" if abs(dx / dy - 1) < 1e-3 else f"{dx:.3g} × {dy:.3g} m"
-    substeps = getattr(water.long_waves, "substeps", None)  # a solver may choose them as it goes
+    substeps = getattr(water.long_waves, "substeps", None)  # the nonlinear solver chooses them step by step
     solved = f"in {substeps} of {water.interval / substeps:.3g} s" if substeps else "in as many as it takes"
     return (
         f"{water.scenario.name}, seed {water.seed}: {area.width:g} × {area.length:g} m of sea on"
@@ -155,8 +152,10 @@ def describe(water: SeaSimulation, records: int) -> str:
     )
 
 
-def sink(out: Path, water: SeaSimulation, records: int, pixels: tuple[int, int], fps: int) -> Sink:
-    """What the ending of the file's name asks for."""
+def sink(
+    out: Path, water: SeaSimulation, records: int, pixels: tuple[int, int], fps: int
+) -> AbstractContextManager[Sink]:
+    """The file that the suffix of `out` asks for; it appears when the context ends, and not at all after an error."""
     kind = out.suffix.lower()
     if kind == ".nc":
         from usvauv_env.sea_alone.netcdf import SeaFile
@@ -183,7 +182,7 @@ class Stop:
 
 @contextmanager
 def stoppable() -> Iterator[Stop]:
-    """Let Ctrl-C end the work after the step it falls into; a second one ends it at once. For the main thread only."""
+    """Make Ctrl-C set `Stop.asked`, a second one raise KeyboardInterrupt; without effect outside the main thread."""
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():
         yield stop
@@ -202,11 +201,12 @@ def stoppable() -> Iterator[Stop]:
 
 
 def trial(water: SeaSimulation, file: Sink, records: int, stop: Stop) -> tuple[int, float]:
-    """Make the first records; returns how many, and the seconds each further one takes.
+    """Make the first records; returns their number, and the median time of one, s.
 
-    The first two are not timed: kernels are compiled in them.
+    The first two are not timed, because kernels are compiled in them.
     """
-    made, seconds = 0, []
+    made = 0
+    seconds: list[float] = []
     while made < records and not stop.asked and not (len(seconds) > TRIAL_RECORDS and sum(seconds) > TRIAL_SECONDS):
         begun = time.perf_counter()
         if made:

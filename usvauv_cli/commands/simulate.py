@@ -7,8 +7,17 @@ from typing import Annotated
 
 import typer
 
-from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, Usv, at_least, writable
+from usvauv_cli.commands.options import (
+    Arch,
+    Overrides,
+    Plugins,
+    ScenarioName,
+    Seed,
+    Usv,
+    at_least,
+    parse_size,
+    writable,
+)
 
 
 def simulate(
@@ -67,15 +76,3 @@ def simulate(
     typer.echo(f"video: {out.resolve()}")
     if trace:
         typer.echo(f"trace: {trace.resolve()}")
-
-
-def parse_size(text: str) -> tuple[int, int]:
-    """Read WIDTHxHEIGHT.
-
-    Raises:
-        UserError: not two whole numbers from 320 to 7680.
-    """
-    parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdigit() and 320 <= int(part) <= 7680 for part in parts):
-        raise UserError(f"--size {text!r}: expected WIDTHxHEIGHT in pixels, each from 320 to 7680, like 1280x720")
-    return int(parts[0]), int(parts[1])

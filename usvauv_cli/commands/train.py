@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, Usv, at_least
+from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, Usv, at_least, make_folder
 
 STEPS = 2_000_000
 
@@ -67,38 +67,27 @@ def train(
     if resume:
         setting, config, begun = policies.read_run(out)
         usv = begun.get("usv", usv)
-        steps = steps or begun.get("total", STEPS)
+        total = steps or begun.get("total", STEPS)
     elif (out / "last").exists():
         raise UserError(f"--out {out}: holds a run already; go on with --resume, or choose another folder")
     else:
         config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
         config = config.changed(learn or ())
         begun = {}
-        steps = steps or STEPS
+        total = steps or STEPS
     make_folder(out)
 
     world = World(setting, config.num_worlds, config.seed, usv, arch=arch)
     evaluation_worlds = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
     name = policies.baseline(setting)
     baseline = policies.evaluate(evaluation_worlds, name) | {"policy": name}
-    about = provenance(begun) | {"usv": usv, "total": steps}
+    about = provenance(begun) | {"usv": usv, "total": total}
     trainer = policies.Trainer(world, config, out, partial(policies.evaluate, evaluation_worlds), about)
     if resume:
         trainer.resume()
     with report.training(baseline, config.algorithm, setting.name) as show:
-        trainer.train(steps, show)
+        trainer.train(total, show)
     if trainer.stopped:
-        typer.echo(f"stopped at {trainer.steps} of {steps} world-steps; go on with: --out {out} --resume")
+        again = "".join(f" --plugin {file}" for file in plugins or ())
+        typer.echo(f"stopped at {trainer.steps} of {total} world-steps; go on with: --out {out} --resume{again}")
     typer.echo(f"best arps {trainer.best:.3f} ({name} {baseline['arps']:.3f}) in {out / 'best'}")
-
-
-def make_folder(path: Path) -> None:
-    """Create a folder for a run.
-
-    Raises:
-        UserError: it cannot be created.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"--out {path}: cannot be made a folder: {error.strerror}") from None

@@ -1,4 +1,4 @@
-"""What a reproduced number rests on, beside what the paper or its demonstration code has."""
+"""Conventions behind the reproduced numbers, beside those of the paper and of its demonstration code."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from usvauv_cli.reproduction import paper
 from usvauv_cli.reproduction.settings import PHYSICAL, Settings
 from usvauv_env.scenario import Scenario
 
-# What it is about; what the paper (P) or its demonstration (D) has; the fields that hold what was done here.
+# Subject; what the paper (P) or its demonstration (D) has; fields of the scenario that hold what was done here.
 SCENARIO = (
     ("noise of a fix against SNR", "D: amplitude 10^(−SNR/10), which is 10^(−SNR/20)", ("acoustics.noise_law",)),
     ("data rate", "D: B log2(1 + 10^SNR) with SNR in dB, about ten times Shannon's", ("nodes.rate_law",)),
@@ -57,7 +57,7 @@ EXPLAINED = """\
 
 
 def scenario_table(settings: Settings) -> str:
-    """The conventions that are fields of a scenario: what paper or demonstration have, what stands in ours."""
+    """Table of the conventions that are fields of a scenario: the paper's or demonstration's, and ours."""
     ours, physical = settings.scenario(paper.CONDITIONS["ESC"]), settings.scenario(PHYSICAL)
     lines = [f"| | paper (P) or demonstration (D) | field | `{ours.name}` | `{physical.name}` |", "|" + " --- |" * 5]
     for about, theirs, fields in SCENARIO:
@@ -68,7 +68,7 @@ def scenario_table(settings: Settings) -> str:
 
 
 def method_table(settings: Settings) -> str:
-    """The settings of every method's training."""
+    """Table of the training settings of each method."""
     titles = [method.title for method in settings.methods]
     lines = [f"| | {' | '.join(titles)} |", "|" + " --- |" * (len(titles) + 1)]
     columns = [asdict(method.config) for method in settings.methods]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +23,7 @@ DASHES = {"ISC": "-", "ESC": (0, (4, 2))}
 
 
 def pieces(settings: Settings) -> list[Piece]:
-    """What has to be done for it."""
+    """The pieces of work that the figure needs."""
     scenarios = paper.CONDITIONS.values()
     return [Learned(method, name, seed, False) for seed in settings.seeds for method in METHODS for name in scenarios]
 
@@ -40,8 +42,8 @@ def curves(settings: Settings, folder: Path) -> list[dict[str, object]]:
     return table
 
 
-def band(table: list[dict], method: str, condition: str, name: str) -> np.ndarray:
-    """World-steps, mean, least and largest over the runs of a figure (4, evaluations)."""
+def band(table: Sequence[Mapping[str, Any]], method: str, condition: str, name: str) -> np.ndarray:
+    """World-steps, then mean, minimum and maximum over the runs of a figure, (4, evaluations)."""
     points: dict[int, list[float]] = {}
     for row in table:
         if (row["method"], row["condition"]) == (method, condition):
@@ -79,7 +81,9 @@ def _draw(table: list[dict], settings: Settings, place: Path) -> None:
                 mark = "<" if condition == "ISC" else (4, 0, 0)
                 axes.plot(steps[-1] * 1.03 / 1000, printed, marker=mark, ms=7, mfc="none", color=colour, clip_on=False)
         axes.set_xlabel("thousand world-steps")
-        above = axes.secondary_xaxis("top", functions=(lambda x: x / episode, lambda x: x * episode))
+        above = axes.secondary_xaxis(
+            "top", functions=(lambda x: np.divide(x, episode), lambda x: np.multiply(x, episode))
+        )
         above.set_xlabel("episode equivalents", color=MUTED, fontsize=9)
         above.tick_params(colors=MUTED, labelsize=8.5, length=0)
         above.spines["top"].set_visible(False)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,7 +19,6 @@ from usvauv_cli.figure_theme import MUTED, OUTLINE, TEXT, WATER, web
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.runs import Learned
 from usvauv_cli.reproduction.settings import PHYSICAL, Settings
-from usvauv_cli.reproduction.work import Piece
 from usvauv_env import Trace, World
 from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv_env.record.recorder import record
@@ -31,18 +32,18 @@ ARROWS = 11  # a side
 NODE = "#35d07f"
 
 
-def pieces(settings: Settings) -> list[Piece]:
-    """What has to be done for it, beside the two episodes."""
+def pieces(settings: Settings) -> list[Learned]:
+    """The pieces of work that the figure needs, beside the two episodes."""
     return [Learned(METHOD, paper.CONDITIONS["ESC"], seed, False) for seed in settings.seeds]
 
 
 def expert(settings: Settings, folder: Path) -> Learned:
-    """The run whose best policy scored highest on the worlds it was chosen by."""
+    """The run whose best policy scored highest in its evaluations."""
     return max(pieces(settings), key=lambda run: run.about(folder)["score"])
 
 
 def voyages(settings: Settings, folder: Path) -> dict[str, Trace]:
-    """Scenario → the first episode of `test_seed`; kept as NetCDF and not sailed twice."""
+    """Scenario → trace of the first episode of `test_seed`; kept as NetCDF and not simulated again."""
     run, traces = expert(settings, folder), {}
     for name in (paper.CONDITIONS["ESC"], PHYSICAL):
         path = folder / "evaluations" / f"voyage-{name}.nc"
@@ -70,7 +71,7 @@ def _tracks(trace: Trace) -> dict[str, np.ndarray]:
     return {**auvs, "USV": trace.boat_position[:, 0]}
 
 
-def _rows(name: str, trace: Trace):
+def _rows(name: str, trace: Trace) -> Iterator[dict[str, Any]]:
     for vehicle, track in _tracks(trace).items():
         for time, (x, y) in zip(trace.time, track, strict=True):
             yield dict(zip(COLUMNS, (name, float(time), vehicle, float(x), float(y)), strict=True))

@@ -1,4 +1,4 @@
-"""Fig. 4(b): how far off the AUVs' positions are, by where the boat goes, beside the bound."""
+"""Fig. 4(b): error of the AUVs' positions by the boat's strategy, beside the bound of a single fix."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Level:
 
 
 def pieces(settings: Settings) -> list[Piece]:
-    """What has to be done for it."""
+    """The pieces of work that the figure needs."""
     return [FixErrors(scenario, usv) for scenario in SCENARIOS for usv in STRATEGIES]
 
 
@@ -92,9 +92,9 @@ def _draw(over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[L
         " dotted: the paper's levels, in the strategies' colours",
     )  # fmt: skip
     grid = drawn.add_gridspec(1, 2, left=0.06, right=0.985, bottom=0.17, top=0.82, wspace=0.08)
-    axes = None
-    for column, scenario in enumerate(SCENARIOS):
-        axes = drawn.add_subplot(grid[0, column], sharey=axes)
+    left = drawn.add_subplot(grid[0, 0])
+    panels = (left, drawn.add_subplot(grid[0, 1], sharey=left))
+    for axes, scenario in zip(panels, SCENARIOS, strict=True):
         for strategy in (*STRATEGIES, BOUND):
             rows, colour = over_time[scenario, strategy], COLOURS[strategy]
             time, median = (np.array([float(row[name]) for row in rows]) for name in ("time", "median"))
@@ -107,12 +107,12 @@ def _draw(over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[L
             if strategy in paper.FIG_4B:
                 axes.axhline(paper.FIG_4B[strategy], color=colour, lw=1.4, ls=":")
         axes.set(yscale="log", xlabel="time, s", xlim=(0, time[-1]))
-        noise = "the demonstration's noise" if column == 0 else "noise and sea as physics has them"
+        noise = "the demonstration's noise" if axes is left else "noise and sea as physics has them"
         figure.style_plot(axes, f"{scenario}: {noise}")
-        if column == 0:
+        if axes is left:
             axes.set_ylabel("horizontal error, m")
         else:
             axes.tick_params(labelleft=False)
-    handles, labels = axes.get_legend_handles_labels()
+    handles, labels = left.get_legend_handles_labels()
     drawn.legend(handles, labels, loc="lower center", ncols=5, frameon=False, labelcolor=TEXT, fontsize=9.5)
     figure.save(drawn, place)

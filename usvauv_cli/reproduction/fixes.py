@@ -65,7 +65,9 @@ class FixErrors:
     def _write(self, work: Work, row: str, at: Iterable[tuple], of: Iterable[tuple]) -> None:
         times, episodes = results(work.folder, self.scenario, row)
         write_rows(times, OVER_TIME, (dict(zip(OVER_TIME, values, strict=True)) for values in at))
-        rows = (dict(zip(OVER_EPISODES, (*place, *values), strict=True)) for place, *values in of)
+        rows: Iterable[dict[str, object]] = (
+            dict(zip(OVER_EPISODES, (*episode, *values), strict=True)) for episode, *values in of
+        )
         write_rows(episodes, OVER_EPISODES, rows)
 
 

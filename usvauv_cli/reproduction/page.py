@@ -5,8 +5,9 @@ Figures and tables stand in `RESULTS` beside the page and are linked relative to
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from kernels.mission.vehicle import travelling_power
 from policies.evaluation import EVALUATION_SEED_OFFSET
@@ -18,7 +19,7 @@ from usvauv_env.record.metrics import EpisodeMetrics
 
 RESULTS = "reproduction"
 LOWEST_EC = min(figures["ec"][0] for figures in paper.TABLE_2.values())
-NEAR = 0.05  # share of an EC within which another counts as equal
+NEAR = 0.05  # relative difference up to which two ECs count as equal
 
 
 def write(path: Path, title: str, sections: Iterable[str]) -> None:
@@ -34,7 +35,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def number(value: float, digits: int = 2) -> str:
-    """With a minus sign that is as wide as a plus."""
+    """A number with a typographic minus sign."""
     return f"{value:.{digits}f}".replace("-", "−")
 
 
@@ -44,7 +45,7 @@ def spread(centre: float, deviation: float) -> str:
 
 
 def picture(name: str, about: str) -> str:
-    """A figure, with links to its other forms."""
+    """A figure, with links to its other formats."""
     return f"![{about}]({RESULTS}/{name}.png)\n\nAs [PDF]({RESULTS}/{name}.pdf), as [CSV]({RESULTS}/{name}.csv)."
 
 
@@ -79,7 +80,7 @@ def table2_section(rows: Sequence[table2.Row], settings: Settings) -> str:
 
 
 def _room(rows: Sequence[table2.Row], settings: Settings) -> str:
-    """How many services the lowest EC leaves room for, by what they cost `straight`."""
+    """Number of services that the lowest EC allows, at their energy with `straight`."""
     straight = next(row for row in rows if row.key == "straight" and row.tested_in == "ISC")
     speed = settings.scenario(paper.CONDITIONS["ISC"]).auv.speed_min
     travelling, limit = travelling_power(speed), LOWEST_EC * (1 + NEAR)
@@ -121,7 +122,7 @@ def _all_cells(row: table2.Row) -> list[str]:
     ]
 
 
-def fig3_section(curves: Sequence[dict], settings: Settings) -> str:
+def fig3_section(curves: Sequence[Mapping[str, Any]], settings: Settings) -> str:
     """Fig. 3: the curves, and where they begin and end."""
     rows = []
     for method in fig3.METHODS:

@@ -1,4 +1,4 @@
-"""Pieces of work side by side in processes of their own, with progress, until all is done or Ctrl-C."""
+"""Pieces of work in parallel processes, with progress, until all is done or Ctrl-C."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import Piece, Stopped, Work
 from usvauv_env import plugins
 
-FIRST_PIECE = 20.0  # seconds of work from which the time of the whole is first told
+FIRST_PIECE = 20.0  # seconds of work by which the time of the whole is estimated
 REPORT = 0.2  # seconds between reports of a process
 
 _work: Work  # of a process of the pool
 
 
 def run(pieces: Sequence[Piece], settings: Settings, folder: Path, jobs: int, say: Callable[[str], None]) -> None:
-    """Do what is left of the pieces, `jobs` at a time; with one job, here and not in a process of its own.
+    """Do what is left of the pieces, `jobs` at a time; with one job in this process.
 
     Args:
-        say: told how long it will take, once that is known.
+        say: called with the expected time in words, once it is known.
 
     Raises:
         KeyboardInterrupt: after Ctrl-C, when everything is saved.
@@ -47,9 +47,9 @@ def run(pieces: Sequence[Piece], settings: Settings, folder: Path, jobs: int, sa
 
 
 class _Expectation:
-    """Tells progress, and after the first piece of work how long the whole will take."""
+    """Passes progress on to a bar, and after `FIRST_PIECE` tells the expected time of the whole."""
 
-    def __init__(self, bar: Callable[[int], None], total: int, say: Callable[[str], None]):
+    def __init__(self, bar: Callable[[int], None], total: int, say: Callable[[str], None]) -> None:
         self._bar, self._total, self._say = bar, total, say
         self._done, self._first, self._begun, self._told = 0.0, 0.0, 0.0, False
 
@@ -57,7 +57,7 @@ class _Expectation:
         now = time.monotonic()
         before, self._done = self._done, self._done + units
         self._bar(round(self._done) - round(before))
-        if not self._begun:  # what came before the first report, such as compiling, says nothing about the rate
+        if not self._begun:  # the time until the first report includes compilation
             self._begun, self._first = now, self._done
         elif not self._told and now - self._begun > FIRST_PIECE:
             self._told = True
@@ -100,7 +100,7 @@ def _together(
     start = (settings, folder, jobs, plugins.loaded(), reports, stop)
     with ProcessPoolExecutor(jobs, context, _begin, start) as pool:
         try:
-            with _ignoring_interrupts():  # which the processes inherit: Ctrl-C is for this one to pass on
+            with _ignoring_interrupts():  # the processes inherit it: this one handles Ctrl-C for all
                 running = [pool.submit(_run, piece) for piece in pieces]
             while not all(future.done() for future in running):
                 _take(reports, advance, REPORT)
@@ -117,7 +117,7 @@ def _together(
 
 
 def _take(reports, advance: Callable[[float], None], patience: float) -> None:
-    """Pass on all reports there are, waiting for the first."""
+    """Pass on all waiting reports; wait up to `patience` seconds for the first."""
     try:
         while True:
             advance(reports.get(timeout=patience))
@@ -154,11 +154,11 @@ def _begin(settings: Settings, folder: Path, jobs: int, plugin_files: Sequence[P
             reports.put(done)
             done, told = 0.0, time.monotonic()
 
-    _work = Work(settings, folder, advance, lambda: stop.is_set() or not parent.is_alive())
+    _work = Work(settings, folder, advance, lambda: stop.is_set() or parent is None or not parent.is_alive())
 
 
 def _run(piece: Piece) -> None:
-    """Do a piece in a process of the pool; when told to stop, leave it as it is."""
+    """Do a piece in a process of the pool until it is done or stopped."""
     try:
         if not _work.stopping():
             piece.run(_work)

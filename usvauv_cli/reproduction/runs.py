@@ -31,7 +31,7 @@ TESTED = ("method", "trained_in", "run", "updates", *COLUMNS, "collaboration")
 
 @dataclass(frozen=True)
 class Learned:
-    """A training run, and where `tested` the tests of its best policy in every condition."""
+    """A training run; if `tested`, also the tests of its best policy in both conditions."""
 
     method: str
     trained_in: str
@@ -43,7 +43,7 @@ class Learned:
         return folder / "runs" / f"{self.method}-{self.trained_in}-{self.seed}"
 
     def about(self, folder: Path) -> dict[str, Any]:
-        """What is recorded beside its best policy: score, updates, commit and more."""
+        """JSON of its best policy: score, updates, commit and more."""
         return checkpoint.read(self.place(folder) / "best", checkpoint.POLICY, torch.device("cpu"))[0]
 
     def results(self, folder: Path) -> dict[str, Path]:

@@ -1,7 +1,7 @@
-"""What is trained and tested: the one place to change it.
+"""Settings of a reproduction: what is trained and tested.
 
-The settings, with the scenarios they are run in, are recorded in the folder of the results. Later calls must agree with
-the record, so that no table is made of two kinds of runs.
+The settings and their scenarios are recorded in the folder of the results. Later calls must agree with the record, so
+that the runs of a table are comparable.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ class Method:
     Attributes:
         key: its name in files.
         title: its name in tables.
-        config: of its training; seed and number of worlds' settings included, the seed is replaced by each run's.
+        config: of its training; the seed is replaced by each run's.
         usv: the boat's strategy, while learning and while tested.
         learning: changes of the scenario while learning.
-        testing: changes of the scenario while tested, without which the policy would not fit.
+        testing: changes of the scenario while tested, so that the observation is the one the policy was trained with.
     """
 
     key: str
@@ -78,7 +78,7 @@ class Settings:
     """Size of a reproduction.
 
     Attributes:
-        methods: what is learned.
+        methods: the learned rows of Table 2.
         seeds: of the training runs; Fig. 4(b) takes them as seeds of its worlds.
         steps: world-steps of a training run.
         evaluations: of a training run, beside one of the untrained policy. judged: episodes in each.
@@ -104,7 +104,7 @@ class Settings:
         return next(method for method in self.methods if method.key == key)
 
     def scenario(self, name: str, changes: tuple[str, ...] = ()) -> Scenario:
-        """A scenario as these settings have it."""
+        """A scenario with the changes of these settings."""
         return Scenario.load(name, [*self.overrides, *changes])
 
 

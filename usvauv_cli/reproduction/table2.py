@@ -60,12 +60,12 @@ class Row:
 
     @property
     def printed(self) -> dict[str, tuple[float, float]]:
-        """What the paper has for it; empty if nothing."""
+        """The paper's row for it; empty where there is none."""
         return paper.printed(self.key, self.tested_in)
 
 
 def pieces(settings: Settings) -> list[Piece]:
-    """What has to be done for it."""
+    """The pieces of work that the table needs."""
     scenarios = paper.CONDITIONS.values()
     runs = [Learned(m.key, name, s, True) for s in settings.seeds for m in settings.methods for name in scenarios]
     return [*runs, *(Heuristic(policy, name) for policy in HEURISTICS for name in scenarios)]

@@ -1,4 +1,4 @@
-"""A table or figure from beginning to end: what it needs, its files, its page."""
+"""A table or figure from its pieces of work to its page."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def reproduce(
 
     Args:
         target: one of `TARGETS`.
-        wanted: how much of it.
-        folder: where everything is kept; it exists.
-        jobs: how many pieces of work at a time.
-        command: how the page is to be made again, for the page.
-        say: told what is going to be done.
+        wanted: settings of the reproduction.
+        folder: of all results; it exists.
+        jobs: pieces of work at a time.
+        command: command line that makes the page, printed on it.
+        say: called with what is going to be done, in words.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
         UserError: unknown target, or a folder begun with other settings.
@@ -74,7 +74,7 @@ def needed(names: Sequence[str], wanted: Settings) -> list[Piece]:
 
 
 def plan(pieces: Sequence[Piece], wanted: Settings, folder: Path) -> str:
-    """What is there and what is still to be done, in a sentence."""
+    """What is done and what is left, in a sentence."""
     left = [piece for piece in pieces if piece.left(wanted, folder) > 0]
     if not left:
         return "everything is trained and evaluated"
@@ -100,7 +100,7 @@ def make(names: Sequence[str], wanted: Settings, folder: Path) -> list[str]:
 
 
 def made(pieces: Sequence[Piece], wanted: Settings, folder: Path, command: str) -> str:
-    """The page's section on how it was made."""
+    """Section of the page on how it was made."""
     runs = [piece for piece in pieces if isinstance(piece, Learned)]
     commits = {run.about(folder)["commit"] for run in runs}
     clock = json.loads((folder / CLOCK).read_text(encoding="utf-8"))
@@ -113,7 +113,7 @@ def made(pieces: Sequence[Piece], wanted: Settings, folder: Path, command: str) 
 
 @contextmanager
 def stopwatch(folder: Path, jobs: int) -> Iterator[None]:
-    """Add the time of what is done inside to that of earlier calls, however it ends."""
+    """Add the time of the block to that of earlier calls, however it ends."""
     path, begun = folder / CLOCK, time.monotonic()
     try:
         yield

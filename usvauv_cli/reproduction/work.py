@@ -1,4 +1,4 @@
-"""What the pieces of work have in common: how they report and stop."""
+"""Pieces of work of a reproduction: their interface, how they report progress and how they stop."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Protocol
 
 from usvauv_cli.reproduction.settings import Settings
 
-EVALUATION_STEP = 12  # a step of an evaluation's worlds takes about as long as so many world-steps of training
+EVALUATION_STEP = 12  # world-steps of training that take as long as one step of an evaluation's worlds
 
 
 class Stopped(Exception):
-    """Work was stopped on request; what there is of it is saved."""
+    """Work was stopped on request; its results so far are saved."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """What a piece of work needs to know.
+    """Surroundings of a piece of work.
 
     Attributes:
-        settings: what is to be done.
-        folder: where everything is kept.
-        advance: told of work done, in world-steps of training.
+        settings: of the reproduction.
+        folder: of all results.
+        advance: called with the work just done, in world-steps of training.
         stopping: whether to stop.
     """
 
@@ -33,17 +33,26 @@ class Work:
     stopping: Callable[[], bool]
 
     def step(self, _: int) -> None:
-        """A step of an evaluation is done; raises `Stopped` when it is time to."""
+        """Report one step of an evaluation.
+
+        Raises:
+            Stopped: the work is to stop.
+        """
         self.advance(EVALUATION_STEP)
         if self.stopping():
             raise Stopped
 
 
 class Piece(Protocol):
-    """A piece of work: it can be stopped, goes on where it stopped, and is not done twice."""
+    """A piece of work that can be stopped and resumed; finished work is not done again."""
 
     def left(self, settings: Settings, folder: Path) -> float:
-        """What is still to do, in world-steps of training; 0 when all is done."""
+        """Work still to do, in world-steps of training; 0 when all is done."""
+        ...
 
     def run(self, work: Work) -> None:
-        """Do what is left; raises `Stopped` when told to stop."""
+        """Do the work that is left.
+
+        Raises:
+            Stopped: `work.stopping()` was true.
+        """

@@ -1,4 +1,4 @@
-"""The sea as a block cut out of it and seen obliquely from above, in parallel projection."""
+"""The sea as a block diagram: surface and two sides of the water, seen obliquely in parallel projection."""
 
 from __future__ import annotations
 
@@ -13,23 +13,25 @@ from usvauv_env.render.frame_layout import Layout, Rectangle, nice
 from usvauv_env.render.text import write
 from usvauv_env.sections import Area
 
-TURN = math.radians(-32)  # the area is turned by it, so that the south and the east side are in front
-TILT = math.radians(26)  # of the line of sight below the horizontal
-ROUNDS = 5  # of the search for the point of the surface that a pixel shows
-STEEPEST = 0.75  # slope of the drawn surface over the line of sight's at which that search still converges quickly
-STANDING = 0.05  # crests are drawn at least this high, over the shorter side
+TURN = math.radians(-32)  # rotation of the area; the south and the east side are in front
+TILT = math.radians(26)  # angle of the line of sight below the horizontal
+ITERATIONS = 5  # of the search for the point of the surface that a pixel shows
+STEEPEST = 0.75  # upper bound on the slope of the drawn surface over that of the line of sight; the search converges
+LEAST_CREST = 0.05  # wanted height of drawn crests over the shorter side
 
 
 class Block:
-    """Draws the surface, two sides of the water below it, its dimensions and the section upon it.
+    """Draws the surface, two sides of the water below it, its dimensions and a section line.
 
     Args:
-        area: what is drawn. room: where. layout: of the frame.
-        sample: elevations (T, Y, X) m that are to be expected.
-        reach: highest elevation to be expected, m.
+        area: the area of the sea.
+        room: rectangle of the frame to draw in.
+        layout: of the frame.
+        sample: elevations to expect, (T, Y, X) m.
+        reach: largest elevation to expect, m.
 
     Attributes:
-        note: how heights are drawn, in words.
+        note: vertical exaggeration in words.
     """
 
     def __init__(self, area: Area, room: Rectangle, layout: Layout, sample: np.ndarray, reach: float) -> None:
@@ -46,7 +48,7 @@ class Block:
         height = np.ptp(turned[:, 1]) * math.sin(TILT) + 2.5 * rise
         margin = 16 * layout.unit
         self._scale = min((room.width - 5.5 * margin) / width, (room.height - margin) / height)
-        # The middle of the block, with room above it for a crest and below it for the side and its dimensions.
+        # Centre of the block, with room above it for a crest and below it for a side and its dimensions.
         self._centre = np.array([room.width / 2, room.height / 2 - (0.25 * rise * self._scale + 0.35 * margin)])
         columns, rows = np.meshgrid(np.arange(room.width, dtype=np.float32), np.arange(room.height, dtype=np.float32))
         self._across = (columns - np.float32(self._centre[0])) / np.float32(self._scale)
@@ -54,12 +56,12 @@ class Block:
 
     @staticmethod
     def _exaggeration(area: Area, sample: np.ndarray, reach: float) -> float:
-        """By which heights are drawn larger, 1 or more: so that waves are seen, and hide nothing behind them."""
+        """Vertical exaggeration ≥ 1: waves become visible, and slopes stay below the line of sight."""
         if not np.abs(sample).max() > 1e-3:
             return 1.0
         spacing = area.length / sample.shape[1], area.width / sample.shape[2]
         slope = float(np.quantile(np.hypot(*np.gradient(sample, *spacing, axis=(1, 2))), 0.999))
-        wanted = STANDING * min(area.width, area.length) / reach
+        wanted = LEAST_CREST * min(area.width, area.length) / reach
         return max(1.0, nice(min(max(wanted, 1.0), max(1.0, STEEPEST * math.tan(TILT) / max(slope, 1e-9)))))
 
     @staticmethod
@@ -75,11 +77,12 @@ class Block:
         return np.stack([x + self._room.left, self._centre[1] - up * self._scale + self._room.top], 1)
 
     def draw(self, picture: np.ndarray, field: np.ndarray, relief: np.ndarray, section: Section) -> None:
-        """
+        """Draw the block.
+
         Args:
             field: elevation (Y, X) m, row 0 in the south.
-            relief: its picture, the north on top.
-            section: drawn upon it.
+            relief: picture of the surface, the north on top.
+            section: line to draw on the surface.
         """
         south, east = field[0].astype(float), field[:, -1].astype(float)
         x, y = (np.linspace(-half, half, len(edge)) for half, edge in zip(self._half, (south, east), strict=True))
@@ -101,14 +104,14 @@ class Block:
         self._write_dimensions(picture)
 
     def _lay_surface(self, picture: np.ndarray, field: np.ndarray, relief: np.ndarray) -> None:
-        """Find the point of the surface that each pixel shows, and colour it."""
+        """Find the point of the surface that each pixel shows by fixed-point iteration, and colour the pixel."""
         north_up = np.ascontiguousarray(field[::-1], np.float32)
         rows, columns = field.shape
         cos, sin = np.float32(math.cos(TURN)), np.float32(math.sin(TURN))
         rise, flat = np.float32(self._heights * math.cos(TILT)), np.float32(math.sin(TILT))
         per_x, per_y = np.float32(columns / (2 * self._half[0])), np.float32(rows / (2 * self._half[1]))
         z = np.zeros_like(self._up)
-        for _ in range(ROUNDS):
+        for _ in range(ITERATIONS):
             away = (self._up - z * rise) / flat
             x, y = self._across * cos + away * sin, away * cos - self._across * sin
             u, v = x * per_x + np.float32(columns / 2 - 0.5), np.float32(rows / 2 - 0.5) - y * per_y
@@ -129,7 +132,7 @@ class Block:
         write(picture, f"{2 * b:g} m", (east_x + 8 * unit, east_y + 15 * unit), size, style.MUTED)
         height = nice(self._reach)
         (x, foot), (_, head) = self._project(np.array([(-a, -b)] * 2), np.array([base, base + height]))
-        if foot - head < 5 * unit:  # no use as a scale
+        if foot - head < 5 * unit:  # too short for a scale
             return
         ends = np.array([(x - 6 * unit, foot), (x - 9 * unit, foot), (x - 9 * unit, head), (x - 6 * unit, head)])
         shapes.stroke(picture, ends, style.MUTED, self._layout.px(1.3))

@@ -1,4 +1,4 @@
-"""A sea alone as a figure: maps at four times, a section over time, the level in the middle and its spectrum."""
+"""Figure of the sea alone: maps at four times, a section over time, elevation in the middle, spectrum."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ from usvauv_env.sea_alone.simulation import SeaSimulation
 
 LEVELS = LinearSegmentedColormap.from_list("levels", [web(colour) for colour in style.SEA])
 MAPS = 4
-PROBES = 12  # a side, at which the spectrum is measured
-SEGMENT = 12.0  # peak periods: records are cut into pieces this long, so that their spectra can be averaged
-SHORTEST = 16  # records of which a spectrum is made
-USUAL_BYTES = 800_000  # a figure's size hardly depends on what it shows
+PROBES = 12  # points a side at which the spectrum is measured
+SEGMENT = 12.0  # length in peak periods of the segments whose spectra are averaged
+SHORTEST = 16  # least number of records for a spectrum
+USUAL_BYTES = 800_000  # size of a figure; it hardly depends on the sea
 TARGET, AMBER = "#ff9d66", web(LONG_WAVES)
 
 
 class SeaFigure:
-    """A figure of a sea, drawn as this context ends; after an error there is none.
+    """A figure of a sea. A context manager: the figure is drawn when the context ends, and not at all after an error.
 
     Args:
         out: file to write, the format by its suffix.
         sea: at its start.
-        records: how many there will be.
+        records: number of records to come; those at `MAPS` evenly spaced times are shown as maps.
     """
 
     def __init__(self, out: Path, sea: SeaSimulation, records: int) -> None:
@@ -62,7 +62,7 @@ class SeaFigure:
         self._last: tuple[float, np.ndarray]
         self._times: list[float] = []
         self._sections: list[np.ndarray] = []
-        self._storm: list[float] = []
+        self._middle: list[tuple[float, float]] = []
         self._probes: list[np.ndarray] = []
         rows, columns = (
             np.unique(np.linspace(0, count - 1, PROBES + 2).round().astype(int)[1:-1])
@@ -73,7 +73,7 @@ class SeaFigure:
         self._at = probed & sea.wet
 
     def add(self, sea: SeaSimulation) -> None:
-        """Take in the sea as it is now."""
+        """Record the present sea."""
         surface = sea.surface()
         small = thumbnail(surface.elevation)
         self._last = sea.time, small
@@ -83,10 +83,10 @@ class SeaFigure:
         self._sections.append(self._section.along(small).astype(np.float32))
         self._probes.append(surface.elevation[self._at])
         middle = len(sea.y) // 2, len(sea.x) // 2
-        self._storm.append((float(surface.elevation[middle]), float(surface.storm[middle])))
+        self._middle.append((float(surface.elevation[middle]), float(surface.storm[middle])))
 
     def expected_bytes(self, records: int) -> int:
-        """Size to expect of the file."""
+        """Estimated size of the file."""
         return USUAL_BYTES
 
     def __enter__(self) -> SeaFigure:
@@ -94,7 +94,7 @@ class SeaFigure:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None and self._times:
-            if self._maps[-1][0] != self._last[0]:  # it was stopped early
+            if self._maps[-1][0] != self._last[0]:  # the simulation was stopped early
                 self._maps.append(self._last)
             self._draw()
 
@@ -137,7 +137,7 @@ class SeaFigure:
         save(figure, self._out)
 
     def _relief(self) -> SeaSurface:
-        """Colours and shades as in the video."""
+        """The surface with the colours and shades of the video."""
         area = self._sea.scenario.area
         per_metre = SHADED / max(area.width, area.length)
         whole = Rectangle(0, 0, round(area.width * per_metre), round(area.length * per_metre))
@@ -149,8 +149,8 @@ class SeaFigure:
         axes.imshow(relief[..., ::-1], extent=extent, interpolation="bilinear")
         axes.plot(*zip(a, b, strict=True), color=TEXT, lw=0.9, ls=(0, (5, 4)), alpha=0.8)
         for name, place in (("A", a + 0.05 * (b - a)), ("B", b + 0.05 * (a - b))):
-            shadow = [withStroke(linewidth=2.5, foreground=OUTLINE)]
-            axes.text(*place, name, color=TEXT, fontsize=10, fontweight="bold", ha="center", path_effects=shadow)
+            label = axes.text(place[0], place[1], name, color=TEXT, fontsize=10, fontweight="bold", ha="center")
+            label.set_path_effects([withStroke(linewidth=2.5, foreground=OUTLINE)])
         axes.set_xlabel("x (east), m")
         axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.yaxis.set_major_locator(MaxNLocator(4))
@@ -163,7 +163,7 @@ class SeaFigure:
         set_title(axes, "η along A–B")
 
     def _draw_level(self, axes: Axes) -> None:
-        everything, storm = np.array(self._storm).T
+        everything, storm = np.array(self._middle).T
         axes.axhline(0, color=MUTED, lw=0.6, alpha=0.6)
         if storm.any() and (everything != storm).any():
             axes.plot(self._times, everything - storm, color=AMBER, lw=1.4, label="long waves alone")
@@ -175,7 +175,7 @@ class SeaFigure:
             axes.legend(frameon=False, labelcolor=MUTED, fontsize=9, **place)
 
     def _draw_spectrum(self, axes: Axes, still: bool) -> None:
-        """Mean over points spread over the area, and what the storm was drawn from."""
+        """Draw the mean spectrum over probes all over the area, and the one that the storm is drawn from."""
         scenario = self._sea.scenario
         axes.set(xlabel="frequency, Hz", ylabel="spectral density of η, m²/Hz")
         set_title(axes, "Spectrum, mean over the area")
@@ -208,11 +208,11 @@ class SeaFigure:
 
 
 def spectrum(records: np.ndarray, step: float, piece: float) -> tuple[np.ndarray, np.ndarray]:
-    """One-sided spectral density of records (T, P), mean over P and over overlapping pieces, by Welch's method.
+    """One-sided spectral density of records (T, P) by Welch's method, mean over P and over overlapping segments.
 
     Args:
         records: taken every `step` s.
-        piece: length of a piece, s; the whole, if that is shorter.
+        piece: length of a segment, s; at most the whole record is taken.
 
     Returns:
         Frequencies (F,) above 0, Hz, and density (F,), 1/Hz times the records' unit squared.
@@ -226,12 +226,12 @@ def spectrum(records: np.ndarray, step: float, piece: float) -> tuple[np.ndarray
         total += (np.abs(np.fft.rfft((part - part.mean(axis=0)) * window, axis=0)) ** 2).mean(axis=1)
     density = 2 * step / (window**2).sum() * total / len(starts)
     if count % 2 == 0:
-        density[-1] /= 2  # the highest frequency has no mirror image
+        density[-1] /= 2  # the Nyquist frequency has no mirror image
     return np.fft.rfftfreq(count, step)[1:], density[1:]
 
 
 def target_spectrum(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and spectral density (m²/Hz) that the storm is drawn from."""
+    """Frequencies (Hz) and spectral density (m²/Hz) of the spectrum that the storm is drawn from."""
     storm = scenario.storm
     omega, S = band(
         storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, scenario.area.depth, scenario.sea.gravity

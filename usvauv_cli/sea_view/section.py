@@ -10,18 +10,18 @@ import numpy as np
 from usvauv_env.scenario import Scenario
 
 POINTS = 241
-INWARDS = {"west": 0.0, "south": math.pi / 2, "east": math.pi, "north": -math.pi / 2}  # from a forced edge
+INWARDS = {"west": 0.0, "south": math.pi / 2, "east": math.pi, "north": -math.pi / 2}  # from an edge, rad
 
 
 def heading(scenario: Scenario) -> float:
-    """Where waves run, rad from east towards north: the storm's mean direction, else from the forced edge inwards."""
+    """Direction of the waves, rad from east towards north: the storm's mean, else inwards from the forced edge."""
     if scenario.storm.spectrum != "none":
         return scenario.storm.direction
     return INWARDS.get(scenario.sea.forced_edge, 0.0)
 
 
 class Section:
-    """The line from A, where waves come in, to B.
+    """The line from A, where waves enter, to B.
 
     Attributes:
         ends: A and B, (2, 2) m. length: from A to B, m. distance: of its points from A, (P,) m. points: (P, 2) m.
@@ -39,7 +39,6 @@ class Section:
         self.points = self.ends[0] + self.distance[:, None] * direction
 
     def along(self, field: np.ndarray) -> np.ndarray:
-        """A field (Y, X) over the area, row 0 in the south, at the section's points, (P,)."""
-        place = self.points / self._size * (field.shape[1], field.shape[0]) - 0.5
-        place = np.ascontiguousarray(place[None], np.float32)
-        return cv2.remap(field, place, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)
+        """Values (P,) of a field (Y, X) over the area, row 0 in the south, at the section's points."""
+        column, row = (self.points / self._size * (field.shape[1], field.shape[0]) - 0.5).astype(np.float32).T[:, None]
+        return cv2.remap(field, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)

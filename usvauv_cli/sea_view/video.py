@@ -1,10 +1,11 @@
-"""A sea alone as a video: its map, its surface from the side, a section along the waves, the level in the middle."""
+"""Video of the sea alone: map, block diagram, section along the waves, elevation in the middle."""
 
 from __future__ import annotations
 
 import math
 from contextlib import ExitStack
 from pathlib import Path
+from types import TracebackType
 
 import cv2
 import numpy as np
@@ -29,18 +30,18 @@ from usvauv_env.render.shapes import Overlay
 from usvauv_env.render.text import write
 from usvauv_env.sea_alone.simulation import SeaSimulation, Surface
 
-SHADED = 480  # pixels a side of the surface as it is shaded
-TRIAL = 12  # first pictures that are kept to estimate the size of the file
+SHADED = 480  # largest side of the surface as it is shaded, pixels
+TRIAL = 12  # pictures by which the size of the file is estimated
 LONG_WAVES = style.colour("#ffb020")
 
 
 class SeaPainter:
-    """Draws the frames of a sea, which must be given in order.
+    """Draws the frames of a sea, in order of time.
 
     Args:
         sea: at its start.
-        expected: elevations to fit the scales to, (T, Y, X) m.
-        frames: how many there will be.
+        expected: elevations that the scales are fitted to, (T, Y, X) m.
+        frames: number of frames of the video.
         size: width and height of a frame, pixels.
         fps: frames a second.
     """
@@ -74,10 +75,10 @@ class SeaPainter:
         self._picture = np.empty_like(self._still)
         cells = f"{len(sea.x)} × {len(sea.y)} cells of {sea.spacing[0]:.3g} m"
         draw_map_axes(self._still, self, layout, area, cells)
-        self._lay_panel_out(sea, sample)
+        self._draw_still_panel(sea, sample)
 
-    def _lay_panel_out(self, sea: SeaSimulation, sample: np.ndarray) -> None:
-        """The still parts of the panel, and its plots."""
+    def _draw_still_panel(self, sea: SeaSimulation, sample: np.ndarray) -> None:
+        """Draw the still parts of the panel and set up its plots."""
         layout, unit, still = self.layout, self.layout.unit, self._still
         box, gap = layout.panel, round(7 * layout.unit)
         heights = [round(height * unit) for height in (56, 54)]
@@ -109,7 +110,7 @@ class SeaPainter:
         write_heading(still, unit, level_box, "Elevation in the middle, m", parts)
 
     def frame(self, sea: SeaSimulation) -> np.ndarray:
-        """Picture (height, width, 3) BGR of the sea as it is; overwritten by the next."""
+        """Picture (height, width, 3) BGR of the present sea; the next call overwrites it."""
         surface = sea.surface()
         self._measure(sea, surface)
         field = thumbnail(surface.elevation)
@@ -140,7 +141,7 @@ class SeaPainter:
         return picture
 
     def _measure(self, sea: SeaSimulation, surface: Surface) -> None:
-        """Bring the figures up to date."""
+        """Update the figures of the tiles."""
         self._highest = max(self._highest, float(surface.elevation.max(where=sea.wet, initial=-math.inf)))
         self._lowest = min(self._lowest, float(surface.elevation.min(where=sea.wet, initial=math.inf)))
         part = surface.storm if self._storm else surface.elevation
@@ -149,7 +150,7 @@ class SeaPainter:
             self._fastest = float(np.hypot(*np.moveaxis(sea.current(), -1, 0)).max())
 
     def figures(self, now: float) -> list[tuple[str, str]]:
-        """What the tiles say: name with unit, and value; heights are 4σ over the area and the time so far."""
+        """Contents of the tiles: name with unit, and value; heights are 4σ over area and time so far."""
         rms = math.sqrt(self._squares / max(self._frame, 1))
         height = ("storm Hs, m", f"{4 * rms:.2f}") if self._storm else ("rms of η, m", f"{rms:.2f}")
         return [
@@ -168,7 +169,7 @@ class SeaPainter:
         self._overlay.blend(picture)
         box.of(picture)[self._land] = style.LAND
         ends = self.view.pixel(self._section.ends)
-        for piece in shapes.dashes(*ends, 6 * layout.unit):
+        for piece in shapes.dashes(ends[0], ends[1], 6 * layout.unit):
             shapes.stroke(picture, piece, style.TEXT, layout.px(1.3))
         along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
         tip, side = ends.mean(axis=0) + 9 * layout.unit * along, np.array([-along[1], along[0]])
@@ -183,7 +184,10 @@ class SeaPainter:
 
 
 class SeaVideo:
-    """A video of a sea, one frame a step; a context, as which the file appears when it ends and not after an error."""
+    """A video of a sea, one frame a step.
+
+    A context manager: the file appears when the context ends, and not at all after an error.
+    """
 
     def __init__(
         self, out: Path, sea: SeaSimulation, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int
@@ -197,25 +201,27 @@ class SeaVideo:
         self._append = self._stack.enter_context(video_file(out, *size, fps))
 
     def add(self, sea: SeaSimulation) -> None:
-        """Draw the sea as it is now as the next frame."""
+        """Append a frame of the present sea."""
         picture = self._painter.frame(sea)
         if len(self._first) < TRIAL:
             self._first.append(picture.copy())
         self._append(picture)
 
-    def expected_bytes(self, frames: int) -> int:
-        """Size to expect of a video of so many frames, from the first ones."""
-        return expected_bytes(self._first, frames, self._fps)
+    def expected_bytes(self, records: int) -> int:
+        """Estimated size of a video of so many frames, by the first ones."""
+        return expected_bytes(self._first, records, self._fps)
 
     def __enter__(self) -> SeaVideo:
         return self
 
-    def __exit__(self, *problem: object) -> None:
-        self._stack.__exit__(*problem)
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, traceback)
 
 
 def thumbnail(field: np.ndarray) -> np.ndarray:
-    """A field at no more than `SHADED` cells a side."""
+    """A field reduced to at most `SHADED` cells a side."""
     rows, columns = field.shape
     shrink = SHADED / max(rows, columns)
     if shrink >= 1.0:
@@ -225,13 +231,13 @@ def thumbnail(field: np.ndarray) -> np.ndarray:
 
 
 def land(sea: SeaSimulation, width: int, height: int) -> np.ndarray:
-    """Where there is land in a picture of the area, the north on top, (height, width)."""
+    """Mask (height, width) of the land in a picture of the area, the north on top."""
     dry = (~sea.wet[::-1]).astype(np.float32)
     return cv2.resize(dry, (width, height), interpolation=cv2.INTER_AREA) > 0.5
 
 
 def weather(sea: SeaSimulation) -> str:
-    """What moves the sea, in a few words."""
+    """The forcing of the sea in a few words."""
     storm, names = sea.scenario.storm, {"jonswap": "JONSWAP", "pm": "Pierson–Moskowitz", "tma": "TMA"}
     words = []
     if storm.spectrum != "none":
