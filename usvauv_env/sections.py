@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from kernels.mission.target_rules import target_rules
 from kernels.positioning.ambient_noise import ambient_noise_laws
+from kernels.shallow_water.boundaries import Side
 
 MAX_AUVS = 16
 MAX_NODES = 500
@@ -22,7 +23,6 @@ MAX_VORTICES = 16
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Side = Literal["west", "east", "south", "north"]
 
 
 def known(name: str, names: Collection[str]) -> str:

@@ -13,7 +13,7 @@ from usvauv_env.sea.build import build_sea, coarse_cells, fine_cells
 from usvauv_env.sea.forcing import draw_boundary_wave
 from usvauv_env.site.site import Site
 
-EDGES = ["west", "east", "south", "north"]
+SIDES = ["west", "east", "south", "north"]
 
 
 def scenario(width: float = 200.0, length: float = 200.0, **sea) -> Scenario:
@@ -28,9 +28,9 @@ def sea_of(scenario: Scenario, seed: int, num_seas: int, cells: tuple[int, int] 
 def between_cells(fine: np.ndarray, cells: tuple[int, int]) -> np.ndarray:
     """A finely resolved elevation at the cell centres of another grid, bilinear."""
     for axis, count in ((0, cells[1]), (1, cells[0])):
-        place = (np.arange(count) + 0.5) * fine.shape[axis] / count - 0.5
-        low = np.clip(np.floor(place).astype(int), 0, fine.shape[axis] - 2)
-        weight = (place - low).reshape((-1, 1) if axis == 0 else (1, -1))
+        at = (np.arange(count) + 0.5) * fine.shape[axis] / count - 0.5
+        low = np.clip(np.floor(at).astype(int), 0, fine.shape[axis] - 2)
+        weight = (at - low).reshape((-1, 1) if axis == 0 else (1, -1))
         fine = np.take(fine, low, axis) * (1 - weight) + np.take(fine, low + 1, axis) * weight
     return fine
 
@@ -56,7 +56,7 @@ class TestSeeds:
             for b in range(a):
                 assert np.abs(fields[a] - fields[b]).max() > 0.1
 
-    def test_start_does_not_depend_on_the_forcing_s_length(self):
+    def test_start_does_not_depend_on_the_number_of_components(self):
         """Forcing and start are drawn from separate streams."""
         starts = []
         for components in (1, 16):
@@ -66,7 +66,7 @@ class TestSeeds:
 
 
 class TestStatistics:
-    def test_edge_wave(self):
+    def test_boundary_wave(self):
         """Exact rms, equal amplitudes, one frequency in each band, and the regular component first, with phase 0."""
         about = {"irregular_rms": 0.8, "irregular_components": 12, "regular_amplitude": 0.3, "regular_period": 500.0}
         wave = draw_boundary_wave(scenario(forced_edge="east", **about), np.random.default_rng(0))
@@ -76,17 +76,17 @@ class TestStatistics:
         np.testing.assert_array_equal(np.floor(band), np.arange(12))
         assert np.ptp(wave.phase[1:]) > 2
 
-    @pytest.mark.parametrize("edge", ["none", *EDGES])
-    def test_start_rms_is_exact(self, edge):
+    @pytest.mark.parametrize("side", ["none", *SIDES])
+    def test_start_rms_is_exact(self, side):
         """The modes are orthogonal on the grid too, so the rms over the cells is that over the area, in f32."""
-        sea = sea_of(scenario(start_rms=0.7, forced_edge=edge), 5, 2, (40, 30))
+        sea = sea_of(scenario(start_rms=0.7, forced_edge=side), 5, 2, (40, 30))
         eta = sea.elevation()
         np.testing.assert_allclose(np.sqrt((eta.astype(float) ** 2).mean(axis=(1, 2))), 0.7, rtol=1e-6)
-        if edge == "none":
+        if side == "none":
             assert np.abs(sea.mass()).max() < 1e-6 * 200 * 200
 
-    def test_start_fits_the_edges(self):
-        """A wall meets no slope and a forced edge no elevation: both vanish with the cells towards the edge."""
+    def test_start_fits_the_boundaries(self):
+        """No slope at a wall, no elevation at a forced boundary: both vanish with the cells towards it."""
         eta = sea_of(scenario(start_rms=1.0, forced_edge="north"), 2, 1, (256, 256)).elevation()[0]
         steepest = np.abs(np.diff(eta, axis=1)).max()
         assert np.abs(eta[-1]).max() < 0.03 * np.abs(eta).max()
@@ -101,23 +101,23 @@ class TestStatistics:
 
 
 class TestForcing:
-    @pytest.mark.parametrize("edge", EDGES)
+    @pytest.mark.parametrize("side", SIDES)
     @pytest.mark.parametrize("drag", [0.0, 0.05])
-    def test_steady_from_the_start(self, edge, drag):
+    def test_steady_from_the_start(self, side, drag):
         """A regular wave is Eq. 7's seiche, with drag its damped form, from t = 0 on: at every time the same phasor.
 
-        The half cell at the edge is wrong by (kΔx)²/8 of the elevation = 2e-5, and the start excites free waves of that
-        size: a few times that in all.
+        The half cell at the boundary is wrong by (kΔx)²/8 of the elevation = 2e-5, and the start excites free waves of
+        that size: a few times that in all.
         """
         wave = {"regular_amplitude": 1.0, "regular_period": 60.0, "drag": drag}
-        storm = scenario(200.0, 120.0, forced_edge=edge, update_interval=3.0, **wave)
+        storm = scenario(200.0, 120.0, forced_edge=side, update_interval=3.0, **wave)
         sea = sea_of(storm, 0, 1, (50, 30))
-        across = edge in ("west", "east")
+        across = side in ("west", "east")
         L, n = (200.0, 50) if across else (120.0, 30)
         omega = 2 * math.pi / 60
         k = np.sqrt((omega**2 - 1j * omega * drag) / (9.81 * 120))
         s = (np.arange(n) + 0.5) * L / n
-        s = L - s if edge in ("west", "south") else s
+        s = L - s if side in ("west", "south") else s
         shape = np.cos(k * s) / np.cos(k * L)
         for _ in range(25):
             expected = (shape * np.exp(1j * omega * sea.time)).real
@@ -143,8 +143,8 @@ class TestForcing:
             np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=1e-3)
             sea.advance()
 
-    def test_sponge_takes_it(self):
-        """A layer of the wave's own length at the far end: what comes back is below one in a hundred."""
+    def test_sponge_absorbs_it(self):
+        """A layer of the wave's own length at the far end: it reflects less than 1 %."""
         wave = {"regular_amplitude": 1.0, "regular_period": 5.0, "sponge_width": 171.0}
         sea = sea_of(scenario(400.0, forced_edge="west", sponge_edges=["east"], **wave), 0, 1, (400, 10))
         k = 2 * math.pi / 5 / math.sqrt(9.81 * 120)
@@ -156,7 +156,7 @@ class TestForcing:
         assert np.abs(sea.elevation()[0, 5, 380:]).max() < 0.3
 
     def test_incoming_wave(self):
-        """Prescribed as the incoming wave at the open edge before a wall: twice its amplitude stands at the wall."""
+        """Prescribed as the incoming wave at the open side opposite a wall: twice its amplitude stands at the wall."""
         wave = {"regular_amplitude": 1.0, "regular_period": 40.0, "forcing": "incident"}
         sea = sea_of(scenario(forced_edge="west", **wave), 0, 1, (100, 20))
         k = 2 * math.pi / 40 / math.sqrt(9.81 * 120)
@@ -167,7 +167,7 @@ class TestForcing:
             np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=2e-3)
             sea.advance()
 
-    def test_nothing_shocks(self):
+    def test_forcing_sets_in_smoothly(self):
         """The record at the wall is smooth: no second difference in time is larger than the waves' own, a ω² dt²."""
         storm = scenario(forced_edge="west", irregular_rms=1.0, update_interval=1.0)
         sea = sea_of(storm, 4, 1, (50, 50))
@@ -213,7 +213,7 @@ class TestResolution:
             bound = (amplitude * turned).sum() + curvature + 1e-5  # f32
             found = np.abs(coarse.elevation()[0] - between_cells(fine.elevation()[0], (50, 50))).max()
             assert found < bound
-        assert found > 0.1 * bound  # the bound is not idle
+        assert found > 0.1 * bound  # the bound is not far too large
 
     def test_table_1_and_fine_grid_see_the_same_storm(self):
         """With forcing, drag and start: the error against 512² is what Richardson predicts from 25² and 50², a third of
@@ -252,7 +252,7 @@ class TestNonlinear:
         assert differences[1] < 0.4 * differences[0]
         assert differences[1] < 0.1
 
-    def test_packed_for_the_boats(self):
+    def test_packed_fields_are_those_of_the_solvers(self):
         """The packed elevation is the solvers' own, and goes back with the state, bit for bit."""
         sea = sea_of(scenario(**CALM, equations="nonlinear"), 3, 19, (20, 15))
         fields, clocks = sea.state()

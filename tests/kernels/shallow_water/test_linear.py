@@ -79,7 +79,7 @@ class TestStep:
         with pytest.raises(ValueError, match=message):
             ShallowWater(**{"size": (9, 9), "cells": (9, 9), "depth": 1.0, "interval": 1.0} | changed)
 
-    def test_a_still_sea_costs_nothing(self, monkeypatch):
+    def test_a_still_sea_launches_no_kernel(self, monkeypatch):
         solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, boundaries={"west": "forced"})
         solver.set_state(np.zeros((1, 10, 10)))
         monkeypatch.setattr(solver._backend, "launches", None)  # would fail if called
@@ -114,7 +114,7 @@ class TestBoundaries:
         assert energy[-1] < 0.7 * energy[0]
 
     @pytest.mark.parametrize("kind", ["incident", "radiating", "sponge"])
-    def test_level_neither_stays_nor_drifts(self, kind):
+    def test_a_basin_filled_too_high_drains(self, kind):
         """Filled 1 m too high, a basin with one open boundary drains to nothing and stays there, for 1600 times L/c.
 
         What stays longest is the ripple that a jump leaves on any grid, a millionth of the jump a short while after.
@@ -144,7 +144,7 @@ class TestBoundaries:
         assert abs(np.mean(mean)) < 1e-5
 
     @pytest.mark.parametrize("num_seas", [1, 3])
-    def test_state_comes_back(self, num_seas):
+    def test_state_is_restored(self, num_seas):
         boundaries = dict(zip(SIDES, KINDS, strict=True))
         first, second = (
             open_sea(boundaries, depth=rough_bed(37, 29), interval=1.0, num_seas=num_seas) for _ in range(2)
@@ -159,7 +159,7 @@ class TestBoundaries:
         for one, other in zip(*((s.elevation(), *s.velocity(), s.time) for s in (first, second)), strict=True):
             np.testing.assert_array_equal(one, other)
 
-    def test_edge_on_land_is_a_wall(self):
+    def test_boundary_on_land_is_a_wall(self):
         depth = np.full((29, 37), 30.0)
         depth[:, 0] = 0
         seas = []

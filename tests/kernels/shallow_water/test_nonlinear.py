@@ -435,7 +435,7 @@ class TestRoughGround:
         assert solver.mass() == pytest.approx(mass, rel=1e-6)
         assert np.abs(solver.velocity()).max() < 40
 
-    def test_bands_change_nothing(self, monkeypatch):
+    def test_any_number_of_bands_gives_the_same_bits(self, monkeypatch):
         """The basin on one thread in one launch, and cut into bands with a launch for each step: the same bits."""
         results = []
         for threads in (1, 2, 3, 7):
@@ -474,7 +474,7 @@ class TestRoughGround:
         np.testing.assert_array_equal(results[1], results[0])
         np.testing.assert_array_equal(results[2], results[0])
 
-    def test_state_comes_back(self):
+    def test_state_is_restored(self):
         solver, other = rough_water(), rough_water()
         solver.advance()
         saved = solver.state()
@@ -488,7 +488,7 @@ class TestRoughGround:
 
 
 @pytest.mark.parametrize("cells", [(3, 3), (5, 17), (16, 4), (17, 5), (33, 7), (50, 3)])
-def test_fields_come_back_from_any_grid(cells):
+def test_fields_are_unpacked_from_any_grid(cells):
     nx, ny = cells
     solver = NonlinearShallowWater(size=(nx, ny), cells=cells, bed=-2.0, interval=1e-3)
     eta, u, v = np.random.default_rng(0).normal(size=(3, ny, nx)).astype(np.float32)

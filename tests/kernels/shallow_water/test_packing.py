@@ -84,7 +84,7 @@ class TestSameSea:
 
     @pytest.mark.parametrize("boundaries", [CLOSED, OPEN], ids=["closed", "open"])
     @pytest.mark.parametrize("num_seas", [1, 5, 40])
-    def test_a_thread_a_cell_gives_the_same_bits(self, monkeypatch, num_seas, boundaries):
+    def test_gpu_backend_gives_the_same_bits(self, monkeypatch, num_seas, boundaries):
         """The GPU backend, here on the CPU."""
         if runtime.start().device.type != "cpu":
             pytest.skip("bands are for a CPU")
@@ -105,7 +105,7 @@ class TestBands:
             (200, 51, 9, 35, 8, 1),  # blocks enough for all threads
         ],
     )
-    def test_as_many_as_pay(self, ny, columns, blocks, substeps, threads, bands):
+    def test_number_of_bands(self, ny, columns, blocks, substeps, threads, bands):
         tile, table, rows = wavefront.plan_bands(ny, columns, blocks, substeps, threads)
         assert len(table) == bands
         assert 1 <= tile <= substeps
@@ -115,7 +115,7 @@ class TestBands:
         assert sorted(own) == list(range(ny + 1))
         assert table[:, BandTable.packed].max() == rows - 1
 
-    def test_data_that_memory_must_fetch_are_used_more_than_once(self):
+    def test_large_grids_take_several_substeps_a_launch(self):
         tile, _, _ = wavefront.plan_bands(8191, 513, 1, 64, 1)
         assert tile >= 4
 
@@ -148,7 +148,7 @@ class TestSample:
         return found
 
     @pytest.mark.parametrize(("cells", "num_seas"), [((40, 30), 1), ((9, 12), 1), ((3, 3), 2), ((20, 15), 18)])
-    def test_plane_is_exact_up_to_the_edge(self, cells, num_seas):
+    def test_plane_is_exact_up_to_the_boundary(self, cells, num_seas):
         points = np.random.default_rng(3).uniform(0, 1, (300, 2)) * (self.X, self.Y)
         points[:3] = (0, 0), (self.X, self.Y), (0, self.Y)
         found = self.sampled(lambda x, y: 0.5 + 0.02 * x - 0.03 * y, cells, num_seas, points)
