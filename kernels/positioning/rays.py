@@ -25,6 +25,8 @@ Sources: Jensen, Kuperman, Porter, Schmidt, "Computational Ocean Acoustics" (201
 "A fast and robust two-point ray tracing method in layered media with constant or linearly varying layer velocity",
 Geophysical Prospecting 67 (2019), for t as the unknown.
 """
+# pyright: reportAttributeAccessIssue=false
+# (the members of Taichi's structs exist only while a kernel is compiled)
 
 import numpy as np
 import taichi as ti

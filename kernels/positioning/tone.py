@@ -12,6 +12,8 @@ Both have exactly the same distribution. A block is given by two edges. An edge 
 of a block or the one after its last, and F(n) = Σ_{k<n} e^{4πjνk} up to a constant, so sines and cosines are needed at
 edges only.
 """
+# pyright: reportArgumentType=false
+# (what Taichi's operations return is an expression only while a kernel is compiled)
 
 import math
 

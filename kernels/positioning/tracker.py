@@ -273,8 +273,11 @@ def follow(
     track[0] = start
     squared_innovation = start.new_empty((steps, count))
     reading = start.new_zeros((1, 1, 2)) if reading is None else reading
-    arrays = (array.contiguous() for array in (velocity, adrift, fix, covariance, age, reading))
-    _follow(*arrays, reading_deviation**2, variance, correlation_time, step, track, squared_innovation)
+    velocity, adrift, fix, covariance, age, reading = (
+        array.contiguous() for array in (velocity, adrift, fix, covariance, age, reading)
+    )
+    model = (reading_deviation**2, variance, correlation_time, step)
+    _follow(velocity, adrift, fix, covariance, age, reading, *model, track, squared_innovation)
     return track, squared_innovation
 
 

@@ -24,6 +24,8 @@ flags are DETECTED and nothing else. `kernels.positioning.waveform` measures sam
 Attitude. The array is tilted by the surface slopes (pitch = atan ∂η/∂x, then roll about the pitched axis; heading is
 known). The fix is rotated back with the attitude measured, which is wrong by a residual error in pitch and roll.
 """
+# pyright: reportOptionalCall=false
+# (what Taichi's operations return is an expression only while a kernel is compiled)
 
 import math
 from collections.abc import Sequence

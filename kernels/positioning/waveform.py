@@ -20,6 +20,8 @@ the expected arrival. A search of the whole record is supposed to have brought t
 
 With SAMPLED the noise of every sample is drawn, some 10,000 numbers a fix; with PROJECTED the sums, some 100.
 """
+# pyright: reportIndexIssue=false
+# (the elements of Taichi's vectors exist only while a kernel is compiled)
 
 from typing import NamedTuple
 
