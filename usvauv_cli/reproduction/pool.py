@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from multiprocessing.queues import Queue
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 from kernels.errors import UserError
@@ -76,7 +78,7 @@ def duration(seconds: float) -> str:
 def _alone(pieces: Sequence[Piece], settings: Settings, folder: Path, advance: Callable[[float], None]) -> None:
     asked = False
 
-    def stop(signum, frame) -> None:
+    def stop(*_: object) -> None:
         nonlocal asked
         asked = True
 
@@ -116,7 +118,7 @@ def _together(
     _take(reports, advance, REPORT)
 
 
-def _take(reports, advance: Callable[[float], None], patience: float) -> None:
+def _take(reports: Queue[float], advance: Callable[[float], None], patience: float) -> None:
     """Pass on all waiting reports; wait up to `patience` seconds for the first."""
     try:
         while True:
@@ -135,7 +137,9 @@ def _ignoring_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _begin(settings: Settings, folder: Path, jobs: int, plugin_files: Sequence[Path], reports, stop) -> None:
+def _begin(
+    settings: Settings, folder: Path, jobs: int, plugin_files: Sequence[Path], reports: Queue[float], stop: Event
+) -> None:
     """Set up a process of the pool, with the plugins of the process that began it."""
     global _work
     from kernels import runtime
