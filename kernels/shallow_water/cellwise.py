@@ -14,7 +14,7 @@ import torch
 from kernels.launch import Launch
 from kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
 from kernels.shallow_water.packing import LANES, Packing
-from kernels.shallow_water.wavefront import Options, Sea, elevation_outside
+from kernels.shallow_water.wavefront import Options, Basin, elevation_outside
 from kernels.types import array1, index1, vec4
 
 
@@ -46,7 +46,7 @@ def transports(
 
     All else is what `wavefront.march` takes, its vectors' numbers one after the other.
     """
-    sea = ti.static(Sea(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options))
+    basin = ti.static(Basin(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options))
     rows = ny + 1
     width = W * LANES
     table = prescribed.shape[0] // (blocks * LANES)
@@ -68,15 +68,15 @@ def transports(
         if column > 0:
             west = eta[n - LANES if m >= LANES else n + width - LANES - 1]
         elif elevation_factor[WEST] >= 0:
-            west = elevation_outside(sea, WEST, E, 2 * width + row * LANES + lane, U_here)
+            west = elevation_outside(basin, WEST, E, 2 * width + row * LANES + lane, U_here)
         if column == nx and elevation_factor[EAST] >= 0:
-            east = elevation_outside(sea, EAST, E, 2 * width + (rows + row) * LANES + lane, U_here)
+            east = elevation_outside(basin, EAST, E, 2 * width + (rows + row) * LANES + lane, U_here)
         if row > 0:
             south = eta[n - width]
         elif elevation_factor[SOUTH] >= 0:
-            south = elevation_outside(sea, SOUTH, E, m, V_here)
+            south = elevation_outside(basin, SOUTH, E, m, V_here)
         if row == ny and elevation_factor[NORTH] >= 0:
-            north = elevation_outside(sea, NORTH, E, width + m, V_here)
+            north = elevation_outside(basin, NORTH, E, width + m, V_here)
         if ti.static(options.sponge):
             U[n] = a * sponge_factor[m] * U_here - Cx[c] * (east - west)
             V[n] = a * sponge_factor[2 * width + row * LANES + lane] * V_here - Cy[c] * (north - south)

@@ -30,8 +30,8 @@ Tide = columns("amplitude", "omega", "phase")  # m, rad/s, rad
 Workspace = columns("eta", "h", "v", "u", "mass", "momentum", "transverse")
 
 # Arguments of `step` that its functions share.
-Sea = namedtuple(
-    "Sea",
+Basin = namedtuple(
+    "Basin",
     "state cells bed bed_cells workspace speeds clock tide halo boundaries ny W bands dx dy g dry drag manning start "
     "interval friction",
 )
@@ -86,8 +86,8 @@ def step(
         friction: whether there is any.
         alone: take all steps of the interval in one launch, on one thread.
     """
-    sea = ti.static(
-        Sea(
+    basin = ti.static(
+        Basin(
             *(state, cells, bed, bed_cells, workspace, speeds, clock, tide, halo, boundaries),
             *(ny, W, bands, dx, dy, g, dry, drag, manning, start, interval, friction),
         )
@@ -96,57 +96,57 @@ def step(
         for _ in range(1):
             going = True
             while going:
-                take_step(sea)
+                take_step(basin)
                 going = clock[Clock.step] > 0.0
     else:
-        take_step(sea)
+        take_step(basin)
 
 
 @ti.func
-def take_step(sea: ti.template()):
+def take_step(basin: ti.template()):
     """Heun's method, the second-order strong-stability-preserving one: two Euler steps, and the mean with the start.
 
     Friction acts half before and half after it (Strang); the halves of two steps are taken together.
     """
-    for i in range(sea.ny):
-        sea.speeds[i] = greatest_rate(sea, i)
+    for i in range(basin.ny):
+        basin.speeds[i] = greatest_rate(basin, i)
     for _ in range(1):
-        next_time_step(sea)
-    if ti.static(sea.friction):
-        for i in range(sea.ny):
-            apply_friction(sea, i, sea.clock[Clock.friction])
+        next_time_step(basin)
+    if ti.static(basin.friction):
+        for i in range(basin.ny):
+            apply_friction(basin, i, basin.clock[Clock.friction])
     for stage in ti.static(range(2)):
-        for i in range(sea.ny + 4):
-            if sea.clock[Clock.step] > 0.0:
-                level = ti.cast(sea.clock[Clock.level + stage], ti.f32)
-                fill_ghosts(sea, stage, i, level)
+        for i in range(basin.ny + 4):
+            if basin.clock[Clock.step] > 0.0:
+                level = ti.cast(basin.clock[Clock.level + stage], ti.f32)
+                fill_ghosts(basin, stage, i, level)
         ti.loop_config(block_dim=1)
-        for band in range(sea.bands):
-            if sea.clock[Clock.step] > 0.0:
-                march(sea, stage, band, ti.cast(sea.clock[Clock.step], ti.f32))
+        for band in range(basin.bands):
+            if basin.clock[Clock.step] > 0.0:
+                march(basin, stage, band, ti.cast(basin.clock[Clock.step], ti.f32))
 
 
 @ti.func
-def read_cell(sea: ti.template(), stage: ti.template(), p: ti.i32):
+def read_cell(basin: ti.template(), stage: ti.template(), p: ti.i32):
     """The cells at vector p of the state or the first stage, as a struct of `kernels.shallow_water.riemann`."""
-    size = (sea.ny + 4) * (sea.W + 4)
+    size = (basin.ny + 4) * (basin.W + 4)
     zero = vector(0.0)
-    D = sea.state[p]
-    b = sea.bed[p - 3 * stage * size]
+    D = basin.state[p]
+    b = basin.bed[p - 3 * stage * size]
     h = D + ti.max(zero - b, zero)
-    return ti.Struct(D=D, b=b, eta=D + ti.max(b, zero), h=h, u=sea.state[p + size], v=sea.state[p + 2 * size])
+    return ti.Struct(D=D, b=b, eta=D + ti.max(b, zero), h=h, u=basin.state[p + size], v=basin.state[p + 2 * size])
 
 
 @ti.func
-def greatest_rate(sea: ti.template(), i: ti.i32) -> ti.f32:
+def greatest_rate(basin: ti.template(), i: ti.i32) -> ti.f32:
     """Greatest (|u| + c)/Δx + (|v| + c)/Δy of a row, 1/s; infinite where the flow is no longer finite."""
     zero = vector(0.0)
     most = zero
     total = zero
-    for j in range(sea.W):
-        cell = read_cell(sea, 0, vector_index(0, i, j, sea.ny, sea.W))
-        c = ti.sqrt(sea.g * cell.h)
-        rate = (ti.max(cell.u, zero - cell.u) + c) / sea.dx + (ti.max(cell.v, zero - cell.v) + c) / sea.dy
+    for j in range(basin.W):
+        cell = read_cell(basin, 0, vector_index(0, i, j, basin.ny, basin.W))
+        c = ti.sqrt(basin.g * cell.h)
+        rate = (ti.max(cell.u, zero - cell.u) + c) / basin.dx + (ti.max(cell.v, zero - cell.v) + c) / basin.dy
         most = ti.max(most, rate)
         total = total + rate
     result = 0.0
@@ -158,28 +158,28 @@ def greatest_rate(sea: ti.template(), i: ti.i32) -> ti.f32:
 
 
 @ti.func
-def next_time_step(sea: ti.template()):
+def next_time_step(basin: ti.template()):
     """Close the step before, and choose the next: if speeds stay as they are, equal ones up to the interval's end."""
-    clock, tide = ti.static((sea.clock, sea.tide))
+    clock, tide = ti.static((basin.clock, basin.tide))
     rate = 0.0
-    for i in range(sea.ny):
-        rate = ti.max(rate, sea.speeds[i])
+    for i in range(basin.ny):
+        rate = ti.max(rate, basin.speeds[i])
     before = clock[Clock.step]
     done = clock[Clock.done] + before
-    left = sea.interval - done
+    left = basin.interval - done
     dt = left / ti.max(ti.ceil(left * ti.cast(rate, ti.f64) / COURANT), 1.0)
-    if left < 1e-9 * sea.interval:
-        done = sea.interval
+    if left < 1e-9 * basin.interval:
+        done = basin.interval
         dt = 0.0 * left
     clock[Clock.done] = done
     clock[Clock.step] = dt
     clock[Clock.friction] = 0.5 * (before + dt)
     if dt > 0.0:
         clock[Clock.steps] = clock[Clock.steps] + 1.0
-    level = 0.0 * sea.start
-    next_level = 0.0 * sea.start
+    level = 0.0 * basin.start
+    next_level = 0.0 * basin.start
     for n in range(tide.shape[0]):
-        angle = tide[n, Tide.omega] * (sea.start + done) + tide[n, Tide.phase]
+        angle = tide[n, Tide.omega] * (basin.start + done) + tide[n, Tide.phase]
         level = level + tide[n, Tide.amplitude] * ti.cos(angle)
         next_level = next_level + tide[n, Tide.amplitude] * ti.cos(angle + tide[n, Tide.omega] * dt)
     clock[Clock.level] = level
@@ -187,56 +187,56 @@ def next_time_step(sea: ti.template()):
 
 
 @ti.func
-def apply_friction(sea: ti.template(), i: ti.i32, t: ti.f64):
+def apply_friction(basin: ti.template(), i: ti.i32, t: ti.f64):
     """The exact solution of u_t = −r u − g n² |u| u/h^(4/3) at constant depth for a time t, in a row."""
-    cells, drag = ti.static((sea.cells, sea.drag))
+    cells, drag = ti.static((basin.cells, basin.drag))
     drag_factor = ti.cast(ti.exp(-drag * t), ti.f32)
     damped_time = ti.cast(t, ti.f32)  # ∫ e^{−rt} dt
     if drag * t > 1e-6:
         damped_time = ti.cast((1.0 - ti.exp(-drag * t)) / drag, ti.f32)
-    size = (sea.ny + 4) * (sea.W + 4) * LANES
-    first = vector_index(0, i, 0, sea.ny, sea.W) * LANES
-    for n in range(first, first + sea.W * LANES):
-        h = ti.max(cells[n] + ti.max(-sea.bed_cells[n], 0.0), sea.dry)
+    size = (basin.ny + 4) * (basin.W + 4) * LANES
+    first = vector_index(0, i, 0, basin.ny, basin.W) * LANES
+    for n in range(first, first + basin.W * LANES):
+        h = ti.max(cells[n] + ti.max(-basin.bed_cells[n], 0.0), basin.dry)
         u = cells[n + size]
         v = cells[n + 2 * size]
-        K = sea.g * sea.manning * sea.manning / ti.pow(h, 4.0 / 3.0)
+        K = basin.g * basin.manning * basin.manning / ti.pow(h, 4.0 / 3.0)
         factor = drag_factor / (1.0 + K * damped_time * ti.sqrt(u * u + v * v))
         cells[n + size] = u * factor
         cells[n + 2 * size] = v * factor
 
 
 @ti.func
-def march(sea: ti.template(), stage: ti.template(), band: ti.i32, dt: ti.f32):
+def march(basin: ti.template(), stage: ti.template(), band: ti.i32, dt: ti.f32):
     """One stage in a band of rows: from the state to the first stage, or on from there and to the mean with the state.
 
     Every face is worked out once: slopes and flux of the western face stay in registers and those of the southern one
     in the workspace. To begin with, two rows south of the band are passed.
     """
-    W, ny, dry, g, workspace = ti.static((sea.W, sea.ny, sea.dry, sea.g, sea.workspace))
+    W, ny, dry, g, workspace = ti.static((basin.W, basin.ny, basin.dry, basin.g, basin.workspace))
     north_row = W + 4
     zero = vector(0.0)
-    rx = dt / sea.dx
-    ry = dt / sea.dy
-    first = ny * band // sea.bands
-    for i in range(first - 2, ny * (band + 1) // sea.bands):
+    rx = dt / basin.dx
+    ry = dt / basin.dy
+    first = ny * band // basin.bands
+    for i in range(first - 2, ny * (band + 1) // basin.bands):
         p = vector_index(3 * stage, i, -1, ny, W)
-        x = half_slopes(read_cell(sea, stage, p - 1), read_cell(sea, stage, p), read_cell(sea, stage, p + 1), dry)
+        x = half_slopes(read_cell(basin, stage, p - 1), read_cell(basin, stage, p), read_cell(basin, stage, p + 1), dry)
         west = ti.Struct(mass=zero, left=zero, right=zero, transverse=zero)
         for j in range(-1, W):
             p = vector_index(3 * stage, i, j, ny, W)
-            here = read_cell(sea, stage, p)
+            here = read_cell(basin, stage, p)
             east = ti.Struct(mass=zero, left=zero, right=zero, transverse=zero)
             next_x = ti.Struct(eta=zero, h=zero, u=zero, v=zero)
             if i >= first:
-                cell = read_cell(sea, stage, p + 1)
-                next_x = half_slopes(here, cell, read_cell(sea, stage, p + 2), dry)
+                cell = read_cell(basin, stage, p + 1)
+                next_x = half_slopes(here, cell, read_cell(basin, stage, p + 2), dry)
                 east = flux(upper_face(here, x), lower_face(cell, next_x), g)
             if j >= 0:
                 k = (band * W + j) * ti.static(len(Workspace.names))
                 here_y = turned(here)
-                cell = turned(read_cell(sea, stage, p + north_row))
-                next_y = half_slopes(here_y, cell, turned(read_cell(sea, stage, p + 2 * north_row)), dry)
+                cell = turned(read_cell(basin, stage, p + north_row))
+                next_y = half_slopes(here_y, cell, turned(read_cell(basin, stage, p + 2 * north_row)), dry)
                 if i >= first - 1:
                     y = read_slopes(workspace, k)
                     north = flux(upper_face(here_y, y), lower_face(cell, next_y), g)
@@ -244,7 +244,7 @@ def march(sea: ti.template(), stage: ti.template(), band: ti.i32, dt: ti.f32):
                         south = read_flux(workspace, k)
                         fluxes = ti.static(Fluxes(west, east, south, north))
                         stepped = euler_step(here, x.eta, y.eta, fluxes, rx, ry, g)
-                        store(sea, stage, vector_index(3 * (1 - stage), i, j, ny, W), here, stepped)
+                        store(basin, stage, vector_index(3 * (1 - stage), i, j, ny, W), here, stepped)
                     workspace[k + Workspace.mass] = north.mass
                     workspace[k + Workspace.momentum] = north.right
                     workspace[k + Workspace.transverse] = north.transverse
@@ -293,21 +293,21 @@ def euler_step(here, x_eta, y_eta, fluxes: ti.template(), rx: ti.f32, ry: ti.f32
 
 
 @ti.func
-def store(sea: ti.template(), stage: ti.template(), n: ti.i32, here, stepped):
+def store(basin: ti.template(), stage: ti.template(), n: ti.i32, here, stepped):
     """Write the result of a stage to vector n: after the second stage the mean with the state."""
-    size = (sea.ny + 4) * (sea.W + 4)
+    size = (basin.ny + 4) * (basin.W + 4)
     zero = vector(0.0)
     h0 = ti.max(zero - here.b, zero)
     D, q_x, q_y = stepped.D, stepped.q_x, stepped.q_y
     if ti.static(stage == 1):
-        D_0 = sea.state[n]
+        D_0 = basin.state[n]
         D = 0.5 * (D_0 + D)
-        q_x = 0.5 * ((D_0 + h0) * sea.state[n + size] + q_x)
-        q_y = 0.5 * ((D_0 + h0) * sea.state[n + 2 * size] + q_y)
+        q_x = 0.5 * ((D_0 + h0) * basin.state[n + size] + q_x)
+        q_y = 0.5 * ((D_0 + h0) * basin.state[n + 2 * size] + q_y)
     D = ti.max(D, zero - h0)  # against rounding
     h = D + h0
     # q/h, fading to zero in water thinner than `dry` (Kurganov and Petrova 2007).
-    per_depth = 2.0 * h / (h * h + ti.max(h * h, sea.dry * sea.dry + zero))
-    sea.state[n] = D
-    sea.state[n + size] = q_x * per_depth
-    sea.state[n + 2 * size] = q_y * per_depth
+    per_depth = 2.0 * h / (h * h + ti.max(h * h, basin.dry * basin.dry + zero))
+    basin.state[n] = D
+    basin.state[n + size] = q_x * per_depth
+    basin.state[n + 2 * size] = q_y * per_depth

@@ -35,16 +35,16 @@ def vector_index(field: ti.i32, i: ti.i32, j: ti.i32, ny: ti.i32, W: ti.i32) -> 
 
 
 @ti.func
-def fill_ghosts(sea: ti.template(), stage: ti.template(), task: ti.i32, level: ti.f32):
+def fill_ghosts(basin: ti.template(), stage: ti.template(), task: ti.i32, level: ti.f32):
     """The ghosts of a row (tasks up to ny − 1), or one of the four rows of ghosts in the south and north.
 
     Args:
-        sea: see `kernels.shallow_water.finite_volume.Sea`.
+        basin: see `kernels.shallow_water.finite_volume.Basin`.
         stage: 0 for the state, 1 for the first stage.
         task: which of ny + 4.
         level: prescribed elevation of forced boundaries, m.
     """
-    ny, W, cells, halo = ti.static((sea.ny, sea.W, sea.cells, sea.halo))
+    ny, W, cells, halo = ti.static((basin.ny, basin.W, basin.cells, basin.halo))
     size = (ny + 4) * (W + 4) * LANES
     stage_offset = 3 * stage * size
     if task < ny:
@@ -63,7 +63,7 @@ def fill_ghosts(sea: ti.template(), stage: ti.template(), task: ti.i32, level: t
                 across = size
                 along = 2 * size
                 ghost = ti.static(Ghost(at, first, second, across, along, stage_offset, layer, outward))
-                fill_ghost(sea, ghost, sea.boundaries[boundary], level)
+                fill_ghost(basin, ghost, basin.boundaries[boundary], level)
     else:
         north = (task - ny) // 2
         layer = (task - ny) % 2 + 1
@@ -78,18 +78,18 @@ def fill_ghosts(sea: ti.template(), stage: ti.template(), task: ti.i32, level: t
             first = edge_row * LANES + n
             second = next_row * LANES + n
             ghost = ti.static(Ghost(at, first, second, across, along, stage_offset, layer, outward))
-            fill_ghost(sea, ghost, sea.boundaries[SOUTH + north], level)
+            fill_ghost(basin, ghost, basin.boundaries[SOUTH + north], level)
 
 
 @ti.func
-def fill_ghost(sea: ti.template(), ghost: ti.template(), kind: ti.i32, level: ti.f32):
+def fill_ghost(basin: ti.template(), ghost: ti.template(), kind: ti.i32, level: ti.f32):
     """A ghost beyond a boundary of a kind, from the first and the second cell inside."""
     if kind == WALL:
-        fill_wall(sea, ghost)
+        fill_wall(basin, ghost)
     elif kind == RADIATING:
-        fill_radiating(sea, ghost)
+        fill_radiating(basin, ghost)
     else:
-        fill_forced(sea, ghost, level)
+        fill_forced(basin, ghost, level)
 
 
 @ti.func
@@ -102,9 +102,9 @@ def mirror_cell(ghost: ti.template()) -> ti.i32:
 
 
 @ti.func
-def fill_wall(sea: ti.template(), ghost: ti.template()):
+def fill_wall(basin: ti.template(), ghost: ti.template()):
     """Wall: the mirror image."""
-    cells = ti.static(sea.cells)
+    cells = ti.static(basin.cells)
     mirror = mirror_cell(ghost)
     cells[ghost.at] = cells[mirror]
     cells[ghost.at + ghost.across] = -cells[mirror + ghost.across]
@@ -112,14 +112,14 @@ def fill_wall(sea: ti.template(), ghost: ti.template()):
 
 
 @ti.func
-def fill_radiating(sea: ti.template(), ghost: ti.template()):
+def fill_radiating(basin: ti.template(), ghost: ti.template()):
     """Radiating: the state between the first cell and a still sea outside.
 
     From the Riemann invariants u + 2 c that leaves the first cell and −2 c that leaves the sea outside.
     """
-    cells, g = ti.static((sea.cells, sea.g))
-    c0 = ti.sqrt(g * ti.max(-sea.bed_cells[ghost.at - ghost.stage_offset], 0.0))
-    h0_first = ti.max(-sea.bed_cells[ghost.first - ghost.stage_offset], 0.0)
+    cells, g = ti.static((basin.cells, basin.g))
+    c0 = ti.sqrt(g * ti.max(-basin.bed_cells[ghost.at - ghost.stage_offset], 0.0))
+    h0_first = ti.max(-basin.bed_cells[ghost.first - ghost.stage_offset], 0.0)
     u = ghost.outward * cells[ghost.first + ghost.across]
     leaving = u + 2.0 * celerity_difference(cells[ghost.first], 0.0, h0_first, g)
     excess = ti.max(0.25 * leaving, -c0)
@@ -129,14 +129,14 @@ def fill_radiating(sea: ti.template(), ghost: ti.template()):
 
 
 @ti.func
-def fill_forced(sea: ti.template(), ghost: ti.template(), level: ti.f32):
+def fill_forced(basin: ti.template(), ghost: ti.template(), level: ti.f32):
     """Forced: the elevation that has the prescribed one as its mean with the mirror cell.
 
     The velocity follows from the invariant that arrives there from inside. Surface and velocity inside are continued
     linearly where both cells are flooded. Water passes the boundary at most with the speed of waves: faster water would
     need other conditions.
     """
-    cells, bed, g = ti.static((sea.cells, sea.bed_cells, sea.g))
+    cells, bed, g = ti.static((basin.cells, basin.bed_cells, basin.g))
     b = bed[ghost.at - ghost.stage_offset]
     b_1 = bed[ghost.first - ghost.stage_offset]
     b_2 = bed[ghost.second - ghost.stage_offset]
@@ -145,7 +145,7 @@ def fill_forced(sea: ti.template(), ghost: ti.template(), level: ti.f32):
     u = ghost.outward * cells[ghost.first + ghost.across]
     eta = cells[ghost.first] + ti.max(b_1, 0.0)
     eta_2 = cells[ghost.second] + ti.max(b_2, 0.0)
-    if ti.min(eta, eta_2) > ti.max(b_1, b_2) + sea.dry:
+    if ti.min(eta, eta_2) > ti.max(b_1, b_2) + basin.dry:
         distance = ti.cast(ghost.layer, ti.f32)
         u = u + distance * (u - ghost.outward * cells[ghost.second + ghost.across])
         eta = eta + distance * (eta - eta_2)

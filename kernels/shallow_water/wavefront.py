@@ -22,7 +22,7 @@ from kernels.types import columns, index3, vec4
 # marches all bands, and whether it makes all copies.
 Options = namedtuple("Options", "strips radiating sponge serial copy_serially", defaults=(False, False))
 # Arguments of a kernel that its functions share, as `march` describes them.
-Sea = namedtuple("Sea", "eta U V Cx Cy resistance sponge_factor elevation_factor W nx ny a options")
+Basin = namedtuple("Basin", "eta U V Cx Cy resistance sponge_factor elevation_factor W nx ny a options")
 # Vectors at which the row to advance, the row south of it and its coefficients begin; factors Fy and Gy of its sponge.
 Row = namedtuple("Row", "north south coefficients Fy Gy")
 
@@ -87,7 +87,7 @@ def march(
         a: (1 − r Δt/2)/(1 + r Δt/2).
         options: see `Options`.
     """
-    sea = ti.static(Sea(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options))
+    basin = ti.static(Basin(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options))
     rows = eta.shape[0] // (blocks * W)
     table = prescribed.shape[0] // blocks
     tasks = blocks * bands.shape[0]
@@ -120,92 +120,92 @@ def march(
                     c = bands[band, BandTable.coefficients, k] * W
                     source = bands[band, BandTable.source, k]
                     E = prescribed[block * table + first + s]
-                    set_west_and_east(sea, north, source, E, west_lanes, east_lanes)
+                    set_west_and_east(basin, north, source, E, west_lanes, east_lanes)
                     if k == 1 and copied_south == 0:
-                        set_row_outside(sea, SOUTH, south, north, E)
+                        set_row_outside(basin, SOUTH, south, north, E)
                     if k == count - 1 and copied_north == 0:
-                        set_row_outside(sea, NORTH, north, north, E)
+                        set_row_outside(basin, NORTH, north, north, E)
                     Fy = vector(1.0)
                     Gy = vector(1.0)
                     if ti.static(options.sponge):
                         Fy = sponge_factor[2 * W + source]
                         Gy = sponge_factor[2 * W + ny + 1 + ti.min(bands[band, BandTable.source, k - 1], ny)]
-                    advance_row(sea, ti.static(Row(north, south, c, Fy, Gy)))
+                    advance_row(basin, ti.static(Row(north, south, c, Fy, Gy)))
 
 
 @ti.func
 def set_west_and_east(
-    sea: ti.template(), first: ti.i32, row: ti.i32, E: vector, west_lanes: vector, east_lanes: vector
+    basin: ti.template(), first: ti.i32, row: ti.i32, E: vector, west_lanes: vector, east_lanes: vector
 ):
     """Give the outer cells at both ends of a row of the basin, which begins at `first`, the elevation outside."""
-    W = sea.W
-    if sea.elevation_factor[WEST] >= 0:
+    W = basin.W
+    if basin.elevation_factor[WEST] >= 0:
         n = first + W - 1
-        transport = from_lane_above(sea.U[first], sea.options.strips)
-        outside = elevation_outside(sea, WEST, E, 2 * W + row, transport)
-        sea.eta[n] = west_lanes * outside + (1.0 - west_lanes) * sea.eta[n]
-    if sea.elevation_factor[EAST] >= 0:
-        n = first + sea.nx
-        if ti.static(sea.options.strips):
-            n = first + sea.nx % W
-        outside = elevation_outside(sea, EAST, E, 2 * W + sea.ny + 1 + row, sea.U[n])
-        sea.eta[n] = east_lanes * outside + (1.0 - east_lanes) * sea.eta[n]
+        transport = from_lane_above(basin.U[first], basin.options.strips)
+        outside = elevation_outside(basin, WEST, E, 2 * W + row, transport)
+        basin.eta[n] = west_lanes * outside + (1.0 - west_lanes) * basin.eta[n]
+    if basin.elevation_factor[EAST] >= 0:
+        n = first + basin.nx
+        if ti.static(basin.options.strips):
+            n = first + basin.nx % W
+        outside = elevation_outside(basin, EAST, E, 2 * W + basin.ny + 1 + row, basin.U[n])
+        basin.eta[n] = east_lanes * outside + (1.0 - east_lanes) * basin.eta[n]
 
 
 @ti.func
-def set_row_outside(sea: ti.template(), side: ti.template(), outer: ti.i32, faces: ti.i32, E: vector):
+def set_row_outside(basin: ti.template(), side: ti.template(), outer: ti.i32, faces: ti.i32, E: vector):
     """Give the outer row south or north of the basin, which begins at `outer`, the elevation outside."""
-    if sea.elevation_factor[side] >= 0:
-        for j in range(sea.W):
-            n = (side - SOUTH) * sea.W + j
-            sea.eta[outer + j] = elevation_outside(sea, side, E, n, sea.V[faces + j])
+    if basin.elevation_factor[side] >= 0:
+        for j in range(basin.W):
+            n = (side - SOUTH) * basin.W + j
+            basin.eta[outer + j] = elevation_outside(basin, side, E, n, basin.V[faces + j])
 
 
 @ti.func
-def elevation_outside(sea: ti.template(), side: ti.template(), E, n: ti.i32, transport):
+def elevation_outside(basin: ti.template(), side: ti.template(), E, n: ti.i32, transport):
     """Elevation that the outer cell of an open boundary is given, from the transport through face n of `resistance`."""
-    outside = sea.elevation_factor[side] * E
-    if ti.static(sea.options.radiating and side in (WEST, SOUTH)):
-        outside = outside - sea.resistance[n] * transport
-    if ti.static(sea.options.radiating and side in (EAST, NORTH)):
-        outside = outside + sea.resistance[n] * transport
+    outside = basin.elevation_factor[side] * E
+    if ti.static(basin.options.radiating and side in (WEST, SOUTH)):
+        outside = outside - basin.resistance[n] * transport
+    if ti.static(basin.options.radiating and side in (EAST, NORTH)):
+        outside = outside + basin.resistance[n] * transport
     return outside
 
 
 @ti.func
-def advance_row(sea: ti.template(), row: ti.template()):
+def advance_row(basin: ti.template(), row: ti.template()):
     """One substep of the transports of the northern row and then of the elevation of the southern one."""
-    W = sea.W
-    west = from_lane_below(sea.eta[row.north + W - 1], sea.options.strips)
-    U_first = sea.U[row.south]
-    U_wrapped = from_lane_above(U_first, sea.options.strips)
+    W = basin.W
+    west = from_lane_below(basin.eta[row.north + W - 1], basin.options.strips)
+    U_first = basin.U[row.south]
+    U_wrapped = from_lane_above(U_first, basin.options.strips)
     U_west = U_first
     for j in range(W - 1):
-        U_east = sea.U[row.south + j + 1]
-        west = advance_cell(sea, row, j, west, U_west, U_east)
+        U_east = basin.U[row.south + j + 1]
+        west = advance_cell(basin, row, j, west, U_west, U_east)
         U_west = U_east
-    advance_cell(sea, row, W - 1, west, U_west, U_wrapped)
+    advance_cell(basin, row, W - 1, west, U_west, U_wrapped)
 
 
 @ti.func
-def advance_cell(sea: ti.template(), row: ti.template(), j: ti.i32, west: vector, U_west: vector, U_east: vector):
+def advance_cell(basin: ti.template(), row: ti.template(), j: ti.i32, west: vector, U_west: vector, U_east: vector):
     """Column j of `advance_row`; returns the elevation in the northern row, the western one of the next column."""
-    eta, U, V = ti.static(sea.eta, sea.U, sea.V)
+    eta, U, V = ti.static(basin.eta, basin.U, basin.V)
     n = row.north + j
     m = row.south + j
     c = row.coefficients + j
     here = eta[n]
     below = eta[m]
     V_south = V[m]
-    if ti.static(sea.options.sponge):
-        B = sea.sponge_factor[sea.W + j] * row.Gy
-        U[n] = sea.a * sea.sponge_factor[j] * U[n] - sea.Cx[c] * (here - west)
-        V_north = sea.a * row.Fy * V[n] - sea.Cy[c] * (here - below)
+    if ti.static(basin.options.sponge):
+        B = basin.sponge_factor[basin.W + j] * row.Gy
+        U[n] = basin.a * basin.sponge_factor[j] * U[n] - basin.Cx[c] * (here - west)
+        V_north = basin.a * row.Fy * V[n] - basin.Cy[c] * (here - below)
         V[n] = V_north
         eta[m] = B * below - (0.5 + 0.5 * B) * ((U_east - U_west) + (V_north - V_south))
     else:
-        U_here = sea.a * U[n] - sea.Cx[c] * (here - west)
-        V_north = sea.a * V[n] - sea.Cy[c] * (here - below)
+        U_here = basin.a * U[n] - basin.Cx[c] * (here - west)
+        V_north = basin.a * V[n] - basin.Cy[c] * (here - below)
         U[n] = U_here
         V[n] = V_north
         eta[m] = below - (U_east - U_west) - (V_north - V_south)
