@@ -156,41 +156,44 @@ def _batch(
     track: array3,
     estimate: array3,
     link: array2,
-    place: array2,
-    searching: ti.i32,
-    criterion: ti.i32,
-    variance: ti.f32,
-    correlation_time: ti.f32,
-    top_speed: ti.f32,
-    step: ti.f32,
-    steps: ti.i32,
+    boat: array2,
+    goal: array2,
+    outlook: Outlook,
+    searching: ti.template(),
     width: ti.f32,
     length: ti.f32,
     out: array2,
 ):
     for i in range(track.shape[0]):
         team = ti.static(Team(estimate, link, i, track.shape[1]))
-        outlook = Outlook(criterion, variance, correlation_time, top_speed, step, steps)
-        boat = vec2(place[i, 0], place[i, 1])
-        goal = vec2(place[i, 2], place[i, 3])
+        here = vec2(boat[i, 0], boat[i, 1])
+        there = vec2(goal[i, 0], goal[i, 1])
         found = vec3(0.0, 0.0, 0.0)
-        if searching != 0:
-            found = plan(team, track, outlook, boat, goal, vec2(width, length))
+        if ti.static(searching):
+            found = plan(team, track, outlook, here, there, vec2(width, length))
         else:
-            found = look_ahead(team, track, outlook, boat, goal)
+            found = look_ahead(team, track, outlook, here, there)
         for j in ti.static(range(3)):
             out[i, j] = found[j]
 
 
-def criterion_code(name: str) -> int:
-    """The code of a criterion.
+def outlook_for(
+    criterion: str,
+    *,
+    variance: float,
+    correlation_time: float,
+    steps: int = 10,
+    step: float = 1.0,
+    top_speed: float = 4.0,
+) -> Outlook:
+    """The `Outlook` of a criterion of CRITERIA by name.
 
     Raises:
         ValueError: unknown name.
     """
-    if name not in CRITERIA:
-        raise ValueError(f"criterion: {name!r} is not one of {', '.join(CRITERIA)}")
-    return CRITERIA.index(name)
+    if criterion not in CRITERIA:
+        raise ValueError(f"criterion: {criterion!r} is not one of {', '.join(CRITERIA)}")
+    return Outlook(CRITERIA.index(criterion), variance, correlation_time, top_speed, step, steps)
 
 
 def plan_batch(
@@ -199,22 +202,14 @@ def plan_batch(
     link: torch.Tensor,
     boat: torch.Tensor,
     goal: torch.Tensor,
+    outlook: Outlook,
     *,
-    criterion: str = "d",
-    steps: int = 10,
-    step: float = 1.0,
-    top_speed: float = 4.0,
-    variance: float,
-    correlation_time: float,
     width: float = 200.0,
     length: float = 200.0,
 ) -> torch.Tensor:
     """`plan` for many worlds: track (n, K, COLUMNS), estimate (n, K, 3), boat, goal (n, 2); goal and value (n, 3)."""
     out = track.new_empty((track.shape[0], 3))
-    place = torch.cat((boat, goal), -1).contiguous()
-    code = criterion_code(criterion)
-    model = (variance, correlation_time, top_speed, step)
-    _batch(track, estimate, link, place, 1, code, *model, steps, width, length, out)
+    _batch(track, estimate, link, boat, goal, outlook, True, width, length, out)
     return out
 
 
@@ -224,18 +219,9 @@ def look_ahead_batch(
     link: torch.Tensor,
     boat: torch.Tensor,
     goal: torch.Tensor,
-    *,
-    criterion: str = "d",
-    steps: int = 10,
-    step: float = 1.0,
-    top_speed: float = 4.0,
-    variance: float,
-    correlation_time: float,
+    outlook: Outlook,
 ) -> torch.Tensor:
     """`look_ahead` for many worlds: as `plan_batch`; (n, 3) the criterion and its derivatives by the goal."""
     out = track.new_empty((track.shape[0], 3))
-    place = torch.cat((boat, goal), -1).contiguous()
-    code = criterion_code(criterion)
-    model = (variance, correlation_time, top_speed, step)
-    _batch(track, estimate, link, place, 0, code, *model, steps, 0.0, 0.0, out)
+    _batch(track, estimate, link, boat, goal, outlook, False, 0.0, 0.0, out)
     return out

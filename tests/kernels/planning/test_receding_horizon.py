@@ -42,6 +42,10 @@ def layouts(seed, worlds, count, device, *, spread=200.0):
     return [torch.tensor(array, dtype=torch.float32, device=device) for array in (track, estimate, *places)]
 
 
+def outlook(criterion="d", **settings):
+    return receding_horizon.outlook_for(criterion, **MODEL, **settings)
+
+
 def fix_variance(link, k, offset, z):
     """1/T + ε² z² in double precision."""
     S0 = link[k, usbl.REFERENCE]
@@ -86,9 +90,7 @@ class TestValue:
     def test_filters_in_double_precision(self, device, criterion, steps):
         world = layouts(3, 20, 3, device)
         link = links(3, device)
-        found = receding_horizon.look_ahead_batch(
-            *world[:2], link, *world[2:], criterion=criterion, steps=steps, **MODEL
-        )
+        found = receding_horizon.look_ahead_batch(*world[:2], link, *world[2:], outlook(criterion, steps=steps))
         plain = [array.double().cpu().numpy() for array in (*world, link)]
         for i in range(20):
             track, estimate, boat, goal = (array[i] for array in plain[:4])
@@ -101,7 +103,7 @@ class TestValue:
         world = layouts(4, 30, 2, device)
         world[3][:15] = world[2][:15] + 0.05 * (world[3][:15] - world[2][:15])
         link = links(2, device)
-        found = receding_horizon.look_ahead_batch(*world[:2], link, *world[2:], criterion=criterion, steps=8, **MODEL)
+        found = receding_horizon.look_ahead_batch(*world[:2], link, *world[2:], outlook(criterion, steps=8))
         plain = [array.double().cpu().numpy() for array in (*world, link)]
         for i in range(30):
             track, estimate, boat, goal = (array[i] for array in plain[:4])
@@ -115,7 +117,7 @@ class TestValue:
 
     def test_unknown_criterion(self):
         with pytest.raises(ValueError, match="'x' is not one of d, a, e"):
-            receding_horizon.criterion_code("x")
+            outlook("x")
 
 
 class TestPlan:
@@ -129,7 +131,7 @@ class TestPlan:
         ):
             track[..., columns] = value
         link = links(2, device, attitude_error=0.0)
-        found = receding_horizon.plan_batch(track, estimate, link, boat, goal, steps=1, top_speed=300.0, **MODEL)
+        found = receding_horizon.plan_batch(track, estimate, link, boat, goal, outlook(steps=1, top_speed=300.0))
         best = global_search.plan_batch(link, estimate, code=objectives.objective_code("fix", "d"))
         at_found = objectives.log_objective_batch(
             link, estimate, found[:, :2].contiguous(), code=objectives.objective_code("fix", "d")
@@ -143,7 +145,7 @@ class TestPlan:
     def test_near_the_best_of_a_grid(self, device, criterion, count):
         world = layouts(6, 40, count, device)
         link = links(count, device)
-        found = receding_horizon.plan_batch(*world[:2], link, *world[2:], criterion=criterion, **MODEL)
+        found = receding_horizon.plan_batch(*world[:2], link, *world[2:], outlook(criterion))
         assert (found[:, :2] >= 0).all()
         assert (found[:, :2] <= 200).all()
         x = torch.linspace(0, 200, 41, device=device)
@@ -151,9 +153,7 @@ class TestPlan:
         gaps, spans = [], []
         for i in range(40):
             same = [array[i : i + 1].expand(len(grid), *array.shape[1:]).contiguous() for array in world[:3]]
-            values = receding_horizon.look_ahead_batch(*same[:2], link, same[2], grid, criterion=criterion, **MODEL)[
-                :, 0
-            ]
+            values = receding_horizon.look_ahead_batch(*same[:2], link, same[2], grid, outlook(criterion))[:, 0]
             gaps.append((values.max() - found[i, 2]).item())
             spans.append((values.max() - values.min()).item())
         gaps, spans = np.array(gaps), np.array(spans)
@@ -163,7 +163,7 @@ class TestPlan:
     def test_goes_above_a_lone_auv_that_holds_position(self, device):
         track, estimate, boat, goal = layouts(7, 50, 1, device)
         track[..., [tracker.ADRIFT, tracker.WATER_X, tracker.WATER_Y]] = 0.0
-        found = receding_horizon.plan_batch(track, estimate, links(1, device), boat, goal, steps=100, **MODEL)
+        found = receding_horizon.plan_batch(track, estimate, links(1, device), boat, goal, outlook(steps=100))
         assert (found[:, :2] - track[:, 0, :2]).norm(dim=-1).max().item() < 0.2
 
     def test_the_far_auv_counts_where_the_trace_does(self, device):
@@ -181,11 +181,9 @@ class TestPlan:
                 links(2, device),
                 boat,
                 goal,
-                criterion=criterion,
-                steps=200,
+                outlook(criterion, steps=200),
                 width=600.0,
                 length=600.0,
-                **MODEL,
             )
             nearest[criterion] = (track[0, :, :2] - found[0, :2]).norm(dim=-1).min().item()
         assert nearest["d"] < 20
@@ -240,8 +238,8 @@ def to_the_optimum(link, track, estimate, boat, goal):
 
 def ahead(steps, top_speed):
     def planner(link, track, estimate, boat, goal):
-        options = {"criterion": "a", "steps": steps, "top_speed": top_speed}
-        return receding_horizon.plan_batch(track, estimate, link, boat, goal, **options, **MODEL)[:, :2]
+        weighed = outlook("a", steps=steps, top_speed=top_speed)
+        return receding_horizon.plan_batch(track, estimate, link, boat, goal, weighed)[:, :2]
 
     return planner
 
