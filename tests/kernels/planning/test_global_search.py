@@ -13,7 +13,7 @@ AREA = 200.0
 
 
 def tolerance(code):
-    """Largest gap in ln of the objective: E's optimum is a kink, where rounding the place to single precision tells."""
+    """Largest gap in ln of the objective: at the kink of E rounding the place to single precision matters."""
     return 5e-6 if objectives.OBJECTIVES[code // 2] == "e" else 1e-6
 
 
@@ -47,7 +47,7 @@ class TestPlan:
         assert (best_by_dense_search(points, link.cpu(), code, AREA) - reached).max() < tolerance(code)
 
     @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
-    def test_any_start_leads_there(self, device, code):
+    def test_the_start_does_not_matter(self, device, code):
         points = random_layouts("uniform", 200, 3, AREA, 4).to(device)
         link = table(device, 3)
         heights = []
@@ -59,8 +59,8 @@ class TestPlan:
 
     @pytest.mark.parametrize("name", ["d fix", "d phase", "sum phase"])
     @pytest.mark.parametrize("K", [2, 3])
-    def test_any_start_leads_there_over_many_hills(self, device, name, K):
-        """AUVs anywhere, 10 to 15 m deep: a hill above each of them, and some between."""
+    def test_any_start_finds_the_highest_of_many_maxima(self, device, name, K):
+        """AUVs anywhere, 10 to 15 m deep: a maximum above each of them, and some between."""
         random = torch.Generator().manual_seed(5)
         z = -10 - 5 * torch.rand(2000, K, 1, generator=random)
         points = torch.cat([AREA * torch.rand(2000, K, 2, generator=random), z], -1).to(device)
@@ -73,7 +73,7 @@ class TestPlan:
         assert ((heights.amax(0) - heights.amin(0)) / (5 + heights[0].abs())).max() < 3e-6
 
     @pytest.mark.parametrize("name", [name for name in CODES if not name.startswith("paper")])
-    def test_one_place_is_watched_from_straight_above(self, device, name):
+    def test_optimum_for_one_position_is_straight_above(self, device, name):
         """One AUV, and three at the same place and depth."""
         for count in (1, 3):
             points = torch.tensor([[[37.0, 151.0, -100.0]] * count], device=device)
@@ -82,7 +82,7 @@ class TestPlan:
 
     @pytest.mark.parametrize("name", ["d fix", "a fix", "e fix", "d phase", "a phase", "e phase"])
     @pytest.mark.parametrize("line", [(1.0, 0.0), (0.6, 0.8)])
-    def test_two_like_auvs_are_watched_from_their_midpoint(self, device, name, line):
+    def test_optimum_for_two_equal_auvs_is_their_midpoint(self, device, name, line):
         """60 m apart, 100 m deep."""
         way = 30 * torch.tensor(line)
         place = torch.stack([100 - way, 100 + way])
@@ -104,8 +104,8 @@ class TestPlan:
         for found in (mixed, other):
             assert ((found - height).abs() / (5 + height.abs())).max() < 3e-6
 
-    def test_a_goal_stays_where_two_are_equal(self, device):
-        """Two like AUVs far apart: above either is best, and the goal does not jump between them."""
+    def test_a_goal_stays_where_two_maxima_are_equal(self, device):
+        """Two equal AUVs far apart: above either is best, and the goal does not jump between them."""
         points = torch.tensor([[[20.0, 100.0, -100.0], [180.0, 100.0, -100.0]]], device=device)
         link = table(device, 1).repeat(2, 1)
         for x in (20.0, 180.0):
@@ -113,8 +113,8 @@ class TestPlan:
             goal = global_search.plan_batch(link, points, code=CODES["sum phase"], start=start)[0]
             assert abs(goal[0].item() - x) < 40
 
-    def test_d_watches_all_where_the_sum_watches_one(self, device):
-        """Two like AUVs 120 m apart: the sum parks above one, the determinant of both positions between them."""
+    def test_d_is_between_auvs_where_the_sum_is_above_one(self, device):
+        """Two equal AUVs 120 m apart: the sum is largest above one, the determinant of both positions between them."""
         points = torch.tensor([[[40.0, 100.0, -100.0], [160.0, 100.0, -100.0]]], device=device)
         link = table(device, 1).repeat(2, 1)
         start = torch.tensor([[41.0, 100.0]], device=device)
@@ -123,7 +123,7 @@ class TestPlan:
         assert min(abs(summed - 40), abs(summed - 160)) < 15
         assert d == pytest.approx(100, abs=0.1)
 
-    def test_d_gives_up_an_auv_that_a_and_e_do_not(self, device):
+    def test_d_neglects_a_far_auv_that_a_and_e_do_not(self, device):
         """Two shallow AUVs together and one far away: from D over A to E the boat goes nearer to the far one."""
         points = torch.tensor([[[10.0, 100.0, -30.0], [14.0, 100.0, -30.0], [190.0, 100.0, -30.0]]], device=device)
         link = table(device, 1).repeat(3, 1)
@@ -195,7 +195,7 @@ class TestGreedy:
         reached = log_objective(out[:, :2], points.double(), link.double().cpu(), code)
         gap = self.best_of_disc(points, link.cpu(), code, boat, reach) - reached
         # On the disc's rim, too, the objective has a slope, and the rim is rounded to single precision. PAPER can have
-        # several maxima round one AUV, and the climbs miss a slightly better one now and then.
+        # several maxima round one AUV, and the ascents sometimes miss a slightly better one.
         assert gap.max() < (2e-3 if code == CODES["paper phase"] else 1e-5)
 
     @pytest.mark.parametrize("code", CODES.values(), ids=CODES)

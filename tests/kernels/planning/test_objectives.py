@@ -54,7 +54,7 @@ class TestPaper:
         assert value["sum phase"] == pytest.approx(1, rel=1e-5)
         assert value["paper phase"] == pytest.approx(3, rel=1e-5)
 
-    def test_knows_no_attitude_error(self, device):
+    def test_is_without_attitude_error(self, device):
         points, boat = random_layouts("depths", 20, 3, 200.0, 7).to(device), random_boats(20, 8).to(device)
         with_error, without = (
             objectives.log_objective_batch(

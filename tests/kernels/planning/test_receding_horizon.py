@@ -166,8 +166,8 @@ class TestPlan:
         found = receding_horizon.plan_batch(track, estimate, links(1, device), boat, goal, outlook(steps=100))
         assert (found[:, :2] - track[:, 0, :2]).norm(dim=-1).max().item() < 0.2
 
-    def test_the_far_auv_counts_where_the_trace_does(self, device):
-        """Two AUVs 500 m apart: the determinant gives up one of them, the trace stays between them."""
+    def test_a_neglects_no_far_auv_where_d_does(self, device):
+        """Two AUVs 500 m apart: the determinant neglects one of them, the trace stays between them."""
         track, estimate, boat, goal = layouts(8, 1, 2, device)
         track[0, :, :2] = estimate[0, :, :2] = torch.tensor([[50.0, 300.0], [550.0, 300.0]])
         track[..., tracker.ADRIFT :] = 0.0
@@ -245,7 +245,7 @@ def ahead(steps, top_speed):
 
 
 class TestVoyage:
-    """The measured answer to whether it helps: a boat faster than the AUVs hardly, a slow one a little."""
+    """The gain of looking ahead: almost none for a boat faster than the AUVs, a little for a slow one."""
 
     def test_fast_boat(self, device):
         simple = voyage(device, 3, to_the_optimum, top_speed=4.0, steps=120, seed=1)

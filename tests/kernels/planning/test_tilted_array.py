@@ -93,7 +93,7 @@ def test_covariance_and_information_are_inverses(device, measurement):
 
 
 class TestDrawnFixes:
-    """Covariance of 200,000 fixes by a tilted array; a loud source keeps the errors small."""
+    """Covariance of 200,000 fixes by a tilted array; a strong source keeps the errors small."""
 
     n = 200_000
 

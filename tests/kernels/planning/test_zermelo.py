@@ -1,4 +1,4 @@
-"""Zermelo's problem: closed forms, rays of Zermelo's own equation, walls, symmetry, and what it is worth to an AUV."""
+"""Zermelo's problem: closed forms, rays of Zermelo's own equation, barriers, symmetry, and the gain of an AUV."""
 
 import math
 
@@ -277,7 +277,7 @@ class TestAgainstCrab:
 
 @pytest.fixture(scope="module")
 def problem(device):
-    """A jet from west to east, faster than the vehicle, over the whole height of the area: nobody comes back."""
+    """A jet from west to east, faster than the vehicle, over the whole length of the area: no path leads back."""
     flow = np.zeros((2, 51, 51, 2))
     flow[:, :, 24:28, 0] = 1.6
     return Problem(device, flow, [(40.0, 100.0), (160.0, 100.0)])

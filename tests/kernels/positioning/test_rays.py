@@ -28,11 +28,11 @@ def eigenrays(profile, ends, device) -> np.ndarray:
 
 
 def there_and_back(profile, depth, offset, c, device, assumed=None) -> tuple[np.ndarray, np.ndarray]:
-    """What is heard (n, 5) and where the source is placed (n, 3), by another profile if one is assumed."""
+    """Arrivals (n, 5) and the positions found from them (n, 3), by another profile if one is assumed."""
     depth, offset = tensor(depth, device), tensor(offset, device)
-    heard = rays.arrivals(tensor(profile.layers(), device), depth, offset, c)
-    back = rays.positions(tensor((assumed or profile).layers(), device), depth, heard, c)
-    return heard.double().cpu().numpy(), back.double().cpu().numpy()
+    arrivals = rays.arrivals(tensor(profile.layers(), device), depth, offset, c)
+    back = rays.positions(tensor((assumed or profile).layers(), device), depth, arrivals, c)
+    return arrivals.double().cpu().numpy(), back.double().cpu().numpy()
 
 
 def numerical_ray(speed, gradient, depth, angle, time, breaks=()):
@@ -191,16 +191,16 @@ class TestFix:
     @pytest.mark.parametrize("name", PROFILES)
     def test_down_the_ray_to_the_source(self, device, name):
         depth, offset = self.offsets()
-        heard, back = there_and_back(PROFILES[name], depth, offset, 1500.0, device)
-        assert (heard[:, 4] == 1).all()
+        arrivals, back = there_and_back(PROFILES[name], depth, offset, 1500.0, device)
+        assert (arrivals[:, 4] == 1).all()
         assert np.abs(back - offset).max() < 1e-3
 
     def test_at_constant_speed_it_is_geometry(self, device):
         depth, offset = self.offsets()
-        heard, _ = there_and_back(SoundSpeedProfile.constant(1500.0), depth, offset, 1500.0, device)
+        arrivals, _ = there_and_back(SoundSpeedProfile.constant(1500.0), depth, offset, 1500.0, device)
         S = np.linalg.norm(offset, axis=1)
-        assert np.abs(heard[:, :3] - offset / S[:, None]).max() < 5e-7
-        assert heard[:, 3] == pytest.approx(S, rel=6e-7)
+        assert np.abs(arrivals[:, :3] - offset / S[:, None]).max() < 5e-7
+        assert arrivals[:, 3] == pytest.approx(S, rel=6e-7)
 
     @pytest.mark.parametrize("name", PROFILES)
     def test_bias_of_a_straight_line(self, device, name):
@@ -210,11 +210,11 @@ class TestFix:
         z = np.linspace(0, 100, 100001)
         arithmetic = np.trapezoid(np.interp(z, profile.depths, profile.speeds), z) / 100
         for c in (profile.at(0), mean):
-            heard, back = there_and_back(profile, [0.0], [[2.0, 0, -100]], c, device)
-            assert heard[0, 3] * heard[0, 0] / 2 == pytest.approx(c * c / mean / arithmetic, rel=2e-5)
+            arrivals, back = there_and_back(profile, [0.0], [[2.0, 0, -100]], c, device)
+            assert arrivals[0, 3] * arrivals[0, 0] / 2 == pytest.approx(c * c / mean / arithmetic, rel=2e-5)
             assert back[0] == pytest.approx([2, 0, -100], abs=2e-4)
-        heard, _ = there_and_back(profile, [0.0], [[100.0, 0, -100]], mean, device)
-        assert abs(heard[0, 3] * heard[0, 0] - 100) < 0.03
+        arrivals, _ = there_and_back(profile, [0.0], [[100.0, 0, -100]], mean, device)
+        assert abs(arrivals[0, 3] * arrivals[0, 0] - 100) < 0.03
 
     def test_a_profile_wrong_by_1_m_per_s(self, device):
         """The whole profile too fast by 1 m/s: the fix moves outwards by 2/c of its range near the nadir."""
@@ -225,30 +225,30 @@ class TestFix:
     @pytest.mark.parametrize("name", PROFILES)
     def test_noise_near_the_horizontal_stays_finite(self, device, name):
         random = np.random.default_rng(2)
-        heard = np.zeros((2000, 5))
-        heard[:, :2] = random.uniform(-1.2, 1.2, (2000, 2))
-        heard[:, 3] = random.uniform(1, 3000, 2000)
+        arrivals = np.zeros((2000, 5))
+        arrivals[:, :2] = random.uniform(-1.2, 1.2, (2000, 2))
+        arrivals[:, 3] = random.uniform(1, 3000, 2000)
         place = rays.positions(
             tensor(PROFILES[name].layers(), device),
             tensor(random.uniform(-10, 10, 2000), device),
-            tensor(heard, device),
+            tensor(arrivals, device),
             1500.0,
         )
         assert torch.isfinite(place).all()
-        assert (place.double().norm(dim=1).cpu().numpy() < heard[:, 3] * 1.03).all()
+        assert (place.double().norm(dim=1).cpu().numpy() < arrivals[:, 3] * 1.03).all()
 
     def test_an_arrival_beyond_the_horizontal_is_taken_as_horizontal(self, device):
-        heard = torch.tensor([[0.9, 1.2, 0.0, 300.0, 1.0], [1.8, 2.4, 0.0, 300.0, 1.0]], device=device)
+        arrivals = torch.tensor([[0.9, 1.2, 0.0, 300.0, 1.0], [1.8, 2.4, 0.0, 300.0, 1.0]], device=device)
         layers = tensor(THERMOCLINE.layers(), device)
-        beyond = rays.positions(layers, torch.full((2,), 30.0, device=device), heard, 1500.0).cpu().numpy()
+        beyond = rays.positions(layers, torch.full((2,), 30.0, device=device), arrivals, 1500.0).cpu().numpy()
         assert beyond[0] == pytest.approx(beyond[1], abs=1e-4)
         assert beyond[0, 2] < -5  # bent down by the thermocline
 
     def test_without_a_direct_ray_the_line_is_straight_and_says_so(self, device):
         steep = SoundSpeedProfile.from_table([(0, 1480.0), (100, 1520.0)])
-        heard, _ = there_and_back(steep, [0.0], [[3000.0, 0, -100]], 1500.0, device)
-        assert heard[0, 4] == 0
-        assert heard[0, 3] == pytest.approx(math.hypot(3000, 100), rel=1e-6)
+        arrivals, _ = there_and_back(steep, [0.0], [[3000.0, 0, -100]], 1500.0, device)
+        assert arrivals[0, 4] == 0
+        assert arrivals[0, 3] == pytest.approx(math.hypot(3000, 100), rel=1e-6)
 
 
 class TestProfile:

@@ -126,7 +126,7 @@ class TestGeometry:
         assert error[0, 0] == pytest.approx(-100 * math.sin(pitch), abs=1e-2)
 
     def test_too_wide_an_array_wraps(self, device):
-        """Beyond half a wavelength the phase is ambiguous: right near the nadir, a wrong place at the side."""
+        """Beyond half a wavelength the phase is ambiguous: right near the nadir, wrong far from it."""
         for offset, wrong in (((5.0, 0.0, -100.0), False), ((100.0, 0.0, -100.0), True)):
             error, _, _ = fixes(device, offset, noise=torch.zeros(1, 5), spacing=0.1)
             assert (abs(error[0, 0]) > 10) == wrong
@@ -192,7 +192,7 @@ class TestValidity:
             assert np.all((flags & usbl.DETECTED > 0) == all_or_none)
             assert detected == pytest.approx(float(all_or_none), abs=1e-6)
 
-    def test_a_loud_tone_has_the_better_phases(self, device):
+    def test_a_strong_tone_has_better_phases(self, device):
         """Amplitude and phases of one complex Gaussian: σ² falls as 2a/(2a + n)."""
         noise = torch.zeros(2, 6)
         noise[:, 0], noise[1, 5] = 1.0, 3.0
@@ -238,7 +238,7 @@ class TestLinkTable:
         with pytest.raises(ValueError, match=f"{field}: '{value}' is not one of"):
             usbl.Sonar(**{field: value})
 
-    def test_a_louder_sea_is_that_much_less_snr(self):
+    def test_ambient_noise_lowers_the_snr(self):
         loud = usbl.Sonar(ambient_noise=lambda f, shipping, wind: 7.0 + coates(f, shipping, wind))
         snr = [usbl.link_table(CARRIERS, sonar)[:, usbl.SNR_AT_1M] for sonar in (usbl.Sonar(), loud)]
         assert snr[0] - snr[1] == pytest.approx(7.0, abs=1e-4)

@@ -118,7 +118,7 @@ class TestWithoutNoise:
             assert np.all(flags == usbl.DETECTED)
 
     def test_a_near_source_is_a_sphere(self, device):
-        """0.5 m away the hydrophones hear 0.27 mm later than the centre would: the receiver accounts for it."""
+        """0.5 m away the tone arrives 0.27 mm later at the hydrophones than at the centre: the receiver corrects it."""
         offset = (0.0, 0.0, -0.5)
         _, _, measured = Batch(device, offset, link_at(150.0, offset, path="transponder"), count=8).tones()
         assert math.hypot(0.0165, 0.5) - 0.5 > 2.7e-4
@@ -178,7 +178,7 @@ class TestBounds:
 @pytest.mark.parametrize("carrier", [13371.0, 15000.0, 18000.0])
 @pytest.mark.parametrize("a", [200.0, 16.0, 6.0, 2.0])
 def test_drawn_sums_are_those_of_drawn_samples(device, carrier, a):
-    """Ten thousand fixes each way: every measured quantity, its extremes included, has one distribution."""
+    """Ten thousand fixes each way: every measured quantity, its extremes included, has the same distribution."""
     offset = (70.0, -45.0, -104.0)
     batch = Batch(device, offset, link_at(strength_db(a, carrier), offset, carrier))
     _, sampled_flags, sampled = batch.tones(seed=2, sampled=True)
@@ -320,7 +320,7 @@ class TestDraws:
         return batch
 
     @pytest.mark.parametrize("sampled", [True, False])
-    def test_a_fix_knows_only_its_seed_and_place(self, device, sampled):
+    def test_a_fix_depends_on_seed_and_index_only(self, device, sampled):
         whole = self.batch(device, 500).tones(2**64 - 1, sampled)[2]
         assert np.array_equal(whole[:100], self.batch(device, 100).tones(2**64 - 1, sampled)[2])
         for seed in (2**64 - 2, 2**32 - 1):
@@ -347,8 +347,8 @@ class TestDraws:
                 r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
                 address = random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0))
                 S = r.norm()
-                heard = waveform.measure(link, 0, r, S, address, ti.u32(16), ti.u32(0), waveform.PROJECTED)
-                f = waveform.fix(link, 0, r, S, heard, usbl.array_axes(vec2(0.0, 0.0)))
+                measured = waveform.measure(link, 0, r, S, address, ti.u32(16), ti.u32(0), waveform.PROJECTED)
+                f = waveform.fix(link, 0, r, S, measured, usbl.array_axes(vec2(0.0, 0.0)))
                 for j in ti.static(range(5)):
                     out[n, j] = f[j]
 
