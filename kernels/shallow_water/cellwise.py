@@ -14,7 +14,7 @@ import torch
 from kernels.launch import Launch
 from kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
 from kernels.shallow_water.packing import LANES, Packing
-from kernels.shallow_water.wavefront import Options, Basin, elevation_outside
+from kernels.shallow_water.wavefront import Basin, Options, elevation_outside
 from kernels.types import array1, index1, vec4
 
 
