@@ -12,6 +12,7 @@ from kernels.positioning import sonar_equation
 from tests.usvauv_env.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.build import build_sea
+from usvauv_env.site.cf_ocean import read_bathymetry
 from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import data_level
@@ -101,6 +102,21 @@ class TestRealBed:
         x, y = np.meshgrid((np.arange(30) + 0.5) * 50, (np.arange(20) + 0.5) * 50)
         np.testing.assert_allclose(sea.depth, bed_depth(*frame.to_geographic(x, y)), atol=0.01)
         assert site.mean_depth == pytest.approx(sea.depth.mean(), abs=0.1)
+
+    def test_file_is_read_once_for_each_grid(self, slope, monkeypatch):
+        grids = []
+
+        def read(*arguments) -> np.ndarray:
+            grids.append(arguments[-1])
+            return read_bathymetry(*arguments)
+
+        monkeypatch.setattr("usvauv_env.site.site.read_bathymetry", read)
+        site = Site(self.scenario(slope))
+        assert grids == []
+        for _ in range(2):
+            build_sea(site, 0, 1)
+            assert site.bed.max() > site.mean_depth
+        assert grids == [(30, 20), (256, 171)]
 
     def test_nodes_lie_on_it(self, slope):
         """A service has the data rate of the slant range to a node on the bed."""
