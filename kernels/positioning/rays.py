@@ -184,11 +184,7 @@ def eigenray(layers: ti.template(), shallow: ti.f32, deep: ti.f32, R: ti.f32) ->
         c1 = c2
         w1 = w2
     return Ray(
-        slowness=t * norm / fastest,
-        upper_cosine=upper_cosine,
-        lower_cosine=w1,
-        time=time,
-        exists=ti.i32(t < FLATTEST),
+        slowness=t * norm / fastest, upper_cosine=upper_cosine, lower_cosine=w1, time=time, exists=ti.i32(t < FLATTEST)
     )
 
 
@@ -279,11 +275,7 @@ def along_arc(g: ti.f32, c: ti.f32, s: ti.f32, w: ti.f32, time: ti.f32) -> vec2:
 
 
 @ti.kernel
-def _eigenrays(
-    layers: array2,
-    ends: array2,
-    out: array2,
-):
+def _eigenrays(layers: array2, ends: array2, out: array2):
     for n in range(ends.shape[0]):
         ray = eigenray(layers, ends[n, 0], ends[n, 1], ends[n, 2])
         out[n, 0] = ray.slowness
@@ -305,13 +297,7 @@ def eigenrays(layers: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
 
 
 @ti.kernel
-def _arrivals(
-    layers: array2,
-    depth: array1,
-    offset: array2,
-    c: ti.f32,
-    out: array2,
-):
+def _arrivals(layers: array2, depth: array1, offset: array2, c: ti.f32, out: array2):
     for n in range(offset.shape[0]):
         arrival = refracted(layers, depth[n], vec3(offset[n, 0], offset[n, 1], offset[n, 2]), c)
         for j in ti.static(range(3)):
@@ -328,13 +314,7 @@ def arrivals(layers: torch.Tensor, depth: torch.Tensor, offset: torch.Tensor, c:
 
 
 @ti.kernel
-def _positions(
-    layers: array2,
-    depth: array1,
-    arrival: array2,
-    c: ti.f32,
-    out: array2,
-):
+def _positions(layers: array2, depth: array1, arrival: array2, c: ti.f32, out: array2):
     for n in range(arrival.shape[0]):
         source = follow(layers, depth[n], vec2(arrival[n, 0], arrival[n, 1]), arrival[n, 3], c)
         for j in ti.static(range(3)):

@@ -199,6 +199,5 @@ def sum_of_part(record: ti.template(), i, block_begin, block_end, begin, end, to
     )
     tone = tone_sum(record, i, begin, end)
     return tone + vec2(
-        k00 * e[0] + k01 * e[1] + L[0] * draw[0],
-        k10 * e[0] + k11 * e[1] + L[1] * draw[0] + L[2] * draw[1],
+        k00 * e[0] + k01 * e[1] + L[0] * draw[0], k10 * e[0] + k11 * e[1] + L[1] * draw[0] + L[2] * draw[1]
     )

@@ -231,13 +231,7 @@ def measure(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, path: ti.f32,
 
 @ti.func
 def located(
-    link: ti.template(),
-    k: ti.i32,
-    true_phase: vec2,
-    phase: vec2,
-    amplitude: ti.f32,
-    axes: mat3,
-    length: ti.f32,
+    link: ti.template(), k: ti.i32, true_phase: vec2, phase: vec2, amplitude: ti.f32, axes: mat3, length: ti.f32
 ) -> Direction:
     """The direction that follows from measured phases, and the flags of the fix.
 
@@ -265,13 +259,7 @@ def located(
 
 @ti.func
 def fix(
-    link: ti.template(),
-    k: ti.i32,
-    offset: vec3,
-    slope: vec2,
-    attitude_error: ti.f32,
-    noise: vec4,
-    attitude_noise: vec2,
+    link: ti.template(), k: ti.i32, offset: vec3, slope: vec2, attitude_error: ti.f32, noise: vec4, attitude_noise: vec2
 ) -> vec5:
     """One fix of AUV k where rays are straight: the estimated offset from boat to AUV (m), σ (rad), and the flags.
 

@@ -28,11 +28,7 @@ def layouts(seed, worlds, count, device, *, spread=200.0):
     # One number of each block, of a correlation below one.
     a, c = random.uniform(0.02, 0.3, (2, worlds, count))
     b = random.uniform(-0.9, 0.9, (worlds, count)) * np.sqrt(a * c)
-    for columns, block in (
-        ((tracker.XX, tracker.YY), a),
-        ((tracker.XU, tracker.YV), b),
-        ((tracker.UU, tracker.VV), c),
-    ):
+    for columns, block in (((tracker.XX, tracker.YY), a), ((tracker.XU, tracker.YV), b), ((tracker.UU, tracker.VV), c)):
         track[..., columns] = block[..., None]
     track[..., tracker.ADRIFT] = random.random((worlds, count)) < 0.8
     velocity = random.normal(0, 1.2, (worlds, count, 2))
@@ -176,14 +172,7 @@ class TestPlan:
         nearest = {}
         for criterion in ("d", "a"):
             found = receding_horizon.plan_batch(
-                track,
-                estimate,
-                links(2, device),
-                boat,
-                goal,
-                outlook(criterion, steps=200),
-                width=600.0,
-                length=600.0,
+                track, estimate, links(2, device), boat, goal, outlook(criterion, steps=200), width=600.0, length=600.0
             )
             nearest[criterion] = (track[0, :, :2] - found[0, :2]).norm(dim=-1).min().item()
         assert nearest["d"] < 20

@@ -180,10 +180,7 @@ class TestZermelosEquation:
     def test_linear_shear(self, device):
         """Rays do not cross within this time, so the cost on them is their time."""
         places = rays(
-            lambda x: np.array([SHEAR * (x[1] - 100.0), 0.0]),
-            lambda x: ((0.0, SHEAR), (0.0, 0.0)),
-            1.3,
-            self.times,
+            lambda x: np.array([SHEAR * (x[1] - 100.0), 0.0]), lambda x: ((0.0, SHEAR), (0.0, 0.0)), 1.3, self.times
         )
         kept = inside_so_far(places)
         assert kept.sum() > 300
