@@ -133,7 +133,7 @@ class TestPlan:
             link, estimate, found[:, :2].contiguous(), code=objectives.objective_code("fix", "d")
         )[:, 0]
         gap = (best[:, 2] - at_found).cpu().numpy()
-        assert np.mean(gap < 1e-5) > 0.98  # one climb: of two maxima it may find the lower
+        assert np.mean(gap < 1e-5) > 0.98  # one ascent: of two maxima it may find the lower
         assert gap.max() < 0.1
 
     @pytest.mark.parametrize("criterion", receding_horizon.CRITERIA)
