@@ -65,9 +65,7 @@ class FixErrors:
     def _write(self, work: Work, row: str, at: Iterable[tuple], of: Iterable[tuple]) -> None:
         times, episodes = results(work.folder, self.scenario, row)
         write_rows(times, OVER_TIME, (dict(zip(OVER_TIME, values, strict=True)) for values in at))
-        rows: Iterable[dict[str, object]] = (
-            dict(zip(OVER_EPISODES, (*episode, *values), strict=True)) for episode, *values in of
-        )
+        rows: Iterable[dict] = (dict(zip(OVER_EPISODES, (*episode, *values), strict=True)) for episode, *values in of)
         write_rows(episodes, OVER_EPISODES, rows)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 import cv2
 import numpy as np
@@ -214,10 +214,8 @@ class SeaVideo:
     def __enter__(self) -> SeaVideo:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._stack.__exit__(kind, error, traceback)
+    def __exit__(self, *problem: Any) -> None:
+        self._stack.__exit__(*problem)
 
 
 def thumbnail(field: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 import h5netcdf
 import h5py
@@ -67,10 +67,8 @@ class SeaFile:
     def __enter__(self) -> SeaFile:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._stack.__exit__(kind, error, traceback)
+    def __exit__(self, *problem: Any) -> None:
+        self._stack.__exit__(*problem)
 
     def _close(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
