@@ -19,7 +19,7 @@ from usvauv_env.record.table import write_rows
 
 BOUND = "bound"
 OVER_TIME = ("time", "median", "lower_quartile", "upper_quartile")
-OVER_EPISODES = ("seed", "episode", "median", "p95")
+OVER_EPISODES: tuple[str, ...] = ("seed", "episode", "median", "p95")
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class FixErrors:
     def _write(self, work: Work, row: str, at: Iterable[tuple], of: Iterable[tuple]) -> None:
         times, episodes = results(work.folder, self.scenario, row)
         write_rows(times, OVER_TIME, (dict(zip(OVER_TIME, values, strict=True)) for values in at))
-        rows: Iterable[dict] = (dict(zip(OVER_EPISODES, (*episode, *values), strict=True)) for episode, *values in of)
+        rows = (dict(zip(OVER_EPISODES, (*episode, *values), strict=True)) for episode, *values in of)
         write_rows(episodes, OVER_EPISODES, rows)
 
 
