@@ -1,6 +1,7 @@
 """README and docs: each Python snippet runs, each command parses, each file and name that they speak of is there."""
 
 import importlib.util
+import json
 import os
 import pkgutil
 import re
@@ -50,7 +51,7 @@ def is_call(span: str) -> bool:
 
 
 def snippets() -> Iterator:
-    """Python of each page; what names a scenario once for each one that ships."""
+    """Python of each page, in a variant for each scenario that ships if it names one."""
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         found = [block for block in blocks(text) if is_python(block) and page.stem != "extending"]  # files of plugins
@@ -59,9 +60,8 @@ def snippets() -> Iterator:
         if calls:
             found.append("\n".join(["import gymnasium, policies, usvauv_env, usvauv_env.faces.torchrl_env", *calls]))
         for number, code in enumerate(found):
-            for scenario in SCENARIOS if NAMED.search(code) else [None]:
-                name = f"{page.stem}-{number}" + (f"-{scenario}" if scenario else "")
-                yield pytest.param(NAMED.sub(f'"{scenario}"', code), id=name)
+            variants = [NAMED.sub(f'"{scenario}"', code) for scenario in SCENARIOS] if NAMED.search(code) else [code]
+            yield pytest.param(variants, id=f"{page.stem}-{number}")
 
 
 def commands() -> Iterator:
@@ -77,14 +77,16 @@ def commands() -> Iterator:
                 yield pytest.param(words, id=f"{page.stem}: {' '.join(words)[:60]}")
 
 
-@pytest.mark.parametrize("code", list(snippets()))
-def test_python_runs(tmp_path, code):
+@pytest.mark.parametrize("variants", list(snippets()))
+def test_python_runs(tmp_path, variants):
     """In a process of its own, so that what it registers ends with it."""
+    run = "import json, sys\nfor code in json.load(sys.stdin):\n    print(code, file=sys.stderr)\n    exec(code, {})"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command, told = [sys.executable, "-c", run], json.dumps(variants)
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path, env=environment
+        command, input=told, capture_output=True, text=True, check=False, cwd=tmp_path, env=environment
     )
-    assert done.returncode == 0, f"{code}\n{done.stderr}"
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("command", list(commands()))
