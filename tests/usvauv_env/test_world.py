@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from kernels.flow import airy
-from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.types import Level
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.build import build_short_waves
@@ -144,8 +144,8 @@ class TestStart:
         assert xy.max() <= 190
         assert (xy[:, 0] - xy[:, 1]).norm(dim=-1).min() >= 20
         nodes = world.node
-        assert nodes[..., :2].min() >= 10
-        assert nodes[..., :2].max() <= 190
+        assert nodes[..., NodeColumn.span("x", "y")].min() >= 10
+        assert nodes[..., NodeColumn.span("x", "y")].max() <= 190
         assert set(nodes[..., NodeColumn.rate].unique().tolist()) == {3, 5, 8, 12}
         backlog = nodes[..., NodeColumn.backlog]
         assert backlog.min() == 0
@@ -203,10 +203,14 @@ class TestMotion:
         world.step(torch.full((200, 2, 2), 0.5))
         after = world.auv
         speed = 2.2 * math.sqrt(0.5)
-        expected = before[..., 0:2] + speed * torch.tensor([1.0, 1.0]) / math.sqrt(2) + before[..., 4:6]
+        expected = (
+            before[..., AuvColumn.span("x", "y")]
+            + speed * torch.tensor([1.0, 1.0]) / math.sqrt(2)
+            + before[..., AuvColumn.span("current_x", "current_y")]
+        )
         moving = (after[..., AuvColumn.hovering] == 0) & (after[..., AuvColumn.border] == 0)
         assert moving.sum() > 300
-        torch.testing.assert_close(after[..., 0:2][moving], expected[moving], rtol=0, atol=2e-5)
+        torch.testing.assert_close(after[..., AuvColumn.span("x", "y")][moving], expected[moving], rtol=0, atol=2e-5)
 
     @pytest.mark.parametrize(
         ("action", "speed"), [((0.1, 0.0), 1.2), ((1.0, 1.0), 2.2), ((0.0, -0.75), 1.65), ((0.0, 0.0), 1.2)]
@@ -233,7 +237,7 @@ class TestMotion:
         for _ in range(200):
             world.step(torch.tensor([[[1.0, 0.0], [0.0, 1.0]]]))
             refused += world.measures()[0, :, world.measure_names.index("border")].sum().item()
-            position = world.auv[..., 0:2]
+            position = world.auv[..., AuvColumn.span("x", "y")]
             assert position.min() >= 0
             assert position.max() <= 200
         assert refused > 50
@@ -242,23 +246,25 @@ class TestMotion:
         scenario = Scenario.load("ideal", ["boat.top_speed=1.5"])
         world = World(scenario, num_worlds=16, seed=0)
         observation = world.reset()
-        before = world.boat[:, 0:2].clone()
+        before = world.boat[:, BoatColumn.span("x", "y")].clone()
         for _ in range(100):
             observation, *_ = world.step(steer(observation))
-            moved = (world.boat[:, 0:2] - before).norm(dim=-1)
+            moved = (world.boat[:, BoatColumn.span("x", "y")] - before).norm(dim=-1)
             assert moved.max() <= 1.5 + 1e-4
-            before = world.boat[:, 0:2].clone()
+            before = world.boat[:, BoatColumn.span("x", "y")].clone()
 
     def test_hold_stands_still_in_the_current(self, extreme):
         world = World(extreme, num_worlds=8, seed=0, usv="hold:30,170")
         run(world, 50)
-        torch.testing.assert_close(world.boat[:, 0:2], torch.tensor([30.0, 170.0]).expand(8, 2), atol=1e-3, rtol=0)
+        torch.testing.assert_close(
+            world.boat[:, BoatColumn.span("x", "y")], torch.tensor([30.0, 170.0]).expand(8, 2), atol=1e-3, rtol=0
+        )
 
     def test_centroid_follows_the_measured_positions(self):
         world = World(Scenario.load("ideal"), num_worlds=8, seed=0, usv="centroid")
         run(world, 50)
         estimates_before_last_fix = world.boat[:, BoatColumn.span("goal_x", "goal_y")]
-        truth = world.auv[..., 0:2].mean(dim=1)
+        truth = world.auv[..., AuvColumn.span("x", "y")].mean(dim=1)
         assert (estimates_before_last_fix - truth).norm(dim=-1).max() < 4
 
 
@@ -288,7 +294,9 @@ class TestStorm:
         torch.testing.assert_close(boat[:, BoatColumn.span("elevation", "current_y")], seen[:, :5])
         assert seen[:, 0].std() > 0.8
         drift = before[:, BoatColumn.span("current_x", "current_y")]
-        moved = boat[:, 0:2] - torch.stack([torch.full((16,), 90.0), before[:, BoatColumn.y]], dim=1)
+        moved = boat[:, BoatColumn.span("x", "y")] - torch.stack(
+            [torch.full((16,), 90.0), before[:, BoatColumn.y]], dim=1
+        )
         torch.testing.assert_close((moved - drift).norm(dim=1), torch.full((16,), 4.0), atol=1e-4, rtol=0)
 
     def test_it_carries_the_auvs_a_little(self):
@@ -430,7 +438,7 @@ class TestTask:
         world = World(Scenario.load("ideal"), num_worlds=64, seed=3)
         world.reset()
         node, fix = world.node, world.estimate[:, 0, 0:2]
-        distance = (node[..., 0:2] - fix[:, None]).norm(dim=-1)
+        distance = (node[..., NodeColumn.span("x", "y")] - fix[:, None]).norm(dim=-1)
         value = node[..., NodeColumn.rate] * node[..., NodeColumn.backlog] / 5000 - 0.015 * distance
         assert torch.equal(world.auv[:, 0, AuvColumn.target].long(), value.argmax(dim=1))
 
@@ -441,15 +449,20 @@ class TestReward:
         observation = world.reset()
         w = extreme.reward
         for _ in range(120):
-            node = world.node[..., 0:2].gather(1, world.auv[..., AuvColumn.target].long()[..., None].expand(-1, -1, 2))
-            before = (node - world.auv[..., 0:2]).norm(dim=-1)
+            node = world.node[..., NodeColumn.span("x", "y")].gather(
+                1, world.auv[..., AuvColumn.target].long()[..., None].expand(-1, -1, 2)
+            )
+            before = (node - world.auv[..., AuvColumn.span("x", "y")]).norm(dim=-1)
             hovering = world.auv[..., AuvColumn.hover] > 0
             observation, reward, _, _, info = world.step(steer(observation))
             auv, boat = world.auv, world.boat
-            closed = torch.where(hovering, 0.0, before - (node - auv[..., 0:2]).norm(dim=-1))
+            closed = torch.where(hovering, 0.0, before - (node - auv[..., AuvColumn.span("x", "y")]).norm(dim=-1))
             apart = (auv[:, 0, 0:2] - auv[:, 1, 0:2]).norm(dim=-1)
             below = boat[:, None, BoatColumn.elevation] + 100
-            slant = torch.sqrt(((auv[..., 0:2] - boat[:, None, 0:2]) ** 2).sum(-1) + below**2)
+            slant = torch.sqrt(
+                ((auv[..., AuvColumn.span("x", "y")] - boat[:, None, BoatColumn.span("x", "y")]) ** 2).sum(-1)
+                + below**2
+            )
             expected = torch.stack(
                 [
                     w.distance * closed,
@@ -476,7 +489,7 @@ class TestReward:
             for _ in range(400):
                 action = steer(observation, share=0.75)
                 if name == "loiter":
-                    offset = observation[..., 2:4] * extreme.area.diagonal
+                    offset = observation[..., world.observation_layout.slice("target")] * extreme.area.diagonal
                     distance = offset.norm(dim=-1, keepdim=True)
                     tangent = torch.stack([-offset[..., 1], offset[..., 0]], dim=-1) / distance
                     radial = offset / distance * ((distance - 15) / 10).clamp(-1, 1)
@@ -505,7 +518,7 @@ class TestObservation:
         scenario = Scenario.load("extreme", ["auv.count=3", "observation.current=vector"])
         world = World(scenario, num_worlds=16, seed=1)
         run(world, 40)
-        o, fix, diagonal = world.observation, world.estimate[..., 0:2], math.hypot(200, 200)
+        o, fix, diagonal = world.observation, world.estimate[..., EstimateColumn.span("x", "y")], math.hypot(200, 200)
         assert o.shape == (16, 3, 2 * 2 + 6 + 3)
         torch.testing.assert_close(o[:, 1, 0:2], (fix[:, 0] - fix[:, 1]) / diagonal)
         torch.testing.assert_close(o[:, 1, 2:4], (fix[:, 2] - fix[:, 1]) / diagonal)
@@ -524,11 +537,13 @@ class TestObservation:
         world = World(scenario, num_worlds=4, seed=1)
         run(world, 20)
         o = world.observation.double().numpy()
-        bearing = o[..., 2:4] / np.linalg.norm(o[..., 2:4], axis=-1, keepdims=True)
+        bearing = o[..., world.observation_layout.slice("target")] / np.linalg.norm(
+            o[..., world.observation_layout.slice("target")], axis=-1, keepdims=True
+        )
         for point, (reach, turn) in enumerate((reach, turn) for reach in (25.0, 50.0) for turn in (-1.0, 0.0, 1.0)):
             c, s = math.cos(turn), math.sin(turn)
             beam = np.stack((c * bearing[..., 0] - s * bearing[..., 1], s * bearing[..., 0] + c * bearing[..., 1]), -1)
-            place = world.auv[..., :2].double().numpy() + reach * beam
+            place = world.auv[..., AuvColumn.span("x", "y")].double().numpy() + reach * beam
             expected = np.zeros((4, 2, 2))
             for w in range(4):
                 for x0, y0, circulation, core in world.vortex[w].double().numpy():

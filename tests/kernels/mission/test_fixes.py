@@ -232,7 +232,7 @@ class TestTracker:
             auv = world.auv.clone()
             adrift = 1 - torch.maximum(auv[..., AuvColumn.hovering], auv[..., AuvColumn.border])
             separation = (scenario.auv.depth + world.boat[:, BoatColumn.elevation])[:, None]
-            away = auv[..., :2] - world.boat[:, None, :2]
+            away = auv[..., AuvColumn.span("x", "y")] - world.boat[:, None, BoatColumn.span("x", "y")]
             age = 0.1 + (away.square().sum(-1) + separation**2).sqrt() / 1500
             heard = auv[..., AuvColumn.fix_flags] == usbl.DETECTED
             logged.append(
@@ -267,7 +267,7 @@ class TestTracker:
         observation = world.reset()
         for _ in range(5):
             observation = world.step(steady(observation))[0]
-        own = observation[..., 4:6] * scenario.area.diagonal
+        own = observation[..., world.observation_layout.slice("position")] * scenario.area.diagonal
         torch.testing.assert_close(own, world.track[..., : tracker.Y + 1], rtol=0, atol=1e-4)
         fixes = world.auv[..., AuvColumn.span("fix_x", "fix_y")]
         assert (own - fixes).norm(dim=-1).mean() > 0.05

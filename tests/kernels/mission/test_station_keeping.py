@@ -41,8 +41,8 @@ def test_reward_is_distance_energy_and_room():
     for _ in range(30):
         _, reward, terminated, _, info = world.step(2 * torch.rand(16, 3, 2, generator=random) - 1)
         assert not terminated.any()
-    place = world.auv[..., :2].double()
-    away = (world.node[..., :2] - place).norm(dim=-1)
+    place = world.auv[..., AuvColumn.span("x", "y")].double()
+    away = (world.node[..., NodeColumn.span("x", "y")] - place).norm(dim=-1)
     speed = world.auv[..., AuvColumn.span("water_x", "water_y")].double().norm(dim=-1)
     power = speed.clone().apply_(vehicle.travelling_power)
     apart = (place[:, :, None] - place[:, None]).norm(dim=-1) + 1e6 * torch.eye(3)
