@@ -37,10 +37,6 @@ class Registry(Mapping[str, T], Generic[T]):
         self._items[name] = item
         return item
 
-    def registered(self, name: str) -> Callable[[T], T]:
-        """`register` as a decorator."""
-        return lambda item: self.register(name, item)
-
     def __getitem__(self, name: str) -> T:
         if name not in self._items:
             raise self._error(f"{self.kind} {name!r}: allowed are {', '.join(self._items)}")
