@@ -142,6 +142,3 @@ class Draw(Columns):
     arrival: int
     loss: int
     reading: int
-
-
-MEASURES = AuvColumn.names[AuvColumn.span("power", "position_error")]

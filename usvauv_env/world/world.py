@@ -12,7 +12,7 @@ from kernels import runtime
 from kernels.flow import current, vortex
 from kernels.launch import Launch
 from kernels.mission import poisson_table
-from kernels.mission.columns import MEASURES, AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.mission.run import Phase, run
 from kernels.positioning import tracker
 from kernels.types import Level
@@ -26,6 +26,7 @@ from usvauv_env.world.boat_strategies import StrategyChoice
 from usvauv_env.world.observation import ObservationLayout
 
 MAX_WORLDS = 1 << 22
+MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
 STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "observation")
 
 
@@ -60,7 +61,7 @@ class World:
         RuntimeUnavailable: `arch` cannot be used here.
     """
 
-    measure_names = MEASURES
+    measure_names = AuvColumn.names[MEASURED]
 
     def __init__(
         self,
@@ -129,7 +130,7 @@ class World:
 
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse to rebind a public attribute: the kernels would go on with the old one."""
-        if name in self.__dict__ and not name.startswith("_"):
+        if name[0] != "_" and name in self.__dict__:
             raise AttributeError(f"World.{name}: cannot be rebound; a tensor can be written in place, {name}[:] = ...")
         super().__setattr__(name, value)
 
@@ -221,13 +222,13 @@ class World:
 
     def measures(self) -> torch.Tensor:
         """What the last step cost and brought, (num_worlds, num_auvs, 6), columns `measure_names`."""
-        return self.auv[..., AuvColumn.span("power", "position_error")]
+        return self.auv[..., MEASURED]
 
     def current(self) -> torch.Tensor:
         """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: all that `kernels.flow.current`
         names, and the storm.
         """
-        return self.auv[..., AuvColumn.span("current_x", "current_y")]
+        return self.auv[..., CURRENT]
 
     def current_field(self, flow: torch.Tensor, mask: torch.Tensor, margin: float = 0.0) -> None:
         """True velocity of the water at cruise level, without the storm, into `flow`, m/s.
