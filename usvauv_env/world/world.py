@@ -176,7 +176,7 @@ class World:
         if action.shape != self._action.shape:
             raise ValueError(f"action has shape {tuple(action.shape)}: must be {tuple(self._action.shape)}")
         if self._steps_since_sea % self._sea_interval == 0:
-            self.sea.advance()
+            self._sea.advance()
         self._steps_since_sea += 1
         self._set_clock()
         if self._evolve_vortices:
@@ -321,7 +321,7 @@ class World:
     def _set_clock(self) -> None:
         """Bring storm and real current to the time since the seas started."""
         time = self._steps_since_sea * self.scenario.mission.step
-        self.storm.set_time(time)
+        self._storm.set_time(time)
         if self._flow is not None and len(self._flow.times) > 1:
             # Seas run on where only some worlds are reset; the current then stays as it was at the end of the file.
             self._stream.copy_(torch.from_numpy(self._flow.at(min(time, self._flow.times[-1]))))
