@@ -1,4 +1,8 @@
-"""The world of usvauv: scenario, batched world, trace and metrics, and its Gymnasium and PettingZoo faces."""
+"""The world of usvauv: scenarios, sites and seas, the batched world, its record, pictures and faces.
+
+From outside: the names below, `plugins.load`, and what the rooms' own pages name. Importing it registers the Gymnasium
+environments.
+"""
 
 from gymnasium.envs.registration import register
 

@@ -1,0 +1,5 @@
+"""The batched world: `world.World`, what an AUV observes (`observation`, `spaces`), how the boat is steered
+(`boat_strategies`), and the numbers that the kernels read (`tables`, `current_statistics`).
+
+From outside: `World`, `ObservationLayout`, and the registries `boat_strategies` and `observation_terms`.
+"""
