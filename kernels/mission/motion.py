@@ -18,6 +18,15 @@ def distance_to_target(worlds: ti.template(), w, k):
 
 
 @ti.func
+def distance_between(worlds: ti.template(), w, j, k):
+    """True horizontal distance between AUVs j and k, m."""
+    return vec2(
+        worlds.auv[w, j, AuvColumn.x] - worlds.auv[w, k, AuvColumn.x],
+        worlds.auv[w, j, AuvColumn.y] - worlds.auv[w, k, AuvColumn.y],
+    ).norm()
+
+
+@ti.func
 def travel(worlds: ti.template(), w, k, a0, a1):
     """Move AUV k for one step as its action commands and with the water; a move across the border is refused."""
     p = ti.static(worlds.p)

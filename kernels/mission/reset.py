@@ -8,8 +8,9 @@ from kernels import random
 from kernels.flow.vortex import Vortex
 from kernels.mission import boat, fixes, observation
 from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter
+from kernels.mission.motion import distance_between
 from kernels.mission.worlds import address, uniforms
-from kernels.types import array1, array2, array3, index2, vec2
+from kernels.types import array1, array2, array3, index2
 
 START_ATTEMPTS = 256
 
@@ -76,8 +77,7 @@ def place_auv(worlds: ti.template(), w, k):
         auv[w, k, AuvColumn.y] = y
         searching = False
         for j in range(k):
-            apart = vec2(x - auv[w, j, AuvColumn.x], y - auv[w, j, AuvColumn.y]).norm()
-            if apart < p[Parameter.start_separation]:
+            if distance_between(worlds, w, j, k) < p[Parameter.start_separation]:
                 searching = True
         attempt += 1
         if attempt == START_ATTEMPTS:

@@ -3,8 +3,9 @@
 import taichi as ti
 
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter
+from kernels.mission.motion import distance_between
 from kernels.mission.tasks.task import RewardTerm
-from kernels.types import vec2, vec3
+from kernels.types import vec3
 
 
 @ti.func
@@ -28,13 +29,10 @@ def overflow(worlds: ti.template(), w, k, weight):
 @ti.func
 def proximity(worlds: ti.template(), w, k, weight):
     """Metres below the safe distance, summed over the other AUVs."""
-    auv = ti.static(worlds.auv)
     total = 0.0
-    for j in range(auv.shape[1]):
+    for j in range(worlds.auv.shape[1]):
         if j != k:
-            apart = vec2(
-                auv[w, j, AuvColumn.x] - auv[w, k, AuvColumn.x], auv[w, j, AuvColumn.y] - auv[w, k, AuvColumn.y]
-            ).norm()
+            apart = distance_between(worlds, w, j, k)
             total += ti.max(0.0, worlds.p[Parameter.safe_distance] - apart)
     return weight * total
 
@@ -78,13 +76,10 @@ def write(worlds: ti.template(), w, k):
 @ti.func
 def count_collisions(worlds: ti.template(), w):
     """Count the pairs of AUVs that are closer than the collision distance."""
-    auv = ti.static(worlds.auv)
     count = 0.0
-    for k in range(auv.shape[1]):
+    for k in range(worlds.auv.shape[1]):
         for j in range(k):
-            apart = vec2(
-                auv[w, j, AuvColumn.x] - auv[w, k, AuvColumn.x], auv[w, j, AuvColumn.y] - auv[w, k, AuvColumn.y]
-            ).norm()
+            apart = distance_between(worlds, w, j, k)
             if apart < worlds.p[Parameter.collision_distance]:
                 count += 1.0
     worlds.boat[w, BoatColumn.collisions] = count
