@@ -17,8 +17,7 @@ from policies.learned import LearnedPolicy
 from policies.policy import PolicyError
 from usvauv_env.files import atomic_write
 from usvauv_env.site.site import Site
-from usvauv_env.world.observation import commanded
-from usvauv_env.world.spaces import observed_quantities
+from usvauv_env.world.observation import commanded, observed
 
 NEEDED = ("onnx", "onnxscript")
 EXAMPLE_WORLDS = 3  # any number but 1, which the exporter takes for a constant
@@ -52,7 +51,7 @@ def export(policy: LearnedPolicy, path: Path) -> None:
     if missing:
         raise PolicyError(f'ONNX export needs {" and ".join(missing)}: pip install -c constraints.txt -e ".[onnx]"')
     scenario = policy.scenario
-    layout = observed_quantities(Site(scenario))
+    layout = observed(Site(scenario))
     example = torch.zeros((EXAMPLE_WORLDS, scenario.auv.count, len(layout)))
     with _quiet():
         program = torch.onnx.export(

@@ -18,8 +18,7 @@ from policies.standardizer import Standardizer
 from usvauv_env import Scenario, World
 from usvauv_env.files import OutputError
 from usvauv_env.site.site import Site
-from usvauv_env.world.observation import ObservationLayout, commanded
-from usvauv_env.world.spaces import observed_quantities
+from usvauv_env.world.observation import ObservationLayout, commanded, observed
 
 KINDS = {
     "shipped": ("extreme", None, {}),
@@ -75,7 +74,7 @@ class TestActions:
 
     def test_on_its_target_and_far_outside(self, exported):
         policy, session, _ = exported
-        size = len(observed_quantities(Site(policy.scenario)))
+        size = len(observed(Site(policy.scenario)))
         for value in (0.0, -1.0, 50.0):
             observation = torch.full((2, policy.scenario.auv.count, size), value)
             (action,) = session.run(["action"], {"observation": observation.numpy()})
@@ -118,7 +117,7 @@ class TestQuantities:
     """The table against what a world really puts into an observation."""
 
     def column(self, scenario, observation, quantity):
-        (index,) = [row.index for row in observed_quantities(Site(scenario)) if row.quantity == quantity]
+        (index,) = [row.index for row in observed(Site(scenario)) if row.quantity == quantity]
         return observation[..., index]
 
     def test_observation(self):
@@ -150,10 +149,10 @@ class TestQuantities:
     @pytest.mark.parametrize("scenario", ["ideal", "station-keeping"])
     def test_as_many_as_the_world_gives(self, scenario, current):
         setting = Scenario.load(scenario, [f"observation.current={current}"])
-        assert len(observed_quantities(Site(setting))) == ObservationLayout.of(setting).size
+        assert len(observed(Site(setting))) == ObservationLayout.of(setting).size
         assert any(
             ("station" if setting.task == "station-keeping" else "node") in row.quantity
-            for row in observed_quantities(Site(setting))
+            for row in observed(Site(setting))
         )
 
     def test_action_names_the_form(self):

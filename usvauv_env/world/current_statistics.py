@@ -1,4 +1,4 @@
-"""What the tracker is told of the current: its variance and how fast it changes along an AUV's way, by the scenario."""
+"""The current at the AUVs by the scenario: its largest speed, and what the tracker is told of it."""
 
 from __future__ import annotations
 
@@ -6,11 +6,16 @@ import math
 
 import numpy as np
 
+from kernels.flow import airy
 from kernels.positioning import tracker, usbl
 from kernels.types import Level
 from usvauv_env.scenario import Scenario
-from usvauv_env.sea import storm
+from usvauv_env.sea.forcing import speed_bound
+from usvauv_env.sea.storm import band
 from usvauv_env.site.site import Site
+
+VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
+LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 
 
 def current_parts(site: Site) -> list[tuple[float, float]]:
@@ -25,7 +30,7 @@ def current_parts(site: Site) -> list[tuple[float, float]]:
     if waves.spectrum != "none":
         shape = waves.spectrum, waves.peak_period, waves.gamma, waves.shortest_wave, area.depth, sea.gravity
         depth = -scenario.auv.depth, area.depth, sea.gravity
-        parts.append(tracker.orbital_motion(*storm.band(*shape), waves.significant_height, *depth))
+        parts.append(tracker.orbital_motion(*band(*shape), waves.significant_height, *depth))
     if sea.start_rms > 0:
         clock = sea.gravity, sea.drag, scenario.mission.duration
         parts.append(tracker.standing_waves(sea.start_rms, sea.start_modes, area.width, area.depth, *clock))
@@ -79,3 +84,24 @@ def current_model(site: Site, link: np.ndarray) -> tuple[float, float]:
     noise = np.exp(link[:, usbl.POWER] * np.log(q) - link[:, usbl.LEVEL])
     fix_variance = float(noise.mean()) + (scenario.usbl.attitude_error * z) ** 2
     return tracker.ornstein_uhlenbeck(current_parts(site), fix_variance, scenario.mission.step)
+
+
+def current_bound(site: Site) -> float:
+    """Largest speed of the water at an AUV, m/s.
+
+    The sum of all vortices' peak speeds, which no superposition exceeds, the fastest real current, the bound of the
+    long waves, and six times the rms orbital speed of the storm at cruise depth, exceeded less than once in 10⁸ if
+    Gaussian.
+    """
+    scenario = site.scenario
+    current, storm = scenario.current, scenario.storm
+    peak = current.vortices * VORTEX_PEAK * current.circulation_max / current.core_radius_min
+    peak += speed_bound(site)
+    if (flow := site.current) is not None:
+        peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
+    if storm.spectrum != "none":
+        depth, gravity = site.mean_depth, scenario.sea.gravity
+        omega, S = band(storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, depth, gravity)
+        C, _ = airy.decay(airy.wavenumber(omega, depth, gravity), -min(scenario.auv.depth, depth), depth)
+        peak += 6 * storm.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S))
+    return max(1.001 * peak, LEAST_CURRENT_BOUND)  # 0.1 % covers single precision

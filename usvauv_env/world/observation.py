@@ -14,6 +14,8 @@ from kernels.mission import observation as kernel
 from kernels.mission.observation import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
 from kernels.registry import Registry
 from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.site.site import Site
+from usvauv_env.world.current_statistics import current_bound
 
 POSITION_BOUND = 2.0  # of the area's diagonal: the area itself spans 1, the rest is for fixes that lie outside it
 CURRENT = math.inf  # stands for the largest current of the scenario
@@ -115,14 +117,15 @@ class ObservationLayout:
         return dict(self)[name]
 
 
-def observed(scenario: Scenario, current_bound: float) -> list[Quantity]:
-    """The observation of one AUV, number by number; `current_bound` is the largest current, m/s."""
+def observed(site: Site) -> list[Quantity]:
+    """The observation of one AUV, number by number, with the bounds of the space."""
+    scenario, largest = site.scenario, current_bound(site)
     layout = ObservationLayout.of(scenario)
     rows: list[Quantity] = []
     for name in layout.terms:
         term = observation_terms[name]
         unit = f"area's diagonal, {scenario.area.diagonal:.6g} m" if term.unit == "D" else term.unit
-        low, high = (math.copysign(current_bound, x) if math.isinf(x) else x for x in (term.low, term.high))
+        low, high = (math.copysign(largest, x) if math.isinf(x) else x for x in (term.low, term.high))
         for text in term.quantities(layout.num_auvs):
             rows.append(Quantity(len(rows), text, unit, low, high))
     return rows
