@@ -154,6 +154,11 @@ class Scenario(Section):
         return cls.from_dict(data, source)
 
     @classmethod
+    def of(cls, scenario: Scenario | str | Path) -> Scenario:
+        """A scenario as it is, or by shipped name or path as `load` reads it."""
+        return scenario if isinstance(scenario, Scenario) else cls.load(scenario)
+
+    @classmethod
     def from_dict(cls, data: Mapping[str, Any], source: str = "scenario") -> Scenario:
         """Validate nested sections; `source` names them in an error message."""
         try:

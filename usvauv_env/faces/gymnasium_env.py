@@ -26,7 +26,7 @@ from gymnasium.vector.utils import batch_space
 
 from usvauv_env.faces.camera import FPS, MODES, Camera, check_mode
 from usvauv_env.scenario import Scenario
-from usvauv_env.world.spaces import auv_action_space, auv_observation_space, load_scenario
+from usvauv_env.world.spaces import auv_action_space, auv_observation_space
 from usvauv_env.world.world import World
 
 
@@ -95,7 +95,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         check_mode(render_mode)
         self.render_mode = render_mode
         self._usv = usv
-        self.world = World(load_scenario(scenario), 1, _random_seed(self), usv)
+        self.world = World(Scenario.of(scenario), 1, _random_seed(self), usv)
         num_auvs = self.world.num_auvs
         self.observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
         self.action_space = batch_space(auv_action_space(), num_auvs)
@@ -182,7 +182,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.world = World(load_scenario(scenario), num_envs, _random_seed(self), usv)
+        self.world = World(Scenario.of(scenario), num_envs, _random_seed(self), usv)
         num_auvs = self.world.num_auvs
         self.single_observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
         self.single_action_space = batch_space(auv_action_space(), num_auvs)

@@ -24,7 +24,7 @@ from pathlib import Path
 import torch
 
 from usvauv_env.scenario import Scenario
-from usvauv_env.world.spaces import auv_action_space, auv_observation_space, load_scenario
+from usvauv_env.world.spaces import auv_action_space, auv_observation_space
 from usvauv_env.world.world import World
 
 try:
@@ -69,7 +69,7 @@ class DataCollectionTorchRLEnv(EnvBase):
         arch: str = "auto",
     ) -> None:
         first = secrets.randbits(63) if seed is None else seed
-        self.world = World(load_scenario(scenario), num_worlds, first, usv, arch=arch)
+        self.world = World(Scenario.of(scenario), num_worlds, first, usv, arch=arch)
         super().__init__(device=self.world.device, batch_size=(num_worlds,))
         self._usv, self._arch = usv, arch
         self.group_map = {"agents": [f"auv_{k}" for k in range(self.world.num_auvs)]}

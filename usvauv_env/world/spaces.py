@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from gymnasium.spaces import Box
 
-from usvauv_env.scenario import Scenario
 from usvauv_env.site.site import Site
 from usvauv_env.world.observation import observed
-
-
-def load_scenario(scenario: Scenario | str | Path) -> Scenario:
-    """A scenario as it is, or by shipped name or path."""
-    return scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
 
 
 def auv_observation_space(site: Site) -> Box:
