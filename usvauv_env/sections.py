@@ -13,10 +13,10 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from kernels.mission.target_rules import target_rules
+from kernels.planning.team import MAX_AUVS
 from kernels.positioning.ambient_noise import ambient_noise_laws
 from kernels.shallow_water.boundaries import Side
 
-MAX_AUVS = 16
 MAX_NODES = 500
 MAX_VORTICES = 16
 
