@@ -38,6 +38,16 @@ class Runtime:
     device: torch.device
     threads: int
 
+    @property
+    def on_cpu(self) -> bool:
+        """Whether kernels run on the CPU. Torch's device does not tell: for Vulkan tensors lie in the CPU's memory."""
+        return self.arch == "cpu"
+
+    @property
+    def shares_memory_with_torch(self) -> bool:
+        """Whether kernels work on torch's tensors in place; otherwise Taichi copies them at each launch."""
+        return self.arch in ("cpu", "cuda")
+
 
 _running: Runtime | None = None
 
@@ -145,7 +155,16 @@ def compiled_quickly() -> Iterator[None]:
 
 def better_alone(tasks: int) -> bool:
     """Whether the calling thread finishes so few short tasks on a CPU before another thread wakes up."""
-    return start().device.type == "cpu" and tasks <= FEW_TASKS
+    return start().on_cpu and tasks <= FEW_TASKS
+
+
+def constant_range(tasks: int) -> int:
+    """Number of tasks to compile into a kernel as the range of its loop; 0: the range is to be read at each launch.
+
+    On Vulkan, Taichi starts as many threads as a constant range has tasks, and 65,536 for any other range. A graphics
+    card does not notice. A device in software walks through the whole body of the kernel for each of them.
+    """
+    return -(-tasks // 128) * 128 if start().arch == "vulkan" else 0
 
 
 def synchronize() -> None:

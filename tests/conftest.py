@@ -9,6 +9,15 @@ from kernels import runtime
 from usvauv_cli.app import main
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--arch", default="auto", help="Where the kernels run: auto, cpu, cuda or vulkan.")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--arch") != "auto":
+        runtime.start(config.getoption("--arch"))
+
+
 @pytest.fixture(scope="session")
 def device() -> torch.device:
     """Torch device of the kernels. Taichi runs from here on."""

@@ -61,7 +61,10 @@ def run(
     The arrays are those of `Worlds` and of its `Water`.
     """
     ti.loop_config(serialize=program.serial)
-    for w in range(clock.shape[0]):
+    for w in range(program.constant_range if ti.static(program.constant_range > 0) else clock.shape[0]):
+        if ti.static(program.constant_range > 0):
+            if w >= clock.shape[0]:
+                continue
         width = p[Parameter.width]
         length = p[Parameter.length]
         water = ti.static(Water(vortex, stream, width, length, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave))

@@ -35,6 +35,7 @@ class Program(NamedTuple):
         refraction: of `Refraction`.
         tracker: the boat tracks its AUVs.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
+        constant_range: number of worlds, or 0, see `kernels.runtime.constant_range`.
     """
 
     task: Task
@@ -46,6 +47,7 @@ class Program(NamedTuple):
     refraction: int = Refraction.none
     tracker: bool = False
     serial: bool = False
+    constant_range: int = 0
 
 
 class Worlds(NamedTuple):

@@ -11,6 +11,8 @@ import numpy as np
 import taichi as ti
 import torch
 
+from kernels import runtime
+from kernels.device_arrays import DeviceArray
 from kernels.launch import Launch
 from kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
 from kernels.shallow_water.packing import LANES, Packing
@@ -122,12 +124,16 @@ class CellwiseBackend:
         self.rows = packing.ny + 1
 
     def launches(
-        self, arrays: Sequence[torch.Tensor], coefficient_row: np.ndarray, boundaries: Boundaries, a: float
+        self,
+        arrays: Sequence[torch.Tensor | DeviceArray],
+        coefficient_row: np.ndarray,
+        boundaries: Boundaries,
+        a: float,
     ) -> list[Launch]:
         """Kernel launches of one interval."""
         packing = self._packing
         arrays = [array.view(-1) for array in arrays]
-        table = torch.tensor(coefficient_row, device=arrays[0].device)
+        table = torch.tensor(coefficient_row, device=runtime.start().device)
         blocks, W, nx, ny = packing.blocks, packing.columns, packing.nx, packing.ny
         options = Options(packing.strips, boundaries.radiating, boundaries.sponge)
         fixed = *arrays, table, boundaries.elevation_factors(), blocks, W, nx, ny

@@ -16,7 +16,10 @@ class Diagnostics(ABC):
     """Diagnostics of a solver that has a discretisation and the packed fields η, U and V."""
 
     _scheme: Discretisation
-    _state: torch.Tensor
+
+    @abstractmethod
+    def _packed(self) -> torch.Tensor:
+        """Packed η, U and V, (3, blocks, rows, W, LANES)."""
 
     @abstractmethod
     def _prescribed_now(self) -> np.ndarray:
@@ -70,14 +73,14 @@ class Diagnostics(ABC):
         return total * dx * dy / 2
 
     def _eta(self, first: int, last: int) -> np.ndarray:
-        return self._scheme.packing.unpack(self._state[0], first, last)[:, :, :-1]
+        return self._scheme.packing.unpack(self._packed()[0], first, last)[:, :, :-1]
 
     def _transports(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Depth (2, rows, nx + 1) and transports U and V, m²/s, half a substep before and half a substep after the
         elevation, each (2, num_seas, rows, nx + 1), on western and southern faces of rows `first` to `last` − 1.
         """
         scheme = self._scheme
-        packed = zip(self._state[1:], scheme.spacing, strict=True)
+        packed = zip(self._packed()[1:], scheme.spacing, strict=True)
         before = np.stack(
             [scheme.packing.unpack(W, first, last).astype(np.float64) * (d / scheme.time_step) for W, d in packed]
         )

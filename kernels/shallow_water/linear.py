@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from kernels import runtime
+from kernels.device_arrays import DeviceArrays
 from kernels.launch import Launch
 from kernels.shallow_water.boundaries import Boundaries, Boundary, Side
 from kernels.shallow_water.cellwise import CellwiseBackend
@@ -61,7 +62,7 @@ class ShallowWater(Diagnostics):
         limit: largest stable substep 1/√(g h_max (1/Δx² + 1/Δy²)), s.
         substeps, time_step: substeps of an interval, and their length Δt ≤ 0.95 limit, s.
         boundaries: kinds of the four sides.
-        eta: packed elevation, torch (blocks, rows, W, LANES); see `kernels.shallow_water.packing`.
+        fields: packed η, U and V, as arguments of a `kernels.launch.Launch`.
 
     Raises:
         ValueError: fewer than 3 cells, no water at all, a negative or non-finite depth, an unknown side or kind, or a
@@ -100,7 +101,7 @@ class ShallowWater(Diagnostics):
         device = running.device
         self._packing = Packing(num_seas, self.nx, self.ny, self.boundaries.outer_columns)
         blocks, columns = self._packing.blocks, self._packing.columns
-        if device.type == "cpu":
+        if running.on_cpu:
             self._backend = WavefrontBackend(self._packing, self.substeps, running.threads)
         else:
             self._backend = CellwiseBackend(self._packing, self.substeps)
@@ -110,7 +111,8 @@ class ShallowWater(Diagnostics):
         )
         self._C, self._coefficient_row = self._scheme.coefficients(device)
         self._state = torch.zeros((3, blocks, self._backend.rows, columns, LANES), device=device)
-        self.eta, self._U, self._V = self._state
+        self._held = DeviceArrays(tuple(self._state))
+        self.fields = self._held.arguments
         self._prescribed = torch.zeros((blocks, self.substeps, LANES), device=device)
         self._resistance = self._scheme.resistances().to(device)
         self._sponge_factors = self._scheme.sponge_factors().to(device)
@@ -130,9 +132,15 @@ class ShallowWater(Diagnostics):
         return self._silent and self._at_rest
 
     @property
+    def eta(self) -> torch.Tensor:
+        """Packed elevation (blocks, rows, W, LANES), m; see `kernels.shallow_water.packing`."""
+        return self._packed()[0]
+
+    @property
     def transports(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Packed transports in units of a cell in a substep, half a substep before the elevation; see `units`."""
-        return self._U, self._V
+        _, U, V = self._packed()
+        return U, V
 
     @property
     def units(self) -> tuple[float, float]:
@@ -168,6 +176,7 @@ class ShallowWater(Diagnostics):
         self._start, self._intervals = time, 0
         self._at_rest = True
         self._state.zero_()
+        packed_eta, *packed_transports = self._state
         eta = np.broadcast_to(eta, (self.num_seas, self.ny, self.nx))
         scales = self.time_step / self.dx, self.time_step / self.dy
         scheme, prescribed = self._scheme, self._prescribed_now()
@@ -176,9 +185,9 @@ class ShallowWater(Diagnostics):
             surface = np.where(wet, scheme.cell_rows(first, last, lambda low, high: eta[:, low:high]), 0.0)
             slopes = scheme.slopes(surface, first, last, prescribed)
             h, damping = scheme.faces(first, last)
-            self._packing.pack(surface[:, 1:], self.eta, first)
+            self._packing.pack(surface[:, 1:], packed_eta, first)
             self._at_rest = self._at_rest and not surface.any()
-            for axis, (velocity, packed) in enumerate(((u, self._U), (v, self._V))):
+            for axis, (velocity, packed) in enumerate(zip((u, v), packed_transports, strict=True)):
                 transport = self.time_step / 2 * self.gravity * h[axis] * slopes[axis]
                 if velocity is not None:
                     part = np.asarray(velocity[:, first:last], np.float64)
@@ -201,17 +210,24 @@ class ShallowWater(Diagnostics):
     @cached_property
     def _launches(self) -> list[Launch]:
         """Kernel launches of one interval."""
-        arrays = *self._state, *self._C, self._prescribed, self._resistance, self._sponge_factors
-        return self._backend.launches(arrays, self._coefficient_row, self.boundaries, self._scheme.drag_factor)
+        constant = DeviceArrays((*self._C, self._prescribed, self._resistance, self._sponge_factors))
+        return self._backend.launches(
+            (*self.fields, *constant.arguments), self._coefficient_row, self.boundaries, self._scheme.drag_factor
+        )
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Copies of the packed fields and of the clock; with equal forcing `load_state` restores them bit for bit."""
-        return self._state.clone(), torch.tensor([self._intervals, self._start, self._at_rest], dtype=torch.float64)
+        return self._packed().clone(), torch.tensor([self._intervals, self._start, self._at_rest], dtype=torch.float64)
 
     def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
         """Restore what `state` returned."""
         self._state.copy_(fields)
         self._intervals, self._start, self._at_rest = int(clock[0]), float(clock[1]), bool(clock[2])
+
+    def _packed(self) -> torch.Tensor:
+        """Packed η, U and V as they are now, (3, blocks, rows, W, LANES)."""
+        self._held.fetch()
+        return self._state
 
     def _prescribed_now(self) -> np.ndarray:
         """Prescribed elevation at `time`, m, (num_seas, 1)."""

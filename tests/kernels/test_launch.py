@@ -5,6 +5,7 @@ import pytest
 import taichi as ti
 import torch
 
+from kernels.device_arrays import DeviceArrays
 from kernels.launch import Launch
 from kernels.types import vec3
 
@@ -85,3 +86,33 @@ def test_an_error_names_file_and_line(device):
     assert f'File "{__file__}", line {line}, in call_wrong' in message
     assert "in wrong" in message
     assert "nowhere_to_be_found" in message
+
+
+@ti.kernel
+def add_row(x: ti.types.ndarray(dtype=ti.f32, ndim=2), y: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+    for i, j in ti.ndrange(x.shape[0], x.shape[1]):
+        x[i, j] = x[i, j] + y[j] + 100.0 * x.shape[1]
+
+
+class TestDeviceArrays:
+    """As tensors, whether the architecture copies them or not."""
+
+    def test_launches_follow_one_another_and_what_the_host_writes(self, device):
+        both = torch.zeros((2, 12), device=device)
+        row = torch.arange(4.0, device=device)
+        held = DeviceArrays(tuple(both))
+        launch = Launch(add_row, held.arguments[1].view(3, 4), row)
+        expected = row.expand(3, 4) + 400
+        launch()
+        launch()
+        held.fetch()
+        assert torch.equal(both[1].view(3, 4), 2 * expected)
+        launch()
+        both[1].fill_(7.0)  # what the kernel wrote before is then lost, with a copy or without
+        held.fetch()
+        assert both[1].tolist() == [7.0] * 12
+        row.add_(1.0)
+        launch()
+        held.fetch()
+        assert torch.equal(both[1].view(3, 4), 7 + expected + 1)
+        assert not both[0].any()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -12,14 +12,16 @@ class LongWaves(Protocol):
     """Independent seas over one bed on nx × ny cells, advanced together.
 
     Attributes:
-        eta: packed elevation, torch (blocks, rows, W, LANES), m; see `kernels.shallow_water.packing`.
+        fields: packed elevation and transports, each (blocks, rows, W, LANES), as arguments of a `Launch`; see
+            `kernels.shallow_water.packing`.
         nx, ny: cells. dx, dy: their size, m.
         interval: time of one `advance`, s. time: that of the elevation, s.
-        transports: packed transports U, V through western and southern faces; times `units` in m²/s.
+        eta: packed elevation as it is now, m.
+        transports: packed transports U, V through western and southern faces as they are now; times `units` in m²/s.
         units: factors that turn `transports` into m²/s.
     """
 
-    eta: torch.Tensor
+    fields: tuple[Any, ...]
     nx: int
     ny: int
     dx: float
@@ -28,6 +30,9 @@ class LongWaves(Protocol):
 
     @property
     def time(self) -> float: ...
+
+    @property
+    def eta(self) -> torch.Tensor: ...
 
     @property
     def transports(self) -> tuple[torch.Tensor, torch.Tensor]: ...

@@ -22,6 +22,7 @@ class NonlinearSeas:
 
     Attributes:
         eta: packed elevation, torch (blocks, rows, W, LANES).
+        fields: of both, see `usvauv_env.sea.long_waves.LongWaves`.
         transports: packed transports at western and southern faces, m²/s, likewise; the mean of the cells beside them.
         units: (1, 1), as in `kernels.shallow_water.linear.ShallowWater`.
         nx, ny, dx, dy, interval: as in `kernels.shallow_water.linear.ShallowWater`.
@@ -37,6 +38,7 @@ class NonlinearSeas:
         shape = 3, self._packing.blocks, self.ny + 1, self._packing.columns, LANES
         self.eta, U, V = torch.zeros(shape, device=runtime.start().device)
         self.transports = U, V
+        self.fields = self.eta, U, V
         self._pack()
 
     @property

@@ -272,7 +272,10 @@ class World:
         first = [place.start for _, place in self.observation_layout]
         return {
             **{name: self._upload(array) for name, array in numbers.items()},
-            "program": program._replace(serial=runtime.better_alone(self.num_worlds * self.num_auvs)),
+            "program": program._replace(
+                serial=runtime.better_alone(self.num_worlds * self.num_auvs),
+                constant_range=runtime.constant_range(self.num_worlds),
+            ),
             "observation_first": torch.tensor(first, dtype=torch.int32, device=self.device),
             "key_low": key & 0xFFFFFFFF,
             "key_high": key >> 32,
@@ -290,12 +293,12 @@ class World:
         self._storm = build_short_waves(self.site, seed, count, first)
         index = (torch.arange(self.num_worlds) + self._first_world) % pool - first
         self._sea_index = index.to(self.device, torch.int32)
-        (U, V), (unit_x, unit_y) = self.sea.transports, self.sea.units
+        (eta, U, V), (unit_x, unit_y) = self.sea.fields, self.sea.units
         arguments = {
             **self._constants,
             "vortex": self.vortex,
             "stream": self._stream,
-            "eta": self.sea.eta,
+            "eta": eta,
             "U": U,
             "V": V,
             "unit_x": unit_x,
