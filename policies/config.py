@@ -10,6 +10,21 @@ from policies.algorithms import ALGORITHMS
 from policies.frames import FRAMES
 from policies.policy import PolicyError
 
+MOST_LAYERS, WIDEST = 16, 8192
+MOST = 1_000_000_000
+BOUNDS: dict[str, tuple[float, float]] = {  # both included; steps of Adam and rewards beyond leave single precision
+    "num_worlds": (1, 1 << 22),
+    "n_step": (1, 1000),
+    "batch": (1, 1 << 20),
+    "updates": (1, 1000),
+    "learning_rate": (1e-9, 1.0),
+    "final_rate": (1e-6, 1.0),
+    "tau": (1e-6, 1.0),
+    "noise": (0.0, 10.0),
+    "reward_scale": (1e-6, 1e3),
+    "warmup": (0, MOST),
+}
+
 
 @dataclass(frozen=True)
 class TrainingConfig:
@@ -61,25 +76,26 @@ class TrainingConfig:
     layer_norm: bool = True
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            value, kind = getattr(self, field.name), type(field.default)
+            if type(value) is not kind and not (kind is float and type(value) is int):
+                raise PolicyError(f"training: {field.name} = {value!r}: must be of type {kind.__name__}")
+        widths = self.hidden
         allowed = {
             "algorithm": (self.algorithm in ALGORITHMS, f"one of {', '.join(ALGORITHMS)}"),
             "frame": (self.frame in FRAMES, f"one of {', '.join(FRAMES)}"),
             "hidden": (
-                bool(self.hidden) and all(width >= 1 for width in self.hidden),
-                "one width or more, each above 0",
+                1 <= len(widths) <= MOST_LAYERS and all(type(w) is int and 1 <= w <= WIDEST for w in widths),
+                f"from 1 to {MOST_LAYERS} widths, each from 1 to {WIDEST}",
             ),
-            "gamma": (0.0 <= self.gamma < 1.0, "at least 0 and below 1"),
-            "learning_rate": (self.learning_rate > 0.0, "above 0"),
-            "final_rate": (0.0 < self.final_rate <= 1.0, "above 0 and at most 1"),
-            "tau": (0.0 < self.tau <= 1.0, "above 0 and at most 1"),
-            "correlation": (0.0 <= self.correlation < 1.0, "at least 0 and below 1"),
-            "noise": (self.noise >= 0.0, "at least 0"),
-            "reward_scale": (self.reward_scale > 0.0, "above 0"),
-            "warmup": (self.warmup >= 0, "at least 0"),
         }
-        for name in ("num_worlds", "n_step", "batch", "updates"):
-            allowed[name] = (getattr(self, name) >= 1, "at least 1")
-        allowed["replay"] = (self.replay >= self.num_worlds * (self.n_step + 3), "at least num_worlds · (n_step + 3)")
+        for name, (low, high) in BOUNDS.items():
+            allowed[name] = (low <= getattr(self, name) <= high, f"from {low} to {high}")
+        allowed["gamma"] = (0.0 <= self.gamma < 1.0, "at least 0 and below 1")
+        allowed["correlation"] = (0.0 <= self.correlation < 1.0, "at least 0 and below 1")
+        allowed["seed"] = (0 <= self.seed < 1 << 63, "from 0 to 2**63 - 1")
+        least = self.num_worlds * (self.n_step + 3)
+        allowed["replay"] = (least <= self.replay <= MOST, f"from num_worlds · (n_step + 3) = {least} to {MOST}")
         for name, (right, rule) in allowed.items():
             if not right:
                 raise PolicyError(f"training: {name} = {getattr(self, name)!r}: must be {rule}")

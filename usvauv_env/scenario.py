@@ -42,6 +42,8 @@ from usvauv_env.sections import (
     section,
 )
 
+MOST_SAMPLES = 100_000  # of a tone that is received sample by sample; about 10 ms a fix
+
 
 class ScenarioError(UserError, ValueError):
     """A scenario cannot be used; the message is one line naming the file, the field, its value and what is allowed."""
@@ -91,35 +93,98 @@ class Scenario(Section):
                     f"task_parameters.{name}: allowed for task {self.task!r}: {', '.join(declared) or 'none'}"
                 )
         if self.auv.separation == "geometry" and self.auv.depth >= self.area.depth:
-            raise ValueError("auv.depth must be below area.depth")
+            raise ValueError(f"auv.depth = {self.auv.depth:g}: must be below area.depth, {self.area.depth:g} m")
         smaller = min(self.area.width, self.area.length)
         for field, margin in (("auv.start_margin", self.auv.start_margin), ("nodes.margin", self.nodes.margin)):
             if 2 * margin >= smaller:
-                raise ValueError(f"{field} must be below half the area's smaller side, {smaller / 2:g}")
+                raise ValueError(f"{field} = {margin:g}: must be below half the area's smaller side, {smaller / 2:g} m")
         room = (self.area.width - 2 * self.auv.start_margin) * (self.area.length - 2 * self.auv.start_margin)
         if self.auv.count * self.auv.start_separation**2 > 0.5 * room:  # well below where random placing jams
-            raise ValueError(f"auv.start_separation is too large for {self.auv.count} AUVs in this area")
+            allowed = math.sqrt(0.5 * room / self.auv.count)
+            raise ValueError(
+                f"auv.start_separation = {self.auv.start_separation:g}: is too large for {self.auv.count} AUVs in this"
+                f" area, at most {allowed:.3g} m"
+            )
         for field, speed in self.reference:
             if field.endswith("_speed") and not self.auv.speed_min <= speed <= self.auv.speed_max:
-                raise ValueError(f"reference.{field} must lie between auv.speed_min and auv.speed_max")
+                raise ValueError(
+                    f"reference.{field} = {speed:g}: must lie between auv.speed_min and auv.speed_max,"
+                    f" {self.auv.speed_min:g} to {self.auv.speed_max:g} m/s"
+                )
         if self.mission.step * max(self.nodes.arrival_rates) > 80:  # keeps the table of arrivals small
-            raise ValueError("nodes.arrival_rates times mission.step must not be above 80 packets")
+            most = max(self.nodes.arrival_rates)
+            raise ValueError(
+                f"nodes.arrival_rates up to {most:g}: must not be above {80 / self.mission.step:g} at mission.step"
+            )
         if self.task == "station-keeping" and 2 * self.stations.radius > smaller:
-            raise ValueError(f"stations.radius must not be above half the area's smaller side, {smaller / 2:g}")
+            raise ValueError(
+                f"stations.radius = {self.stations.radius:g}: must not be above half the area's smaller side,"
+                f" {smaller / 2:g} m"
+            )
         if self.sea.cell_size * 4 > smaller:
-            raise ValueError("sea.cell_size must leave at least four cells across the area")
+            raise ValueError(
+                f"sea.cell_size = {self.sea.cell_size:g}: must be at most {smaller / 4:g} m, a quarter of the area"
+            )
+        self._check_long_waves()
         if self.storm.spectrum != "none":
             self._check_storm()
+        self._check_vortices()
+        samples = self.usbl.periods * self.usbl.sampling_rate / min(*self.usbl.carriers, self.usbl.carrier_min)
+        if self.usbl.model == "waveform" and samples > MOST_SAMPLES:
+            raise ValueError(
+                f"usbl.periods of usbl.sampling_rate: a tone of {samples:.0f} samples; at most {MOST_SAMPLES} with"
+                " usbl.model = waveform"
+            )
         return self
+
+    @property
+    def highest_long_wave(self) -> float:
+        """Elevation that long waves rarely exceed at the forced edge and at the start, m."""
+        return self.sea.regular_amplitude + 4 * math.hypot(self.sea.irregular_rms, self.sea.start_rms)
+
+    def _check_long_waves(self) -> None:
+        sea, area = self.sea, self.area
+        sponges = (
+            (area.width, "west", "east"),
+            (area.length, "south", "north"),
+        )
+        for side, *edges in sponges:
+            count = len(set(edges).intersection(sea.sponge_edges))
+            if count * sea.sponge_width > side:
+                raise ValueError(f"sea.sponge_width must not be above {side / count:g} m, or the layers overlap")
+        if not self.water.bathymetry and self.highest_long_wave > area.depth / 2:
+            raise ValueError(
+                f"sea.regular_amplitude + 4 √(sea.irregular_rms² + sea.start_rms²) = {self.highest_long_wave:.3g} m:"
+                f" must not be above half of area.depth, {area.depth / 2:g} m"
+            )
+        trough = self.highest_long_wave + (self.storm.significant_height if self.storm.spectrum != "none" else 0.0)
+        if self.auv.separation == "geometry" and self.auv.depth <= trough:
+            raise ValueError(f"auv.depth = {self.auv.depth:g}: must be below the troughs of the waves, {trough:.3g} m")
+
+    def _check_vortices(self) -> None:
+        current = self.current
+        others = current.fastest * (1 - 1 / current.vortices) if current.vortices else 0.0
+        moved = self.mission.step * others / math.sqrt(2)  # two cores of equal size: δ² is their sum
+        if current.mutual and moved > current.core_radius_min:
+            raise ValueError(
+                f"mission.step: vortices move one another by {moved:.3g} m in a step; at most current.core_radius_min,"
+                f" {current.core_radius_min:g} m"
+            )
 
     def _check_storm(self) -> None:
         g, depth, storm = self.sea.gravity, self.area.depth, self.storm
         shortest = 2 * math.pi / storm.shortest_wave
         if math.sqrt(g * shortest * math.tanh(shortest * depth)) < 4 * math.pi / storm.peak_period:
-            raise ValueError("storm.shortest_wave must have at least twice the frequency of storm.peak_period")
+            raise ValueError(
+                f"storm.shortest_wave = {storm.shortest_wave:g}: must have at least twice the frequency of"
+                " storm.peak_period"
+            )
         highest = min(0.1 * g * storm.peak_period**2 / (2 * math.pi), 0.6 * depth)  # beyond that waves break
         if storm.significant_height > highest:
-            raise ValueError(f"storm.significant_height must not be above {highest:.3g} m, where such waves break")
+            raise ValueError(
+                f"storm.significant_height = {storm.significant_height:g}: must not be above {highest:.3g} m, where"
+                " such waves break"
+            )
 
     @property
     def task_definition(self) -> Task:

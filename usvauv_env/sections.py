@@ -13,16 +13,27 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from kernels.mission.target_rules import target_rules
+from kernels.mission.vehicle import FASTEST
 from kernels.planning.team import MAX_AUVS
 from kernels.positioning.ambient_noise import ambient_noise_laws
 from kernels.shallow_water.boundaries import Side
 
 MAX_NODES = 500
 MAX_VORTICES = 16
+VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
+MOST_PACKETS = 1e7  # single precision counts one by one up to 1.6e7
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+LARGEST = 1e6  # of a weight or a price; sums of a step's terms keep three digits beside it in single precision
+FASTEST_WATER = 20.0  # m/s; the fastest tidal streams reach 11
+LOWEST_TONE, HIGHEST_TONE = 100.0, 2e5  # Hz; below and above the laws of absorption and noise mean nothing
+MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at a second each
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Price = Annotated[float, Field(ge=0, le=LARGEST)]
+Place = Annotated[float, Field(ge=-1e5, le=1e5)]
+Distance = Annotated[float, Field(ge=0, le=20000)]  # the longest side of an area
+Carrier = Annotated[float, Field(ge=LOWEST_TONE, le=HIGHEST_TONE)]
+Bandwidth = Annotated[float, Field(ge=1, le=1e6)]
 
 
 def known(name: str, names: Collection[str]) -> str:
@@ -60,13 +71,19 @@ class Area(Section):
 
 
 class Mission(Section):
-    step: float = Field(1.0, gt=0, le=10, description="mission step, s")
-    duration: float = Field(1000.0, gt=0, le=1e6, description="length of an episode, s")
+    step: float = Field(1.0, ge=0.01, le=10, description="mission step, s")
+    duration: float = Field(1000.0, ge=0.01, le=1e7, description="length of an episode, s")
 
     @property
     def steps(self) -> int:
         """Mission steps in an episode."""
         return max(1, round(self.duration / self.step))
+
+    @model_validator(mode="after")
+    def _check(self) -> Mission:
+        if self.steps > MOST_STEPS:
+            raise ValueError(f"duration / step = {self.steps} steps: must be at most {MOST_STEPS}")
+        return self
 
 
 class Sea(Section):
@@ -77,9 +94,11 @@ class Sea(Section):
     )
     cell_size: float = Field(4.0, ge=0.05, le=1000, description="grid spacing while training and evaluating, m")
     fine_cells: int = Field(512, ge=16, le=8192, description="cells along the longer side when simulated live")
-    gravity: Positive = Field(9.81, description="gravitational acceleration g, m/s²")
-    drag: NonNegative = Field(0.0, description="linear bottom drag rate, 1/s; keeps a resonant basin finite")
-    update_interval: Positive = Field(1.0, description="time between updates of the surface seen by the boat, s")
+    gravity: float = Field(9.81, ge=1, le=30, description="gravitational acceleration g, m/s²")
+    drag: float = Field(0.0, ge=0, le=1, description="linear bottom drag rate, 1/s; keeps a resonant basin finite")
+    update_interval: float = Field(
+        1.0, ge=0.01, le=86400, description="time between updates of the surface seen by the boat, s"
+    )
     realisations: int = Field(
         16, ge=1, le=4096, description="different seas in a batch; world w sails on sea w modulo this"
     )
@@ -94,18 +113,20 @@ class Sea(Section):
         (), description="edges that long waves leave through; edges not named anywhere are reflecting walls"
     )
     sponge_edges: tuple[Side, ...] = Field((), description="edges with a layer in front that absorbs waves")
-    sponge_width: Positive = Field(40.0, description="width of that layer, m")
-    regular_amplitude: NonNegative = Field(
-        0.0, description="amplitude of the regular wave or tide at the forced edge, m"
+    sponge_width: float = Field(40.0, ge=0.1, le=20000, description="width of that layer, m")
+    regular_amplitude: float = Field(
+        0.0, ge=0, le=30, description="amplitude of the regular wave or tide at the forced edge, m"
     )
-    regular_period: Positive = Field(43200.0, description="its period, s (Table 1's tide: 43200)")
-    irregular_rms: NonNegative = Field(
-        0.0, description="rms elevation of the irregular long waves at the forced edge, m"
+    regular_period: float = Field(43200.0, ge=1, le=1e7, description="its period, s (Table 1's tide: 43200)")
+    irregular_rms: float = Field(
+        0.0, ge=0, le=10, description="rms elevation of the irregular long waves at the forced edge, m"
     )
     irregular_components: int = Field(16, ge=1, le=256, description="number of their components, equal energy each")
-    irregular_period_min: Positive = Field(75.0, description="their shortest period, s")
-    irregular_period_max: Positive = Field(300.0, description="their longest period, s")
-    start_rms: NonNegative = Field(0.0, description="rms elevation of the seeded standing waves the sea starts with, m")
+    irregular_period_min: float = Field(75.0, ge=1, le=1e6, description="their shortest period, s")
+    irregular_period_max: float = Field(300.0, ge=1, le=1e6, description="their longest period, s")
+    start_rms: float = Field(
+        0.0, ge=0, le=10, description="rms elevation of the seeded standing waves the sea starts with, m"
+    )
     start_modes: int = Field(4, ge=1, le=16, description="highest number of half wavelengths across the area in them")
 
     @model_validator(mode="after")
@@ -129,13 +150,17 @@ class Storm(Section):
     spectrum: Literal["none", "jonswap", "pm", "tma"] = Field(
         "none", description="JONSWAP, Pierson–Moskowitz, TMA (JONSWAP in water of finite depth), or no short waves"
     )
-    significant_height: Positive = Field(6.5, description="significant height Hs = 4 √m0, m; WMO sea state 7: 6 to 9")
-    peak_period: Positive = Field(11.0, description="peak period Tp, s")
+    significant_height: float = Field(
+        6.5, ge=0.001, le=30, description="significant height Hs = 4 √m0, m; WMO sea state 7: 6 to 9"
+    )
+    peak_period: float = Field(11.0, ge=0.5, le=30, description="peak period Tp, s")
     gamma: float = Field(2.2, ge=1, le=20, description="peak enhancement γ; Pierson–Moskowitz has 1")
-    direction: Finite = Field(math.pi, description="mean direction of travel, from east towards north, rad")
+    direction: float = Field(math.pi, ge=-7, le=7, description="mean direction of travel, from east towards north, rad")
     spreading: float = Field(10.0, ge=0, le=1000, description="s of the spreading cos^2s(½Δθ)")
     components: int = Field(64, ge=8, le=1024, description="number of component waves in a sea")
-    shortest_wave: Positive = Field(20.0, description="shortest wave length that moves and tilts the boat, m")
+    shortest_wave: float = Field(
+        20.0, ge=0.1, le=1000, description="shortest wave length that moves and tilts the boat, m"
+    )
 
 
 class Water(Section):
@@ -159,16 +184,18 @@ class Water(Section):
 class Current(Section):
     """Superposed Lamb–Oseen vortices (Eq. 8)."""
 
-    centres: tuple[tuple[Finite, Finite], ...] = Field(
+    centres: tuple[tuple[Place, Place], ...] = Field(
         (), max_length=MAX_VORTICES, description="fixed vortex centres [[x, y], ...], m; empty: drawn anew each episode"
     )
     count: int = Field(0, ge=0, le=MAX_VORTICES, description="number of vortices drawn when no centres are given")
-    circulation_min: NonNegative = Field(0.0, description="smallest |Γ|, m²/s")
-    circulation_max: NonNegative = Field(0.0, description="largest |Γ|, m²/s")
+    circulation_min: float = Field(0.0, ge=0, le=1e5, description="smallest |Γ|, m²/s")
+    circulation_max: float = Field(0.0, ge=0, le=1e5, description="largest |Γ|, m²/s")
     alternate: bool = Field(True, description="draw the sign of Γ at random; false: all turn anticlockwise")
-    core_radius_min: Positive = Field(30.0, description="smallest core radius δ, m")
-    core_radius_max: Positive = Field(30.0, description="largest core radius δ, m")
-    viscosity: NonNegative = Field(0.0, description="eddy viscosity ν by which cores spread, dδ²/dt = 4ν, m²/s")
+    core_radius_min: float = Field(30.0, ge=1, le=20000, description="smallest core radius δ, m")
+    core_radius_max: float = Field(30.0, ge=1, le=20000, description="largest core radius δ, m")
+    viscosity: float = Field(
+        0.0, ge=0, le=1000, description="eddy viscosity ν by which cores spread, dδ²/dt = 4ν, m²/s"
+    )
     mutual: bool = Field(False, description="vortices carry one another")
 
     @model_validator(mode="after")
@@ -177,7 +204,17 @@ class Current(Section):
             raise ValueError("circulation_max must not be below circulation_min")
         if self.core_radius_max < self.core_radius_min:
             raise ValueError("core_radius_max must not be below core_radius_min")
+        if self.fastest > FASTEST_WATER:
+            raise ValueError(
+                f"circulation_max = {self.circulation_max:g} at core_radius_min = {self.core_radius_min:g}:"
+                f" the vortices together turn at up to {self.fastest:.3g} m/s; allowed are {FASTEST_WATER:g} m/s"
+            )
         return self
+
+    @property
+    def fastest(self) -> float:
+        """Sum of all vortices' peak speeds, which no superposition exceeds, m/s."""
+        return self.vortices * VORTEX_PEAK * self.circulation_max / self.core_radius_min
 
     @property
     def vortices(self) -> int:
@@ -193,10 +230,10 @@ class Acoustics(Section):
         135.0, ge=0, le=260, description="source level of the positioning tone, dB re 1 µPa at 1 m"
     )
     target_strength: float = Field(3.0, ge=-60, le=60, description="target strength of the echo, dB")
-    sound_speed_profile: tuple[tuple[Finite, Finite], ...] = Field(
+    sound_speed_profile: tuple[tuple[Number, Number], ...] = Field(
         (), description="speed of sound against depth, [[m, m/s], ...], in place of the constant; empty: constant"
     )
-    temperature_salinity: tuple[tuple[Finite, Finite, Finite], ...] = Field(
+    temperature_salinity: tuple[tuple[Number, Number, Number], ...] = Field(
         (), description="or the water itself, [[depth m, in-situ °C, salinity], ...]; the speed follows by TEOS-10"
     )
     salinity: Literal["practical", "absolute"] = Field(
@@ -206,7 +243,7 @@ class Acoustics(Section):
     ambient_noise: str = Field("coates", description="law of the noise density: coates, or a plugin's law")
     shipping: float = Field(0.5, ge=0, le=1, description="shipping activity in the noise, 0 to 1")
     wind: float = Field(0.0, ge=0, le=60, description="wind speed in the noise, m/s")
-    bandwidth: Positive = Field(1000.0, description="receiver bandwidth of the positioning link, Hz")
+    bandwidth: Bandwidth = Field(1000.0, description="receiver bandwidth of the positioning link, Hz")
     noise_law: Literal["amplitude", "demonstration"] = Field(
         "amplitude", description="noise relative to the tone: 10^(−SNR/20), or the demonstration's 10^(−SNR/10)"
     )
@@ -220,14 +257,14 @@ class Acoustics(Section):
 class Usbl(Section):
     """Ultra-short baseline array and its estimator (Eq. 1)."""
 
-    spacing: float = Field(0.033, gt=0, le=10, description="array spacing d, m")
-    carriers: tuple[Positive, ...] = Field(
+    spacing: float = Field(0.033, ge=0.001, le=10, description="array spacing d, m")
+    carriers: tuple[Carrier, ...] = Field(
         (15000.0, 18000.0), min_length=1, max_length=MAX_AUVS, description="carrier of each AUV, Hz"
     )
-    carrier_min: Positive = Field(12000.0, description="carriers of further AUVs are spread from here ..., Hz")
-    carrier_max: Positive = Field(18000.0, description="... to here, Hz")
+    carrier_min: Carrier = Field(12000.0, description="carriers of further AUVs are spread from here ..., Hz")
+    carrier_max: Carrier = Field(18000.0, description="... to here, Hz")
     periods: int = Field(10, ge=1, le=10000, description="length of the tone, carrier periods")
-    sampling_rate: Positive = Field(2.016e6, description="sampling rate, Hz")
+    sampling_rate: float = Field(2.016e6, ge=200, le=1e8, description="sampling rate, Hz")
     model: Literal["statistical", "waveform"] = Field(
         "statistical", description="fixes drawn from their distribution, or measured from sampled tones in noise"
     )
@@ -245,6 +282,16 @@ class Usbl(Section):
         0.0, ge=0, le=0.5, description="standard deviation of the residual attitude error per axis, rad"
     )
 
+    @model_validator(mode="after")
+    def _check(self) -> Usbl:
+        if self.carrier_max < self.carrier_min:
+            raise ValueError("carrier_max must not be below carrier_min")
+        highest = max(*self.carriers, self.carrier_max)
+        if self.sampling_rate < 2 * highest:  # Nyquist
+            least = 2 * highest
+            raise ValueError(f"sampling_rate = {self.sampling_rate:g}: must be at least two a period, {least:g} Hz")
+        return self
+
     def carrier(self, auv: int, count: int) -> float:
         """Carrier of AUV number `auv` in a team of `count`, Hz: the listed ones, then evenly between the limits."""
         listed = len(self.carriers)
@@ -255,7 +302,7 @@ class Usbl(Section):
 
 
 class Boat(Section):
-    top_speed: float = Field(4.0, gt=0, le=1e4, description="top speed through the water, m/s")
+    top_speed: float = Field(4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s")
     drifts: bool = Field(True, description="the current carries the boat")
 
 
@@ -280,28 +327,35 @@ class Tracker(Section):
     """Kalman filter of each AUV's position and current, from its commanded velocity and its fixes."""
 
     enabled: bool = Field(False, description="the AUVs' positions are those of a tracker, not of the last fix")
-    current_reading: NonNegative = Field(
-        0.0, description="standard deviation of an AUV's current meter, which the tracker reads, m/s; 0: there is none"
+    current_reading: float = Field(
+        0.0,
+        ge=0,
+        le=10,
+        description="standard deviation of an AUV's current meter, which the tracker reads, m/s; 0: there is none",
     )
 
 
 class Auv(Section):
     count: int = Field(2, ge=1, le=MAX_AUVS, description="number of AUVs")
-    depth: Positive = Field(100.0, description="cruise depth, m")
+    depth: float = Field(100.0, ge=0.5, le=11000, description="cruise depth, m")
     separation: Literal["geometry", "demonstration"] = Field(
         "geometry",
         description="vertical distances by geometry, or the demonstration's: the water depth both to boat and to node",
     )
-    speed_min: Positive = Field(1.2, description="lowest speed through the water, m/s")
-    speed_max: Positive = Field(2.2, description="highest speed through the water, m/s")
+    speed_min: float = Field(1.2, ge=0.01, le=FASTEST, description="lowest speed through the water, m/s")
+    speed_max: float = Field(
+        2.2, ge=0.01, le=FASTEST, description="highest speed through the water, m/s; the power law holds up to 2.5"
+    )
     action: Literal["vector", "polar"] = Field(
         "vector", description="action as a velocity vector, or as (heading, speed)"
     )
-    start_margin: NonNegative = Field(10.0, description="least distance from the border at the start, m")
-    start_separation: NonNegative = Field(20.0, description="least distance between AUVs at the start, m")
-    safe_distance: NonNegative = Field(12.0, description="distance below which the reward punishes proximity, m")
-    collision_distance: NonNegative = Field(5.0, description="distance below which a step counts as a collision, m")
-    hover_radius: Positive = Field(6.0, description="horizontal distance at which an AUV starts to serve its node, m")
+    start_margin: Distance = Field(10.0, description="least distance from the border at the start, m")
+    start_separation: Distance = Field(20.0, description="least distance between AUVs at the start, m")
+    safe_distance: Distance = Field(12.0, description="distance below which the reward punishes proximity, m")
+    collision_distance: Distance = Field(5.0, description="distance below which a step counts as a collision, m")
+    hover_radius: float = Field(
+        6.0, ge=0.01, le=20000, description="horizontal distance at which an AUV starts to serve its node, m"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Auv:
@@ -312,21 +366,23 @@ class Auv(Section):
 
 class Nodes(Section):
     count: int = Field(30, ge=1, le=MAX_NODES, description="number of sensor nodes on the bed")
-    margin: NonNegative = Field(10.0, description="least distance from the border, m")
-    arrival_rates: tuple[NonNegative, ...] = Field(
+    margin: Distance = Field(10.0, description="least distance from the border, m")
+    arrival_rates: tuple[Annotated[float, Field(ge=0, le=8000)], ...] = Field(
         (3.0, 5.0, 8.0, 12.0), min_length=1, max_length=16, description="a node's λ is drawn from these, packets/s"
     )
-    buffer: Positive = Field(5000.0, description="buffer capacity C, packets")
-    start_backlog: NonNegative = Field(1000.0, description="backlog at the start is uniform from 0 to this, packets")
-    payload: Positive = Field(2.0, description="data in a full buffer, Mbit")
+    buffer: float = Field(5000.0, ge=1, le=MOST_PACKETS, description="buffer capacity C, packets")
+    start_backlog: float = Field(
+        1000.0, ge=0, le=MOST_PACKETS, description="backlog at the start is uniform from 0 to this, packets"
+    )
+    payload: float = Field(2.0, ge=1e-6, le=LARGEST, description="data in a full buffer, Mbit")
     target_rule: str = Field(
         "backlog-less-distance",
         description="next node of an AUV: backlog-less-distance (λ b/C − α d), or a plugin's rule",
     )
-    distance_weight: NonNegative = Field(0.015, description="α of that rule, 1/(m s)")
-    source_power: Positive = Field(0.03, description="acoustic source power, W")
-    frequency: Positive = Field(20000.0, description="carrier of the data link, Hz")
-    bandwidth: Positive = Field(10000.0, description="bandwidth of the data link, Hz")
+    distance_weight: Price = Field(0.015, description="α of that rule, 1/(m s)")
+    source_power: float = Field(0.03, ge=1e-6, le=1e5, description="acoustic source power, W")
+    frequency: Carrier = Field(20000.0, description="carrier of the data link, Hz")
+    bandwidth: Bandwidth = Field(10000.0, description="bandwidth of the data link, Hz")
     rate_law: Literal["shannon", "demonstration"] = Field(
         "shannon", description="B log2(1 + 10^(SNR/10)), or the demonstration's B log2(1 + 10^SNR) with SNR in dB"
     )
@@ -346,14 +402,14 @@ class Nodes(Section):
 class Stations(Section):
     """The formation of the task "station-keeping"."""
 
-    radius: NonNegative = Field(40.0, description="radius of the circle on which the stations lie, one an AUV, m")
+    radius: Distance = Field(40.0, description="radius of the circle on which the stations lie, one an AUV, m")
 
 
 class TaskParameters(Section):
     """Numbers of a plugin's task by name; what is not given has the task's default."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
-    __pydantic_extra__: dict[str, Finite] = Field(init=False)
+    __pydantic_extra__: dict[str, Number] = Field(init=False)
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -376,20 +432,20 @@ class Reward(Section):
     distance_form: Literal["progress", "distance"] = Field(
         "progress", description="metres closed on the same target, or minus the distance to it (the paper's form)"
     )
-    distance: Finite = Field(0.6, description="weight of the distance term, 1/m")
-    border: Finite = Field(-0.1, description="weight of a refused move across the border")
-    overflow: Finite = Field(-0.05, description="weight of each overflowing node")
-    proximity: Finite = Field(-6.0, description="weight of each metre below the safe distance, 1/m")
-    service: Finite = Field(12.0, description="weight of a completed service")
-    power: Finite = Field(-0.085, description="weight of the power, 1/W")
-    collaboration: Finite = Field(0.1, description="weight of Eq. 5's l_max / l")
+    distance: Number = Field(0.6, description="weight of the distance term, 1/m")
+    border: Number = Field(-0.1, description="weight of a refused move across the border")
+    overflow: Number = Field(-0.05, description="weight of each overflowing node")
+    proximity: Number = Field(-6.0, description="weight of each metre below the safe distance, 1/m")
+    service: Number = Field(12.0, description="weight of a completed service")
+    power: Number = Field(-0.085, description="weight of the power, 1/W")
+    collaboration: Number = Field(0.1, description="weight of Eq. 5's l_max / l")
     service_terminates: bool = Field(False, description="a service ends the learner's value horizon (the paper's form)")
 
 
 class Reference(Section):
     """Best constant speeds of the heuristics, found once by `usvauv eval` over the speeds and recorded here."""
 
-    straight_speed: Positive = Field(1.2, description="best constant speed of `straight`, m/s")
-    crab_speed: Positive = Field(1.2, description="best constant speed of `crab`, m/s")
-    pace_price: NonNegative = Field(0.0, description="best price of time of `pace`, W")
-    zermelo_speed: Positive = Field(1.2, description="best constant speed of `zermelo`, m/s")
+    straight_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `straight`, m/s")
+    crab_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `crab`, m/s")
+    pace_price: Price = Field(0.0, description="best price of time of `pace`, W")
+    zermelo_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `zermelo`, m/s")

@@ -5,23 +5,29 @@ import taichi as ti
 from kernels.mission.columns import Parameter
 from kernels.types import vec2
 
+FASTEST = 2.5  # m/s, up to which the fitted efficiency is meant; near 3.25 m/s it falls through zero
+
 
 @ti.pyfunc
 def travelling_power(speed: ti.f32) -> ti.f32:
     """Electrical power while travelling at a speed through the water, W.
 
     F V/(−0.081 V³ + 0.215 V² − 0.01 V + 0.541) + 15 with the drag F = ½·0.7·60·V² (Zhang et al. 2024,
-    doi 10.1109/JIOT.2024.3395568). The fitted efficiency is meant for speeds up to about 2.5 m/s.
+    doi 10.1109/JIOT.2024.3395568). The fit of the efficiency ends at `FASTEST`; beyond it has its value there, so that
+    the power grows with V³ at any speed.
     """
-    V = speed
-    drag = 0.5 * 0.7 * 60.0 * V * V
-    return drag * V / (-0.081 * V * V * V + 0.215 * V * V - 0.01 * V + 0.541) + 15.0
+    V = min(speed, FASTEST)
+    drag = 0.5 * 0.7 * 60.0 * speed * speed
+    return drag * speed / (-0.081 * V * V * V + 0.215 * V * V - 0.01 * V + 0.541) + 15.0
 
 
 @ti.pyfunc
 def hovering_power(current_speed: ti.f32) -> ti.f32:
-    """Power while holding position against a current, W: the travelling law at that speed, not below 90 + 15."""
-    return max(travelling_power(min(current_speed, 2.5)), 105.0)
+    """Power while holding position against a current, W: the travelling law at that speed, not below 90 + 15.
+
+    Against a current above `FASTEST` it is that at `FASTEST`: the thrusters give no more.
+    """
+    return max(travelling_power(min(current_speed, FASTEST)), 105.0)
 
 
 @ti.func

@@ -62,6 +62,7 @@ NO_DEPTH = 4  # the direction measured has no real depth; known to the receiver
 NO_RAY = 8  # no direct ray of sound leads from the AUV to the array: nothing is received
 LOST = 16  # interrogation or reply was lost
 
+LARGEST_DEVIATION = 1e3  # rad; nothing is detected long before, and squares of lengths stay within single precision
 PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
 
 
@@ -165,10 +166,11 @@ class Direction:
 
 @ti.func
 def phase_deviation(link: ti.template(), k: ti.i32, S: ti.f32) -> ti.f32:
-    """Standard deviation σ (rad) of a phase difference of AUV k at the slant range S (m)."""
+    """Standard deviation σ (rad) of a phase difference of AUV k at the slant range S (m); bounded."""
     R = ti.max(S, 1.0)
     snr = link[k, SNR_AT_1M] - link[k, PATHS] * (15.0 * sonar_equation.log10(R) + link[k, ABSORPTION] * R / 1000.0)
-    return 2.0 * sonar_equation.power_of_10(-0.05 * link[k, NOISE_EXPONENT] * snr) / ti.sqrt(link[k, SAMPLES])
+    sigma = 2.0 * sonar_equation.power_of_10(-0.05 * link[k, NOISE_EXPONENT] * snr) / ti.sqrt(link[k, SAMPLES])
+    return ti.min(sigma, LARGEST_DEVIATION)
 
 
 @ti.func

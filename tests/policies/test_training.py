@@ -99,7 +99,12 @@ class TestConfig:
         ("changes", "part"),
         [
             ({"algorithm": "ppo"}, "algorithm = 'ppo': must be one of sac, td3, ddpg"),
-            ({"num_worlds": 0}, "num_worlds = 0: must be at least 1"),
+            ({"num_worlds": 0}, "num_worlds = 0: must be from 1 to 4194304"),
+            ({"learning_rate": float("inf")}, "learning_rate = inf: must be from 1e-09 to 1.0"),
+            ({"tau": float("nan")}, "tau = nan: must be from 1e-06 to 1.0"),
+            ({"batch": 1.5}, "batch = 1.5: must be of type int"),
+            ({"hidden": (64, 10**9)}, "hidden = (64, 1000000000): must be from 1 to 16 widths, each from 1 to 8192"),
+            ({"replay": 10**12}, "replay = 1000000000000: must be from num_worlds · (n_step + 3) = 1664 to 1000000000"),
             ({"gamma": 1.0}, "gamma = 1.0: must be at least 0 and below 1"),
             ({"hidden": ()}, "hidden"),
             ({"learning_rate": float("nan")}, "learning_rate = nan"),

@@ -5,6 +5,7 @@ from importlib import resources
 
 import pytest
 
+from tests.trials.scenarios import numbers
 from usvauv_env import Scenario, ScenarioError
 
 
@@ -67,6 +68,12 @@ def test_toml_round_trip():
         ("auv.action=vektor", ["auv.action", "vektor", "vector", "polar"]),
         ("area.depth=90", ["auv.depth", "area.depth"]),
         ("boat.top_speed=nan", ["boat.top_speed", "nan"]),
+        ("auv.speed_max=3.5", ["auv.speed_max = 3.5", "2.5"]),
+        ("sea.start_rms=1e6", ["sea.start_rms", "1000000.0", "10"]),
+        ("reward.power=1e39", ["reward.power", "1e+39"]),
+        ("current.circulation_max=1e5", ["circulation_max = 100000", "core_radius_min = 30", "20 m/s"]),
+        ("auv.depth=9", ["auv.depth = 9", "troughs", "14.5 m"]),
+        ("usbl.sampling_rate=20000", ["sampling_rate = 20000", "36000 Hz"]),
         ("storm.spectrum=waves", ["storm.spectrum", "jonswap", "tma"]),
         ("storm.shortest_wave=60", ["storm.shortest_wave", "twice the frequency", "storm.peak_period"]),
         ("storm.significant_height=19", ["storm.significant_height", "18.9 m", "break"]),
@@ -87,6 +94,34 @@ def test_overrides_that_are_refused(override, parts):
     assert "\n" not in message
     for part in parts:
         assert part in message
+
+
+@pytest.mark.parametrize(
+    ("overrides", "parts"),
+    [
+        (["area.depth=30", "auv.depth=20", "sea.regular_amplitude=8"], ["16 m", "half of area.depth, 15 m"]),
+        (["mission.step=0.01", "mission.duration=1e6"], ["100000000 steps", "10000000"]),
+        (["mission.step=6", "current.count=16"], ["mission.step", "by 56 m", "core_radius_min, 30 m"]),
+        (
+            ["sea.radiating_edges=[]", 'sea.sponge_edges=["north", "south"]', "sea.sponge_width=101"],
+            ["100 m", "overlap"],
+        ),
+        (["usbl.model=waveform", "usbl.periods=10000"], ["usbl.periods", "samples"]),
+    ],
+)
+def test_numbers_that_exclude_one_another(overrides, parts):
+    with pytest.raises(ScenarioError) as error:
+        Scenario.load("extreme", overrides)
+    message = str(error.value)
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
+
+
+def test_every_number_has_bounds():
+    """What a random scenario is drawn from: each number between two finite bounds, its default within them."""
+    for name, (_, low, high, default) in numbers().items():
+        assert -1e9 < low <= default <= high < 1e9, name
 
 
 def test_an_override_sets_its_field_alone():

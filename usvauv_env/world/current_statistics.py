@@ -14,7 +14,6 @@ from usvauv_env.sea.forcing import speed_bound
 from usvauv_env.sea.storm import band
 from usvauv_env.site.site import Site
 
-VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
 LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 
 
@@ -95,8 +94,7 @@ def current_bound(site: Site) -> float:
     """
     scenario = site.scenario
     current, storm = scenario.current, scenario.storm
-    peak = current.vortices * VORTEX_PEAK * current.circulation_max / current.core_radius_min
-    peak += speed_bound(site)
+    peak = current.fastest + speed_bound(site)
     if (flow := site.current) is not None:
         peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
     if storm.spectrum != "none":

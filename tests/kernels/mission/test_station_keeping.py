@@ -93,5 +93,5 @@ def test_policies_of_the_other_task_are_refused():
 
 
 def test_a_formation_wider_than_the_area():
-    with pytest.raises(ScenarioError, match=r"stations\.radius must not be above half the area's smaller side, 100"):
+    with pytest.raises(ScenarioError, match=r"stations\.radius = 101: must not be above half"):
         setting("stations.radius=101")

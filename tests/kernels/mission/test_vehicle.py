@@ -20,6 +20,12 @@ def test_travelling(speed):
     assert travelling_power(speed) == pytest.approx(law(speed), rel=1e-6)
 
 
+def test_beyond_the_fit_power_grows_with_the_cube_of_the_speed():
+    """The fitted efficiency falls through zero near 3.25 m/s; at any speed the power stays positive and rises."""
+    for speed in (2.6, 3.25, 4.0, 100.0):
+        assert travelling_power(speed) == pytest.approx(15.0 + (law(2.5) - 15.0) * (speed / 2.5) ** 3, rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("current", "power"),
     [(0.0, 105.0), (1.3, 105.0), (1.6, law(1.6)), (2.5, law(2.5)), (4.0, law(2.5))],
