@@ -1,0 +1,155 @@
+"""What holds in every world at every step, whatever is done in it, and that no world depends on those beside it."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from kernels.mission.tasks.task import tasks
+from usvauv_env import Scenario, World, plugins
+from usvauv_env.record.metrics import task_metrics
+from usvauv_env.world.observation import observation_terms
+from usvauv_env.world.world import STATE
+
+PLUGIN = Path(__file__).parents[2] / "examples" / "plugins" / "task.py"
+TRACKED = ["tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]
+RACE = ["auv.count=3", "current.circulation_min=400", "current.circulation_max=800", "auv.action=polar"]
+CASES = {
+    "extreme": ("extreme", ["nodes.start_backlog=5000"], "fim"),
+    "tracked": ("extreme", TRACKED, "centroid"),
+    "strong current": ("extreme", RACE, "centroid"),
+    "paper-extreme": ("paper-extreme", [], "hold:0,200"),
+    "station-keeping": ("station-keeping", [], "centroid"),
+}
+
+
+def wild(world: World, generator: torch.Generator) -> torch.Tensor:
+    """Actions anywhere in their range, a third of them at its corners."""
+    action = 2 * torch.rand((world.num_worlds, world.num_auvs, 2), generator=generator) - 1
+    corner = torch.rand((world.num_worlds, world.num_auvs, 1), generator=generator) < 0.3
+    return torch.where(corner, action.sign(), action).to(world.device)
+
+
+def assert_sound(world: World) -> None:
+    """Everything that must hold after any step."""
+    scenario = world.scenario
+    width, length = scenario.area.width, scenario.area.length
+    for name in (*STATE, "reward", "reward_terms"):
+        assert torch.isfinite(getattr(world, name)).all(), name
+
+    def of(column: int) -> torch.Tensor:
+        return world.auv[..., column]
+
+    for table, x, y in (
+        (world.auv, AuvColumn.x, AuvColumn.y),
+        (world.boat, BoatColumn.x, BoatColumn.y),
+        (world.boat, BoatColumn.goal_x, BoatColumn.goal_y),
+        (world.node, NodeColumn.x, NodeColumn.y),
+    ):
+        assert table[..., x].min() >= 0
+        assert table[..., x].max() <= width
+        assert table[..., y].min() >= 0
+        assert table[..., y].max() <= length
+    travelling = of(AuvColumn.hovering) == 0
+    assert of(AuvColumn.power).min() >= 15  # the hotel load
+    assert (of(AuvColumn.power)[~travelling] >= 105).all()
+    speed = torch.hypot(of(AuvColumn.water_x), of(AuvColumn.water_y))[travelling]
+    assert (speed >= scenario.auv.speed_min * (1 - 1e-5)).all()
+    assert (speed <= scenario.auv.speed_max * (1 + 1e-5)).all()
+    for name in ("hover", "service_rate", "delivered", "cargo", "position_error"):
+        assert of(getattr(AuvColumn, name)).min() >= 0, name
+    assert set(of(AuvColumn.border).unique().tolist()) <= {0.0, 1.0}
+    moved = torch.hypot(of(AuvColumn.moved_x), of(AuvColumn.moved_y))
+    assert (moved[of(AuvColumn.border) == 1] == 0).all()
+    target = of(AuvColumn.target)
+    assert (target == target.round()).all()
+    assert target.min() >= 0
+    assert target.max() < scenario.targets
+    backlog = world.node[..., NodeColumn.backlog]
+    assert backlog.min() >= 0
+    assert backlog.max() <= scenario.nodes.buffer
+    for table, columns in ((world.auv, AuvColumn), (world.estimate, EstimateColumn)):
+        xx, xy, yy = (table[..., getattr(columns, f"covariance_{name}")].double() for name in ("xx", "xy", "yy"))
+        assert (xx >= 0).all()
+        assert (yy >= 0).all()
+        assert (xy * xy <= xx * yy * (1 + 1e-4) + 1e-12).all()
+    travelled = torch.hypot(world.boat[:, BoatColumn.moved_x], world.boat[:, BoatColumn.moved_y])
+    assert travelled.max() < math.hypot(width, length)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("case", CASES)
+def test_holds_whatever_is_done(case, seed):
+    name, changes, usv = CASES[case]
+    world = World(Scenario.load(name, changes), num_worlds=100, seed=seed, usv=usv)
+    generator = torch.Generator().manual_seed(seed)
+    world.reset()
+    refused = 0
+    for step in range(60):
+        world.step(wild(world, generator))
+        assert_sound(world)
+        refused += int(world.auv[..., AuvColumn.border].sum())
+        if step % 20 == 19:
+            world.reset(torch.rand(100, generator=generator) < 0.2)
+    assert refused > 0
+
+
+def test_held_against_the_border_of_every_side():
+    """100 worlds whose AUVs all head for a corner, in a current: none leaves, and most moves are refused."""
+    world = World(Scenario.load("extreme"), num_worlds=100, seed=3)
+    for corner in ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)):
+        world.reset()
+        for _ in range(200):
+            world.step(torch.tensor(corner).expand(100, 2, 2).contiguous())
+            assert world.auv[..., AuvColumn.span("x", "y")].min() >= 0
+            assert world.auv[..., AuvColumn.span("x", "y")].max() <= 200
+        assert world.auv[..., AuvColumn.border].mean() > 0.2
+
+
+@pytest.fixture
+def _plugin(monkeypatch):
+    """The plugin's task, gone after the test."""
+    for registry in (tasks, observation_terms, task_metrics):
+        monkeypatch.setattr(registry, "_items", dict(registry._items))
+    monkeypatch.setattr(plugins, "_paths", [])
+    plugins.load(PLUGIN)
+
+
+ALONE = {
+    "tracked": ("extreme", [*TRACKED, "tracker.current_reading=0.05"], "centroid"),
+    "waveform": ("ideal", ["usbl.model=waveform"], "fim"),
+    "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "centroid"),
+    "station-keeping": ("station-keeping", ["auv.count=5"], "centroid"),
+    "plugin": ("extreme", ["task=survey"], "centroid"),
+}
+
+
+@pytest.mark.usefixtures("_plugin")
+@pytest.mark.parametrize("case", ALONE)
+def test_alone_as_in_a_batch(case):
+    """World 9 of another batch, of a single one, and where the others are reset in between: the same bits.
+
+    Worlds 9 and 2 share a sea; the batch that begins at 5 goes round the end of the pool of 7 seas.
+    """
+    name, changes, usv = ALONE[case]
+    scenario = Scenario.load(name, [*changes, "sea.realisations=7"])
+    found = []
+    for first, count in ((0, 12), (5, 6), (9, 1)):
+        world = World(scenario, num_worlds=count, seed=4, usv=usv, first_world=first)
+        own = 9 - first
+        generator = torch.Generator().manual_seed(5)
+        history = [world.reset()[own].clone()]
+        for step in range(25):
+            action = 2 * torch.rand((12, world.num_auvs, 2), generator=generator) - 1
+            if step == 12:
+                world.reset(torch.arange(count) != own)
+            observation, reward, *_, info = world.step(action[first : first + count])
+            history += [observation[own].clone(), reward[own].clone(), info["measures"][own].clone()]
+        history += [getattr(world, each)[own].clone() for each in ("auv", "node", "boat", "estimate")]
+        found.append(history)
+    for other in found[1:]:
+        for one, same in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(one, same)
