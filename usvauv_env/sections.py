@@ -370,9 +370,13 @@ class Nodes(Section):
     arrival_rates: tuple[Annotated[float, Field(ge=0, le=8000)], ...] = Field(
         (3.0, 5.0, 8.0, 12.0), min_length=1, max_length=16, description="a node's λ is drawn from these, packets/s"
     )
-    buffer: float = Field(5000.0, ge=1, le=MOST_PACKETS, description="buffer capacity C, packets")
+    buffer: float = Field(5000.0, ge=1, le=MOST_PACKETS, multiple_of=1, description="buffer capacity C, whole packets")
     start_backlog: float = Field(
-        1000.0, ge=0, le=MOST_PACKETS, description="backlog at the start is uniform from 0 to this, packets"
+        1000.0,
+        ge=0,
+        le=MOST_PACKETS,
+        multiple_of=1,
+        description="backlog at the start is uniform from 0 to this, whole packets",
     )
     payload: float = Field(2.0, ge=1e-6, le=LARGEST, description="data in a full buffer, Mbit")
     target_rule: str = Field(

@@ -65,7 +65,7 @@ class AuvColumn(Columns):
     target: int  # index of its node
     hover: int  # time left to hover, s
     rate: int  # of the data link while hovering, Mbit/s
-    cargo: int  # data of the service under way, Mbit
+    cargo: int  # packets of the service under way, else 0
     covariance_xx: int  # of the fix, m²
     covariance_xy: int
     covariance_yy: int
@@ -81,6 +81,7 @@ class AuvColumn(Columns):
     delivered: int  # its data, Mbit
     border: int  # 1 where the last move was refused
     position_error: int  # |estimate − truth|, m
+    packets_delivered: int  # of a service completed in the last step
 
 
 class EstimateColumn(Columns):
@@ -120,6 +121,8 @@ class BoatColumn(Columns):
     moved_y: int
     overflowing: int  # nodes that lost packets
     collisions: int  # pairs of AUVs closer than the collision distance
+    packets_created: int  # at all nodes
+    packets_lost: int  # at full buffers
 
 
 class Refraction(Columns):

@@ -59,4 +59,5 @@ def clear_last_step(worlds: ti.template(), w, k):
     auv[w, k, AuvColumn.border] = 0.0
     auv[w, k, AuvColumn.service_rate] = 0.0
     auv[w, k, AuvColumn.delivered] = 0.0
+    auv[w, k, AuvColumn.packets_delivered] = 0.0
     auv[w, k, AuvColumn.hovering] = 0.0

@@ -350,7 +350,7 @@ class TestStorm:
 
 class TestTask:
     def test_node_is_hovered_over_emptied_and_counted(self):
-        """Hovering lasts payload · b/C ÷ rate; then the buffer is empty and the rate is counted."""
+        """Hovering lasts payload · b/C ÷ rate; then, where nothing arrives, the buffer is empty, the rate counted."""
         scenario = Scenario.load("ideal", ["auv.count=1", "nodes.count=2", "nodes.arrival_rates=[0]"])
         world = World(scenario, num_worlds=64, seed=3)
         observation = world.reset()

@@ -42,6 +42,9 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "backlog": ("time", "world", "node"),
     "overflowing": ("time", "world"),
     "collisions": ("time", "world"),
+    "packets_created": ("time", "world"),
+    "packets_lost": ("time", "world"),
+    "packets_delivered": ("time", "world", "auv"),
     "vortex": ("time", "world", "vortex", "vortex_parameter"),
     "stream": ("stream_y", "stream_x", "axis"),
     "surface": ("time", "y", "x"),
@@ -75,6 +78,9 @@ class Trace:
         boat_position, boat_goal: (T, W, 2) m. boat_surface: (T, W, 3) η m and its slopes η_x, η_y.
         backlog: (T, W, M) packets. overflowing: (T, W) nodes that lost packets in this step.
         collisions: (T, W) pairs of AUVs closer than the collision distance.
+        packets_created, packets_lost: (T, W) in this step at all nodes and at full buffers. packets_delivered:
+            (T, W, K) by a service completed in this step. In every step the backlogs of a world grow by what is created
+            less what is lost and delivered, to the packet.
         vortex: (T, W, V, 4) x0 m, y0 m, Γ m²/s, δ m.
         stream: (rows, columns, 2) real current at cruise depth at the start (see `kernels.flow.regular_grid`), m/s;
             empty when there is none.
@@ -109,6 +115,9 @@ class Trace:
     backlog: np.ndarray
     overflowing: np.ndarray
     collisions: np.ndarray
+    packets_created: np.ndarray
+    packets_lost: np.ndarray
+    packets_delivered: np.ndarray
     vortex: np.ndarray
     stream: np.ndarray
     surface: np.ndarray

@@ -27,7 +27,8 @@ def place_nodes(worlds: ti.template(), w):
         kind = ti.min(ti.cast(u[2] * num_kinds, ti.i32), num_kinds - 1)
         node[w, i, NodeColumn.kind] = ti.cast(kind, ti.f32)
         node[w, i, NodeColumn.rate] = worlds.arrivals[kind, poisson_table.RATE]
-        node[w, i, NodeColumn.backlog] = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
+        backlog = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
+        node[w, i, NodeColumn.backlog] = ti.min(backlog, p[Parameter.start_backlog])  # the product may be rounded up
 
 
 @ti.func
@@ -37,8 +38,24 @@ def choose_target(worlds: ti.template(), w, k):
 
 
 @ti.func
+def unclaimed(worlds: ti.template(), w, i):
+    """Packets of node i that no service under way will take; two AUVs may serve one node."""
+    packets = worlds.node[w, i, NodeColumn.backlog]
+    for j in range(worlds.auv.shape[1]):
+        if ti.cast(worlds.auv[w, j, AuvColumn.target], ti.i32) == i:
+            packets -= worlds.auv[w, j, AuvColumn.cargo]
+    return packets
+
+
+@ti.func
+def megabits(p: ti.template(), packets):
+    """Data in some packets, Mbit."""
+    return p[Parameter.payload] * packets / p[Parameter.buffer]
+
+
+@ti.func
 def begin_service(worlds: ti.template(), w, k, distance):
-    """Set the data to carry, the link's rate at this horizontal distance (m), and how long AUV k hovers for it."""
+    """Set the packets to take, the link's rate at this horizontal distance (m), and how long AUV k hovers for it."""
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
     target = ti.cast(auv[w, k, AuvColumn.target], ti.i32)
@@ -50,10 +67,10 @@ def begin_service(worlds: ti.template(), w, k, distance):
     snr = p[Parameter.data_level] - sonar_equation.transmission_loss(slant, p[Parameter.data_frequency])
     law = ti.cast(p[Parameter.data_demonstration], ti.i32)
     rate = 1e-6 * sonar_equation.shannon_rate(p[Parameter.data_bandwidth], snr, law)
-    cargo = p[Parameter.payload] * worlds.node[w, target, NodeColumn.backlog] / p[Parameter.buffer]
+    cargo = unclaimed(worlds, w, target)
     auv[w, k, AuvColumn.rate] = rate
     auv[w, k, AuvColumn.cargo] = cargo
-    auv[w, k, AuvColumn.hover] = ti.max(cargo / rate, 1e-3 * p[Parameter.step])
+    auv[w, k, AuvColumn.hover] = ti.max(megabits(p, cargo) / rate, 1e-3 * p[Parameter.step])
 
 
 @ti.func
@@ -73,7 +90,8 @@ def move(worlds: ti.template(), w, k, a0, a1):
         if auv[w, k, AuvColumn.hover] <= 0.0:
             auv[w, k, AuvColumn.hover] = 0.0
             auv[w, k, AuvColumn.service_rate] = auv[w, k, AuvColumn.rate]
-            auv[w, k, AuvColumn.delivered] = auv[w, k, AuvColumn.cargo]
+            auv[w, k, AuvColumn.packets_delivered] = auv[w, k, AuvColumn.cargo]
+            auv[w, k, AuvColumn.delivered] = megabits(p, auv[w, k, AuvColumn.cargo])
     else:
         travel(worlds, w, k, a0, a1)
         after = distance_to_target(worlds, w, k)
@@ -87,30 +105,44 @@ def move(worlds: ti.template(), w, k, a0, a1):
 
 @ti.func
 def fill_nodes(worlds: ti.template(), w):
-    """Poisson arrivals at every node; counts those whose full buffer lost packets."""
+    """Poisson arrivals at every node; what a full buffer cannot hold is lost. Both are counted."""
     p = ti.static(worlds.p)
     node = ti.static(worlds.node)
     overflowing = 0.0
+    created = 0.0
+    lost = 0.0
     for group in range((node.shape[1] + 3) // 4):
         u = uniforms(worlds, w, Draw.arrival, group)
         for part in ti.static(range(4)):
             i = 4 * group + part
             if i < node.shape[1]:
                 kind = ti.cast(node[w, i, NodeColumn.kind], ti.i32)
-                backlog = node[w, i, NodeColumn.backlog] + poisson_table.draw(worlds.arrivals, kind, u[part])
+                arrivals = poisson_table.draw(worlds.arrivals, kind, u[part])
+                backlog = node[w, i, NodeColumn.backlog] + arrivals
+                created += arrivals
                 if backlog > p[Parameter.buffer]:
+                    lost += backlog - p[Parameter.buffer]
                     backlog = p[Parameter.buffer]
                     overflowing += 1.0
                 node[w, i, NodeColumn.backlog] = backlog
     worlds.boat[w, BoatColumn.overflowing] = overflowing
+    worlds.boat[w, BoatColumn.packets_created] = created
+    worlds.boat[w, BoatColumn.packets_lost] = lost
 
 
 @ti.func
-def empty_served(worlds: ti.template(), w):
-    """Empty the nodes whose service was completed in this step, and send their AUVs on."""
+def complete_services(worlds: ti.template(), w):
+    """Take the packets of the services completed in this step from their nodes, and send their AUVs on.
+
+    What arrived during a service stays in the buffer.
+    """
     for k in range(worlds.auv.shape[1]):
         if worlds.auv[w, k, AuvColumn.service_rate] > 0.0:
-            worlds.node[w, ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32), NodeColumn.backlog] = 0.0
+            target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+            worlds.node[w, target, NodeColumn.backlog] = (
+                worlds.node[w, target, NodeColumn.backlog] - worlds.auv[w, k, AuvColumn.packets_delivered]
+            )
+            worlds.auv[w, k, AuvColumn.cargo] = 0.0
             choose_target(worlds, w, k)
 
 
@@ -121,7 +153,7 @@ tasks.register(
         assign=choose_target,
         move=move,
         update=fill_nodes,
-        finish=empty_served,
+        finish=complete_services,
         reward_terms=rewards.STANDARD,
     ),
 )

@@ -1,0 +1,127 @@
+"""Packets are conserved: created = delivered + lost + in buffers, to the packet, in every world and step."""
+
+import itertools
+
+import numpy as np
+import pytest
+import torch
+
+from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from usvauv_env import Scenario, World
+from usvauv_env.record.recorder import Recorder
+
+
+def backlogs(world: World) -> torch.Tensor:
+    """Packets in each world's buffers, (W,), float64; their sum may exceed what float32 counts."""
+    return world.node[..., NodeColumn.backlog].double().sum(-1)
+
+
+def steer(world: World) -> torch.Tensor:
+    """Heads for the target at full speed, from the true positions."""
+    node = world.node[..., NodeColumn.span("x", "y")]
+    target = world.auv[..., AuvColumn.target].long()[..., None].expand(-1, -1, 2)
+    offset = node.gather(1, target) - world.auv[..., AuvColumn.span("x", "y")]
+    return offset / offset.norm(dim=-1, keepdim=True).clamp_min(1e-9)
+
+
+CROWDED = ("nodes.count=3", "auv.count=6", "auv.start_separation=4")  # more AUVs than nodes: some share one
+TINY = ("nodes.buffer=40", "nodes.start_backlog=40")
+SLOW = ("nodes.payload=200",)  # services of minutes, in which the buffer overflows
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("extreme", ("auv.count=5",)),
+        ("extreme", (*CROWDED, *TINY)),
+        ("ideal", (*CROWDED, *SLOW)),
+        ("paper-extreme", ("auv.count=1", "nodes.count=1", *TINY)),
+        ("ideal", ("nodes.buffer=10000000", "nodes.start_backlog=10000000")),
+        ("ideal", ("nodes.count=500", "mission.step=5", "nodes.arrival_rates=[16]", "nodes.buffer=300",
+                   "nodes.start_backlog=1")),
+        ("station-keeping", ()),
+    ],
+)  # fmt: skip
+def test_packets_are_conserved(name, overrides):
+    """Also over resets of all worlds and of some, and what the trace says is the same."""
+    world = World(Scenario.load(name, list(overrides)), num_worlds=16, seed=11)
+    world.reset()
+    held = backlogs(world)
+    recorder, services = Recorder(world), 0
+    for step in range(300):
+        if step == 150:
+            some = torch.arange(16) % 3 == 0
+            world.reset(some)
+            held = torch.where(some, backlogs(world), held)
+        if step == 230:
+            world.reset()
+            held = backlogs(world)
+            recorder.clear()
+        world.step(steer(world))
+        recorder.add()
+        created = world.boat[:, BoatColumn.packets_created].double()
+        lost = world.boat[:, BoatColumn.packets_lost].double()
+        delivered = world.auv[..., AuvColumn.packets_delivered].double().sum(-1)
+        now = backlogs(world)
+        assert torch.equal(held + created, now + lost + delivered), step
+        assert torch.equal(lost > 0, world.boat[:, BoatColumn.overflowing] > 0)
+        packets = world.node[..., NodeColumn.backlog]
+        assert torch.equal(packets, packets.round())
+        assert packets.min() >= 0
+        assert packets.max() <= world.scenario.nodes.buffer
+        services += int((delivered > 0).sum())
+        held = now
+    assert services > 0 or name == "station-keeping"
+    trace = recorder.trace("steer", np.zeros((0, 0, 0), np.float32))
+    grown = np.diff(trace.backlog.astype(np.int64).sum(-1), axis=0)
+    balance = trace.packets_created - trace.packets_lost - trace.packets_delivered.sum(-1)
+    np.testing.assert_array_equal(grown, balance[1:])
+
+
+def test_what_arrives_during_a_service_stays():
+    """A service takes what was there when it began; only that is paid for in time, delivered and gone at its end."""
+    world = World(Scenario.load("ideal", ["auv.count=1", "nodes.count=3"]), num_worlds=32, seed=2)
+    world.reset()
+    began, taken, stayed = [None] * 32, 0, 0
+    for _ in range(400):
+        before = world.auv[:, 0].clone()
+        world.step(steer(world))
+        for w in range(32):
+            target = int(before[w, AuvColumn.target])
+            backlog = world.node[w, target, NodeColumn.backlog].item()
+            if world.auv[w, 0, AuvColumn.hover] > 0 and before[w, AuvColumn.hover] == 0:
+                # What came in the step of the arrival itself is not in the service.
+                began[w] = world.auv[w, 0, AuvColumn.cargo].item()
+                assert began[w] <= backlog
+            if world.auv[w, 0, AuvColumn.service_rate] > 0:
+                assert world.auv[w, 0, AuvColumn.packets_delivered].item() == began[w]
+                assert world.auv[w, 0, AuvColumn.delivered].item() == pytest.approx(2 * began[w] / 5000, rel=1e-6)
+                taken += began[w]
+                stayed += backlog
+    assert 0.005 < stayed / taken < 0.1
+
+
+def test_two_auvs_at_one_node_take_each_packet_once():
+    """The second takes what came after the first began."""
+    world = World(Scenario.load("ideal", ["auv.count=2", "nodes.count=1", *SLOW]), num_worlds=64, seed=5)
+    world.reset()
+    together = 0
+    for _ in range(250):
+        world.step(steer(world))
+        cargo = world.auv[..., AuvColumn.cargo]
+        assert (cargo.sum(-1) <= world.node[:, 0, NodeColumn.backlog]).all()
+        together += int((cargo > 0).all(-1).sum())
+    assert together > 30
+
+
+def test_the_start_fills_its_whole_range():
+    """Every backlog from 0 to the greatest occurs, and no greater one."""
+    world = World(Scenario.load("ideal", ["nodes.start_backlog=3", "nodes.buffer=3"]), num_worlds=256, seed=1)
+    world.reset()
+    assert set(world.node[..., NodeColumn.backlog].unique().tolist()) == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize("text", list(itertools.product(("nodes.buffer", "nodes.start_backlog"), ("0.5", "2e7", "-1"))))
+def test_packets_are_whole(text):
+    with pytest.raises(ValueError, match=text[0]):
+        Scenario.load("ideal", ["=".join(text)])
