@@ -5,7 +5,8 @@
     NAME/training.json          counters of a run, for resuming
     NAME/training.safetensors   networks, optimisers, replay, generator, world
 
-A directory is written under another name beside its own and renamed when it is complete.
+A directory is written beside its place under a name of its own and put there, complete, in one step: a reader and a
+resumed run find the old one or the new one, whenever a process is killed.
 """
 
 from __future__ import annotations
@@ -30,10 +31,14 @@ from policies.frames import ACTION_SIZE, FRAMES
 from policies.learned import LearnedPolicy
 from policies.policy import PolicyError
 from policies.standardizer import Standardizer
+from usvauv_env.files import sync, writing
 from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.swap import found, replace_folder
 
 FORMAT = 1
 POLICY, TRAINING = "policy", "training"
+LAST, BEST = "last", "best"
+ATTEMPTS = 20  # to read what is being replaced
 
 Part = tuple[dict[str, Any], dict[str, Tensor]]  # its JSON and its tensors
 
@@ -42,36 +47,41 @@ def write(directory: Path, parts: Mapping[str, Part]) -> None:
     """Write `part.json` and `part.safetensors` for each part; the directory changes as a whole or not at all.
 
     Raises:
-        PolicyError: the directory cannot be written.
+        OutputError: the directory cannot be written.
     """
     directory = Path(directory)
-    try:
+    with writing(directory):
         directory.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
         try:
             partial.chmod(0o755)
             for part, (about, tensors) in parts.items():
-                (partial / f"{part}.json").write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+                path = partial / f"{part}.json"
+                path.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+                sync(path)
                 save_file({name: value.contiguous() for name, value in tensors.items()}, _tensors(partial, part))
-            _swap(partial, directory)
+                sync(_tensors(partial, part))
+            sync(partial)
+            replace_folder(partial, directory)
+            sync(directory.parent)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
-    except OSError as error:
-        raise PolicyError(f"{directory}: cannot be written: {error}") from None
 
 
-def _swap(new: Path, place: Path) -> None:
-    """Rename the directory `new` to `place`; what was there is restored if that fails."""
-    old = new.with_name(new.name + "-old")
-    if place.exists():
-        os.replace(place, old)
-    try:
-        os.replace(new, place)
-    except OSError:
-        if old.exists():
-            os.replace(old, place)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
+def clean(run: Path) -> None:
+    """Put back what a killed process was replacing in the directory of a run, and remove what it had not completed.
+
+    To be called by the one process that writes there, see `usvauv_env.lock`.
+
+    Raises:
+        OutputError: the directory cannot be written.
+    """
+    with writing(run):
+        for place in (run / LAST, run / BEST):
+            if found(place) != place:
+                os.replace(found(place), place)
+            for left in run.glob(f".{place.name}-*"):
+                shutil.rmtree(left)
 
 
 def _tensors(directory: Path, part: str) -> Path:
@@ -79,11 +89,35 @@ def _tensors(directory: Path, part: str) -> Path:
 
 
 def read(directory: Path, part: str, device: torch.device) -> Part:
-    """JSON and tensors of a part, as given to `write`.
+    """JSON and tensors of a part, as given to `write`; both of the same `write`, also while another one is going on.
 
     Raises:
         PolicyError: missing or damaged.
     """
+    for _ in range(ATTEMPTS):
+        place = found(directory)
+        before = _identity(place)
+        try:
+            content = _read(place, part, device)
+        except PolicyError:
+            if before is not None and before == _identity(place):
+                raise
+        else:
+            if before == _identity(place):
+                return content
+    return _read(directory, part, device)
+
+
+def _identity(directory: Path) -> tuple[int, int] | None:
+    """What tells a directory from another one in its place; None: there is none."""
+    try:
+        about = directory.stat()
+    except OSError:
+        return None
+    return about.st_ino, about.st_mtime_ns
+
+
+def _read(directory: Path, part: str, device: torch.device) -> Part:
     path = directory / f"{part}.json"
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
@@ -161,7 +195,7 @@ def read_run(directory: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]
     Raises:
         PolicyError: there is no such run, or it is damaged.
     """
-    last = Path(directory) / "last"
+    last = Path(directory) / LAST
     content, _ = read(last, POLICY, torch.device("cpu"))
     return *_scenario_and_config(content, last / f"{POLICY}.json"), content
 
@@ -172,7 +206,7 @@ def read_history(directory: Path) -> list[dict[str, float]]:
     Raises:
         PolicyError: what is there is damaged.
     """
-    path = Path(directory) / "last" / f"{TRAINING}.json"
+    path = found(Path(directory) / LAST) / f"{TRAINING}.json"
     try:
         return json.loads(path.read_text(encoding="utf-8"))["history"]
     except FileNotFoundError:

@@ -9,11 +9,12 @@ from typing import Any
 
 import torch
 
-from policies.checkpoint import load_policy
+from policies.checkpoint import BEST, LAST, load_policy
 from policies.heuristics import HEURISTICS
 from policies.learned import LearnedPolicy
 from policies.policy import Policy, PolicyError
 from usvauv_env.scenario import Scenario
+from usvauv_env.swap import found
 from usvauv_env.world.world import World
 
 
@@ -96,8 +97,8 @@ def load_learned(
         return load_policy(_shipped() / text, text, scenario, device)
     if not directory.is_dir():
         raise PolicyError(f"policy {text!r}: neither a checkpoint directory nor one of {', '.join(available())}")
-    for place in (directory, directory / "best", directory / "last"):
-        if (place / "policy.json").exists():
+    for place in (directory, directory / BEST, directory / LAST):
+        if (found(place) / "policy.json").exists():
             return load_policy(place, text, scenario, device)
     raise PolicyError(f"{text}: not a checkpoint: policy.json is missing")
 

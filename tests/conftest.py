@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from kernels import runtime
-from usvauv_cli.app import main
+from usvauv_cli import app
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -31,8 +31,6 @@ def run_usvauv(tmp_path, monkeypatch, capfd):
 
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["usvauv", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code, *capfd.readouterr()
+        return app.run(), *capfd.readouterr()
 
     return run

@@ -16,7 +16,7 @@ import pytest
 import typer
 
 import usvauv_env
-from usvauv_cli.app import app
+from usvauv_cli.parser import app
 from usvauv_env import plugins
 
 ROOT = Path(__file__).parents[1]

@@ -1,73 +1,127 @@
-"""The `usvauv` command: registers the commands, turns a user's error into one line and exit code 2.
+"""The `usvauv` command: exit codes, and one line on standard error for whatever ends a command early.
 
-Each command's module imports what it needs when it runs, so that `--help` answers at once.
+0 done; 2 an error; 128 + n ended by signal n: 130 Ctrl-C, 143 SIGTERM, 141 the reader of standard output is gone.
+Everything else is imported when signals are handled already, so that Ctrl-C during the imports is no traceback either.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
+import signal
 import sys
-from importlib import metadata
-from typing import Annotated, NoReturn
-
-import typer
+import threading
+from typing import Any, NoReturn
 
 from kernels.errors import UserError
-from usvauv_cli.commands import evaluate, export, plan, reproduce, scenarios, sea, simulate, train
+from kernels.interruption import SIGNALS, SIGPIPE, Interrupted, Interruption
 
-INTERRUPTED = 130  # what a shell reports for Ctrl-C
-
-app = typer.Typer(
-    name="usvauv",
-    help="USV–AUV collaboration under extreme seas: simulate to a video, train policies, evaluate to a table.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
-)
-app.command("simulate")(simulate.simulate)
-app.command("train")(train.train)
-app.command("eval")(evaluate.evaluate)
-app.command("export")(export.export)
-app.command("reproduce")(reproduce.reproduce)
-app.command("plan")(plan.plan)
-app.command("sea")(sea.sea)
-app.command("scenarios")(scenarios.scenarios)
+FAILED = 2
+TRACEBACK = "USVAUV_TRACEBACK"  # environment variable: show where an unexpected error comes from
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"usvauv {metadata.version('usvauv')}")
-        raise typer.Exit
+class _Output(io.FileIO):
+    """Standard output, whose failures are told from those of files, and come once: the rest goes nowhere."""
 
+    _failed = False
 
-@app.callback()
-def options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
-    ] = False,
-) -> None:
-    """The options of `usvauv` itself; the app's help text stands above."""
+    def write(self, data: Any) -> int | None:
+        if self._failed:
+            return len(data)
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            self._failed = True
+            raise Interrupted(SIGPIPE) from None
+        except OSError as error:
+            self._failed = True
+            raise UserError(f"standard output: cannot be written: {error.strerror or error}") from None
 
 
 def main() -> NoReturn:
     """Entry point of the installed command."""
+    interruption = Interruption()
+    interruption.install()
+    threading.excepthook = _in_thread
+    if sys.stdout:
+        raw = _Output(sys.stdout.fileno(), "w", closefd=False)
+        stream = io.TextIOWrapper(io.BufferedWriter(raw), sys.stdout.encoding, sys.stdout.errors, None, raw.isatty())
+        sys.stdout = sys.__stdout__ = stream  # Taichi compares the two
+    code = run(interruption)
+    for signum in SIGNALS:  # all is done; a traceback from the interpreter's end would be noise
+        signal.signal(signum, signal.SIG_IGN)
+    sys.exit(code)
+
+
+def run(interruption: Interruption | None = None) -> int:
+    """Run the command that `sys.argv` names, in this process; returns the exit code."""
     try:
-        code = app(standalone_mode=False)
-    except UserError as error:
-        code = _fail(str(error))
-    except (KeyboardInterrupt, typer.Abort):
-        print("stopped", file=sys.stderr)
-        code = INTERRUPTED
-    except Exception as error:
-        # The command-line library's own usage errors, whichever copy of it typer brings along.
-        explain = getattr(error, "format_message", None)
-        if explain is None:
+        code = _command()
+        if sys.stdout:
+            sys.stdout.flush()
+    except BaseException as error:
+        signum = SIGPIPE if isinstance(error, BrokenPipeError) else _signal(error, interruption)
+        if signum is not None:
+            if signum != SIGPIPE:
+                _say("stopped")
+            return 128 + signum
+        if isinstance(error, SystemExit):
+            return error.code if isinstance(error.code, int) else FAILED if error.code else 0
+        if os.environ.get(TRACEBACK):
             raise
-        message = " ".join(explain().split())
-        code = _fail(message) if message else 2  # without a message help was asked for by naming no command
-    sys.exit(code or 0)
+        message = _message(error)
+        if message:  # without a message help was asked for by naming no command
+            _say(f"error: {message}")
+        return FAILED
+    return code
 
 
-def _fail(message: str) -> int:
-    print(f"error: {message}", file=sys.stderr)
-    return 2
+def _command() -> int:
+    import typer
+
+    from usvauv_cli.parser import app
+
+    command = typer.main.get_command(app)
+    try:
+        # Not `app()`: it has answers of its own to Ctrl-C and to a closed pipe.
+        with command.make_context("usvauv", sys.argv[1:]) as context:
+            return command.invoke(context) or 0
+    except typer.Exit as done:
+        return done.exit_code
+
+
+def _signal(error: BaseException, interruption: Interruption | None) -> int | None:
+    """The signal that ended a command; libraries turn what a signal raised into errors of their own."""
+    if isinstance(error, Interrupted):
+        return error.signum
+    if isinstance(error, KeyboardInterrupt):
+        return signal.SIGINT
+    if isinstance(error, UserError) or interruption is None:
+        return None
+    return interruption.received
+
+
+def _message(error: BaseException) -> str:
+    """An error in one line."""
+    if isinstance(error, UserError):
+        return str(error)
+    # The command-line library's own usage errors, whichever copy of it typer brings along.
+    explain = getattr(error, "format_message", None)
+    if explain is not None:
+        return " ".join(explain().split())
+    if isinstance(error, OSError):  # the system's refusal of something that no file being written accounts for
+        return ": ".join(str(part) for part in (error.filename, error.strerror or error) if part)
+    kind, text = type(error).__name__, " ".join(str(error).split())
+    return f"unexpected {kind}: {text} (set {TRACEBACK}=1 to see where)"
+
+
+def _say(line: str) -> None:
+    with contextlib.suppress(OSError):
+        print(line, file=sys.stderr, flush=True)
+
+
+def _in_thread(about: threading.ExceptHookArgs) -> None:
+    """Report what ended a thread, except what the main thread reports: refused output and interruptions."""
+    if not issubclass(about.exc_type, (OSError, UserError, KeyboardInterrupt)):
+        threading.__excepthook__(about)

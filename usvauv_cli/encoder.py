@@ -114,20 +114,17 @@ def video_file(out: Path, width: int, height: int, fps: int) -> Iterator[Callabl
         OutputError: the file cannot be written.
     """
     with atomic_write(out) as partial:
+        container = av.open(str(partial), "w", format="mp4", options={"movflags": "faststart"})
         try:
-            container = av.open(str(partial), "w", format="mp4", options={"movflags": "faststart"})
-            try:
-                stream = _add_stream(container, width, height, fps)
-                converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
-                yield lambda picture: container.mux(stream.encode(_convert(picture, converter)))
-                container.mux(stream.encode(None))
+            stream = _add_stream(container, width, height, fps)
+            converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
+            yield lambda picture: container.mux(stream.encode(_convert(picture, converter)))
+            container.mux(stream.encode(None))
+            container.close()
+        except BaseException:
+            with suppress(OSError, av.error.FFmpegError):  # the first error is the one to report
                 container.close()
-            except BaseException:
-                with suppress(OSError, av.error.FFmpegError):  # the first error is the one to report
-                    container.close()
-                raise
-        except av.error.FFmpegError as error:
-            raise OutputError(f"{out}: cannot be written: {error.strerror or error}") from None
+            raise
 
 
 def _add_stream(container: av.container.OutputContainer, width: int, height: int, fps: int) -> av.VideoStream:

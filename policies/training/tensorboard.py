@@ -7,15 +7,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from usvauv_env.files import writing
+
 AXES = ("steps", "total", "seconds", "eta")  # figures that are no curves of their own
 
 
 @contextmanager
 def scalar_writer(directory: Path, first_step: int) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """A function that writes the figures of a step; what is in the directory from `first_step` on is discarded."""
+    """A function that writes the figures of a step; what is in the directory from `first_step` on is discarded.
+
+    Raises:
+        OutputError: the directory cannot be written.
+    """
     from torch.utils.tensorboard import SummaryWriter  # takes a second to import
 
-    with SummaryWriter(directory, purge_step=first_step) as writer:
+    with writing(directory), SummaryWriter(directory, purge_step=first_step) as writer:
 
         def write(figures: Mapping[str, Any]) -> None:
             for name, value in figures.items():

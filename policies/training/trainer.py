@@ -13,16 +13,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from kernels.interruption import Stop, stoppable
 from policies import checkpoint
 from policies.algorithms import ALGORITHMS, Sizes
-from policies.checkpoint import FORMAT, POLICY, TRAINING
+from policies.checkpoint import BEST, FORMAT, LAST, POLICY, TRAINING
 from policies.config import TrainingConfig
 from policies.frames import ACTION_SIZE, FRAMES
 from policies.learned import LearnedPolicy
 from policies.networks import stack, unstack
 from policies.policy import PolicyError
 from policies.standardizer import Standardizer
-from policies.training.interruption import on_interrupt
 from policies.training.meter import Meter
 from policies.training.noise import CorrelatedNoise
 from policies.training.replay import Replay
@@ -65,6 +65,7 @@ class Trainer:
         history: every evaluation of the run so far: its figures, with steps and updates; saved with the run.
         steps: world-steps done.
         stopped: whether the run was asked to stop, by Ctrl-C or a caller; it then ends after the present step.
+        interruption: of the last `train`: by which signal it was asked to stop.
 
     Raises:
         PolicyError: `config.num_worlds` is not the world's.
@@ -106,6 +107,7 @@ class Trainer:
         self.evaluation: dict[str, float] = {}
         self.history: list[dict[str, float]] = []
         self.stopped = False
+        self.interruption = Stop()
 
     def policy(self, name: str = "training") -> LearnedPolicy:
         """The policy in training, for the world's scenario; it shares the trainer's networks and changes with them."""
@@ -125,7 +127,7 @@ class Trainer:
             self.observation = self.world.reset().clone()
         figures: dict[str, Any] = {}
         self.stopped = False
-        with self._writer() as write, on_interrupt(self.stop), ThreadPoolExecutor(1) as pool:
+        with self._writer() as write, stoppable(self.stop) as self.interruption, ThreadPoolExecutor(1) as pool:
             while self.steps < steps and not self.stopped:
                 self._advance(pool, steps)
                 done = self.steps >= steps
@@ -166,7 +168,7 @@ class Trainer:
     def _last(self) -> Path:
         if self.directory is None:
             raise PolicyError("training: without a directory nothing is saved and nothing can be resumed")
-        return self.directory / "last"
+        return self.directory / LAST
 
     def _evaluations_due(self, total: int, steps: int | None = None) -> int:
         """Evaluations that belong to a run of `total` world-steps by the time `steps` are done."""
@@ -222,7 +224,7 @@ class Trainer:
         if self.evaluation["arps"] > self.best:
             self.best = self.evaluation["arps"]
             if self.directory is not None:
-                checkpoint.write(self.directory / "best", {POLICY: self._describe()})
+                checkpoint.write(self.directory / BEST, {POLICY: self._describe()})
 
     def _describe(self) -> checkpoint.Part:
         about = {

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import shutil
 import signal
+from pathlib import Path
 
 import pytest
 import torch
@@ -13,6 +15,8 @@ import torch
 import policies
 from policies import PolicyError, Trainer, TrainingConfig, checkpoint
 from tests.policies.toy import ToyWorld, scenario
+from usvauv_env import swap
+from usvauv_env.files import OutputError
 
 CONFIG = TrainingConfig(num_worlds=8, hidden=(16, 16), batch=32, warmup=200, n_step=3, replay=4000)
 
@@ -138,7 +142,7 @@ class TestRefusal:
 
     def test_unwritable(self, tmp_path):
         (tmp_path / "file").write_text("")
-        with pytest.raises(PolicyError, match="cannot be written"):
+        with pytest.raises(OutputError, match="cannot be written"):
             checkpoint.write(tmp_path / "file" / "run", {})
 
 
@@ -156,13 +160,45 @@ class TestAtomicity:
         run.train(1208)
         good = {path.name: path.read_bytes() for path in last.iterdir()}
         monkeypatch.setattr(checkpoint, "save_file", full)
-        with pytest.raises(PolicyError, match="no space left"):
+        with pytest.raises(OutputError, match="no space left"):
             run.save()
         monkeypatch.undo()
-        real = os.replace
-        monkeypatch.setattr(os, "replace", lambda old, new: full() if "-old" not in f"{old}{new}" else real(old, new))
-        with pytest.raises(PolicyError, match="no space left"):
+        monkeypatch.setattr(swap, "_exchange", full)
+        with pytest.raises(OutputError, match="no space left"):
             run.save()
+        assert {path.name: path.read_bytes() for path in last.iterdir()} == good
+        assert sorted(path.name for path in last.parent.iterdir()) == ["last", "tensorboard"]
+
+    def test_what_a_kill_left_in_the_middle_is_read_and_put_back(self, saved, monkeypatch):
+        """Where folders cannot be exchanged, as in earlier versions, the old one is renamed first."""
+        run, last = saved
+        good = {path.name: path.read_bytes() for path in last.iterdir()}
+
+        def no_exchange(*names):
+            raise NotImplementedError
+
+        class Killed(BaseException):
+            pass
+
+        replace, rmtree = os.replace, shutil.rmtree
+
+        def killed(old, new):
+            if Path(new) == last:
+                raise Killed
+            replace(old, new)
+
+        monkeypatch.setattr(swap, "_exchange", no_exchange)
+        run.save()
+        monkeypatch.setattr(os, "replace", killed)
+        monkeypatch.setattr(shutil, "rmtree", lambda *place, **how: None)
+        with pytest.raises(Killed):
+            run.save()
+        monkeypatch.setattr(os, "replace", replace)
+        monkeypatch.setattr(shutil, "rmtree", rmtree)
+        assert not last.exists()
+        policies.load_learned(last.parent)
+        assert checkpoint.read_run(last.parent)[2]["steps"] == 800
+        checkpoint.clean(last.parent)
         assert {path.name: path.read_bytes() for path in last.iterdir()} == good
         assert sorted(path.name for path in last.parent.iterdir()) == ["last", "tensorboard"]
 

@@ -158,7 +158,7 @@ def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):
         time.sleep(1)
         run.send_signal(signal.SIGINT)
         stdout, stderr = run.communicate(timeout=60)
-    assert run.returncode == 0, stderr
+    assert run.returncode == 130, stderr
     assert "--resume" in stdout
     assert "Traceback" not in stderr
     assert (tmp_path / "run" / "last" / "policy.json").exists()

@@ -58,16 +58,16 @@ def writable(path: Path, option: str = "--out") -> Path:
     Raises:
         UserError: it is a folder, its folder is missing, or it cannot be written.
     """
+    from usvauv_env.files import OutputError, check_place
+
     if path.is_dir():
         raise UserError(f"{option} {path}: is a folder, expected a file name")
     if not path.parent.is_dir():
         raise UserError(f"{option} {path}: the folder {path.parent} does not exist")
-    probe = path.with_name(path.name + ".partial")
     try:
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise UserError(f"{option} {path}: cannot be written: {error.strerror}") from None
+        check_place(path)
+    except OutputError as error:
+        raise UserError(f"{option} {error}") from None
     return path
 
 

@@ -31,6 +31,7 @@ def reproduce(
     from kernels import runtime
     from usvauv_cli.reproduction.settings import FULL, QUICK
     from usvauv_cli.reproduction.targets import reproduce
+    from usvauv_env.lock import locked
 
     jobs = runtime.available_cores() if jobs is None else jobs
     at_least("--jobs", jobs, 1)
@@ -38,7 +39,8 @@ def reproduce(
     options = [*(["--quick"] if quick else []), *(f"--plugin {file}" for file in plugins or ())]
     command = " ".join(["usvauv reproduce", target, *options])
     try:
-        path = reproduce(target, QUICK if quick else FULL, out, jobs, f"{command} --out DIR", typer.echo)
+        with locked(out):
+            path = reproduce(target, QUICK if quick else FULL, out, jobs, f"{command} --out DIR", typer.echo)
     except KeyboardInterrupt:
         typer.echo(f"what is done is kept; go on with: {command} --out {out}")
         raise

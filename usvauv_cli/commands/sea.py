@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import signal
 import statistics
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 
 from kernels.errors import UserError
+from kernels.interruption import Stop, stoppable
 from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, parse_size, writable
 
 if TYPE_CHECKING:
@@ -123,6 +120,8 @@ def sea(
     begun = time.perf_counter()
     with stoppable() as stop, sink(out, water, records, pixels, fps) as file:
         made, pace = trial(water, file, records, stop)
+        if not made:
+            stop.raise_if_asked()
         expected = file.expected_bytes(records)
         typer.echo(f"expect about {duration_words((records - made) * pace)} of work and about {size_words(expected)}")
         with console.progress("solving and writing", records) as advance:
@@ -136,7 +135,7 @@ def sea(
     typer.echo(f"{ {'.mp4': 'video', '.nc': 'data'}.get(kind, 'figure') }: {out.resolve()} ({cost})")
     if made < records:
         typer.echo(f"stopped at {clock(water.time)} of {clock((records - 1) * interval)}; the file holds that much")
-        raise KeyboardInterrupt
+        stop.raise_if_asked()
 
 
 def describe(water: SeaSimulation, records: int) -> str:
@@ -171,33 +170,6 @@ def sink(
     from usvauv_cli.sea_view.figure import SeaFigure
 
     return SeaFigure(out, water, records)
-
-
-@dataclass
-class Stop:
-    """Whether Ctrl-C was pressed."""
-
-    asked: bool = False
-
-
-@contextmanager
-def stoppable() -> Iterator[Stop]:
-    """Make Ctrl-C set `Stop.asked`, a second one raise KeyboardInterrupt; without effect outside the main thread."""
-    stop = Stop()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-    before = signal.getsignal(signal.SIGINT)
-
-    def ask(*_: object) -> None:
-        stop.asked = True
-        signal.signal(signal.SIGINT, before)
-
-    signal.signal(signal.SIGINT, ask)
-    try:
-        yield stop
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def trial(water: SeaSimulation, file: Sink, records: int, stop: Stop) -> tuple[int, float]:

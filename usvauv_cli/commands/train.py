@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from kernels.errors import UserError
+from kernels.interruption import Interrupted
 from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, Usv, at_least, make_folder
+
+if TYPE_CHECKING:
+    from policies import Trainer
 
 STEPS = 2_000_000
 
@@ -53,41 +58,55 @@ def train(
     `usvauv train --out runs/first --resume --steps 1000000`
     """
     import policies
+    from policies.checkpoint import clean
     from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
     from policies.training.provenance import provenance
     from usvauv_cli import report
     from usvauv_env import Scenario, World
+    from usvauv_env.lock import locked
 
     at_least("--steps", STEPS if steps is None else steps, 1)
     at_least("--worlds", worlds, 1)
     if resume and (overrides or learn):
         raise UserError("--set, --learn: a run that is resumed keeps the scenario and settings it was begun with")
     setting = Scenario.load(scenario, overrides or ())
+    config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
+    config = config.changed(learn or ())
     out = out or Path("runs") / f"{setting.name}-{algorithm}-{seed}"
-    if resume:
-        setting, config, begun = policies.read_run(out)
-        usv = begun.get("usv", usv)
-        total = steps or begun.get("total", STEPS)
-    elif (out / "last").exists():
-        raise UserError(f"--out {out}: holds a run already; go on with --resume, or choose another folder")
-    else:
-        config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
-        config = config.changed(learn or ())
-        begun = {}
-        total = steps or STEPS
-    make_folder(out)
+    if not resume:
+        make_folder(out)
+    elif not out.is_dir():
+        raise UserError(f"--out {out}: there is no run to resume")
+    with locked(out):
+        clean(out)
+        total, begun = steps or STEPS, {}
+        if resume:
+            setting, config, begun = policies.read_run(out)
+            usv = begun.get("usv", usv)
+            total = steps or begun.get("total", STEPS)
+        elif (out / "last").exists():
+            raise UserError(f"--out {out}: holds a run already; go on with --resume, or choose another folder")
 
-    world = World(setting, config.num_worlds, config.seed, usv, arch=arch)
-    evaluation_worlds = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
-    name = policies.baseline(setting)
-    baseline = policies.evaluate(evaluation_worlds, name) | {"policy": name}
-    about = provenance(begun) | {"usv": usv, "total": total}
-    trainer = policies.Trainer(world, config, out, partial(policies.evaluate, evaluation_worlds), about)
-    if resume:
-        trainer.resume()
-    with report.training(baseline, config.algorithm, setting.name) as show:
-        trainer.train(total, show)
+        world = World(setting, config.num_worlds, config.seed, usv, arch=arch)
+        evaluation_worlds = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
+        name = policies.baseline(setting)
+        baseline = policies.evaluate(evaluation_worlds, name) | {"policy": name}
+        about = provenance(begun) | {"usv": usv, "total": total}
+        trainer = policies.Trainer(world, config, out, partial(policies.evaluate, evaluation_worlds), about)
+        if resume:
+            trainer.resume()
+        with report.training(baseline, config.algorithm, setting.name) as show:
+            trainer.train(total, partial(_show, show, trainer))
     if trainer.stopped:
         again = "".join(f" --plugin {file}" for file in plugins or ())
         typer.echo(f"stopped at {trainer.steps} of {total} world-steps; go on with: --out {out} --resume{again}")
     typer.echo(f"best arps {trainer.best:.3f} ({name} {baseline['arps']:.3f}) in {out / 'best'}")
+    trainer.interruption.raise_if_asked()
+
+
+def _show(show: Callable[[dict], None], trainer: Trainer, figures: dict) -> None:
+    """Show figures; when nobody reads them any more, stop the run, so that it is saved."""
+    try:
+        show(figures)
+    except Interrupted as closed:
+        trainer.interruption.ask(closed.signum)

@@ -9,12 +9,13 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.queues import Queue
 from multiprocessing.synchronize import Event
 from pathlib import Path
 
 from kernels.errors import UserError
+from kernels.interruption import SIGNALS, deferred, stoppable
 from usvauv_cli import console
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import Piece, Stopped, Work
@@ -76,22 +77,11 @@ def duration(seconds: float) -> str:
 
 
 def _alone(pieces: Sequence[Piece], settings: Settings, folder: Path, advance: Callable[[float], None]) -> None:
-    asked = False
-
-    def stop(*_: object) -> None:
-        nonlocal asked
-        asked = True
-
-    before = signal.signal(signal.SIGINT, stop)
-    try:
+    with stoppable() as stop, suppress(Stopped):
         for piece in pieces:
-            if asked:
-                raise Stopped
-            piece.run(Work(settings, folder, advance, lambda: asked))
-    except Stopped:
-        raise KeyboardInterrupt from None
-    finally:
-        signal.signal(signal.SIGINT, before)
+            stop.raise_if_asked()
+            piece.run(Work(settings, folder, advance, lambda: stop.asked))
+    stop.raise_if_asked()
 
 
 def _together(
@@ -102,7 +92,7 @@ def _together(
     start = (settings, folder, jobs, plugins.loaded(), reports, stop)
     with ProcessPoolExecutor(jobs, context, _begin, start) as pool:
         try:
-            with _ignoring_interrupts():  # the processes inherit it: this one handles Ctrl-C for all
+            with _signals_kept_here():
                 running = [pool.submit(_run, piece) for piece in pieces]
             while not all(future.done() for future in running):
                 _take(reports, advance, REPORT)
@@ -113,7 +103,7 @@ def _together(
             raise UserError("a process was ended from outside, perhaps for lack of memory; try --jobs 1") from None
         finally:
             stop.set()
-            with _ignoring_interrupts():
+            with deferred():
                 pool.shutdown(cancel_futures=True)
     _take(reports, advance, REPORT)
 
@@ -129,12 +119,17 @@ def _take(reports: Queue[float], advance: Callable[[float], None], patience: flo
 
 
 @contextmanager
-def _ignoring_interrupts() -> Iterator[None]:
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _signals_kept_here() -> Iterator[None]:
+    """Let processes that are started get neither Ctrl-C nor SIGTERM: this one handles them for all."""
+    with deferred():
+        if not hasattr(signal, "pthread_sigmask"):
+            yield
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(

@@ -22,6 +22,8 @@ from usvauv_cli.reproduction.paper import CONDITIONS
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import EVALUATION_STEP, Stopped, Work
 from usvauv_env import World
+from usvauv_env.files import writing
+from usvauv_env.lock import locked
 from usvauv_env.record.metrics import COLUMNS, episode_metrics
 from usvauv_env.record.recorder import record
 from usvauv_env.record.table import write_rows
@@ -67,7 +69,12 @@ class Learned:
 
     def run(self, work: Work) -> None:
         if self._trained(work.folder) < work.settings.steps:
-            self._train(work)
+            place = self.place(work.folder)
+            with writing(place):
+                place.mkdir(parents=True, exist_ok=True)
+            with locked(place):
+                checkpoint.clean(place)
+                self._train(work)
         for scenario, path in self.results(work.folder).items():
             if not path.exists():
                 self._test(work, scenario, path)
@@ -99,6 +106,7 @@ class Learned:
 
         trainer.train(settings.steps, watch)
         if trainer.steps < settings.steps:
+            trainer.interruption.raise_if_asked()
             raise Stopped
         # From now on the run is only read; its replay would fill the disk.
         (place / "last" / f"{checkpoint.TRAINING}.safetensors").unlink()

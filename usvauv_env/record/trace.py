@@ -10,11 +10,14 @@ import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+import h5netcdf
 import numpy as np
 import xarray
+from xarray.backends import H5NetCDFStore
 
 from kernels.errors import UserError
-from usvauv_env.files import atomic_write
+from kernels.interruption import deferred
+from usvauv_env.files import hdf5_file
 from usvauv_env.scenario import Scenario
 
 # Dimensions of each array field; also the order of axes in the file.
@@ -140,8 +143,8 @@ class Trace:
             },
         )
         encoding = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars if dataset[name].ndim > 1}
-        with atomic_write(Path(path)) as partial:
-            dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
+        with hdf5_file(Path(path)) as file, deferred(), h5netcdf.File(file, "w") as written:
+            dataset.dump_to_store(H5NetCDFStore(written), encoding=encoding)
 
     @classmethod
     def load(cls, path: str | Path) -> Trace:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from importlib import metadata
@@ -12,7 +13,8 @@ import h5netcdf
 import h5py
 import numpy as np
 
-from usvauv_env.files import atomic_write
+from kernels.interruption import deferred
+from usvauv_env.files import hdf5_file
 from usvauv_env.sea_alone.simulation import SeaSimulation
 
 CHUNK = 512  # largest side in cells of a chunk of the file
@@ -32,50 +34,48 @@ class SeaFile:
 
     def __init__(self, path: Path, sea: SeaSimulation) -> None:
         self._records = 0
-        with ExitStack() as stack:
-            self._partial = stack.enter_context(atomic_write(path))
-            self._file = h5netcdf.File(self._partial, "w")
-            stack.push(self._close)
+        with deferred(), ExitStack() as stack:
+            self._disk = stack.enter_context(hdf5_file(path))
+            self._file = h5netcdf.File(self._disk, "w")
+            stack.callback(self._file.close)
             self._describe(sea)
             self._lay_out(sea)
             self._file.flush()
+            self._disk.check()
             self._stack = stack.pop_all()
         self._head = self.bytes
 
     @property
     def bytes(self) -> int:
         """Size of the file so far."""
-        return self._partial.stat().st_size
+        return os.fstat(self._disk.fileno()).st_size
 
     def add(self, sea: SeaSimulation) -> None:
         """Append a record of the present state of a sea."""
         n, (u, v) = self._records, sea.velocity()
-        self._file.resize_dimension("time", n + 1)
-        self._file.variables["time"][n] = sea.time
         fields = {"elevation": sea.surface().elevation, "u": u, "v": v}
         if not sea.steady:
             fields["current_x"], fields["current_y"] = np.moveaxis(sea.current(), -1, 0)
-        for name, field in fields.items():
-            self._file.variables[name][n] = field
+        with deferred():
+            self._file.resize_dimension("time", n + 1)
+            self._file.variables["time"][n] = sea.time
+            for name, field in fields.items():
+                self._file.variables[name][n] = field
+        self._disk.check()
         self._records = n + 1
 
     def expected_bytes(self, records: int) -> int:
         """Estimated size of a file of so many records, by those written."""
-        self._file.flush()
+        with deferred():
+            self._file.flush()
         return self._head + (self.bytes - self._head) * records // max(self._records, 1)
 
     def __enter__(self) -> SeaFile:
         return self
 
     def __exit__(self, *problem: Any) -> None:
-        self._stack.__exit__(*problem)
-
-    def _close(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            self._file.close()
-        except (OSError, RuntimeError, ValueError) as error:  # a full disk raises any of them
-            if kind is None:  # else the first error is the one to report
-                raise OSError(str(error)) from None
+        with deferred():
+            self._stack.__exit__(*problem)
 
     def _describe(self, sea: SeaSimulation) -> None:
         """Global attributes."""

@@ -1,0 +1,219 @@
+"""SIGKILL at random times: what a checkpoint and a training run are afterwards.
+
+`python -m tests.trials.kills --seed S --count N --runs R`
+
+N times a child that writes checkpoints in a loop is killed: half of them after a random time, half just before a
+random file operation. After each kill the checkpoint must be whole, and none older than the last one that was complete;
+another process reads it all the time. R times `usvauv train` is killed at a random time and resumed until it is done;
+its end must equal, bit for bit, that of a run never killed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import torch
+
+from policies import checkpoint
+from policies.policy import PolicyError
+from usvauv_env import swap
+
+CPU = torch.device("cpu")
+PARTS = (checkpoint.POLICY, checkpoint.TRAINING)
+VALUES = 20_000  # of a tensor; a write takes some milliseconds
+OPERATIONS = ("open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.chmod")
+COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()", "train"]
+BEGIN = [
+    *("ideal", "--worlds", "4", "--steps", "2000", "--usv", "centroid", "--seed", "5", "--set", "mission.duration=12"),
+    *("--learn", "warmup=100", "--learn", "batch=16", "--learn", "replay=4000", "--learn", "hidden=16,16"),
+]
+
+
+def parts(number: int) -> dict[str, checkpoint.Part]:
+    """Contents of checkpoint `number`: every file holds the number."""
+    about = {"format": checkpoint.FORMAT, "number": number}
+    return {part: (about, {"values": torch.full((VALUES,), float(number))}) for part in PARTS}
+
+
+def number_of(place: Path, names: tuple[str, ...] = PARTS) -> int:
+    """Number of the checkpoint at a place.
+
+    Raises:
+        PolicyError: it is not whole.
+    """
+    found = set()
+    for part in names:
+        about, tensors = checkpoint.read(place, part, CPU)
+        found |= {about["number"], *tensors["values"].unique().int().tolist()}
+    if len(found) != 1:
+        raise PolicyError(f"{place}: a mixture of {sorted(found)}")
+    return found.pop()
+
+
+def write_until_killed(run: Path, first: int, told: int, operation: int | None) -> None:
+    """Write checkpoints, telling of each that is complete, until killed from outside or before the n-th operation."""
+    left = operation
+
+    def count(event: str, _: tuple = ()) -> None:
+        nonlocal left
+        if left is not None and event in OPERATIONS:
+            left -= 1
+            if left < 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    exchange = swap._exchange
+
+    def counted(*names: Path) -> None:  # the only operation that Python does not announce
+        count("os.rename")
+        exchange(*names)
+
+    swap._exchange = counted
+    sys.addaudithook(count)
+    for number in range(first, first + 1000):
+        checkpoint.write(run / checkpoint.LAST, parts(number))
+        os.write(told, f"{number}\n".encode())
+
+
+def kill_a_write(run: Path, first: int, draw: random.Random) -> tuple[int, int]:
+    """Returns the last number that was complete (first − 1: none was) and the one found after the kill."""
+    reads, told = os.pipe()
+    operation = draw.randrange(60) if draw.random() < 0.5 else None
+    child = os.fork()
+    if child == 0:
+        write_until_killed(run, first, told, operation)
+        os._exit(1)
+    os.close(told)
+    if operation is None:
+        time.sleep(draw.uniform(0.0, 0.15))
+        os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    with os.fdopen(reads) as lines:
+        complete = [int(line) for line in lines]
+    if draw.random() < 0.3:  # as a resumed run does; else what several kills leave gathers
+        checkpoint.clean(run)
+    return (complete or [first - 1])[-1], number_of(run / checkpoint.LAST)
+
+
+def begin_reading(run: Path) -> tuple[int, int]:
+    """Start a process that reads the checkpoint all the time; its number, and where it tells how it went."""
+    reads, told = os.pipe()
+    child = os.fork()
+    if child:
+        os.close(told)
+        return child, reads
+    whole, lost = 0, 0
+    while os.getppid() != 1:
+        try:
+            number_of(run / checkpoint.LAST, PARTS[:1])
+            whole += 1
+        except PolicyError as error:
+            lost += 1
+            print(f"reader: {error}", file=sys.stderr)
+        if (run / "ended").exists():
+            break
+    os.write(told, f"{whole} {lost}".encode())
+    os._exit(0)
+
+
+def kill_writes(folder: Path, count: int, draw: random.Random) -> Counter[str]:
+    """Kill `count` writes."""
+    run, outcome, before = folder / "run", Counter[str](), 0
+    checkpoint.write(run / checkpoint.LAST, parts(0))
+    reader, reads = begin_reading(run)
+    for _ in range(count):
+        outcome["tried"] += 1
+        try:
+            complete, before = kill_a_write(run, before + 1, draw)
+            outcome["survived" if complete <= before <= complete + 1 else "lost"] += 1
+        except PolicyError as error:
+            outcome["lost"] += 1
+            print(f"lost: {error}", file=sys.stderr)
+            checkpoint.write(run / checkpoint.LAST, parts(before))
+    (run / "ended").touch()
+    os.waitpid(reader, 0)
+    with os.fdopen(reads) as told:
+        outcome["reads meanwhile"], outcome["of them not whole"] = map(int, told.read().split())
+    return outcome
+
+
+def result(run: Path) -> dict[str, object]:
+    """What must not depend on kills: all tensors, and the counters without the time taken."""
+    counters = json.loads((run / checkpoint.LAST / "training.json").read_text())
+    del counters["seconds"]
+    files = [f"{checkpoint.LAST}/{part}.safetensors" for part in PARTS] + [f"{checkpoint.BEST}/policy.safetensors"]
+    return {"counters": counters, **{name: (run / name).read_bytes() for name in files}}
+
+
+def train(run: Path) -> subprocess.Popen:
+    """Begin or resume a training run."""
+    options = ["--resume"] if (run / checkpoint.LAST).exists() else BEGIN
+    command = [*COMMAND, *options, "--out", str(run)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def kill_runs(folder: Path, count: int, draw: random.Random) -> Counter[str]:
+    """Kill and resume `count` training runs."""
+    outcome, whole = Counter[str](), folder / "whole"
+    process = train(whole)
+    writing = waiting(process, whole)
+    assert process.wait() == 0, process.stdout
+    writing = time.monotonic() - writing
+    for number in range(count):
+        run = folder / f"killed-{number}"
+        for _ in range(draw.choice((1, 1, 2))):
+            process = train(run)
+            begun = time.monotonic()
+            if draw.random() < 0.15:
+                time.sleep(draw.uniform(0.0, 5.0))
+            else:
+                waiting(process, run)
+                time.sleep(draw.uniform(0.0, 0.9 * writing))
+            outcome["kills"] += process.poll() is None
+            process.kill()
+            process.communicate()
+            print(f"run {number}: killed after {time.monotonic() - begun:.1f} s", flush=True)
+        process = train(run)
+        said = process.communicate()[0]
+        outcome["tried"] += 1
+        equal = process.returncode == 0 and result(run) == result(whole)
+        left = [path.name for path in run.iterdir() if path.name not in ("best", "last", "tensorboard")]
+        outcome["survived" if equal and not left else "lost"] += 1
+        if not equal or left:
+            print(f"lost: {run}: exit {process.returncode}, left {left}\n{said}", file=sys.stderr)
+    return outcome
+
+
+def waiting(process: subprocess.Popen, run: Path) -> float:
+    """Wait until a run has written TensorBoard files newer than the process; returns the time."""
+    before = len(list(run.glob("tensorboard/*")))
+    while process.poll() is None and len(list(run.glob("tensorboard/*"))) == before:
+        time.sleep(0.02)
+    return time.monotonic()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=int, default=1000, help="kills of a write")
+    parser.add_argument("--runs", type=int, default=20, help="training runs that are killed")
+    options = parser.parse_args()
+    draw = random.Random(options.seed)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, trial, count in (("writes", kill_writes, options.count), ("runs", kill_runs, options.runs)):
+            if count:
+                outcome = trial(Path(folder), count, draw)
+                print(f"{name}: {', '.join(f'{key} {value}' for key, value in outcome.items())}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

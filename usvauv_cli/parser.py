@@ -1,0 +1,45 @@
+"""The commands and their common options.
+
+Each command's module imports what it needs when it runs, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+from importlib import metadata
+from typing import Annotated
+
+import typer
+
+from usvauv_cli.commands import evaluate, export, plan, reproduce, scenarios, sea, simulate, train
+
+app = typer.Typer(
+    name="usvauv",
+    help="USV–AUV collaboration under extreme seas: simulate to a video, train policies, evaluate to a table.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+app.command("simulate")(simulate.simulate)
+app.command("train")(train.train)
+app.command("eval")(evaluate.evaluate)
+app.command("export")(export.export)
+app.command("reproduce")(reproduce.reproduce)
+app.command("plan")(plan.plan)
+app.command("sea")(sea.sea)
+app.command("scenarios")(scenarios.scenarios)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"usvauv {metadata.version('usvauv')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """The options of `usvauv` itself; the app's help text stands above."""
