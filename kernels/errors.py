@@ -6,3 +6,7 @@ class UserError(Exception):
 
     The command line prints it without a traceback and exits with code 2.
     """
+
+
+class DivergenceError(UserError, ArithmeticError):
+    """A simulation or a training run has left finite numbers, or those that mean something; it cannot go on."""

@@ -44,8 +44,10 @@ def water_velocity(p: ti.template(), a0, a1):
         heading = 3.141592653589793 * a0
         velocity = speed * vec2(ti.cos(heading), ti.sin(heading))
     else:
-        norm = ti.sqrt(a0 * a0 + a1 * a1)
+        share = ti.max(1.0, ti.max(ti.abs(a0), ti.abs(a1)))  # of what is allowed; else large numbers overflow
+        a = vec2(a0 / share, a1 / share)
+        norm = ti.sqrt(a[0] * a[0] + a[1] * a[1])
         if norm > 1e-6:
             speed = ti.min(ti.max(norm * p[Parameter.speed_max], p[Parameter.speed_min]), p[Parameter.speed_max])
-            velocity = speed / norm * vec2(a0, a1)
+            velocity = speed / norm * a
     return velocity

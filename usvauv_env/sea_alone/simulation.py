@@ -14,6 +14,7 @@ from kernels.mission import reset
 from kernels.types import Level
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells
+from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
 from usvauv_env.world import tables
 
@@ -131,6 +132,7 @@ class SeaSimulation:
         flow_changes = self._flow is not None and len(self._flow.times) > 1
         self.steady = self._evolve_vortices is None and not flow_changes
         self.long_waves = build_sea(site, seed, 1, shape)
+        self._watch = SeaWatch(self.long_waves, float(self.depth.max()))
         self.storm = build_short_waves(site, seed, 1)
         self.x = (np.arange(shape[0]) + 0.5) * (scenario.area.width / shape[0])
         self.y = (np.arange(shape[1]) + 0.5) * (scenario.area.length / shape[1])
@@ -152,8 +154,12 @@ class SeaSimulation:
         return self.scenario.area.width / len(self.x), self.scenario.area.length / len(self.y)
 
     def advance(self) -> None:
-        """Advance by one interval."""
-        self.long_waves.advance()
+        """Advance by one interval.
+
+        Raises:
+            DivergenceError: the long waves are not finite or have run away.
+        """
+        self._watch.advance()
         self._steps += 1
         self.storm.set_time(self.time)
         if self._evolve_vortices:

@@ -2,32 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from inspect import signature
 
 import numpy as np
 import torch
 
 from kernels import runtime
+from kernels.device_flag import DeviceFlag
+from kernels.errors import DivergenceError
 from kernels.flow import current, vortex
 from kernels.launch import Launch
 from kernels.mission import poisson_table
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.mission.run import Phase, run
+from kernels.mission.state_ranges import LARGEST
 from kernels.positioning import tracker
 from kernels.types import Level
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells
 from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.storm import AirySea
+from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
 from usvauv_env.world import tables
 from usvauv_env.world.boat_strategies import StrategyChoice
 from usvauv_env.world.observation import ObservationLayout
+from usvauv_env.world.state_check import bounds_of, check_state, first_outside
 
 MAX_WORLDS = 1 << 22
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
+ALIGNMENT = 16  # numbers
 STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "observation")
+
+
+def room(shape: Sequence[int]) -> int:
+    """Numbers that an array takes beside others, each aligned."""
+    return -(-math.prod(shape) // ALIGNMENT) * ALIGNMENT
 
 
 class World:
@@ -91,42 +103,53 @@ class World:
         self.observation_layout = ObservationLayout.of(scenario)
         self.observation_size = self.observation_layout.size
         self.device = runtime.start(arch).device
+        self._on_host = self.device.type == "cpu"
         self._first_world = first_world
         self._sea_interval = max(1, round(scenario.sea.update_interval / scenario.mission.step))
         self._fine_sea = fine_sea
         self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
 
-        def zeros(*shape: int) -> torch.Tensor:
-            return torch.zeros(shape, dtype=torch.float32, device=self.device)
-
         num_vortices = max(scenario.current.vortices, 1)
         team = (num_worlds, self.num_auvs)
-        self.auv = zeros(*team, len(AuvColumn.names))
-        self.node = zeros(num_worlds, scenario.targets, len(NodeColumn.names))
-        self.vortex = zeros(num_worlds, num_vortices, 4)
-        self.boat = zeros(num_worlds, len(BoatColumn.names))
-        self.estimate = zeros(*team, len(EstimateColumn.names))
-        self.track = zeros(*(team if scenario.tracker.enabled else (1, 1)), tracker.COLUMNS)
-        self.observation = zeros(*team, self.observation_size)
-        self.reward = zeros(*team)
-        self.reward_terms = zeros(*team, len(self.reward_names))
+        shapes = {
+            "auv": (*team, len(AuvColumn.names)),
+            "node": (num_worlds, scenario.targets, len(NodeColumn.names)),
+            "vortex": (num_worlds, num_vortices, 4),
+            "boat": (num_worlds, len(BoatColumn.names)),
+            "estimate": (*team, len(EstimateColumn.names)),
+            "track": (*(team if scenario.tracker.enabled else (1, 1)), tracker.COLUMNS),
+            "observation": (*team, self.observation_size),
+            "reward": team,
+            "reward_terms": (*team, len(self.reward_names)),
+        }
+        self._numbers = self._zeros(sum(map(room, shapes.values())))  # together, so that one look finds any fault
+        parts = self._numbers.split([room(shape) for shape in shapes.values()])
+        views = iter(part[: math.prod(shape)].view(shape) for part, shape in zip(parts, shapes.values(), strict=True))
+        self.auv, self.node, self.vortex, self.boat, self.estimate = (next(views) for _ in range(5))
+        self.track, self.observation, self.reward, self.reward_terms = views
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
-        self._action = zeros(*team, 2)
+        self._action = self._zeros(*team, 2)
+        self._fault = DeviceFlag(self.device)
         self._flow = self.site.current
-        self._stream = zeros(len(Level.names), 1, 1, 2) if self._flow is None else self._upload(self._flow.at(0.0))
+        self._stream = (
+            self._zeros(len(Level.names), 1, 1, 2) if self._flow is None else self._upload(self._flow.at(0.0))
+        )
         self._evolve_vortices = None
         eddies = scenario.current
         if eddies.viscosity > 0 or eddies.mutual:
             self._evolve_vortices = vortex.evolution(
                 self.vortex,
-                zeros(num_worlds, num_vortices, 7),
+                self._zeros(num_worlds, num_vortices, 7),
                 scenario.mission.step,
                 eddies.viscosity,
                 eddies.mutual,
             )
         self._constants = self._upload_tables()
         self._begin_sea(episode=0)
+
+    def _zeros(self, *shape: int) -> torch.Tensor:
+        return torch.zeros(shape, dtype=torch.float32, device=self.device)
 
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse to rebind a public attribute: the kernels would go on with the old one."""
@@ -154,6 +177,7 @@ class World:
         else:
             self._chosen.copy_(mask)
         self._reset()
+        self._stop_at_fault()
         return self.observation
 
     def step(
@@ -165,7 +189,9 @@ class World:
             action: (num_worlds, num_auvs, 2) in [−1, 1].
 
         Raises:
-            ValueError: an action of another shape.
+            ValueError: an action of another shape, or on a CPU one that is not finite.
+            DivergenceError: a number of the state is not finite or has run away, on a GPU also after an action that is
+                not finite; there it is raised by the step after.
 
         Returns:
             observation (W, K, O); reward (W, K); horizon_ended (W, K) bool: a service ended the learner's value
@@ -175,14 +201,17 @@ class World:
         """
         if action.shape != self._action.shape:
             raise ValueError(f"action has shape {tuple(action.shape)}: must be {tuple(self._action.shape)}")
+        if self._on_host and not math.isfinite(action.sum().item()):
+            raise ValueError("action: all numbers must be finite")
         if self._steps_since_sea % self._sea_interval == 0:
-            self._sea.advance()
+            self._watch.advance()
         self._steps_since_sea += 1
         self._set_clock()
         if self._evolve_vortices:
             self._evolve_vortices()
         self._action.copy_(action)
         self._step()
+        self._stop_at_fault()
         served = self.auv[..., AuvColumn.service_rate] > 0
         horizon_ended = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
         truncated = (self._clock[:, 1:] >= self.steps).expand(-1, self.num_auvs)
@@ -205,12 +234,9 @@ class World:
         """Go back to a state that `state` gave for a world of the same scenario, seed and size.
 
         Raises:
-            ScenarioError: a tensor of it has another shape.
+            ScenarioError: a tensor is missing, has another shape or type, or a number that it cannot have.
         """
-        for name in STATE:
-            given, own = tuple(state[name].shape), tuple(getattr(self, name).shape)
-            if given != own:
-                raise ScenarioError(f"state of the world: {name} has shape {given}: must be {own}")
+        check_state(state, self.state(), self.scenario)
         episode, steps = state["sea_episode"].tolist()
         self._begin_sea(episode)
         self._steps_since_sea = steps
@@ -219,6 +245,32 @@ class World:
         for name in STATE:
             getattr(self, name).copy_(state[name])
         self._clock.copy_(state["clock"])
+
+    def _stop_at_fault(self) -> None:
+        """Look at all numbers of the worlds; on a GPU without waiting, at what they were a step ago.
+
+        Raises:
+            DivergenceError: one is not finite or has run away; names world, quantity and time.
+        """
+        low, high = torch.aminmax(self._numbers)
+        if self._on_host:
+            wrong = not (low.item() >= -LARGEST and high.item() <= LARGEST)
+        else:
+            self._fault.value.copy_(~((low >= -LARGEST) & (high <= LARGEST)))
+            wrong = self._fault.look() != 0
+        if wrong:
+            world, problem = self._first_fault()
+            time = int(self._clock[world, 1]) * self.scenario.mission.step
+            raise DivergenceError(f"world {self._first_world + world} at {time:g} s: {problem}")
+
+    def _first_fault(self) -> tuple[int, str]:
+        """Index of the first world with a number that cannot be, and what it is."""
+        bounds = bounds_of(self.scenario)
+        arrays = {name: getattr(self, name) for name in (*STATE, "reward", "reward_terms")}
+        for name, array in arrays.items():
+            if (problem := first_outside(name, array, bounds)) is not None:
+                return problem
+        return 0, "its state was not finite"
 
     def measures(self) -> torch.Tensor:
         """What the last step cost and brought, (num_worlds, num_auvs, 6), columns `measure_names`."""
@@ -290,6 +342,7 @@ class World:
             first, count = 0, pool
         cells = fine_cells(self.scenario) if self._fine_sea else None
         self._sea = build_sea(self.site, seed, count, cells, first)
+        self._watch = SeaWatch(self._sea, float(self.site.still_depth((self._sea.nx, self._sea.ny)).max()))
         self._storm = build_short_waves(self.site, seed, count, first)
         index = (torch.arange(self.num_worlds) + self._first_world) % pool - first
         self._sea_index = index.to(self.device, torch.int32)

@@ -1,0 +1,105 @@
+"""States that cannot be: found while a world runs, and refused when one is loaded."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from kernels.errors import DivergenceError
+from kernels.mission.columns import AuvColumn
+from kernels.mission.state_ranges import STATE
+from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.sea_alone.simulation import SeaSimulation
+
+WORLDS = 4
+
+
+@pytest.fixture
+def world():
+    world = World(Scenario.load("extreme", ["tracker.enabled=true"]), WORLDS, 0, first_world=10)
+    world.reset()
+    world.step(torch.zeros(WORLDS, 2, 2))
+    return world
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("array", ["auv", "node", "vortex", "boat", "track"])
+def test_a_state_that_is_not_finite_stops_the_step(world, array, value):
+    """Wherever it is; the message names the world, the quantity and the time."""
+    column = {"auv": AuvColumn.x, "node": 2, "vortex": 3}.get(array, 0)
+    values = getattr(world, array)
+    values.view(WORLDS, -1)[2, column] = value
+    with pytest.raises(DivergenceError, match=r"^world 12 at 2 s: \S.* is (nan|inf|-inf|1e\+\d+)[^\n]*$"):
+        world.step(torch.zeros(WORLDS, 2, 2))
+
+
+@pytest.mark.parametrize("value", [math.nan, 500.0, -500.0])
+def test_a_sea_that_runs_away_stops_the_step(world, value):
+    world.sea.eta[0, 5] = value
+    with pytest.raises(DivergenceError, match=r"^sea \d+: the elevation is \S+ m at 2 s: must be within 120 m$"):
+        world.step(torch.zeros(WORLDS, 2, 2))
+
+
+@pytest.mark.parametrize("equations", ["linear", "nonlinear"])
+def test_a_sea_alone_that_runs_away_stops(equations):
+    sea = SeaSimulation(Scenario.load("extreme", [f"sea.equations={equations}"]), 0, (20, 20), 1.0)
+    sea.advance()
+    fields, clock = sea.long_waves.state()
+    sea.long_waves.load_state(fields * math.nan, clock)
+    with pytest.raises(DivergenceError, match=r"^sea[^\n]* s[^\n]*$"):
+        sea.advance()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_an_action_that_is_not_finite_changes_nothing(world, value):
+    before = world.state()
+    action = torch.zeros(WORLDS, 2, 2)
+    action[3, 1, 0] = value
+    with pytest.raises(ValueError, match="finite"):
+        world.step(action)
+    assert all(torch.equal(value, before[name]) for name, value in world.state().items())
+
+
+def test_an_action_beyond_its_bounds_is_the_nearest_in_its_direction(world):
+    """Also where its square overflows single precision."""
+    world.step(torch.tensor([3e30, 4e30]).expand(WORLDS, 2, 2))
+    velocity = world.auv[..., AuvColumn.water_x : AuvColumn.water_y + 1]
+    travelling = world.auv[..., AuvColumn.hovering] == 0
+    expected = torch.tensor([0.6, 0.8]) * world.scenario.auv.speed_max
+    torch.testing.assert_close(velocity[travelling], expected.expand_as(velocity[travelling]))
+
+
+@pytest.mark.parametrize("name", [*STATE, "observation", "clock", "sea", "sea_clock", "sea_episode"])
+def test_what_a_state_is_refused_for(world, name):
+    """Wrong numbers, shapes, types and names; nothing is changed by a refusal, and the state itself is taken."""
+    state = world.state()
+    for wrong in (
+        {**state, name: state[name].double() * math.nan} if state[name].is_floating_point() else {},
+        {**state, name: state[name].flatten()[1:]},
+        {**state, name: state[name].to(torch.int16)},
+        {**state, name: torch.full_like(state[name], -(2**31) if name in ("clock", "sea_episode") else 1e30)},
+        {key: value for key, value in state.items() if key != name},
+        {**state, f"{name}s": state[name]},
+    ):
+        with pytest.raises(ScenarioError, match=r"^state of the world: [^\n]+$"):
+            world.load_state(wrong)
+    assert all(torch.equal(value, state[key]) for key, value in world.state().items())
+    world.load_state(state)
+
+
+@pytest.mark.parametrize("value", [-1.0, 30.0, 0.5, 1e9])
+def test_a_target_that_is_no_node_is_refused(world, value):
+    state = world.state()
+    state["auv"][0, 0, AuvColumn.target] = value
+    rule = r"^state of the world: world 0: target of AUV 0 is \S+: must be a whole number from 0 to 29$"
+    with pytest.raises(ScenarioError, match=rule):
+        world.load_state(state)
+
+
+def test_every_run_stays_within_the_ranges_of_its_state(world):
+    """The ranges are no narrower than what happens."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        world.step(torch.from_numpy(rng.uniform(-1, 1, (WORLDS, 2, 2)).astype(np.float32)))
+        world.load_state(world.state())

@@ -1,0 +1,63 @@
+"""Long waves that are watched: a sea that is not finite, or deeper than its bed, stops at once."""
+
+from __future__ import annotations
+
+import torch
+
+from kernels import runtime
+from kernels.device_flag import DeviceFlag
+from kernels.errors import DivergenceError
+from usvauv_env.sea.long_waves import LongWaves
+
+DRY = 1e4  # m, above every elevation where land may be dry
+
+
+class SeaWatch:
+    """Advances long waves and looks at their elevation.
+
+    Where kernels run elsewhere than torch's tensors lie (`Runtime.shares_memory_with_torch`), the whole field would
+    have to be copied; there a sea is watched only where vehicles are, by their own state.
+
+    Args:
+        sea: to be watched.
+        deepest: depth of still water at the deepest place, m; the elevation of a linear sea stays within it.
+    """
+
+    def __init__(self, sea: LongWaves, deepest: float) -> None:
+        self._sea = sea
+        self._limit = DRY if sea.units == (1.0, 1.0) else deepest
+        self._eta = sea.eta if runtime.start().shares_memory_with_torch else None
+        self._flag = DeviceFlag(sea.eta.device)
+
+    def advance(self) -> None:
+        """One interval.
+
+        Raises:
+            DivergenceError: the sea is not finite or has run away.
+        """
+        sea = self._sea
+        try:
+            sea.advance()
+        except FloatingPointError as error:
+            raise DivergenceError(f"sea: {error}") from None
+        if self._eta is None:
+            return
+        low, high = torch.aminmax(self._eta)
+        if self._eta.device.type == "cpu":
+            wrong = not (low.item() >= -self._limit and high.item() <= self._limit)
+        else:
+            self._flag.value.copy_(~((low >= -self._limit) & (high <= self._limit)))
+            wrong = self._flag.look() != 0
+        if wrong:
+            index, value = self._worst()
+            raise DivergenceError(
+                f"sea {index}: the elevation is {value:g} m at {sea.time:g} s: must be within {self._limit:g} m"
+            )
+
+    def _worst(self) -> tuple[int, float]:
+        """The sea that has the first elevation out of bounds, and that elevation, m."""
+        elevation = torch.from_numpy(self._sea.elevation())
+        elevation = elevation.reshape(-1, self._sea.ny * self._sea.nx)
+        places = (~(elevation.abs() <= self._limit)).nonzero()
+        index, cell = places[0].tolist() if len(places) else (0, 0)
+        return index, float(elevation[index, cell])

@@ -1,0 +1,89 @@
+"""Whether a world's state can be: while it runs, and when it is loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+
+from kernels.mission.state_ranges import ANYTHING, STATE, resolve
+from usvauv_env.scenario import Scenario, ScenarioError
+
+LATEST = 1_000_000_000  # episode or step that a clock can show
+PER = {"auv": "AUV", "estimate": "the estimate of AUV", "node": "node", "vortex": "vortex", "track": "the track of AUV"}
+
+
+def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
+    """`kernels.mission.state_ranges.resolve` for a scenario."""
+    return resolve(
+        {
+            "width": float(np.float32(scenario.area.width)),
+            "length": float(np.float32(scenario.area.length)),
+            "targets": scenario.targets,
+            "last_target": scenario.targets - 1,
+            "last_kind": len(scenario.nodes.arrival_rates) - 1,
+        }
+    )
+
+
+def first_outside(name: str, values: torch.Tensor, bounds: Mapping[str, np.ndarray]) -> tuple[int, str] | None:
+    """World and words for the first number of an array (W, ..., columns) that its column may not hold; None if all may.
+
+    Args:
+        name: of the array, as in `kernels.mission.state_ranges.STATE`; one that is not there may hold any number.
+        bounds: of `bounds_of`.
+    """
+    values = values.detach().double().cpu()
+    table = STATE.get(name)
+    if table is None:
+        wrong = ~(values.abs() <= ANYTHING)
+    else:
+        low, high = torch.from_numpy(bounds[name])
+        whole = torch.tensor([allowed.whole for _, allowed in table])
+        wrong = ~((values >= low) & (values <= high)) | (whole & (values != values.round()))
+    places = wrong.nonzero()
+    if not len(places):
+        return None
+    place = places[0].tolist()
+    value = float(values[tuple(place)])
+    if table is None:
+        return place[0], f"{name} {place[1:]} is {value:g}"
+    column, allowed = table[place[-1]]
+    whose = f"{column} of {PER[name]} {place[1]}" if name in PER else f"{column} of the {name}"
+    rule = "a whole number from" if allowed.whole else "from"
+    return place[
+        0
+    ], f"{whose} is {value:g}: must be {rule} {bounds[name][0, place[-1]]:g} to {bounds[name][1, place[-1]]:g}"
+
+
+def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tensor], scenario: Scenario) -> None:
+    """Refuse a state that a world of this scenario cannot have.
+
+    Args:
+        given: to be loaded. own: of the world as it is, for names, shapes and types.
+
+    Raises:
+        ScenarioError: it is another world's, or a number is not one that it can hold.
+    """
+
+    def refuse(problem: str) -> None:
+        raise ScenarioError(f"state of the world: {problem}")
+
+    if given.keys() != own.keys():
+        missing, unknown = sorted(own.keys() - given.keys()), sorted(given.keys() - own.keys())
+        refuse(f"{missing[0]} is missing" if missing else f"{unknown[0]} is unknown")
+    bounds = bounds_of(scenario)
+    for name, mine in own.items():
+        value = given[name]
+        if tuple(value.shape) != tuple(mine.shape):
+            refuse(f"{name} has shape {tuple(value.shape)}: must be {tuple(mine.shape)}")
+        if value.dtype != mine.dtype:
+            refuse(f"{name} is {value.dtype}: must be {mine.dtype}")
+        if name in ("clock", "sea_clock", "sea_episode"):
+            least = -1 if name == "clock" else 0
+            wrong = ~((value >= least) & (value <= LATEST)) | (value != value.double().round())
+            if wrong.any():
+                refuse(f"{name} has {float(value[wrong][0]):g}: must be a whole number from {least} to {LATEST}")
+        elif (problem := first_outside(name, value, bounds)) is not None:
+            refuse(f"world {problem[0]}: {problem[1]}")
