@@ -262,13 +262,17 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--count", type=int, default=200)
+    options.add_argument("--seconds", type=float, default=1e9, help="begin no case after so many")
     options.add_argument("--only", choices=COMMANDS, action="append")
     chosen = options.parse_args()
     draw = random.Random(chosen.seed)
     faults = [fault for fault in FAULTS if os.geteuid() == 0 or fault not in ("disk", "unwritable")]
     names, usual, tried, bad = chosen.only or list(COMMANDS), {}, Counter(), Counter()
     codes: Counter[tuple[str, int]] = Counter()
+    end = time.monotonic() + chosen.seconds
     for number in range(chosen.count):
+        if time.monotonic() > end:
+            break
         command, fault = names[number % len(names)], faults[draw.randrange(len(faults))]
         place = Path(tempfile.mkdtemp(prefix="faults-"))
         folder = place / "out"
@@ -287,6 +291,8 @@ def main() -> None:
         tried[command] += 1
         bad[command] += bool(wrong)
         codes[command, code] += 1
+        if (number + 1) % 50 == 0:
+            print(f"{number + 1} tried, {bad.total()} wrong", flush=True)
         if wrong:
             print(f"case {number}: {command}, {fault}: exit {code}: {'; '.join(wrong)}", flush=True)
     for command in names:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import av
 import pytest
 
 from usvauv_env import Trace, plugins
+from usvauv_env.lock import locked
 from usvauv_env.record.metrics import COLUMNS
 
 COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()"]
@@ -162,6 +164,47 @@ def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):
     assert "--resume" in stdout
     assert "Traceback" not in stderr
     assert (tmp_path / "run" / "last" / "policy.json").exists()
+
+
+def test_a_second_run_in_a_folder_names_the_first(tmp_path, run_usvauv):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with locked(folder):
+        for command in (["train"], ["train", "--resume"], ["reproduce", "fig3"]):
+            answer = run_usvauv(*command, "--out", "run")
+            assert answer == (2, "", f"error: run: process {os.getpid()} is writing there\n")
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="no device that is always full")
+def test_a_full_standard_output_is_one_line(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*COMMAND, "scenarios"], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "error: standard output: cannot be written: No space left on device\n",
+    )
+
+
+def test_a_closed_pipe_ends_a_command_quietly(tmp_path):
+    reads, writes = os.pipe()
+    os.close(reads)
+    done = subprocess.run([*COMMAND, "scenarios"], stdout=writes, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writes)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_an_unexpected_error_is_one_line_that_says_how_to_see_more(run_usvauv, monkeypatch):
+    def fail(*arguments):
+        raise ZeroDivisionError("division\nby zero")
+
+    monkeypatch.setattr("usvauv_env.Scenario.load", fail)
+    code, _, stderr = run_usvauv("scenarios", "extreme")
+    assert code == 2
+    assert stderr == "error: unexpected ZeroDivisionError: division by zero (set USVAUV_TRACEBACK=1 to see where)\n"
+    monkeypatch.setenv("USVAUV_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        run_usvauv("scenarios", "extreme")
 
 
 def test_scenarios(tmp_path):

@@ -18,6 +18,8 @@ import torch
 import xarray
 
 from usvauv_cli import app
+from usvauv_cli.commands import sea as sea_command
+from usvauv_cli.commands.sea import sink
 from usvauv_cli.sea_view.block import Block
 from usvauv_cli.sea_view.figure import spectrum, target_spectrum
 from usvauv_cli.sea_view.section import Section
@@ -387,6 +389,19 @@ def test_still_sea(tmp_path, monkeypatch, capsys, name):
     said = capsys.readouterr().out
     for part in ("10 × 10 cells of 20 m", "1 s in 2 steps of 0.5 s", "expect about", name):
         assert part in said
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.nc", "a.png"])
+def test_ctrl_c_before_the_first_record_leaves_nothing(tmp_path, monkeypatch, capsys, name):
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        return sink(*arguments)
+
+    monkeypatch.setattr(sea_command, "sink", interrupted)
+    options = ["ideal", "--duration", 1, "--resolution", 20, "--interval", 0.5, "--out", name]
+    assert run(monkeypatch, tmp_path, *options) == 130
+    assert capsys.readouterr().err == "stopped\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_ctrl_c_keeps_what_there_is(tmp_path):
