@@ -13,6 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from kernels.errors import DivergenceError
 from kernels.interruption import Stop, stoppable
 from policies import checkpoint
 from policies.algorithms import ALGORITHMS, Sizes
@@ -26,6 +27,7 @@ from policies.standardizer import Standardizer
 from policies.training.meter import Meter
 from policies.training.noise import CorrelatedNoise
 from policies.training.replay import Replay
+from policies.training.saved_run import check_counters, check_tensors, first_not_finite
 from policies.training.tensorboard import scalar_writer
 from policies.training.world import TrainingWorld
 
@@ -121,6 +123,9 @@ class Trainer:
         Returns:
             The last figures, as `callback` got them: steps, total, seconds, eta, steps_per_second, updates, those of
             `Meter.figures`, and evaluation.
+
+        Raises:
+            DivergenceError: a weight or a state of the worlds is no longer finite; the checkpoints are those before.
         """
         begun, seconds_before, steps_before = time.perf_counter(), self.seconds, self.steps
         if self.steps == 0:
@@ -149,6 +154,7 @@ class Trainer:
                         "evaluation": self.evaluation,
                     }
                     self.meter.reset()
+                    self._stop_if_not_finite()
                     write(figures)
                     callback(figures)
                 if self.directory is not None and (due or done or self.stopped):
@@ -191,7 +197,11 @@ class Trainer:
                 batch = self.replay.sample(config.batch, config.n_step, config.gamma, self.generator, gain)
                 self.meter.losses.append(self.learner.update(batch))
                 self.learner.average()
-        observation, reward, horizon_ended, truncated, info = step.result()
+        try:
+            observation, reward, horizon_ended, truncated, info = step.result()
+        except ValueError:  # most likely an action that is not finite, because a weight is not
+            self._stop_if_not_finite()
+            raise
         if self.renewal:
             self.gain += GAIN_RATE * (float(reward.mean()) - self.gain)
             horizon_ended = horizon_ended | (info["measures"][..., world.measure_names.index("service_rate")] > 0)
@@ -219,6 +229,7 @@ class Trainer:
         """Evaluate, and keep the policy if it is the best so far."""
         if self.evaluate is None:
             return
+        self._stop_if_not_finite()
         self.evaluation = {name: float(value) for name, value in self.evaluate(self.policy()).items()}
         self.history.append({"steps": self.steps, "updates": self.learner.updates, **self.evaluation})
         if self.evaluation["arps"] > self.best:
@@ -237,8 +248,20 @@ class Trainer:
         }
         return checkpoint.describe(self.policy(), self.config, about)
 
+    def _stop_if_not_finite(self) -> None:
+        """Raise DivergenceError if a number of the learner is not finite."""
+        if (name := first_not_finite(self.learner)) is not None:
+            raise DivergenceError(
+                f"training: {name} is not finite after {self.learner.updates} updates; the checkpoints are those before"
+            )
+
     def save(self) -> None:
-        """Write `last`: the policy, and the state of the run for `resume`."""
+        """Write `last`: the policy, and the state of the run for `resume`.
+
+        Raises:
+            DivergenceError: a weight is not finite; what was saved before stays.
+        """
+        self._stop_if_not_finite()
         counters = {
             "format": FORMAT,
             "steps": self.steps,
@@ -274,6 +297,14 @@ class Trainer:
         """
         last = self._last()
         counters, tensors = checkpoint.read(last, TRAINING, self.world.device)
+        try:
+            check_counters(counters, self.replay)
+            shape = self.world.num_worlds, self.world.num_auvs, self.frame.layout.size
+            rest = {"noise": self.noise.value, "observation": self.noise.value.new_empty(shape)}
+            rest["generator"] = self.generator.get_state()
+            check_tensors(tensors, self.learner, self.replay, counters["size"], rest)
+        except PolicyError as error:
+            raise PolicyError(f"{last}: cannot be resumed: {error}") from None
         groups: dict[str, dict[str, Tensor]] = {"learner": {}, "replay": {}, "world": {}}
         try:
             self.observation = tensors.pop("observation")
