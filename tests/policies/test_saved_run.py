@@ -14,9 +14,10 @@ from tests.trials.checkpoints import STEPS, trainer
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A run that was saved, and what was saved."""
-    run = trainer(tmp_path_factory.mktemp("run"))
+    folder = tmp_path_factory.mktemp("run")
+    run = trainer(folder)
     run.train(STEPS)
-    return run, checkpoint.read(run.directory / LAST, TRAINING, torch.device("cpu"))
+    return run, checkpoint.read(folder / LAST, TRAINING, torch.device("cpu"))
 
 
 @pytest.mark.parametrize(
