@@ -4,7 +4,7 @@
 
 N times a child that writes checkpoints in a loop is killed: half of them after a random time, half just before a
 random file operation. After each kill the checkpoint must be whole, and none older than the last one that was complete;
-another process reads it all the time. R times `usvauv train` is killed at a random time and resumed until it is done;
+another process reads it all the time. R times `usvauv train` is killed at a random time and resumed;
 its end must equal, bit for bit, that of a run never killed.
 """
 
@@ -15,7 +15,6 @@ import json
 import os
 import random
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -26,15 +25,15 @@ import torch
 
 from policies import checkpoint
 from policies.policy import PolicyError
+from usvauv_cli import app, parser  # noqa: F401  imported once, for all forks
 from usvauv_env import swap
 
 CPU = torch.device("cpu")
 PARTS = (checkpoint.POLICY, checkpoint.TRAINING)
 VALUES = 20_000  # of a tensor; a write takes some milliseconds
 OPERATIONS = ("open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.chmod")
-COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()", "train"]
 BEGIN = [
-    *("ideal", "--worlds", "4", "--steps", "2000", "--usv", "centroid", "--seed", "5", "--set", "mission.duration=12"),
+    *("ideal", "--worlds", "4", "--steps", "1000", "--usv", "centroid", "--seed", "5", "--set", "mission.duration=12"),
     *("--learn", "warmup=100", "--learn", "batch=16", "--learn", "replay=4000", "--learn", "hidden=16,16"),
 ]
 
@@ -132,6 +131,8 @@ def kill_writes(folder: Path, count: int, draw: random.Random) -> Counter[str]:
     reader, reads = begin_reading(run)
     for _ in range(count):
         outcome["tried"] += 1
+        if outcome["tried"] % 200 == 0:
+            print(f"writes so far: {dict(outcome)}", flush=True)
         try:
             complete, before = kill_a_write(run, before + 1, draw)
             outcome["survived" if complete <= before <= complete + 1 else "lost"] += 1
@@ -154,62 +155,67 @@ def result(run: Path) -> dict[str, object]:
     return {"counters": counters, **{name: (run / name).read_bytes() for name in files}}
 
 
-def train(run: Path) -> subprocess.Popen:
-    """Begin or resume a training run."""
-    options = ["--resume"] if (run / checkpoint.LAST).exists() else BEGIN
-    command = [*COMMAND, *options, "--out", str(run)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+def train(run: Path) -> int:
+    """Begin or resume a training run in a fork; returns its process id."""
+    child = os.fork()
+    if child:
+        return child
+    with open(run.with_suffix(".log"), "a") as log:
+        os.dup2(log.fileno(), 1)
+        os.dup2(log.fileno(), 2)
+    sys.argv = ["usvauv", "train", *(["--resume"] if (run / checkpoint.LAST).exists() else BEGIN), "--out", str(run)]
+    code = app.run()
+    sys.stdout.flush()
+    os._exit(code)
 
 
 def kill_runs(folder: Path, count: int, draw: random.Random) -> Counter[str]:
     """Kill and resume `count` training runs."""
     outcome, whole = Counter[str](), folder / "whole"
+    begun = time.monotonic()
     process = train(whole)
-    writing = waiting(process, whole)
-    assert process.wait() == 0, process.stdout
-    writing = time.monotonic() - writing
+    until_it_trains(process, whole)
+    starting = time.monotonic() - begun
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 0, whole.with_suffix(".log").read_text()
+    training = time.monotonic() - begun - starting
     for number in range(count):
         run = folder / f"killed-{number}"
-        for _ in range(draw.choice((1, 1, 2))):
-            process = train(run)
-            begun = time.monotonic()
-            if draw.random() < 0.15:
-                time.sleep(draw.uniform(0.0, 5.0))
-            else:
-                waiting(process, run)
-                time.sleep(draw.uniform(0.0, 0.9 * writing))
-            outcome["kills"] += process.poll() is None
-            process.kill()
-            process.communicate()
-            print(f"run {number}: killed after {time.monotonic() - begun:.1f} s", flush=True)
         process = train(run)
-        said = process.communicate()[0]
+        if draw.random() < 0.15:
+            time.sleep(draw.uniform(0.0, starting))
+        else:
+            until_it_trains(process, run)
+            time.sleep(draw.uniform(0.0, 0.9 * training))
+        os.kill(process, signal.SIGKILL)
+        status = os.waitpid(process, 0)[1]
+        outcome["killed"] += os.WIFSIGNALED(status)
         outcome["tried"] += 1
-        equal = process.returncode == 0 and result(run) == result(whole)
-        left = [path.name for path in run.iterdir() if path.name not in ("best", "last", "tensorboard")]
-        outcome["survived" if equal and not left else "lost"] += 1
-        if not equal or left:
-            print(f"lost: {run}: exit {process.returncode}, left {left}\n{said}", file=sys.stderr)
+        code = os.waitstatus_to_exitcode(os.waitpid(train(run), 0)[1])
+        left = {path.name for path in run.iterdir()} - {"best", "last", "tensorboard"}
+        good = code == 0 and not left and result(run) == result(whole)
+        outcome["survived" if good else "lost"] += 1
+        print(f"runs so far: {dict(outcome)}", flush=True)
+        if not good:
+            print(f"lost: exit {code}, left {left}\n{run.with_suffix('.log').read_text()}", file=sys.stderr)
     return outcome
 
 
-def waiting(process: subprocess.Popen, run: Path) -> float:
-    """Wait until a run has written TensorBoard files newer than the process; returns the time."""
-    before = len(list(run.glob("tensorboard/*")))
-    while process.poll() is None and len(list(run.glob("tensorboard/*"))) == before:
+def until_it_trains(process: int, run: Path) -> None:
+    """Wait until a run has opened a file for TensorBoard, or has ended."""
+    running = os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT
+    while not list(run.glob("tensorboard/*")) and os.waitid(*running) is None:
         time.sleep(0.02)
-    return time.monotonic()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--count", type=int, default=1000, help="kills of a write")
-    parser.add_argument("--runs", type=int, default=20, help="training runs that are killed")
-    options = parser.parse_args()
-    draw = random.Random(options.seed)
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--count", type=int, default=1000, help="kills of a write")
+    options.add_argument("--runs", type=int, default=20, help="training runs that are killed")
+    chosen = options.parse_args()
+    draw = random.Random(chosen.seed)
     with tempfile.TemporaryDirectory() as folder:
-        for name, trial, count in (("writes", kill_writes, options.count), ("runs", kill_runs, options.runs)):
+        for name, trial, count in (("writes", kill_writes, chosen.count), ("runs", kill_runs, chosen.runs)):
             if count:
                 outcome = trial(Path(folder), count, draw)
                 print(f"{name}: {', '.join(f'{key} {value}' for key, value in outcome.items())}", flush=True)
