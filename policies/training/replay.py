@@ -7,6 +7,7 @@ from torch import Tensor
 
 from policies.algorithms import Batch
 from policies.networks import stack
+from usvauv_env.memory import require
 
 # Name in a checkpoint → attribute.
 STORED = {
@@ -30,10 +31,15 @@ class Replay:
         shape: W worlds, K AUVs, F features, A action components.
         device: where the memory lives, and where `generator` draws.
         shared: one learner gets the transitions of all AUVs.
+
+    Raises:
+        MemoryNeeded: it does not fit into memory.
     """
 
     def __init__(self, rows: int, shape: tuple[int, int, int, int], device: torch.device, shared: bool) -> None:
         worlds, auvs, features, actions = shape
+        numbers = rows * worlds * auvs * (features + actions + 2)
+        require(4.0 * numbers, f"training: replay = {rows * worlds}", device)
         self.rows, self.worlds, self.shared, self.device = rows, worlds, shared, device
         self.observation = torch.zeros((rows, worlds, auvs, features), device=device)
         self.action = torch.zeros((rows, worlds, auvs, actions), device=device)

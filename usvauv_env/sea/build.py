@@ -6,19 +6,25 @@ time (`usvauv_env.sea.forcing`): a coarse and a fine solver carry on the same se
 
 from __future__ import annotations
 
+import math
 from typing import cast
 
 import numpy as np
 
+from kernels import runtime
 from kernels.shallow_water.boundaries import Boundary, Side
-from kernels.shallow_water.linear import ShallowWater
+from kernels.shallow_water.linear import COURANT, ShallowWater
 from kernels.shallow_water.nonlinear import NonlinearBoundary, NonlinearShallowWater
-from usvauv_env.scenario import Scenario
+from kernels.shallow_water.packing import LANES
+from usvauv_env.memory import require
+from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.forcing import draw_sea
 from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.nonlinear_pool import NonlinearSeas
 from usvauv_env.sea.storm import AirySea, build_storm
 from usvauv_env.site.site import Site
+
+MOST_SUBSTEPS = 1_000_000
 
 
 def coarse_cells(scenario: Scenario) -> tuple[int, int]:
@@ -33,6 +39,50 @@ def fine_cells(scenario: Scenario) -> tuple[int, int]:
     return max(3, round(scenario.area.width / size)), max(3, round(scenario.area.length / size))
 
 
+def sea_bytes(scenario: Scenario, cells: tuple[int, int], num_seas: int) -> float:
+    """Estimate of the memory that building and solving a sea takes at its peak, bytes."""
+    nx, ny = cells
+    count, blocks = nx * ny, math.ceil(num_seas / LANES)
+    strips = num_seas == 1 and nx >= LANES
+    if scenario.sea.equations == "nonlinear":
+        return count * (130.0 * num_seas + (12.0 if strips else 12.0 * LANES * blocks))
+    packed = 20.0 if strips else 12.0 * LANES * blocks + 8.0 * LANES
+    drawn = 48.0 * num_seas  # three fields in double precision, apart and together
+    forcing = 24.0 * num_seas * (scenario.sea.irregular_components + 1) + 4.0 * LANES * blocks
+    return count * (packed + drawn) + substeps(scenario, cells) * forcing
+
+
+def substeps(scenario: Scenario, cells: tuple[int, int]) -> float:
+    """About the substeps of the linear solver in `sea.update_interval`, over a flat bed at `area.depth`."""
+    area, sea = scenario.area, scenario.sea
+    rate = math.sqrt(sea.gravity * area.depth) * math.hypot(cells[0] / area.width, cells[1] / area.length)
+    return max(1.0, sea.update_interval * rate / COURANT)
+
+
+def check_sea(scenario: Scenario, cells: tuple[int, int], num_seas: int, further: float = 0.0) -> None:
+    """Refuse a sea that does not fit into memory, or that is solved in too many substeps.
+
+    Args:
+        scenario: whose sea it is.
+        cells: (nx, ny).
+        num_seas: number of seas.
+        further: bytes that its use takes beside it.
+
+    Raises:
+        ScenarioError: too many substeps.
+        MemoryNeeded: too much memory.
+    """
+    steps = substeps(scenario, cells)
+    if scenario.sea.equations == "linear" and steps > MOST_SUBSTEPS:
+        raise ScenarioError(
+            f"sea.update_interval = {scenario.sea.update_interval:g}: takes {steps:.3g} substeps on {cells[0]} ×"
+            f" {cells[1]} cells over {scenario.area.depth:g} m; at most {MOST_SUBSTEPS}"
+        )
+    seas = f"{num_seas} seas of " if num_seas > 1 else ""
+    what = f"sea.cell_size, sea.fine_cells or --resolution: {seas}{cells[0]} × {cells[1]} cells"
+    require(sea_bytes(scenario, cells, num_seas) + further, what, runtime.start().device)
+
+
 def build_sea(site: Site, seed: int, num_seas: int, cells: tuple[int, int] | None = None, first: int = 0) -> LongWaves:
     """Long waves of seas `first` to `first` + `num_seas` − 1 of a seed at t = 0, in intervals `sea.update_interval`.
 
@@ -42,9 +92,13 @@ def build_sea(site: Site, seed: int, num_seas: int, cells: tuple[int, int] | Non
         num_seas: number of seas.
         cells: (nx, ny); default `coarse_cells`.
         first: index of the first sea.
+
+    Raises:
+        ScenarioError, MemoryNeeded: as `check_sea`.
     """
     scenario, sea = site.scenario, site.scenario.sea
     cells = cells or coarse_cells(scenario)
+    check_sea(scenario, cells, num_seas)
     depth = site.still_depth(cells)
     size = scenario.area.width, scenario.area.length
     mean_depth = float(depth[depth > 0].mean())

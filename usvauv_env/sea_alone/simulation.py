@@ -13,12 +13,13 @@ from kernels.flow import vortex
 from kernels.mission import reset
 from kernels.types import Level
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells
+from usvauv_env.sea.build import build_sea, build_short_waves, check_sea, fine_cells
 from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
 from usvauv_env.world import tables
 
 FEWEST, MOST = 3, 8192  # cells along a side of the area
+VIEW_BYTES = 40.0  # a cell, of surface, velocity and current together
 SURVEY_CELLS, SURVEY_MOMENTS = 64, 100
 
 
@@ -104,7 +105,8 @@ class SeaSimulation:
         steady: whether the current is constant in time.
 
     Raises:
-        ScenarioError: the seed is out of range.
+        ScenarioError: the seed is out of range, or as `usvauv_env.sea.build.check_sea`.
+        MemoryNeeded: likewise.
     """
 
     def __init__(
@@ -120,6 +122,7 @@ class SeaSimulation:
         self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
         paced = scenario.sea.model_copy(update={"update_interval": interval})
         site = Site(scenario.model_copy(update={"sea": paced}))
+        check_sea(site.scenario, shape, 1, VIEW_BYTES * shape[0] * shape[1])
         self.depth = site.still_depth(shape)
         self.wet = self.depth > 0
         self._evolve_vortices = None

@@ -20,6 +20,7 @@ from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
 from kernels.positioning import tracker
 from kernels.types import Level
+from usvauv_env.memory import require
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells
 from usvauv_env.sea.long_waves import LongWaves
@@ -34,6 +35,7 @@ from usvauv_env.world.state_check import bounds_of, check_state, first_outside
 MAX_WORLDS = 1 << 22
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
 ALIGNMENT = 16  # numbers
+WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
 STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "observation")
 
 
@@ -70,6 +72,7 @@ class World:
     Raises:
         ScenarioError: an argument out of range, or an unknown strategy.
         OceanError: a file of `water` does not serve.
+        MemoryNeeded: worlds or seas do not fit into memory.
         RuntimeUnavailable: `arch` cannot be used here.
     """
 
@@ -122,7 +125,9 @@ class World:
             "reward": team,
             "reward_terms": (*team, len(self.reward_names)),
         }
-        self._numbers = self._zeros(sum(map(room, shapes.values())))  # together, so that one look finds any fault
+        numbers = sum(map(room, shapes.values()))
+        require(4.0 * WORKSPACE * numbers, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
+        self._numbers = self._zeros(numbers)  # together, so that one look finds any fault
         parts = self._numbers.split([room(shape) for shape in shapes.values()])
         views = iter(part[: math.prod(shape)].view(shape) for part, shape in zip(parts, shapes.values(), strict=True))
         self.auv, self.node, self.vortex, self.boat, self.estimate = (next(views) for _ in range(5))
