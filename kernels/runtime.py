@@ -21,6 +21,7 @@ from taichi.lang.ast import ast_transformer_utils
 
 from kernels.errors import UserError
 
+DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
 FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
 ITERATIONS = 16  # of a loop that a thread takes at a time
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan", "metal")
@@ -65,6 +66,11 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
         threads: CPU threads of Taichi's kernels; default all cores this process may use. Torch is set to one thread,
             because its small matrix products lose far more to a busy second core than they gain from it.
 
+    With the environment variable USVAUV_DEBUG kernels check every index against the shape of its array, several times
+    slower. Taichi 1.7.4 cannot report an index out of bounds of a tensor on a CPU: the process ends with a segmentation
+    fault at once, instead of going on with what lies beside the array. Its messages of overflowing integers come from
+    the random numbers, which are meant to overflow.
+
     Returns:
         what is running.
 
@@ -90,6 +96,7 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
                 cpu_max_num_threads=threads,
                 offline_cache=True,
                 fast_math=False,
+                debug=bool(os.environ.get(DEBUG)),
                 # By default a thread gets at least 512 iterations, so that a shorter loop runs on one thread.
                 make_cpu_multithreading_loop=False,
                 cpu_block_dim_adaptive=False,
