@@ -72,7 +72,7 @@ COMMANDS = {
 }
 FAULTS = ("disk", "limit", "call", "removed", "unwritable", "pipe", "stdout", "SIGINT", "SIGTERM")
 LONGEST = {"reproduce": 40.0}  # seconds after which a case without its fault is ended by SIGTERM; else it ends itself
-TIMEOUT = 300.0
+TIMEOUT, PATIENCE = 300.0, 180.0  # seconds until a case is ended by SIGTERM, and by SIGKILL
 PROGRESS = re.compile(r"[a-z ]+: \d+%, \d+ s left")
 BEFORE = b"earlier"
 
@@ -191,8 +191,8 @@ def attempt(folder: Path, command: str, fault: str, draw: random.Random, usual: 
             if now > end:
                 if ended:
                     os.killpg(process, signal.SIGKILL)
-                    return ["still running a minute after SIGTERM"], -9
-                ended, end = True, now + 60.0
+                    return [f"still running {PATIENCE:g} s after SIGTERM"], -9
+                ended, end = True, now + PATIENCE
                 os.kill(process, signal.SIGTERM)
             done, status = os.waitpid(process, os.WNOHANG)
             if done:

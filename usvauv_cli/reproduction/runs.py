@@ -95,7 +95,8 @@ class Learned:
         if (place / "last").exists():
             trainer.resume()
         else:
-            trainer.history.append({"steps": 0, "updates": 0, **evaluate(trainer.policy())})
+            first = policies.evaluate(evaluation_worlds, trainer.policy(), work.step)
+            trainer.history.append({"steps": 0, "updates": 0, **first})
         done = trainer.steps
 
         def watch(figures: Mapping[str, Any]) -> None:
