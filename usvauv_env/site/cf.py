@@ -6,7 +6,6 @@ the file. Only the part that is asked for is read. Source: https://cfconventions
 
 from __future__ import annotations
 
-import importlib.util
 import warnings
 from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ import numpy as np
 import xarray
 
 from kernels.errors import UserError
+from usvauv_env.netcdf import reader
 
 AXES = ("time", "depth", "latitude", "longitude")
 VERTICAL_NAMES = ("depth", "depth_below_geoid", "height", "height_above_mean_sea_level", "altitude")
@@ -24,6 +24,10 @@ DEGREES = {
     "latitude": ("degrees_north", "degree_north", "degrees_n", "degree_n", "degreesn", "degreen"),
     "longitude": ("degrees_east", "degree_east", "degrees_e", "degree_e", "degreese", "degreee"),
 }
+MOST_VALUES = {"time": 10**7, "depth": 1000, "latitude": 10**7, "longitude": 10**7}  # of a coordinate
+CLOSEST = 1e-7  # degrees between points; 1 cm
+DEEPEST = 12000.0  # m; larger values are fill values or in other units
+FIRST_YEAR, LAST_YEAR = 1678, 2262  # before the second: what datetime64[ns] can hold
 CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
 METRES = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
@@ -82,55 +86,24 @@ class Field:
     def read(self, axes: dict[str, Axis]) -> np.ndarray:
         """Values at parts of its axes: (time, depth, latitude, longitude) float64, NaN where there are none."""
         kinds = [kind for kind in AXES if kind in self.axes and self.axes[kind].dimension]
-        window = self.array.isel({axes[kind].dimension: axes[kind].order for kind in kinds}).load()
-        values = window.transpose(*(axes[kind].dimension for kind in kinds)).values.astype(np.float64) * self.factor
+        window = self.array.isel({axes[kind].dimension: axes[kind].order for kind in kinds})
+        window = window.transpose(*(axes[kind].dimension for kind in kinds))
+        values = reader.load(window, f"{self.path}: {self.name}").astype(np.float64) * self.factor
         return np.expand_dims(values, tuple(i for i, kind in enumerate(AXES) if kind not in kinds))
 
 
 @contextmanager
 def open_file(path: str | Path) -> Iterator[xarray.Dataset]:
-    """A NetCDF file, its values unread, fill values and packing to be decoded, times not decoded.
-
-    NetCDF-4 is read with h5netcdf, NetCDF-3 with SciPy where it is installed.
+    """A NetCDF file, see `reader.open_file`.
 
     Raises:
-        OceanError: no such file, not NetCDF, or damaged.
+        OceanError: it cannot be read.
     """
-    path = Path(path)
     try:
-        with path.open("rb") as file:
-            engine = _engine(path, file.read(8))
-    except OSError as error:
-        raise OceanError(f"{path}: cannot be read: {error.strerror}") from None
-    try:
-        # HYCOM's `tau` has the units "hours since analysis", which cannot be decoded: only the time axis itself is.
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", xarray.SerializationWarning)  # two different fill values: both are masked
-            dataset = xarray.open_dataset(path, engine=engine, decode_times=False)
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        raise OceanError(f"{path}: cannot be read: {_first_line(error)}") from None
-    with dataset:
-        try:
+        with reader.open_file(path) as dataset:
             yield dataset
-        except (OSError, RuntimeError) as error:
-            raise OceanError(f"{path}: damaged: {_first_line(error)}") from None
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [repr(error)])[0]
-
-
-def _engine(path: Path, magic: bytes) -> str:
-    if magic == b"\x89HDF\r\n\x1a\n":
-        return "h5netcdf"
-    if magic[:4] in (b"CDF\x01", b"CDF\x02", b"CDF\x05"):
-        if magic[3] != 5 and importlib.util.find_spec("scipy"):
-            return "scipy"
-        remedy = "converting with `nccopy -k nc4`"
-        if magic[3] != 5:
-            remedy = f"SciPy (pip install scipy) or {remedy}"
-        raise OceanError(f"{path}: a NetCDF-3 file, which needs {remedy}")
-    raise OceanError(f"{path}: not a NetCDF file")
+    except reader.NetcdfError as error:
+        raise OceanError(str(error)) from None
 
 
 def find(dataset: xarray.Dataset, path: str | Path, standard_names: Sequence[str]) -> str | None:
@@ -151,6 +124,7 @@ def field(dataset: xarray.Dataset, path: str | Path, name: str, units: dict[str,
         OceanError: wrong units, a missing, unordered or unknown coordinate, a curvilinear grid.
     """
     array = dataset[name]
+    _require_numbers(array, f"{path}: {name}")
     factor = _factor(array, f"{path}: {name}", units)
     coordinates: list[tuple[str, str, str]] = []  # kind, name, dimension
     for dimension in array.dims:
@@ -240,11 +214,17 @@ def _refuse(dataset: xarray.Dataset, where: str, dimension: Hashable) -> None:
     )
 
 
+def _require_numbers(array: xarray.DataArray, where: str) -> None:
+    if array.dtype.kind not in "iuf":
+        raise OceanError(f"{where}: is not numeric but {array.dtype}")
+
+
 def _axis(variable: xarray.DataArray, path: str | Path, kind: str, dimension: str) -> Axis:
     where = f"{path}: {variable.name}"
-    if not np.issubdtype(variable.dtype, np.number):
-        raise OceanError(f"{where}: is not numeric but {variable.dtype}")
-    raw = np.atleast_1d(variable.values.astype(np.float64))
+    _require_numbers(variable, where)
+    if not 1 <= variable.size <= MOST_VALUES[kind]:
+        raise OceanError(f"{where}: has {variable.size} values; allowed: 1 to {MOST_VALUES[kind]}")
+    raw = np.atleast_1d(reader.load(variable, where).astype(np.float64))
     if not np.isfinite(raw).all():
         raise OceanError(f"{where}: value {int(np.flatnonzero(~np.isfinite(raw))[0])} is missing; all must be given")
     if kind == "time":
@@ -272,6 +252,8 @@ def _decode_degrees(raw: np.ndarray, variable: xarray.DataArray, where: str, kin
     limit = 90 if kind == "latitude" else 540
     if abs(raw).max() > limit:
         raise OceanError(f"{where}: {raw[abs(raw).argmax()]:g} degrees; allowed: -{limit} to {limit}")
+    if len(raw) > 1 and 0 < (closest := abs(np.diff(raw)).min()) < CLOSEST:
+        raise OceanError(f"{where}: has points {closest:g} degrees apart; allowed: at least {CLOSEST:g}")
     return raw
 
 
@@ -285,6 +267,8 @@ def _decode_depth(raw: np.ndarray, variable: xarray.DataArray, where: str) -> np
     values = raw * _factor(variable, where, METRES) * (1 if positive == "down" else -1)
     if values.min() < 0:
         raise OceanError(f"{where}: {raw[values.argmin()]:g} with positive {positive!r} is above the surface")
+    if values.max() > DEEPEST:
+        raise OceanError(f"{where}: {values.max():g} m; allowed: up to {DEEPEST:g} m")
     return values
 
 
@@ -294,9 +278,27 @@ def _decode_time(raw: np.ndarray, attributes: dict, where: str) -> np.ndarray:
         raise OceanError(f"{where}: calendar {calendar!r}; allowed: {', '.join(CALENDARS)}")
     coded = xarray.Dataset({"time": ("time", raw, {"units": units, "calendar": calendar})})
     try:
-        values = xarray.decode_cf(coded)["time"].values
-    except (ValueError, TypeError, OverflowError):
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            values = xarray.decode_cf(coded)["time"].values
+    except Exception:  # the library's own, of any kind, for units and numbers that are no times
         values = raw
     if not np.issubdtype(values.dtype, np.datetime64):
-        raise OceanError(f"{where}: units {units!r}; allowed: such as 'hours since 2000-01-01 00:00:00'")
-    return values.astype("datetime64[ns]")
+        raise OceanError(
+            f"{where}: units {units!r}; allowed: such as 'hours since 2000-01-01 00:00:00', "
+            f"with values that are times of the years {FIRST_YEAR} to {LAST_YEAR - 1}"
+        )
+    return to_nanoseconds(values, where)
+
+
+def to_nanoseconds(times: np.ndarray, where: str) -> np.ndarray:
+    """Times as datetime64[ns]; `where` names them in an error message.
+
+    Raises:
+        OceanError: a time that this type cannot hold.
+    """
+    years = times.astype("datetime64[Y]").astype(int) + 1970
+    wrong = times[~((years >= FIRST_YEAR) & (years < LAST_YEAR))]
+    if wrong.size:
+        raise OceanError(f"{where}: {wrong[0]}; allowed: the years {FIRST_YEAR} to {LAST_YEAR - 1}")
+    return times.astype("datetime64[ns]")

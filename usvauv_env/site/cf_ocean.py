@@ -16,7 +16,18 @@ from typing import Any
 import numpy as np
 import xarray
 
-from usvauv_env.site.cf import METRES, METRES_PER_SECOND, Axis, Field, OceanError, field, find, open_file
+from usvauv_env.site.cf import (
+    DEEPEST,
+    METRES,
+    METRES_PER_SECOND,
+    Axis,
+    Field,
+    OceanError,
+    field,
+    find,
+    open_file,
+    to_nanoseconds,
+)
 from usvauv_env.site.interpolation import BLOCK, bilinear, bracket, cell_means, depth_weights, spacing
 from usvauv_env.site.local_frame import LocalFrame
 
@@ -38,7 +49,7 @@ CURRENT_NAMES = (
     ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
     ("sea_water_x_velocity", "sea_water_y_velocity"),  # east and north too, since `field` refuses any other grid
 )
-DEEPEST, FASTEST = 12000.0, 20.0  # m and m/s; larger values are fill values or in other units
+HIGHEST, FASTEST = 9000.0, 20.0  # m and m/s; larger values are fill values or in other units
 SURFACE_LAYER = 15.0  # m; a file whose first depth is at most this serves up to the surface
 MAX_NODES = 129
 SLACK = 1e-5  # degrees by which rounded coordinates may miss the area
@@ -108,6 +119,10 @@ def read_bathymetry(
     if (deepest := values[known].max()) > DEEPEST:
         raise OceanError(
             f"{path}: {source.name}: {deepest:g} m deep; allowed: up to {DEEPEST:g} m: see its units and fill"
+        )
+    if (highest := -values[known].min()) > HIGHEST:
+        raise OceanError(
+            f"{path}: {source.name}: {highest:g} m high; allowed: up to {HIGHEST:g} m: see its units and fill"
         )
     depth = cell_means(np.where(known, values, 0.0), axes, frame, width, length, cells)
     if not (depth > 0).any():
@@ -265,11 +280,11 @@ def _mission(source: Field, path: str | Path, start: str | None, duration: float
 def _parse(start: str) -> np.datetime64:
     try:
         moment = datetime.fromisoformat(start)
-    except ValueError:
+        if moment.tzinfo:
+            moment = moment.astimezone(UTC).replace(tzinfo=None)
+    except (ValueError, OverflowError):
         raise OceanError(f"start = {start!r}; allowed: ISO 8601, such as 2026-01-31T06:00:00") from None
-    if moment.tzinfo:
-        moment = moment.astimezone(UTC).replace(tzinfo=None)
-    return np.datetime64(moment, "ns")
+    return to_nanoseconds(np.array([moment], "datetime64[us]"), f"start = {start!r}")[0]
 
 
 def _iso(moment: Any) -> str:

@@ -30,7 +30,11 @@ def cell_means(
     """Means over cells, (ny, nx), of the bilinear field through `values` (latitude, longitude)."""
     nx, ny = cells
     across, along = (
-        max(1, math.ceil(size / step)) for size, step in zip((width / nx, length / ny), spacing(axes), strict=True)
+        # Points unevenly spaced do not need as many everywhere as where they are closest.
+        min(max(1, math.ceil(size / step)), 4 * math.ceil(len(axes[kind].values) / count))
+        for size, count, step, kind in zip(
+            (width / nx, length / ny), cells, spacing(axes), ("longitude", "latitude"), strict=True
+        )
     )
     x = (np.arange(nx * across) + 0.5) * (width / (nx * across))
     means = np.empty((ny, nx))
