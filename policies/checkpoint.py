@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
@@ -31,6 +30,7 @@ from policies.frames import ACTION_SIZE, FRAMES
 from policies.learned import LearnedPolicy
 from policies.policy import PolicyError
 from policies.standardizer import Standardizer
+from usvauv_env import text_files
 from usvauv_env.files import sync, writing
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.swap import found, replace_folder
@@ -120,16 +120,18 @@ def _identity(directory: Path) -> tuple[int, int] | None:
 def _read(directory: Path, part: str, device: torch.device) -> Part:
     path = directory / f"{part}.json"
     try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(about, dict) or about.get("format") != FORMAT:
+        about = text_files.read(path, "JSON")
+        if about.get("format") != FORMAT:
             raise PolicyError(f"{path}: not a checkpoint of format {FORMAT}")
         path = _tensors(directory, part)
+        if not os.path.isfile(path):
+            raise FileNotFoundError
         return about, load_file(path, device=str(device))
     except FileNotFoundError:
         raise PolicyError(f"{directory}: checkpoint is missing {path.name}") from None
-    except (OSError, ValueError, SafetensorError) as error:
-        if isinstance(error, PolicyError):
-            raise
+    except PolicyError:
+        raise
+    except Exception as error:  # of safetensors and torch, of any kind: types unknown to one of them, sizes, headers
         raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
 
 
@@ -208,8 +210,16 @@ def read_history(directory: Path) -> list[dict[str, float]]:
     """
     path = found(Path(directory) / LAST) / f"{TRAINING}.json"
     try:
-        return json.loads(path.read_text(encoding="utf-8"))["history"]
+        history = text_files.read(path, "JSON")["history"]
     except FileNotFoundError:
         return []
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (text_files.TextFileError, KeyError) as error:
         raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
+    if not isinstance(history, list) or not all(_is_row(row) for row in history):
+        raise PolicyError(f"{path}: checkpoint is damaged: history is not a list of named numbers")
+    return history
+
+
+def _is_row(row: object) -> bool:
+    """Whether this is a row of `Trainer.history`."""
+    return isinstance(row, dict) and all(type(value) in (int, float) for value in row.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -95,7 +96,7 @@ def load_learned(
         raise PolicyError(f"policy {text}: has no network; only learned policies have")
     if text in trained():
         return load_policy(_shipped() / text, text, scenario, device)
-    if not directory.is_dir():
+    if not os.path.isdir(directory):
         raise PolicyError(f"policy {text!r}: neither a checkpoint directory nor one of {', '.join(available())}")
     for place in (directory, directory / BEST, directory / LAST):
         if (found(place) / "policy.json").exists():

@@ -38,16 +38,19 @@ PLACES = ("#ffb020", "#ff6f61", "#c9f26b", "#7df9ff", "#ff9dd6", "#b7a0ff")
 
 def magnification(result: Plan) -> float:
     """Factor by which error ellipses are drawn larger: the largest of ..., 1, 2, 3, 5, 10, ... at which they fit."""
-    best = max(error.major for error in result.optimum.errors)
-    worst = max(error.major for place in (result.optimum, *result.compare) for error in place.errors)
+    best = max((error.major for error in result.optimum.errors if error.major), default=1.0)
+    places = (result.optimum, *result.compare)
+    worst = max((error.major for place in places for error in place.errors if error.major), default=1.0)
     side = min(result.area.width, result.area.length)
     room = min(LARGEST_BEST / best, LARGEST / worst) * side / SIGMAS
     decade = 10.0 ** math.floor(math.log10(room))
     return decade * max(step for step in (1, 2, 3, 5) if step * decade <= room)
 
 
-def metres(value: float) -> str:
-    """A length in m to three digits, without an exponent."""
+def metres(value: float | None) -> str:
+    """A length in m to three digits, without an exponent; ∞ for an unbounded one."""
+    if value is None:
+        return "∞"
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
@@ -104,11 +107,13 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) ->
     power −1/(2 · axes). The paper's Eq. 3 as printed is no determinant of information and has no lines.
     """
     x, y, value = landscape
-    low, high = np.percentile(value, 0.5), max(value.max(), result.optimum.log_objective)
+    value = np.where(np.isfinite(value), value, value[np.isfinite(value)].min(initial=0.0))
+    best = value.max() if result.optimum.log_objective is None else result.optimum.log_objective
+    low, high = np.percentile(value, 0.5), max(value.max(), best)
     filled = axes.contourf(x, y, value, levels=np.linspace(low, high + 1e-3, 41), cmap=SEA, extend="min")
     filled.set_edgecolor("face")  # without it PDF and SVG show thin gaps between the bands
     ellipse_axes = {"d": 2 * len(result.auvs), "sum": 2}.get(result.objective, 1)
-    levels = {result.optimum.log_objective - 2 * ellipse_axes * math.log(factor): factor for factor in FACTORS}
+    levels = {best - 2 * ellipse_axes * math.log(factor): factor for factor in FACTORS}
     drawn = sorted(level for level in levels if value.min() < level < value.max())
     if drawn and result.objective in LINES:
         lines = axes.contour(x, y, value, levels=drawn, colors=TEXT, linewidths=0.7, linestyles="solid", alpha=0.65)
@@ -138,6 +143,8 @@ def draw_places(result: Plan, axes: Axes) -> float:
     shadow: list[AbstractPathEffect] = [withStroke(linewidth=3, foreground=OUTLINE)]
     for place, colour, dash in [(best, TEXT, "-"), *((p, place_colour(i), (0, (4, 2))) for i, p in enumerate(others))]:
         for auv, error in zip(result.auvs, place.errors, strict=True):
+            if error.major is None or error.minor is None or error.angle is None:
+                continue
             size = [2 * SIGMAS * scale * axis for axis in (error.major, error.minor)]
             ellipse = Ellipse((auv.x, auv.y), *size, angle=math.degrees(error.angle), fill=False)
             ellipse.set(edgecolor=colour, linestyle=dash, linewidth=1.5, zorder=4)

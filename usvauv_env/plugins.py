@@ -7,6 +7,7 @@ It registers its items when it is imported; `docs/extending.md` shows how.
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -27,11 +28,11 @@ def load(path: str | Path) -> None:
     Raises:
         PluginError: there is no such file, or importing it raises.
     """
+    if not os.path.isfile(path) or Path(path).suffix != ".py":  # false, unlike an error, for paths no system allows
+        raise PluginError(f"plugin {path}: must be a Python file")
     file = Path(path).resolve()
     if file in _paths:
         return
-    if not file.is_file() or file.suffix != ".py":
-        raise PluginError(f"plugin {path}: must be a Python file")
     name = f"usvauv_plugin_{file.stem}_{len(_paths)}"
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None
@@ -43,7 +44,7 @@ def load(path: str | Path) -> None:
     except UserError as error:
         del sys.modules[name]
         raise PluginError(f"plugin {path}: {error}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise PluginError(_one_line(path, error)) from error
     _paths.append(file)
@@ -58,7 +59,7 @@ def load_installed() -> None:
     for entry in entry_points(group=GROUP):
         try:
             entry.load()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise PluginError(_one_line(entry.value, error)) from error
 
 
@@ -67,5 +68,5 @@ def loaded() -> list[Path]:
     return list(_paths)
 
 
-def _one_line(source: object, error: Exception) -> str:
+def _one_line(source: object, error: BaseException) -> str:
     return f"plugin {source}: {type(error).__name__}: {' '.join(str(error).split())}"

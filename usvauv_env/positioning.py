@@ -17,6 +17,9 @@ from usvauv_env.scenario import Scenario
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
+LARGEST_VARIANCE = 1e16  # m²; an axis of more than 10⁸ m is unbounded
+ROUNDING = 1e-3  # relative, of variances in single precision
+
 
 @dataclass(frozen=True)
 class FixError:
@@ -24,26 +27,30 @@ class FixError:
 
     Attributes:
         range: slant range, m.
-        major, minor: standard deviations along the axes of the horizontal error ellipse, m.
-        angle: of the major axis, rad, anticlockwise from east.
+        major, minor: standard deviations along the axes of the horizontal error ellipse, m; None: unbounded, as that of
+            phases alone where the AUV lies in the array's plane.
+        angle: of the major axis, rad, anticlockwise from east; None where an axis is unbounded.
         good: probability that the fix is good.
     """
 
     range: float
-    major: float
-    minor: float
-    angle: float
+    major: float | None
+    minor: float | None
+    angle: float | None
     good: float
 
 
 @dataclass(frozen=True)
 class BoatPlace:
-    """A place of the boat (m), ln of the objective there, rms of all AUVs' errors (m), and the error of each AUV."""
+    """A place of the boat (m), ln of the objective there, rms of all AUVs' errors (m), and the error of each AUV.
+
+    ln of the objective is None where there is no information, rms where an AUV's error is unbounded.
+    """
 
     x: float
     y: float
-    log_objective: float
-    rms: float
+    log_objective: float | None
+    rms: float | None
     errors: list[FixError]
 
 
@@ -138,8 +145,9 @@ def solve(
     places = []
     for (x, y), value in zip(boats, log_objective(boats), strict=True):
         errors = predict(link, auvs, (x, y), measurement, slope)
-        rms = math.sqrt(sum(error.major**2 + error.minor**2 for error in errors) / len(errors))
-        places.append(BoatPlace(x, y, float(value), rms, errors))
+        axes = [axis for error in errors for axis in (error.major, error.minor)]
+        rms = None if None in axes else math.hypot(*(axis for axis in axes if axis)) / math.sqrt(len(errors))
+        places.append(BoatPlace(x, y, float(value) if math.isfinite(value) else None, rms, errors))
     plan = Plan(
         scenario=scenario.name,
         objective=objective,
@@ -179,15 +187,36 @@ def predict(
     detected, good = fix_probability.good_probability(link, index, offset, slopes)
     errors = []
     for k in range(count):
-        variances, axes = np.linalg.eigh(covariance[k, [0, 1, 1, 2]].reshape(2, 2))
-        strengths = np.linalg.eigvalsh(information[k, [0, 1, 1, 2]].reshape(2, 2))
+        probability = float(detected[k] * good[k])
         errors.append(
             FixError(
-                range=offset[k].double().norm().item(),
-                major=math.sqrt(variances[1]),
-                minor=1 / math.sqrt(strengths[1]),
-                angle=math.atan2(axes[1, 1], axes[0, 1]) % math.pi,
-                good=float(detected[k] * good[k]),
+                offset[k].double().norm().item(),
+                *ellipse(covariance[k], information[k]),
+                good=probability if math.isfinite(probability) else 0.0,
             )
         )
     return errors
+
+
+def ellipse(
+    covariance: np.ndarray, information: np.ndarray
+) -> tuple[float, float, float] | tuple[None, float | None, None]:
+    """Standard deviations along the major and minor axis (m) and angle of the major axis (rad), see `FixError`.
+
+    Args:
+        covariance, information: (3,) xx, xy, yy in m² and 1/m², each accurate in its larger eigenvalue.
+    """
+    strength = _larger_eigenvalue(information)
+    minor = 1 / math.sqrt(strength) if 1 / LARGEST_VARIANCE < strength < math.inf else None
+    variance = _larger_eigenvalue(covariance)
+    if minor is None or not minor**2 * (1 - ROUNDING) <= variance < LARGEST_VARIANCE:
+        return None, minor, None
+    axes = np.linalg.eigh(covariance[[0, 1, 1, 2]].reshape(2, 2))[1]
+    return math.sqrt(variance), minor, math.atan2(axes[1, 1], axes[0, 1]) % math.pi
+
+
+def _larger_eigenvalue(matrix: np.ndarray) -> float:
+    """The larger eigenvalue of (xx, xy, yy); NaN where an entry is not finite."""
+    if not np.isfinite(matrix).all():
+        return math.nan
+    return float(np.linalg.eigvalsh(matrix[[0, 1, 1, 2]].reshape(2, 2))[1])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -18,6 +17,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from kernels.errors import UserError
 from kernels.mission.tasks.task import Task, tasks
+from usvauv_env import text_files
 from usvauv_env.sections import (
     Acoustics,
     Area,
@@ -78,6 +78,13 @@ class Scenario(Section):
     observation: Observation = section(Observation, "what an AUV observes")
     reward: Reward = section(Reward, "weights of the reward's named terms")
     reference: Reference = section(Reference, "recorded speeds of the heuristics")
+
+    @field_validator("name")
+    @classmethod
+    def _printable(cls, name: str) -> str:
+        if not name.isprintable():  # it becomes part of the names of files
+            raise ValueError(f"{name!r}: must be printable characters")
+        return name
 
     @field_validator("task")
     @classmethod
@@ -209,11 +216,7 @@ class Scenario(Section):
         Raises:
             ScenarioError: unknown name, unreadable file, unknown field, wrong type or a value out of range.
         """
-        text, source = _read(name_or_path)
-        try:
-            data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ScenarioError(f"{source}: not valid TOML: {error}") from None
+        data, source = _read(name_or_path)
         for override in overrides:
             _apply(data, override)
         return cls.from_dict(data, source)
@@ -227,7 +230,10 @@ class Scenario(Section):
     def from_dict(cls, data: Mapping[str, Any], source: str = "scenario") -> Scenario:
         """Validate nested sections; `source` names them in an error message."""
         try:
+            text_files.check_plain(data)
             return cls.model_validate(data)
+        except text_files.TextFileError as error:
+            raise ScenarioError(f"{source}: {error}") from None
         except ValidationError as error:
             raise ScenarioError(_one_line(error, source)) from None
 
@@ -260,19 +266,19 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _read(name_or_path: str | Path) -> tuple[str, str]:
-    """Text of a scenario and how to call it in messages."""
+def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
+    """Content of a scenario's file and how to call it in messages."""
     name = str(name_or_path)
     if name in Scenario.shipped():
-        return (resources.files("usvauv_env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"), name
-    path = Path(name_or_path)
-    if not path.is_file():
-        known = ", ".join(Scenario.shipped())
-        raise ScenarioError(f"scenario: {name!r} is neither a file nor one of the shipped ones: {known}")
+        text = (resources.files("usvauv_env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
+        return text_files.parse(text, "TOML"), name
     try:
-        return path.read_text(encoding="utf-8"), name
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{name}: cannot be read: {error}") from None
+        return text_files.read(name_or_path, "TOML"), name
+    except FileNotFoundError:
+        known = ", ".join(Scenario.shipped())
+        raise ScenarioError(f"scenario: {name!r} is neither a file nor one of the shipped ones: {known}") from None
+    except text_files.TextFileError as error:
+        raise ScenarioError(f"{name}: {error}") from None
 
 
 def _apply(data: dict[str, Any], override: str) -> None:
@@ -281,9 +287,11 @@ def _apply(data: dict[str, Any], override: str) -> None:
     parts = key.strip().split(".")
     if not separator or not all(parts):
         raise ScenarioError(f"--set {override!r}: expected section.field=value, for example auv.count=3")
+    if len(parts) > text_files.DEEPEST:
+        raise ScenarioError(f"--set {override!r}: nested too deep")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        value = text_files.parse(f"value = {text}", "TOML")["value"]
+    except text_files.TextFileError:
         value = text.strip()
     place = data
     for part in parts[:-1]:

@@ -128,6 +128,18 @@ class TestErrors:
         assert faint["optimum"]["errors"][0]["good"] > 0.99
         assert faint["compare"][0]["errors"][0]["good"] < 0.01
 
+    def test_an_auv_in_the_plane_of_the_array_has_no_bounded_error(self, plan, solve, tmp_path):
+        """From (50, 100) it is 50 m east and 50 m below, in the plane of an array that falls by 1 in 1 to the east."""
+        phases = ["--auv", "100,100,50", "--compare", "50,100", "--slope=-1,0", "--measurement", "phase"]
+        there = solve(*phases)["compare"][0]
+        assert there["rms"] is None
+        assert (there["errors"][0]["major"], there["errors"][0]["angle"]) == (None, None)
+        code, stdout, stderr = plan(*phases, "--out", "plan.png")
+        assert (code, stderr) == (0, "")
+        assert "none" in stdout
+        assert "nan" not in stdout.lower()
+        assert (tmp_path / "plan.png").exists()
+
 
 class TestOutput:
     def test_json_has_the_documented_keys(self, solve, tmp_path):

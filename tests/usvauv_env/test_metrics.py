@@ -113,5 +113,5 @@ def test_trace_agrees_with_the_reward_the_learner_sees():
 def test_not_a_trace(tmp_path):
     path = tmp_path / "x.nc"
     path.write_bytes(b"nothing of the kind")
-    with pytest.raises(TraceError, match=r"x\.nc: not a usvauv trace"):
+    with pytest.raises(TraceError, match=r"x\.nc: not a NetCDF file"):
         Trace.load(path)

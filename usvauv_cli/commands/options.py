@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -60,9 +61,9 @@ def writable(path: Path, option: str = "--out") -> Path:
     """
     from usvauv_env.files import OutputError, check_place
 
-    if path.is_dir():
+    if os.path.isdir(path):
         raise UserError(f"{option} {path}: is a folder, expected a file name")
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise UserError(f"{option} {path}: the folder {path.parent} does not exist")
     try:
         check_place(path)

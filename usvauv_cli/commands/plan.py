@@ -88,7 +88,8 @@ def plan(
     (m), *log_objective*, *rms* (m) and one of *errors* per AUV: *range* (slant, m), *major*, *minor* (1-σ, m), *angle*
     of the major axis (rad, anticlockwise from east), *good* (probability). *log_objective*, lengths in m, J the
     information on all positions: d ln det J; a −ln tr J⁻¹; e ln of J's least eigenvalue; sum ln det of the sum of all
-    AUVs' information; paper ln of what Eq. 3 prints.
+    AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms* where an axis is unbounded,
+    as for phases alone where the AUV lies in the array's plane; *log_objective* where there is no information.
     """
     import json
     from dataclasses import asdict
@@ -118,7 +119,7 @@ def plan(
 
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
     if json_file:
-        text = json.dumps(asdict(result), indent=1)
+        text = json.dumps(asdict(result), indent=1, allow_nan=False)
         if to_stdout:
             typer.echo(text)
         else:
@@ -228,6 +229,11 @@ def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Sce
     return scenario.model_copy(update={"auv": team})
 
 
+def number(value: float | None, digits: int) -> str:
+    """A number with so many digits after the point, or "none" where there is none, see `FixError` and `BoatPlace`."""
+    return "none" if value is None else f"{value:.{digits}f}"
+
+
 def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the errors of each AUV from there."""
     from rich import box
@@ -251,14 +257,14 @@ def print_table(result: Plan) -> None:
         table.add_column(name, justify="left" if name == "boat" else "right", no_wrap=True)
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]
     for name, place in places:
-        head = (name, *(f"{value:.2f}" for value in (place.x, place.y, place.log_objective)), f"{place.rms:.3f}")
+        head = (name, *(number(value, 2) for value in (place.x, place.y, place.log_objective)), number(place.rms, 3))
         for k, error in enumerate(place.errors, 1):
-            cells = (str(k), f"{error.range:.1f}", f"{error.major:.3f}", f"{error.minor:.3f}")
+            cells = (str(k), f"{error.range:.1f}", number(error.major, 3), number(error.minor, 3))
             table.add_row(*(head if k == 1 else [""] * 5), *cells, f"{error.good:.1%}")
         table.add_section()
     typer.echo(
         f"Boat at x = {best.x:.2f} m, y = {best.y:.2f} m:"
-        f" {NAMES[result.objective]} = {best.log_objective:.3f}, a fix is {best.rms:.2f} m off (rms)"
+        f" {NAMES[result.objective]} = {number(best.log_objective, 3)}, a fix is {number(best.rms, 2)} m off (rms)"
     )
     array = "level array" if result.slope == (0, 0) else f"array on a slope of {', '.join(map(str, result.slope))}"
     typer.echo(

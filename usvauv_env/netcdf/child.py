@@ -12,6 +12,7 @@ import json
 import math
 import sys
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def open_variables(path: str, engine: str) -> tuple[Mapping, Mapping]:
     return file.variables, file._attributes
 
 
-def plain_attributes(attributes: Mapping) -> dict:
+def plain_attributes(attributes: Mapping) -> dict[str, Any]:
     """Attributes as JSON: text, or numbers with their type; other kinds are left out."""
     plain = {}
     for name in attributes:
@@ -64,7 +65,7 @@ def plain_attributes(attributes: Mapping) -> dict:
     return plain
 
 
-def describe(variable: object) -> dict | None:
+def describe(variable: Any) -> dict[str, Any] | None:
     """Dimensions, shape, type, chunks and attributes of a variable; None for a type that is neither number nor text."""
     of_values = variable.dtype if hasattr(variable, "dtype") else variable.data.dtype  # the second is SciPy's
     dtype = np.dtype("O") if of_values is str else np.dtype(of_values)
@@ -80,7 +81,7 @@ def describe(variable: object) -> dict | None:
     }
 
 
-def read(variable: object, part: list) -> tuple[dict, bytes | memoryview]:
+def read(variable: Any, part: list) -> tuple[dict[str, Any], bytes]:
     """A part of a variable, as an answer and its bytes."""
     if math.prod(variable.shape) == 0 or not variable.shape:
         array = np.asarray(variable[...])
@@ -90,10 +91,10 @@ def read(variable: object, part: list) -> tuple[dict, bytes | memoryview]:
     if array.dtype.kind == "O":
         texts = [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in array.flat]
         return answer | {"texts": texts}, b""
-    return answer, memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b""
+    return answer, array.tobytes()
 
 
-def send(answer: dict, data: bytes | memoryview = b"") -> None:
+def send(answer: dict[str, Any], data: bytes = b"") -> None:
     """Write an answer."""
     out = sys.stdout.buffer
     out.write(json.dumps(answer | {"bytes": len(data)}).encode() + b"\n")
@@ -116,10 +117,10 @@ def main(path: str, engine: str) -> None:
     for line in sys.stdin.buffer:
         request = json.loads(line)
         try:
-            answer = read(variables[request["variable"]], request["part"])
+            answer, data = read(variables[request["variable"]], request["part"])
         except Exception as error:
-            answer = ({"error": explain(error)},)
-        send(*answer)
+            answer, data = {"error": explain(error)}, b""
+        send(answer, data)
 
 
 def explain(error: Exception) -> str:

@@ -7,8 +7,10 @@ data, which is in Mbit and Mbit/s. Index t of a time series is the state after m
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import h5netcdf
 import numpy as np
@@ -17,8 +19,10 @@ from xarray.backends import H5NetCDFStore
 
 from kernels.errors import UserError
 from kernels.interruption import deferred
+from usvauv_env import text_files
 from usvauv_env.files import hdf5_file
-from usvauv_env.scenario import Scenario
+from usvauv_env.netcdf import reader
+from usvauv_env.scenario import Scenario, ScenarioError
 
 # Dimensions of each array field; also the order of axes in the file.
 DIMENSIONS: dict[str, tuple[str, ...]] = {
@@ -53,6 +57,12 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "surface": ("time", "y", "x"),
 }
 OPTIONAL = {"stream": (0, 0, 2), "surface": (0, 0, 0)}  # fields that may be empty, and their shape then
+
+INTEGERS = (
+    *("fix_flags", "target", "hovering", "border", "overflowing", "collisions"),
+    *("packets_created", "packets_lost", "packets_delivered"),
+)
+LARGEST = 1e12  # of any number in a trace
 
 
 class TraceError(UserError, ValueError):
@@ -151,24 +161,34 @@ class Trace:
         """Read what `save` wrote.
 
         Raises:
-            TraceError: not such a file.
+            TraceError: not such a file: a missing field, another type or size, a number that is not finite or beyond
+                `LARGEST`.
         """
         try:
-            with xarray.open_dataset(path, engine="h5netcdf") as dataset:
-                dataset.load()
-            arrays = {name: dataset[name].values for name in DIMENSIONS if name in dataset}
+            with reader.open_file(path) as dataset:
+                attributes = dataset.attrs
+                arrays = {name: _read(dataset, name) for name in DIMENSIONS if name in dataset or name not in OPTIONAL}
             for name, shape in OPTIONAL.items():
                 arrays.setdefault(name, np.zeros(shape, np.float32))
-            return cls(
-                scenario=Scenario.from_dict(json.loads(dataset.attrs["scenario"]), str(path)),
-                policy=dataset.attrs["policy"],
-                usv=dataset.attrs["usv"],
-                seed=int(dataset.attrs["seed"]),
-                reward_names=tuple(dataset.attrs["reward_names"].split(",")),
-                **arrays,
-            )
-        except (OSError, KeyError, TypeError, ValueError) as error:
+            texts = {name: _text(attributes, name) for name in ("scenario", "policy", "usv", "reward_names")}
+            scenario = Scenario.from_dict(text_files.parse(texts["scenario"], "JSON"), "its scenario")
+            names = tuple(texts["reward_names"].split(","))
+            _check_sizes(arrays, scenario, names)
+            seed = attributes.get("seed")
+            if not isinstance(seed, int | np.integer):
+                raise TraceError("its attribute seed is not a whole number")
+        except reader.NetcdfError as error:
+            raise TraceError(str(error)) from None
+        except (TraceError, ScenarioError, text_files.TextFileError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
+        return cls(
+            scenario=scenario,
+            policy=texts["policy"],
+            usv=texts["usv"],
+            seed=int(seed),
+            reward_names=names,
+            **arrays,
+        )
 
     def _has(self, name: str) -> bool:
         return name not in OPTIONAL or getattr(self, name).size > 0
@@ -181,3 +201,55 @@ class Trace:
             axes = DIMENSIONS.get(field.name, ())
             picked[field.name] = value.take([world], axis=axes.index("world")) if "world" in axes else value
         return Trace(**picked)
+
+
+def _read(dataset: xarray.Dataset, name: str) -> np.ndarray:
+    """A field of a trace's file, its values checked one by one."""
+    if name not in dataset:
+        raise TraceError(f"has no {name}")
+    variable = dataset[name]
+    if variable.dims != DIMENSIONS[name]:
+        raise TraceError(f"{name} has dimensions {variable.dims}; expected {DIMENSIONS[name]}")
+    kinds = "iu" if name in INTEGERS else "f"
+    if variable.dtype.kind not in kinds:
+        raise TraceError(f"{name} is of type {variable.dtype}; expected {'whole' if kinds == 'iu' else 'real'} numbers")
+    values = reader.load(variable, name)
+    within = abs(values.astype(np.float64)) <= LARGEST
+    if name == "fix":
+        within |= np.isnan(values)
+    if not within.all():
+        raise TraceError(f"{name} holds {values[~within][0]}; expected finite numbers up to {LARGEST:g}")
+    if name == "time" and not (np.diff(values) > 0).all():
+        raise TraceError("time does not rise")
+    return values
+
+
+def _text(attributes: Mapping[str, Any], name: str) -> str:
+    value = attributes.get(name)
+    if not isinstance(value, str):
+        raise TraceError(f"its attribute {name} is not text")
+    return value
+
+
+def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_names: Sequence[str]) -> None:
+    """Refuse sizes that are not those of the scenario, and indices beyond them."""
+    expected = {
+        "axis": 2,
+        "component": 3,
+        "surface_component": 3,
+        "vortex_parameter": 4,
+        "auv": scenario.auv.count,
+        "node": scenario.targets,
+        "vortex": scenario.current.vortices,
+        "reward_term": len(reward_names),
+    }
+    for name, values in arrays.items():
+        if name in OPTIONAL and values.size == 0:
+            continue
+        for dimension, size in zip(DIMENSIONS[name], values.shape, strict=True):
+            if size != expected.get(dimension, size) or (size == 0 and dimension in ("time", "world")):
+                wanted = expected.get(dimension, "at least 1")
+                raise TraceError(f"{name} has {size} along {dimension}; expected {wanted}")
+    target = arrays["target"]
+    if not ((target >= 0) & (target < scenario.targets)).all():
+        raise TraceError(f"target is from {target.min()} to {target.max()}; expected 0 to {scenario.targets - 1}")

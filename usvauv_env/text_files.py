@@ -1,0 +1,88 @@
+"""Reading TOML and JSON files from anywhere: of bounded size and depth, with whatever is wrong as one kind of error."""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+LARGEST = {"TOML": 2**20, "JSON": 2**26}  # bytes
+DEEPEST = 32  # sections and lists in one another
+PARSERS = {"TOML": tomllib.loads, "JSON": json.loads}
+
+
+class TextFileError(ValueError):
+    """Why a text file or its content cannot be used, in words that follow on the file's name."""
+
+
+def read(path: str | Path, language: str) -> dict[str, Any]:
+    """The content of a file of a language in `LARGEST`.
+
+    Raises:
+        FileNotFoundError: there is none.
+        TextFileError: it cannot be read, is too large, or `parse` refuses it.
+    """
+    if not os.path.isfile(path):  # false, unlike an error, for paths that no system allows; a pipe would not end
+        raise FileNotFoundError(f"{path}: is no file")
+    try:
+        with open(path, "rb") as file:
+            content = file.read(LARGEST[language] + 1)
+        if len(content) > LARGEST[language]:
+            raise TextFileError(f"has more than {LARGEST[language]:,} bytes")
+        text = content.decode("utf-8")
+    except OSError as error:
+        raise TextFileError(f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise TextFileError(f"cannot be read: {error}") from None
+    return parse(text, language)
+
+
+def parse(text: str, language: str) -> dict[str, Any]:
+    """The table that a text in a language of `LARGEST` stands for.
+
+    Raises:
+        TextFileError: it is not of the language, no table, or `check_plain` refuses it.
+    """
+    try:
+        content = PARSERS[language](text.replace("\r\n", "\n"))
+    except RecursionError:
+        raise TextFileError(f"not valid {language}: nested too deep") from None
+    except Exception as error:  # the parsers also raise ValueError of other kinds, for numbers of many digits
+        raise TextFileError(f"not valid {language}: {error}") from None
+    if not isinstance(content, dict):
+        raise TextFileError(f"not a table of {language} but {type(content).__name__}")
+    check_plain(content)
+    return content
+
+
+def check_plain(content: Any) -> None:
+    """Refuse sections and lists nested deeper than `DEEPEST`, and text that cannot be written to a file.
+
+    Raises:
+        TextFileError: there is one.
+    """
+    level = [content]
+    for _ in range(DEEPEST):
+        inner: list[Any] = []
+        for value in level:
+            if isinstance(value, Mapping):
+                inner += [*value, *value.values()]
+            elif isinstance(value, list | tuple):
+                inner += value
+            elif isinstance(value, str) and not _encodable(value):
+                raise TextFileError(f"holds {value!r}, which is not text")
+        level = inner
+        if not level:
+            return
+    raise TextFileError("nested too deep")
+
+
+def _encodable(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
