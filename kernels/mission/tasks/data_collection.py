@@ -12,6 +12,8 @@ from kernels.mission.worlds import uniforms
 from kernels.positioning import sonar_equation
 from kernels.types import vec2
 
+LEAST_RATE = 1e-9  # Mbit/s; below it the link is dead, and the AUV hovers for the rest of the mission
+
 
 @ti.func
 def place_nodes(worlds: ti.template(), w):
@@ -66,7 +68,7 @@ def begin_service(worlds: ti.template(), w, k, distance):
     slant = ti.sqrt(distance * distance + separation * separation)
     snr = p[Parameter.data_level] - sonar_equation.transmission_loss(slant, p[Parameter.data_frequency])
     law = ti.cast(p[Parameter.data_demonstration], ti.i32)
-    rate = 1e-6 * sonar_equation.shannon_rate(p[Parameter.data_bandwidth], snr, law)
+    rate = ti.max(1e-6 * sonar_equation.shannon_rate(p[Parameter.data_bandwidth], snr, law), LEAST_RATE)
     cargo = unclaimed(worlds, w, target)
     auv[w, k, AuvColumn.rate] = rate
     auv[w, k, AuvColumn.cargo] = cargo

@@ -1,0 +1,36 @@
+"""Scenarios within all bounds run: some of `tests.trials.scenarios`, and a link that carries nothing."""
+
+import random
+
+import pytest
+import torch
+
+from kernels.mission.columns import AuvColumn
+from tests.trials.scenarios import LONGEST, effort, random_overrides, run
+from usvauv_env import Scenario, ScenarioError, World
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_scenario_takes_runs(seed):
+    """Three that are not refused: finite, nobody outside, power above 0."""
+    source, done = random.Random(seed), 0
+    while done < 3:
+        overrides = random_overrides(source)
+        try:
+            scenario = Scenario.load("extreme", overrides)
+        except ScenarioError:
+            continue
+        if effort(scenario, 3) < 0.02 * LONGEST:
+            assert run(scenario, seed, 3) is None, overrides
+            done += 1
+
+
+def test_a_link_that_carries_nothing_holds_its_auv():
+    """At 200 kHz over 11 km the rate is below every number of single precision; the AUV hovers on."""
+    weak = ["nodes.source_power=1e-6", "nodes.frequency=200000", "area.depth=11000", "auv.hover_radius=300"]
+    world = World(Scenario.load("extreme", weak), 2, 0)
+    world.reset()
+    for _ in range(5):
+        world.step(torch.zeros(2, 2, 2))
+    hover = world.auv[..., AuvColumn.hover]
+    assert ((hover > world.scenario.mission.duration) & hover.isfinite()).all()
