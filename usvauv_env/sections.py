@@ -340,7 +340,7 @@ class Auv(Section):
     depth: float = Field(100.0, ge=0.5, le=11000, description="cruise depth, m")
     separation: Literal["geometry", "demonstration"] = Field(
         "geometry",
-        description="vertical distances by geometry, or the demonstration's: the water depth both to boat and to node",
+        description="vertical distances by geometry, or the demonstration's: auv.depth both to boat and to node",
     )
     speed_min: float = Field(1.2, ge=0.01, le=FASTEST, description="lowest speed through the water, m/s")
     speed_max: float = Field(
@@ -351,6 +351,11 @@ class Auv(Section):
     )
     start_margin: Distance = Field(10.0, description="least distance from the border at the start, m")
     start_separation: Distance = Field(20.0, description="least distance between AUVs at the start, m")
+    refused_power: Literal["travelling", "hovering"] = Field(
+        "travelling",
+        description="power of a move refused at the border: as of one made (travelling), or of hovering (the"
+        " demonstration's)",
+    )
     safe_distance: Distance = Field(12.0, description="distance below which the reward punishes proximity, m")
     collision_distance: Distance = Field(5.0, description="distance below which a step counts as a collision, m")
     hover_radius: float = Field(
@@ -378,12 +383,18 @@ class Nodes(Section):
         multiple_of=1,
         description="backlog at the start is uniform from 0 to this, whole packets",
     )
+    hovering_time: Literal["steps", "exact"] = Field(
+        "steps",
+        description="hovering time that EC leaves out: in whole steps, or the exact length of the services (the"
+        " demonstration's)",
+    )
     payload: float = Field(2.0, ge=1e-6, le=LARGEST, description="data in a full buffer, Mbit")
     target_rule: str = Field(
         "backlog-less-distance",
-        description="next node of an AUV: backlog-less-distance (λ b/C − α d), or a plugin's rule",
+        description="next node of an AUV: backlog-less-distance (λ b/C − α d, d horizontal), demonstration (d slant,"
+        " and of the two best nodes the one of the lower index), or a plugin's rule",
     )
-    distance_weight: Price = Field(0.015, description="α of that rule, 1/(m s)")
+    distance_weight: Price = Field(0.015, description="α of these rules, 1/(m s)")
     source_power: float = Field(0.03, ge=1e-6, le=1e5, description="acoustic source power, W")
     frequency: Carrier = Field(20000.0, description="carrier of the data link, Hz")
     bandwidth: Bandwidth = Field(10000.0, description="bandwidth of the data link, Hz")
@@ -436,11 +447,21 @@ class Reward(Section):
     distance_form: Literal["progress", "distance"] = Field(
         "progress", description="metres closed on the same target, or minus the distance to it (the paper's form)"
     )
+    service_form: Literal["completion", "hovering"] = Field(
+        "completion",
+        description="when the service term is paid: once at completion, or in every step from arrival to completion"
+        " (hovering; the demonstration's)",
+    )
+    proximity_form: Literal["each", "pair"] = Field(
+        "each",
+        description="who pays the proximity term: each AUV of a pair, or the one of the lower index only (pair; the"
+        " demonstration's)",
+    )
     distance: Number = Field(0.6, description="weight of the distance term, 1/m")
     border: Number = Field(-0.1, description="weight of a refused move across the border")
     overflow: Number = Field(-0.05, description="weight of each overflowing node")
     proximity: Number = Field(-6.0, description="weight of each metre below the safe distance, 1/m")
-    service: Number = Field(12.0, description="weight of a completed service")
+    service: Number = Field(12.0, description="weight of a service")
     power: Number = Field(-0.085, description="weight of the power, 1/W")
     collaboration: Number = Field(0.1, description="weight of Eq. 5's l_max / l")
     service_terminates: bool = Field(False, description="a service ends the learner's value horizon (the paper's form)")

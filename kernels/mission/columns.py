@@ -31,6 +31,8 @@ class Parameter(Columns):
     current_reading: int
     horizon: int
     cruise: int
+    separation_node: int
+    refused_hovers: int
     speed_min: int
     speed_max: int
     polar: int
@@ -50,6 +52,8 @@ class Parameter(Columns):
     data_demonstration: int
     distance_weight: int
     progress: int
+    service_hovering: int
+    proximity_once: int
     farthest: int
 
 

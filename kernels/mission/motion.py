@@ -48,6 +48,8 @@ def travel(worlds: ti.template(), w, k, a0, a1):
         auv[w, k, AuvColumn.moved_y] = moved[1] - y
     else:
         auv[w, k, AuvColumn.border] = 1.0
+        if p[Parameter.refused_hovers] > 0.5:
+            auv[w, k, AuvColumn.power] = vehicle.hovering_power(current.norm())
 
 
 @ti.func

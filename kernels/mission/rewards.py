@@ -28,10 +28,10 @@ def overflow(worlds: ti.template(), w, k, weight):
 
 @ti.func
 def proximity(worlds: ti.template(), w, k, weight):
-    """Metres below the safe distance, summed over the other AUVs."""
+    """Metres below the safe distance, summed over the other AUVs, or over those of a higher index: a pair once."""
     total = 0.0
     for j in range(worlds.auv.shape[1]):
-        if j != k:
+        if j > k or (j < k and worlds.p[Parameter.proximity_once] < 0.5):
             apart = distance_between(worlds, w, j, k)
             total += ti.max(0.0, worlds.p[Parameter.safe_distance] - apart)
     return weight * total
@@ -39,9 +39,12 @@ def proximity(worlds: ti.template(), w, k, weight):
 
 @ti.func
 def service(worlds: ti.template(), w, k, weight):
-    """1 where a service was completed in the step."""
+    """1 where a service was completed in the step; or in every step of a service, from arrival to completion."""
     served = 0.0
-    if worlds.auv[w, k, AuvColumn.service_rate] > 0.0:
+    if worlds.p[Parameter.service_hovering] > 0.5:
+        if worlds.auv[w, k, AuvColumn.hovering] > 0.5 or worlds.auv[w, k, AuvColumn.hover] > 0.0:
+            served = 1.0
+    elif worlds.auv[w, k, AuvColumn.service_rate] > 0.0:
         served = 1.0
     return weight * served
 

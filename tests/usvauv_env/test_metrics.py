@@ -1,5 +1,7 @@
 """Metrics against numbers worked out by hand, and the trace's way through a file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -64,6 +66,14 @@ def test_metrics_by_hand():
     assert row.fix_error_median == pytest.approx(np.median([10, 3, 7, 1, 2, 4]))
     assert row.fixes_good == pytest.approx(6 / 8)
     assert row.position_error_p95 == pytest.approx(np.quantile([5, 0, 0, 0, 1, 1, 1, 1], 0.95))
+
+
+def test_ec_leaves_out_the_exact_length_of_services():
+    """AUV 0: 285 W · 2 s over 8 − 1.5/0.25 s; AUV 1: 400 W · 2 s over 8 − 2/0.5 s."""
+    trace = small_trace()
+    exact = Scenario.from_dict(trace.scenario.to_dict() | {"nodes": {"hovering_time": "exact"}})
+    (row,) = episode_metrics(replace(trace, scenario=exact))
+    assert row.ec == pytest.approx((570 / 2 + 800 / 4) / 2)
 
 
 def test_csv_has_the_promised_columns(tmp_path):

@@ -65,6 +65,7 @@ METHODS = (
         learning=(
             "reward.distance_form=progress",
             "reward.service_terminates=false",
+            "reward.service_form=completion",
             "reward.service=30",
             "reward.power=-0.0043",
             "reward.proximity=-0.3",

@@ -14,7 +14,7 @@ from kernels import runtime
 from kernels.planning import global_search, objectives
 from kernels.positioning import usbl
 from usvauv_env.record.trace import Trace
-from usvauv_env.site.site import Site, boat_separation
+from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
 
@@ -23,7 +23,7 @@ def variance(trace: Trace) -> np.ndarray:
     scenario = trace.scenario
     link = torch.from_numpy(link_table(Site(scenario))).to(runtime.start().device)
     steps, worlds, auvs = trace.power.shape
-    separation = boat_separation(scenario) + trace.boat_surface[..., :1].repeat(auvs, -1)
+    separation = scenario.auv.depth + trace.boat_surface[..., :1].repeat(auvs, -1)
     layout = np.concatenate([trace.auv_position, separation[..., None]], -1).reshape(-1, auvs, 3).astype(np.float32)
     points = torch.from_numpy(layout).to(link.device)
     width, length = scenario.area.width, scenario.area.length

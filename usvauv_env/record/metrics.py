@@ -25,7 +25,7 @@ class EpisodeMetrics:
     Attributes:
         scenario, policy, usv, seed, episode: what was run; rows with equal seed and episode are the same world.
         sdr: sum over services of the data rate, Mbit/s.
-        ec: mean over AUVs of energy/(T dt − hovering time), W.
+        ec: mean over AUVs of energy/(T dt − hovering time), W; see `nodes.hovering_time`.
         arps: (1/T) Σ over steps and AUVs of the reward.
         services: number of completed services. delivered_mbit: their data, Mbit.
         energy_wh: energy of all AUVs, Wh.
@@ -95,10 +95,17 @@ def target_distance(trace: Trace) -> np.ndarray:
     return np.linalg.norm(target - trace.auv_position, axis=-1)
 
 
-def energy_consumption(power: np.ndarray, hovering: np.ndarray, step: float) -> np.ndarray:
-    """Table 2's EC of (T, W, K) power and hovering flags: mean over AUVs of energy/(T dt − hovering time), (W,), W."""
-    travelling = np.maximum((1.0 - hovering).sum(0), 1.0) * step
-    return (power.sum(0, dtype=np.float64) * step / travelling).mean(-1)
+def energy_consumption(trace: Trace) -> np.ndarray:
+    """Table 2's EC: mean over AUVs of energy/(T dt − hovering time), (W,), W; at least one step is left."""
+    step = trace.scenario.mission.step
+    if trace.scenario.nodes.hovering_time == "exact":
+        served = trace.service_rate > 0
+        rate = np.where(served, trace.service_rate, 1.0)
+        hovering = np.where(served, trace.delivered / rate, 0.0).sum(0, dtype=np.float64)
+    else:
+        hovering = trace.hovering.sum(0) * step
+    travelling = np.maximum(len(trace.time) * step - hovering, step)
+    return (trace.power.sum(0, dtype=np.float64) * step / travelling).mean(-1)
 
 
 def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics]:
@@ -107,7 +114,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     error = position_error(trace)
     fix_error = np.linalg.norm(trace.fix - trace.auv_position, axis=-1)
     good = trace.fix_flags == DETECTED
-    ec = energy_consumption(trace.power, trace.hovering, step)
+    ec = energy_consumption(trace)
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
     of_task = {name: m.values(trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
     return [

@@ -51,8 +51,7 @@ def draw_map_axes(picture: np.ndarray, scene: Scene, layout: Layout, area: Area,
 
 def view_note(scenario: Scenario) -> str:
     """Point of view, and the depth of the AUVs."""
-    below = scenario.auv.depth if scenario.auv.separation == "geometry" else scenario.area.depth
-    return f"seen from above, AUVs {below:g} m below the boat"
+    return f"seen from above, AUVs {scenario.auv.depth:g} m below the boat"
 
 
 def _scale_bar(picture: np.ndarray, scene: Scene, layout: Layout, below: float) -> float:

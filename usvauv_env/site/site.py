@@ -104,7 +104,7 @@ class Site:
                     longitude=water.longitude,
                     salinity=acoustic.salinity,
                 )
-            profile.check_reaches(boat_separation(self.scenario))
+            profile.check_reaches(self.scenario.auv.depth)
         except SoundSpeedError as error:
             raise ScenarioError(f"acoustics.{field}: {error}") from None
         return profile
@@ -118,8 +118,3 @@ class Site:
         width, length = self.scenario.area.width, self.scenario.area.length
         size = max(width, length) / BED_CELLS
         return max(3, round(width / size)), max(3, round(length / size))
-
-
-def boat_separation(scenario: Scenario) -> float:
-    """Vertical distance from the mean surface to an AUV as positioning takes it, m."""
-    return scenario.area.depth if scenario.auv.separation == "demonstration" else scenario.auv.depth

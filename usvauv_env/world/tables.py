@@ -13,7 +13,7 @@ from kernels.planning import objectives
 from kernels.positioning import sonar_equation, tracker, usbl, waveform
 from kernels.positioning.ambient_noise import ambient_noise_laws
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.site.site import Site, boat_separation
+from usvauv_env.site.site import Site
 from usvauv_env.site.sound_speed import SoundSpeedProfile
 from usvauv_env.world.boat_strategies import BoatStrategy
 from usvauv_env.world.current_statistics import current_model
@@ -43,7 +43,7 @@ def sound_speed(site: Site) -> float:
         return scenario.acoustics.sound_speed
     if scenario.usbl.refraction == "array":
         return profile.at(0.0)
-    return profile.harmonic_mean(0.0, boat_separation(scenario))
+    return profile.harmonic_mean(0.0, scenario.auv.depth)
 
 
 def program(site: Site, strategy: BoatStrategy) -> Program:
@@ -106,7 +106,7 @@ def link_table(site: Site) -> np.ndarray:
         periods=s.usbl.periods,
         sampling_rate=s.usbl.sampling_rate,
         planner_noise=s.planner.noise,
-        reference_range=boat_separation(s),
+        reference_range=s.auv.depth,
         attitude_error=s.usbl.attitude_error,
     )
     return usbl.link_table([s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)], sonar)
@@ -139,7 +139,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "attitude_error": s.usbl.attitude_error,
         "top_speed": s.boat.top_speed,
         "drifts": s.boat.drifts,
-        "separation_boat": boat_separation(s),
+        "separation_boat": s.auv.depth,
         "sound_speed": sound_speed(site),
         "propagates": s.usbl.propagation,
         "latency": s.usbl.latency,
@@ -148,7 +148,9 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "correlation_time": correlation_time,
         "current_reading": s.tracker.current_reading,
         "horizon": s.planner.horizon,
-        "cruise": 0.0 if s.auv.separation == "demonstration" else s.auv.depth,
+        "cruise": s.auv.depth,
+        "separation_node": s.auv.depth if s.auv.separation == "demonstration" else 0.0,
+        "refused_hovers": s.auv.refused_power == "hovering",
         "speed_min": s.auv.speed_min,
         "speed_max": s.auv.speed_max,
         "polar": s.auv.action == "polar",
@@ -168,7 +170,9 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "data_demonstration": s.nodes.rate_law == "demonstration",
         "distance_weight": s.nodes.distance_weight,
         "progress": s.reward.distance_form == "progress",
-        "farthest": math.hypot(s.area.diagonal, boat_separation(s)),
+        "service_hovering": s.reward.service_form == "hovering",
+        "proximity_once": s.reward.proximity_form == "pair",
+        "farthest": math.hypot(s.area.diagonal, s.auv.depth),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
 

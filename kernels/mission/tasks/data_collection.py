@@ -63,8 +63,10 @@ def begin_service(worlds: ti.template(), w, k, distance):
     target = ti.cast(auv[w, k, AuvColumn.target], ti.i32)
     x = worlds.node[w, target, NodeColumn.x]
     y = worlds.node[w, target, NodeColumn.y]
-    depth = regular_grid.sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
-    separation = depth - p[Parameter.cruise]
+    separation = p[Parameter.separation_node]
+    if separation == 0.0:
+        depth = regular_grid.sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
+        separation = depth - p[Parameter.cruise]
     slant = ti.sqrt(distance * distance + separation * separation)
     snr = p[Parameter.data_level] - sonar_equation.transmission_loss(slant, p[Parameter.data_frequency])
     law = ti.cast(p[Parameter.data_demonstration], ti.i32)
