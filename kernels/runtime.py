@@ -174,6 +174,14 @@ def constant_range(tasks: int) -> int:
     return -(-tasks // 128) * 128 if start().arch == "vulkan" else 0
 
 
+def one_task_a_thread() -> int | None:
+    """`block_dim` of a loop of few long tasks: 1 on a CPU, where threads take as many tasks at a time.
+
+    On Vulkan the default, because a loop has up to 65,536 threads, and devices need not have more than 65,535 blocks.
+    """
+    return 1 if start().on_cpu else None
+
+
 def synchronize() -> None:
     """Wait until all launched kernels are done; on a CPU they already are."""
     ti.sync()

@@ -147,6 +147,7 @@ class GuidedFrame(TargetFrame):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.speed_to_fly = SpeedToFly(scenario)
+        self._side = torch.tensor([scenario.area.width, scenario.area.length])
         self.price = PRICE if "current" in self.layout else self.speed_to_fly.free_price()
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
@@ -157,9 +158,8 @@ class GuidedFrame(TargetFrame):
 
     def _clear_of_border(self, observation: Tensor, track: Tensor) -> Tensor:
         """A course over ground (unit vectors, (..., 2)) that does not lead out of the area."""
-        area = self.scenario.area
-        position = self.term(observation, "position") * area.diagonal
-        side = torch.tensor([area.width, area.length], dtype=position.dtype, device=position.device)
+        position = self.term(observation, "position") * self.scenario.area.diagonal
+        side = self._side = self._side.to(position)  # copied but once
         outwards = ((position < BORDER_MARGIN) & (track < 0.0)) | ((position > side - BORDER_MARGIN) & (track > 0.0))
         along = torch.where(outwards, 0.0, track)
         return torch.where(along.norm(dim=-1, keepdim=True) > TINY, unit(along), track)

@@ -83,7 +83,7 @@ class SpeedToFly:
 
     def __call__(self, track: Tensor, price: Tensor, current: Tensor) -> Tensor:
         """Speeds (...), m/s, for tracks (unit vectors, (..., 2)), prices (...), W, and currents (..., 2), m/s."""
-        speeds, power = self.speeds.to(track), self.power.to(track)
+        speeds, power = self.speeds, self.power = self.speeds.to(track), self.power.to(track)  # copied but once
         along, across = unrotate(current, track).split(1, -1)
         advance = (speeds.square() - across.square()).clamp_min(0.0).sqrt() + along
         cost = (power + price.unsqueeze(-1)) / advance.clamp_min(LEAST_ADVANCE)

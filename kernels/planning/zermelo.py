@@ -31,6 +31,7 @@ from typing import NamedTuple
 import taichi as ti
 import torch
 
+from kernels import runtime
 from kernels.flow import regular_grid
 from kernels.types import array1, array3, array4, mask2, vec2
 
@@ -202,7 +203,7 @@ def _solve(
     R: ti.f32,
     cost: array4,
 ):
-    ti.loop_config(block_dim=1)
+    ti.loop_config(block_dim=ti.static(runtime.one_task_a_thread()))
     for w, k in ti.ndrange(cost.shape[0], cost.shape[1]):
         if due[w, k] != 0:
             rows = cost.shape[2]

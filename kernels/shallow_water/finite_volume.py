@@ -13,6 +13,7 @@ from collections import namedtuple
 
 import taichi as ti
 
+from kernels import runtime
 from kernels.shallow_water.ghost_cells import fill_ghosts, vector_index
 from kernels.shallow_water.packing import LANES, vector, vectors
 from kernels.shallow_water.riemann import flux, half_slopes, lower_face, turned, upper_face
@@ -120,7 +121,7 @@ def take_step(basin: ti.template()):
             if basin.clock[Clock.step] > 0.0:
                 level = ti.cast(basin.clock[Clock.level + stage], ti.f32)
                 fill_ghosts(basin, stage, i, level)
-        ti.loop_config(block_dim=1)
+        ti.loop_config(block_dim=ti.static(runtime.one_task_a_thread()))
         for band in range(basin.bands):
             if basin.clock[Clock.step] > 0.0:
                 march(basin, stage, band, ti.cast(basin.clock[Clock.step], ti.f32))

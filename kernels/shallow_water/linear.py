@@ -239,8 +239,8 @@ class ShallowWater(Diagnostics):
         now = np.concatenate([self._amplitude * np.cos(angle), self._amplitude * np.sin(angle)], axis=1)
         elevation = torch.as_tensor((self._rotation @ now[:, :, None])[:, :, 0], dtype=torch.float32)
         if self._packing.strips:
-            self._prescribed[0] = elevation[0, :, None]
+            self._prescribed[0].copy_(elevation[0, :, None], non_blocking=True)
         else:
             blocks = self._packing.blocks
             padded = torch.nn.functional.pad(elevation, (0, 0, 0, blocks * LANES - self.num_seas))
-            self._prescribed.copy_(padded.view(blocks, LANES, self.substeps).transpose(1, 2))
+            self._prescribed.copy_(padded.view(blocks, LANES, self.substeps).transpose(1, 2), non_blocking=True)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from dataclasses import dataclass, fields
+from typing import ClassVar, Generic, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn
 
+from policies.cuda_graph import Recorded
 from policies.networks import Sizes, StackedMLP
 
 AVERAGED = 200  # updates, time constant of the averaged actor
@@ -67,10 +68,12 @@ class Learner(nn.Module, Generic[Actor]):
 
     Attributes:
         updates: number of calls of `update`, which counts them.
+        period: number of updates after which the operations of an update are the same again.
     """
 
     actor: Actor
     averaged: Actor
+    period: ClassVar[int] = 1
 
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__()
@@ -79,6 +82,7 @@ class Learner(nn.Module, Generic[Actor]):
         self.generator = generator
         self.updates = 0
         self.optimisers: dict[str, torch.optim.Adam] = {}
+        self._learn = Recorded.on(generator, self._update_and_average)
 
     @staticmethod
     def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> Actor:
@@ -93,13 +97,22 @@ class Learner(nn.Module, Generic[Actor]):
 
     def add_optimiser(self, name: str, parameters: Iterable[nn.Parameter]) -> None:
         """Give parameters an optimiser of that name."""
-        self.optimisers[name] = torch.optim.Adam(parameters, lr=self.config.learning_rate, fused=True)
+        on_gpu = self.generator.device.type == "cuda"
+        optimiser = torch.optim.Adam(parameters, lr=self.config.learning_rate, fused=True, capturable=on_gpu)
+        if on_gpu:  # a number would be recorded as a constant
+            for group in optimiser.param_groups:
+                group["lr"] = torch.tensor(self.config.learning_rate, device=self.generator.device)
+        self.optimisers[name] = optimiser
 
     def set_learning_rate(self, share: float) -> None:
         """Set the learning rate to a share of that in the settings."""
         for optimiser in self.optimisers.values():
             for group in optimiser.param_groups:
-                group["lr"] = share * self.config.learning_rate
+                rate = share * self.config.learning_rate
+                if isinstance(group["lr"], Tensor):
+                    group["lr"].fill_(rate)
+                else:
+                    group["lr"] = rate
 
     def gradient_step(self, name: str, loss: Tensor) -> None:
         """One step of the named optimiser, along the gradient of `loss` with respect to its own parameters only."""
@@ -128,8 +141,25 @@ class Learner(nn.Module, Generic[Actor]):
         raise NotImplementedError
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
-        """Learn from one batch; returns the figures to show, as tensors without gradient."""
+        """Learn from one batch; returns the figures to show, as tensors without gradient.
+
+        On a CUDA device it is recorded: it must not read a number off a tensor, and its operations may depend on
+        `updates` modulo `period` alone.
+        """
         raise NotImplementedError
+
+    def learn(self, batch: Batch) -> dict[str, Tensor]:
+        """`update` and `average`, on a CUDA device as one graph."""
+        updates = self.updates
+        tensors = (getattr(batch, field.name) for field in fields(batch))
+        figures = self._learn(*tensors, variant=updates % self.period)
+        self.updates = updates + 1
+        return figures
+
+    def _update_and_average(self, *tensors: Tensor) -> dict[str, Tensor]:
+        figures = self.update(Batch(*tensors))
+        self.average()
+        return figures
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything that changes while learning, by name."""
@@ -151,3 +181,4 @@ class Learner(nn.Module, Generic[Actor]):
                     index, moment = key.removeprefix(prefix).split(".")
                     moments.setdefault(int(index), {})[moment] = value
             optimiser.load_state_dict({"state": moments, "param_groups": optimiser.state_dict()["param_groups"]})
+        self._learn.forget()

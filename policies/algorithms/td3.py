@@ -18,6 +18,7 @@ DELAY = 2  # updates of the critics for each of the actor
 
 class TD3(DeterministicLearner):
     members = 2
+    period = DELAY
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
         with torch.no_grad():

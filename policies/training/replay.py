@@ -76,7 +76,7 @@ class Replay:
             getattr(self, attribute)[:size] = tensors[name]
         self.head, self.size = head, size
 
-    def sample(self, batch: int, n: int, gamma: float, generator: torch.Generator, gain: float = 0.0) -> Batch:
+    def sample(self, batch: int, n: int, gamma: float, generator: torch.Generator, gain: float | Tensor = 0.0) -> Batch:
         """Draw `batch` n-step transitions for each learner, uniformly.
 
         Args:
@@ -84,7 +84,7 @@ class Replay:
             n: steps of reward before the bootstrap; the ring must hold more than n + 1 rows.
             gamma: discount of one step.
             generator: source of the draws.
-            gain: average reward of a step, which is taken off every reward.
+            gain: average reward of a step, which is taken off every reward; a number, or a tensor of one.
         """
         auvs = self.reward.shape[-1]
         draws = batch // auvs if self.shared else batch

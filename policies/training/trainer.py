@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from policies import checkpoint
 from policies.algorithms import ALGORITHMS, Sizes
 from policies.checkpoint import BEST, FORMAT, LAST, POLICY, TRAINING
 from policies.config import TrainingConfig
+from policies.cuda_graph import Recorded
 from policies.frames import ACTION_SIZE, FRAMES
 from policies.learned import LearnedPolicy
 from policies.networks import stack, unstack
@@ -97,11 +98,13 @@ class Trainer:
         shape = (world.num_worlds, world.num_auvs, self.frame.features, ACTION_SIZE)
         self.replay = Replay(config.replay // world.num_worlds, shape, device, config.shared)
         self.renewal = config.renewal and not world.scenario.reward.service_terminates
-        self.gain = 0.0  # ρ
+        self._gain = torch.zeros((), dtype=torch.float64, device=device)  # ρ
         self.scale = 1.0  # of the rewards that are learned from
         self.noise = CorrelatedNoise((*shape[:2], ACTION_SIZE), config.correlation, self.generator)
         self.standardizer = Standardizer.identity(self.frame.features, device)
         self.meter = Meter(world)
+        self._encode = Recorded.on(self.generator, self._features)
+        self._choose = Recorded.on(self.generator, self._explore)
         self.observation = torch.empty(0)
         self.steps = 0
         self.seconds = 0.0
@@ -110,6 +113,11 @@ class Trainer:
         self.history: list[dict[str, float]] = []
         self.stopped = False
         self.interruption = Stop()
+
+    @property
+    def gain(self) -> float:
+        """The average reward ρ of a step, as estimated so far."""
+        return float(self._gain)
 
     def policy(self, name: str = "training") -> LearnedPolicy:
         """The policy in training, for the world's scenario; it shares the trainer's networks and changes with them."""
@@ -183,35 +191,45 @@ class Trainer:
     def _advance(self, pool: ThreadPoolExecutor, total: int) -> None:
         """One step of all worlds, of `total` world-steps in the run, and the updates that go with it."""
         config, world = self.config, self.world
-        features = self.standardizer(self.frame.encode(self.observation))
+        features = self._encode(self.observation)["features"]
         learning = self.steps >= config.warmup and self.replay.size > config.n_step + 1
         if learning and self.learner.updates == 0:
             features = self._standardize(features)
-        action = self.learner.explore(stack(features, config.shared), stack(self.noise.step(), config.shared))
-        action = unstack(action, world.num_auvs)
-        step = pool.submit(world.step, self.frame.decode(self.observation, action))
+        chosen = self._choose(self.observation, features, self.noise.step())
+        action = chosen["action"]
+        step = pool.submit(world.step, chosen["command"])
+        if world.device.type == "cuda":  # which does the updates after the step, and must not see both at a recording
+            wait((step,))
         if learning:
             self.learner.set_learning_rate(1.0 - (1.0 - config.final_rate) * self.steps / total)
-            gain = self.scale * self.gain
+            gain = self.scale * self._gain
             for _ in range(config.updates):
                 batch = self.replay.sample(config.batch, config.n_step, config.gamma, self.generator, gain)
-                self.meter.losses.append(self.learner.update(batch))
-                self.learner.average()
+                self.meter.losses.append(self.learner.learn(batch))
         try:
-            observation, reward, horizon_ended, truncated, info = step.result()
+            observation, reward, horizon_ended, _, info = step.result()
         except ValueError:  # most likely an action that is not finite, because a weight is not
             self._stop_if_not_finite()
             raise
         if self.renewal:
-            self.gain += GAIN_RATE * (float(reward.mean()) - self.gain)
+            self._gain += GAIN_RATE * (reward.mean().double() - self._gain)
             horizon_ended = horizon_ended | (info["measures"][..., world.measure_names.index("service_rate")] > 0)
         self.replay.add(features, action, self.scale * reward, horizon_ended)
         self.meter.add(info)
         self.steps += world.num_worlds
-        if bool(truncated[0, 0]):
+        if self.steps // world.num_worlds % world.steps == 0:  # truncated, without a look at the device
             self.replay.finish(self.standardizer(self.frame.encode(observation)))
             observation = world.reset()
         self.observation = observation.clone()
+
+    def _features(self, observation: Tensor) -> dict[str, Tensor]:
+        return {"features": self.standardizer(self.frame.encode(observation))}
+
+    def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
+        """The network's exploring action (W, K, A), and the world's command for it."""
+        shared = self.config.shared
+        action = unstack(self.learner.explore(stack(features, shared), stack(noise, shared)), self.world.num_auvs)
+        return {"action": action, "command": self.frame.decode(observation, action)}
 
     def _standardize(self, features: Tensor) -> Tensor:
         """Take the statistics of features and reward from the replay, once before the first update; rescale the replay
@@ -315,7 +333,8 @@ class Trainer:
                 groups[group][rest] = value
             self.learner.restore(groups["learner"])
             self.learner.updates = counters["updates"]
-            self.gain, self.scale = counters["gain"], counters["scale"]
+            self._gain.fill_(counters["gain"])
+            self.scale = counters["scale"]
             self.replay.restore(groups["replay"], counters["head"], counters["size"])
             self.world.load_state(groups["world"])
             self.steps, self.seconds = counters["steps"], counters["seconds"]
@@ -323,4 +342,4 @@ class Trainer:
             self.best = -math.inf if counters["best"] is None else counters["best"]
         except (KeyError, RuntimeError, TypeError, ValueError) as error:
             raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None
-        self.standardizer = checkpoint.load_policy(last, "training", device=self.world.device).standardizer
+        self.standardizer.copy_(checkpoint.load_policy(last, "training", device=self.world.device).standardizer)

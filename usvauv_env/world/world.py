@@ -385,7 +385,8 @@ class World:
         self._storm.set_time(time)
         if self._flow is not None and len(self._flow.times) > 1:
             # Seas run on where only some worlds are reset; the current then stays as it was at the end of the file.
-            self._stream.copy_(torch.from_numpy(self._flow.at(min(time, self._flow.times[-1]))))
+            flow = torch.from_numpy(self._flow.at(min(time, self._flow.times[-1])))
+            self._stream.copy_(flow, non_blocking=True)
 
     def _upload(self, numbers: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(np.ascontiguousarray(numbers, np.float32)).to(self.device)
