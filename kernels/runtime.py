@@ -24,7 +24,7 @@ from kernels.errors import UserError
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
 FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
 ITERATIONS = 16  # of a loop that a thread takes at a time
-ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan", "metal")
+ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 
 
 class RuntimeUnavailable(UserError, RuntimeError):
@@ -62,7 +62,8 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
     """Start Taichi if it is not running yet.
 
     Args:
-        arch: one of `ARCHITECTURES`; "auto" takes CUDA where torch and Taichi both see a device, else the CPU.
+        arch: one of `ARCHITECTURES`; "auto" takes CUDA where torch sees a device, else the CPU. Taichi's others, Metal
+            among them, have never been tried and are refused.
         threads: CPU threads of Taichi's kernels; default all cores this process may use. Torch is set to one thread,
             because its small matrix products lose far more to a busy second core than they gain from it.
 
@@ -90,7 +91,8 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
         raise RuntimeUnavailable("arch: 'cuda' was asked for, but torch sees no CUDA device here")
     threads = threads or available_cores()
     try:
-        with contextlib.redirect_stdout(io.StringIO()):  # Taichi announces itself
+        # Taichi announces itself, and its Vulkan device complains if there is none.
+        with contextlib.redirect_stdout(io.StringIO()), _silent_stderr():
             ti.init(
                 arch=getattr(ti, arch),
                 cpu_max_num_threads=threads,
@@ -105,11 +107,27 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
             )
     except Exception as error:
         raise RuntimeUnavailable(f"arch: {arch!r} could not be started: {error}") from error
+    if arch != "cpu" and impl.current_cfg().arch != getattr(ti, arch):  # Taichi takes the CPU instead
+        raise RuntimeUnavailable(f"arch: {arch!r} was asked for, but Taichi finds no such device here")
     _speed_up_reading_of_kernels()
     torch.set_num_threads(1)
     device = torch.device("cuda" if arch == "cuda" else "cpu")
     _running = Runtime(arch, device, threads)
     return _running
+
+
+@contextlib.contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Without the messages that libraries in C write to the process's standard error."""
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _speed_up_reading_of_kernels() -> None:

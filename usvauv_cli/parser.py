@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands import evaluate, export, plan, reproduce, scenarios, sea, simulate, train
+from usvauv_cli.commands import doctor, evaluate, export, plan, reproduce, scenarios, sea, simulate, train
 
 app = typer.Typer(
     name="usvauv",
@@ -28,6 +28,7 @@ app.command("reproduce")(reproduce.reproduce)
 app.command("plan")(plan.plan)
 app.command("sea")(sea.sea)
 app.command("scenarios")(scenarios.scenarios)
+app.command("doctor")(doctor.doctor)
 
 
 def _print_version(wanted: bool) -> None:

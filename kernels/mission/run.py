@@ -99,3 +99,10 @@ def run(
             step.advance(worlds, w)
         elif chosen[w] != 0:
             reset.begin_episode(worlds, w)
+        if ti.static(program.constant_range > 0):
+            # A device in software leaves all loops once a thread has done 65,535 iterations: `docs/architectures.md`.
+            turns = 0
+            for _ in range(clock.shape[1]):
+                turns += 1
+            if turns < clock.shape[1]:
+                observation[w, 0, 0] = ti.math.nan

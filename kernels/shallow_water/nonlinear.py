@@ -92,6 +92,9 @@ class NonlinearShallowWater:
         self._columns = W = math.ceil(self.nx / LANES)
         self._first_column = np.arange(LANES) * (self.nx - W) // (LANES - 1)
         self._bands = max(1, min(running.threads, self.nx * self.ny // BAND, self.ny))
+        if not running.on_cpu:  # a thread a band, of as few rows as are worth the two that it passes beforehand
+            self._bands = max(1, self.ny // 8)
+        self._alone = running.on_cpu and self._bands == 1
         numbers = {"dtype": torch.float32, "device": running.device}
         self._state = torch.zeros((2, 3, self.ny + 4, W + 4, LANES), **numbers)
         self._bed = torch.tensor(self._spread(np.pad(self.bed, 2, mode="symmetric"), 2), **numbers).contiguous()
@@ -172,7 +175,7 @@ class NonlinearShallowWater:
                 self.dry,
                 self.drag,
             ),
-            *(self.manning, self.time, self.interval, self.drag > 0 or self.manning > 0, self._bands == 1),
+            *(self.manning, self.time, self.interval, self.drag > 0 or self.manning > 0, self._alone),
         )
         launches = 1
         with runtime.vectors_in_registers():

@@ -1,10 +1,15 @@
 """Taichi as this project starts it."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 import taichi as ti
 import torch
 
 from kernels import runtime
+from kernels.planning import zermelo
 
 PATIENCE = 1 << 28  # looks at the other turn, a second or more
 
@@ -30,3 +35,40 @@ def test_two_turns_of_a_loop_run_at_the_same_time():
     arrived, met = torch.zeros((2, 2), dtype=torch.int32)
     meet(arrived, met)
     assert met.tolist() == [1, 1]
+
+
+def in_a_child(arch, *, environment=None):
+    """What starting an architecture in a process of its own prints on standard output, and on standard error."""
+    program = "import sys; from kernels import runtime; print(runtime.start(sys.argv[1]).arch)"
+    done = subprocess.run(
+        [sys.executable, "-c", program, arch], capture_output=True, text=True, env={**os.environ, **(environment or {})}
+    )
+    return done.stdout.strip().splitlines()[-1:], done.stderr.strip().splitlines()
+
+
+def test_metal_is_refused():
+    assert in_a_child("metal")[1][-1].endswith("arch: 'metal' is not one of auto, cpu, cuda, vulkan")
+
+
+def test_a_missing_device_is_an_error():
+    """Taichi by itself would take the CPU."""
+    nowhere = {"VK_ICD_FILENAMES": "/nowhere.json", "VK_DRIVER_FILES": "/nowhere.json"}
+    out, err = in_a_child("vulkan", environment=nowhere)
+    assert out == []
+    assert err[-1].endswith("arch: 'vulkan' was asked for, but Taichi finds no such device here")
+
+
+@pytest.mark.parametrize("arch", ["cpu", "cuda", "vulkan", "metal"])
+def test_the_architecture_decides_and_not_the_device_of_torch(monkeypatch, arch):
+    monkeypatch.setattr(runtime, "_running", runtime.Runtime(arch, torch.device("cpu"), 2))
+    assert runtime.start().on_cpu == runtime.better_alone(1) == (arch == "cpu")
+    assert runtime.one_task_a_thread() == (1 if arch == "cpu" else None)
+    assert runtime.constant_range(129) == (256 if arch == "vulkan" else 0)
+    assert runtime.start().shares_memory_with_torch == (arch in ("cpu", "cuda"))
+
+
+def test_long_loops_are_refused_on_vulkan(monkeypatch):
+    monkeypatch.setattr(runtime, "_running", runtime.Runtime("vulkan", torch.device("cpu"), 2))
+    nothing = torch.zeros(1)
+    with pytest.raises(runtime.RuntimeUnavailable, match="vulkan"):
+        zermelo.solve(*6 * [nothing], size=(1.0, 1.0), radius=1.0)

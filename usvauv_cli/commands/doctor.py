@@ -1,0 +1,138 @@
+"""`usvauv doctor`: what works on this machine."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import typer
+
+PACKAGES = ("usvauv", "taichi", "torch", "numpy", "pydantic", "gymnasium", "av", "opencv-python-headless")
+LIMIT = 300  # s, for the trial of an architecture
+TOLERANCE = {"observation": 1e-4, "reward": 1e-3, "sea": 1e-5}  # against the CPU, after STEPS steps; reward and m
+STEPS = 5
+
+TRIAL = """
+import json, sys, time
+import torch
+from kernels import runtime
+arch, steps = sys.argv[1], int(sys.argv[2])
+try:
+    running = runtime.start(arch)
+except runtime.RuntimeUnavailable as error:
+    print(json.dumps({"absent": str(error)}))
+    sys.exit()
+from usvauv_env import Scenario, World
+world = World(Scenario.load("extreme"), 4)
+world.reset()
+action = torch.full((4, world.num_auvs, 2), 0.3, device=running.device)
+world.step(action)
+begun = time.perf_counter()
+for _ in range(steps - 1):
+    observation, reward, *_ = world.step(action)
+sea = world.sea.elevation()
+seconds = time.perf_counter() - begun
+print(json.dumps({
+    "rate": 4 * (steps - 1) / seconds, "threads": running.threads,
+    "observation": observation.flatten().tolist(), "reward": reward.flatten().tolist(), "sea": sea.ravel().tolist(),
+}))
+"""
+
+
+def _try(arch: str) -> dict[str, Any]:
+    """A few mission steps of `extreme` in a process of its own, because Taichi starts one architecture a process."""
+    command = [sys.executable, "-c", TRIAL, arch, str(STEPS)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT)
+    except subprocess.TimeoutExpired:
+        return {"broken": f"no answer within {LIMIT} s"}
+    lines = done.stdout.strip().splitlines()
+    if done.returncode or not lines:
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        return {"broken": f"exit code {done.returncode}: {last}"}
+    return json.loads(lines[-1])
+
+
+def _differs(found: dict[str, Any], cpu: dict[str, Any]) -> str:
+    """The first quantity that differs from the CPU's by more than `TOLERANCE`, in words; "" if none does."""
+    for name, tolerance in TOLERANCE.items():
+        differences = [abs(a - b) for a, b in zip(found[name], cpu[name], strict=True)]
+        wrong = [difference for difference in differences if not difference <= tolerance]  # NaN is wrong, too
+        if wrong:
+            return f"{name} differs from the CPU's by {max(wrong):.2g}, {tolerance:g} allowed"
+    return ""
+
+
+def _memory() -> str:
+    """Free memory in words."""
+    try:
+        numbers = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+        return f"{int(numbers['MemAvailable'].split()[0]) / 2**20:.1f} GiB"
+    except (OSError, KeyError, ValueError):
+        return "unknown on this system"
+
+
+def _h264() -> str:
+    """Encoder of videos in words; "" if there is none."""
+    from av.codec import Codec
+
+    try:
+        return Codec("libx264", "w").long_name
+    except ValueError:
+        return ""
+
+
+def doctor() -> None:
+    """Show what works here: versions, devices, a small mission on each compared with the CPU, speed, memory, disk.
+
+    Exit code 0 if the CPU and whatever else is found here work, 1 otherwise; what is broken is named. Takes up to a
+    minute on a CPU, several where a device has to compile its kernels first.
+    """
+    import torch
+
+    from kernels import runtime
+
+    def show(name: str, text: str) -> None:
+        typer.echo(f"{name:<13} {text}"[:80])
+
+    broken: list[str] = []
+    show("python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
+    for package in PACKAGES:
+        try:
+            show(package[:13], metadata.version(package))
+        except metadata.PackageNotFoundError:
+            show(package[:13], "MISSING")
+            broken.append(f"{package} is not installed")
+    show("cores", str(runtime.available_cores()))
+    show("free memory", _memory())
+    show("free disk", f"{shutil.disk_usage('.').free / 2**30:.1f} GiB here")
+    encoder = _h264()
+    show("H.264", encoder or "MISSING")
+    if not encoder:
+        broken.append("PyAV has no H.264 encoder: no videos")
+    show("CUDA device", torch.cuda.get_device_name() if torch.cuda.is_available() else "none")
+    cpu = _try("cpu")
+    for arch in ("cpu", "cuda", "vulkan"):
+        found = cpu if arch == "cpu" else _try(arch)
+        problem = found.get("broken", "")
+        if not problem and "rate" in found and "rate" in cpu:
+            problem = _differs(found, cpu)
+        if "absent" in found and arch != "cpu":
+            show(arch, "not here")
+        elif problem or "rate" not in found:
+            problem = problem or found["absent"]
+            show(arch, f"BROKEN: {problem}")
+            broken.append(f"{arch}: {problem}")
+        else:
+            same = "" if arch == "cpu" else ", as the CPU"
+            show(arch, f"works{same}, {found['rate']:.0f} mission steps a second in 4 worlds")
+    for problem in broken:
+        typer.echo(f"broken: {problem}", err=True)
+    if broken:
+        raise typer.Exit(1)
