@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.digest import REFRACTION, SEAS, TRACKED, WAVEFORM, mission_arrays
+from benchmarks.digest import REFRACTION, SEAS, TRACKED, mission_arrays
 from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv_env import Scenario, World
 
@@ -35,10 +35,7 @@ TOLERANCE = 2e-3  # of a number of the trace: m, m/s, W, packets
 MISSIONS = {
     "extreme": ("extreme", [], "fim"),
     "paper-extreme": ("paper-extreme", [], "hold:100,100"),
-    "station-keeping": ("station-keeping", [], "centroid"),
     "tracked": ("extreme", TRACKED + REFRACTION, "centroid"),
-    "waveform": ("ideal", WAVEFORM, "fim"),
-    "incoming waves": ("extreme", SEAS[1], "centroid"),
     "nonlinear sea": ("extreme", SEAS[2], "centroid"),
 }
 

@@ -25,15 +25,14 @@ def is_free(worlds: ti.template(), w, i):
 
 
 @ti.func
-def worth(worlds: ti.template(), w, k, i, separation):
+def worth(worlds: ti.template(), w, k, i, alpha, separation):
     """λ b/C − α d of node i for AUV k; d from its estimated position with a vertical separation (m)."""
-    p = ti.static(worlds.p)
     node = ti.static(worlds.node)
     dx = node[w, i, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x]
     dy = node[w, i, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y]
     d = ti.sqrt(dx * dx + dy * dy + separation * separation)
-    filling = node[w, i, NodeColumn.backlog] / p[Parameter.buffer]
-    return node[w, i, NodeColumn.rate] * filling - p[Parameter.distance_weight] * d
+    filling = node[w, i, NodeColumn.backlog] / worlds.p[Parameter.buffer]
+    return node[w, i, NodeColumn.rate] * filling - alpha * d
 
 
 @ti.func
@@ -44,7 +43,7 @@ def backlog_less_distance(worlds: ti.template(), w, k):
     best_value = -1e30
     for i in range(node.shape[1]):
         if is_free(worlds, w, i):
-            value = worth(worlds, w, k, i, 0.0)
+            value = worth(worlds, w, k, i, worlds.p[Parameter.distance_weight], 0.0)
             if value > best_value:
                 best = i
                 best_value = value
@@ -55,41 +54,40 @@ def backlog_less_distance(worlds: ti.template(), w, k):
 
 @ti.func
 def demonstration(worlds: ti.template(), w, k):
-    """Of the two nodes with the largest λ b/C − α d besides the old target, d the slant distance, the one of the lower
-    index that is no other AUV's target; where both are, the best free node.
+    """Of the K nodes with the largest λ b/C − α d, K the number of AUVs and d the slant distance, the free one of the
+    lowest index; where none of them is free, the free one with the largest value. At first the K nodes with the largest
+    λ b/C, the best to the last AUV.
+
+    The targets of all AUVs are among the nodes compared: one that has just been emptied takes the place of another.
     """
     node = ti.static(worlds.node)
+    count = worlds.auv.shape[1]
     separation = worlds.p[Parameter.separation_boat]  # the demonstration has one, to boat and nodes alike
-    old = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
-    first = -1
-    second = -1
-    free = -1
-    first_value = -1e30
-    second_value = -1e30
-    free_value = -1e30
+    alpha = worlds.p[Parameter.distance_weight]
+    first = worlds.auv[w, k, AuvColumn.target] < 0
+    if first:
+        alpha = 0.0
+    chosen = -1
+    best = -1
+    best_value = -1e30
     for i in range(node.shape[1]):
-        value = worth(worlds, w, k, i, separation)
-        if is_free(worlds, w, i) and value > free_value:
-            free = i
-            free_value = value
-        if i != old and value > first_value:
-            second = first
-            second_value = first_value
-            first = i
-            first_value = value
-        elif i != old and value > second_value:
-            second = i
-            second_value = value
-    lower = ti.min(first, second)
-    upper = ti.max(first, second)
-    best = free
-    if upper >= 0 and is_free(worlds, w, upper):
-        best = upper
-    if lower >= 0 and is_free(worlds, w, lower):
-        best = lower
-    if best < 0:  # more AUVs than nodes: share the nearest by index
-        best = k % node.shape[1]
-    return best
+        if chosen < 0 and is_free(worlds, w, i):
+            value = worth(worlds, w, k, i, alpha, separation)
+            if value > best_value:
+                best = i
+                best_value = value
+            better = 0
+            for j in range(node.shape[1]):
+                other = worth(worlds, w, k, j, alpha, separation)
+                if j != i and (other > value or (other == value and j > i)):
+                    better += 1
+            if better == count - 1 - k or (not first and better < count):
+                chosen = i
+    if chosen < 0:
+        chosen = best
+    if chosen < 0:  # more AUVs than nodes: share the nearest by index
+        chosen = k % node.shape[1]
+    return chosen
 
 
 target_rules.register("demonstration", demonstration)

@@ -11,6 +11,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -290,8 +291,8 @@ def test_ctrl_c_ends_all_processes_cleanly(tmp_path):
     command = [*COMMAND, "reproduce", "fig3", "--quick", "--out", "b", "--jobs", "2"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         assert "training runs" in running.stdout.readline()
-        while "left" not in running.stderr.readline():
-            pass
+        while not list((tmp_path / "b" / "runs").glob("*/last/training.json")):
+            time.sleep(0.05)
         running.send_signal(signal.SIGINT)
         said, complaints = running.communicate(timeout=300)
     assert running.returncode == 130

@@ -120,7 +120,7 @@ def _current(axes: Axes, trace: Trace) -> None:
     points = np.stack(np.meshgrid(x, y), -1).reshape(1, -1, 2)
     device = runtime.start().device
     centres, places = (
-        torch.from_numpy(np.ascontiguousarray(array, np.float32)).to(device)
+        torch.tensor(np.asarray(array, np.float32), device=device)
         for array in (trace.vortex[len(trace.time) // 2], points)
     )
     velocity = vortex.sample_current(centres, places)[0].cpu().numpy()

@@ -34,44 +34,45 @@ def test_shipped():
         assert conventions == (theirs if "paper" in name else ours)
 
 
-def after_service(rule: str) -> int:
+def after_service(rule: str, backlog: list[float]) -> int:
     """Target chosen after the service of node 1, right above it, among nodes with λ = 8 packets/s.
 
-    λ b/C − 0.05 √(d² + 100²) is −1.83 for node 3, 0.15 for node 2, 1.75 for node 4; with the horizontal d it is 2.70,
-    2.65, 4.25. Nodes 0 and 1 are last.
+    λ b/C − 0.05 √(d² + 100²) is −5 for node 1, emptied, and 1.6 b/1000 − 6.25, − 5.02 and − 6.25 for nodes 2 to 4; with the
+    horizontal d the last number is − 3.75, − 0.5, − 3.75. The other AUV heads for node 0, −5.59.
     """
-    overrides = ["auv.count=1", "nodes.count=5", "nodes.arrival_rates=[0]", f"nodes.target_rule={rule}"]
+    overrides = ["nodes.count=5", "nodes.arrival_rates=[0]", f"nodes.target_rule={rule}"]
     world = World(Scenario.load("paper-ideal", overrides), usv="hold:100,100")
     world.reset()
-    world.node[0, :, NodeColumn.x] = torch.tensor([100.0, 100.0, 175.0, 110.0, 25.0])
+    world.node[0, :, NodeColumn.x] = torch.tensor([50.0, 100.0, 175.0, 110.0, 25.0])
     world.node[0, :, NodeColumn.y] = 100.0
     world.node[0, :, NodeColumn.rate] = 8.0
-    world.node[0, :, NodeColumn.backlog] = torch.tensor([0.0, 5000.0, 4000.0, 2000.0, 5000.0])
+    world.node[0, :, NodeColumn.backlog] = torch.tensor([0.0, 5000.0, *backlog])
+    world.auv[0, 1, AuvColumn.target] = 0
     auv = world.auv[0, 0]
     auv[AuvColumn.x] = auv[AuvColumn.y] = 100.0
     auv[AuvColumn.target], auv[AuvColumn.hover], auv[AuvColumn.rate], auv[AuvColumn.cargo] = 1, 0.5, 0.2, 5000
-    world.step(torch.zeros(1, 1, 2))
+    world.step(torch.zeros(1, 2, 2))
     assert world.auv[0, 0, AuvColumn.service_rate] > 0
     return int(world.auv[0, 0, AuvColumn.target])
 
 
 def test_of_the_two_best_the_lower_index():
-    assert after_service("demonstration") == 2  # not the better, 4; by the horizontal distance it would be 3
-    assert after_service("backlog-less-distance") == 4
+    backlog = [4000.0, 2000.0, 5000.0]
+    assert after_service("demonstration", backlog) == 2  # not the better, 4; by the horizontal distance it would be 3
+    assert after_service("backlog-less-distance", backlog) == 4
+
+
+def test_an_emptied_node_is_one_of_the_two_best():
+    assert after_service("demonstration", [500.0, 0.0, 1500.0]) == 4  # −3.9, node 1 −5, node 3 −5.02, node 2 −5.5
 
 
 def test_first_targets(pair):
-    """Against the rule written in numpy: AUV 0 has no rival yet, AUV 1 loses its choice where AUV 0 has it."""
+    """The two nodes with the largest λ b/C, the better to AUV 1, wherever they are."""
     pair.reset()
     node, target = pair.node.double().numpy(), pair.auv[..., AuvColumn.target].long().numpy()
     for w in range(16):
-        for k in range(2):
-            offset = node[w, :, : NodeColumn.y + 1] - pair.estimate[w, k, :2].double().numpy()
-            value = node[w, :, NodeColumn.rate] * node[w, :, NodeColumn.backlog] / 5000
-            value -= 0.05 * np.sqrt((offset**2).sum(-1) + 100**2)
-            two = sorted(np.argsort(value)[-2:])
-            allowed = [i for i in two if k == 0 or i != target[w, 0]]
-            assert target[w, k] == allowed[0]
+        order = np.argsort(node[w, :, NodeColumn.rate] * node[w, :, NodeColumn.backlog], kind="stable")
+        assert target[w].tolist() == order[-2:].tolist()
 
 
 def test_service_is_paid_from_arrival_to_completion():
