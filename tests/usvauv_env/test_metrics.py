@@ -8,7 +8,7 @@ import torch
 
 import policies
 from usvauv_env import Scenario, Trace, TraceError, World
-from usvauv_env.record.metrics import COLUMNS, episode_metrics
+from usvauv_env.record.metrics import COLUMNS, energy_consumption, episode_metrics
 from usvauv_env.record.recorder import record
 from usvauv_env.record.table import read_rows, write_rows
 from usvauv_env.record.trace import DIMENSIONS
@@ -69,11 +69,17 @@ def test_metrics_by_hand():
 
 
 def test_ec_leaves_out_the_exact_length_of_services():
-    """AUV 0: 285 W · 2 s over 8 − 1.5/0.25 s; AUV 1: 400 W · 2 s over 8 − 2/0.5 s."""
+    """AUV 0: 285 W · 2 s over 8 − 1.5/1.25 s; AUV 1: 400 W · 2 s over 8 − 2/0.625 s."""
     trace = small_trace()
-    exact = Scenario.from_dict(trace.scenario.to_dict() | {"nodes": {"hovering_time": "exact"}})
-    (row,) = episode_metrics(replace(trace, scenario=exact))
-    assert row.ec == pytest.approx((570 / 2 + 800 / 4) / 2)
+    trace.service_rate[2, 0, 0], trace.service_rate[3, 0, 1] = 1.25, 0.625
+    trace.hovering[2:, 0, 1] = 1
+    exact = replace(
+        trace, scenario=Scenario.from_dict(trace.scenario.to_dict() | {"nodes": {"hovering_time": "exact"}})
+    )
+    so_far = energy_consumption(exact)[:, 0]
+    assert so_far[-1] == pytest.approx((570 / 6.8 + 800 / 4.8) / 2)
+    assert so_far[2] == pytest.approx((450 / 4.8 + 600 / 4) / 2)  # AUV 1 has hovered for one step, its service goes on
+    assert episode_metrics(exact)[0].ec == so_far[-1]
 
 
 def test_csv_has_the_promised_columns(tmp_path):

@@ -95,17 +95,23 @@ def target_distance(trace: Trace) -> np.ndarray:
     return np.linalg.norm(target - trace.auv_position, axis=-1)
 
 
-def energy_consumption(trace: Trace) -> np.ndarray:
-    """Table 2's EC: mean over AUVs of energy/(T dt − hovering time), (W,), W; at least one step is left."""
+def hovering_time(trace: Trace) -> np.ndarray:
+    """What EC leaves out at each step, (T, W, K), s, see `nodes.hovering_time`; a step may correct those before it."""
     step = trace.scenario.mission.step
+    time = trace.hovering * float(step)
     if trace.scenario.nodes.hovering_time == "exact":
         served = trace.service_rate > 0
-        rate = np.where(served, trace.service_rate, 1.0)
-        hovering = np.where(served, trace.delivered / rate, 0.0).sum(0, dtype=np.float64)
-    else:
-        hovering = trace.hovering.sum(0) * step
-    travelling = np.maximum(len(trace.time) * step - hovering, step)
-    return (trace.power.sum(0, dtype=np.float64) * step / travelling).mean(-1)
+        length = np.where(served, trace.delivered, 0.0) / np.where(served, trace.service_rate, 1.0)
+        time -= np.ceil(length / step - 1e-4) * step - length  # a service ends within its last step
+    return time
+
+
+def energy_consumption(trace: Trace) -> np.ndarray:
+    """Table 2's EC so far: mean over AUVs of energy/(time − hovering time), (T, W), W; at least one step is left."""
+    step = trace.scenario.mission.step
+    time = step * np.arange(1.0, len(trace.time) + 1)[:, None, None]
+    travelling = np.maximum(time - np.cumsum(hovering_time(trace), axis=0), step)
+    return (np.cumsum(trace.power, axis=0, dtype=np.float64) * step / travelling).mean(-1)
 
 
 def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics]:
@@ -114,7 +120,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     error = position_error(trace)
     fix_error = np.linalg.norm(trace.fix - trace.auv_position, axis=-1)
     good = trace.fix_flags == DETECTED
-    ec = energy_consumption(trace)
+    ec = energy_consumption(trace)[-1]
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
     of_task = {name: m.values(trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
     return [

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usvauv_env.record.metrics import position_error, target_distance
+from usvauv_env.record.metrics import energy_consumption, position_error, target_distance
 from usvauv_env.record.trace import Trace
 
 MEDIAN_WINDOW = 30.0  # s
@@ -18,7 +18,7 @@ class RunningMetrics:
 
     Attributes:
         sdr: (T,) sum of the data rates of all services so far, Mbit/s.
-        ec: (T,) mean over AUVs of energy so far/(time − hovering time), W.
+        ec: (T,) mean over AUVs of energy so far/(time − hovering time), W; see `nodes.hovering_time`.
         services: (T,) completed so far. delivered: (T,) Mbit so far. full_now: (T,) nodes losing packets in this step.
         position_error: (T, K) horizontal distance from the true position to the estimate, m.
         error_median: (T, K) its median over the last 30 s.
@@ -45,13 +45,11 @@ class RunningMetrics:
         step = trace.scenario.mission.step
         rate = trace.service_rate[:, 0].astype(float)
         hovering = trace.hovering[:, 0].astype(bool)
-        travelled = np.maximum(np.cumsum(~hovering, axis=0), 1)
-        travel_power = np.cumsum(trace.power[:, 0].astype(float), axis=0) / travelled
         error = position_error(trace)[:, 0].astype(float)
         moves = np.diff(trace.boat_position[:, 0].astype(float), axis=0, prepend=trace.boat_position[:1, 0])
         return cls(
             sdr=np.cumsum(rate.sum(axis=1)),
-            ec=travel_power.mean(axis=1),
+            ec=energy_consumption(trace)[:, 0],
             services=np.cumsum((rate > 0).sum(axis=1)),
             delivered=np.cumsum(trace.delivered[:, 0].astype(float).sum(axis=1)),
             full_now=trace.overflowing[:, 0],

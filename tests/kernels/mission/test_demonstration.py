@@ -37,8 +37,8 @@ def test_shipped():
 def after_service(rule: str, backlog: list[float]) -> int:
     """Target chosen after the service of node 1, right above it, among nodes with λ = 8 packets/s.
 
-    λ b/C − 0.05 √(d² + 100²) is −5 for node 1, emptied, and 1.6 b/1000 − 6.25, − 5.02 and − 6.25 for nodes 2 to 4; with the
-    horizontal d the last number is − 3.75, − 0.5, − 3.75. The other AUV heads for node 0, −5.59.
+    λ b/C − 0.05 √(d² + 100²) is −5 for node 1, emptied, and 1.6 b/1000 − 6.25, − 5.02 and − 6.25 for nodes 2 to 4;
+    with the horizontal d the last number is − 3.75, − 0.5, − 3.75. The other AUV heads for node 0, −5.59.
     """
     overrides = ["nodes.count=5", "nodes.arrival_rates=[0]", f"nodes.target_rule={rule}"]
     world = World(Scenario.load("paper-ideal", overrides), usv="hold:100,100")
