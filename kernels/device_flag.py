@@ -1,35 +1,33 @@
-"""A number that kernels write and the program looks at after each step without waiting for the device."""
+"""Whether numbers have left their bounds, looked at after each step without waiting for the device."""
 
 from __future__ import annotations
 
 import torch
 
+from kernels import runtime
+
 
 class DeviceFlag:
-    """One int32 on a device, 0 at first.
+    """Looks at numbers that kernels write, step after step.
 
-    On a CPU `look` gives what has been written. Elsewhere it gives what a copy brought that an earlier `look` began, so
-    that nobody waits: what a step writes is seen one step later.
-
-    Attributes:
-        value: (1,) int32 on the device.
+    On a CPU it sees them as they are. Elsewhere it sees what a copy brought that an earlier look began, so that nobody
+    waits: what a step writes is seen one step later.
     """
 
-    def __init__(self, device: torch.device) -> None:
-        self.value = torch.zeros(1, dtype=torch.int32, device=device)
-        self._here = self.value if device.type == "cpu" else torch.zeros(1, dtype=torch.int32, pin_memory=True)
-        self._seen = self._here.numpy()
+    def __init__(self) -> None:
+        running = runtime.start()
+        self._at_once = running.torch_on_host
+        if not self._at_once:
+            self._outside = torch.zeros(1, dtype=torch.int32, device=running.device)
+            self._copy = torch.zeros(1, dtype=torch.int32, pin_memory=torch.cuda.is_available())
+            self._seen = self._copy.numpy()
 
-    def look(self) -> int:
-        """The number."""
-        seen = int(self._seen[0])
-        if self._here is not self.value:
-            self._here.copy_(self.value, non_blocking=True)
+    def outside(self, numbers: torch.Tensor, limit: float) -> bool:
+        """Whether one of the numbers is not finite or beyond ±`limit`."""
+        low, high = torch.aminmax(numbers)
+        if self._at_once:
+            return not (low.item() >= -limit and high.item() <= limit)
+        seen = bool(self._seen[0])
+        self._outside.copy_(~((low >= -limit) & (high <= limit)))
+        self._copy.copy_(self._outside, non_blocking=True)
         return seen
-
-    def clear(self) -> None:
-        """Set it to 0, also where a copy is on its way."""
-        self.value.zero_()
-        if self._here is not self.value:
-            torch.cuda.synchronize()
-            self._here.zero_()

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import taichi as ti
 import torch
 from taichi.lang import impl, kernel_impl
@@ -43,6 +44,11 @@ class Runtime:
     def on_cpu(self) -> bool:
         """Whether kernels run on the CPU. Torch's device does not tell: for Vulkan tensors lie in the CPU's memory."""
         return self.arch == "cpu"
+
+    @property
+    def torch_on_host(self) -> bool:
+        """Whether torch's tensors lie in the CPU's memory, so that nobody waits who reads a number of theirs."""
+        return self.device.type == "cpu"
 
     @property
     def shares_memory_with_torch(self) -> bool:
@@ -198,6 +204,15 @@ def one_task_a_thread() -> int | None:
     On Vulkan the default, because a loop has up to 65,536 threads, and devices need not have more than 65,535 blocks.
     """
     return 1 if start().on_cpu else None
+
+
+def upload(numbers: np.ndarray, tensor: torch.Tensor) -> None:
+    """Write numbers of the host into a tensor without waiting for the device.
+
+    From ordinary memory CUDA copies only when all that was launched before is done.
+    """
+    source = torch.from_numpy(numbers)
+    tensor.copy_(source.pin_memory() if tensor.is_cuda else source, non_blocking=True)
 
 
 def synchronize() -> None:

@@ -237,10 +237,9 @@ class ShallowWater(Diagnostics):
         """Prescribed elevation at each substep of the coming interval; the phase at its beginning is exact."""
         angle = self._omega * self.time + self._phase
         now = np.concatenate([self._amplitude * np.cos(angle), self._amplitude * np.sin(angle)], axis=1)
-        elevation = torch.as_tensor((self._rotation @ now[:, :, None])[:, :, 0], dtype=torch.float32)
-        if self._packing.strips:
-            self._prescribed[0].copy_(elevation[0, :, None], non_blocking=True)
-        else:
-            blocks = self._packing.blocks
-            padded = torch.nn.functional.pad(elevation, (0, 0, 0, blocks * LANES - self.num_seas))
-            self._prescribed.copy_(padded.view(blocks, LANES, self.substeps).transpose(1, 2), non_blocking=True)
+        elevation = (self._rotation @ now[:, :, None])[:, :, 0].astype(np.float32)
+        blocks = self._packing.blocks
+        if not self._packing.strips:
+            elevation = np.pad(elevation, ((0, blocks * LANES - self.num_seas), (0, 0)))
+        table = elevation.reshape(blocks, -1, self.substeps).swapaxes(1, 2)
+        runtime.upload(np.ascontiguousarray(np.broadcast_to(table, self._prescribed.shape)), self._prescribed)

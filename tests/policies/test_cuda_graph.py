@@ -7,12 +7,12 @@ import copy
 
 import pytest
 import torch
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from policies import TrainingConfig
 from policies.algorithms import ALGORITHMS, Batch, Sizes
 from policies.cuda_graph import WARM_UP, Recorded
 from policies.training import Trainer
+from tests.nothing_waits import NothingWaits
 from tests.policies.toy import LEARNING, ToyWorld, scenario, seeded
 
 SIZES = Sizes(stack=2, observation=5, action=2)
@@ -92,25 +92,6 @@ def test_after_a_restore_it_is_recorded_anew():
     assert recorder.recorded == 2
 
 
-class NothingWaits(TorchDispatchMode):
-    """Refuses what makes a host wait for its GPU: numbers read off a tensor, shapes that depend on them, new constants.
-
-    Every tensor here lies on the CPU, where none of it would cost anything.
-    """
-
-    REFUSED = ("_local_scalar_dense", "item", "nonzero", "masked_select", "equal", "is_nonzero")
-
-    def __torch_dispatch__(self, operation, types, args=(), kwargs=None):
-        name = operation.overloadpacket.__name__
-        constant = name == "lift_fresh" and args[0].ndim > 0  # a number is an argument of the kernel that fills with it
-        masks = name in ("index", "index_put_") and any(
-            isinstance(index, torch.Tensor) and index.dtype == torch.bool for index in args[1]
-        )
-        if name in self.REFUSED or constant or masks:
-            raise AssertionError(f"{operation} waits for the device")
-        return operation(*args, **(kwargs or {}))
-
-
 class Now:
     """Executor that does things at once, and in this thread."""
 
@@ -142,10 +123,3 @@ def test_a_step_of_training_does_not_wait_for_the_device(monkeypatch, algorithm,
         for _ in range(12):
             trainer._advance(Now(), 1000)
     assert trainer.learner.updates >= 8
-
-
-@pytest.mark.parametrize("wait", [lambda x: float(x.mean()), lambda x: bool(x[0] > 0), lambda x: x[x > 0]])
-def test_waiting_would_be_found(wait):
-    x = torch.ones(3)
-    with NothingWaits(), pytest.raises(AssertionError, match="waits for the device"):
-        wait(x)

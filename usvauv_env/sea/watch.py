@@ -27,7 +27,7 @@ class SeaWatch:
         self._sea = sea
         self._limit = DRY if sea.units == (1.0, 1.0) else deepest
         self._eta = sea.eta if runtime.start().shares_memory_with_torch else None
-        self._flag = DeviceFlag(sea.eta.device)
+        self._flag = DeviceFlag()
 
     def advance(self) -> None:
         """One interval.
@@ -40,15 +40,7 @@ class SeaWatch:
             sea.advance()
         except FloatingPointError as error:
             raise DivergenceError(f"sea: {error}") from None
-        if self._eta is None:
-            return
-        low, high = torch.aminmax(self._eta)
-        if self._eta.device.type == "cpu":
-            wrong = not (low.item() >= -self._limit and high.item() <= self._limit)
-        else:
-            self._flag.value.copy_(~((low >= -self._limit) & (high <= self._limit)))
-            wrong = self._flag.look() != 0
-        if wrong:
+        if self._eta is not None and self._flag.outside(self._eta, self._limit):
             index, value = self._worst()
             raise DivergenceError(
                 f"sea {index}: the elevation is {value:g} m at {sea.time:g} s: must be within {self._limit:g} m"

@@ -106,7 +106,6 @@ class World:
         self.observation_layout = ObservationLayout.of(scenario)
         self.observation_size = self.observation_layout.size
         self.device = runtime.start(arch).device
-        self._on_host = self.device.type == "cpu"
         self._first_world = first_world
         self._sea_interval = max(1, round(scenario.sea.update_interval / scenario.mission.step))
         self._fine_sea = fine_sea
@@ -135,7 +134,7 @@ class World:
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
         self._action = self._zeros(*team, 2)
-        self._fault = DeviceFlag(self.device)
+        self._fault = DeviceFlag()
         self._flow = self.site.current
         self._stream = (
             self._zeros(len(Level.names), 1, 1, 2) if self._flow is None else self._upload(self._flow.at(0.0))
@@ -206,7 +205,7 @@ class World:
         """
         if action.shape != self._action.shape:
             raise ValueError(f"action has shape {tuple(action.shape)}: must be {tuple(self._action.shape)}")
-        if self._on_host and not math.isfinite(action.sum().item()):
+        if runtime.start().torch_on_host and not math.isfinite(action.sum().item()):
             raise ValueError("action: all numbers must be finite")
         if self._steps_since_sea % self._sea_interval == 0:
             self._watch.advance()
@@ -257,13 +256,7 @@ class World:
         Raises:
             DivergenceError: one is not finite or has run away; names world, quantity and time.
         """
-        low, high = torch.aminmax(self._numbers)
-        if self._on_host:
-            wrong = not (low.item() >= -LARGEST and high.item() <= LARGEST)
-        else:
-            self._fault.value.copy_(~((low >= -LARGEST) & (high <= LARGEST)))
-            wrong = self._fault.look() != 0
-        if wrong:
+        if self._fault.outside(self._numbers, LARGEST):
             world, problem = self._first_fault()
             time = int(self._clock[world, 1]) * self.scenario.mission.step
             raise DivergenceError(f"world {self._first_world + world} at {time:g} s: {problem}")
@@ -385,8 +378,7 @@ class World:
         self._storm.set_time(time)
         if self._flow is not None and len(self._flow.times) > 1:
             # Seas run on where only some worlds are reset; the current then stays as it was at the end of the file.
-            flow = torch.from_numpy(self._flow.at(min(time, self._flow.times[-1])))
-            self._stream.copy_(flow, non_blocking=True)
+            runtime.upload(self._flow.at(min(time, self._flow.times[-1])), self._stream)
 
     def _upload(self, numbers: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(np.ascontiguousarray(numbers, np.float32)).to(self.device)
