@@ -32,6 +32,17 @@ class RuntimeUnavailable(UserError, RuntimeError):
     """The requested architecture cannot be used on this machine, or another one is running already."""
 
 
+class Unsupported(RuntimeUnavailable):
+    """The architecture that is running cannot do what is asked for.
+
+    Args:
+        problem: what, and why not.
+    """
+
+    def __init__(self, problem: str) -> None:
+        super().__init__(f"arch: {start().arch!r} does not serve here: {problem}; use cpu or cuda")
+
+
 @dataclass(frozen=True)
 class Runtime:
     """Taichi's architecture, torch's device and the number of CPU threads of Taichi's kernels."""

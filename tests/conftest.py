@@ -1,6 +1,7 @@
 """Fixtures that tests of more than one module use."""
 
 import sys
+from collections.abc import Generator
 
 import pytest
 import torch
@@ -16,6 +17,22 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--arch") != "auto":
         runtime.start(config.getoption("--arch"))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what is about CPUs alone where kernels run elsewhere."""
+    marker = item.get_closest_marker("cpu")
+    if marker and not runtime.start().on_cpu:
+        pytest.skip(f"about CPUs alone: {marker.args[0]}")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, object]:
+    """Skip what the architecture under test refuses; a CPU refuses nothing."""
+    try:
+        return (yield)
+    except runtime.Unsupported as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")

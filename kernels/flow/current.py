@@ -81,13 +81,14 @@ def on_grid(
     """
     for w, i in ti.ndrange(flow.shape[0], flow.shape[1]):
         water = ti.static(Water(vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea_index))
-        if mask[w] != 0:
-            y = margin + (size[1] - 2.0 * margin) * i / (flow.shape[1] - 1)
-            for j in range(flow.shape[2]):
+        y = margin + (size[1] - 2.0 * margin) * i / (flow.shape[1] - 1)
+        for j in range(flow.shape[2]):
+            here = vec2(flow[w, i, j, 0], flow[w, i, j, 1])
+            if mask[w] != 0:
                 x = margin + (size[0] - 2.0 * margin) * j / (flow.shape[2] - 1)
                 here = velocity(water, Level.cruise, w, x, y)
-                flow[w, i, j, 0] = here[0]
-                flow[w, i, j, 1] = here[1]
+            flow[w, i, j, 0] = here[0]
+            flow[w, i, j, 1] = here[1]
 
 
 @ti.kernel

@@ -101,8 +101,8 @@ def run(
             reset.begin_episode(worlds, w)
         if ti.static(program.constant_range > 0):
             # A device in software leaves all loops once a thread has done 65,535 iterations: `docs/architectures.md`.
+            # `World` looks for the infinite number. Reading the observation keeps that of worlds that are not chosen.
             turns = 0
             for _ in range(clock.shape[1]):
                 turns += 1
-            if turns < clock.shape[1]:
-                observation[w, 0, 0] = ti.math.nan
+            observation[w, 0, 0] = ti.select(turns < clock.shape[1], ti.math.inf, observation[w, 0, 0])

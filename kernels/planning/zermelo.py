@@ -332,13 +332,11 @@ def solve(
         size: (width, length) of the area, m. radius: R > 0, m.
 
     Raises:
-        RuntimeUnavailable: on an architecture other than CPU and CUDA.
+        Unsupported: on an architecture other than CPU and CUDA.
     """
     running = runtime.start()
     if not running.shares_memory_with_torch:
-        raise runtime.RuntimeUnavailable(
-            f"arch: {running.arch!r} has devices that cut the long loops of Zermelo's problem short; use cpu or cuda"
-        )
+        raise runtime.Unsupported("Zermelo's problem takes loops that devices may cut short")
     _solve(flow, goal, due, speeds, rates, *size, radius, cost)
 
 

@@ -59,6 +59,7 @@ class NonlinearShallowWater:
 
     Raises:
         ValueError: fewer than 3 cells, a bed that is not finite, an unknown side or kind.
+        Unsupported: on an architecture other than CPU and CUDA.
     """
 
     def __init__(
@@ -75,6 +76,8 @@ class NonlinearShallowWater:
         dry: float = 1e-4,
     ) -> None:
         running = runtime.start()
+        if not running.shares_memory_with_torch:
+            raise runtime.Unsupported("the nonlinear sea takes cosines in double precision")
         self.nx, self.ny = cells
         if min(cells) < 3:
             raise ValueError(f"cells: {cells} must be at least 3 each way")

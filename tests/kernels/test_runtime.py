@@ -10,6 +10,7 @@ import torch
 
 from kernels import runtime
 from kernels.planning import zermelo
+from kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 PATIENCE = 1 << 28  # looks at the other turn, a second or more
 
@@ -27,11 +28,10 @@ def meet(arrived: ti.types.ndarray(dtype=ti.i32, ndim=1), met: ti.types.ndarray(
                 met[i] = 1
 
 
+@pytest.mark.cpu("threads")
 @pytest.mark.skipif(runtime.available_cores() < 2, reason="one core")
 def test_two_turns_of_a_loop_run_at_the_same_time():
     """With Taichi's defaults a loop of fewer than a thousand turns runs on one thread, however long they take."""
-    if not runtime.start().on_cpu:
-        pytest.skip("threads of a CPU")
     arrived, met = torch.zeros((2, 2), dtype=torch.int32)
     meet(arrived, met)
     assert met.tolist() == [1, 1]
@@ -67,8 +67,10 @@ def test_the_architecture_decides_and_not_the_device_of_torch(monkeypatch, arch)
     assert runtime.start().shares_memory_with_torch == (arch in ("cpu", "cuda"))
 
 
-def test_long_loops_are_refused_on_vulkan(monkeypatch):
+def test_what_vulkan_cannot_do_is_refused(monkeypatch):
     monkeypatch.setattr(runtime, "_running", runtime.Runtime("vulkan", torch.device("cpu"), 2))
     nothing = torch.zeros(1)
-    with pytest.raises(runtime.RuntimeUnavailable, match="vulkan"):
+    with pytest.raises(runtime.Unsupported, match=r"^arch: 'vulkan' does not serve here: Zermelo"):
         zermelo.solve(*6 * [nothing], size=(1.0, 1.0), radius=1.0)
+    with pytest.raises(runtime.Unsupported, match="nonlinear sea"):
+        NonlinearShallowWater(size=(1.0, 1.0), cells=(4, 4), bed=-1.0, interval=1.0)

@@ -47,6 +47,7 @@ class TestRandomNumbers:
         for name, value in alone.items():
             np.testing.assert_array_equal(value[0], together[name][23], err_msg=name)
 
+    @pytest.mark.cpu("number of threads")
     def test_same_for_one_thread_and_two(self, extreme):
         """A run in a process of its own with one thread gives the bits of this process's run."""
         script = (
@@ -160,6 +161,20 @@ class TestStart:
         world.reset(torch.tensor([False, True, False, True]))
         changed = (world.node != before).any(dim=2).any(dim=1)
         assert changed.tolist() == [False, True, False, True]
+
+    def test_what_a_mask_spares_keeps_its_numbers(self, extreme):
+        """Also where arrays are copied to a device, on which another world of the same size has been at work."""
+        world, other = World(extreme, num_worlds=4, seed=1), World(extreme, num_worlds=4, seed=2)
+        world.reset()
+        other.reset()
+        spared = torch.tensor([True, False, True, False], device=world.device)
+        world.observation[spared] = 0.25
+        world.reset(~spared)
+        flow = torch.full((4, 5, 5, 2), 0.25, device=world.device)
+        world.current_field(flow, ~spared)
+        for values in (world.observation, flow):
+            kept = (values == 0.25).flatten(1).all(1)
+            assert torch.equal(kept, spared)
 
     def test_still_water_has_no_current(self):
         world = World(Scenario.load("ideal"), num_worlds=8, seed=2)

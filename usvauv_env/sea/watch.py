@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import torch
 
-from kernels import runtime
 from kernels.device_flag import DeviceFlag
 from kernels.errors import DivergenceError
 from usvauv_env.sea.long_waves import LongWaves
@@ -15,9 +14,6 @@ DRY = 1e4  # m, above every elevation where land may be dry
 class SeaWatch:
     """Advances long waves and looks at their elevation.
 
-    Where kernels run elsewhere than torch's tensors lie (`Runtime.shares_memory_with_torch`), the whole field would
-    have to be copied; there a sea is watched only where vehicles are, by their own state.
-
     Args:
         sea: to be watched.
         deepest: depth of still water at the deepest place, m; the elevation of a linear sea stays within it.
@@ -26,8 +22,7 @@ class SeaWatch:
     def __init__(self, sea: LongWaves, deepest: float) -> None:
         self._sea = sea
         self._limit = DRY if sea.units == (1.0, 1.0) else deepest
-        self._eta = sea.eta if runtime.start().shares_memory_with_torch else None
-        self._flag = DeviceFlag()
+        self._flag = DeviceFlag(sea.fields[0], self._limit)
 
     def advance(self) -> None:
         """One interval.
@@ -40,7 +35,7 @@ class SeaWatch:
             sea.advance()
         except FloatingPointError as error:
             raise DivergenceError(f"sea: {error}") from None
-        if self._eta is not None and self._flag.outside(self._eta, self._limit):
+        if self._flag.raised():
             index, value = self._worst()
             raise DivergenceError(
                 f"sea {index}: the elevation is {value:g} m at {sea.time:g} s: must be within {self._limit:g} m"

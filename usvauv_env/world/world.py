@@ -134,7 +134,7 @@ class World:
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
         self._action = self._zeros(*team, 2)
-        self._fault = DeviceFlag()
+        self._fault = DeviceFlag(self._numbers, LARGEST)
         self._flow = self.site.current
         self._stream = (
             self._zeros(len(Level.names), 1, 1, 2) if self._flow is None else self._upload(self._flow.at(0.0))
@@ -255,8 +255,13 @@ class World:
 
         Raises:
             DivergenceError: one is not finite or has run away; names world, quantity and time.
+            Unsupported: the device cuts loops short that are too long for it.
         """
-        if self._fault.outside(self._numbers, LARGEST):
+        if self._fault.raised():
+            if runtime.start().arch == "vulkan" and self.observation[:, 0, 0].isposinf().any():  # by the kernel `run`
+                raise runtime.Unsupported(
+                    f"{self.num_auvs} AUVs and {self.scenario.targets} nodes take loops that this device cuts short"
+                )
             world, problem = self._first_fault()
             time = int(self._clock[world, 1]) * self.scenario.mission.step
             raise DivergenceError(f"world {self._first_world + world} at {time:g} s: {problem}")

@@ -9,20 +9,12 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
 
 import policies
-from kernels import runtime
 from kernels.flow.vortex import sample_current
 from kernels.mission.columns import AuvColumn
 from kernels.mission.vehicle import travelling_power
 from kernels.planning import zermelo
 from policies.guidance import unit
 from usvauv_env import Scenario, World
-
-
-@pytest.fixture(autouse=True)
-def _where_it_runs():
-    if not runtime.start().shares_memory_with_torch:
-        pytest.skip("Vulkan: refused, see test_runtime")
-
 
 SIZE = (200.0, 200.0)
 RADIUS = 6.0
