@@ -1,6 +1,7 @@
 """The one kind of error that a user can cause and mend."""
 
 LONGEST = 2000  # characters of a message
+SHOWN = 400  # of one that is quoted
 
 
 class UserError(Exception):
@@ -18,3 +19,18 @@ class UserError(Exception):
 
 class DivergenceError(UserError, ArithmeticError):
     """A simulation or a training run has left finite numbers, or those that mean something; it cannot go on."""
+
+
+def in_words(error: BaseException) -> str:
+    """Kind and message of an exception of any kind, in one line.
+
+    Taichi's messages name the functions that were being compiled, the outermost first, and quote all their arguments:
+    kept are the last place and the start of the reason.
+    """
+    lines = str(error).split("\n")
+    places = [i for i, line in enumerate(lines) if line.startswith('File "')]
+    if places:
+        reasons = [line for line in lines[places[-1] + 1 :] if line.strip(" ^~\t")]
+        lines = [lines[places[-1]], *reasons[-1:]]
+    text = " ".join(" ".join(lines).split())
+    return f"{type(error).__name__}: {text if len(text) <= SHOWN else text[:SHOWN] + ' …'}"

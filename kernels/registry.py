@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping
-from typing import Generic, TypeVar
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
-from kernels.errors import UserError
+from kernels.errors import UserError, in_words
 
 T = TypeVar("T")
+SHIPPED = tuple(
+    f"{Path(__file__).parents[1] / package}{os.sep}" for package in ("kernels", "usvauv_env", "policies", "usvauv_cli")
+)
 
 
 class Registry(Mapping[str, T], Generic[T]):
@@ -16,26 +23,60 @@ class Registry(Mapping[str, T], Generic[T]):
     Args:
         kind: what an item is, in the singular, for error messages, e.g. "boat strategy".
         error: the class of the error for an unknown name.
+        form: what an item is an instance of, or a subclass.
 
     Raises:
         error: an unknown name; the message lists the known ones.
     """
 
-    def __init__(self, kind: str, error: Callable[[str], UserError] = UserError) -> None:
+    def __init__(self, kind: str, error: Callable[[str], UserError] = UserError, form: Any = Callable) -> None:
         self.kind = kind
         self._error = error
+        self._form = form
         self._items: dict[str, T] = {}
+        self._files: dict[str, str] = {}
 
     def register(self, name: str, item: T) -> T:
         """Add an item under a name that is not taken yet; returns the item.
 
         Raises:
-            error: the name is taken.
+            error: the name is taken or is no text, or the item is of another form.
         """
         if name in self._items:
             raise self._error(f"{self.kind} {name!r}: is registered already")
+        if not isinstance(name, str) or not name:
+            raise self._error(f"{self.kind} {name!r}: the name must be text")
+        if not (issubclass(item, self._form) if isinstance(item, type) else isinstance(item, self._form)):
+            raise self._error(f"{self.kind} {name!r}: is {item!r}: must be a {self._form.__name__}")
         self._items[name] = item
+        self._files[name] = sys._getframe(1).f_code.co_filename
         return item
+
+    def described(self, name: str) -> str:
+        """An item in words, with the file that registered it if that is none of the packages'; else empty."""
+        file = self._files.get(name, "")
+        return f"{self.kind} {name!r} of {file}" if file and not file.startswith(SHIPPED) else ""
+
+    @contextmanager
+    def calling(self, name: str) -> Iterator[None]:
+        """A context in which a plugin's item runs: what it raises becomes one line that names the item and its file.
+
+        Raises:
+            error: instead of what a plugin raises; what belongs to the packages raises as it does.
+        """
+        try:
+            yield
+        except UserError:
+            raise
+        except (Exception, SystemExit) as problem:
+            if not (item := self.described(name)):
+                raise
+            raise self._error(f"{item}: raised {in_words(problem)}") from problem
+
+    def refuse(self, name: str, returned: object, allowed: str) -> UserError:
+        """The error for an item that returned something that is not allowed."""
+        item = self.described(name) or f"{self.kind} {name!r}"
+        return self._error(f"{item}: returned {' '.join(repr(returned).split())[:200]}: must be {allowed}")
 
     def __getitem__(self, name: str) -> T:
         if name not in self._items:

@@ -41,14 +41,14 @@ class TrainingConfig:
             end the value's horizon (`reward.service_terminates`).
         gamma: discount γ of one mission step.
         n_step: steps n of reward before the bootstrap.
-        batch: transitions per learner in one update.
+        batch: transitions per learner in one update; of a shared one the same number of each AUV's, rounded down.
         updates: gradient updates for each step of all worlds.
         learning_rate: initial learning rate of Adam for actor, critics and temperature.
         final_rate: learning rate at the end of the run over the initial one; it falls linearly with the steps.
         tau: τ of the soft update of target networks.
         noise: standard deviation of the exploration noise of TD3 and DDPG.
         correlation: correlation of the exploration noise from one step to the next, see `CorrelatedNoise`.
-        replay: capacity in transitions per AUV.
+        replay: capacity in transitions per AUV, in whole steps of all worlds, rounded down.
         warmup: world-steps of the untrained policy, with its exploration, before the first update.
         reward_scale: mean magnitude to which rewards are scaled, by those before the first update.
         layer_norm: normalise the critics' hidden layers.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from policies.learned import LearnedPolicy
-from policies.loading import load
+from policies.loading import acting
 from usvauv_env.record.metrics import episode_metrics, mean_figures
 from usvauv_env.record.recorder import record
 from usvauv_env.world.world import World
@@ -24,6 +24,7 @@ def evaluate(
         policy: a name as `load` takes it, or a learned policy for the worlds' scenario.
         on_step: called with the number of steps done.
     """
-    actor = policy if isinstance(policy, LearnedPolicy) else load(policy, worlds)
+    learned = isinstance(policy, LearnedPolicy)
+    act, name = (policy.act, policy.name) if learned else (acting(policy, worlds), str(policy))
     worlds.rewind()
-    return mean_figures(episode_metrics(record(worlds, actor.act, actor.name, on_step=on_step)))
+    return mean_figures(episode_metrics(record(worlds, act, name, on_step=on_step)))

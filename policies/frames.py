@@ -165,7 +165,7 @@ class GuidedFrame(TargetFrame):
         return torch.where(along.norm(dim=-1, keepdim=True) > TINY, unit(along), track)
 
 
-FRAMES: Registry[type[Frame]] = Registry("frame", PolicyError)
+FRAMES: Registry[type[Frame]] = Registry("frame", PolicyError, Frame)
 FRAMES.register("guided", GuidedFrame)
 FRAMES.register("target", TargetFrame)
 FRAMES.register("world", WorldFrame)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from policies.checkpoint import BEST, LAST, load_policy
 from policies.heuristics import HEURISTICS
@@ -66,9 +68,38 @@ def load(name: str | Path, world: World) -> Policy:
         PolicyError: unknown name, missing or damaged checkpoint, one that does not fit the world's scenario, argument
             out of range.
     """
-    if kind := HEURISTICS.get(_base(name)):
-        return kind(str(name), world, _argument(name, world.scenario))
+    base = _base(name)
+    if kind := HEURISTICS.get(base):
+        argument = _argument(name, world.scenario)
+        with HEURISTICS.calling(base):
+            return kind(str(name), world, argument)
     return load_learned(name, world.scenario, world.device)
+
+
+def acting(name: str | Path, world: World) -> Callable[[Tensor], Tensor]:
+    """`act` of the policy that `load` gives; what a plugin's policy returns is checked.
+
+    Raises:
+        PolicyError: as `load`; and by the function, where a plugin's policy fails or returns no actions.
+    """
+    policy, base = load(name, world), _base(name)
+    if not HEURISTICS.described(base):
+        return policy.act
+    shape = (world.num_worlds, world.num_auvs, 2)
+
+    def act(observation: Tensor) -> Tensor:
+        with HEURISTICS.calling(base):
+            action = policy.act(observation)
+        if not isinstance(action, Tensor):
+            raise HEURISTICS.refuse(base, action, f"a tensor of shape {shape}")
+        if action.shape != shape or not action.is_floating_point() or action.device != world.device:
+            given = f"{action.dtype} of shape {tuple(action.shape)} on {action.device}"
+            raise HEURISTICS.refuse(base, given, f"real numbers of shape {shape} on {world.device}")
+        if world.device.type == "cpu" and not action.isfinite().all():
+            raise HEURISTICS.refuse(base, float(action[~action.isfinite()][0]), "numbers in [-1, 1]")
+        return action
+
+    return act
 
 
 def check(name: str | Path, scenario: Scenario) -> None:
@@ -112,7 +143,8 @@ def _base(name: str | Path) -> str:
 def _argument(name: str | Path, scenario: Scenario) -> Any:
     """The argument in a heuristic's name."""
     base, colon, text = str(name).partition(":")
-    try:
-        return HEURISTICS[base].parse(text if colon else None, scenario)
-    except ValueError as error:
-        raise PolicyError(f"policy {name}: {error}") from None
+    with HEURISTICS.calling(base):
+        try:
+            return HEURISTICS[base].parse(text if colon else None, scenario)
+        except ValueError as error:
+            raise PolicyError(f"policy {name}: {error}") from None

@@ -12,7 +12,7 @@ import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from kernels.errors import UserError
+from kernels.errors import UserError, in_words
 
 GROUP = "usvauv.plugins"
 _paths: list[Path] = []
@@ -46,7 +46,7 @@ def load(path: str | Path) -> None:
         raise PluginError(f"plugin {path}: {error}") from None
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise PluginError(_one_line(path, error)) from error
+        raise PluginError(f"plugin {path}: {in_words(error)}") from error
     _paths.append(file)
 
 
@@ -60,13 +60,9 @@ def load_installed() -> None:
         try:
             entry.load()
         except (Exception, SystemExit) as error:
-            raise PluginError(_one_line(entry.value, error)) from error
+            raise PluginError(f"plugin {entry.value}: {in_words(error)}") from error
 
 
 def loaded() -> list[Path]:
     """Files of the plugins loaded by path, in order."""
     return list(_paths)
-
-
-def _one_line(source: object, error: BaseException) -> str:
-    return f"plugin {source}: {type(error).__name__}: {' '.join(str(error).split())}"

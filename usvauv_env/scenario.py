@@ -159,6 +159,11 @@ class Scenario(Section):
             count = len(set(edges).intersection(sea.sponge_edges))
             if count * sea.sponge_width > side:
                 raise ValueError(f"sea.sponge_width must not be above {side / count:g} m, or the layers overlap")
+        if sea.sponge_edges and sea.sponge_width < 2 * sea.cell_size:
+            least = 2 * sea.cell_size
+            raise ValueError(
+                f"sea.sponge_width = {sea.sponge_width:g}: must be at least two sea.cell_size, {least:g} m"
+            )
         if not self.water.bathymetry and self.highest_long_wave > area.depth / 2:
             raise ValueError(
                 f"sea.regular_amplitude + 4 √(sea.irregular_rms² + sea.start_rms²) = {self.highest_long_wave:.3g} m:"

@@ -72,7 +72,9 @@ class Area(Section):
 
 class Mission(Section):
     step: float = Field(1.0, ge=0.01, le=10, description="mission step, s")
-    duration: float = Field(1000.0, ge=0.01, le=1e7, description="length of an episode, s")
+    duration: float = Field(
+        1000.0, ge=0.01, le=1e7, description="length of an episode, s; the nearest whole number of steps, at least one"
+    )
 
     @property
     def steps(self) -> int:
@@ -92,12 +94,17 @@ class Sea(Section):
     equations: Literal["linear", "nonlinear"] = Field(
         "linear", description="linear long waves, or nonlinear ones with bores and dry shores, which cost far more"
     )
-    cell_size: float = Field(4.0, ge=0.05, le=1000, description="grid spacing while training and evaluating, m")
+    cell_size: float = Field(
+        4.0, ge=0.05, le=1000, description="grid spacing while training and evaluating, m; about: cells fill the area"
+    )
     fine_cells: int = Field(512, ge=16, le=8192, description="cells along the longer side when simulated live")
     gravity: float = Field(9.81, ge=1, le=30, description="gravitational acceleration g, m/s²")
     drag: float = Field(0.0, ge=0, le=1, description="linear bottom drag rate, 1/s; keeps a resonant basin finite")
     update_interval: float = Field(
-        1.0, ge=0.01, le=86400, description="time between updates of the surface seen by the boat, s"
+        1.0,
+        ge=0.01,
+        le=86400,
+        description="time between updates of the long waves, s, whatever the mission step: they stand for up to it",
     )
     realisations: int = Field(
         16, ge=1, le=4096, description="different seas in a batch; world w sails on sea w modulo this"

@@ -7,12 +7,20 @@ from kernels.mission.columns import BoatColumn, Parameter
 from kernels.shallow_water import packing
 from kernels.types import Level, vec2
 
+LARGEST = 1e12  # m, of a goal
+
 
 @ti.func
 def set_goal(worlds: ti.template(), w, goal: vec2):
-    """Make a place the boat's goal; outside the area, the area's nearest point."""
-    worlds.boat[w, BoatColumn.goal_x] = ti.min(ti.max(goal[0], 0.0), worlds.p[Parameter.width])
-    worlds.boat[w, BoatColumn.goal_y] = ti.min(ti.max(goal[1], 0.0), worlds.p[Parameter.length])
+    """Make a place the boat's goal; outside the area, the area's nearest point.
+
+    A goal that is no place stays in its columns, which ends the run; the boat itself stays in the area.
+    """
+    for axis in ti.static(range(2)):
+        side = worlds.p[Parameter.width + axis]
+        worlds.boat[w, BoatColumn.goal_x + axis] = ti.min(ti.max(goal[axis], 0.0), side)
+        if not (ti.abs(goal[axis]) <= LARGEST):
+            worlds.boat[w, BoatColumn.goal_x + axis] = ti.math.nan
 
 
 @ti.func
@@ -22,8 +30,8 @@ def place(worlds: ti.template(), w):
     for c in range(boat.shape[1]):
         boat[w, c] = 0.0
     set_goal(worlds, w, worlds.program.strategy.start(worlds, w))
-    boat[w, BoatColumn.x] = boat[w, BoatColumn.goal_x]
-    boat[w, BoatColumn.y] = boat[w, BoatColumn.goal_y]
+    boat[w, BoatColumn.x] = ti.min(ti.max(boat[w, BoatColumn.goal_x], 0.0), worlds.p[Parameter.width])
+    boat[w, BoatColumn.y] = ti.min(ti.max(boat[w, BoatColumn.goal_y], 0.0), worlds.p[Parameter.length])
 
 
 @ti.func

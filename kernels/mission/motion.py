@@ -8,9 +8,16 @@ from kernels.types import vec2
 
 
 @ti.func
+def target_of(worlds: ti.template(), w, k):
+    """Index of the node that AUV k heads for; one that a plugin has set wrong counts as the nearest index."""
+    target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+    return ti.min(ti.max(target, 0), worlds.node.shape[1] - 1)
+
+
+@ti.func
 def distance_to_target(worlds: ti.template(), w, k):
     """True horizontal distance from AUV k to its target, m."""
-    target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+    target = target_of(worlds, w, k)
     return vec2(
         worlds.node[w, target, NodeColumn.x] - worlds.auv[w, k, AuvColumn.x],
         worlds.node[w, target, NodeColumn.y] - worlds.auv[w, k, AuvColumn.y],

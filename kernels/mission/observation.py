@@ -9,6 +9,7 @@ import taichi as ti
 
 from kernels.flow import airy, current
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, Parameter
+from kernels.mission.motion import target_of
 from kernels.types import Level, vec2
 
 # A horizontal current profiler measures on beams towards the target and BEAM_ANGLE to its right and left, at
@@ -23,7 +24,7 @@ COSINE, SINE = math.cos(BEAM_ANGLE), math.sin(BEAM_ANGLE)
 def target_offset(worlds: ti.template(), w, k) -> vec2:
     """From the estimated position of AUV k to its target, over the area's diagonal."""
     scale = 1.0 / worlds.p[Parameter.diagonal]
-    target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+    target = target_of(worlds, w, k)
     return vec2(
         (worlds.node[w, target, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x]) * scale,
         (worlds.node[w, target, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y]) * scale,
@@ -121,8 +122,10 @@ def sense_current(worlds: ti.template(), w, k):
 
 @ti.func
 def write(worlds: ti.template(), w, k):
-    """Write the observation of AUV k, term by term."""
+    """Write the observation of AUV k, term by term; NaN, which ends the run, where its target is no node's index."""
     sense_current(worlds, w, k)
     terms = ti.static(worlds.program.observation)
     for t in ti.static(range(len(terms))):
         terms[t](worlds, w, k, worlds.observation_first[t])
+    if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv[w, k, AuvColumn.target]:
+        worlds.observation[w, k, 0] = ti.math.nan

@@ -11,7 +11,7 @@ from policies.algorithms.td3 import TD3
 from policies.networks import Sizes
 from policies.policy import PolicyError
 
-ALGORITHMS: Registry[type[Learner]] = Registry("algorithm", PolicyError)
+ALGORITHMS: Registry[type[Learner]] = Registry("algorithm", PolicyError, Learner)
 ALGORITHMS.register("sac", SAC)
 ALGORITHMS.register("td3", TD3)
 ALGORITHMS.register("ddpg", DDPG)

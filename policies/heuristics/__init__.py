@@ -12,7 +12,7 @@ from policies.heuristics.random import Random
 from policies.heuristics.zermelo import Zermelo
 from policies.policy import PolicyError
 
-HEURISTICS: Registry[type[Heuristic]] = Registry("policy", PolicyError)
+HEURISTICS: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristic)
 HEURISTICS.register("straight", Straight)
 HEURISTICS.register("crab", Crab)
 HEURISTICS.register("pace", Pace)

@@ -71,7 +71,7 @@ class Trainer:
         interruption: of the last `train`: by which signal it was asked to stop.
 
     Raises:
-        PolicyError: `config.num_worlds` is not the world's.
+        PolicyError: `config.num_worlds` is not the world's, or `config.batch` below its number of AUVs.
     """
 
     def __init__(
@@ -85,6 +85,8 @@ class Trainer:
     ) -> None:
         if config.num_worlds != world.num_worlds:
             raise PolicyError(f"training: num_worlds = {config.num_worlds}, but the world has {world.num_worlds}")
+        if config.shared and config.batch < world.num_auvs:
+            raise PolicyError(f"training: batch = {config.batch}: must be at least {world.num_auvs}, one of each AUV")
         self.world, self.config = world, config
         self.directory = None if directory is None else Path(directory)
         self.evaluate = evaluate
@@ -94,7 +96,9 @@ class Trainer:
         self.frame = FRAMES[config.frame](world.scenario)
         self.generator = torch.Generator(device).manual_seed(config.seed)
         sizes = Sizes(1 if config.shared else world.num_auvs, self.frame.features, ACTION_SIZE)
-        self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
+        with ALGORITHMS.calling(config.algorithm):
+            self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
+            self.learner.averaged  # noqa: B018 - a plugin's may have forgotten `set_actor`
         shape = (world.num_worlds, world.num_auvs, self.frame.features, ACTION_SIZE)
         self.replay = Replay(config.replay // world.num_worlds, shape, device, config.shared)
         self.renewal = config.renewal and not world.scenario.reward.service_terminates
@@ -205,7 +209,11 @@ class Trainer:
             gain = self.scale * self._gain
             for _ in range(config.updates):
                 batch = self.replay.sample(config.batch, config.n_step, config.gamma, self.generator, gain)
-                self.meter.losses.append(self.learner.learn(batch))
+                with ALGORITHMS.calling(config.algorithm):
+                    losses = self.learner.learn(batch)
+                if not all(isinstance(value, Tensor) and value.numel() == 1 for value in losses.values()):
+                    raise ALGORITHMS.refuse(config.algorithm, losses, "one number for each name")
+                self.meter.losses.append(losses)
         try:
             observation, reward, horizon_ended, _, info = step.result()
         except ValueError:  # most likely an action that is not finite, because a weight is not
@@ -227,8 +235,12 @@ class Trainer:
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
         """The network's exploring action (W, K, A), and the world's command for it."""
-        shared = self.config.shared
-        action = unstack(self.learner.explore(stack(features, shared), stack(noise, shared)), self.world.num_auvs)
+        shared, name, noise = self.config.shared, self.config.algorithm, stack(noise, self.config.shared)
+        with ALGORITHMS.calling(name):
+            chosen = self.learner.explore(stack(features, shared), noise)
+        if chosen.shape != noise.shape:
+            raise ALGORITHMS.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
+        action = unstack(chosen, self.world.num_auvs)
         return {"action": action, "command": self.frame.decode(observation, action)}
 
     def _standardize(self, features: Tensor) -> Tensor:
@@ -269,8 +281,11 @@ class Trainer:
     def _stop_if_not_finite(self) -> None:
         """Raise DivergenceError if a number of the learner is not finite."""
         if (name := first_not_finite(self.learner)) is not None:
+            algorithm = ALGORITHMS.described(self.config.algorithm)
             raise DivergenceError(
-                f"training: {name} is not finite after {self.learner.updates} updates; the checkpoints are those before"
+                f"training: {name} is not finite after {self.learner.updates} updates"
+                + (f" of {algorithm}" if algorithm else "")
+                + "; the checkpoints are those before"
             )
 
     def save(self) -> None:

@@ -101,7 +101,8 @@ def effort(scenario: Scenario, worlds: int) -> float:
     cells = area.width * area.length / sea.cell_size**2
     celerity = math.sqrt(2 * sea.gravity * area.depth)
     substeps = max(1.0, sea.update_interval * celerity / (0.95 * sea.cell_size))
-    return cells * substeps * min(worlds, sea.realisations)
+    updates = math.ceil(scenario.mission.step / sea.update_interval)
+    return cells * substeps * updates * min(worlds, sea.realisations)
 
 
 def fault_of(world: World, before: torch.Tensor | None) -> str | None:

@@ -37,7 +37,25 @@ def test_a_state_that_is_not_finite_stops_the_step(world, array, value):
 @pytest.mark.parametrize("value", [math.nan, 500.0, -500.0])
 def test_a_sea_that_runs_away_stops_the_step(world, value):
     world.sea.eta[0, 5] = value
-    with pytest.raises(DivergenceError, match=r"^sea \d+: the elevation is \S+ m at 2 s: must be within 120 m$"):
+    rule = r"^sea of world 1\d: the elevation is \S+ m at 2 s: must be within 120 m$"
+    with pytest.raises(DivergenceError, match=rule):
+        world.step(torch.zeros(WORLDS, 2, 2))
+
+
+@pytest.mark.parametrize("equations", ["linear", "nonlinear"])
+def test_a_sea_that_runs_away_names_the_worlds_on_it(equations):
+    """World 10 + i sails on sea i modulo 2."""
+    changes = [f"sea.equations={equations}", "sea.realisations=2", "sea.cell_size=20"]
+    world = World(Scenario.load("extreme", changes), WORLDS, 0, first_world=10)
+    world.reset()
+    state = world.state()
+    fields = state["sea"].clone()
+    if equations == "linear":  # seas lie side by side along the last axis
+        fields[..., 1] = math.nan
+    else:
+        fields[1] = math.nan
+    world.sea.load_state(fields, state["sea_clock"])
+    with pytest.raises(DivergenceError, match=r"^sea of worlds 11, 13: "):
         world.step(torch.zeros(WORLDS, 2, 2))
 
 
@@ -47,7 +65,7 @@ def test_a_sea_alone_that_runs_away_stops(equations):
     sea.advance()
     fields, clock = sea.long_waves.state()
     sea.long_waves.load_state(fields * math.nan, clock)
-    with pytest.raises(DivergenceError, match=r"^sea[^\n]* s[^\n]*$"):
+    with pytest.raises(DivergenceError, match=r"^the sea: [^\n]* s[^\n]*$"):
         sea.advance()
 
 
@@ -103,3 +121,16 @@ def test_every_run_stays_within_the_ranges_of_its_state(world):
     for _ in range(60):
         world.step(torch.from_numpy(rng.uniform(-1, 1, (WORLDS, 2, 2)).astype(np.float32)))
         world.load_state(world.state())
+
+
+@pytest.mark.parametrize(
+    ("step", "interval"), [(1.0, 1.5), (1.0, 0.3), (0.1, 0.3), (2.0, 1.0), (0.7, 0.25), (1.0, 10.0)]
+)
+def test_the_sea_keeps_time_whatever_its_interval(step, interval):
+    """Its last update is no earlier than the mission's time, and by less than an interval later."""
+    changes = [f"mission.step={step}", f"sea.update_interval={interval}", "sea.cell_size=20"]
+    world = World(Scenario.load("extreme", changes), 1, 0)
+    world.reset()
+    for done in range(1, 31):
+        world.step(torch.zeros(1, 2, 2))
+        assert -1e-4 < world.sea.time - done * step < interval

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from kernels.errors import DivergenceError
 from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, writable
 
 WORLDS_PER_BATCH = 128
@@ -65,10 +66,10 @@ def evaluate(
                     for first in range(0, episodes, WORLDS_PER_BATCH):
                         worlds = min(WORLDS_PER_BATCH, episodes - first)
                         world = World(setting, worlds, seed, strategy, first_world=first, arch=arch)
-                        act = policies.load(name, world).act
+                        act = policies.acting(name, world)
                         trace = record(world, act, name, on_step=lambda _, n=worlds: advance(n))
                         rows += episode_metrics(trace, first)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, DivergenceError):
         if rows:
             write_rows(out, list(rows[0].columns()), (row.columns() for row in rows))
             typer.echo(f"stopped; the {len(rows)} episodes that are complete are in {out}")

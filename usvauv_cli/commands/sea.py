@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 
-from kernels.errors import UserError
+from kernels.errors import DivergenceError, UserError
 from kernels.interruption import Stop, stoppable
 from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, parse_size, writable
 
@@ -118,6 +118,7 @@ def sea(
             f"{records / fps:.3g} s of video at {fps} frames a second, {fps * interval:g} × the speed of the sea"
         )
     begun = time.perf_counter()
+    problem = None
     with stoppable() as stop, sink(out, water, records, pixels, fps) as file:
         made, pace = trial(water, file, records, stop)
         if not made:
@@ -127,7 +128,11 @@ def sea(
         with console.progress("solving and writing", records) as advance:
             advance(made)
             while made < records and not stop.asked:
-                water.advance()
+                try:
+                    water.advance()
+                except DivergenceError as error:
+                    problem = error
+                    break
                 file.add(water)
                 made += 1
                 advance(1)
@@ -135,6 +140,8 @@ def sea(
     typer.echo(f"{ {'.mp4': 'video', '.nc': 'data'}.get(kind, 'figure') }: {out.resolve()} ({cost})")
     if made < records:
         typer.echo(f"stopped at {clock(water.time)} of {clock((records - 1) * interval)}; the file holds that much")
+        if problem:
+            raise problem
         stop.raise_if_asked()
 
 

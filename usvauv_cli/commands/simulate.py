@@ -27,7 +27,9 @@ def simulate(
     ] = None,
     usv: Usv = "fim",
     seed: Seed = 0,
-    duration: Annotated[float | None, typer.Option(help="Seconds to simulate; default an episode.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Seconds to simulate, in whole mission steps; default an episode.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="MP4 to write; default usvauv-SCENARIO.mp4.")] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="Frame size in pixels.")] = "1280x720",
     fps: Annotated[int, typer.Option(help="Frames a second; one frame is one mission step.")] = 30,
@@ -50,7 +52,7 @@ def simulate(
     from usvauv_cli import console, encoder, report
     from usvauv_env import Scenario, World
     from usvauv_env.record.metrics import episode_metrics
-    from usvauv_env.record.recorder import record
+    from usvauv_env.record.recorder import Diverged, record
 
     width, height = parse_size(size)
     at_least("--fps", fps, 1)
@@ -62,12 +64,14 @@ def simulate(
     name = policy or policies.default(setting)
     policies.check(name, setting)
     world = World(setting, 1, seed, usv, fine_sea=True, arch=arch)
-    player = policies.load(name, world)
+    act = policies.acting(name, world)
     steps = round(duration / setting.mission.step) if duration else world.steps
+    problem = None
     with console.progress("simulating", steps) as advance:
-        recorded = record(
-            world, player.act, player.name, steps=max(1, steps), surface=True, on_step=lambda _: advance(1)
-        )
+        try:
+            recorded = record(world, act, name, steps=max(1, steps), surface=True, on_step=lambda _: advance(1))
+        except Diverged as error:
+            recorded, problem = error.trace, error
     with console.progress("drawing", len(recorded.time)) as advance:
         encoder.render(recorded, out, (width, height), fps, progress=advance)
     if trace:
@@ -76,3 +80,5 @@ def simulate(
     typer.echo(f"video: {out.resolve()}")
     if trace:
         typer.echo(f"trace: {trace.resolve()}")
+    if problem:
+        raise problem  # what was written shows the steps before

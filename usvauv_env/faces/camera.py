@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv_env.record.recorder import SURFACE_PIXELS, Recorder
+from usvauv_env.memory import require
+from usvauv_env.record.recorder import SURFACE_PIXELS, Recorder, trace_bytes
 from usvauv_env.render.painter import Painter
 from usvauv_env.world.world import World
 
@@ -23,6 +24,10 @@ class Camera:
     """Keeps the states of every world since its episode began, and draws the last one."""
 
     def __init__(self, world: World) -> None:
+        require(
+            trace_bytes(world, world.steps),
+            f"render_mode: a record of {world.steps} steps of {world.num_worlds} worlds",
+        )
         self._recorder = Recorder(world)
         self._first = np.zeros(world.num_worlds, int)
 

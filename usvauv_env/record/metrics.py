@@ -81,7 +81,7 @@ class Metric:
     values: Callable[[Trace], np.ndarray]
 
 
-task_metrics: Registry[Metric] = Registry("metric")
+task_metrics: Registry[Metric] = Registry("metric", form=Metric)
 
 
 def position_error(trace: Trace) -> np.ndarray:
@@ -114,6 +114,22 @@ def energy_consumption(trace: Trace) -> np.ndarray:
     return (np.cumsum(trace.power, axis=0, dtype=np.float64) * step / travelling).mean(-1)
 
 
+def _of_task(name: str, trace: Trace) -> np.ndarray:
+    """A figure of the task for each world, (W,).
+
+    Raises:
+        UserError: a plugin's metric fails, or returns something else.
+    """
+    with task_metrics.calling(name):
+        values = task_metrics[name].values(trace)
+    worlds = trace.node_position.shape[0]
+    if not isinstance(values, np.ndarray) or values.shape != (worlds,) or values.dtype.kind not in "biuf":
+        raise task_metrics.refuse(name, values, f"an array of {worlds} numbers, one a world")
+    if not np.isfinite(values).all():
+        raise task_metrics.refuse(name, values, "finite")
+    return values
+
+
 def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics]:
     """One row for each world of a trace."""
     step = trace.scenario.mission.step
@@ -122,7 +138,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     good = trace.fix_flags == DETECTED
     ec = energy_consumption(trace)[-1]
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
-    of_task = {name: m.values(trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
+    of_task = {name: _of_task(name, trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
     return [
         EpisodeMetrics(
             scenario=trace.scenario.name,

@@ -7,13 +7,37 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
+from kernels.errors import DivergenceError
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.positioning.usbl import DETECTED
 from kernels.types import Level
+from usvauv_env.memory import require
 from usvauv_env.record.trace import Trace
 from usvauv_env.world.world import World
 
 SURFACE_PIXELS = 128
+KEPT = 2.5  # times that a state is in memory: as recorded, together with the others, and what is made of it
+EACH = 1000.0  # bytes of Python's own for a state
+
+
+class Diverged(DivergenceError):
+    """Worlds that were recorded have left finite numbers.
+
+    Attributes:
+        trace: of the steps before.
+    """
+
+    def __init__(self, message: str, trace: Trace) -> None:
+        super().__init__(message)
+        self.trace = trace
+
+
+def trace_bytes(world: World, steps: int, surface: bool = False) -> float:
+    """Estimate of the memory that recording some steps takes at its peak, bytes."""
+    states = world.auv, world.boat, world.node[..., NodeColumn.backlog], world.reward_terms, world.estimate
+    numbers = sum(tensor.numel() for tensor in states) + 4 * world.num_worlds * world.scenario.current.vortices
+    pixels = min(SURFACE_PIXELS, world.sea.nx) * min(SURFACE_PIXELS, world.sea.ny) if surface else 0
+    return steps * (EACH + 4.0 * KEPT * (numbers + pixels))
 
 
 class Recorder:
@@ -132,15 +156,30 @@ def record(
         policy: name of the policy.
         surface: also record the elevation of world 0's sea, at most `SURFACE_PIXELS` on a side.
         on_step: called with the number of steps done; an exception it raises ends the run.
+
+    Raises:
+        MemoryNeeded: the record does not fit into memory.
+        Diverged: the worlds have left finite numbers; it has the trace of the steps before.
     """
     steps = steps or world.steps
-    recorder, surfaces = Recorder(world), []
+    require(trace_bytes(world, steps, surface), f"a record of {steps} steps of {world.num_worlds} worlds")
+    recorder, surfaces, problem = Recorder(world), [], None
     observation = world.reset()
     for done in range(1, steps + 1):
-        observation = world.step(act(observation))[0]
+        action = act(observation)
+        try:
+            observation = world.step(action)[0]
+        except DivergenceError as error:
+            if done == 1:
+                raise
+            problem = error
+            break
         recorder.add()
         if surface:
             surfaces.append(world.surface(SURFACE_PIXELS))
         on_step(done)
     elevation = np.stack(surfaces) if surface else np.zeros((0, 0, 0), np.float32)
-    return recorder.trace(policy, elevation, start=world.scenario.mission.step)
+    trace = recorder.trace(policy, elevation, start=world.scenario.mission.step)
+    if problem:
+        raise Diverged(str(problem), trace) from problem
+    return trace

@@ -41,7 +41,11 @@ class LongWaves(Protocol):
     def units(self) -> tuple[float, float]: ...
 
     def advance(self) -> None:
-        """One interval."""
+        """One interval.
+
+        Raises:
+            FloatingPointError: (index of a sea, what is wrong with it).
+        """
 
     def elevation(self) -> np.ndarray:
         """Elevation at cell centres, m, (num_seas, ny, nx), f32; a copy."""

@@ -47,9 +47,16 @@ class NonlinearSeas:
         return self._solvers[0].time
 
     def advance(self) -> None:
-        """One interval."""
-        for solver in self._solvers:
-            solver.advance()
+        """One interval.
+
+        Raises:
+            FloatingPointError: (index of a sea, what is wrong with it).
+        """
+        for index, solver in enumerate(self._solvers):
+            try:
+                solver.advance()
+            except FloatingPointError as error:
+                raise FloatingPointError(index, str(error)) from None
         self._pack()
 
     def elevation(self) -> np.ndarray:

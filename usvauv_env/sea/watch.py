@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 
 from kernels.device_flag import DeviceFlag
@@ -17,10 +19,12 @@ class SeaWatch:
     Args:
         sea: to be watched.
         deepest: depth of still water at the deepest place, m; the elevation of a linear sea stays within it.
+        named: index of a sea → what to call it in a message.
     """
 
-    def __init__(self, sea: LongWaves, deepest: float) -> None:
+    def __init__(self, sea: LongWaves, deepest: float, named: Callable[[int], str] = lambda index: "the sea") -> None:
         self._sea = sea
+        self._named = named
         self._limit = DRY if sea.units == (1.0, 1.0) else deepest
         self._flag = DeviceFlag(sea.fields[0], self._limit)
 
@@ -34,12 +38,12 @@ class SeaWatch:
         try:
             sea.advance()
         except FloatingPointError as error:
-            raise DivergenceError(f"sea: {error}") from None
+            index, problem = error.args
+            raise DivergenceError(f"{self._named(index)}: {problem}") from None
         if self._flag.raised():
             index, value = self._worst()
-            raise DivergenceError(
-                f"sea {index}: the elevation is {value:g} m at {sea.time:g} s: must be within {self._limit:g} m"
-            )
+            problem = f"the elevation is {value:g} m at {sea.time:g} s: must be within {self._limit:g} m"
+            raise DivergenceError(f"{self._named(index)}: {problem}")
 
     def _worst(self) -> tuple[int, float]:
         """The sea that has the first elevation out of bounds, and that elevation, m."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -32,7 +33,7 @@ class BoatStrategy:
     refuse: Callable[[Scenario, Sequence[float]], str] = _no_check
 
 
-boat_strategies: Registry[BoatStrategy] = Registry("usv", ScenarioError)
+boat_strategies: Registry[BoatStrategy] = Registry("usv", ScenarioError, BoatStrategy)
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,14 @@ class StrategyChoice:
             numbers = tuple(float(part) for part in rest.split(",")) if strategy.arguments else ()
         except ValueError:
             numbers = None
-        if numbers is None or len(numbers) != len(strategy.arguments):
+        if numbers is None or len(numbers) != len(strategy.arguments) or not all(map(math.isfinite, numbers)):
             example = f"{name}:{','.join(['100'] * len(strategy.arguments))}"
             raise ScenarioError(f"usv: {text!r}: expected {_usage(name)}, for example {example}")
-        if problem := strategy.refuse(scenario, numbers):
+        with boat_strategies.calling(name):
+            problem = strategy.refuse(scenario, numbers)
+        if not isinstance(problem, str):
+            raise boat_strategies.refuse(name, problem, "a text, empty where nothing is wrong")
+        if problem:
             raise ScenarioError(f"usv: {text!r}{problem}")
         shown = f"{name}:{','.join(f'{number:g}' for number in numbers)}" if numbers else name
         return cls(shown, strategy, numbers)

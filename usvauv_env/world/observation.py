@@ -60,7 +60,20 @@ class ObservationTerm:
     present: Callable[[Scenario], bool] | None = None
 
 
-observation_terms: Registry[ObservationTerm] = Registry("observation term")
+observation_terms: Registry[ObservationTerm] = Registry("observation term", ScenarioError, ObservationTerm)
+
+
+def quantities(name: str, num_auvs: int) -> list[str]:
+    """What each number of an observation term is, in order.
+
+    Raises:
+        ScenarioError: a plugin's term fails to say so, or has none.
+    """
+    with observation_terms.calling(name):
+        found = list(observation_terms[name].quantities(num_auvs))
+    if not found or not all(isinstance(text, str) for text in found):
+        raise observation_terms.refuse(name, found, "at least one text, what each number is")
+    return found
 
 
 @dataclass(frozen=True)
@@ -86,11 +99,11 @@ class ObservationLayout:
         for name in extra:
             if name not in observation_terms:
                 raise ScenarioError(f"observation.extra: {name!r}: allowed are {', '.join(observation_terms)}")
-        present = (
-            name
-            for name, term in observation_terms.items()
-            if (term.present(scenario) if term.present else name in extra)
-        )
+        present = []
+        for name, term in observation_terms.items():
+            with observation_terms.calling(name):
+                if term.present(scenario) if term.present else name in extra:
+                    present.append(name)
         return cls(scenario.auv.count, tuple(present))
 
     def __contains__(self, name: str) -> bool:
@@ -100,7 +113,7 @@ class ObservationLayout:
         """Names and indices of the terms."""
         last = 0
         for name in self.terms:
-            first, last = last, last + len(observation_terms[name].quantities(self.num_auvs))
+            first, last = last, last + len(quantities(name, self.num_auvs))
             yield name, slice(first, last)
 
     @property
@@ -126,7 +139,7 @@ def observed(site: Site) -> list[Quantity]:
         term = observation_terms[name]
         unit = f"area's diagonal, {scenario.area.diagonal:.6g} m" if term.unit == "D" else term.unit
         low, high = (math.copysign(largest, x) if math.isinf(x) else x for x in (term.low, term.high))
-        for text in term.quantities(layout.num_auvs):
+        for text in quantities(name, layout.num_auvs):
             rows.append(Quantity(len(rows), text, unit, low, high))
     return rows
 

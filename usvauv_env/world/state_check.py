@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -27,12 +27,15 @@ def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
     )
 
 
-def first_outside(name: str, values: torch.Tensor, bounds: Mapping[str, np.ndarray]) -> tuple[int, str] | None:
+def first_outside(
+    name: str, values: torch.Tensor, bounds: Mapping[str, np.ndarray], columns: Sequence[str] = ()
+) -> tuple[int, str] | None:
     """World and words for the first number of an array (W, ..., columns) that its column may not hold; None if all may.
 
     Args:
         name: of the array, as in `kernels.mission.state_ranges.STATE`; one that is not there may hold any number.
         bounds: of `bounds_of`.
+        columns: what the numbers are in an array that is not there.
     """
     values = values.detach().double().cpu()
     table = STATE.get(name)
@@ -48,7 +51,8 @@ def first_outside(name: str, values: torch.Tensor, bounds: Mapping[str, np.ndarr
     place = places[0].tolist()
     value = float(values[tuple(place)])
     if table is None:
-        return place[0], f"{name} {place[1:]} is {value:g}"
+        column = f" {columns[place[2]]!r}" if columns else ""
+        return place[0], f"{name}{column} of AUV {place[1]} is {value:g}"
     column, allowed = table[place[-1]]
     whose = f"{column} of {PER[name]} {place[1]}" if name in PER else f"{column} of the {name}"
     rule = "a whole number from" if allowed.whole else "from"

@@ -11,7 +11,7 @@ from kernels.mission.target_rules import target_rules
 from kernels.mission.worlds import Program
 from kernels.planning import objectives
 from kernels.positioning import sonar_equation, tracker, usbl, waveform
-from kernels.positioning.ambient_noise import ambient_noise_laws
+from kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.site.site import Site
 from usvauv_env.site.sound_speed import SoundSpeedProfile
@@ -19,13 +19,32 @@ from usvauv_env.world.boat_strategies import BoatStrategy
 from usvauv_env.world.current_statistics import current_model
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 
+LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
 LAYER_TOLERANCE = 0.5  # m/s, see `SoundSpeedProfile.thinned`
+
+
+def noise_law(scenario: Scenario) -> NoiseLaw:
+    """The law of the ambient noise; the function it gives checks what a plugin's law returns.
+
+    Raises:
+        UserError: by that function: the law fails, or returns no level in dB.
+    """
+    name = scenario.acoustics.ambient_noise
+
+    def law(frequency: float, shipping: float, wind: float) -> float:
+        with ambient_noise_laws.calling(name):
+            level = ambient_noise_laws[name](frequency, shipping, wind)
+        if not isinstance(level, float | int | np.number) or not abs(level) <= LOUDEST:
+            raise ambient_noise_laws.refuse(name, level, f"a level from -{LOUDEST:g} to {LOUDEST:g} dB")
+        return float(level)
+
+    return law
 
 
 def data_level(scenario: Scenario) -> float:
     """SNR of the data link at 1 m without loss, dB."""
     nodes, noise = scenario.nodes, scenario.acoustics
-    density = ambient_noise_laws[noise.ambient_noise](nodes.frequency, noise.shipping, noise.wind)
+    density = noise_law(scenario)(nodes.frequency, noise.shipping, noise.wind)
     level = sonar_equation.noise_level(density, nodes.bandwidth)
     return sonar_equation.acoustic_source_level(nodes.source_power) - level
 
@@ -97,7 +116,7 @@ def link_table(site: Site) -> np.ndarray:
         source_level=s.acoustics.source_level,
         target_strength=s.acoustics.target_strength,
         path=s.acoustics.path,
-        ambient_noise=ambient_noise_laws[s.acoustics.ambient_noise],
+        ambient_noise=noise_law(s),
         shipping=s.acoustics.shipping,
         wind=s.acoustics.wind,
         bandwidth=s.acoustics.bandwidth,

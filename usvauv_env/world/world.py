@@ -11,13 +11,15 @@ import torch
 
 from kernels import runtime
 from kernels.device_flag import DeviceFlag
-from kernels.errors import DivergenceError
+from kernels.errors import DivergenceError, in_words
 from kernels.flow import current, vortex
 from kernels.launch import Launch
 from kernels.mission import poisson_table
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
+from kernels.mission.target_rules import target_rules
+from kernels.mission.tasks.task import tasks
 from kernels.positioning import tracker
 from kernels.types import Level
 from usvauv_env.memory import require
@@ -28,13 +30,15 @@ from usvauv_env.sea.storm import AirySea
 from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
 from usvauv_env.world import tables
-from usvauv_env.world.boat_strategies import StrategyChoice
-from usvauv_env.world.observation import ObservationLayout
+from usvauv_env.world.boat_strategies import StrategyChoice, boat_strategies
+from usvauv_env.world.observation import ObservationLayout, observation_terms
 from usvauv_env.world.state_check import bounds_of, check_state, first_outside
 
 MAX_WORLDS = 1 << 22
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
 ALIGNMENT = 16  # numbers
+NAMED = 8  # of the worlds on a sea, in a message
+ROUNDING = 1e-6  # of a ratio of times
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
 STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "observation")
 
@@ -107,7 +111,6 @@ class World:
         self.observation_size = self.observation_layout.size
         self.device = runtime.start(arch).device
         self._first_world = first_world
-        self._sea_interval = max(1, round(scenario.sea.update_interval / scenario.mission.step))
         self._fine_sea = fine_sea
         self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
 
@@ -207,9 +210,9 @@ class World:
             raise ValueError(f"action has shape {tuple(action.shape)}: must be {tuple(self._action.shape)}")
         if runtime.start().torch_on_host and not math.isfinite(action.sum().item()):
             raise ValueError("action: all numbers must be finite")
-        if self._steps_since_sea % self._sea_interval == 0:
-            self._watch.advance()
         self._steps_since_sea += 1
+        for _ in range(self._sea_updates(self._steps_since_sea) - self._sea_updates(self._steps_since_sea - 1)):
+            self._watch.advance()
         self._set_clock()
         if self._evolve_vortices:
             self._evolve_vortices()
@@ -264,16 +267,40 @@ class World:
                 )
             world, problem = self._first_fault()
             time = int(self._clock[world, 1]) * self.scenario.mission.step
-            raise DivergenceError(f"world {self._first_world + world} at {time:g} s: {problem}")
+            plugins = self._plugins()
+            raise DivergenceError(
+                f"world {self._first_world + world} at {time:g} s: {problem}"
+                + (f" (uses {plugins})" if plugins else "")
+            )
+
+    def _sea_of_worlds(self, index: int) -> str:
+        """The worlds that sail on a sea, in words."""
+        worlds = ((self._sea_index == index).nonzero().flatten() + self._first_world).tolist()
+        names = ", ".join(map(str, worlds[:NAMED])) + (
+            f" and {len(worlds) - NAMED} more" if len(worlds) > NAMED else ""
+        )
+        return f"sea of world{'s' if len(worlds) > 1 else ''} {names}"
 
     def _first_fault(self) -> tuple[int, str]:
         """Index of the first world with a number that cannot be, and what it is."""
         bounds = bounds_of(self.scenario)
-        arrays = {name: getattr(self, name) for name in (*STATE, "reward", "reward_terms")}
-        for name, array in arrays.items():
-            if (problem := first_outside(name, array, bounds)) is not None:
+        terms = [name for name, place in self.observation_layout for _ in range(place.start, place.stop)]
+        columns = {"observation": terms, "reward_terms": self.reward_names}
+        for name in (*STATE, "reward_terms", "reward"):
+            if (problem := first_outside(name, getattr(self, name), bounds, columns.get(name, ()))) is not None:
                 return problem
         return 0, "its state was not finite"
+
+    def _plugins(self) -> str:
+        """The parts of these worlds that plugins have registered, in words; empty where there are none."""
+        scenario = self.scenario
+        parts = [
+            tasks.described(scenario.task),
+            boat_strategies.described(self.strategy.name.partition(":")[0]),
+            target_rules.described(scenario.nodes.target_rule),
+            *(observation_terms.described(term) for term in self.observation_layout.terms),
+        ]
+        return ", ".join(filter(None, parts))
 
     def measures(self) -> torch.Tensor:
         """What the last step cost and brought, (num_worlds, num_auvs, 6), columns `measure_names`."""
@@ -345,7 +372,8 @@ class World:
             first, count = 0, pool
         cells = fine_cells(self.scenario) if self._fine_sea else None
         self._sea = build_sea(self.site, seed, count, cells, first)
-        self._watch = SeaWatch(self._sea, float(self.site.still_depth((self._sea.nx, self._sea.ny)).max()))
+        deepest = float(self.site.still_depth((self._sea.nx, self._sea.ny)).max())
+        self._watch = SeaWatch(self._sea, deepest, self._sea_of_worlds)
         self._storm = build_short_waves(self.site, seed, count, first)
         index = (torch.arange(self.num_worlds) + self._first_world) % pool - first
         self._sea_index = index.to(self.device, torch.int32)
@@ -368,14 +396,23 @@ class World:
             "action": self._action,
             **{name: getattr(self, name) for name in (*STATE, "reward_terms", "reward")},
         }
-        with runtime.compiled_quickly():
-            self._reset, self._step = (
-                Launch(run, *({"phase": phase, **arguments}[name] for name in signature(run).parameters))
-                for phase in (Phase.reset, Phase.step)
-            )
+        try:
+            with runtime.compiled_quickly():
+                self._reset, self._step = (
+                    Launch(run, *({"phase": phase, **arguments}[name] for name in signature(run).parameters))
+                    for phase in (Phase.reset, Phase.step)
+                )
+        except Exception as error:
+            if plugins := self._plugins():  # a Taichi function of theirs cannot be compiled
+                raise ScenarioError(f"{plugins}: {in_words(error)}") from error
+            raise
         self._steps_since_sea = 0
         self._sea_episode = episode
         self._set_clock()
+
+    def _sea_updates(self, steps: int) -> int:
+        """Updates of the long waves in some mission steps: as many as bring them to the steps' end or beyond it."""
+        return math.ceil(steps * self.scenario.mission.step / self.scenario.sea.update_interval - ROUNDING)
 
     def _set_clock(self) -> None:
         """Bring storm and real current to the time since the seas started."""

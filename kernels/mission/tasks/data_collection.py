@@ -5,7 +5,7 @@ import taichi as ti
 from kernels.flow import regular_grid
 from kernels.mission import poisson_table, rewards
 from kernels.mission.columns import AuvColumn, BoatColumn, Draw, NodeColumn, Parameter
-from kernels.mission.motion import distance_to_target, travel
+from kernels.mission.motion import distance_to_target, target_of, travel
 from kernels.mission.tasks.task import Task, tasks
 from kernels.mission.vehicle import hovering_power
 from kernels.mission.worlds import uniforms
@@ -60,7 +60,7 @@ def begin_service(worlds: ti.template(), w, k, distance):
     """Set the packets to take, the link's rate at this horizontal distance (m), and how long AUV k hovers for it."""
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    target = ti.cast(auv[w, k, AuvColumn.target], ti.i32)
+    target = target_of(worlds, w, k)
     x = worlds.node[w, target, NodeColumn.x]
     y = worlds.node[w, target, NodeColumn.y]
     separation = p[Parameter.separation_node]
@@ -142,7 +142,7 @@ def complete_services(worlds: ti.template(), w):
     """
     for k in range(worlds.auv.shape[1]):
         if worlds.auv[w, k, AuvColumn.service_rate] > 0.0:
-            target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+            target = target_of(worlds, w, k)
             worlds.node[w, target, NodeColumn.backlog] = (
                 worlds.node[w, target, NodeColumn.backlog] - worlds.auv[w, k, AuvColumn.packets_delivered]
             )

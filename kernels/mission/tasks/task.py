@@ -72,4 +72,4 @@ class Task:
         return tuple(term.name for term in self.reward_terms)
 
 
-tasks: Registry[Task] = Registry("task")
+tasks: Registry[Task] = Registry("task", form=Task)
