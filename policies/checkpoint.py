@@ -15,7 +15,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -121,7 +121,7 @@ def _read(directory: Path, part: str, device: torch.device) -> Part:
     path = directory / f"{part}.json"
     try:
         about = text_files.read(path, "JSON")
-        if about.get("format") != FORMAT:
+        if type(about.get("format")) is not int or about["format"] != FORMAT:
             raise PolicyError(f"{path}: not a checkpoint of format {FORMAT}")
         path = _tensors(directory, part)
         if not os.path.isfile(path):
@@ -183,12 +183,70 @@ def load_policy(
 
 
 def _scenario_and_config(content: Mapping[str, Any], path: Path) -> tuple[Scenario, TrainingConfig]:
-    """What a policy was trained in and with, from the JSON of its checkpoint."""
+    """What a policy was trained in and with, from the JSON of its checkpoint, whose other fields are checked."""
     try:
         scenario = Scenario.from_dict(content["scenario"], str(path))
-        return scenario, TrainingConfig.from_dict(content["training"], str(path))
+        config = TrainingConfig.from_dict(content["training"], str(path))
     except (KeyError, ScenarioError) as error:
         raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
+    own = {
+        "algorithm": config.algorithm,
+        "num_auvs": scenario.auv.count,
+        "action": scenario.auv.action,
+        "observation_size": FRAMES[config.frame](scenario).layout.size,
+    }
+    for name, value in own.items():
+        if type(content.get(name)) is not type(value) or content[name] != value:
+            raise PolicyError(f"{path}: {name} = {_quoted(content.get(name))}: must be {value!r}, as its settings say")
+    for name, (right, rule) in ABOUT.items():
+        if name in content and not right(content[name]):
+            raise PolicyError(f"{path}: {name} = {_quoted(content[name])}: must be {rule}")
+    return scenario, config
+
+
+def _quoted(value: object) -> str:
+    return repr(value)[:60]
+
+
+def _is_count(value: object) -> bool:
+    return type(value) is int and 0 <= value <= LATEST
+
+
+def _is_finite(value: object) -> bool:
+    return type(value) in (int, float) and abs(value) <= LARGEST  # pyright: ignore[reportArgumentType]
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _is_texts(value: object) -> bool:
+    return isinstance(value, list) and all(map(_is_text, value))
+
+
+def _is_resumption(value: object) -> bool:
+    """Whether this is an entry of "resumed", see `policies.training.provenance`."""
+    if not isinstance(value, dict) or not _is_count(value.get("steps")):
+        return False
+    texts = (text for name, text in value.items() if name not in ("steps", "plugins"))
+    return all(map(_is_text, texts)) and _is_texts(value.get("plugins", []))
+
+
+LATEST, LARGEST = 10**15, 1e12  # of steps and updates; of a figure
+# Fields of policy.json that tell how a policy was made: whether a value is right, and what it must be.
+ABOUT: dict[str, tuple[Callable[[object], bool], str]] = {
+    **dict.fromkeys(("steps", "updates"), (_is_count, f"a whole number from 0 to {LATEST}")),
+    "total": (lambda value: _is_count(value) and value != 0, f"a whole number from 1 to {LATEST}"),
+    **dict.fromkeys(("usv", "command", "commit", "torch"), (_is_text, "text")),
+    "plugins": (_is_texts, "a list of texts"),
+    "seconds": (lambda value: _is_finite(value) and value >= 0, "a finite number, at least 0"),  # pyright: ignore
+    "score": (lambda value: value is None or _is_finite(value), "a finite number or null"),
+    "evaluation": (lambda value: isinstance(value, dict) and all(map(_is_finite, value.values())), "figures by name"),
+    "resumed": (
+        lambda value: isinstance(value, list) and all(map(_is_resumption, value)),
+        "a list of steps, command, commit, torch and plugins",
+    ),
+}
 
 
 def read_run(directory: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]:

@@ -33,4 +33,4 @@ def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
     if not begun:
         return now
     first = {key: begun[key] for key in ("command", "commit", "torch", "plugins") if key in begun}
-    return first | {"resumed": [*begun.get("resumed", []), {"steps": begun["steps"], **now}]}
+    return first | {"resumed": [*begun.get("resumed", []), {"steps": begun.get("steps", 0), **now}]}

@@ -2,9 +2,9 @@
 
     python -m tests.trials.checkpoints --seed 0 --count 2000
 
-A small run is saved. Then one tensor or one field of `training.json` after the other is changed: one number or all to
-NaN, infinity, 1e9, −1 or the like, another type, another shape, missing, doubled. Cases run in a process of their own,
-so that a crash costs one case.
+A small run is saved. Then one tensor, or one field of `training.json` or `policy.json`, after the other is changed: one
+number or all to NaN, infinity, 1e9, −1 or the like, another type, another shape, missing, doubled. Cases run in a
+process of their own, so that a crash costs one case.
 """
 
 from __future__ import annotations
@@ -24,8 +24,11 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from kernels.errors import UserError
-from policies import Trainer, TrainingConfig
+from policies import Trainer, TrainingConfig, read_run
+from policies.training.provenance import provenance
+from tests.trials.fuzz import require_finite
 from usvauv_env import Scenario, World
+from usvauv_env.world.boat_strategies import StrategyChoice
 
 WORLDS, STEPS, MORE = 4, 64, 12
 NUMBERS = (math.nan, math.inf, -math.inf, 1e9, -1.0, 0.5, 3e38, 1e-40, 255.0)
@@ -41,7 +44,9 @@ def trainer(folder: Path) -> Trainer:
     config = TrainingConfig(
         num_worlds=WORLDS, replay=WORLDS * 40, hidden=(8, 8), batch=8, n_step=2, warmup=32, layer_norm=True
     )
-    return Trainer(World(scenario, WORLDS, 0), config, folder)
+    about = provenance({}) | {"usv": "fim", "total": 10 * STEPS, "plugins": []}
+    about["resumed"] = [{"steps": 1, **provenance({})}]
+    return Trainer(World(scenario, WORLDS, 0), config, folder, provenance=about)
 
 
 def cases(folder: Path, seed: int, count: int) -> list[tuple[str, str, Any]]:
@@ -52,6 +57,9 @@ def cases(folder: Path, seed: int, count: int) -> list[tuple[str, str, Any]]:
     found += [(kind, name, value) for name in names for kind in ("one", "all") for value in NUMBERS]
     found += [("form", name, form) for name in names for form in FORMS]
     found += [("json", field, value) for field in fields for value in VALUES]
+    found += [
+        ("policy", field, value) for field in json.loads((folder / "policy.json").read_text()) for value in VALUES
+    ]
     source = random.Random(seed)
     whole = [case for _ in range(-(-count // len(found))) for case in source.sample(found, len(found))]
     return whole[:count]
@@ -89,9 +97,13 @@ def changed(tensors: dict[str, torch.Tensor], kind: str, name: str, value: Any, 
     tensors[name] = new
 
 
-def outcome(run: Trainer) -> str:
+def outcome(run: Trainer, folder: Path) -> str:
     """What becomes of the run in the checkpoint."""
     try:
+        setting, _, begun = read_run(folder)
+        StrategyChoice.parse(begun.get("usv", "fim"), setting)
+        assert 0 < begun.get("total", 1) < math.inf
+        require_finite(provenance(begun))
         run.resume()
         run.train(run.steps + MORE)
     except UserError as error:
@@ -109,7 +121,7 @@ def work(folder: Path, seed: int, count: int, first: int) -> None:
     about, tensors = json.loads((begun / "training.json").read_text()), load_file(begun / "training.safetensors")
     run = trainer(folder / "run")
     run.train(WORLDS)  # a place to read from, with a policy
-    (last / "policy.json").write_bytes((begun / "policy.json").read_bytes())
+    described = json.loads((begun / "policy.json").read_text())
     (last / "policy.safetensors").write_bytes((begun / "policy.safetensors").read_bytes())
     kept = last.resolve()
     run.save = lambda: None  # the damaged checkpoint stays as it is
@@ -118,15 +130,17 @@ def work(folder: Path, seed: int, count: int, first: int) -> None:
             continue
         print(f"{number}\t{kind} {name} {str(value)[:40]}", flush=True)
         counters, changes = dict(about), dict(tensors)
-        if kind != "json":
+        policy = dict(described)
+        if kind not in ("json", "policy"):
             changed(changes, kind, name, value, random.Random(f"{seed} {number}"))
         elif value == "missing":
-            del counters[name]
+            del {"json": counters, "policy": policy}[kind][name]
         else:
-            counters[name] = value
+            {"json": counters, "policy": policy}[kind][name] = value
         (kept / "training.json").write_text(json.dumps(counters))
+        (kept / "policy.json").write_text(json.dumps(policy))
         save_file({key: each.contiguous() for key, each in changes.items()}, kept / "training.safetensors")
-        print(f"={outcome(run)}", flush=True)
+        print(f"={outcome(run, folder / 'run')}", flush=True)
 
 
 def main() -> None:
