@@ -242,4 +242,4 @@ class ShallowWater(Diagnostics):
         if not self._packing.strips:
             elevation = np.pad(elevation, ((0, blocks * LANES - self.num_seas), (0, 0)))
         table = elevation.reshape(blocks, -1, self.substeps).swapaxes(1, 2)
-        runtime.upload(np.ascontiguousarray(np.broadcast_to(table, self._prescribed.shape)), self._prescribed)
+        runtime.upload(np.array(np.broadcast_to(table, self._prescribed.shape)), self._prescribed)
