@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import groupby
 
@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 
 from usvauv_cli.console import LINE_EVERY
-from usvauv_env.record.metrics import EpisodeMetrics
+from usvauv_env.record.metrics import EpisodeMetrics, values_of
 from usvauv_env.record.trace import Trace
 
 SHOWN = {
@@ -26,22 +26,37 @@ SHOWN = {
     "border": "border",
     "position_error_median": "error m",
 }
+OF_TASK = {
+    "lost_mbit": "lost Mbit",
+    "aoi_mean": "age s",
+    "aoi_peak": "peak age s",
+    "aoi_largest": "largest age s",
+    "jain": "Jain's index",
+    "joule_per_mbit": "J/Mbit",
+}
+FIXES = {"fix_availability": "fixes", "outage_longest": "outage s"}
 
 
-def metrics_table(rows: Sequence[EpisodeMetrics]) -> None:
-    """Print mean ± standard deviation over the episodes of each policy and boat strategy."""
-    table = Table(title=f"{rows[0].scenario}, seed {rows[0].seed}: mean ± standard deviation over episodes")
+def metrics_tables(rows: Sequence[EpisodeMetrics]) -> None:
+    """Print mean ± standard deviation over the episodes of each policy and boat strategy: of all tasks, of this one."""
+    _table(rows, f"{rows[0].scenario}, seed {rows[0].seed}: mean ± standard deviation over episodes", SHOWN)
+    of_task = {name: OF_TASK.get(name, name) for name in rows[0].of_task}
+    _table(rows, rows[0].scenario, of_task | FIXES)
+
+
+def _table(rows: Sequence[EpisodeMetrics], title: str, shown: Mapping[str, str]) -> None:
+    """Figures by the name of their column, under the title given for it."""
+    table = Table(title=title)
     table.add_column("policy", no_wrap=True)
     table.add_column("usv", no_wrap=True)
     table.add_column("n", justify="right")
-    shown = SHOWN | {name: name for name in rows[0].of_task}
-    for title in shown.values():
-        table.add_column(title, justify="right", no_wrap=True)
+    for heading in shown.values():
+        table.add_column(heading, justify="right", no_wrap=True)
     for (policy, usv), group in groupby(rows, key=lambda row: (row.policy, row.usv)):
         episodes = list(group)
         cells = []
         for name in shown:
-            values = [row.columns()[name] for row in episodes]
+            values = values_of(episodes, name)
             spread = statistics.stdev(values) if len(values) > 1 else 0.0
             cells.append(f"{statistics.fmean(values):.2f} ± {spread:.2f}")
         table.add_row(policy, usv, str(len(episodes)), *cells)
@@ -66,7 +81,14 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
         f" the boat heaved from {heave.min():+.2f} to {heave.max():+.2f} m",
         f"  {row.collisions} steps too close, {row.border} moves refused at the border,"
         f" {row.overflow} node-steps of overflow",
+        f"  good fixes in {row.fix_availability:.1%} of the steps, at most {row.outage_longest:.0f} s without one",
     ]
+    if trace.scenario.task == "data-collection":
+        of_task = row.of_task
+        lines.append(
+            f"  data {of_task['aoi_mean']:.0f} s old in the mean, {of_task['aoi_peak']:.0f} s before a service;"
+            f" {of_task['lost_mbit']:.1f} Mbit lost, {of_task['joule_per_mbit']:.0f} J/Mbit"
+        )
     print("\n".join(lines))
 
 

@@ -75,5 +75,5 @@ def evaluate(
             typer.echo(f"stopped; the {len(rows)} episodes that are complete are in {out}")
         raise
     write_rows(out, list(rows[0].columns()), (row.columns() for row in rows))
-    report.metrics_table(rows)
+    report.metrics_tables(rows)
     typer.echo(f"{len(rows)} episodes written to {out}")

@@ -1,6 +1,8 @@
 """Figures of merit of an episode, made from a trace and nothing else.
 
-`sdr`, `ec` and `arps` are Table 2's sum data rate, energy consumption and average reward per time step.
+`sdr`, `ec` and `arps` are Table 2's sum data rate, energy consumption and average reward per time step. They miss
+where data come from and how old they are: visiting near nodes often raises all three. `usvauv_env.record.collection`
+has figures that it does not raise.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy as np
 
 from kernels.positioning.usbl import DETECTED
 from kernels.registry import Registry
+from usvauv_env.record import collection
 from usvauv_env.record.trace import Trace
 
 
@@ -33,7 +36,8 @@ class EpisodeMetrics:
         overflow: node-steps in which a full buffer lost packets.
         collisions: pair-steps below the collision distance. border: refused moves.
         position_error_mean, _median, _p95: of |estimate − truth| over all AUVs and steps, m.
-        fix_error_median: of |fix − truth| over all good fixes, m. fixes_good: share of fixes that were good.
+        fix_error_median: of |fix − truth| over all good fixes, m. fix_availability: share of steps and AUVs with a good
+            fix. outage_longest: longest time of an AUV without one, s.
         of_task: the figures of `task_metrics` that belong to the task, by name.
     """
 
@@ -56,7 +60,8 @@ class EpisodeMetrics:
     position_error_median: float
     position_error_p95: float
     fix_error_median: float
-    fixes_good: float
+    fix_availability: float
+    outage_longest: float
     of_task: dict[str, float] = field(default_factory=dict)
 
     def columns(self) -> dict[str, Any]:
@@ -82,6 +87,15 @@ class Metric:
 
 
 task_metrics: Registry[Metric] = Registry("metric", form=Metric)
+for _name, _values in {
+    "lost_mbit": collection.lost_data,
+    "aoi_mean": collection.mean_age,
+    "aoi_peak": collection.peak_age,
+    "aoi_largest": collection.largest_age,
+    "jain": collection.fairness,
+    "joule_per_mbit": collection.energy_per_data,
+}.items():
+    task_metrics.register(_name, Metric("data-collection", _values))
 
 
 def position_error(trace: Trace) -> np.ndarray:
@@ -104,6 +118,15 @@ def hovering_time(trace: Trace) -> np.ndarray:
         length = np.where(served, trace.delivered, 0.0) / np.where(served, trace.service_rate, 1.0)
         time -= np.ceil(length / step - 1e-4) * step - length  # a service ends within its last step
     return time
+
+
+def _longest_run(flags: np.ndarray) -> int:
+    """Most steps in a row with a flag, over the columns of (T, K)."""
+    run = longest = np.zeros(flags.shape[1], int)
+    for row in flags:
+        run = (run + 1) * row
+        longest = np.maximum(longest, run)
+    return int(longest.max())
 
 
 def energy_consumption(trace: Trace) -> np.ndarray:
@@ -160,14 +183,20 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             position_error_median=float(np.median(error[:, w])),
             position_error_p95=float(np.quantile(error[:, w], 0.95)),
             fix_error_median=float(np.median(fix_error[:, w][good[:, w]])) if good[:, w].any() else math.nan,
-            fixes_good=float(good[:, w].mean()),
+            fix_availability=float(good[:, w].mean()),
+            outage_longest=float(_longest_run(~good[:, w]) * step),
             of_task={name: float(values[w]) for name, values in of_task.items()},
         )
         for w in range(trace.node_position.shape[0])
     ]
 
 
+def values_of(rows: Sequence[EpisodeMetrics], name: str) -> list[float]:
+    """A figure in the episodes that have it, such as the age before a service in those with a service; else one NaN."""
+    values = [row.columns()[name] for row in rows]
+    return [value for value in values if not math.isnan(value)] or [math.nan]
+
+
 def mean_figures(rows: Sequence[EpisodeMetrics]) -> dict[str, float]:
-    """Mean of every figure over episodes."""
-    columns = [row.columns() for row in rows]
-    return {name: statistics.fmean(row[name] for row in columns) for name in (*FIGURES, *rows[0].of_task)}
+    """Mean of every figure over the episodes that have it."""
+    return {name: statistics.fmean(values_of(rows, name)) for name in (*FIGURES, *rows[0].of_task)}
