@@ -64,15 +64,15 @@ observation_terms: Registry[ObservationTerm] = Registry("observation term", Scen
 
 
 def quantities(name: str, num_auvs: int) -> list[str]:
-    """What each number of an observation term is, in order.
+    """What each number of an observation term is, in order; none where a term has no numbers for so many AUVs.
 
     Raises:
-        ScenarioError: a plugin's term fails to say so, or has none.
+        ScenarioError: a plugin's term fails to say so.
     """
     with observation_terms.calling(name):
         found = list(observation_terms[name].quantities(num_auvs))
-    if not found or not all(isinstance(text, str) for text in found):
-        raise observation_terms.refuse(name, found, "at least one text, what each number is")
+    if not all(isinstance(text, str) for text in found):
+        raise observation_terms.refuse(name, found, "texts, what each number is")
     return found
 
 
