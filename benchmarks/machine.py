@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import platform
 import time
 from collections.abc import Callable
@@ -13,6 +14,23 @@ import torch
 from kernels import runtime
 
 
+def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
+    """Command line of a benchmark, with `--json` and `--arch`; kernels run on that architecture from here on."""
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    parser.add_argument("--arch", default="auto", choices=runtime.ARCHITECTURES, help="where the kernels run")
+    arguments = parser.parse_args()
+    try:
+        runtime.start(arguments.arch)
+    except runtime.RuntimeUnavailable as error:
+        parser.error(str(error))
+    return arguments
+
+
+def batch(on_cpu: int, on_card: int) -> int:
+    """How many tasks fill the machine: fewer on a CPU, and on a Vulkan device, which may be one in software."""
+    return on_card if runtime.start().arch == "cuda" else on_cpu
+
+
 def describe() -> dict[str, object]:
     """Processor, cores, device and versions."""
     running = runtime.start()
@@ -21,7 +39,7 @@ def describe() -> dict[str, object]:
     if cpuinfo.exists():
         names = [line.split(":", 1)[1].strip() for line in cpuinfo.read_text().splitlines() if "model name" in line]
         model = names[0] if names else model
-    device = torch.cuda.get_device_name() if running.device.type == "cuda" else "none"
+    device = torch.cuda.get_device_name() if running.arch == "cuda" else "none"
     return {
         "processor": model,
         "threads": running.threads,

@@ -22,7 +22,7 @@ import numpy as np
 import torch
 from scipy.optimize import differential_evolution
 
-from benchmarks.machine import best_time, describe
+from benchmarks.machine import batch, best_time, describe, parse
 from kernels import runtime
 from kernels.planning import global_search, objectives, tilted_array
 from kernels.positioning import usbl
@@ -151,10 +151,10 @@ def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str,
     link = torch.from_numpy(link_table(Site(Scenario.load("extreme", [f"auv.count={auvs}"])))).to(device)
     exact_link = link.double().cpu().numpy()
     random = np.random.default_rng(auvs)
-    batch = (1 << 17) // auvs if device.type == "cpu" else (1 << 24) // auvs
-    points = torch.from_numpy(layouts("anywhere", batch, auvs, random)).to(device)
+    count = batch(1 << 17, 1 << 24) // auvs
+    points = torch.from_numpy(layouts("anywhere", count, auvs, random)).to(device)
     time = best_time(lambda: global_search.plan_batch(link, points, code=code, width=SIDE, length=SIDE), seconds)
-    plans_per_second = batch / time
+    plans_per_second = count / time
 
     trial = np.concatenate([layouts(kind, trials // len(KINDS), auvs, random) for kind in KINDS])
     found = global_search.plan_batch(link, torch.from_numpy(trial).to(device), code=code, width=SIDE, length=SIDE)
@@ -170,7 +170,7 @@ def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str,
     return {
         "auvs": auvs,
         "objective": name,
-        "batch": batch,
+        "batch": count,
         "plans_per_second": plans_per_second,
         "differential_evolution_per_second": slow,
         "over_differential_evolution": plans_per_second / max(slow.values()),
@@ -243,10 +243,9 @@ def measure(teams: tuple[int, ...], trials: int, seconds: float) -> dict[str, ob
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--trials", type=int, default=1200, help="random layouts the gap is searched over")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
-    arguments = parser.parse_args()
+    arguments = parse(parser)
     result = measure(TEAMS, arguments.trials, arguments.seconds)
     if arguments.json:
         print(json.dumps(result, indent=1))

@@ -14,7 +14,8 @@ import numpy as np
 import taichi as ti
 import torch
 
-from benchmarks.machine import best_time, describe
+from benchmarks.machine import best_time, describe, parse
+from kernels import runtime
 from kernels.shallow_water.linear import ShallowWater
 
 DEPTH, GRAVITY = 120.0, 9.81
@@ -66,7 +67,7 @@ def numba_triad(a, b, c, s):
 def triad_bandwidth(device: torch.device) -> float:
     """Bytes a second of a = b + s c over arrays far larger than any cache, 12 B an element (STREAM's count)."""
     n = 1 << 26
-    if device.type == "cuda":
+    if device.type == "cuda":  # torch's, whose arrays these are
         a, b, c = (torch.ones(n, device=device) for _ in range(3))
         return 12 * n / best_time(lambda: torch.add(b, c, alpha=0.5, out=a))
     a, b, c = (np.ones(n, np.float32) for _ in range(3))
@@ -86,7 +87,7 @@ def solver_step(n: int, steps: int) -> float:
 def measure(largest: int) -> dict[str, object]:
     """All results, by number of cells on a side."""
     machine = describe()
-    device = torch.device("cuda" if machine["arch"] == "cuda" else "cpu")
+    device = runtime.start().device
     bandwidth = triad_bandwidth(device)
     bound = bandwidth / 24
     rows = []
@@ -109,7 +110,7 @@ def measure(largest: int) -> dict[str, object]:
             "many steps": solver_step(n, STEPS_PER_LAUNCH),
         }
         torch.set_num_threads(1)
-        if device.type == "cpu":
+        if machine["arch"] != "cuda":
             seconds["Numba"] = best_time(lambda a=arrays, c=c: numba_step(*a, c))
         rates = {name: n * n / value for name, value in seconds.items()}
         baseline = rates.get("Numba", rates["PyTorch"])
@@ -138,9 +139,8 @@ def measure(largest: int) -> dict[str, object]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--largest", type=int, default=8192, help="cells on a side of the largest grid")
-    arguments = parser.parse_args()
+    arguments = parse(parser)
     result = measure(arguments.largest)
     if arguments.json:
         print(json.dumps(result, indent=1))

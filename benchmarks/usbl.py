@@ -21,7 +21,7 @@ from multiprocessing import get_context
 import numpy as np
 import torch
 
-from benchmarks.machine import best_time, describe
+from benchmarks.machine import batch, best_time, describe, parse
 from kernels import runtime
 from kernels.positioning import usbl, waveform
 from kernels.positioning.fix_probability import good_probability
@@ -88,10 +88,9 @@ def demonstration_rate_on_one_thread(seconds: float) -> float:
 def measure_rates(seconds: float) -> dict[str, float]:
     """Fixes a second of every way, and ratios to NumPy's."""
     device = runtime.start().device
-    cpu = device.type == "cpu"
     rates = {}
 
-    count = 1 << 20 if cpu else 1 << 24
+    count = batch(1 << 20, 1 << 24)
     case = places(count)
     generator = torch.Generator(device).manual_seed(2)
     noise = torch.randn((count, 6), generator=generator, device=device)
@@ -103,7 +102,7 @@ def measure_rates(seconds: float) -> dict[str, float]:
     rates["statistical_with_noise_drawn"] = count / best_time(draw_and_fix, seconds)
 
     for name, sampled, size in (("waveform", False, 1 << 17), ("waveform_sampled", True, 1 << 13)):
-        count = size if cpu else size << 5
+        count = batch(size, size << 5)
         case = places(count)
         rates[name] = count / best_time(lambda c=case, s=sampled: waveform.fixes(*c, 0.002, 3, sampled=s), seconds)
 
@@ -181,10 +180,9 @@ def measure(seconds: float, count: int) -> dict[str, object]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--seconds", type=float, default=2.0, help="time spent on each rate, s")
     parser.add_argument("--count", type=int, default=400_000, help="fixes at each strength of the tone")
-    arguments = parser.parse_args()
+    arguments = parse(parser)
     result = measure(arguments.seconds, arguments.count)
     if arguments.json:
         print(json.dumps(result, indent=1))

@@ -24,7 +24,7 @@ from collections.abc import Callable
 import torch
 
 import policies
-from benchmarks.machine import best_time, describe
+from benchmarks.machine import best_time, describe, parse
 from kernels import runtime
 from usvauv_env import Scenario, World
 
@@ -34,12 +34,12 @@ VMAS_WORLDS = 4096
 VMAS_TASKS = {"navigation": {"n_agents": 2}, "simple_spread": {}}
 
 START = """
-import json, time
+import json, sys, time
 import torch, policies
 from usvauv_env import Scenario, World
 scenario = Scenario.load("extreme")
 begin = time.perf_counter()
-world = World(scenario, 512)
+world = World(scenario, 512, arch=sys.argv[1])
 world.reset()
 ready = time.perf_counter()
 world.step(torch.zeros(512, world.num_auvs, 2, device=world.device))[1].cpu()
@@ -135,7 +135,7 @@ def measure_start() -> dict[str, dict[str, float]]:
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "TI_OFFLINE_CACHE_FILE_PATH": cache}
         for name in ("cold", "cached"):
-            command = [sys.executable, "-c", START]
+            command = [sys.executable, "-c", START, runtime.start().arch]
             done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
             results[name] = json.loads(done.stdout.splitlines()[-1])
     return results
@@ -196,10 +196,9 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--largest", type=int, default=16384, help="largest number of worlds")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
-    arguments = parser.parse_args()
+    arguments = parse(parser)
     result = measure(arguments.largest, arguments.seconds)
     if arguments.json:
         print(json.dumps(result, indent=1))

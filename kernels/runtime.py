@@ -25,6 +25,7 @@ from kernels.errors import UserError
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
 FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
 ITERATIONS = 16  # of a loop that a thread takes at a time
+LONGEST = 65_535  # iterations of a thread's loops, all together, after which Vulkan in software leaves them
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 
 
@@ -203,16 +204,30 @@ def better_alone(tasks: int) -> bool:
 def constant_range(tasks: int) -> int:
     """Number of tasks to compile into a kernel as the range of its loop; 0: the range is to be read at each launch.
 
-    On Vulkan, Taichi starts as many threads as a constant range has tasks, and 65,536 for any other range. A graphics
+    On Vulkan, Taichi starts as many threads as a constant range has tasks, and 131,072 for any other range. A graphics
     card does not notice. A device in software walks through the whole body of the kernel for each of them.
     """
     return -(-tasks // 128) * 128 if start().arch == "vulkan" else 0
 
 
+def check_loops(iterations: int, what: str) -> None:
+    """Refuse what a thread would do in more iterations than a Vulkan device may allow it.
+
+    Args:
+        iterations: of all loops of a thread.
+        what: takes them, for the message.
+
+    Raises:
+        Unsupported: it is refused.
+    """
+    if start().arch == "vulkan" and iterations > LONGEST:
+        raise Unsupported(f"{what} takes {iterations} iterations of a thread, which devices cut short after {LONGEST}")
+
+
 def one_task_a_thread() -> int | None:
     """`block_dim` of a loop of few long tasks: 1 on a CPU, where threads take as many tasks at a time.
 
-    On Vulkan the default, because a loop has up to 65,536 threads, and devices need not have more than 65,535 blocks.
+    On Vulkan the default, because a loop has up to 131,072 threads, and devices need not have more than 65,535 blocks.
     """
     return 1 if start().on_cpu else None
 

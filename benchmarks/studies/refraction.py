@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
-from benchmarks.machine import best_time, describe
+from benchmarks.machine import batch, best_time, describe
 from kernels import runtime
 from kernels.positioning import rays, usbl
 from usvauv_env import Scenario
@@ -90,7 +90,7 @@ def noise(R: np.ndarray) -> np.ndarray:
 
 def rates(profile: SoundSpeedProfile, seconds: float) -> dict[str, float]:
     """Rays and positions a second, boats within 10 m of the surface, sources within 200 m at 100 m depth."""
-    count = 1 << 18 if runtime.start().device.type == "cpu" else 1 << 24
+    count = batch(1 << 18, 1 << 24)
     random = np.random.default_rng(0)
     elevation = random.uniform(-10, 10, count)
     across = random.uniform(-200, 200, (count, 2))

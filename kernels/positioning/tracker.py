@@ -32,6 +32,7 @@ import numpy as np
 import taichi as ti
 import torch
 
+from kernels import runtime
 from kernels.flow import airy
 from kernels.types import array2, array3, mat2, vec2, vec3
 
@@ -267,8 +268,12 @@ def follow(
     Returns:
         (T + 1, N, COLUMNS) tracks at the start and after each step; (T, N) normalised innovation squared, −1 where
         there was no fix.
+
+    Raises:
+        Unsupported: so many steps that a Vulkan device may leave the loop before its end.
     """
     steps, count = adrift.shape
+    runtime.check_loops(steps * (1 + COLUMNS), f"a track of {steps} steps")
     track = start.new_empty((steps + 1, count, COLUMNS))
     track[0] = start
     squared_innovation = start.new_empty((steps, count))

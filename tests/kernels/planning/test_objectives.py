@@ -67,7 +67,8 @@ class TestPaper:
 
 @pytest.mark.parametrize("attitude_error", [0.0, 0.003])
 @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
-def test_gradient_and_hessian(device, code, attitude_error):
+def test_gradient_and_hessian(device, rounding, code, attitude_error):
+    """Where AUVs are nearly in a line the determinant of the paper's sum is a small difference of large numbers."""
     n, K = 400, 4
     points = random_layouts("depths", n, K, 200.0, 5)
     boat = random_boats(n, 6)
@@ -80,12 +81,12 @@ def test_gradient_and_hessian(device, code, attitude_error):
         return log_objective(boat, auvs, exact, code)
 
     boat, points = boat.double(), points.double()
-    assert (out[:, 0] - f(boat, points)).abs().max() < 3e-5
+    assert (out[:, 0] - f(boat, points)).abs().max() < 3e-5 * rounding
     gradient, curvature = vmap(grad(f))(boat, points), vmap(jacrev(grad(f)))(boat, points)
     curvature = torch.stack([curvature[:, 0, 0], curvature[:, 0, 1], curvature[:, 1, 1]], 1)
     for got, expected in ((out[:, 1:3], gradient), (out[:, 3:], curvature)):
         scale = expected.abs().amax(1, keepdim=True)
-        assert ((got - expected).abs() / (scale + 0.01 * scale.max())).max() < 1e-4
+        assert ((got - expected).abs() / (scale + 0.01 * scale.max())).max() < 1e-4 * rounding
 
 
 @pytest.mark.parametrize("measurement", ["phase", "fix"])
