@@ -17,10 +17,12 @@ import numpy as np
 from av.video.reformatter import Colorspace, VideoReformatter
 
 from usvauv_env.files import OutputError, atomic_write
+from usvauv_env.memory import require
 from usvauv_env.record.trace import Trace
 from usvauv_env.render.painter import Painter
 
 SMALLEST, LARGEST = 320, 7680  # pixels a side
+FRAME_BYTES = 100.0  # of memory, a pixel of a frame
 KEYFRAMES = 250  # frames from one key frame to the next, the encoder's default
 
 
@@ -103,6 +105,11 @@ def one_drawing_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
+def video_bytes(width: int, height: int) -> float:
+    """Estimate of the memory that drawing and encoding a video takes at its peak, bytes: the encoder looks ahead."""
+    return 2e7 + FRAME_BYTES * width * height
+
+
 @contextmanager
 def video_file(out: Path, width: int, height: int, fps: int) -> Iterator[Callable[[np.ndarray], None]]:
     """An MP4 file; the function it gives appends a picture (height, width, 3) BGR.
@@ -112,7 +119,9 @@ def video_file(out: Path, width: int, height: int, fps: int) -> Iterator[Callabl
 
     Raises:
         OutputError: the file cannot be written.
+        MemoryNeeded: its frames do not fit into memory.
     """
+    require(video_bytes(width, height), f"{out}: frames of {width}x{height}")
     with atomic_write(out) as partial:
         container = av.open(str(partial), "w", format="mp4", options={"movflags": "faststart"})
         try:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from policies.training.replay import Replay
 from policies.training.saved_run import check_counters, check_tensors, first_not_finite
 from policies.training.tensorboard import scalar_writer
 from policies.training.world import TrainingWorld
+from usvauv_env.memory import require
 
 TINY = 1e-6
 WINDOW = 100  # steps of all worlds between two reports
@@ -39,6 +41,14 @@ EVALUATIONS = 10  # evaluations in a run, unless told otherwise
 
 Evaluate = Callable[[LearnedPolicy], Mapping[str, float]]
 Callback = Callable[[dict[str, Any]], None]
+
+
+def learning_bytes(config: TrainingConfig, sizes: Sizes) -> float:
+    """Estimate of the memory that networks, optimisers and an update take at its peak, bytes."""
+    widths = sizes.observation, *config.hidden, sizes.action
+    weights = sum(a * b for a, b in pairwise(widths))
+    features = sizes.observation + sum(config.hidden)
+    return sizes.stack * (140.0 * weights + config.batch * (128.0 * features + 64.0 * config.n_step))
 
 
 class Trainer:
@@ -96,6 +106,7 @@ class Trainer:
         self.frame = FRAMES[config.frame](world.scenario)
         self.generator = torch.Generator(device).manual_seed(config.seed)
         sizes = Sizes(1 if config.shared else world.num_auvs, self.frame.features, ACTION_SIZE)
+        require(learning_bytes(config, sizes), "training: hidden, batch or n_step", device)
         with ALGORITHMS.calling(config.algorithm):
             self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
             self.learner.averaged  # noqa: B018 - a plugin's may have forgotten `set_actor`

@@ -2,13 +2,18 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import torch
 
+from policies import Trainer, TrainingConfig
 from policies.training.replay import Replay
+from tests.policies.toy import ToyWorld, scenario
+from usvauv_cli.encoder import video_file
 from usvauv_env import Scenario, World, memory
 from usvauv_env.memory import MemoryNeeded, available, require, words
+from usvauv_env.record.recorder import record
 from usvauv_env.sea_alone.simulation import SeaSimulation
 
 GIB = 2**30
@@ -28,6 +33,64 @@ sea = build_sea(Site(quick), 0, 1, (1600, 1600))
 sea.advance()
 print(sea_bytes(quick, (1600, 1600), 1) / (peak() - before))
 """
+GROWTH = """
+import ctypes, gc, tempfile
+from pathlib import Path
+
+def status(key):
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(key))
+
+def growth(make):
+    gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)
+    Path("/proc/self/clear_refs").write_text("5")
+    before = status("VmRSS:")
+    make()
+    return status("VmHWM:") - before
+"""
+TRACE = """
+from usvauv_env import Scenario, World
+from usvauv_env.record.metrics import episode_metrics
+from usvauv_env.record.recorder import record, trace_bytes
+import torch
+world, rest = World(Scenario.load("ideal"), 1000), torch.zeros(1000, 2, 2)
+record(world, lambda _: rest, "rest", steps=2)
+print(trace_bytes(world, 40) / growth(lambda: episode_metrics(record(world, lambda _: rest, "rest", steps=40))))
+"""
+VIDEO = """
+import numpy as np
+from usvauv_cli.encoder import video_bytes, video_file
+picture = np.zeros((1080, 1920, 3), np.uint8)
+def video():
+    with tempfile.TemporaryDirectory() as folder, video_file(Path(folder) / "v.mp4", 1920, 1080, 30) as append:
+        for frame in range(30):
+            picture[30 * frame :: 7] += 40
+            append(picture)
+print(video_bytes(1920, 1080) / growth(video))
+"""
+LEARNING = """
+from policies import Trainer, TrainingConfig
+from policies.training.trainer import learning_bytes
+from tests.policies.toy import ToyWorld, scenario
+def run(width):
+    config = TrainingConfig(num_worlds=8, shared=True, hidden=(width, width), batch=64, n_step=2, warmup=16, replay=80)
+    trainer = Trainer(ToyWorld(scenario(), 8, 1), config)
+    trainer.train(8 * 6)
+    return learning_bytes(config, trainer.learner.sizes)
+run(8)
+found = []
+taken = growth(lambda: found.append(run(1024)))
+print(found[0] / taken)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of the memory cannot be reset")
+@pytest.mark.parametrize("what", [TRACE, VIDEO, LEARNING], ids=["trace", "video", "learning"])
+def test_the_estimate_of_other_things_is_near_what_they_take(what):
+    """Within a factor of 2 of the growth of the resident memory's peak."""
+    done = subprocess.run([sys.executable, "-c", GROWTH + what], capture_output=True, text=True, check=True)
+    assert 1 / 2 < float(done.stdout.splitlines()[-1]) < 2
 
 
 def test_the_estimate_of_a_sea_is_near_what_it_takes():
@@ -49,6 +112,11 @@ def test_what_does_not_fit_is_refused_with_the_numbers(monkeypatch):
     assert words(3 * 2**20) == "3 MiB"
 
 
+def learn(**changes):
+    config = TrainingConfig(num_worlds=8, shared=True, **{"replay": 8000, **changes})
+    Trainer(ToyWorld(scenario(), 8, 1), config)
+
+
 @pytest.mark.parametrize(
     ("make", "match"),
     [
@@ -56,6 +124,13 @@ def test_what_does_not_fit_is_refused_with_the_numbers(monkeypatch):
         (lambda: World(Scenario.load("extreme", ["sea.fine_cells=8192"]), 1, 0, fine_sea=True), "8192 × 8192 cells"),
         (lambda: World(Scenario.load("extreme"), 1 << 22, 0), r"^num_worlds = 4194304 of 2 AUVs"),
         (lambda: SeaSimulation(Scenario.load("extreme"), 0, (8192, 8192), 1.0), "8192 × 8192 cells"),
+        (
+            lambda: record(World(Scenario.load("extreme"), 64), None, "x", steps=10**6),
+            "^a record of 1000000 steps of 64",
+        ),
+        (lambda: video_file(Path("x.mp4"), 7680, 7680, 30).__enter__(), "^x.mp4: frames of 7680x7680"),
+        (lambda: learn(hidden=(8192,) * 16), "^training: hidden, batch or n_step"),
+        (lambda: learn(batch=1 << 20, n_step=1000, replay=10**6), "^training: hidden, batch or n_step"),
         (lambda: Replay(10**7, (8, 2, 60, 2), torch.device("cpu"), False), "^training: replay = 80000000"),
     ],
 )

@@ -11,6 +11,7 @@ from kernels.errors import DivergenceError
 from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, writable
 
 WORLDS_PER_BATCH = 128
+ROW_BYTES = 2000.0  # of memory, of an episode's figures
 
 
 def evaluate(
@@ -45,6 +46,7 @@ def evaluate(
     import policies
     from usvauv_cli import console, report
     from usvauv_env import Scenario, World
+    from usvauv_env.memory import require
     from usvauv_env.record.metrics import episode_metrics
     from usvauv_env.record.recorder import record
     from usvauv_env.record.table import write_rows
@@ -57,6 +59,7 @@ def evaluate(
     for name in names:
         policies.check(name, setting)
     strategies = [StrategyChoice.parse(name, setting).name for name in usv or ["fim"]]
+    require(ROW_BYTES * len(names) * len(strategies) * episodes, f"--episodes {episodes}: their rows")
     rows = []
     total = len(names) * len(strategies) * episodes * setting.mission.steps
     try:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from usvauv_env.positioning import Plan
 
 FORMATS = (".png", ".pdf", ".svg")
+MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
 
 
 def plan(
@@ -113,6 +114,10 @@ def plan(
     if out:
         if out.suffix.lower() not in FORMATS:
             raise UserError(f"--out {out}: allowed endings are {', '.join(FORMATS)}")
+        if len(others) > MOST_DRAWN:
+            raise UserError(
+                f"--compare: {len(others)} places given, at most {MOST_DRAWN} in a figure; --json - has none"
+            )
         writable(out)
     if json_file and not to_stdout:
         writable(Path(json_file), "--json")

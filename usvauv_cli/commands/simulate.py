@@ -51,6 +51,7 @@ def simulate(
     import policies
     from usvauv_cli import console, encoder, report
     from usvauv_env import Scenario, World
+    from usvauv_env.memory import require
     from usvauv_env.record.metrics import episode_metrics
     from usvauv_env.record.recorder import Diverged, record
 
@@ -61,6 +62,7 @@ def simulate(
     out = writable(out or Path(f"usvauv-{setting.name}.mp4"))
     if trace:
         writable(trace, "--trace")
+    require(encoder.video_bytes(width, height), f"--size {size}")  # before the mission is simulated
     name = policy or policies.default(setting)
     policies.check(name, setting)
     world = World(setting, 1, seed, usv, fine_sea=True, arch=arch)

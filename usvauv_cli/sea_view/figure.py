@@ -28,6 +28,7 @@ from usvauv_cli.figure_theme import (
 )
 from usvauv_cli.sea_view.section import Section
 from usvauv_cli.sea_view.video import LONG_WAVES, SHADED, land, thumbnail, weather
+from usvauv_env.memory import require
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import MapView, Rectangle
 from usvauv_env.render.sea_layers import SeaSurface
@@ -41,6 +42,7 @@ MAPS = 4
 PROBES = 12  # points a side at which the spectrum is measured
 SEGMENT = 12.0  # length in peak periods of the segments whose spectra are averaged
 SHORTEST = 16  # least number of records for a spectrum
+RECORD_BYTES = 4096.0  # of memory: a section, the probes, what is drawn of them, and Python's own
 USUAL_BYTES = 800_000  # size of a figure; it hardly depends on the sea
 TARGET, AMBER = "#ff9d66", web(LONG_WAVES)
 
@@ -52,9 +54,13 @@ class SeaFigure:
         out: file to write, the format by its suffix.
         sea: at its start.
         records: number of records to come; those at `MAPS` evenly spaced times are shown as maps.
+
+    Raises:
+        MemoryNeeded: they do not fit into memory.
     """
 
     def __init__(self, out: Path, sea: SeaSimulation, records: int) -> None:
+        require(RECORD_BYTES * records, f"a figure of {records} records, by --duration and --interval")
         self._out, self._sea = out, sea
         self._section = Section(sea.scenario)
         self._wanted = {round(place) for place in np.linspace(0, records - 1, MAPS)}
