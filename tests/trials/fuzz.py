@@ -5,7 +5,8 @@
 
 A case is a function of (kind, seed, number). Anything but acceptance, `UserError` of one line, or a usage error of the
 command line is a failure, and so are a number that is not finite in what is accepted and a case that takes longer than
-`PATIENCE`. Each kind runs in a process of its own, which is started again behind a case that ends it.
+`PATIENCE` or more memory than `ROOM`. One accepted scenario in `RUN` is run for some steps. Each kind runs in a process
+of its own, which is started again behind a case that ends it.
 """
 
 from __future__ import annotations
@@ -24,8 +25,14 @@ import traceback
 import warnings
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from usvauv_env import Scenario
 
 PATIENCE = 60.0  # s for one case
+ROOM = 6 << 30  # bytes of data that a process may have
+RUN = 40  # accepted scenarios of which one is run
 KINDS = {  # share of the count
     "toml": 0.25,
     "override": 0.3,
@@ -103,6 +110,15 @@ def require_finite(value: object) -> None:
     json.dumps(value, allow_nan=False)
 
 
+def sometimes_run(r: random.Random, setting: Scenario) -> None:
+    """Run the missions of one scenario in `RUN`, if the trial has time for it; raises for a state that cannot be."""
+    from tests.trials.scenarios import LONGEST, effort, run
+
+    files = setting.water.bathymetry or setting.water.currents
+    if r.randrange(RUN) == 0 and not files and effort(setting, 2) < 0.01 * LONGEST:
+        assert (fault := run(setting, 0, 2)) is None, fault
+
+
 def fuzz_toml(r: random.Random, folder: Path) -> None:
     from usvauv_env import Scenario
 
@@ -120,6 +136,7 @@ def fuzz_toml(r: random.Random, folder: Path) -> None:
     setting = Scenario.load(path)
     require_finite(setting.to_dict())
     assert Scenario.from_dict(setting.to_dict()) == setting
+    sometimes_run(r, setting)
 
 
 def fuzz_override(r: random.Random, folder: Path) -> None:
@@ -136,6 +153,7 @@ def fuzz_override(r: random.Random, folder: Path) -> None:
     setting = Scenario.load(r.choice(Scenario.shipped()), overrides)
     require_finite(setting.to_dict())
     setting.to_toml().encode()
+    sometimes_run(r, setting)
 
 
 def fuzz_learn(r: random.Random, folder: Path) -> None:
@@ -346,6 +364,9 @@ def run_case(kind: str, seed: int, number: int, folder: Path) -> str:
 
 def work(kind: str, seed: int, first: int, count: int) -> None:
     """Print the outcome of each case as a line of JSON, to whoever started this process."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_DATA, (ROOM, ROOM))
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what a case prints is none
     with tempfile.TemporaryDirectory() as folder:
