@@ -156,4 +156,4 @@ def test(
     term = trace.reward_terms[..., trace.reward_names.index("collaboration")]
     added = term.sum(axis=2, dtype=np.float64).mean(axis=0)
     for row, value in zip(episode_metrics(trace, first), added, strict=True):
-        yield {**about, **row.columns(), "collaboration": float(value)}
+        yield {**about, **{name: getattr(row, name) for name in COLUMNS}, "collaboration": float(value)}

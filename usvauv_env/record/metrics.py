@@ -198,5 +198,6 @@ def values_of(rows: Sequence[EpisodeMetrics], name: str) -> list[float]:
 
 
 def mean_figures(rows: Sequence[EpisodeMetrics]) -> dict[str, float]:
-    """Mean of every figure over the episodes that have it."""
-    return {name: statistics.fmean(values_of(rows, name)) for name in (*FIGURES, *rows[0].of_task)}
+    """Mean of every figure over the episodes that have it; without those that none has."""
+    means = {name: statistics.fmean(values_of(rows, name)) for name in (*FIGURES, *rows[0].of_task)}
+    return {name: mean for name, mean in means.items() if not math.isnan(mean)}
