@@ -1,5 +1,8 @@
 """The one kind of error that a user can cause and mend."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
 LONGEST = 2000  # characters of a message
 SHOWN = 400  # of one that is quoted
 
@@ -34,3 +37,23 @@ def in_words(error: BaseException) -> str:
         lines = [lines[places[-1]], *reasons[-1:]]
     text = " ".join(" ".join(lines).split())
     return f"{type(error).__name__}: {text if len(text) <= SHOWN else text[:SHOWN] + ' …'}"
+
+
+@contextmanager
+def blaming(item: str, error: Callable[[str], UserError]) -> Iterator[None]:
+    """A context in which code from outside the packages runs: what it raises becomes one line that names `item`.
+
+    Raises:
+        error: instead of what that code raises; a UserError stays as it is.
+    """
+    try:
+        yield
+    except UserError:
+        raise
+    except (Exception, SystemExit) as problem:
+        raise error(f"{item}: raised {in_words(problem)}") from problem
+
+
+def wrong_return(item: str, returned: object, allowed: str) -> str:
+    """The message about code from outside the packages that returned something that is not allowed."""
+    return f"{item}: returned {' '.join(repr(returned).split())[:200]}: must be {allowed}"

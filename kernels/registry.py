@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from kernels.errors import UserError, in_words
+from kernels.errors import UserError, blaming, wrong_return
 
 T = TypeVar("T")
 SHIPPED = tuple(
@@ -64,19 +64,14 @@ class Registry(Mapping[str, T], Generic[T]):
         Raises:
             error: instead of what a plugin raises; what belongs to the packages raises as it does.
         """
-        try:
+        item = self.described(name)
+        with blaming(item, self._error) if item else nullcontext():
             yield
-        except UserError:
-            raise
-        except (Exception, SystemExit) as problem:
-            if not (item := self.described(name)):
-                raise
-            raise self._error(f"{item}: raised {in_words(problem)}") from problem
 
     def refuse(self, name: str, returned: object, allowed: str) -> UserError:
         """The error for an item that returned something that is not allowed."""
         item = self.described(name) or f"{self.kind} {name!r}"
-        return self._error(f"{item}: returned {' '.join(repr(returned).split())[:200]}: must be {allowed}")
+        return self._error(wrong_return(item, returned, allowed))
 
     def __getitem__(self, name: str) -> T:
         if name not in self._items:

@@ -14,7 +14,7 @@ from policies.checkpoint import read_history, read_run
 from policies.config import TrainingConfig
 from policies.evaluation import evaluate
 from policies.learned import LearnedPolicy
-from policies.loading import acting, available, baseline, check, default, load, load_learned, trained
+from policies.loading import acting, available, baseline, check, default, load, load_learned, named, trained
 from policies.policy import Policy, PolicyError
 from policies.training import Trainer, TrainingWorld
 
@@ -33,6 +33,7 @@ __all__ = [
     "evaluate",
     "load",
     "load_learned",
+    "named",
     "read_history",
     "read_run",
     "trained",

@@ -1,10 +1,11 @@
-"""Policies by name: the trained ones in the package, checkpoints on disk, heuristics."""
+"""Policies by name: the trained ones in the package, checkpoints on disk, heuristics, classes of other modules."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections.abc import Callable
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from kernels.errors import blaming, wrong_return
+from policies import imported
 from policies.checkpoint import BEST, LAST, load_policy
 from policies.heuristics import HEURISTICS
 from policies.learned import LearnedPolicy
 from policies.policy import Policy, PolicyError
+from usvauv_env.record.evaluation import Act
 from usvauv_env.scenario import Scenario
 from usvauv_env.swap import found
 from usvauv_env.world.world import World
@@ -61,45 +65,57 @@ def load(name: str | Path, world: World) -> Policy:
     Args:
         name: one of `available()`; a heuristic's argument follows a colon: `straight:SPEED`, `crab:SPEED` or
             `zermelo:SPEED` with a speed in m/s, `pace:PRICE` with a price of time in W; else the path of a
-            checkpoint, or of a training run, whose best checkpoint is then taken.
+            checkpoint, or of a training run, whose best checkpoint is then taken; else MODULE:CLASS, see
+            `policies.imported`.
         world: the world whose observations it will get; its speed limits and recorded speeds are used.
 
     Raises:
         PolicyError: unknown name, missing or damaged checkpoint, one that does not fit the world's scenario, argument
-            out of range.
+            out of range, a module or class that cannot be used.
     """
     base = _base(name)
     if kind := HEURISTICS.get(base):
         argument = _argument(name, world.scenario)
         with HEURISTICS.calling(base):
             return kind(str(name), world, argument)
+    if _is_imported(name):
+        return imported.Imported(str(name), world)
     return load_learned(name, world.scenario, world.device)
 
 
-def acting(name: str | Path, world: World) -> Callable[[Tensor], Tensor]:
-    """`act` of the policy that `load` gives; what a plugin's policy returns is checked.
+def acting(name: str | Path, world: World) -> Act:
+    """`act` of the policy that `load` gives; what a policy from outside the package returns is checked.
 
     Raises:
-        PolicyError: as `load`; and by the function, where a plugin's policy fails or returns no actions.
+        PolicyError: as `load`; and by the function, where such a policy fails or returns no actions.
     """
-    policy, base = load(name, world), _base(name)
-    if not HEURISTICS.described(base):
+    policy = load(name, world)
+    item = policy.described if isinstance(policy, imported.Imported) else HEURISTICS.described(_base(name))
+    if not item:
         return policy.act
     shape = (world.num_worlds, world.num_auvs, 2)
 
+    def refuse(returned: object, allowed: str) -> PolicyError:
+        return PolicyError(wrong_return(item, returned, allowed))
+
     def act(observation: Tensor) -> Tensor:
-        with HEURISTICS.calling(base):
+        with blaming(item, PolicyError):
             action = policy.act(observation)
         if not isinstance(action, Tensor):
-            raise HEURISTICS.refuse(base, action, f"a tensor of shape {shape}")
+            raise refuse(action, f"a tensor of shape {shape}")
         if action.shape != shape or not action.is_floating_point() or action.device != world.device:
             given = f"{action.dtype} of shape {tuple(action.shape)} on {action.device}"
-            raise HEURISTICS.refuse(base, given, f"real numbers of shape {shape} on {world.device}")
+            raise refuse(given, f"real numbers of shape {shape} on {world.device}")
         if world.device.type == "cpu" and not action.isfinite().all():
-            raise HEURISTICS.refuse(base, float(action[~action.isfinite()][0]), "numbers in [-1, 1]")
+            raise refuse(float(action[~action.isfinite()][0]), "numbers in [-1, 1]")
         return action
 
     return act
+
+
+def named(*names: str) -> dict[str, Callable[[World], Act]]:
+    """Policies by name, as `usvauv_env.evaluate` takes them."""
+    return {name: partial(acting, name) for name in names}
 
 
 def check(name: str | Path, scenario: Scenario) -> None:
@@ -110,6 +126,8 @@ def check(name: str | Path, scenario: Scenario) -> None:
     """
     if _base(name) in HEURISTICS:
         _argument(name, scenario)
+    elif _is_imported(name):
+        imported.find(str(name))
     else:
         load_learned(name, scenario)
 
@@ -128,11 +146,17 @@ def load_learned(
     if text in trained():
         return load_policy(_shipped() / text, text, scenario, device)
     if not os.path.isdir(directory):
-        raise PolicyError(f"policy {text!r}: neither a checkpoint directory nor one of {', '.join(available())}")
+        known = ", ".join(available())
+        raise PolicyError(f"policy {text!r}: neither a checkpoint directory nor one of {known}, nor MODULE:CLASS")
     for place in (directory, directory / BEST, directory / LAST):
         if (found(place) / "policy.json").exists():
             return load_policy(place, text, scenario, device)
     raise PolicyError(f"{text}: not a checkpoint: policy.json is missing")
+
+
+def _is_imported(name: str | Path) -> bool:
+    """Whether a name that is no heuristic's means a class of a module; the path of a folder may have a colon too."""
+    return imported.NAME.fullmatch(str(name)) is not None and not os.path.isdir(name)
 
 
 def _base(name: str | Path) -> str:

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -9,10 +10,14 @@ from pathlib import Path
 
 import pytest
 
+import policies
+import usvauv_env
+from usvauv_env import Scenario
 from usvauv_env.world import observation
 
 ROOT = Path(__file__).parents[1]
-EXAMPLES = sorted((ROOT / "examples" / "plugins").glob("*.py"))
+OWN_POLICY = ROOT / "examples" / "own_policy.py"
+EXAMPLES = [OWN_POLICY, *sorted((ROOT / "examples" / "plugins").glob("*.py"))]
 CALL = "import sys; sys.argv[0] = 'usvauv'; from usvauv_cli.app import main; main()"
 SHORT = ("--set", "mission.duration=60", "--episodes", "2")
 
@@ -115,6 +120,22 @@ assert backlog.min() > 0
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     (tmp_path / "script.py").write_text(script)
     subprocess.run([sys.executable, "script.py"], cwd=tmp_path, env=environment, check=True, timeout=300)
+
+
+def test_a_policy_of_ones_own(tmp_path):
+    """By MODULE:CLASS it gives the rows that `evaluate` gives for the class, in `eval` and beside a shipped policy."""
+    shutil.copy(OWN_POLICY, tmp_path)
+    done = usvauv(tmp_path, "eval", "ideal", "--policy", "own_policy:Nearing", "--policy", "straight", *SHORT)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "metrics.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row.pop("policy") for row in rows] == ["own_policy:Nearing"] * 2 + ["straight"] * 2
+    example = runpy.run_path(str(OWN_POLICY))
+    compared = {"own": example["Nearing"], **policies.named("straight")}
+    scenario = Scenario.load("ideal", ["mission.duration=60"])
+    evaluated = [row.columns() for row in usvauv_env.evaluate(scenario, compared, episodes=2)]
+    assert [row.pop("policy") for row in evaluated] == ["own", "own", "straight", "straight"]
+    assert rows == [{name: str(value) for name, value in row.items()} for row in evaluated]
 
 
 @pytest.mark.parametrize(

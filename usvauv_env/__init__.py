@@ -7,11 +7,13 @@ environments.
 from gymnasium.envs.registration import register
 
 from usvauv_env.faces.pettingzoo_env import parallel_env
+from usvauv_env.record.evaluation import evaluate
+from usvauv_env.record.metrics import EpisodeMetrics
 from usvauv_env.record.trace import Trace, TraceError
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.world.world import World
 
-__all__ = ["Scenario", "ScenarioError", "Trace", "TraceError", "World", "parallel_env"]
+__all__ = ["EpisodeMetrics", "Scenario", "ScenarioError", "Trace", "TraceError", "World", "evaluate", "parallel_env"]
 
 register(
     id="usvauv/DataCollection-v0",

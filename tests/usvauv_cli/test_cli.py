@@ -129,6 +129,17 @@ def test_eval_pairs_worlds(tmp_path):
     assert energy["straight", "fim", "2"] == pytest.approx(energy["straight", "centroid", "2"], rel=0.05)
 
 
+@pytest.mark.parametrize("command", ["simulate", "eval"])
+def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monkeypatch, command):
+    name = f"failing_{command}"
+    (tmp_path / f"{name}.py").write_text("class Failing:\n    def __init__(self, world):\n        1 / 0\n")
+    monkeypatch.setattr(sys, "path", [*sys.path])  # which gets the working directory
+    code, _, stderr = run_usvauv(command, "--policy", f"{name}:Failing", *SHORT)
+    problem = "ZeroDivisionError: division by zero"
+    assert (code, stderr) == (2, f"error: policy '{name}:Failing' of {tmp_path}/{name}.py: raised {problem}\n")
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ""] == [f"{name}.py"]
+
+
 def test_eval_repeats_itself(tmp_path):
     for name in ("a.csv", "b.csv"):
         usvauv("eval", "--policy", "crab", "--episodes", 2, "--out", name, *SHORT, cwd=tmp_path)
@@ -223,6 +234,9 @@ def test_scenarios(tmp_path):
         (["simulate", "--set", "auv.count=many"], ["auv.count", "many"]),
         (["simulate", "--policy", "clever"], ["clever", "straight"]),
         (["simulate", "--policy", "straight:9"], ["straight:9", "2.2"]),
+        (["eval", "--policy", "nowhere:Best"], ["nowhere:Best", "No module named 'nowhere'"]),
+        (["simulate", "--policy", "json:Best"], ["json:Best", "json/__init__.py", "no class or function 'Best'"]),
+        (["simulate", "--policy", "hold:0,0"], ["hold:0,0", "MODULE:CLASS", "straight"]),
         (["simulate", "--usv", "hold:999,0"], ["hold:999,0", "area"]),
         (["simulate", "--size", "12x9"], ["--size", "12x9"]),
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),

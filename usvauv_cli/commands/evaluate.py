@@ -10,7 +10,6 @@ import typer
 from kernels.errors import DivergenceError
 from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, writable
 
-WORLDS_PER_BATCH = 128
 ROW_BYTES = 2000.0  # of memory, of an episode's figures
 
 
@@ -19,7 +18,8 @@ def evaluate(
     policy: Annotated[
         list[str] | None,
         typer.Option(
-            help="Policy by name or checkpoint folder; may be repeated. Default: best trained, straight, crab."
+            help="Policy by name, checkpoint folder, or MODULE:CLASS of your own; may be repeated."
+            " Default: best trained, straight, crab."
         ),
     ] = None,
     usv: Annotated[
@@ -42,36 +42,40 @@ def evaluate(
     `usvauv eval extreme --policy straight:1.4 --policy crab --usv fim --usv hold:100,100 --out metrics.csv`
 
     `usvauv eval --policy runs/mine/best --set auv.count=2 --seed 7`
+
+    `usvauv eval --policy mine:Best --policy straight`
     """
     import policies
+    import usvauv_env
     from usvauv_cli import console, report
-    from usvauv_env import Scenario, World
+    from usvauv_env import EpisodeMetrics, Scenario
     from usvauv_env.memory import require
-    from usvauv_env.record.metrics import episode_metrics
-    from usvauv_env.record.recorder import record
     from usvauv_env.record.table import write_rows
     from usvauv_env.world.boat_strategies import StrategyChoice
 
     at_least("--episodes", episodes, 1)
     setting = Scenario.load(scenario, overrides or ())
     writable(out)
-    names = policy or list(dict.fromkeys([policies.default(setting), "straight", "crab"]))
+    names = list(dict.fromkeys(policy or [policies.default(setting), "straight", "crab"]))
     for name in names:
         policies.check(name, setting)
     strategies = [StrategyChoice.parse(name, setting).name for name in usv or ["fim"]]
     require(ROW_BYTES * len(names) * len(strategies) * episodes, f"--episodes {episodes}: their rows")
-    rows = []
+    rows: list[EpisodeMetrics] = []
     total = len(names) * len(strategies) * episodes * setting.mission.steps
     try:
         with console.progress("evaluating", total) as advance:
             for strategy in strategies:
-                for name in names:
-                    for first in range(0, episodes, WORLDS_PER_BATCH):
-                        worlds = min(WORLDS_PER_BATCH, episodes - first)
-                        world = World(setting, worlds, seed, strategy, first_world=first, arch=arch)
-                        act = policies.acting(name, world)
-                        trace = record(world, act, name, on_step=lambda _, n=worlds: advance(n))
-                        rows += episode_metrics(trace, first)
+                usvauv_env.evaluate(
+                    setting,
+                    policies.named(*names),
+                    episodes=episodes,
+                    seed=seed,
+                    usv=strategy,
+                    arch=arch,
+                    on_step=advance,
+                    on_batch=rows.extend,
+                )
     except (KeyboardInterrupt, DivergenceError):
         if rows:
             write_rows(out, list(rows[0].columns()), (row.columns() for row in rows))

@@ -23,7 +23,10 @@ from usvauv_cli.commands.options import (
 def simulate(
     scenario: ScenarioName = "extreme",
     policy: Annotated[
-        str | None, typer.Option(help="Policy by name or checkpoint folder. Default: the best trained one that fits.")
+        str | None,
+        typer.Option(
+            help="Policy by name, checkpoint folder, or MODULE:CLASS of your own. Default: best trained that fits."
+        ),
     ] = None,
     usv: Usv = "fim",
     seed: Seed = 0,

@@ -216,7 +216,7 @@ class World:
         self._set_clock()
         if self._evolve_vortices:
             self._evolve_vortices()
-        self._action.copy_(action)
+        self._action.copy_(action.detach())
         self._step()
         self._stop_at_fault()
         served = self.auv[..., AuvColumn.service_rate] > 0
