@@ -64,8 +64,8 @@ def load(name: str | Path, world: World) -> Policy:
 
     Args:
         name: one of `available()`; a heuristic's argument follows a colon: `straight:SPEED`, `crab:SPEED` or
-            `zermelo:SPEED` with a speed in m/s, `pace:PRICE` with a price of time in W; else the path of a
-            checkpoint, or of a training run, whose best checkpoint is then taken; else MODULE:CLASS, see
+            `zermelo:SPEED` with a speed in m/s, `pace:PRICE` or `clear:PRICE` with a price of time in W; else
+            the path of a checkpoint, or of a training run, whose best checkpoint is then taken; else MODULE:CLASS, see
             `policies.imported`.
         world: the world whose observations it will get; its speed limits and recorded speeds are used.
 

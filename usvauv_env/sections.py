@@ -475,9 +475,10 @@ class Reward(Section):
 
 
 class Reference(Section):
-    """Best constant speeds of the heuristics, found once by `usvauv eval` over the speeds and recorded here."""
+    """Best speeds and prices of time of the heuristics, found once by `usvauv eval` and recorded here."""
 
     straight_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `straight`, m/s")
     crab_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `crab`, m/s")
     pace_price: Price = Field(0.0, description="best price of time of `pace`, W")
+    clear_price: Price = Field(0.0, description="best price of time of `clear`, W")
     zermelo_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `zermelo`, m/s")

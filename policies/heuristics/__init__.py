@@ -4,6 +4,7 @@ From outside: `HEURISTICS`, the classes by name, and `Heuristic`, what a new one
 """
 
 from kernels.registry import Registry
+from policies.heuristics.clear import Clear
 from policies.heuristics.constant_speed import Crab, Straight
 from policies.heuristics.heuristic import Heuristic
 from policies.heuristics.keep import Keep
@@ -16,6 +17,7 @@ HEURISTICS: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristi
 HEURISTICS.register("straight", Straight)
 HEURISTICS.register("crab", Crab)
 HEURISTICS.register("pace", Pace)
+HEURISTICS.register("clear", Clear)
 HEURISTICS.register("zermelo", Zermelo)
 HEURISTICS.register("keep", Keep)
 HEURISTICS.register("random", Random)

@@ -25,8 +25,8 @@ class Heuristic(Policy):
         super().__init__(name, world.scenario)
         self.world = world
         self.argument = argument
-        layout = ObservationLayout.of(world.scenario)
-        self._target, self._position = layout.slice("target"), layout.slice("position")
+        self.layout = ObservationLayout.of(world.scenario)
+        self._target, self._position = self.layout.slice("target"), self.layout.slice("position")
 
     def target(self, observation: Tensor) -> Tensor:
         """Offset of the target from the measured position, (W, K, 2), over the area's diagonal."""

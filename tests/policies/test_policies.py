@@ -13,7 +13,7 @@ from policies import PolicyError, Trainer
 from policies.frames import TargetFrame, WorldFrame
 from policies.guidance import rotate, unit, unrotate
 from tests.policies.toy import LEARNING, ToyWorld, scenario
-from usvauv_env import Scenario, World
+from usvauv_env import Scenario, World, evaluate
 
 
 def observe(toy, worlds=64, seed=0):
@@ -29,10 +29,10 @@ def angle(vector):
 class TestFace:
     def test_heuristics_come_after_the_trained_ones(self):
         names = policies.available()
-        assert names[-6:] == ["straight", "crab", "pace", "zermelo", "keep", "random"]
-        assert names[:-6] == policies.trained()
+        assert names[-7:] == ["straight", "crab", "pace", "clear", "zermelo", "keep", "random"]
+        assert names[:-7] == policies.trained()
         world = World(Scenario.load("extreme"))
-        for name in names[-6:]:
+        for name in names[-7:]:
             assert policies.load(name, world).name == name
 
     @pytest.mark.parametrize(
@@ -46,6 +46,8 @@ class TestFace:
             ("zermelo:2.3", "between 1.2 and 2.2 m/s"),
             ("straight:1.1", "between 1.2 and 2.2 m/s"),
             ("random:3", "takes no parameter"),
+            ("pace:-1", "must be at least 0 W"),
+            ("clear:fast", "'fast' is not a price of time in W"),
         ],
     )
     def test_a_bad_name_gets_one_clear_line(self, name, part):
@@ -95,10 +97,19 @@ class TestStraight:
         torch.testing.assert_close(velocity, expected, atol=2e-5, rtol=0)
 
     def test_default_speed_is_the_recorded_one(self):
-        toy = scenario(reference={"straight_speed": 1.9, "crab_speed": 1.4, "zermelo_speed": 1.6})
+        reference = {
+            "straight_speed": 1.9,
+            "crab_speed": 1.4,
+            "pace_price": 20.0,
+            "clear_price": 30.0,
+            "zermelo_speed": 1.6,
+        }
+        toy = scenario(reference=reference)
         world = ToyWorld(toy, 1)
         assert policies.load("straight", world).argument == 1.9
         assert policies.load("crab", world).argument == 1.4
+        assert policies.load("pace", world).argument == 20.0
+        assert policies.load("clear", world).argument == 30.0
         assert policies.load("zermelo", world).argument == 1.6
 
     def test_on_the_target_it_still_commands_a_speed(self):
@@ -133,6 +144,57 @@ class TestCrab:
         assert beyond.any()
         assert along[beyond].abs().max() < 2e-3
         torch.testing.assert_close(across[beyond], -1.5 * drift_across[beyond].sign(), atol=1e-5, rtol=0)
+
+
+class TestClear:
+    """Two or more AUVs; the safe distance is 12 m, so others repel within 18 m."""
+
+    def acting(self, places, targets, name, drift=(0.0, 0.0)):
+        """Velocity over ground of AUVs at places (K, 2) with targets (K, 2), m and m/s."""
+        world = ToyWorld(scenario(auv={"count": len(places)}), 1)
+        world.reset()
+        world.position[:], world.target[:], world.drift = (
+            torch.tensor(places),
+            torch.tensor(targets),
+            torch.tensor(drift),
+        )
+        return (world.velocity(policies.load(name, world).act(world._observe())) + world.drift)[0]
+
+    def test_far_from_the_others_and_alone_it_is_pace(self):
+        for places in ([[50.0, 50.0]], [[50.0, 50.0], [50.0, 69.0]], [[50.0, 50.0], [69.0, 50.0], [20.0, 50.0]]):
+            targets = [[90.0 - 20.0 * k, 70.0] for k in range(len(places))]
+            clear, pace = (self.acting(places, targets, f"{name}:40", (0.3, -0.2)) for name in ("clear", "pace"))
+            torch.testing.assert_close(clear, pace)
+
+    def test_the_track_is_that_of_the_potential_of_the_nearest(self):
+        """For an AUV 10 m in the north, at r = 1.8: 0.8 r² of the unit vectors' sum point south."""
+        places, targets = [[50.0, 50.0], [50.0, 60.0], [38.0, 50.0]], [[90.0, 50.0], [50.0, 95.0], [5.0, 50.0]]
+        east, north = self.acting(places, targets, "clear:40", (0.3, -0.2))[0].tolist()
+        assert east > 0
+        assert north / east == pytest.approx(-0.8 * 1.8**2, rel=1e-4)
+
+    def test_it_stops_approaching_just_above_the_safe_distance(self):
+        """The target is behind the other AUV: at 12.3 m = 0.68 · 18 m the terms are of equal size."""
+        for distance, sign in ((12.2, -1), (12.4, 1)):
+            places, targets = [[40.0, 50.0], [40.0 + distance, 50.0]], [[90.0, 50.0], [90.0, 50.0]]
+            first, second = self.acting(places, targets, "clear:40")
+            assert math.copysign(1, first[0]) == sign
+            assert second[0] > 0
+
+    def test_a_pair_that_meets_separates_mirrored(self):
+        places, targets = [[45.0, 50.0], [55.0, 52.0]], [[90.0, 60.0], [10.0, 42.0]]
+        first, second = self.acting(places, targets, "clear:40")
+        torch.testing.assert_close(first, -second, atol=1e-4, rtol=0)
+        apart = torch.tensor(places[0]) - torch.tensor(places[1])
+        assert float(first @ apart) > 0
+
+    def test_it_ends_nearly_all_proximity(self):
+        scenario = Scenario.load("extreme", ["mission.duration=300"])
+        rows = evaluate(scenario, policies.named("clear:50", "pace:50"), episodes=32, seed=7)
+        clear, pace = rows[:32], rows[32:]
+        assert sum(row.collisions for row in pace) > 10
+        assert sum(row.collisions for row in clear) == 0
+        assert sum(row.services for row in clear) > 0.97 * sum(row.services for row in pace)
 
 
 class TestRandom:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from kernels.errors import DivergenceError
-from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, writable
+from usvauv_cli.commands.options import POLICIES, Arch, Overrides, Plugins, ScenarioName, Seed, at_least, writable
 
 ROW_BYTES = 2000.0  # of memory, of an episode's figures
 
@@ -17,10 +17,7 @@ def evaluate(
     scenario: ScenarioName = "extreme",
     policy: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Policy by name, checkpoint folder, or MODULE:CLASS of your own; may be repeated."
-            " Default: best trained, straight, crab."
-        ),
+        typer.Option(help=f"{POLICIES}; may be repeated. Default: the best trained one that fits, straight, crab."),
     ] = None,
     usv: Annotated[
         list[str] | None,

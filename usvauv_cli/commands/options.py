@@ -20,6 +20,10 @@ Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
 ]
+POLICIES = (
+    "Policy: sac-extreme, sac-ideal, straight:SPEED, crab:SPEED, pace:PRICE, clear:PRICE, zermelo:SPEED, keep, random,"
+    " the folder of a checkpoint, or MODULE:CLASS of your own"
+)
 Usv = Annotated[str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")]
 
 

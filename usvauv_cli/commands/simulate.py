@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from usvauv_cli.commands.options import (
+    POLICIES,
     Arch,
     Overrides,
     Plugins,
@@ -24,9 +25,7 @@ def simulate(
     scenario: ScenarioName = "extreme",
     policy: Annotated[
         str | None,
-        typer.Option(
-            help="Policy by name, checkpoint folder, or MODULE:CLASS of your own. Default: best trained that fits."
-        ),
+        typer.Option(help=f"{POLICIES}. Default: the best trained one that fits."),
     ] = None,
     usv: Usv = "fim",
     seed: Seed = 0,
