@@ -77,10 +77,10 @@ def test_boat_strategy(tmp_path):
 
 
 def test_target_rule(tmp_path):
-    long = ("--set", "mission.duration=300")
-    nearest = evaluated(tmp_path, *long, "--set", "nodes.target_rule=nearest", plugin="target_rule.py")
-    shipped = evaluated(tmp_path, *long, plugin="target_rule.py")
-    assert sum(int(row["services"]) for row in nearest) > sum(int(row["services"]) for row in shipped)
+    setting = ("--set", "mission.duration=300", "--set", "nodes.count=6", "--targets")
+    oldest, rate = (evaluated(tmp_path, *setting, rule, plugin="target_rule.py") for rule in ("oldest", "rate"))
+    assert [row["targets"] for row in oldest] == ["oldest"] * len(oldest)
+    assert sum(float(row["jain"]) for row in oldest) > sum(float(row["jain"]) for row in rate)
 
 
 def test_noise_law(tmp_path):
@@ -144,9 +144,8 @@ def test_a_policy_of_ones_own(tmp_path):
         (None, "plugin broken.py: must be a Python file"),
         ("import nowhere", "plugin broken.py: ModuleNotFoundError: No module named 'nowhere'"),
         (
-            "from kernels.mission.target_rules import target_rules\n"
-            "target_rules.register('backlog-less-distance', None)",
-            "plugin broken.py: target rule 'backlog-less-distance': is registered already",
+            "from kernels.mission.target_rules import target_rules\ntarget_rules.register('greedy', None)",
+            "plugin broken.py: target rule 'greedy': is registered already",
         ),
     ],
 )

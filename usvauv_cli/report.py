@@ -49,17 +49,20 @@ def _table(rows: Sequence[EpisodeMetrics], title: str, shown: Mapping[str, str])
     table = Table(title=title)
     table.add_column("policy", no_wrap=True)
     table.add_column("usv", no_wrap=True)
+    several = len({row.targets for row in rows}) > 1
+    if several:
+        table.add_column("targets", no_wrap=True)
     table.add_column("n", justify="right")
     for heading in shown.values():
         table.add_column(heading, justify="right", no_wrap=True)
-    for (policy, usv), group in groupby(rows, key=lambda row: (row.policy, row.usv)):
+    for (policy, usv, rule), group in groupby(rows, key=lambda row: (row.policy, row.usv, row.targets)):
         episodes = list(group)
         cells = []
         for name in shown:
             values = values_of(episodes, name)
             spread = statistics.stdev(values) if len(values) > 1 else 0.0
             cells.append(f"{statistics.fmean(values):.2f} ± {spread:.2f}")
-        table.add_row(policy, usv, str(len(episodes)), *cells)
+        table.add_row(policy, usv, *([rule] if several else []), str(len(episodes)), *cells)
     Console(width=None if Console().is_terminal else 170).print(table)
 
 

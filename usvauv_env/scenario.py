@@ -226,6 +226,20 @@ class Scenario(Section):
             _apply(data, override)
         return cls.from_dict(data, source)
 
+    def with_targets(self, rule: str | None) -> Scenario:
+        """This scenario with another target rule; as it is for None.
+
+        Raises:
+            ScenarioError: an unknown rule, or a task without one.
+        """
+        if rule is None:
+            return self
+        if self.task_definition.targets != "nodes":
+            raise ScenarioError(f"targets: {rule!r}: task {self.task!r} has no target rule")
+        data = self.to_dict()
+        data["nodes"]["target_rule"] = rule
+        return self.from_dict(data, "targets")
+
     @classmethod
     def of(cls, scenario: Scenario | str | Path) -> Scenario:
         """A scenario as it is, or by shipped name or path as `load` reads it."""

@@ -12,14 +12,15 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from kernels.mission.target_rules import target_rules
+from kernels.mission import target_rules
 from kernels.mission.vehicle import FASTEST
 from kernels.planning.team import MAX_AUVS
 from kernels.positioning.ambient_noise import ambient_noise_laws
 from kernels.shallow_water.boundaries import Side
 
 MAX_NODES = 500
-MAX_VORTICES = 16
+MAX_VORTICES = 64
+TOGETHER = 16  # vortices; of more than these no more are taken to lie at one place
 VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
 MOST_PACKETS = 1e7  # single precision counts one by one up to 1.6e7
 
@@ -220,8 +221,8 @@ class Current(Section):
 
     @property
     def fastest(self) -> float:
-        """Sum of all vortices' peak speeds, which no superposition exceeds, m/s."""
-        return self.vortices * VORTEX_PEAK * self.circulation_max / self.core_radius_min
+        """Sum of the peak speeds of all vortices, or of as many as lie `TOGETHER`, m/s."""
+        return min(self.vortices, TOGETHER) * VORTEX_PEAK * self.circulation_max / self.core_radius_min
 
     @property
     def vortices(self) -> int:
@@ -397,11 +398,15 @@ class Nodes(Section):
     )
     payload: float = Field(2.0, ge=1e-6, le=LARGEST, description="data in a full buffer, Mbit")
     target_rule: str = Field(
-        "backlog-less-distance",
-        description="next node of an AUV: backlog-less-distance (λ b/C − α d, d horizontal), demonstration (d slant,"
-        " and of the two best nodes the one of the lower index), or a plugin's rule",
+        "greedy:0.015",
+        description="next node of an AUV: greedy:ALPHA (λ b/C − α d), nearest, rate:SECONDS (data per time),"
+        " rollout:HORIZON, tour, sectors, demonstration:ALPHA, or a plugin's rule",
     )
-    distance_weight: Price = Field(0.015, description="α of these rules, 1/(m s)")
+    information: Literal["full", "rates", "visits", "own-visits"] = Field(
+        "full",
+        description="what the rule knows: backlogs and rates, rates only, what all AUVs' visits have found, or only the"
+        " own ones (no communication)",
+    )
     source_power: float = Field(0.03, ge=1e-6, le=1e5, description="acoustic source power, W")
     frequency: Carrier = Field(20000.0, description="carrier of the data link, Hz")
     bandwidth: Bandwidth = Field(10000.0, description="bandwidth of the data link, Hz")
@@ -411,8 +416,9 @@ class Nodes(Section):
 
     @field_validator("target_rule")
     @classmethod
-    def _known_rule(cls, name: str) -> str:
-        return known(name, target_rules)
+    def _known_rule(cls, text: str) -> str:
+        target_rules.parse(text)
+        return text
 
     @model_validator(mode="after")
     def _check(self) -> Nodes:

@@ -1,24 +1,19 @@
-"""A target rule: the nearest free node. `usvauv eval --plugin target_rule.py --set nodes.target_rule=nearest`"""
+"""A target rule: the node visited longest ago. `usvauv eval --plugin target_rule.py --targets oldest`"""
 
 import taichi as ti
 
-from kernels.mission.columns import EstimateColumn, NodeColumn
-from kernels.mission.target_rules import is_free, target_rules
-from kernels.types import vec2
+from kernels.mission.columns import BeliefColumn
+from kernels.mission.target_rules import TargetRule, best_free, knowledge, target_rules
 
 
 @ti.func
-def nearest(worlds: ti.template(), w, k):
-    best = k % worlds.node.shape[1]  # where no node is free
-    least = 1e30
-    for i in range(worlds.node.shape[1]):
-        dx = worlds.node[w, i, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x]
-        dy = worlds.node[w, i, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y]
-        distance = vec2(dx, dy).norm()
-        if is_free(worlds, w, i) and distance < least:
-            best = i
-            least = distance
-    return best
+def waiting(worlds: ti.template(), w, k, i):
+    return -worlds.belief[w, knowledge.holder(worlds, k), i, BeliefColumn.since]
 
 
-target_rules.register("nearest", nearest)
+@ti.func
+def oldest(worlds: ti.template(), w, k):
+    return best_free(worlds, waiting, w, k)
+
+
+target_rules.register("oldest", TargetRule(oldest))

@@ -50,11 +50,14 @@ class Parameter(Columns):
     data_frequency: int
     data_bandwidth: int
     data_demonstration: int
-    distance_weight: int
     progress: int
     service_hovering: int
     proximity_once: int
     farthest: int
+    rate_mean: int  # of the nodes' arrivals, packets/s
+    rate_variance: int
+    reference_speed: int  # with which target rules reckon
+    reference_rate: int  # of the data link at the hover radius, Mbit/s
 
 
 class AuvColumn(Columns):
@@ -107,6 +110,26 @@ class NodeColumn(Columns):
     rate: int  # of arrivals, packets/s
     backlog: int  # packets
     kind: int  # row of the table of arrivals
+    tour: int  # the node at this place of a tour
+    successor: int  # the node after this one
+
+
+class BeliefColumn(Columns):
+    """What is known of a node, (W, B, M, C); B = 1 for all AUVs, or K."""
+
+    count: int  # shape of the Gamma distribution of its rate, packets
+    exposure: int  # inverse scale of that, s
+    since: int  # when it was last visited, s
+    left: int  # packets expected there at that time
+
+
+class Information(Columns):
+    """What is known of the nodes: everything; their rates; what all AUVs' visits found, or one's own."""
+
+    full: int
+    rates: int
+    visits: int
+    own_visits: int
 
 
 class BoatColumn(Columns):

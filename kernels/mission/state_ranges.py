@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kernels.flow.vortex import Vortex
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, BeliefColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.positioning import tracker
 from kernels.types import Columns
 
@@ -60,6 +60,12 @@ NAMED: dict[str, Range] = {
     "separation": Range(-1e3, 2e4),
     "backlog": Range(0.0, 1e8),
     "kind": Range(0.0, "last_kind", whole=True),
+    "tour": Range(0.0, "last_target", whole=True),
+    "successor": Range(0.0, "last_target", whole=True),
+    "count": AMOUNT,
+    "exposure": Range(0.0, 1e12),
+    "since": Range(0.0, 1e8),
+    "left": AMOUNT,
     "goal_x": X,
     "goal_y": Y,
     "elevation": Range(-500.0, 500.0),
@@ -91,6 +97,7 @@ STATE: State = {
     "auv": _of(AuvColumn, {}),
     "estimate": _of(EstimateColumn, ESTIMATE),
     "node": _of(NodeColumn, {}),
+    "belief": _of(BeliefColumn, {}),
     "vortex": _of(Vortex, VORTEX),
     "boat": _of(BoatColumn, {}),
     "track": tuple((f"track {column}", VARIANCE) for column in range(tracker.COLUMNS)),

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from kernels import random
-from kernels.mission.columns import Parameter, Refraction
+from kernels.mission.columns import Information, Parameter, Refraction
+from kernels.mission.target_rules import TargetRule
 from kernels.mission.tasks.task import Task
 
 
@@ -28,7 +29,8 @@ class Program(NamedTuple):
     Attributes:
         task: what the AUVs have to do.
         strategy: of the boat.
-        target_rule: (worlds, w, k) → index of the node that AUV k heads for next.
+        target_rule: which node an AUV heads for next.
+        information: of `Information`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: what the boat maximises, of `kernels.planning.objectives.objective_code`.
         waveform: fixes by sampled tones, not by the statistical model.
@@ -40,8 +42,9 @@ class Program(NamedTuple):
 
     task: Task
     strategy: Strategy
-    target_rule: Callable[..., Any]
+    target_rule: TargetRule
     observation: tuple[Callable[..., Any], ...]
+    information: int = Information.full
     objective_code: int = 0
     waveform: bool = False
     refraction: int = Refraction.none
@@ -61,6 +64,7 @@ class Worlds(NamedTuple):
         arrivals: (R, .) table of Poisson arrivals, `kernels.mission.poisson_table`.
         fixed_vortex: (V, 4) vortices that are not drawn at random.
         strategy_arguments: (≥ 1,) numbers that the boat strategy was given.
+        rule_numbers: (≥ 1,) numbers of the target rule.
         task_parameters: (≥ 1,) numbers that the task declares.
         reward_weights: (R,) weights of the reward terms.
         observation_first: (terms,) int32, index of the first number of each term.
@@ -73,6 +77,8 @@ class Worlds(NamedTuple):
         boat: (W, B) `BoatColumn`.
         estimate: (W, K, E) `EstimateColumn`.
         track: (W, K, T) where there is a tracker, `kernels.positioning.tracker`.
+        belief: (W, B, M, C) `BeliefColumn`.
+        workspace: (W, ≥ 1) numbers that the target rule needs while it chooses.
         observation: (W, K, O).
         reward_terms: (W, K, R) weighted.
         reward: (W, K).
@@ -85,6 +91,7 @@ class Worlds(NamedTuple):
     arrivals: Any
     fixed_vortex: Any
     strategy_arguments: Any
+    rule_numbers: Any
     task_parameters: Any
     reward_weights: Any
     observation_first: Any
@@ -98,6 +105,8 @@ class Worlds(NamedTuple):
     boat: Any
     estimate: Any
     track: Any
+    belief: Any
+    workspace: Any
     observation: Any
     reward_terms: Any
     reward: Any

@@ -10,7 +10,7 @@ import torch
 
 import policies
 from kernels.errors import UserError
-from kernels.mission.target_rules import target_rules
+from kernels.mission.target_rules import TargetRule, target_rules
 from kernels.mission.worlds import Strategy
 from kernels.positioning.ambient_noise import ambient_noise_laws
 from kernels.types import vec2
@@ -123,9 +123,9 @@ def no_vector(worlds: ti.template(), w):
     ],
 )
 def test_what_runs_in_the_kernel(goal, usv, match):
-    target_rules.register("far", node_far_beyond)
+    target_rules.register("far", TargetRule(node_far_beyond))
     boat_strategies.register("wrong", BoatStrategy(Strategy(start=goal, goal=goal)))
-    rule = "nodes.target_rule=far" if usv != "wrong" else "nodes.target_rule=backlog-less-distance"
+    rule = "nodes.target_rule=far" if usv != "wrong" else "nodes.target_rule=greedy"
     with pytest.raises(UserError, match=match) as caught:
         World(Scenario.load("ideal", [rule]), 1, usv=usv).reset()
     assert str(caught.value).isprintable()

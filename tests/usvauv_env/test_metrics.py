@@ -87,7 +87,7 @@ def test_csv_has_the_promised_columns(tmp_path):
     promised = (
         "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh target_distance overflow "
         "collisions border position_error_mean position_error_median position_error_p95 fix_error_median "
-        "fix_availability outage_longest"
+        "fix_availability outage_longest targets"
     )
     assert " ".join(COLUMNS) == promised
     rows = episode_metrics(small_trace())

@@ -64,7 +64,7 @@ def test_toml_round_trip():
         ("auv.count=two", ["auv.count", "two", "integer"]),
         ("task=fishing", ["task", "fishing", "data-collection, station-keeping"]),
         ("task_parameters.radius=3", ["task_parameters.radius", "data-collection", "none"]),
-        ("nodes.target_rule=far", ["nodes.target_rule", "far", "backlog-less-distance"]),
+        ("nodes.target_rule=far", ["nodes.target_rule", "far", "greedy[:ALPHA]"]),
         ("auv.action=vektor", ["auv.action", "vektor", "vector", "polar"]),
         ("area.depth=90", ["auv.depth", "area.depth"]),
         ("boat.top_speed=nan", ["boat.top_speed", "nan"]),

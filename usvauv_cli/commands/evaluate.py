@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -23,6 +24,13 @@ def evaluate(
         list[str] | None,
         typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid; may be repeated."),
     ] = None,
+    targets: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Which node next: greedy[:ALPHA], nearest[:PACKETS], rate[:SECONDS], rollout[:HORIZON], tour, sectors;"
+            " may be repeated. Default: the scenario's."
+        ),
+    ] = None,
     episodes: Annotated[int, typer.Option(help="Episodes for each combination.")] = 20,
     seed: Seed = 0,
     out: Annotated[Path, typer.Option(help="CSV to write, one row an episode.")] = Path("metrics.csv"),
@@ -41,6 +49,8 @@ def evaluate(
     `usvauv eval --policy runs/mine/best --set auv.count=2 --seed 7`
 
     `usvauv eval --policy mine:Best --policy straight`
+
+    `usvauv eval --policy pace --targets tour --targets rollout`
     """
     import policies
     import usvauv_env
@@ -57,14 +67,15 @@ def evaluate(
     for name in names:
         policies.check(name, setting)
     strategies = [StrategyChoice.parse(name, setting).name for name in usv or ["fim"]]
-    require(ROW_BYTES * len(names) * len(strategies) * episodes, f"--episodes {episodes}: their rows")
+    settings = [setting.with_targets(rule) for rule in targets or [None]]
+    require(ROW_BYTES * len(names) * len(strategies) * len(settings) * episodes, f"--episodes {episodes}: their rows")
     rows: list[EpisodeMetrics] = []
-    total = len(names) * len(strategies) * episodes * setting.mission.steps
+    total = len(names) * len(strategies) * len(settings) * episodes * setting.mission.steps
     try:
         with console.progress("evaluating", total) as advance:
-            for strategy in strategies:
+            for strategy, chosen in product(strategies, settings):
                 usvauv_env.evaluate(
-                    setting,
+                    chosen,
                     policies.named(*names),
                     episodes=episodes,
                     seed=seed,

@@ -26,6 +26,14 @@ POLICIES = (
 )
 Usv = Annotated[str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")]
 
+Targets = Annotated[
+    str | None,
+    typer.Option(
+        help="Which node next: greedy[:ALPHA], nearest[:PACKETS], rate[:SECONDS], rollout[:HORIZON], tour, sectors."
+        " Default: the scenario's."
+    ),
+]
+
 
 def _load_plugins(files: list[Path] | None) -> list[Path] | None:
     """Import the plugins of installed distributions, then those named, before other arguments are processed."""

@@ -14,6 +14,7 @@ from usvauv_cli.commands.options import (
     Plugins,
     ScenarioName,
     Seed,
+    Targets,
     Usv,
     at_least,
     parse_size,
@@ -28,6 +29,7 @@ def simulate(
         typer.Option(help=f"{POLICIES}. Default: the best trained one that fits."),
     ] = None,
     usv: Usv = "fim",
+    targets: Targets = None,
     seed: Seed = 0,
     duration: Annotated[
         float | None, typer.Option(help="Seconds to simulate, in whole mission steps; default an episode.")
@@ -60,7 +62,7 @@ def simulate(
     width, height = parse_size(size)
     at_least("--fps", fps, 1)
     at_least("--duration", 1.0 if duration is None else duration, 0.1)
-    setting = Scenario.load(scenario, overrides or ())
+    setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
     out = writable(out or Path(f"usvauv-{setting.name}.mp4"))
     if trace:
         writable(trace, "--trace")

@@ -11,7 +11,17 @@ import typer
 
 from kernels.errors import UserError
 from kernels.interruption import Interrupted
-from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, Usv, at_least, make_folder
+from usvauv_cli.commands.options import (
+    Arch,
+    Overrides,
+    Plugins,
+    ScenarioName,
+    Seed,
+    Targets,
+    Usv,
+    at_least,
+    make_folder,
+)
 
 if TYPE_CHECKING:
     from policies import Trainer
@@ -38,6 +48,7 @@ def train(
         typer.Option(metavar="NAME=VALUE", help="Change one setting of the learning; may be repeated."),
     ] = None,
     usv: Usv = "fim",
+    targets: Targets = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
     plugins: Plugins = None,
@@ -67,9 +78,9 @@ def train(
 
     at_least("--steps", STEPS if steps is None else steps, 1)
     at_least("--worlds", worlds, 1)
-    if resume and (overrides or learn):
-        raise UserError("--set, --learn: a run that is resumed keeps the scenario and settings it was begun with")
-    setting = Scenario.load(scenario, overrides or ())
+    if resume and (overrides or learn or targets):
+        raise UserError("--set, --learn, --targets: a resumed run keeps the scenario and settings it was begun with")
+    setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
     config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
     config = config.changed(learn or ())
     out = out or Path("runs") / f"{setting.name}-{algorithm}-{seed}"

@@ -32,7 +32,6 @@ SCENARIO = (
     ("time step of the sea, s", "P: 10", ("sea.update_interval",)),
     ("steps and length of an episode, s", "D: 1 and 1000", ("mission.step", "mission.duration")),
     ("target rule", "D: slant distance; of the two best nodes the lower index that is free", ("nodes.target_rule",)),
-    ("weight of the distance in it", "D: 0.05", ("nodes.distance_weight",)),
     ("λ of the nodes", "D: drawn once; here for each episode", ("nodes.arrival_rates",)),
     ("AUVs and nodes", "P: 2; D: 30", ("auv.count", "nodes.count")),
 )

@@ -37,6 +37,7 @@ def evaluate(
     episodes: int = 20,
     seed: int = 0,
     usv: str = "fim",
+    targets: str | None = None,
     arch: str = "auto",
     on_step: Callable[[int], None] = lambda world_steps: None,
     on_batch: Callable[[list[EpisodeMetrics]], None] = lambda rows: None,
@@ -51,7 +52,7 @@ def evaluate(
         policies: name in the rows → class or function that takes the world and gives something with `act`, or a
             function: observations (W, K, O) → actions (W, K, 2) in [−1, 1]. Called anew for each batch.
         episodes: of each policy, at least 1.
-        seed, usv, arch: as `World` takes them.
+        seed, usv, targets, arch: as `World` takes them.
         on_step: called after each step with the number of worlds that made it.
         on_batch: called with the rows of each batch when its episodes are complete.
 
@@ -65,7 +66,7 @@ def evaluate(
     for name, make in policies.items():
         for first in range(0, episodes, WORLDS_PER_BATCH):
             worlds = min(WORLDS_PER_BATCH, episodes - first)
-            world = World(scenario, worlds, seed, usv, first_world=first, arch=arch)
+            world = World(scenario, worlds, seed, usv, targets, first_world=first, arch=arch)
             trace = record(world, act_of(make(world)), name, on_step=lambda _, n=worlds: on_step(n))
             batch = episode_metrics(trace, first)
             on_batch(batch)

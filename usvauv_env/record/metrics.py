@@ -38,6 +38,7 @@ class EpisodeMetrics:
         position_error_mean, _median, _p95: of |estimate − truth| over all AUVs and steps, m.
         fix_error_median: of |fix − truth| over all good fixes, m. fix_availability: share of steps and AUVs with a good
             fix. outage_longest: longest time of an AUV without one, s.
+        targets: rule by which the AUVs chose their targets; empty where the task has none.
         of_task: the figures of `task_metrics` that belong to the task, by name.
     """
 
@@ -62,6 +63,7 @@ class EpisodeMetrics:
     fix_error_median: float
     fix_availability: float
     outage_longest: float
+    targets: str
     of_task: dict[str, float] = field(default_factory=dict)
 
     def columns(self) -> dict[str, Any]:
@@ -70,7 +72,7 @@ class EpisodeMetrics:
 
 
 COLUMNS = tuple(column.name for column in fields(EpisodeMetrics) if column.name != "of_task")
-FIGURES = COLUMNS[5:]
+FIGURES = COLUMNS[5:-1]
 
 
 @dataclass(frozen=True)
@@ -185,6 +187,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             fix_error_median=float(np.median(fix_error[:, w][good[:, w]])) if good[:, w].any() else math.nan,
             fix_availability=float(good[:, w].mean()),
             outage_longest=float(_longest_run(~good[:, w]) * step),
+            targets=trace.scenario.nodes.target_rule if trace.scenario.task_definition.targets == "nodes" else "",
             of_task={name: float(values[w]) for name, values in of_task.items()},
         )
         for w in range(trace.node_position.shape[0])

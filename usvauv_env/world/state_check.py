@@ -11,7 +11,14 @@ from kernels.mission.state_ranges import ANYTHING, STATE, resolve
 from usvauv_env.scenario import Scenario, ScenarioError
 
 LATEST = 1_000_000_000  # episode or step that a clock can show
-PER = {"auv": "AUV", "estimate": "the estimate of AUV", "node": "node", "vortex": "vortex", "track": "the track of AUV"}
+PER = {
+    "auv": "AUV",
+    "estimate": "the estimate of AUV",
+    "node": "node",
+    "belief": "the belief of",
+    "vortex": "vortex",
+    "track": "the track of AUV",
+}
 
 
 def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from kernels.mission.columns import Parameter, Refraction
-from kernels.mission.target_rules import target_rules
+from kernels.mission import target_rules
+from kernels.mission.columns import Information, Parameter, Refraction
+from kernels.mission.tasks.data_collection import LEAST_RATE
 from kernels.mission.worlds import Program
 from kernels.planning import objectives
 from kernels.positioning import sonar_equation, tracker, usbl, waveform
@@ -49,6 +50,15 @@ def data_level(scenario: Scenario) -> float:
     return sonar_equation.acoustic_source_level(nodes.source_power) - level
 
 
+def reference_rate(scenario: Scenario) -> float:
+    """Rate of the data link at the hover radius over the mean bed, Mbit/s."""
+    auv, nodes = scenario.auv, scenario.nodes
+    separation = auv.depth if auv.separation == "demonstration" else scenario.area.depth - auv.depth
+    loss = sonar_equation.transmission_loss(math.hypot(separation, auv.hover_radius), nodes.frequency)
+    snr = data_level(scenario) - loss
+    return max(1e-6 * sonar_equation.shannon_rate(nodes.bandwidth, snr, nodes.rate_law == "demonstration"), LEAST_RATE)
+
+
 def sound_layers(site: Site) -> np.ndarray:
     """The speed of sound for `kernels.positioning.rays`, (N, rays.COLUMNS)."""
     profile = site.sound_speed or SoundSpeedProfile.constant(site.scenario.acoustics.sound_speed)
@@ -82,13 +92,19 @@ def program(site: Site, strategy: BoatStrategy) -> Program:
     return Program(
         task=s.task_definition,
         strategy=strategy.functions,
-        target_rule=target_rules[s.nodes.target_rule],
+        target_rule=target_rules.parse(s.nodes.target_rule)[0],
         observation=tuple(observation_terms[name].write for name in ObservationLayout.of(s).terms),
+        information=getattr(Information, s.nodes.information.replace("-", "_")),
         objective_code=objectives.objective_code(s.planner.measurement, s.planner.objective),
         waveform=s.usbl.model == "waveform",
         refraction=refraction,
         tracker=s.tracker.enabled,
     )
+
+
+def rule_numbers(scenario: Scenario) -> np.ndarray:
+    """The numbers of the target rule, (≥ 1,)."""
+    return np.array(target_rules.parse(scenario.nodes.target_rule)[1] or [0.0])
 
 
 def task_parameters(scenario: Scenario) -> np.ndarray:
@@ -187,11 +203,14 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "data_frequency": s.nodes.frequency,
         "data_bandwidth": s.nodes.bandwidth,
         "data_demonstration": s.nodes.rate_law == "demonstration",
-        "distance_weight": s.nodes.distance_weight,
         "progress": s.reward.distance_form == "progress",
         "service_hovering": s.reward.service_form == "hovering",
         "proximity_once": s.reward.proximity_form == "pair",
         "farthest": math.hypot(s.area.diagonal, s.auv.depth),
+        "rate_mean": np.mean(s.nodes.arrival_rates),
+        "rate_variance": np.var(s.nodes.arrival_rates),
+        "reference_speed": s.reference.straight_speed,
+        "reference_rate": reference_rate(s),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
 

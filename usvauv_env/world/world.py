@@ -15,7 +15,7 @@ from kernels.errors import DivergenceError, in_words
 from kernels.flow import current, vortex
 from kernels.launch import Launch
 from kernels.mission import poisson_table
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, BeliefColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
 from kernels.mission.target_rules import target_rules
@@ -40,7 +40,7 @@ ALIGNMENT = 16  # numbers
 NAMED = 8  # of the worlds on a sea, in a message
 ROUNDING = 1e-6  # of a ratio of times
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
-STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "observation")
+STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "belief", "observation")
 
 
 def room(shape: Sequence[int]) -> int:
@@ -69,6 +69,7 @@ class World:
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1.
         usv: strategy of the boat: "fim", "fim-greedy", "fim-horizon", "hold:X,Y", "centroid" or a plugin's.
+        targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
         arch: where to run, see `kernels.runtime.start`.
@@ -88,6 +89,7 @@ class World:
         num_worlds: int = 1,
         seed: int = 0,
         usv: str = "fim",
+        targets: str | None = None,
         *,
         first_world: int = 0,
         fine_sea: bool = False,
@@ -99,7 +101,7 @@ class World:
             raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
         if fine_sea and num_worlds != 1:
             raise ScenarioError(f"num_worlds = {num_worlds}: a finely resolved sea carries exactly one world")
-        self.scenario = scenario
+        self.scenario = scenario = scenario.with_targets(targets)
         self.site = Site(scenario)
         self.num_worlds = num_worlds
         self.num_auvs = scenario.auv.count
@@ -123,6 +125,12 @@ class World:
             "boat": (num_worlds, len(BoatColumn.names)),
             "estimate": (*team, len(EstimateColumn.names)),
             "track": (*(team if scenario.tracker.enabled else (1, 1)), tracker.COLUMNS),
+            "belief": (
+                num_worlds,
+                self.num_auvs if scenario.nodes.information == "own-visits" else 1,
+                scenario.targets,
+                len(BeliefColumn.names),
+            ),
             "observation": (*team, self.observation_size),
             "reward": team,
             "reward_terms": (*team, len(self.reward_names)),
@@ -133,7 +141,7 @@ class World:
         parts = self._numbers.split([room(shape) for shape in shapes.values()])
         views = iter(part[: math.prod(shape)].view(shape) for part, shape in zip(parts, shapes.values(), strict=True))
         self.auv, self.node, self.vortex, self.boat, self.estimate = (next(views) for _ in range(5))
-        self.track, self.observation, self.reward, self.reward_terms = views
+        self.track, self.belief, self.observation, self.reward, self.reward_terms = views
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
         self._action = self._zeros(*team, 2)
@@ -297,7 +305,7 @@ class World:
         parts = [
             tasks.described(scenario.task),
             boat_strategies.described(self.strategy.name.partition(":")[0]),
-            target_rules.described(scenario.nodes.target_rule),
+            target_rules.described(scenario.nodes.target_rule.partition(":")[0]),
             *(observation_terms.described(term) for term in self.observation_layout.terms),
         ]
         return ", ".join(filter(None, parts))
@@ -346,18 +354,21 @@ class World:
             "arrivals": poisson_table.table(scenario.nodes.arrival_rates, scenario.mission.step),
             "fixed_vortex": tables.fixed_vortices(scenario),
             "strategy_arguments": np.array(self.strategy.numbers or [0.0]),
+            "rule_numbers": tables.rule_numbers(scenario),
             "task_parameters": tables.task_parameters(scenario),
             "reward_weights": tables.reward_weights(scenario),
             "bed": self.site.bed,
         }
         program = tables.program(self.site, self.strategy.strategy)
         first = [place.start for _, place in self.observation_layout]
+        rule_needs = program.target_rule.workspace(scenario.targets, self.num_auvs)
         return {
             **{name: self._upload(array) for name, array in numbers.items()},
             "program": program._replace(
                 serial=runtime.better_alone(self.num_worlds * self.num_auvs),
                 constant_range=runtime.constant_range(self.num_worlds),
             ),
+            "workspace": self._zeros(self.num_worlds, max(1, rule_needs)),
             "observation_first": torch.tensor(first, dtype=torch.int32, device=self.device),
             "key_low": key & 0xFFFFFFFF,
             "key_high": key >> 32,

@@ -6,6 +6,7 @@ from kernels.flow import regular_grid
 from kernels.mission import poisson_table, rewards
 from kernels.mission.columns import AuvColumn, BoatColumn, Draw, NodeColumn, Parameter
 from kernels.mission.motion import distance_to_target, target_of, travel
+from kernels.mission.target_rules import knowledge
 from kernels.mission.tasks.task import Task, tasks
 from kernels.mission.vehicle import hovering_power
 from kernels.mission.worlds import uniforms
@@ -31,12 +32,23 @@ def place_nodes(worlds: ti.template(), w):
         node[w, i, NodeColumn.rate] = worlds.arrivals[kind, poisson_table.RATE]
         backlog = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
         node[w, i, NodeColumn.backlog] = ti.min(backlog, p[Parameter.start_backlog])  # the product may be rounded up
+        node[w, i, NodeColumn.tour] = 0.0
+        node[w, i, NodeColumn.successor] = 0.0
+    knowledge.begin(worlds, w)
 
 
 @ti.func
 def choose_target(worlds: ti.template(), w, k):
     """Send AUV k to the node that the target rule chooses."""
-    worlds.auv[w, k, AuvColumn.target] = ti.cast(worlds.program.target_rule(worlds, w, k), ti.f32)
+    worlds.auv[w, k, AuvColumn.target] = ti.cast(worlds.program.target_rule.choose(worlds, w, k), ti.f32)
+
+
+@ti.func
+def assign(worlds: ti.template(), w, k):
+    """The first target of AUV k, with which AUV 0 is the first."""
+    if k == 0:
+        worlds.program.target_rule.prepare(worlds, w)
+    choose_target(worlds, w, k)
 
 
 @ti.func
@@ -72,6 +84,7 @@ def begin_service(worlds: ti.template(), w, k, distance):
     law = ti.cast(p[Parameter.data_demonstration], ti.i32)
     rate = ti.max(1e-6 * sonar_equation.shannon_rate(p[Parameter.data_bandwidth], snr, law), LEAST_RATE)
     cargo = unclaimed(worlds, w, target)
+    knowledge.learn(worlds, w, k, target, cargo)
     auv[w, k, AuvColumn.rate] = rate
     auv[w, k, AuvColumn.cargo] = cargo
     auv[w, k, AuvColumn.hover] = ti.max(megabits(p, cargo) / rate, 1e-3 * p[Parameter.step])
@@ -154,7 +167,7 @@ tasks.register(
     "data-collection",
     Task(
         place=place_nodes,
-        assign=choose_target,
+        assign=assign,
         move=move,
         update=fill_nodes,
         finish=complete_services,

@@ -25,6 +25,8 @@ def place_stations(worlds: ti.template(), w):
         node[w, i, NodeColumn.kind] = 0.0
         node[w, i, NodeColumn.rate] = 0.0
         node[w, i, NodeColumn.backlog] = 0.0
+        node[w, i, NodeColumn.tour] = 0.0
+        node[w, i, NodeColumn.successor] = 0.0
 
 
 @ti.func

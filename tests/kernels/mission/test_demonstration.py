@@ -26,11 +26,11 @@ def test_shipped():
     for name in ("paper-ideal", "paper-extreme", "ideal", "extreme", "station-keeping"):
         s = Scenario.load(name)
         conventions = (
-            s.nodes.target_rule, s.nodes.distance_weight, s.nodes.hovering_time, s.auv.separation, s.auv.refused_power,
+            s.nodes.target_rule, s.nodes.hovering_time, s.auv.separation, s.auv.refused_power,
             s.reward.service_form, s.reward.proximity_form,
         )  # fmt: skip
-        theirs = ("demonstration", 0.05, "exact", "demonstration", "hovering", "hovering", "pair")
-        ours = ("backlog-less-distance", 0.015, "steps", "geometry", "travelling", "completion", "each")
+        theirs = ("demonstration:0.05", "exact", "demonstration", "hovering", "hovering", "pair")
+        ours = ("greedy:0.015", "steps", "geometry", "travelling", "completion", "each")
         assert conventions == (theirs if "paper" in name else ours)
 
 
@@ -59,7 +59,7 @@ def after_service(rule: str, backlog: list[float]) -> int:
 def test_of_the_two_best_the_lower_index():
     backlog = [4000.0, 2000.0, 5000.0]
     assert after_service("demonstration", backlog) == 2  # not the better, 4; by the horizontal distance it would be 3
-    assert after_service("backlog-less-distance", backlog) == 4
+    assert after_service("greedy:0.05", backlog) == 4
 
 
 def test_an_emptied_node_is_one_of_the_two_best():

@@ -1,0 +1,58 @@
+"""The demonstration's target rule."""
+
+import taichi as ti
+
+from kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter
+from kernels.mission.target_rules.knowledge import is_free
+from kernels.mission.target_rules.rule import TargetRule
+from kernels.types import vec3
+
+
+@ti.func
+def worth(worlds: ti.template(), w, k, i, alpha):
+    """λ b/C − α d of node i for AUV k, d from its estimated position with the vertical separation of the boat."""
+    node = ti.static(worlds.node)
+    dx = node[w, i, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x]
+    dy = node[w, i, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y]
+    d = vec3(dx, dy, worlds.p[Parameter.separation_boat]).norm()
+    return node[w, i, NodeColumn.rate] * (node[w, i, NodeColumn.backlog] / worlds.p[Parameter.buffer]) - alpha * d
+
+
+@ti.func
+def demonstration(worlds: ti.template(), w, k):
+    """Of the K nodes with the largest λ b/C − α d, K the number of AUVs and d the slant distance, the free one of the
+    lowest index; where none of them is free, the free one with the largest value. At first the K nodes with the largest
+    λ b/C, the best to the last AUV.
+
+    The targets of all AUVs are among the nodes compared: one that has just been emptied takes the place of another.
+    """
+    node = ti.static(worlds.node)
+    count = worlds.auv.shape[1]
+    alpha = worlds.rule_numbers[0]
+    first = worlds.auv[w, k, AuvColumn.target] < 0
+    if first:
+        alpha = 0.0
+    chosen = -1
+    best = -1
+    best_value = -1e30
+    for i in range(node.shape[1]):
+        if chosen < 0 and is_free(worlds, w, k, i):
+            value = worth(worlds, w, k, i, alpha)
+            if value > best_value:
+                best = i
+                best_value = value
+            better = 0
+            for j in range(node.shape[1]):
+                other = worth(worlds, w, k, j, alpha)
+                if j != i and (other > value or (other == value and j > i)):
+                    better += 1
+            if better == count - 1 - k or (not first and better < count):
+                chosen = i
+    if chosen < 0:
+        chosen = best
+    if chosen < 0:  # more AUVs than nodes: share the nearest by index
+        chosen = k % node.shape[1]
+    return chosen
+
+
+DEMONSTRATION = TargetRule(demonstration, arguments=(("ALPHA", 0.05),))  # 1/(m s)

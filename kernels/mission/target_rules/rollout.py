@@ -1,0 +1,141 @@
+"""A rule that simulates: for each node that it could choose, all AUVs go on by the rule `rate`.
+
+It chooses the node after which most data are collected, as rollout policies do (Bertsekas, Tsitsiklis and Wu, 1997,
+Journal of Heuristics 3, doi 10.1023/A:1009635226865). AUVs travel straight at the reference speed. Data count less the
+later they come, by exp(−t/T), up to t = 3 T: with a sharp end the choice depends on which services just come before it.
+"""
+
+import taichi as ti
+
+from kernels.mission.columns import AuvColumn, EstimateColumn, Information, NodeColumn, Parameter
+from kernels.mission.target_rules import knowledge
+from kernels.mission.target_rules.rule import TargetRule
+from kernels.mission.target_rules.value import travel_time
+from kernels.types import vec2
+
+OVERHEAD = 10.0  # s, of the base rule `rate`
+TIMES = 3.0  # T that are simulated
+X, Y, READY, NUMBERS = 0, 1, 2, 3  # of a simulated AUV: where and when it is free, m and s
+
+
+@ti.func
+def memory(worlds: ti.template(), j, column):
+    """Place in the workspace of a number of the simulated AUV j; the nodes are before: when each is emptied, or −1."""
+    return worlds.node.shape[1] + NUMBERS * j + column
+
+
+@ti.func
+def travel(worlds: ti.template(), w, j, i):
+    """Time that the simulated AUV j needs to node i, s."""
+    apart = vec2(
+        worlds.node[w, i, NodeColumn.x] - worlds.workspace[w, memory(worlds, j, X)],
+        worlds.node[w, i, NodeColumn.y] - worlds.workspace[w, memory(worlds, j, Y)],
+    ).norm()
+    return travel_time(worlds.p, apart)
+
+
+@ti.func
+def packets(worlds: ti.template(), w, k, i, t):
+    """Packets that AUV k expects at node i at time t in the simulation; none where an AUV is on its way there."""
+    emptied = worlds.workspace[w, i]
+    there = 0.0
+    if emptied < 0.0:
+        there = knowledge.backlog(worlds, w, k, i, t)
+    elif emptied <= t:
+        there = ti.min(knowledge.rate(worlds, w, k, i) * (t - emptied), worlds.p[Parameter.buffer])
+    return there
+
+
+@ti.func
+def serve(worlds: ti.template(), w, k, j, i):
+    """The simulated AUV j goes to node i and serves it; returns the packets times exp(−t/T)."""
+    p = ti.static(worlds.p)
+    arrival = worlds.workspace[w, memory(worlds, j, READY)] + travel(worlds, w, j, i)
+    taken = packets(worlds, w, k, i, arrival)
+    hover = ti.max(
+        taken * p[Parameter.payload] / (p[Parameter.buffer] * p[Parameter.reference_rate]), p[Parameter.step]
+    )
+    worlds.workspace[w, i] = arrival
+    worlds.workspace[w, memory(worlds, j, X)] = worlds.node[w, i, NodeColumn.x]
+    worlds.workspace[w, memory(worlds, j, Y)] = worlds.node[w, i, NodeColumn.y]
+    worlds.workspace[w, memory(worlds, j, READY)] = arrival + hover
+    return taken * ti.exp(-(arrival + hover - knowledge.time(worlds, w)) / worlds.rule_numbers[0])
+
+
+@ti.func
+def begin(worlds: ti.template(), w, k, end):
+    """Put the simulated AUVs where they are; those on their way arrive. Without communication AUV k is alone."""
+    now = knowledge.time(worlds, w)
+    for i in range(worlds.node.shape[1]):
+        worlds.workspace[w, i] = -1.0
+    total = 0.0
+    for j in range(worlds.auv.shape[1]):
+        worlds.workspace[w, memory(worlds, j, X)] = worlds.estimate[w, j, EstimateColumn.x]
+        worlds.workspace[w, memory(worlds, j, Y)] = worlds.estimate[w, j, EstimateColumn.y]
+        worlds.workspace[w, memory(worlds, j, READY)] = now
+        target = ti.cast(worlds.auv[w, j, AuvColumn.target], ti.i32)
+        if ti.static(worlds.program.information == Information.own_visits):
+            if j != k:
+                worlds.workspace[w, memory(worlds, j, READY)] = end
+        elif j != k and target >= 0:
+            if worlds.auv[w, j, AuvColumn.hover] > 0.0:
+                worlds.workspace[w, target] = now
+                worlds.workspace[w, memory(worlds, j, READY)] = now + worlds.auv[w, j, AuvColumn.hover]
+            else:
+                total += serve(worlds, w, k, j, target)
+    return total
+
+
+@ti.func
+def go_on(worlds: ti.template(), w, k, end):
+    """All simulated AUVs go on by `rate` until `end`, the one that is free first next; returns the packets."""
+    total = 0.0
+    searching = True
+    while searching:
+        j = 0
+        for other in range(1, worlds.auv.shape[1]):
+            if worlds.workspace[w, memory(worlds, other, READY)] < worlds.workspace[w, memory(worlds, j, READY)]:
+                j = other
+        free = worlds.workspace[w, memory(worlds, j, READY)]
+        searching = free < end
+        if searching:
+            best = -1
+            most = 0.0
+            for i in range(worlds.node.shape[1]):
+                time = travel(worlds, w, j, i)
+                value = packets(worlds, w, k, i, free + time) / (time + OVERHEAD)
+                if value > most:
+                    best = i
+                    most = value
+            if best < 0:
+                worlds.workspace[w, memory(worlds, j, READY)] = end
+            else:
+                total += serve(worlds, w, k, j, best)
+    return total
+
+
+@ti.func
+def rollout(worlds: ti.template(), w, k):
+    """The free node after which the most packets are expected."""
+    end = knowledge.time(worlds, w) + TIMES * worlds.rule_numbers[0]
+    best = -1
+    most = -1.0
+    for i in range(worlds.node.shape[1]):
+        if knowledge.is_free(worlds, w, k, i):
+            total = begin(worlds, w, k, end)
+            total += serve(worlds, w, k, k, i)
+            total += go_on(worlds, w, k, end)
+            if total > most:
+                best = i
+                most = total
+    if best < 0:
+        best = k % worlds.node.shape[1]
+    return best
+
+
+def workspace(num_nodes: int, num_auvs: int) -> int:
+    """When each node is emptied, and the numbers of each AUV."""
+    return num_nodes + NUMBERS * num_auvs
+
+
+ROLLOUT = TargetRule(rollout, arguments=(("HORIZON", 90.0),), workspace=workspace)

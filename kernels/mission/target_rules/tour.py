@@ -1,0 +1,189 @@
+"""Rules that follow a closed tour of the nodes: all AUVs one tour, spaced along it, or each a sector of it.
+
+The tour is a nearest-neighbour tour improved until no exchange of two edges shortens it (2-opt: G. A. Croes, 1958,
+Operations Research 6(6), doi 10.1287/opre.6.6.791). It depends on where nodes are and on nothing else.
+"""
+
+import taichi as ti
+
+from kernels.mission.columns import AuvColumn, NodeColumn
+from kernels.mission.target_rules import knowledge
+from kernels.mission.target_rules.rule import TargetRule
+from kernels.mission.target_rules.value import distance
+from kernels.types import vec2
+
+LEAST_GAIN = 1e-3  # m, of an exchange; below it rounding could undo and redo one for ever
+
+
+@ti.func
+def stop(worlds: ti.template(), w, place):
+    """The node at a place of the tour, counted around."""
+    return ti.cast(worlds.node[w, place % worlds.node.shape[1], NodeColumn.tour], ti.i32)
+
+
+@ti.func
+def put(worlds: ti.template(), w, place, i):
+    """Put node i at a place of the tour, counted around."""
+    worlds.node[w, place % worlds.node.shape[1], NodeColumn.tour] = ti.cast(i, ti.f32)
+
+
+@ti.func
+def apart(worlds: ti.template(), w, i, j):
+    """Distance between two nodes, m."""
+    node = ti.static(worlds.node)
+    return vec2(
+        node[w, i, NodeColumn.x] - node[w, j, NodeColumn.x], node[w, i, NodeColumn.y] - node[w, j, NodeColumn.y]
+    ).norm()
+
+
+@ti.func
+def reverse(worlds: ti.template(), w, first, last):
+    """Reverse the tour from place `first` to `last`."""
+    a = first
+    b = last
+    while a < b:
+        i = stop(worlds, w, a)
+        put(worlds, w, a, stop(worlds, w, b))
+        put(worlds, w, b, i)
+        a += 1
+        b -= 1
+
+
+@ti.func
+def shorten(worlds: ti.template(), w, first, count):
+    """Exchange edges of the closed tour of `count` stops from place `first` on until none shortens it.
+
+    The stop at `first` stays there.
+    """
+    improved = True
+    while improved:
+        improved = False
+        for a in range(count - 2):
+            for b in range(a + 2, count):
+                i = stop(worlds, w, first + a)
+                after_i = stop(worlds, w, first + a + 1)
+                j = stop(worlds, w, first + b)
+                after_j = stop(worlds, w, first + (b + 1) % count)
+                now = apart(worlds, w, i, after_i) + apart(worlds, w, j, after_j)
+                then = apart(worlds, w, i, j) + apart(worlds, w, after_i, after_j)
+                if then < now - LEAST_GAIN:
+                    reverse(worlds, w, first + a + 1, first + b)
+                    improved = True
+
+
+@ti.func
+def close(worlds: ti.template(), w, first, count):
+    """Make each of `count` stops from place `first` on lead to the next, and the last to the first."""
+    for a in range(count):
+        i = stop(worlds, w, first + a)
+        following = stop(worlds, w, first + (a + 1) % count)
+        worlds.node[w, i, NodeColumn.successor] = ti.cast(following, ti.f32)
+
+
+@ti.func
+def make_tour(worlds: ti.template(), w):
+    """The tour of all nodes; returns its length, m."""
+    count = worlds.node.shape[1]
+    for i in range(count):
+        put(worlds, w, i, i)
+    for place in range(count - 2):
+        here = stop(worlds, w, place)
+        nearest = place + 1
+        for other in range(place + 2, count):
+            if apart(worlds, w, here, stop(worlds, w, other)) < apart(worlds, w, here, stop(worlds, w, nearest)):
+                nearest = other
+        i = stop(worlds, w, nearest)
+        put(worlds, w, nearest, stop(worlds, w, place + 1))
+        put(worlds, w, place + 1, i)
+    shorten(worlds, w, 0, count)
+    length = 0.0
+    for place in range(count):
+        length += apart(worlds, w, stop(worlds, w, place), stop(worlds, w, place + 1))
+    return length
+
+
+@ti.func
+def enter(worlds: ti.template(), w, first, length):
+    """Send AUVs to stops evenly spaced along the tour from place `first` on, to each the nearest AUV that is left.
+
+    Returns the sum of their distances, m.
+    """
+    auv = ti.static(worlds.auv)
+    num_auvs = auv.shape[1]
+    for k in range(num_auvs):
+        auv[w, k, AuvColumn.target] = -1.0
+    total = 0.0
+    travelled = 0.0
+    entered = 0
+    for place in range(worlds.node.shape[1]):
+        i = stop(worlds, w, first + place)
+        if entered < num_auvs and travelled >= length * entered / num_auvs:
+            nearest = -1
+            for k in range(num_auvs):
+                if auv[w, k, AuvColumn.target] < 0.0:
+                    if nearest < 0:
+                        nearest = k
+                    elif distance(worlds, w, k, i) < distance(worlds, w, nearest, i):
+                        nearest = k
+            auv[w, nearest, AuvColumn.target] = ti.cast(i, ti.f32)
+            total += distance(worlds, w, nearest, i)
+            entered += 1
+        travelled += apart(worlds, w, i, stop(worlds, w, first + place + 1))
+    return total
+
+
+@ti.func
+def spread(worlds: ti.template(), w, length):
+    """Enter the tour where the AUVs' ways to it are shortest; returns the place of the first stop entered."""
+    best = 0
+    least = 1e30
+    for first in range(worlds.node.shape[1]):
+        total = enter(worlds, w, first, length)
+        if total < least:
+            best = first
+            least = total
+    enter(worlds, w, best, length)
+    return best
+
+
+@ti.func
+def prepare_tour(worlds: ti.template(), w):
+    """One closed tour for all."""
+    spread(worlds, w, make_tour(worlds, w))
+    close(worlds, w, 0, worlds.node.shape[1])
+
+
+@ti.func
+def prepare_sectors(worlds: ti.template(), w):
+    """The tour in pieces of about one length, one an AUV, each closed and shortened again."""
+    count = worlds.node.shape[1]
+    first = spread(worlds, w, make_tour(worlds, w))
+    start = 0
+    for place in range(1, count + 1):
+        entered = place == count
+        for k in range(worlds.auv.shape[1]):
+            if ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32) == stop(worlds, w, first + place):
+                entered = True
+        if entered:
+            shorten(worlds, w, first + start, place - start)
+            close(worlds, w, first + start, place - start)
+            start = place
+
+
+@ti.func
+def follow(worlds: ti.template(), w, k):
+    """The next free stop of the tour; at first the stop at which AUV k enters it."""
+    target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+    if worlds.clock[w, 1] > 0:
+        searching = True
+        for _ in range(worlds.node.shape[1]):
+            if searching:
+                target = ti.cast(worlds.node[w, target, NodeColumn.successor], ti.i32)
+                searching = not knowledge.is_free(worlds, w, k, target)
+    if target < 0:  # more AUVs than nodes
+        target = k % worlds.node.shape[1]
+    return target
+
+
+TOUR = TargetRule(follow, prepare=prepare_tour)
+SECTORS = TargetRule(follow, prepare=prepare_sectors)

@@ -1,0 +1,354 @@
+"""Target rules and what they know, against computations of their own in NumPy."""
+
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import torch
+
+from kernels.mission import target_rules
+from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
+from tests.kernels.mission.test_packets import steer
+from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.world.tables import reference_rate
+
+CALM = ("auv.count=3", "nodes.count=12")
+CAPACITY, PAYLOAD = 5000.0, 2.0
+
+
+class Seen:
+    """A world as NumPy arrays of double precision."""
+
+    def __init__(self, world: World) -> None:
+        node, auv = world.node.double().numpy().copy(), world.auv.double().numpy().copy()
+        self.place, self.rate = node[..., NodeColumn.span("x", "y")], node[..., NodeColumn.rate]
+        self.backlog, self.successor = node[..., NodeColumn.backlog], node[..., NodeColumn.successor].astype(int)
+        self.target, self.served = auv[..., AuvColumn.target].astype(int), auv[..., AuvColumn.service_rate] > 0
+        self.hover = auv[..., AuvColumn.hover]
+        self.position = world.estimate.double().numpy()[..., :2].copy()
+
+
+def run(world: World, steps: int) -> Iterator[tuple[int, Seen, Seen]]:
+    """Step number, the state before and the state after it."""
+    world.reset()
+    before = Seen(world)
+    for number in range(1, steps + 1):
+        world.step(steer(world))
+        after = Seen(world)
+        yield number, before, after
+        before = after
+
+
+def choices(world: World, steps: int) -> Iterator[tuple[int, int, set[int], Seen, int]]:
+    """World, AUV, nodes that it may not take, the state as it was then, and the node taken, of every choice that no
+    other AUV made in the same step.
+    """
+    for _, before, after in run(world, steps):
+        for w, k in np.argwhere(after.served):
+            if after.served[w].sum() == 1:
+                taken = {*before.target[w].tolist(), *np.delete(after.target[w], k).tolist()}
+                yield int(w), int(k), taken, after, int(after.target[w, k])
+
+
+def to_nodes(seen: Seen, w: int, k: int) -> np.ndarray:
+    return np.linalg.norm(seen.place[w] - seen.position[w, k], axis=1)
+
+
+def greedy(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
+    return seen.rate[w] * seen.backlog[w] / CAPACITY - 0.1 * to_nodes(seen, w, k)
+
+
+def nearest(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
+    return np.where(seen.backlog[w] >= 1000, 0, seen.backlog[w] - 1e6) - to_nodes(seen, w, k) * (
+        seen.backlog[w] >= 1000
+    )
+
+
+def rate(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
+    travel = np.maximum(to_nodes(seen, w, k) - 6, 0) / scenario.reference.straight_speed
+    return np.minimum(seen.backlog[w] + seen.rate[w] * travel, CAPACITY) / (travel + 10)
+
+
+def rollout(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
+    """Every service within 270 s, of all AUVs, weighted by exp(−t/90 s), if AUV k went to each node next."""
+    speed, link = scenario.reference.straight_speed, reference_rate(scenario)
+    nodes, team = range(scenario.nodes.count), range(scenario.auv.count)
+
+    def after(first: int) -> float:
+        place, free = [*seen.position[w]], [0.0] * len(team)
+        known = [(seen.backlog[w, i], 0.0) for i in nodes]  # packets at a time
+        total = 0.0
+
+        def there(i: int, t: float) -> float:
+            packets, since = known[i]
+            return 0.0 if since > t else min(packets + seen.rate[w, i] * (t - since), CAPACITY)
+
+        def way(j: int, i: int) -> float:
+            return max(math.dist(place[j], seen.place[w, i]) - 6, 0) / speed
+
+        def serve(j: int, i: int) -> float:
+            arrival = free[j] + way(j, i)
+            taken = there(i, arrival)
+            place[j], known[i] = seen.place[w, i], (0.0, arrival)
+            free[j] = arrival + max(taken * PAYLOAD / CAPACITY / link, 1.0)
+            return taken * math.exp(-free[j] / 90)
+
+        for j in team:
+            if j != k and seen.hover[w, j] > 0:
+                known[seen.target[w, j]], free[j] = (0.0, 0.0), seen.hover[w, j]
+            elif j != k:
+                total += serve(j, seen.target[w, j])
+        total += serve(k, first)
+        while min(free) < 270:
+            j = free.index(min(free))
+            values = [there(i, free[j] + way(j, i)) / (way(j, i) + 10) for i in nodes]
+            if max(values) > 0:
+                total += serve(j, values.index(max(values)))
+            else:
+                free[j] = 270
+        return total
+
+    return np.array([after(first) for first in nodes])
+
+
+@pytest.mark.parametrize(
+    ("rule", "value"), [("greedy:0.1", greedy), ("nearest", nearest), ("rate", rate), ("rollout", rollout)]
+)
+def test_choices(rule, value):
+    world = World(Scenario.load("ideal", CALM), 8, seed=5, targets=rule)
+    made = best = 0
+    for w, k, taken, seen, chosen in choices(world, 200):
+        values = value(world.scenario, seen, w, k)
+        free = [i for i in range(12) if i not in taken]
+        assert chosen in free
+        made += 1
+        most = max(values[free])
+        best += values[chosen] >= most - 1e-5 * (1 + abs(most))
+    assert made > 60
+    assert best >= made - 1 if rule == "rollout" else best == made  # two ways that take the same time may round apart
+
+
+def test_a_world_does_not_depend_on_those_beside_it():
+    """`rollout` has numbers of its own for each world."""
+    scenario = Scenario.load("extreme", CALM)
+    many, one = (World(scenario, count, 9, targets="rollout", first_world=first) for count, first in ((4, 0), (1, 2)))
+    for world in (many, one):
+        world.reset()
+        for _ in range(150):
+            world.step(steer(world))
+    assert torch.equal(many.auv[2], one.auv[0])
+    assert torch.equal(many.node[2], one.node[0])
+
+
+def cycles(successor: np.ndarray) -> list[list[int]]:
+    left, found = set(range(len(successor))), []
+    while left:
+        here = [min(left)]
+        while (following := int(successor[here[-1]])) != here[0]:
+            here.append(following)
+            assert len(here) <= len(successor)
+        found.append(here)
+        left -= set(here)
+    return found
+
+
+def length(place: np.ndarray, stops: list[int]) -> float:
+    return sum(math.dist(place[a], place[b]) for a, b in itertools.pairwise([*stops, stops[0]]))
+
+
+def improvable(place: np.ndarray, stops: list[int]) -> bool:
+    """Whether turning a part of the tour around makes it shorter."""
+    own = length(place, stops)
+    for a in range(1, len(stops)):
+        for b in range(a + 1, len(stops)):
+            turned = stops[:a] + stops[a : b + 1][::-1] + stops[b + 1 :]
+            if length(place, turned) < own - 0.01:
+                return True
+    return False
+
+
+class TestTour:
+    def test_goes_through_all_nodes_and_cannot_be_improved(self):
+        world = World(Scenario.load("ideal"), 6, seed=2, targets="tour")
+        world.reset()
+        seen = Seen(world)
+        for w in range(6):
+            (stops,) = cycles(seen.successor[w])
+            assert sorted(stops) == list(range(30))
+            assert not improvable(seen.place[w], stops)
+
+    def test_is_near_the_shortest_of_all(self):
+        world = World(Scenario.load("ideal", ["nodes.count=7"]), 8, seed=2, targets="tour")
+        world.reset()
+        seen = Seen(world)
+        ratios = []
+        for w in range(8):
+            (stops,) = cycles(seen.successor[w])
+            shortest = min(length(seen.place[w], [0, *rest]) for rest in itertools.permutations(range(1, 7)))
+            ratios.append(length(seen.place[w], stops) / shortest)
+        assert min(ratios) > 1 - 1e-6
+        assert np.mean(ratios) < 1.02
+
+    def test_auvs_enter_it_evenly_spaced_and_follow_it(self):
+        world = World(Scenario.load("ideal", ["auv.count=3"]), 6, seed=2, targets="tour")
+        world.reset()
+        seen = Seen(world)
+        for w in range(6):
+            (stops,) = cycles(seen.successor[w])
+            whole, longest = length(seen.place[w], stops), 0.0
+            along = dict.fromkeys(stops, 0.0)
+            for a, b in itertools.pairwise(stops):
+                along[b] = along[a] + math.dist(seen.place[w, a], seen.place[w, b])
+                longest = max(longest, along[b] - along[a])
+            longest = max(longest, whole - along[stops[-1]])
+            entries = sorted(along[i] for i in seen.target[w])
+            gaps = np.diff([*entries, entries[0] + whole])
+            assert np.abs(gaps - whole / 3).max() < longest
+        followed = 0
+        for _, before, after in run(world, 250):
+            for w, k in np.argwhere(after.served):
+                expected = before.successor[w, before.target[w, k]]
+                if expected not in np.delete(after.target[w], k):
+                    assert after.target[w, k] == expected
+                    followed += 1
+        assert followed > 50
+
+    def test_sectors_are_tours_of_their_own(self):
+        world = World(Scenario.load("ideal", ["auv.count=3"]), 6, seed=2, targets="sectors")
+        world.reset()
+        first = Seen(world)
+        for w in range(6):
+            parts = cycles(first.successor[w])
+            assert sorted(itertools.chain(*parts)) == list(range(30))
+            assert len(parts) == 3
+            assert not any(improvable(first.place[w], part) for part in parts)
+            assert all(len(set(part) & {*first.target[w].tolist()}) == 1 for part in parts)
+        for _, before, after in run(world, 250):
+            for w in range(6):
+                for part in cycles(before.successor[w]):
+                    assert len(set(part) & {*after.target[w].tolist()}) == 1
+
+    @pytest.mark.parametrize(("rule", "nodes"), [("tour", 1), ("tour", 3), ("sectors", 2), ("rollout", 1)])
+    def test_fewer_nodes_than_auvs(self, rule, nodes):
+        scenario = Scenario.load("ideal", ["auv.count=4", f"nodes.count={nodes}"])
+        for _, _before, after in run(World(scenario, 2, targets=rule), 120):
+            assert after.target.min() >= 0
+            assert after.target.max() < nodes
+
+
+class TestKnowledge:
+    def test_estimates(self):
+        """Counts and exposures from what every visit found, as NumPy adds them up."""
+        overrides = ["nodes.information=visits", "nodes.start_backlog=0", "nodes.arrival_rates=[1,2,9]"]
+        world = World(Scenario.load("ideal", overrides), 4, seed=1, targets="rate")
+        mean, variance = 4.0, 38 / 3
+        count, exposure = np.full((4, 30), mean**2 / variance), np.full((4, 30), mean / variance)
+        last, weights = np.zeros((4, 30)), 0
+        for number, before, after in run(world, 400):
+            for w, k in np.argwhere((before.hover == 0) & (after.hover > 0)):
+                i = after.target[w, k]
+                count[w, i] += world.auv[w, k, AuvColumn.cargo]
+                exposure[w, i] += number - 1 - last[w, i]  # the packets of this step are still to come
+                last[w, i] = number - 1
+                weights += 1
+        assert weights > 50
+        belief = world.belief[:, 0].double().numpy()
+        np.testing.assert_allclose(belief[..., BeliefColumn.count], count, rtol=1e-4)
+        np.testing.assert_allclose(belief[..., BeliefColumn.exposure], exposure, rtol=1e-4)
+        np.testing.assert_allclose(belief[..., BeliefColumn.since], last)
+
+    @pytest.mark.parametrize("start", [0, 1000])
+    def test_errors_are_as_large_as_they_say(self, start):
+        """(λ − its estimate) over its standard deviation has a variance of 1, also where nodes begin with packets."""
+        overrides = ["nodes.information=visits", f"nodes.start_backlog={start}", "mission.duration=600"]
+        world = World(Scenario.load("ideal", overrides), 64, seed=3, targets="tour")
+        for _ in run(world, 600):
+            pass
+        belief = world.belief[:, 0].double().numpy()
+        visited = belief[..., BeliefColumn.since] > 0
+        count, exposure = belief[visited, BeliefColumn.count], belief[visited, BeliefColumn.exposure]
+        error = (world.node[..., NodeColumn.rate].numpy()[visited] - count / exposure) / (np.sqrt(count) / exposure)
+        assert visited.mean() > 0.6
+        assert abs(error.mean()) < 0.15
+        assert 0.8 < error.std() < 1.25
+
+    def test_with_rates_known_backlogs_are_expected_without_bias(self):
+        world = World(Scenario.load("ideal", ["nodes.information=rates"]), 32, seed=4, targets="rate")
+        for _ in run(world, 300):
+            pass
+        belief = world.belief[:, 0]
+        rates = world.node[..., NodeColumn.rate]
+        waited = 300 - belief[..., BeliefColumn.since]
+        expected = (belief[..., BeliefColumn.left] + rates * waited).clamp_max(CAPACITY)
+        error = (world.node[..., NodeColumn.backlog] - expected).double()
+        never = error[belief[..., BeliefColumn.since] == 0]
+        assert abs(never.mean()) < 4 * never.std() / math.sqrt(len(never))
+        assert never.std() == pytest.approx(1000 / math.sqrt(12), rel=0.1)
+        served = torch.zeros_like(waited).scatter_(
+            1, world.auv[..., AuvColumn.target].long(), (world.auv[..., AuvColumn.hover] > 0).float()
+        )
+        visited = (belief[..., BeliefColumn.since] > 0) & (served == 0)  # packets are taken when a service ends
+        noise = (error / (rates * waited).clamp_min(1.0).sqrt())[visited]
+        assert 0.9 < noise.std() < 1.1  # that of a Poisson number
+
+    def test_without_communication_each_knows_its_own_visits(self):
+        overrides = ["nodes.information=own-visits", "nodes.count=8", "auv.count=2"]
+        world = World(Scenario.load("ideal", overrides), 4, seed=2, targets="rate")
+        visits = np.zeros((4, 2, 8), bool)
+        for _, before, after in run(world, 300):
+            for w, k in np.argwhere((before.hover == 0) & (after.hover > 0)):
+                visits[w, k, after.target[w, k]] = True
+        assert ((world.belief[..., BeliefColumn.since] > 0).numpy() == visits).all()
+        assert not (visits[:, 0] == visits[:, 1]).all()
+
+    def test_a_full_buffer_does_not_lower_the_rate(self):
+        overrides = [
+            "nodes.information=visits",
+            "nodes.buffer=50",
+            "nodes.start_backlog=0",
+            "nodes.arrival_rates=[30,50]",
+        ]
+        world = World(Scenario.load("ideal", overrides), 8, seed=2, targets="tour")
+        for _ in run(world, 200):
+            pass
+        belief = world.belief[:, 0].double()
+        visited = belief[..., BeliefColumn.since] > 5  # before that buffers were not full
+        estimate = (belief[..., BeliefColumn.count] / belief[..., BeliefColumn.exposure])[visited]
+        assert visited.any()
+        assert (estimate - 40).abs().max() < 0.01  # the mean of the rates: all visits found full buffers
+
+    @pytest.mark.parametrize("rule", ["rollout", "tour"])
+    def test_without_communication_targets_may_be_shared(self, rule):
+        """A rule knows no other AUV's target; two tours that are followed alone meet as well."""
+        overrides = ["nodes.information=own-visits", "auv.count=3", "nodes.count=5"]
+        world = World(Scenario.load("ideal", overrides), 4, seed=6, targets=rule)
+        shared = 0
+        for _, _before, after in run(world, 200):
+            shared += sum(len(set(row)) < 3 for row in after.target.tolist())
+        assert shared > 0
+
+
+class TestNames:
+    @pytest.mark.parametrize(
+        ("text", "allowed"),
+        [
+            ("far", "greedy[:ALPHA], nearest[:PACKETS]"),
+            ("greedy:much", "greedy[:ALPHA] with numbers from 0"),
+            ("greedy:1,2", "greedy[:ALPHA]"),
+            ("greedy:-1", "from 0 to 1e+06"),
+            ("rate:nan", "rate[:SECONDS]"),
+            ("tour:3", "expected tour"),
+            ("rate:", "rate[:SECONDS]"),
+        ],
+    )
+    def test_refused(self, text, allowed):
+        with pytest.raises(ScenarioError, match=r"nodes\.target_rule") as refused:
+            World(Scenario.load("ideal"), targets=text)
+        assert allowed in str(refused.value)
+
+    def test_numbers(self):
+        assert target_rules.parse("greedy:0.1")[1] == (0.1,)
+        assert target_rules.parse("rollout")[1] == (90.0,)
+        assert target_rules.parse("tour")[1] == ()
