@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -99,6 +100,11 @@ class TrainingConfig:
         for name, (right, rule) in allowed.items():
             if not right:
                 raise PolicyError(f"training: {name} = {getattr(self, name)!r}: must be {rule}")
+
+    @property
+    def before_learning(self) -> int:
+        """World-steps before the first update: the warm-up in whole steps, at least what an update's n steps need."""
+        return self.num_worlds * max(math.ceil(self.warmup / self.num_worlds), self.n_step + 2)
 
     def changed(self, assignments: Sequence[str]) -> TrainingConfig:
         """A copy with fields set by "name=value", as in "updates=4", "hidden=128,128" or "renewal=false".

@@ -116,12 +116,11 @@ def _line_printer(baseline: dict, title: str) -> Callable[[dict], None]:
         if figures["seconds"] - printed < LINE_EVERY and figures["steps"] < figures["total"]:
             return
         printed = figures["seconds"]
-        evaluated = figures["evaluation"].get("arps")
         print(
             f"{title}: {figures['steps']:,} of {figures['total']:,} world-steps, {figures['eta']:.0f} s left;"
-            f" arps {figures['arps']:.2f}, sdr {figures['sdr']:.2f}, ec {figures['ec']:.1f}"
-            + (f"; evaluated arps {evaluated:.2f}" if evaluated is not None else "")
-            + f" ({baseline['policy']} {baseline['arps']:.2f})",
+            f" arps {figures['arps']:.2f}, sdr {figures['sdr']:.2f}, ec {figures['ec']:.1f};"
+            f" evaluation at {figures['evaluated_at']:,}: arps {figures['evaluation']['arps']:.2f}"
+            f" ({baseline['policy']} {baseline['arps']:.2f})",
             flush=True,
         )
 
@@ -135,7 +134,7 @@ def training_table(figures: dict, baseline: dict, title: str) -> Table:
     table = Table(title=f"training {title}: {done / total:.0%}, {minutes} min {seconds} s left", title_justify="left")
     table.add_column("what")
     table.add_column("training worlds", justify="right")
-    table.add_column("evaluation", justify="right")
+    table.add_column(f"evaluation at {figures['evaluated_at']:,}", justify="right")
     table.add_column(baseline["policy"], justify="right")
     table.add_row("world-steps", f"{done:,} of {total:,}", "", "")
     table.add_row("world-steps/s", f"{figures['steps_per_second']:,.0f}", "", "")

@@ -9,7 +9,7 @@ from typing import Any
 
 from usvauv_env.files import writing
 
-AXES = ("steps", "total", "seconds", "eta")  # figures that are no curves of their own
+AXES = ("steps", "total", "seconds", "eta", "evaluated_at")  # figures that are no curves of their own
 
 
 @contextmanager

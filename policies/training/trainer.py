@@ -69,10 +69,10 @@ class Trainer:
         world: the worlds to train in, on a seed of their own.
         config: settings; `config.num_worlds` must be the world's.
         directory: where `last`, `best` and `tensorboard` are kept; None: nothing is written.
-        evaluate: policy → figures with at least "arps", on other worlds than the training ones. The policy with the
-            highest arps is kept as `best`.
+        evaluate: policy → figures with at least "arps", on other worlds than the training ones. Also called before the
+            first step. The policy with the highest arps is kept as `best`.
         provenance: recorded in every checkpoint beside the figures, such as command and commit.
-        evaluations: number of calls of `evaluate` in a run.
+        evaluations: number of calls of `evaluate` in a run, beside that of the untrained policy.
 
     Attributes:
         history: every evaluation of the run so far: its figures, with steps and updates; saved with the run.
@@ -145,14 +145,16 @@ class Trainer:
 
         Returns:
             The last figures, as `callback` got them: steps, total, seconds, eta, steps_per_second, updates, those of
-            `Meter.figures`, and evaluation.
+            `Meter.figures`, and evaluation with evaluated_at, the steps that were done then.
 
         Raises:
             DivergenceError: a weight or a state of the worlds is no longer finite; the checkpoints are those before.
         """
-        begun, seconds_before, steps_before = time.perf_counter(), self.seconds, self.steps
         if self.steps == 0:
             self.observation = self.world.reset().clone()
+        if not self.history:
+            self._evaluate()
+        begun, seconds_before, steps_before = time.perf_counter(), self.seconds, self.steps
         figures: dict[str, Any] = {}
         self.stopped = False
         with self._writer() as write, stoppable(self.stop) as self.interruption, ThreadPoolExecutor(1) as pool:
@@ -175,6 +177,7 @@ class Trainer:
                         "updates": self.learner.updates,
                         **self.meter.figures(),
                         "evaluation": self.evaluation,
+                        "evaluated_at": self.history[-1]["steps"] if self.history else None,
                     }
                     self.meter.reset()
                     self._stop_if_not_finite()

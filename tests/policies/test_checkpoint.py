@@ -267,7 +267,7 @@ class TestRun:
         assert again.steps == run.steps < 100_000
 
     def test_the_best_policy_is_kept(self, tmp_path):
-        scores = iter([1.0, 3.0, 2.0, *[0.0] * 7])
+        scores = iter([0.5, 1.0, 3.0, 2.0, *[0.0] * 7])
         seen = []
 
         def evaluate(policy):
@@ -277,11 +277,54 @@ class TestRun:
         run = trainer(tmp_path, evaluate=evaluate)
         probe = ToyWorld(scenario(), 4, seed=9).reset()
         figures = run.train(4000)
-        assert len(seen) == 10
+        assert len(seen) == 11
         best = policies.load(tmp_path, run.world)
-        assert torch.equal(best.act(probe), seen[1])
+        assert torch.equal(best.act(probe), seen[2])
         assert json.loads((tmp_path / "best" / "policy.json").read_text())["score"] == 3.0
         assert figures["evaluation"] == {"arps": 0.0, "services": 5.0}
+
+    def test_the_untrained_policy_is_evaluated_and_kept_before_the_first_step(self, tmp_path):
+        probe = ToyWorld(scenario(), 4, seed=9).reset()
+        seen = []
+
+        def evaluate(policy):
+            seen.append(policy.act(probe))
+            return {"arps": 1.0 / len(seen)}
+
+        run = trainer(tmp_path, evaluate=evaluate)
+        untrained = run.policy().act(probe)
+        first = []
+        run.train(100_000, lambda figures: (first.append(figures), run.stop()))
+        assert (first[0]["evaluation"], first[0]["evaluated_at"]) == ({"arps": 1.0}, 0)
+        assert run.history == [{"steps": 0, "updates": 0, "arps": 1.0}]
+        assert torch.equal(policies.load(tmp_path / "best", run.world).act(probe), untrained)
+        again = trainer(tmp_path, evaluate=evaluate)
+        again.resume()
+        again.train(run.steps + 8)
+        assert [row["steps"] for row in again.history] == [0, run.steps + 8]
+        assert again.best == 1.0
+
+    def test_a_run_that_was_never_evaluated_is_when_it_goes_on(self, tmp_path):
+        trainer(tmp_path).train(80)
+        run = trainer(tmp_path, evaluate=lambda policy: {"arps": 2.0})
+        run.resume()
+        run.train(88)
+        assert run.history[0] == {"steps": 80, "updates": 0, "arps": 2.0}
+
+    def test_evaluations_change_nothing_of_the_training(self, tmp_path):
+        worlds = ToyWorld(scenario(), 4, seed=9)
+
+        def evaluate(policy):
+            action = policy.act(worlds.reset())
+            return {"arps": float(worlds.step(action)[1].sum())}
+
+        without, evaluated = trainer(tmp_path / "without"), trainer(tmp_path / "evaluated", evaluate=evaluate)
+        for run in (without, evaluated):
+            run.train(800)
+        assert evaluated.learner.updates > 0
+        one, other = without.learner.tensors(), evaluated.learner.tensors()
+        assert all(torch.equal(one[name], other[name]) for name in one)
+        assert torch.equal(without.observation, evaluated.observation)
 
     def test_events_are_written_for_tensorboard(self, saved):
         from tensorboard.backend.event_processing.event_accumulator import EventAccumulator

@@ -116,6 +116,15 @@ class TestConfig:
             TrainingConfig(**changes)
         assert part in str(caught.value)
 
+    @pytest.mark.parametrize("changes", [{"warmup": 170}, {"warmup": 192}, {"warmup": 0}])
+    def test_learning_begins_when_it_says(self, changes):
+        config = dataclasses.replace(LEARNING, **changes)
+        run = Trainer(ToyWorld(scenario(), 32, seed=1), config)
+        run.train(config.before_learning)
+        assert (run.steps, run.learner.updates) == (config.before_learning, 0)
+        run.train(config.before_learning + 32)
+        assert run.learner.updates == config.updates
+
     def test_the_world_must_have_as_many_worlds(self):
         with pytest.raises(PolicyError, match="num_worlds = 32, but the world has 4"):
             Trainer(ToyWorld(scenario(), 4), LEARNING)

@@ -160,6 +160,30 @@ def test_train_then_resume_then_eval(tmp_path):
     usvauv("eval", "--policy", "run/last", "--episodes", 1, "--out", "m.csv", *SHORT, cwd=tmp_path)
 
 
+def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
+    begin = ["train", "ideal", "--worlds", 2, "--learn", "warmup=40", "--learn", "hidden=8", "--out", "run", *SHORT]
+    code, said, warned = run_usvauv(*begin, "--steps", 40)
+    assert (code, warned) == (
+        0,
+        "warning: --steps 40: nothing will be learned: the first update comes after 40 world-steps (warmup = 40)\n",
+    )
+    assert "; evaluation at 4: arps " in said.splitlines()[0]
+    assert ", of the untrained policy (straight " in said.splitlines()[-1]
+    assert said.splitlines()[-1].endswith(" in run/best")
+    assert (tmp_path / "run" / "best" / "policy.json").exists()
+    assert run_usvauv("train", "--out", "run", "--resume", "--steps", 42)[::2] == (0, "")
+
+
+@pytest.mark.parametrize("command", ["simulate", "eval"])
+def test_a_default_policy_of_another_team_is_told_of(run_usvauv, command):
+    refused = "error: usv: 'hold:999,0': the point must lie in the area [0, 200] × [0, 200]\n"
+    told = "policy sac-extreme: was trained with 2 AUVs; scenario 'extreme' has 3\n"
+    assert run_usvauv(command, "--usv", "hold:999,0", "--set", "auv.count=3") == (2, "", told + refused)
+    assert run_usvauv(command, "--usv", "hold:999,0") == (2, "", refused)
+    assert run_usvauv(command, "--usv", "hold:999,0", "--set", "auv.count=3", "--policy", "crab") == (2, "", refused)
+    assert run_usvauv(command, "station-keeping", "--usv", "hold:999,0") == (2, "", refused)
+
+
 def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):
     command = ["train", "extreme", "--out", "run", "--worlds", "8", "--steps", "100000000"]
     with subprocess.Popen(

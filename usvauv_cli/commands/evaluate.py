@@ -9,7 +9,17 @@ from typing import Annotated
 import typer
 
 from kernels.errors import DivergenceError
-from usvauv_cli.commands.options import POLICIES, Arch, Overrides, Plugins, ScenarioName, Seed, at_least, writable
+from usvauv_cli.commands.options import (
+    POLICIES,
+    Arch,
+    Overrides,
+    Plugins,
+    ScenarioName,
+    Seed,
+    at_least,
+    default_policy,
+    writable,
+)
 
 ROW_BYTES = 2000.0  # of memory, of an episode's figures
 
@@ -63,7 +73,7 @@ def evaluate(
     at_least("--episodes", episodes, 1)
     setting = Scenario.load(scenario, overrides or ())
     writable(out)
-    names = list(dict.fromkeys(policy or [policies.default(setting), "straight", "crab"]))
+    names = list(dict.fromkeys(policy or [default_policy(setting), "straight", "crab"]))
     for name in names:
         policies.check(name, setting)
     strategies = [StrategyChoice.parse(name, setting).name for name in usv or ["fim"]]

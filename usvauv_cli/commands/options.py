@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from kernels.errors import UserError
+
+if TYPE_CHECKING:
+    from usvauv_env import Scenario
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
 Seed = Annotated[int, typer.Option(help="Seed from 0 up; the same seed gives the same result.")]
@@ -55,6 +58,20 @@ Plugins = Annotated[
         help="Python file that adds tasks, boat strategies, policies and more; may be repeated.",
     ),
 ]
+
+
+def default_policy(scenario: Scenario) -> str:
+    """The best shipped policy that fits a scenario; says so where it was trained with another number of AUVs."""
+    import policies
+
+    name = policies.default(scenario)
+    if name in policies.trained():
+        count, trained = scenario.auv.count, policies.load_learned(name).scenario.auv.count
+        if count != trained:
+            typer.echo(
+                f"policy {name}: was trained with {trained} AUVs; scenario {scenario.name!r} has {count}", err=True
+            )
+    return name
 
 
 def at_least(option: str, value: float, least: float) -> None:

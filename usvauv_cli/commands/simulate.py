@@ -17,6 +17,7 @@ from usvauv_cli.commands.options import (
     Targets,
     Usv,
     at_least,
+    default_policy,
     parse_size,
     writable,
 )
@@ -67,7 +68,7 @@ def simulate(
     if trace:
         writable(trace, "--trace")
     require(encoder.video_bytes(width, height), f"--size {size}")  # before the mission is simulated
-    name = policy or policies.default(setting)
+    name = policy or default_policy(setting)
     policies.check(name, setting)
     world = World(setting, 1, seed, usv, fine_sea=True, arch=arch)
     act = policies.acting(name, world)

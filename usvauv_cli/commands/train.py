@@ -55,8 +55,8 @@ def train(
 ) -> None:
     """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with TensorBoard files beside them.
 
-    Now and then it is evaluated on worlds it is not trained in, beside `straight` on the same worlds (`keep` in
-    station-keeping). Ctrl-C ends the run cleanly; `--resume` goes on.
+    Before the first step and now and then it is evaluated on worlds it is not trained in, beside `straight` on the
+    same worlds (`keep` in station-keeping). Ctrl-C ends the run cleanly; `--resume` goes on.
 
     **Examples:**
 
@@ -106,12 +106,22 @@ def train(
         trainer = policies.Trainer(world, config, out, partial(policies.evaluate, evaluation_worlds), about)
         if resume:
             trainer.resume()
+        if total <= config.before_learning:
+            typer.echo(
+                f"warning: --steps {total}: nothing will be learned: the first update comes after"
+                f" {config.before_learning} world-steps (warmup = {config.warmup})",
+                err=True,
+            )
         with report.training(baseline, config.algorithm, setting.name) as show:
             trainer.train(total, partial(_show, show, trainer))
     if trainer.stopped:
         again = "".join(f" --plugin {file}" for file in plugins or ())
         typer.echo(f"stopped at {trainer.steps} of {total} world-steps; go on with: --out {out} --resume{again}")
-    typer.echo(f"best arps {trainer.best:.3f} ({name} {baseline['arps']:.3f}) in {out / 'best'}")
+    learned = max(trainer.history, key=lambda row: row["arps"])["updates"] > 0
+    typer.echo(
+        f"best arps {trainer.best:.3f}{'' if learned else ', of the untrained policy'}"
+        f" ({name} {baseline['arps']:.3f}) in {out / 'best'}"
+    )
     trainer.interruption.raise_if_asked()
 
 

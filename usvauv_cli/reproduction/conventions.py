@@ -45,8 +45,9 @@ EXPLAINED = """\
   is below 0.05 m/s. So the two conditions hardly differ.
 - **Environmental generalisation** is read as: trained in one condition, tested in both. The rows set beside the paper's
   are trained in ISC; those trained in ESC are in the table of all tests.
-- **The policy of a run** is the one with the highest ARPS among its evaluations while learning, on worlds that it is
-  neither trained nor tested in. It acts without exploration. Tests are paired: every method has the same worlds.
+- **The policy of a run** is the one with the highest ARPS among its evaluations before and while learning, on worlds
+  that it is neither trained nor tested in. It acts without exploration. Tests are paired: every method has the same
+  worlds.
 - **Learning** differs from the demonstration's (networks of width 128, one update a step, learning rate 1e-3, γ 0.97,
   τ 1e-3, batch 64, a replay of 20000, exploration 0.8 falling to 0.1, one world): many worlds are stepped together,
   returns are of n steps, and the network sees in the target's frame and steers through an autopilot (`frame`).

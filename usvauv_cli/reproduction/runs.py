@@ -94,9 +94,6 @@ class Learned:
         trainer = policies.Trainer(world, config, place, evaluate, about, settings.evaluations)
         if (place / "last").exists():
             trainer.resume()
-        else:
-            first = policies.evaluate(evaluation_worlds, trainer.policy(), work.step)
-            trainer.history.append({"steps": 0, "updates": 0, **first})
         done = trainer.steps
 
         def watch(figures: Mapping[str, Any]) -> None:
