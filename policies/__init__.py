@@ -14,7 +14,7 @@ from policies.checkpoint import read_history, read_run
 from policies.config import TrainingConfig
 from policies.evaluation import evaluate
 from policies.learned import LearnedPolicy
-from policies.loading import acting, available, baseline, check, default, load, load_learned, named, trained
+from policies.loading import acting, available, check, default, load, load_learned, named, trained
 from policies.policy import Policy, PolicyError
 from policies.training import Trainer, TrainingWorld
 
@@ -27,7 +27,6 @@ __all__ = [
     "TrainingWorld",
     "acting",
     "available",
-    "baseline",
     "check",
     "default",
     "evaluate",

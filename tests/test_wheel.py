@@ -24,7 +24,7 @@ from usvauv_env import Scenario, World
 for package in (kernels, policies, usvauv_cli, usvauv_env):
     assert Path(package.__file__).is_relative_to(sys.argv[1]), package
 world = World(Scenario.load("extreme"), num_worlds=3, seed=0)
-policy = policies.load(policies.default(world.scenario), world)
+policy = policies.load("sac-extreme", world)
 observation = world.reset()
 for _ in range(3):
     observation = world.step(policy.act(observation))[0]

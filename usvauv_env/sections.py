@@ -398,7 +398,7 @@ class Nodes(Section):
     )
     payload: float = Field(2.0, ge=1e-6, le=LARGEST, description="data in a full buffer, Mbit")
     target_rule: str = Field(
-        "greedy:0.015",
+        "tour",
         description="next node of an AUV: greedy:ALPHA (λ b/C − α d), nearest, rate:SECONDS (data per time),"
         " rollout:HORIZON, tour, sectors, demonstration:ALPHA, or a plugin's rule",
     )
@@ -472,11 +472,13 @@ class Reward(Section):
     )
     distance: Number = Field(0.6, description="weight of the distance term, 1/m")
     border: Number = Field(-0.1, description="weight of a refused move across the border")
-    overflow: Number = Field(-0.05, description="weight of each overflowing node")
+    overflow: Number = Field(0.0, description="weight of each overflowing node")
     proximity: Number = Field(-6.0, description="weight of each metre below the safe distance, 1/m")
-    service: Number = Field(12.0, description="weight of a service")
-    power: Number = Field(-0.085, description="weight of the power, 1/W")
+    service: Number = Field(0.0, description="weight of a service")
+    power: Number = Field(-0.01, description="weight of the power, 1/W")
     collaboration: Number = Field(0.1, description="weight of Eq. 5's l_max / l")
+    data: Number = Field(60.0, description="weight of the data that an AUV brings in, 1/Mbit")
+    lost: Number = Field(-60.0, description="weight of the data that full buffers lose, shared by the AUVs, 1/Mbit")
     service_terminates: bool = Field(False, description="a service ends the learner's value horizon (the paper's form)")
 
 

@@ -106,7 +106,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=2026)
-    parser.add_argument("--tuning-episodes", type=int, default=40)
+    parser.add_argument("--tuning-episodes", type=int, default=30)
     parser.add_argument("--tuning-seed", type=int, default=77)
     arguments = parser.parse_args()
     tuning = (arguments.tuning_episodes, arguments.tuning_seed)

@@ -88,8 +88,22 @@ def count_collisions(worlds: ti.template(), w):
     worlds.boat[w, BoatColumn.collisions] = count
 
 
+@ti.func
+def data(worlds: ti.template(), w, k, weight):
+    """Data that the AUV brought in, Mbit."""
+    return weight * worlds.auv[w, k, AuvColumn.delivered]
+
+
+@ti.func
+def lost(worlds: ti.template(), w, k, weight):
+    """The AUV's equal share of the data that full buffers lost, Mbit."""
+    p = ti.static(worlds.p)
+    megabits = p[Parameter.payload] * worlds.boat[w, BoatColumn.packets_lost] / p[Parameter.buffer]
+    return weight * megabits / worlds.auv.shape[1]
+
+
 # Their weights stand in the scenario's section `reward`.
 STANDARD = tuple(
     RewardTerm(function.__name__, function, weight=None)
-    for function in (distance, border, overflow, proximity, service, power, collaboration)
+    for function in (distance, border, overflow, proximity, service, power, collaboration, data, lost)
 )

@@ -168,19 +168,20 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
         "warning: --steps 40: nothing will be learned: the first update comes after 40 world-steps (warmup = 40)\n",
     )
     assert "; evaluation at 4: arps " in said.splitlines()[0]
-    assert ", of the untrained policy (straight " in said.splitlines()[-1]
+    assert ", of the untrained policy (clear " in said.splitlines()[-1]
     assert said.splitlines()[-1].endswith(" in run/best")
     assert (tmp_path / "run" / "best" / "policy.json").exists()
     assert run_usvauv("train", "--out", "run", "--resume", "--steps", 42)[::2] == (0, "")
 
 
 @pytest.mark.parametrize("command", ["simulate", "eval"])
-def test_a_default_policy_of_another_team_is_told_of(run_usvauv, command):
+def test_a_policy_of_another_team_is_told_of(run_usvauv, command):
     refused = "error: usv: 'hold:999,0': the point must lie in the area [0, 200] × [0, 200]\n"
     told = "policy sac-extreme: was trained with 2 AUVs; scenario 'extreme' has 3\n"
-    assert run_usvauv(command, "--usv", "hold:999,0", "--set", "auv.count=3") == (2, "", told + refused)
-    assert run_usvauv(command, "--usv", "hold:999,0") == (2, "", refused)
-    assert run_usvauv(command, "--usv", "hold:999,0", "--set", "auv.count=3", "--policy", "crab") == (2, "", refused)
+    learned = (command, "--usv", "hold:999,0", "--policy", "sac-extreme")
+    assert run_usvauv(*learned, "--set", "auv.count=3") == (2, "", told + refused)
+    assert run_usvauv(*learned) == (2, "", refused)
+    assert run_usvauv(command, "--usv", "hold:999,0", "--set", "auv.count=3") == (2, "", refused)
     assert run_usvauv(command, "station-keeping", "--usv", "hold:999,0") == (2, "", refused)
 
 

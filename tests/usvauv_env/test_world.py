@@ -459,10 +459,13 @@ class TestTask:
 
 
 class TestReward:
-    def test_terms_by_hand(self, extreme):
-        world = World(extreme, num_worlds=64, seed=6)
+    def test_terms_by_hand(self):
+        unpaid = ["reward.overflow=-0.05", "reward.service=30", "nodes.buffer=1000"]
+        scenario = Scenario.load("extreme", unpaid)
+        world = World(scenario, num_worlds=64, seed=6)
         observation = world.reset()
-        w = extreme.reward
+        w = scenario.reward
+        losses = 0.0
         for _ in range(120):
             node = world.node[..., NodeColumn.span("x", "y")].gather(
                 1, world.auv[..., AuvColumn.target].long()[..., None].expand(-1, -1, 2)
@@ -487,21 +490,25 @@ class TestReward:
                     w.service * (auv[..., AuvColumn.service_rate] > 0),
                     w.power * auv[..., AuvColumn.power],
                     w.collaboration * math.hypot(200, 200, 100) / slant,
+                    w.data * auv[..., AuvColumn.packets_delivered] * 2e-3,
+                    (w.lost * boat[:, BoatColumn.packets_lost] * 1e-3)[:, None].expand(-1, 2),
                 ],
                 dim=-1,
             )
             torch.testing.assert_close(info["reward_terms"], expected, atol=3e-4, rtol=1e-4)
             torch.testing.assert_close(reward, expected.sum(-1), atol=6e-4, rtol=1e-4)
+            losses += expected[..., -1].sum().item()
+        assert losses < 0
         assert len(world.reward_names) == expected.shape[-1]
 
-    def test_loitering_scores_below_straight(self, extreme):
-        """Circling beside the target earns nothing: the distance term pays only for metres closed."""
-        scores = {}
-        for name in ("straight", "loiter"):
-            world = World(extreme, num_worlds=32, seed=8)
+    def test_what_it_rewards(self, extreme):
+        """Shuttling between near nodes makes more services and earns less than a tour; circling earns least."""
+        scores, services = {}, {}
+        for name, targets in (("tour", "tour"), ("shuttle", "greedy:0.1"), ("loiter", "tour")):
+            world = World(extreme, num_worlds=32, seed=8, targets=targets)
             observation = world.reset()
-            total = 0.0
-            for _ in range(400):
+            total = served = 0.0
+            for _ in range(800):
                 action = steer(observation, share=0.75)
                 if name == "loiter":
                     offset = observation[..., world.observation_layout.slice("target")] * extreme.area.diagonal
@@ -511,8 +518,11 @@ class TestReward:
                     action = 0.55 * (tangent + radial) / (tangent + radial).norm(dim=-1, keepdim=True)
                 observation, reward, *_ = world.step(action)
                 total += reward.sum(dim=1).mean().item()
-            scores[name] = total / 400
-        assert scores["loiter"] < scores["straight"] - 0.5
+                served += (world.auv[..., AuvColumn.service_rate] > 0).float().sum(1).mean().item()
+            scores[name], services[name] = total / 800, served
+        assert services["shuttle"] > 1.5 * services["tour"]
+        assert scores["loiter"] < scores["shuttle"] - 0.5
+        assert scores["shuttle"] < scores["tour"] - 0.2
 
     def test_termination_and_truncation(self):
         for name, ends in (("paper-ideal", True), ("ideal", False)):

@@ -17,7 +17,7 @@ from usvauv_cli.commands.options import (
     ScenarioName,
     Seed,
     at_least,
-    default_policy,
+    tell_of_team,
     writable,
 )
 
@@ -28,7 +28,7 @@ def evaluate(
     scenario: ScenarioName = "extreme",
     policy: Annotated[
         list[str] | None,
-        typer.Option(help=f"{POLICIES}; may be repeated. Default: the best trained one that fits, straight, crab."),
+        typer.Option(help=f"{POLICIES}; may be repeated. Default: clear (or that of another task) and straight."),
     ] = None,
     usv: Annotated[
         list[str] | None,
@@ -73,9 +73,10 @@ def evaluate(
     at_least("--episodes", episodes, 1)
     setting = Scenario.load(scenario, overrides or ())
     writable(out)
-    names = list(dict.fromkeys(policy or [default_policy(setting), "straight", "crab"]))
+    names = list(dict.fromkeys(policy or [policies.default(setting), "straight"]))
     for name in names:
         policies.check(name, setting)
+        tell_of_team(name, setting)
     strategies = [StrategyChoice.parse(name, setting).name for name in usv or ["fim"]]
     settings = [setting.with_targets(rule) for rule in targets or [None]]
     require(ROW_BYTES * len(names) * len(strategies) * len(settings) * episodes, f"--episodes {episodes}: their rows")

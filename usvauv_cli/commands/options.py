@@ -60,18 +60,16 @@ Plugins = Annotated[
 ]
 
 
-def default_policy(scenario: Scenario) -> str:
-    """The best shipped policy that fits a scenario; says so where it was trained with another number of AUVs."""
+def tell_of_team(name: str, scenario: Scenario) -> None:
+    """Say so where a trained policy that ships was trained with another number of AUVs than a scenario has."""
     import policies
 
-    name = policies.default(scenario)
     if name in policies.trained():
         count, trained = scenario.auv.count, policies.load_learned(name).scenario.auv.count
         if count != trained:
             typer.echo(
                 f"policy {name}: was trained with {trained} AUVs; scenario {scenario.name!r} has {count}", err=True
             )
-    return name
 
 
 def at_least(option: str, value: float, least: float) -> None:

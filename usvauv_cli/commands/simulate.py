@@ -17,8 +17,8 @@ from usvauv_cli.commands.options import (
     Targets,
     Usv,
     at_least,
-    default_policy,
     parse_size,
+    tell_of_team,
     writable,
 )
 
@@ -27,7 +27,7 @@ def simulate(
     scenario: ScenarioName = "extreme",
     policy: Annotated[
         str | None,
-        typer.Option(help=f"{POLICIES}. Default: the best trained one that fits."),
+        typer.Option(help=f"{POLICIES}. Default: clear, or the heuristic of another task."),
     ] = None,
     usv: Usv = "fim",
     targets: Targets = None,
@@ -68,8 +68,9 @@ def simulate(
     if trace:
         writable(trace, "--trace")
     require(encoder.video_bytes(width, height), f"--size {size}")  # before the mission is simulated
-    name = policy or default_policy(setting)
+    name = policy or policies.default(setting)
     policies.check(name, setting)
+    tell_of_team(name, setting)
     world = World(setting, 1, seed, usv, fine_sea=True, arch=arch)
     act = policies.acting(name, world)
     steps = round(duration / setting.mission.step) if duration else world.steps

@@ -55,7 +55,7 @@ def train(
 ) -> None:
     """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with TensorBoard files beside them.
 
-    Before the first step and now and then it is evaluated on worlds it is not trained in, beside `straight` on the
+    Before the first step and now and then it is evaluated on worlds it is not trained in, beside `clear` on the
     same worlds (`keep` in station-keeping). Ctrl-C ends the run cleanly; `--resume` goes on.
 
     **Examples:**
@@ -100,7 +100,7 @@ def train(
 
         world = World(setting, config.num_worlds, config.seed, usv, arch=arch)
         evaluation_worlds = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
-        name = policies.baseline(setting)
+        name = policies.default(setting)
         baseline = policies.evaluate(evaluation_worlds, name) | {"policy": name}
         about = provenance(begun) | {"usv": usv, "total": total}
         trainer = policies.Trainer(world, config, out, partial(policies.evaluate, evaluation_worlds), about)

@@ -1,4 +1,4 @@
-"""A rule that simulates: for each node that it could choose, all AUVs go on by the rule `rate`.
+"""A rule that simulates: for each node that may be worth it, what comes in if all AUVs then go on by the rule `rate`.
 
 It chooses the node after which most data are collected, as rollout policies do (Bertsekas, Tsitsiklis and Wu, 1997,
 Journal of Heuristics 3, doi 10.1023/A:1009635226865). AUVs travel straight at the reference speed. Data count less the
@@ -10,11 +10,12 @@ import taichi as ti
 from kernels.mission.columns import AuvColumn, EstimateColumn, Information, NodeColumn, Parameter
 from kernels.mission.target_rules import knowledge
 from kernels.mission.target_rules.rule import TargetRule
-from kernels.mission.target_rules.value import travel_time
+from kernels.mission.target_rules.value import data_per_time, travel_time
 from kernels.types import vec2
 
 OVERHEAD = 10.0  # s, of the base rule `rate`
 TIMES = 3.0  # T that are simulated
+CANDIDATES = 12  # nodes that are tried, those with the largest value by the base rule
 X, Y, READY, NUMBERS = 0, 1, 2, 3  # of a simulated AUV: where and when it is free, m and s
 
 
@@ -115,21 +116,41 @@ def go_on(worlds: ti.template(), w, k, end):
 
 
 @ti.func
+def next_best(worlds: ti.template(), w, k, last, last_value):
+    """The free node with the largest value by the base rule after node `last`, and its value; −1 where there is none.
+
+    Equal values are in the order of their nodes.
+    """
+    best = -1
+    best_value = -1.0
+    for i in range(worlds.node.shape[1]):
+        value = data_per_time(worlds, w, k, i, OVERHEAD)
+        later = value < last_value or (value == last_value and i > last)
+        if later and value > best_value and knowledge.is_free(worlds, w, k, i):
+            best = i
+            best_value = value
+    return best, best_value
+
+
+@ti.func
 def rollout(worlds: ti.template(), w, k):
     """The free node after which the most packets are expected."""
     end = knowledge.time(worlds, w) + TIMES * worlds.rule_numbers[0]
-    best = -1
+    best = k % worlds.node.shape[1]  # where no node is free
     most = -1.0
-    for i in range(worlds.node.shape[1]):
-        if knowledge.is_free(worlds, w, k, i):
+    last = -1
+    last_value = 1e30
+    for _ in range(CANDIDATES):
+        candidate, value = next_best(worlds, w, k, last, last_value)
+        last = candidate
+        last_value = value
+        if candidate >= 0:
             total = begin(worlds, w, k, end)
-            total += serve(worlds, w, k, k, i)
+            total += serve(worlds, w, k, k, candidate)
             total += go_on(worlds, w, k, end)
             if total > most:
-                best = i
+                best = candidate
                 most = total
-    if best < 0:
-        best = k % worlds.node.shape[1]
     return best
 
 

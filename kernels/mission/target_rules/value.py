@@ -59,11 +59,17 @@ def nearness(worlds: ti.template(), w, k, i):
 
 
 @ti.func
-def data_per_time(worlds: ti.template(), w, k, i):
-    """Packets expected at arrival over the time to get there and a constant, packets/s."""
+def data_per_time(worlds: ti.template(), w, k, i, overhead):
+    """Packets expected at arrival over the time to get there and an overhead (s), packets/s."""
     travel = travel_time(worlds.p, distance(worlds, w, k, i))
     packets = knowledge.backlog(worlds, w, k, i, knowledge.time(worlds, w) + travel)
-    return packets / (travel + worlds.rule_numbers[0])
+    return packets / (travel + overhead)
+
+
+@ti.func
+def pace_of_data(worlds: ti.template(), w, k, i):
+    """`data_per_time` with the rule's own overhead."""
+    return data_per_time(worlds, w, k, i, worlds.rule_numbers[0])
 
 
 @ti.func
@@ -81,7 +87,7 @@ def nearest(worlds: ti.template(), w, k):
 @ti.func
 def rate(worlds: ti.template(), w, k):
     """The node with the most data per time."""
-    return best_free(worlds, data_per_time, w, k)
+    return best_free(worlds, pace_of_data, w, k)
 
 
 GREEDY = TargetRule(greedy, arguments=(("ALPHA", 0.015),))  # 1/(m s)

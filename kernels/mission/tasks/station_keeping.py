@@ -58,6 +58,5 @@ tasks.register(
         reward_terms=rewards.STANDARD,
         targets="auvs",
         heuristic="keep",
-        baseline="keep",
     ),
 )

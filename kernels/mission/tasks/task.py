@@ -45,8 +45,7 @@ class Task:
         parameters: names and defaults of the task's own numbers, `worlds.task_parameters` in this order; the scenario
             may set them in `task_parameters`.
         observation: names of observation terms that the task adds, see `usvauv_env.world.observation`.
-        heuristic: name of the policy that is taken where no trained one fits.
-        baseline: name of the heuristic that a learned policy has to beat.
+        heuristic: name of the heuristic that is taken where no policy is named, and that a learned one has to beat.
     """
 
     place: Function
@@ -58,8 +57,7 @@ class Task:
     targets: Literal["nodes", "auvs"] = "nodes"
     parameters: tuple[tuple[str, float], ...] = ()
     observation: tuple[str, ...] = ()
-    heuristic: str = "crab"
-    baseline: str = "straight"
+    heuristic: str = "clear"
 
     @property
     def declared(self) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ def test_shipped():
             s.reward.service_form, s.reward.proximity_form,
         )  # fmt: skip
         theirs = ("demonstration:0.05", "exact", "demonstration", "hovering", "hovering", "pair")
-        ours = ("greedy:0.015", "steps", "geometry", "travelling", "completion", "each")
+        ours = ("tour", "steps", "geometry", "travelling", "completion", "each")
         assert conventions == (theirs if "paper" in name else ours)
 
 

@@ -72,7 +72,10 @@ def rate(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
 
 
 def rollout(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
-    """Every service within 270 s, of all AUVs, weighted by exp(−t/90 s), if AUV k went to each node next."""
+    """Every service within 270 s, of all AUVs, weighted by exp(−t/90 s), if AUV k went to each node next.
+
+    All of the 12 nodes are tried.
+    """
     speed, link = scenario.reference.straight_speed, reference_rate(scenario)
     nodes, team = range(scenario.nodes.count), range(scenario.auv.count)
 
