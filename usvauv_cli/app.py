@@ -110,8 +110,11 @@ def _message(error: BaseException) -> str:
     explain = getattr(error, "format_message", None)
     if explain is not None:
         return " ".join(explain().split())
-    if isinstance(error, OSError):  # the system's refusal of something that no file being written accounts for
-        return ": ".join(str(part) for part in (error.filename, error.strerror or error) if part)
+    refusal: BaseException | None = error  # the system's, of something that no file being written accounts for
+    while refusal is not None and not isinstance(refusal, OSError):
+        refusal = refusal.__cause__  # a library may have made an error of its own of it
+    if refusal is not None:
+        return ": ".join(str(part) for part in (refusal.filename, refusal.strerror or refusal) if part)
     kind, text = type(error).__name__, " ".join(str(error).split())
     return f"unexpected {kind}: {text} (set {TRACEBACK}=1 to see where)"
 

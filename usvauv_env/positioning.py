@@ -133,7 +133,8 @@ def solve(
     code = objectives.objective_code(measurement, objective)
     width, length = scenario.area.width, scenario.area.length
     points = torch.tensor(auvs, dtype=torch.float32, device=device)[None]
-    optimum = global_search.plan_batch(link, points, code=code, width=width, length=length)[0, :2].tolist()
+    best = global_search.plan_batch(link, points, code=code, width=width, length=length)[0, :2].tolist()
+    optimum = [min(x, side) for x, side in zip(best, (width, length), strict=True)]  # single precision rounds sides up
     centroid = np.mean(auvs, axis=0)[:2].tolist()
 
     def log_objective(places: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:

@@ -230,6 +230,17 @@ def test_a_closed_pipe_ends_a_command_quietly(tmp_path):
     assert (done.returncode, done.stderr) == (141, "")
 
 
+def test_a_refusal_of_the_system_is_named_also_where_a_library_wraps_it(run_usvauv, monkeypatch):
+    def vanished(*arguments):
+        try:
+            raise FileNotFoundError(2, "No such file or directory")
+        except FileNotFoundError as refusal:
+            raise RuntimeError("\n## Exception summary\n") from refusal
+
+    monkeypatch.setattr("policies.load_learned", vanished)
+    assert run_usvauv("export", "sac-extreme") == (2, "", "error: No such file or directory\n")
+
+
 def test_an_unexpected_error_is_one_line_that_says_how_to_see_more(run_usvauv, monkeypatch):
     def fail(*arguments):
         raise ZeroDivisionError("division\nby zero")

@@ -66,6 +66,13 @@ class TestOptimum:
         result = solve(*TEAM)
         assert (result["objective"], result["measurement"]) == ("d", "fix")
 
+    def test_lies_in_the_area(self, solve):
+        """Single precision rounds 100.3 up."""
+        sides = ("--set", "area.width=100.3", "--set", "area.length=100.3")
+        best = solve("--auv", "100.3,100.3,80", *sides)["optimum"]
+        assert (best["x"], best["y"]) == pytest.approx((100.3, 100.3), abs=1e-2)
+        assert max(best["x"], best["y"]) <= 100.3
+
     def test_one_auv_is_located_best_from_above(self, solve):
         best = solve("--auv", "31,171,80")["optimum"]
         assert (best["x"], best["y"]) == pytest.approx((31, 171), abs=1e-2)
