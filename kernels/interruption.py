@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from kernels.errors import UserError
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SIGPIPE = 13  # by its POSIX number, which `signal` does not name on Windows
 PATIENCE = 2.0  # seconds after a signal in which another one does not disturb the cleaning up
@@ -120,3 +122,11 @@ def deferred() -> Iterator[None]:
         _set(before)
     if received:
         before[received[0]](received[0], None)
+
+
+def in_thread(about: threading.ExceptHookArgs) -> None:
+    """A `threading.excepthook`: report what ended a thread, except what its main thread reports, the system's refusals
+    and interruptions.
+    """
+    if not issubclass(about.exc_type, (OSError, UserError, KeyboardInterrupt)):
+        threading.__excepthook__(about)

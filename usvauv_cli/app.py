@@ -15,7 +15,7 @@ import threading
 from typing import Any, NoReturn
 
 from kernels.errors import UserError
-from kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption
+from kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption, in_thread
 
 FAILED = 2
 TRACEBACK = "USVAUV_TRACEBACK"  # environment variable: show where an unexpected error comes from
@@ -43,7 +43,7 @@ def main() -> NoReturn:
     """Entry point of the installed command."""
     interruption = Interruption()
     interruption.install()
-    threading.excepthook, sys.unraisablehook = _in_thread, _in_callback
+    threading.excepthook, sys.unraisablehook = in_thread, _in_callback
     if sys.stdout:
         raw = _Output(sys.stdout.fileno(), "w", closefd=False)
         stream = io.TextIOWrapper(io.BufferedWriter(raw), sys.stdout.encoding, sys.stdout.errors, None, raw.isatty())
@@ -122,12 +122,6 @@ def _message(error: BaseException) -> str:
 def _say(line: str) -> None:
     with contextlib.suppress(OSError):
         print(line, file=sys.stderr, flush=True)
-
-
-def _in_thread(about: threading.ExceptHookArgs) -> None:
-    """Report what ended a thread, except what the main thread reports: refused output and interruptions."""
-    if not issubclass(about.exc_type, (OSError, UserError, KeyboardInterrupt)):
-        threading.__excepthook__(about)
 
 
 def _in_callback(about: sys.UnraisableHookArgs) -> None:

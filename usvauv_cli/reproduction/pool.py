@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import queue
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -15,7 +16,7 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 
 from kernels.errors import UserError
-from kernels.interruption import SIGNALS, deferred, stoppable
+from kernels.interruption import SIGNALS, deferred, in_thread, stoppable
 from usvauv_cli import console
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import Piece, Stopped, Work
@@ -139,6 +140,7 @@ def _begin(
     global _work
     from kernels import runtime
 
+    threading.excepthook = in_thread
     plugins.load_installed()
     for file in plugin_files:
         plugins.load(file)
