@@ -57,14 +57,14 @@ def rate(worlds: ti.template(), w, k, i):
 
 
 @ti.func
-def backlog(worlds: ti.template(), w, k, i, t):
-    """Packets at node i at a time t (s) from now on, as AUV k expects them if nobody takes any."""
+def backlog(worlds: ti.template(), w, k, i, ahead):
+    """Packets at node i some time `ahead` (s) of now, as AUV k expects them if nobody takes any."""
     there = 0.0
     if ti.static(worlds.program.information == Information.full):
-        there = worlds.node[w, i, NodeColumn.backlog] + rate(worlds, w, k, i) * (t - time(worlds, w))
+        there = worlds.node[w, i, NodeColumn.backlog] + rate(worlds, w, k, i) * ahead
     else:
         b = holder(worlds, k)
-        waited = t - worlds.belief[w, b, i, BeliefColumn.since]
+        waited = time(worlds, w) - worlds.belief[w, b, i, BeliefColumn.since] + ahead
         there = worlds.belief[w, b, i, BeliefColumn.left] + rate(worlds, w, k, i) * waited
     return ti.min(there, worlds.p[Parameter.buffer])
 

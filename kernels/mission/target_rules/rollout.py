@@ -16,7 +16,7 @@ from kernels.types import vec2
 OVERHEAD = 10.0  # s, of the base rule `rate`
 TIMES = 3.0  # T that are simulated
 CANDIDATES = 12  # nodes that are tried, those with the largest value by the base rule
-X, Y, READY, NUMBERS = 0, 1, 2, 3  # of a simulated AUV: where and when it is free, m and s
+X, Y, READY, NUMBERS = 0, 1, 2, 3  # of a simulated AUV: where and when it is free, m and s from now
 
 
 @ti.func
@@ -37,7 +37,7 @@ def travel(worlds: ti.template(), w, j, i):
 
 @ti.func
 def packets(worlds: ti.template(), w, k, i, t):
-    """Packets that AUV k expects at node i at time t in the simulation; none where an AUV is on its way there."""
+    """Packets that AUV k expects at node i at time t of the simulation; none where an AUV is on its way there."""
     emptied = worlds.workspace[w, i]
     there = 0.0
     if emptied < 0.0:
@@ -60,28 +60,27 @@ def serve(worlds: ti.template(), w, k, j, i):
     worlds.workspace[w, memory(worlds, j, X)] = worlds.node[w, i, NodeColumn.x]
     worlds.workspace[w, memory(worlds, j, Y)] = worlds.node[w, i, NodeColumn.y]
     worlds.workspace[w, memory(worlds, j, READY)] = arrival + hover
-    return taken * ti.exp(-(arrival + hover - knowledge.time(worlds, w)) / worlds.rule_numbers[0])
+    return taken * ti.exp(-(arrival + hover) / worlds.rule_numbers[0])
 
 
 @ti.func
 def begin(worlds: ti.template(), w, k, end):
     """Put the simulated AUVs where they are; those on their way arrive. Without communication AUV k is alone."""
-    now = knowledge.time(worlds, w)
     for i in range(worlds.node.shape[1]):
         worlds.workspace[w, i] = -1.0
     total = 0.0
     for j in range(worlds.auv.shape[1]):
         worlds.workspace[w, memory(worlds, j, X)] = worlds.estimate[w, j, EstimateColumn.x]
         worlds.workspace[w, memory(worlds, j, Y)] = worlds.estimate[w, j, EstimateColumn.y]
-        worlds.workspace[w, memory(worlds, j, READY)] = now
+        worlds.workspace[w, memory(worlds, j, READY)] = 0.0
         target = ti.cast(worlds.auv[w, j, AuvColumn.target], ti.i32)
         if ti.static(worlds.program.information == Information.own_visits):
             if j != k:
                 worlds.workspace[w, memory(worlds, j, READY)] = end
         elif j != k and target >= 0:
             if worlds.auv[w, j, AuvColumn.hover] > 0.0:
-                worlds.workspace[w, target] = now
-                worlds.workspace[w, memory(worlds, j, READY)] = now + worlds.auv[w, j, AuvColumn.hover]
+                worlds.workspace[w, target] = 0.0
+                worlds.workspace[w, memory(worlds, j, READY)] = worlds.auv[w, j, AuvColumn.hover]
             else:
                 total += serve(worlds, w, k, j, target)
     return total
@@ -135,7 +134,7 @@ def next_best(worlds: ti.template(), w, k, last, last_value):
 @ti.func
 def rollout(worlds: ti.template(), w, k):
     """The free node after which the most packets are expected."""
-    end = knowledge.time(worlds, w) + TIMES * worlds.rule_numbers[0]
+    end = TIMES * worlds.rule_numbers[0]
     best = k % worlds.node.shape[1]  # where no node is free
     most = -1.0
     last = -1

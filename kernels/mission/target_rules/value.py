@@ -44,14 +44,14 @@ def best_free(worlds: ti.template(), value: ti.template(), w, k):
 @ti.func
 def worth(worlds: ti.template(), w, k, i):
     """λ b/C − α d."""
-    filling = knowledge.backlog(worlds, w, k, i, knowledge.time(worlds, w)) / worlds.p[Parameter.buffer]
+    filling = knowledge.backlog(worlds, w, k, i, 0.0) / worlds.p[Parameter.buffer]
     return knowledge.rate(worlds, w, k, i) * filling - worlds.rule_numbers[0] * distance(worlds, w, k, i)
 
 
 @ti.func
 def nearness(worlds: ti.template(), w, k, i):
     """Minus the distance, m; nodes with too few packets come after all others, the one that lacks least first."""
-    packets = knowledge.backlog(worlds, w, k, i, knowledge.time(worlds, w))
+    packets = knowledge.backlog(worlds, w, k, i, 0.0)
     near = -distance(worlds, w, k, i)
     if packets < worlds.rule_numbers[0]:
         near = packets - worlds.rule_numbers[0] - FAR
@@ -62,7 +62,7 @@ def nearness(worlds: ti.template(), w, k, i):
 def data_per_time(worlds: ti.template(), w, k, i, overhead):
     """Packets expected at arrival over the time to get there and an overhead (s), packets/s."""
     travel = travel_time(worlds.p, distance(worlds, w, k, i))
-    packets = knowledge.backlog(worlds, w, k, i, knowledge.time(worlds, w) + travel)
+    packets = knowledge.backlog(worlds, w, k, i, travel)
     return packets / (travel + overhead)
 
 
