@@ -2,20 +2,19 @@
 
 import taichi as ti
 
-from kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter
+from kernels.mission.columns import AuvColumn, Parameter
 from kernels.mission.target_rules.knowledge import is_free
 from kernels.mission.target_rules.rule import TargetRule
+from kernels.mission.target_rules.value import offset, urgency
 from kernels.types import vec3
 
 
 @ti.func
 def worth(worlds: ti.template(), w, k, i, alpha):
     """λ b/C − α d of node i for AUV k, d from its estimated position with the vertical separation of the boat."""
-    node = ti.static(worlds.node)
-    dx = node[w, i, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x]
-    dy = node[w, i, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y]
-    d = vec3(dx, dy, worlds.p[Parameter.separation_boat]).norm()
-    return node[w, i, NodeColumn.rate] * (node[w, i, NodeColumn.backlog] / worlds.p[Parameter.buffer]) - alpha * d
+    across = offset(worlds, w, k, i)
+    slant = vec3(across[0], across[1], worlds.p[Parameter.separation_boat]).norm()
+    return urgency(worlds, w, k, i) - alpha * slant
 
 
 @ti.func

@@ -11,12 +11,18 @@ FAR = 1e5  # above every distance in an area, m
 
 
 @ti.func
-def distance(worlds: ti.template(), w, k, i):
-    """Horizontal distance from the estimated position of AUV k to node i, m."""
+def offset(worlds: ti.template(), w, k, i):
+    """From the estimated position of AUV k to node i, m."""
     return vec2(
         worlds.node[w, i, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x],
         worlds.node[w, i, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y],
-    ).norm()
+    )
+
+
+@ti.func
+def distance(worlds: ti.template(), w, k, i):
+    """Horizontal distance from the estimated position of AUV k to node i, m."""
+    return offset(worlds, w, k, i).norm()
 
 
 @ti.func
@@ -42,10 +48,16 @@ def best_free(worlds: ti.template(), value: ti.template(), w, k):
 
 
 @ti.func
+def urgency(worlds: ti.template(), w, k, i):
+    """λ b/C, packets/s."""
+    filling = knowledge.backlog(worlds, w, k, i, 0.0) / worlds.p[Parameter.buffer]
+    return knowledge.rate(worlds, w, k, i) * filling
+
+
+@ti.func
 def worth(worlds: ti.template(), w, k, i):
     """λ b/C − α d."""
-    filling = knowledge.backlog(worlds, w, k, i, 0.0) / worlds.p[Parameter.buffer]
-    return knowledge.rate(worlds, w, k, i) * filling - worlds.rule_numbers[0] * distance(worlds, w, k, i)
+    return urgency(worlds, w, k, i) - worlds.rule_numbers[0] * distance(worlds, w, k, i)
 
 
 @ti.func
