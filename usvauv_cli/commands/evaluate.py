@@ -11,6 +11,7 @@ import typer
 from kernels.errors import DivergenceError
 from usvauv_cli.commands.options import (
     POLICIES,
+    TARGETS,
     Arch,
     Overrides,
     Plugins,
@@ -36,10 +37,7 @@ def evaluate(
     ] = None,
     targets: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Which node next: greedy[:ALPHA], nearest[:PACKETS], rate[:SECONDS], rollout[:HORIZON], tour, sectors;"
-            " may be repeated. Default: the scenario's."
-        ),
+        typer.Option(help=f"{TARGETS}; may be repeated. Default: the scenario's."),
     ] = None,
     episodes: Annotated[int, typer.Option(help="Episodes for each combination.")] = 20,
     seed: Seed = 0,

@@ -29,13 +29,8 @@ POLICIES = (
 )
 Usv = Annotated[str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")]
 
-Targets = Annotated[
-    str | None,
-    typer.Option(
-        help="Which node next: greedy[:ALPHA], nearest[:PACKETS], rate[:SECONDS], rollout[:HORIZON], tour, sectors."
-        " Default: the scenario's."
-    ),
-]
+TARGETS = "Which node next: greedy[:ALPHA], nearest[:PACKETS], rate[:SECONDS], rollout[:HORIZON], tour, sectors"
+Targets = Annotated[str | None, typer.Option(help=f"{TARGETS}. Default: the scenario's.")]
 
 
 def _load_plugins(files: list[Path] | None) -> list[Path] | None:
