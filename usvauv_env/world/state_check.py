@@ -15,7 +15,7 @@ PER = {
     "auv": "AUV",
     "estimate": "the estimate of AUV",
     "node": "node",
-    "belief": "the belief of",
+    "belief": "the belief, of all or of AUV",
     "vortex": "vortex",
     "track": "the track of AUV",
 }
