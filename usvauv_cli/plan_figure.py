@@ -107,7 +107,7 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) ->
     power −1/(2 · axes). The paper's Eq. 3 as printed is no determinant of information and has no lines.
     """
     x, y, value = landscape
-    value = np.where(np.isfinite(value), value, value[np.isfinite(value)].min(initial=0.0))
+    value = np.where(np.isfinite(value), value, value[np.isfinite(value)].min(initial=0.0)).astype(np.float64)
     best = value.max() if result.optimum.log_objective is None else result.optimum.log_objective
     low, high = np.percentile(value, 0.5), max(value.max(), best)
     filled = axes.contourf(x, y, value, levels=np.linspace(low, high + 1e-3, 41), cmap=SEA, extend="min")

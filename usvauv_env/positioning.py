@@ -19,6 +19,7 @@ from usvauv_env.world.tables import link_table
 
 LARGEST_VARIANCE = 1e16  # m²; an axis of more than 10⁸ m is unbounded
 ROUNDING = 1e-3  # relative, of variances in single precision
+NO_INFORMATION = -1e29  # ln of an objective; what is below stands for ln 0
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,9 @@ def solve(
     def log_objective(places: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
         boats = torch.as_tensor(np.asarray(places, np.float32), device=device)
         layouts = points.expand(len(boats), -1, -1).contiguous()
-        return objectives.log_objective_batch(link, layouts, boats, code=code)[:, 0].double().cpu().numpy()
+        values = objectives.log_objective_batch(link, layouts, boats, code=code)[:, 0].double().cpu().numpy()
+        values[values < NO_INFORMATION] = -math.inf
+        return values
 
     boats = [optimum, centroid, *others]
     places = []

@@ -11,7 +11,8 @@ from matplotlib import image
 
 from kernels.planning import global_search, objectives
 from kernels.positioning import usbl
-from usvauv_env import Scenario
+from usvauv_cli.plan_figure import draw
+from usvauv_env import Scenario, positioning
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
@@ -192,6 +193,19 @@ class TestOutput:
         picture = image.imread(tmp_path / "map.png")
         assert min(picture.shape[:2]) > 300
         assert len(np.unique(picture.reshape(-1, picture.shape[2]).round(2), axis=0)) > 100
+
+    def test_no_information_is_no_number(self, plan, tmp_path):
+        code, stdout, stderr = plan("--auv", "60,80,1e-40", "--objective", "paper", "--json", "-", "--out", "map.png")
+        assert (code, stderr) == (0, "")
+        result = json.loads(stdout)
+        assert [result[place]["log_objective"] for place in ("optimum", "centroid")] == [None, None]
+
+    def test_figure_of_a_flat_landscape_in_single_precision(self, tmp_path):
+        setting = Scenario.load("extreme", ["auv.count=1"])
+        result, landscape = positioning.solve(setting, [(60.0, 80.0, 100.0)], [], "d", "fix")
+        flat = landscape._replace(log_objective=np.full_like(landscape.log_objective, 700.1, dtype=np.float32))
+        draw(result, flat, tmp_path / "flat.png")
+        assert (tmp_path / "flat.png").stat().st_size > 10_000
 
     def test_sixteen_auvs(self, plan, tmp_path):
         team = [part for k in range(16) for part in ("--auv", f"{10 + 11 * k},{190 - 10 * k},{20 + 6 * k}")]
