@@ -10,7 +10,18 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands import doctor, evaluate, export, plan, reproduce, scenarios, sea, simulate, train
+from usvauv_cli.commands import (
+    doctor,
+    evaluate,
+    export,
+    plan,
+    reproduce,
+    scenarios,
+    sea,
+    simulate,
+    train,
+    train_targets,
+)
 
 app = typer.Typer(
     name="usvauv",
@@ -22,6 +33,7 @@ app = typer.Typer(
 )
 app.command("simulate")(simulate.simulate)
 app.command("train")(train.train)
+app.command("train-targets")(train_targets.train_targets)
 app.command("eval")(evaluate.evaluate)
 app.command("export")(export.export)
 app.command("reproduce")(reproduce.reproduce)

@@ -1,6 +1,7 @@
 """Target rules compared: which node next, in several settings and with less and less known.
 
     python -m benchmarks.studies.decisions
+    python -m benchmarks.studies.decisions --part survey --episodes 200 --learned FILE
 
 AUVs steer by `pace`, the boat stays at the mean of their positions, so that rules differ in nothing else. The number of
 each rule is the best of `TUNED` on other seeds, by data delivered. Intervals are 95 %; differences are paired by world.
@@ -9,8 +10,10 @@ each rule is the best of `TUNED` on other seeds, by data delivered. Intervals ar
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -28,7 +31,7 @@ SETTINGS = {
     "`extreme`, four times the arrivals": ("nodes.arrival_rates=[12,20,32,48]",),
     "`extreme`, λ from {1, 1, 2, 30}": (UNEQUAL,),
 }
-KNOWING = {"`extreme`": (), "4 AUVs, 60 nodes, 400 m, λ from {1, 1, 2, 30}": (*WIDE, UNEQUAL)}
+KNOWING = ("extreme", "survey")
 INFORMATION = ("full", "rates", "visits", "own-visits")
 TUNED = {
     "greedy": (0.03, 0.06, 0.1, 0.2, 0.4),
@@ -44,8 +47,10 @@ FIGURES = ("delivered_mbit", "lost_mbit", "aoi_mean", "aoi_peak", "jain", "joule
 
 
 @cache
-def run(rule: str, changes: Sequence[str], episodes: int, seed: int) -> list[EpisodeMetrics]:
-    scenario = Scenario.load("extreme", changes)
+def run(
+    rule: str, changes: Sequence[str], episodes: int, seed: int, scenario_name: str = "extreme"
+) -> list[EpisodeMetrics]:
+    scenario = Scenario.load(scenario_name, changes)
     return evaluate(scenario, policies.named("pace"), episodes=episodes, seed=seed, usv="centroid", targets=rule)
 
 
@@ -53,10 +58,10 @@ def figure(rows: Sequence[EpisodeMetrics], name: str) -> np.ndarray:
     return np.array([row.columns()[name] for row in rows])
 
 
-def tuned(rule: str, changes: Sequence[str], episodes: int, seed: int) -> str:
+def tuned(rule: str, changes: Sequence[str], episodes: int, seed: int, scenario: str = "extreme") -> str:
     """The rule with its best number."""
     names = [f"{rule}:{number:g}" for number in TUNED[rule]] or [rule]
-    return max(names, key=lambda name: figure(run(name, changes, episodes, seed), "delivered_mbit").mean())
+    return max(names, key=lambda name: figure(run(name, changes, episodes, seed, scenario), "delivered_mbit").mean())
 
 
 def interval(values: np.ndarray, digits: int = 1) -> str:
@@ -88,18 +93,35 @@ def settings(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
 
 
 def knowledge(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
-    """Mbit of the best rules when less is known."""
-    for title, changes in KNOWING.items():
-        print(f"\n### {title}: Mbit by what is known\n")
+    """Mbit of the best rules when less is known; their numbers are tuned with everything known."""
+    for scenario in KNOWING:
+        print(f"\n### `{scenario}`: Mbit by what is known\n")
         head(["rule", *(f"`{known}`" for known in INFORMATION)])
         for rule in ("rate", "rollout", "tour", "sectors"):
-            cells = []
-            for known in INFORMATION:
-                condition = (*changes, f"nodes.information={known}")
-                cells.append(
-                    interval(figure(run(tuned(rule, changes, *tuning), condition, episodes, seed), FIGURES[0]))
-                )
-            line([f"`{tuned(rule, changes, *tuning)}`", *cells])
+            name = tuned(rule, ("nodes.information=full",), *tuning, scenario)
+            changes = [(f"nodes.information={known}",) for known in INFORMATION]
+            cells = [interval(figure(run(name, each, episodes, seed, scenario), FIGURES[0])) for each in changes]
+            line([f"`{name}`", *cells])
+
+
+def survey(episodes: int, seed: int, tuning: tuple[int, int], learned: Sequence[Path]) -> None:
+    """All figures in `survey`, also of learned rules, each where as much is known as when it was trained."""
+    for known in ("visits", "own-visits"):
+        changes = (f"nodes.information={known}",)
+        print(f"\n### `survey`, `{known}`\n")
+        best = tuned("rollout", changes, *tuning, "survey")
+        head(["rule", "Mbit", f"less `{best}`", *(name for name in FIGURES[1:])])
+        names = {name: name for name in (tuned("rate", changes, *tuning, "survey"), best, "tour", "sectors")}
+        for file in learned:
+            made = json.loads(file.read_text())
+            if made["information"] == known:
+                names[f"learned:{file}"] = f"learned, seed {made['settings']['seed']}"
+        against = figure(run(best, changes, episodes, seed, "survey"), FIGURES[0])
+        for name, shown in names.items():
+            rows = run(name, changes, episodes, seed, "survey")
+            data = figure(rows, FIGURES[0])
+            others = [interval(figure(rows, each), 2 if each == "jain" else 1) for each in FIGURES[1:]]
+            line([f"`{shown}`", interval(data), interval(data - against), *others])
 
 
 def main() -> None:
@@ -108,13 +130,20 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--tuning-episodes", type=int, default=30)
     parser.add_argument("--tuning-seed", type=int, default=77)
+    parser.add_argument("--part", choices=("settings", "knowledge", "survey"), action="append")
+    parser.add_argument("--learned", type=Path, action="append", help="a file of `usvauv train-targets`")
     arguments = parser.parse_args()
     tuning = (arguments.tuning_episodes, arguments.tuning_seed)
     print(
         f"{describe()}; {arguments.episodes} paired episodes, seed {arguments.seed}; numbers tuned on seed {tuning[1]}"
     )
-    settings(arguments.episodes, arguments.seed, tuning)
-    knowledge(arguments.episodes, arguments.seed, tuning)
+    parts = arguments.part or ("settings", "knowledge", "survey")
+    if "settings" in parts:
+        settings(arguments.episodes, arguments.seed, tuning)
+    if "knowledge" in parts:
+        knowledge(arguments.episodes, arguments.seed, tuning)
+    if "survey" in parts:
+        survey(arguments.episodes, arguments.seed, tuning, arguments.learned or [])
 
 
 if __name__ == "__main__":

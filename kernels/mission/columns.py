@@ -58,6 +58,7 @@ class Parameter(Columns):
     rate_variance: int
     reference_speed: int  # with which target rules reckon
     reference_rate: int  # of the data link at the hover radius, Mbit/s
+    duration: int  # of the mission, s
 
 
 class AuvColumn(Columns):
@@ -112,6 +113,7 @@ class NodeColumn(Columns):
     kind: int  # row of the table of arrivals
     tour: int  # the node at this place of a tour
     successor: int  # the node after this one
+    owner: int  # the AUV in whose sector it lies
 
 
 class BeliefColumn(Columns):
@@ -172,3 +174,4 @@ class Draw(Columns):
     arrival: int
     loss: int
     reading: int
+    decision: int

@@ -62,6 +62,7 @@ NAMED: dict[str, Range] = {
     "kind": Range(0.0, "last_kind", whole=True),
     "tour": Range(0.0, "last_target", whole=True),
     "successor": Range(0.0, "last_target", whole=True),
+    "owner": Range(0.0, "last_auv", whole=True),
     "count": AMOUNT,
     "exposure": Range(0.0, 1e12),
     "since": Range(0.0, 1e8),
@@ -110,7 +111,7 @@ def resolve(numbers: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Bounds of each array's columns, (2, columns) float64: low, high.
 
     Args:
-        numbers: "width", "length" (m), and the counts "targets", "last_target", "last_kind".
+        numbers: "width", "length" (m), and the counts "targets", "last_target", "last_auv", "last_kind".
     """
 
     def number(bound: float | str) -> float:

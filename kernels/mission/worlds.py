@@ -1,14 +1,16 @@
 """What the functions of a mission pass on: the arrays of all worlds, and what is compiled into the kernels."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import taichi as ti
 
 from kernels import random
 from kernels.mission.columns import Information, Parameter, Refraction
-from kernels.mission.target_rules import TargetRule
 from kernels.mission.tasks.task import Task
+
+if TYPE_CHECKING:
+    from kernels.mission.target_rules import TargetRule
 
 
 class Strategy(NamedTuple):
@@ -42,7 +44,7 @@ class Program(NamedTuple):
 
     task: Task
     strategy: Strategy
-    target_rule: TargetRule
+    target_rule: "TargetRule"
     observation: tuple[Callable[..., Any], ...]
     information: int = Information.full
     objective_code: int = 0

@@ -23,7 +23,7 @@ class TestShipped:
 
 
 def test_these_ship():
-    assert Scenario.shipped() == ["extreme", "ideal", "paper-extreme", "paper-ideal", "station-keeping"]
+    assert Scenario.shipped() == ["extreme", "ideal", "paper-extreme", "paper-ideal", "station-keeping", "survey"]
 
 
 @pytest.mark.parametrize("name", ["paper-ideal", "paper-extreme"])

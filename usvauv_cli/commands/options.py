@@ -29,7 +29,10 @@ POLICIES = (
 )
 Usv = Annotated[str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid.")]
 
-TARGETS = "Which node next: greedy[:ALPHA], nearest[:PACKETS], rate[:SECONDS], rollout[:HORIZON], tour, sectors"
+TARGETS = (
+    "Which node next: greedy[:ALPHA], nearest[:PACKETS], rate[:SECONDS], rollout[:HORIZON], tour, sectors, or"
+    " learned:FILE (of train-targets)"
+)
 Targets = Annotated[str | None, typer.Option(help=f"{TARGETS}. Default: the scenario's.")]
 
 

@@ -29,6 +29,7 @@ def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
             "length": float(np.float32(scenario.area.length)),
             "targets": scenario.targets,
             "last_target": scenario.targets - 1,
+            "last_auv": scenario.auv.count - 1,
             "last_kind": len(scenario.nodes.arrival_rates) - 1,
         }
     )

@@ -211,6 +211,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "rate_variance": np.var(s.nodes.arrival_rates),
         "reference_speed": s.reference.straight_speed,
         "reference_rate": reference_rate(s),
+        "duration": s.mission.duration,
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from inspect import signature
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,7 +19,7 @@ from kernels.mission import poisson_table
 from kernels.mission.columns import AuvColumn, BeliefColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
-from kernels.mission.target_rules import target_rules
+from kernels.mission.target_rules import parse, target_rules
 from kernels.mission.tasks.task import tasks
 from kernels.positioning import tracker
 from kernels.types import Level
@@ -136,7 +137,11 @@ class World:
             "reward_terms": (*team, len(self.reward_names)),
         }
         numbers = sum(map(room, shapes.values()))
-        require(4.0 * WORKSPACE * numbers, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
+        rule, _ = parse(scenario.nodes.target_rule)
+        rule_needs = num_worlds * max(1, rule.workspace(scenario.targets, self.num_auvs))
+        require(
+            4.0 * (WORKSPACE * numbers + rule_needs), f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device
+        )
         self._numbers = self._zeros(numbers)  # together, so that one look finds any fault
         parts = self._numbers.split([room(shape) for shape in shapes.values()])
         views = iter(part[: math.prod(shape)].view(shape) for part, shape in zip(parts, shapes.values(), strict=True))
@@ -181,6 +186,16 @@ class World:
     def storm(self) -> AirySea:
         """The short waves."""
         return self._storm
+
+    @property
+    def rule_numbers(self) -> torch.Tensor:
+        """Numbers of the target rule, (≥ 1,); what is written there holds from the next step on."""
+        return self._constants["rule_numbers"]
+
+    @property
+    def rule_workspace(self) -> torch.Tensor:
+        """What the target rule has left in its workspace, (W, ≥ 1)."""
+        return self._constants["workspace"]
 
     def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
         """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation."""
@@ -343,7 +358,7 @@ class World:
             flow,
         )
 
-    def _upload_tables(self) -> dict[str, object]:
+    def _upload_tables(self) -> dict[str, Any]:
         """What the kernels read and nothing changes, by the names of the kernel's arguments."""
         scenario, key = self.scenario, self.seed
         link = tables.link_table(self.site)

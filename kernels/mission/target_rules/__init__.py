@@ -5,9 +5,10 @@ From outside: `target_rules`, `TargetRule` and `parse`; for a rule of one's own 
 
 from kernels.mission.target_rules import knowledge
 from kernels.mission.target_rules.demonstration import DEMONSTRATION
+from kernels.mission.target_rules.learned import LEARNED
 from kernels.mission.target_rules.rollout import ROLLOUT
 from kernels.mission.target_rules.rule import TargetRule, parse, target_rules, usage
-from kernels.mission.target_rules.tour import SECTORS, TOUR
+from kernels.mission.target_rules.tour import SECTORS, TOUR, share_nodes
 from kernels.mission.target_rules.value import GREEDY, NEAREST, RATE, best_free
 
 target_rules.register("greedy", GREEDY)
@@ -16,6 +17,7 @@ target_rules.register("rate", RATE)
 target_rules.register("rollout", ROLLOUT)
 target_rules.register("tour", TOUR)
 target_rules.register("sectors", SECTORS)
+target_rules.register("learned", LEARNED)
 target_rules.register("demonstration", DEMONSTRATION)
 
-__all__ = ["TargetRule", "best_free", "knowledge", "parse", "target_rules", "usage"]
+__all__ = ["TargetRule", "best_free", "knowledge", "parse", "share_nodes", "target_rules", "usage"]

@@ -3,16 +3,19 @@
 Where rates are not known, each has a Gamma distribution with `count` packets in `exposure` seconds, so its mean is
 count / exposure. It begins with the mean and variance of the scenario's rates, and a visit that finds n packets which
 came in τ seconds adds n and τ: the posterior of Poisson arrivals (Gelman et al., Bayesian Data Analysis, 3rd ed.,
-2013, section 2.6). Two departures: the first visit also finds what was there at the start, uniform from 0 to S packets,
-so it counts with the weight λτ/(λτ + S²/12) of its variance; a full buffer is a lower bound, and counts as what was
-expected where that is more.
+2013, section 2.6). Two visits tell less. The first also finds what was there at the start, uniform from 0 to S packets;
+a full buffer says only that at least so many came. Then the rate is known to lie in an interval, and the distribution
+becomes the Gamma distribution with the mean and variance of the one before, cut to that interval.
 """
 
 import taichi as ti
 
 from kernels.mission.columns import AuvColumn, BeliefColumn, Information, NodeColumn, Parameter
+from kernels.types import vec2
 
 SURE = 1e6  # s; of exposure, where all rates are equal
+POINTS = 48  # of the integration over an interval
+DEVIATIONS = 8.0  # beyond these of the mean a distribution is cut off
 
 
 @ti.func
@@ -31,15 +34,22 @@ def holder(worlds: ti.template(), k):
 
 
 @ti.func
+def start_exposure(p: ti.template()):
+    """Exposure with which the Gamma distribution of a rate has the mean and variance of all, s."""
+    exposure = SURE
+    if p[Parameter.rate_variance] > p[Parameter.rate_mean] / SURE:
+        exposure = p[Parameter.rate_mean] / p[Parameter.rate_variance]
+    return exposure
+
+
+@ti.func
 def begin(worlds: ti.template(), w):
     """What is known at the start of an episode: the mean and variance of the rates, and half the largest backlog."""
     p = ti.static(worlds.p)
     belief = ti.static(worlds.belief)
     for b in range(belief.shape[1]):
         for i in range(belief.shape[2]):
-            exposure = SURE
-            if p[Parameter.rate_variance] > p[Parameter.rate_mean] / SURE:
-                exposure = p[Parameter.rate_mean] / p[Parameter.rate_variance]
+            exposure = start_exposure(p)
             belief[w, b, i, BeliefColumn.count] = p[Parameter.rate_mean] * exposure
             belief[w, b, i, BeliefColumn.exposure] = exposure
             belief[w, b, i, BeliefColumn.since] = 0.0
@@ -70,23 +80,69 @@ def backlog(worlds: ti.template(), w, k, i, ahead):
 
 
 @ti.func
+def cut(count, exposure, low, high, ramp):
+    """Count and exposure of the Gamma distribution with the mean and variance of a given one, cut to low ≤ λ ≤ high.
+
+    Where `ramp` > 0 what was seen is likelier the larger λ is, in proportion to λ − low up to low + ramp. Integrated at
+    the midpoints of x in [0, 1] with λ = low + (high − low) x²: at λ = 0 the density may be infinite.
+    """
+    mean = count / exposure
+    deviation = ti.sqrt(count) / exposure
+    first = ti.max(low, mean - DEVIATIONS * deviation)
+    last = ti.min(high, mean + DEVIATIONS * (deviation + 1.0 / exposure))
+    if first >= last:  # it finds what it held to be impossible
+        first = low
+        last = ti.min(high, low + DEVIATIONS * (deviation + 1.0 / exposure))
+    top = ti.math.clamp((count - 1.0) / exposure, first, last)  # about where the density is largest
+    total = 0.0
+    sum1 = 0.0  # of λ − first, and of its square
+    sum2 = 0.0
+    for n in range(POINTS):
+        x = (n + 0.5) / POINTS
+        above = (last - first) * x * x
+        rate = first + above
+        scale = ti.max(top, 1e-3 * (last - first))
+        weight = x * ti.exp((count - 1.0) * ti.log(rate / scale) - exposure * (rate - scale))
+        if ramp > 0.0:
+            weight *= ti.min((rate - low) / ramp, 1.0)
+        total += weight
+        sum1 += weight * above
+        sum2 += weight * above * above
+    new_mean = first + sum1 / total
+    variance = ti.max(sum2 / total - (sum1 / total) ** 2, new_mean / SURE)
+    return vec2(new_mean * new_mean / variance, new_mean / variance)
+
+
+@ti.func
 def learn(worlds: ti.template(), w, k, i, found):
     """AUV k begins to serve node i, and finds some packets there."""
     p = ti.static(worlds.p)
+    belief = ti.static(worlds.belief)
     b = holder(worlds, k)
     now = time(worlds, w) - p[Parameter.step]  # arrivals come at the end of a step
-    waited = now - worlds.belief[w, b, i, BeliefColumn.since]
-    expected = rate(worlds, w, k, i) * waited
-    came = ti.max(found - worlds.belief[w, b, i, BeliefColumn.left], 0.0)
-    weight = 1.0
-    if worlds.belief[w, b, i, BeliefColumn.since] == 0.0:
-        weight = expected / (expected + p[Parameter.start_backlog] * p[Parameter.start_backlog] / 12.0 + 1e-6)
-    if found >= p[Parameter.buffer]:
-        came = ti.max(came, expected)
-    worlds.belief[w, b, i, BeliefColumn.count] += weight * came
-    worlds.belief[w, b, i, BeliefColumn.exposure] += weight * waited
-    worlds.belief[w, b, i, BeliefColumn.since] = now
-    worlds.belief[w, b, i, BeliefColumn.left] = 0.0
+    waited = now - belief[w, b, i, BeliefColumn.since]
+    start = 0.0
+    if belief[w, b, i, BeliefColumn.since] == 0.0:
+        start = p[Parameter.start_backlog]
+    if waited > 0.0:
+        if start > 0.0 or found >= p[Parameter.buffer]:
+            middle = found - 0.5 * start  # packets that came
+            width = ti.sqrt(start * start + 12.0 * found + 1.0)  # with the variance of start and Poisson arrivals
+            low = ti.max(middle - 0.5 * width, 0.0) / waited
+            high = (middle + 0.5 * width) / waited
+            ramp = 0.0
+            if found >= p[Parameter.buffer]:
+                low = (found - start) / waited
+                high = ti.math.inf
+                ramp = start / waited
+            both = cut(belief[w, b, i, BeliefColumn.count], belief[w, b, i, BeliefColumn.exposure], low, high, ramp)
+            belief[w, b, i, BeliefColumn.count] = both[0]
+            belief[w, b, i, BeliefColumn.exposure] = both[1]
+        else:
+            belief[w, b, i, BeliefColumn.count] += found
+            belief[w, b, i, BeliefColumn.exposure] += waited
+    belief[w, b, i, BeliefColumn.since] = now
+    belief[w, b, i, BeliefColumn.left] = 0.0
 
 
 @ti.func
@@ -104,3 +160,18 @@ def is_free(worlds: ti.template(), w, k, i):
         if known and ti.cast(worlds.auv[w, j, AuvColumn.target], ti.i32) == i:
             free = False
     return free
+
+
+@ti.func
+def in_sector(worlds: ti.template(), w, k, i):
+    """Whether node i is in the sector of AUV k: without communication AUVs have shared the nodes before they dive."""
+    inside = True
+    if ti.static(worlds.program.information == Information.own_visits):
+        inside = ti.cast(worlds.node[w, i, NodeColumn.owner], ti.i32) == k
+    return inside
+
+
+@ti.func
+def is_open(worlds: ti.template(), w, k, i):
+    """Whether a rule that compares nodes may choose node i for AUV k."""
+    return is_free(worlds, w, k, i) and in_sector(worlds, w, k, i)

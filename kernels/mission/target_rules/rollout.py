@@ -104,7 +104,7 @@ def go_on(worlds: ti.template(), w, k, end):
             for i in range(worlds.node.shape[1]):
                 time = travel(worlds, w, j, i)
                 value = packets(worlds, w, k, i, free + time) / (time + OVERHEAD)
-                if value > most:
+                if value > most and knowledge.in_sector(worlds, w, k, i):
                     best = i
                     most = value
             if best < 0:
@@ -125,7 +125,7 @@ def next_best(worlds: ti.template(), w, k, last, last_value):
     for i in range(worlds.node.shape[1]):
         value = data_per_time(worlds, w, k, i, OVERHEAD)
         later = value < last_value or (value == last_value and i > last)
-        if later and value > best_value and knowledge.is_free(worlds, w, k, i):
+        if later and value > best_value and knowledge.is_open(worlds, w, k, i):
             best = i
             best_value = value
     return best, best_value

@@ -34,12 +34,14 @@ class TargetRule:
             them from `worlds.rule_numbers`.
         workspace: (number of nodes, number of AUVs) → how many numbers of its own the rule needs in each world,
             `worlds.workspace[w, :]`; what is in them is lost between two calls.
+        read: for a rule whose numbers are in a file: what follows the name → the numbers; raises ValueError.
     """
 
     choose: Callable[..., Any]
     prepare: Callable[..., Any] = nothing
     arguments: tuple[tuple[str, float], ...] = ()
     workspace: Callable[[int, int], int] = no_workspace
+    read: Callable[[str], tuple[float, ...]] | None = None
 
 
 target_rules: Registry[TargetRule] = Registry("target rule", form=TargetRule)
@@ -47,6 +49,8 @@ target_rules: Registry[TargetRule] = Registry("target rule", form=TargetRule)
 
 def usage(name: str) -> str:
     """How a rule is written: its name, and in brackets the numbers that may follow."""
+    if target_rules[name].read is not None:
+        return f"{name}:FILE"
     arguments = ",".join(argument for argument, _ in target_rules[name].arguments)
     return f"{name}[:{arguments}]" if arguments else name
 
@@ -61,6 +65,8 @@ def parse(text: str) -> tuple[TargetRule, tuple[float, ...]]:
     if name not in target_rules:
         raise ValueError(f"{text!r}: allowed are {', '.join(map(usage, target_rules))}")
     rule = target_rules[name]
+    if rule.read is not None:
+        return rule, rule.read(rest)
     try:
         given = [float(part) for part in rest.split(",")] if colon else []
     except ValueError:

@@ -171,6 +171,19 @@ def prepare_sectors(worlds: ti.template(), w):
 
 
 @ti.func
+def share_nodes(worlds: ti.template(), w):
+    """Give each node to the AUV in whose sector it lies; no AUV has a target yet."""
+    prepare_sectors(worlds, w)
+    for k in range(worlds.auv.shape[1]):
+        i = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+        worlds.auv[w, k, AuvColumn.target] = -1.0
+        for _ in range(worlds.node.shape[1]):
+            if i >= 0:
+                worlds.node[w, i, NodeColumn.owner] = ti.cast(k, ti.f32)
+                i = ti.cast(worlds.node[w, i, NodeColumn.successor], ti.i32)
+
+
+@ti.func
 def follow(worlds: ti.template(), w, k):
     """The next free stop of the tour; at first the stop at which AUV k enters it."""
     target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)

@@ -37,7 +37,7 @@ def best_free(worlds: ti.template(), value: ti.template(), w, k):
     best = -1
     best_value = -1e30
     for i in range(worlds.node.shape[1]):
-        if knowledge.is_free(worlds, w, k, i):
+        if knowledge.is_open(worlds, w, k, i):
             this = value(worlds, w, k, i)
             if this > best_value:
                 best = i

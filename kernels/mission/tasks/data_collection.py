@@ -4,9 +4,9 @@ import taichi as ti
 
 from kernels.flow import regular_grid
 from kernels.mission import poisson_table, rewards
-from kernels.mission.columns import AuvColumn, BoatColumn, Draw, NodeColumn, Parameter
+from kernels.mission.columns import AuvColumn, BoatColumn, Draw, Information, NodeColumn, Parameter
 from kernels.mission.motion import distance_to_target, target_of, travel
-from kernels.mission.target_rules import knowledge
+from kernels.mission.target_rules import knowledge, share_nodes
 from kernels.mission.tasks.task import Task, tasks
 from kernels.mission.vehicle import hovering_power
 from kernels.mission.worlds import uniforms
@@ -34,6 +34,7 @@ def place_nodes(worlds: ti.template(), w):
         node[w, i, NodeColumn.backlog] = ti.min(backlog, p[Parameter.start_backlog])  # the product may be rounded up
         node[w, i, NodeColumn.tour] = 0.0
         node[w, i, NodeColumn.successor] = 0.0
+        node[w, i, NodeColumn.owner] = 0.0
     knowledge.begin(worlds, w)
 
 
@@ -47,6 +48,8 @@ def choose_target(worlds: ti.template(), w, k):
 def assign(worlds: ti.template(), w, k):
     """The first target of AUV k, with which AUV 0 is the first."""
     if k == 0:
+        if ti.static(worlds.program.information == Information.own_visits):
+            share_nodes(worlds, w)
         worlds.program.target_rule.prepare(worlds, w)
     choose_target(worlds, w, k)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import torch
+from scipy.special import gammainc
 
 from kernels.mission import target_rules
 from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
@@ -277,6 +278,48 @@ class TestKnowledge:
         assert abs(error.mean()) < 0.15
         assert 0.8 < error.std() < 1.25
 
+    @pytest.mark.parametrize("buffer", [5000, 2000])
+    def test_first_visits_and_full_buffers(self, buffer):
+        """Mean and deviation after every visit, against the posterior by its likelihood on a fine grid of rates.
+
+        What was there at the start is uniform from 0 to S packets; a full buffer says that at least C came.
+        """
+        overrides = ["nodes.information=visits", "nodes.arrival_rates=[1,1,2,30]", f"nodes.buffer={buffer}"]
+        world = World(Scenario.load("ideal", [*overrides, "auv.count=4"]), 8, seed=1, targets="tour")
+        world.reset()
+        known = world.belief[:, 0].double().numpy().copy()
+        world.rewind()
+        first, full, errors = 0, 0, []
+        for number, before, after in run(world, 300):
+            for w, k in np.argwhere((before.hover == 0) & (after.hover > 0)):
+                i, found = after.target[w, k], float(world.auv[w, k, AuvColumn.cargo])
+                count, exposure, since, _ = known[w, i]
+                waited, start = number - 1 - since, 1000 if since == 0 else 0
+                if waited > 0 and (start or found == buffer):
+                    spread = math.sqrt(count) / exposure
+                    rates = np.linspace(0.0, 1.0, 5001)[1:] ** 2 * (count / exposure + 40 * (spread + 1 / exposure))
+                    arrivals = rates * waited
+                    if found < buffer:  # from found − start to found have come
+                        likelihood = gammainc(max(found - start, 1e-9), arrivals) - gammainc(found + 1, arrivals)
+                    else:
+                        least = found - (np.arange(100) + 0.5) / 100 * start
+                        likelihood = np.mean([gammainc(n, arrivals) for n in least], axis=0)
+                    logarithm = (count - 0.5) * np.log(rates) - exposure * rates  # one half: steps grow as their root
+                    density = likelihood * np.exp(logarithm - logarithm[likelihood > 0].max())
+                    mean = np.average(rates, weights=density)
+                    deviation = math.sqrt(np.average((rates - mean) ** 2, weights=density))
+                    now = world.belief[w, 0, i].double().numpy()
+                    errors.append((now[0] / now[1] / mean - 1, math.sqrt(now[0]) / now[1] / deviation - 1))
+                    first += start > 0
+                    full += found == buffer
+            known = world.belief[:, 0].double().numpy().copy()
+        assert first > 100
+        assert full > 20 or buffer == 5000
+        mean, deviation = np.abs(errors).T
+        assert np.quantile(mean, 0.9) < 0.02
+        assert np.quantile(deviation, 0.9) < 0.04
+        assert max(mean.max(), deviation.max()) < 0.2
+
     def test_with_rates_known_backlogs_are_expected_without_bias(self):
         world = World(Scenario.load("ideal", ["nodes.information=rates"]), 32, seed=4, targets="rate")
         for _ in run(world, 300):
@@ -297,9 +340,9 @@ class TestKnowledge:
         assert 0.9 < noise.std() < 1.1  # that of a Poisson number
 
     def test_without_communication_each_knows_its_own_visits(self):
-        overrides = ["nodes.information=own-visits", "nodes.count=8", "auv.count=2"]
+        overrides = ["nodes.information=own-visits", "nodes.count=20", "auv.count=2"]
         world = World(Scenario.load("ideal", overrides), 4, seed=2, targets="rate")
-        visits = np.zeros((4, 2, 8), bool)
+        visits = np.zeros((4, 2, 20), bool)
         for _, before, after in run(world, 300):
             for w, k in np.argwhere((before.hover == 0) & (after.hover > 0)):
                 visits[w, k, after.target[w, k]] = True
@@ -322,15 +365,34 @@ class TestKnowledge:
         assert visited.any()
         assert (estimate - 40).abs().max() < 0.01  # the mean of the rates: all visits found full buffers
 
-    @pytest.mark.parametrize("rule", ["rollout", "tour"])
-    def test_without_communication_targets_may_be_shared(self, rule):
-        """A rule knows no other AUV's target; two tours that are followed alone meet as well."""
+    def test_without_communication_two_tours_meet(self):
+        """The rule knows no other AUV's target."""
         overrides = ["nodes.information=own-visits", "auv.count=3", "nodes.count=5"]
-        world = World(Scenario.load("ideal", overrides), 4, seed=6, targets=rule)
+        world = World(Scenario.load("ideal", overrides), 4, seed=6, targets="tour")
         shared = 0
         for _, _before, after in run(world, 200):
             shared += sum(len(set(row)) < 3 for row in after.target.tolist())
         assert shared > 0
+
+    @pytest.mark.parametrize("rule", ["greedy", "nearest", "rate", "rollout", "learned:untrained"])
+    def test_without_communication_each_keeps_to_its_sector(self, rule):
+        """Sectors are the cycles of the rule `sectors`; they do not depend on the rule."""
+        scenario = Scenario.load("ideal", ["nodes.information=own-visits", "auv.count=3"])
+        world, sectors = (World(scenario, 6, seed=2, targets=name) for name in (rule, "sectors"))
+        sectors.reset()
+        owner = np.zeros((6, 30), int)
+        for w in range(6):
+            parts = cycles(sectors.node[w, :, NodeColumn.successor].long().numpy())
+            for k in range(3):
+                (mine,) = (part for part in parts if int(sectors.auv[w, k, AuvColumn.target]) in part)
+                owner[w, list(mine)] = k
+        chosen = [set() for _ in range(18)]
+        for _, _before, after in run(world, 250):
+            for w in range(6):
+                for k in range(3):
+                    assert owner[w, after.target[w, k]] == k
+                    chosen[3 * w + k].add(int(after.target[w, k]))
+        assert min(map(len, chosen)) > 1
 
 
 class TestNames:

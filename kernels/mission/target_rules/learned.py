@@ -1,0 +1,231 @@
+"""A learned rule: a small network scores each free node from what is known of it, and the AUV goes to the best.
+
+    score_i = g ln v_i + w₂ · max(0, W₁ f_i + b₁)
+
+v_i is the value of node i by the rule `rate`, f_i its features (`Feature`). The network looks at one node at a time, so
+it takes any number of nodes and AUVs; what it sees of the others are sums over all nodes. Weights come from a file that
+`usvauv train-targets` writes (`policies/nodes`).
+
+While it learns, nodes are drawn with probabilities in proportion to exp(score), and what was seen and chosen is left in
+the workspace.
+"""
+
+import json
+from pathlib import Path
+
+import taichi as ti
+
+from kernels.mission.columns import AuvColumn, BeliefColumn, Draw, EstimateColumn, Information, NodeColumn, Parameter
+from kernels.mission.target_rules import knowledge
+from kernels.mission.target_rules.rule import TargetRule
+from kernels.mission.target_rules.value import data_per_time, distance, travel_time
+from kernels.mission.worlds import uniforms
+from kernels.types import Columns, vec2
+
+UNTRAINED = "untrained"  # the rule `rate`
+START_GAIN = 5.0
+HIDDEN = 32
+LARGEST_WEIGHT = 1e3
+LARGEST_FILE = 1_000_000  # bytes
+OVERHEAD = 2.0  # s, of the value by `rate`
+NEIGHBOURHOOD = 50.0  # m
+TIME = 100.0  # s, the unit of times
+FAR = 3.0  # times, beyond which all are alike
+
+
+class Feature(Columns):
+    """What the network sees of a node, of order one."""
+
+    value: int  # ln of buffers per time, by `rate`
+    travel: int  # time to it
+    backlog: int  # expected at arrival, buffers
+    rate: int  # expected, over the mean of all
+    uncertainty: int  # of the rate: standard deviation over that at the start, 0 where rates are known
+    waited: int  # time since it was last visited
+    other: int  # time at which another AUV could be there; `FAR` without communication
+    lead: int  # by which this AUV would be there before
+    near_backlog: int  # of free nodes around it, buffers
+    near_uncertainty: int
+    all_backlog: int  # of all free nodes, mean
+    all_uncertainty: int
+    left: int  # of the mission, share
+    end: int  # exp(−time left)
+
+
+class Decision(Columns):
+    """What is left in the workspace of a decision, before the features of all nodes and whether each was free."""
+
+    made: int  # 1; whoever reads it makes it 0
+    chosen: int
+
+
+FEATURES = len(Feature.names)
+HEAD = len(Decision.names)
+SIZE = HIDDEN * (FEATURES + 2) + 1
+EXPLORE, WEIGHTS = 0, 1  # places in `rule_numbers`: whether nodes are drawn, and the weights g, W₁, b₁, w₂
+
+
+def read_weights(text: str) -> tuple[float, ...]:
+    """`rule_numbers` for the weights of a JSON file, or for those before training.
+
+    Raises:
+        ValueError: there is no such file, or it does not hold the numbers of this network.
+    """
+    if text == UNTRAINED:
+        return (0.0, START_GAIN, *(SIZE - 1) * [0.0])
+    weights: list[float] = []
+    path = Path(text)
+    try:
+        if path.is_file() and path.stat().st_size <= LARGEST_FILE:  # a device may never end
+            weights = [float(weight) for weight in json.loads(path.read_text())["weights"]]
+    except (OSError, ValueError, TypeError, KeyError, ArithmeticError, RecursionError):
+        weights = []
+    if len(weights) != SIZE or not all(abs(weight) <= LARGEST_WEIGHT for weight in weights):
+        raise ValueError(f"learned:{text}: no weights of a learned rule; expected a file of `usvauv train-targets`")
+    return (0.0, *weights)
+
+
+@ti.func
+def size(worlds: ti.template()):
+    """Numbers of a decision in the workspace."""
+    return HEAD + worlds.node.shape[1] * (FEATURES + 1)
+
+
+@ti.func
+def place(worlds: ti.template(), k, i, feature):
+    """Place in the workspace of a feature of node i as AUV k saw it; `FEATURES`: whether node i was free."""
+    return k * size(worlds) + HEAD + i * (FEATURES + 1) + feature
+
+
+@ti.func
+def other_arrival(worlds: ti.template(), w, k, i):
+    """When the first of the other AUVs could be at node i after its service, s; far away without communication."""
+    first = FAR * TIME
+    if ti.static(worlds.program.information != Information.own_visits):
+        for j in range(worlds.auv.shape[1]):
+            if j != k:
+                x = worlds.estimate[w, j, EstimateColumn.x]
+                y = worlds.estimate[w, j, EstimateColumn.y]
+                ready = worlds.auv[w, j, AuvColumn.hover]
+                target = ti.cast(worlds.auv[w, j, AuvColumn.target], ti.i32)
+                if target >= 0 and ready == 0.0:
+                    ready = travel_time(worlds.p, distance(worlds, w, j, target))
+                    x = worlds.node[w, target, NodeColumn.x]
+                    y = worlds.node[w, target, NodeColumn.y]
+                apart = vec2(worlds.node[w, i, NodeColumn.x] - x, worlds.node[w, i, NodeColumn.y] - y).norm()
+                first = ti.min(first, ready + travel_time(worlds.p, apart))
+    return first
+
+
+@ti.func
+def uncertainty(worlds: ti.template(), w, k, i):
+    """Standard deviation of the rate of node i over its mean, as a share of that at the start; 0 where it is known."""
+    share = 0.0
+    if ti.static(worlds.program.information > Information.rates):
+        p = ti.static(worlds.p)
+        b = knowledge.holder(worlds, k)
+        exposure = knowledge.start_exposure(p)
+        share = ti.sqrt(exposure / ti.max(worlds.belief[w, b, i, BeliefColumn.exposure], exposure))
+    return share
+
+
+@ti.func
+def see(worlds: ti.template(), w, k, i):
+    """Write what AUV k sees of node i for itself."""
+    p = ti.static(worlds.p)
+    work = ti.static(worlds.workspace)
+    travel = travel_time(p, distance(worlds, w, k, i))
+    value = data_per_time(worlds, w, k, i, OVERHEAD) * TIME / p[Parameter.buffer]
+    other = other_arrival(worlds, w, k, i)
+    b = knowledge.holder(worlds, k)
+    waited = knowledge.time(worlds, w) - worlds.belief[w, b, i, BeliefColumn.since]
+    left = p[Parameter.duration] - knowledge.time(worlds, w)
+    work[w, place(worlds, k, i, Feature.value)] = ti.log(0.1 * value + 1e-3)
+    work[w, place(worlds, k, i, Feature.travel)] = ti.min(travel / TIME, FAR)
+    work[w, place(worlds, k, i, Feature.backlog)] = knowledge.backlog(worlds, w, k, i, travel) / p[Parameter.buffer]
+    work[w, place(worlds, k, i, Feature.rate)] = ti.min(
+        knowledge.rate(worlds, w, k, i) / ti.max(p[Parameter.rate_mean], 1e-6), FAR
+    )
+    work[w, place(worlds, k, i, Feature.uncertainty)] = uncertainty(worlds, w, k, i)
+    work[w, place(worlds, k, i, Feature.waited)] = ti.min(waited / TIME, FAR) / FAR
+    work[w, place(worlds, k, i, Feature.other)] = ti.min(other / TIME, FAR)
+    work[w, place(worlds, k, i, Feature.lead)] = ti.math.clamp((other - travel) / TIME, -FAR, FAR)
+    work[w, place(worlds, k, i, Feature.left)] = left / p[Parameter.duration]
+    work[w, place(worlds, k, i, Feature.end)] = ti.exp(-left / TIME)
+    work[w, place(worlds, k, i, FEATURES)] = ti.cast(knowledge.is_open(worlds, w, k, i), ti.f32)
+
+
+@ti.func
+def see_around(worlds: ti.template(), w, k):
+    """Write what AUV k sees around each node and of all nodes; a node counts by 1/(1 + (d/50 m)²)."""
+    node = ti.static(worlds.node)
+    work = ti.static(worlds.workspace)
+    count = node.shape[1]
+    all_backlog = 0.0
+    all_uncertainty = 0.0
+    for j in range(count):
+        all_backlog += work[w, place(worlds, k, j, Feature.backlog)] * work[w, place(worlds, k, j, FEATURES)]
+        all_uncertainty += work[w, place(worlds, k, j, Feature.uncertainty)]
+    for i in range(count):
+        near_backlog = 0.0
+        near_uncertainty = 0.0
+        for j in range(count):
+            if j != i and work[w, place(worlds, k, j, FEATURES)] > 0.0:
+                dx = node[w, j, NodeColumn.x] - node[w, i, NodeColumn.x]
+                dy = node[w, j, NodeColumn.y] - node[w, i, NodeColumn.y]
+                weight = 1.0 / (1.0 + (dx * dx + dy * dy) / (NEIGHBOURHOOD * NEIGHBOURHOOD))
+                near_backlog += weight * work[w, place(worlds, k, j, Feature.backlog)]
+                near_uncertainty += weight * work[w, place(worlds, k, j, Feature.uncertainty)]
+        work[w, place(worlds, k, i, Feature.near_backlog)] = 0.5 * near_backlog
+        work[w, place(worlds, k, i, Feature.near_uncertainty)] = 0.25 * near_uncertainty
+        work[w, place(worlds, k, i, Feature.all_backlog)] = 3.0 * all_backlog / count
+        work[w, place(worlds, k, i, Feature.all_uncertainty)] = all_uncertainty / count
+
+
+@ti.func
+def score(worlds: ti.template(), w, k, i):
+    """The network's score of node i."""
+    weight = ti.static(worlds.rule_numbers)
+    work = ti.static(worlds.workspace)
+    total = weight[WEIGHTS] * work[w, place(worlds, k, i, Feature.value)]
+    for h in range(HIDDEN):
+        first = WEIGHTS + 1 + h * (FEATURES + 2)
+        hidden = weight[first + FEATURES]
+        for f in ti.static(range(FEATURES)):
+            hidden += weight[first + f] * work[w, place(worlds, k, i, f)]
+        total += weight[first + FEATURES + 1] * ti.max(hidden, 0.0)
+    return total
+
+
+@ti.func
+def learned(worlds: ti.template(), w, k):
+    """The free node with the largest score; while it learns, one drawn by exp(score) (Gumbel's trick)."""
+    node = ti.static(worlds.node)
+    for i in range(node.shape[1]):
+        see(worlds, w, k, i)
+    see_around(worlds, w, k)
+    best = -1
+    most = -1e30
+    for i in range(node.shape[1]):
+        if worlds.workspace[w, place(worlds, k, i, FEATURES)] > 0.0:
+            value = score(worlds, w, k, i)
+            if worlds.rule_numbers[EXPLORE] > 0.0:
+                u = uniforms(worlds, w, Draw.decision, k * node.shape[1] + i)
+                value -= ti.log(-ti.log(u[0]))
+            if value > most:
+                best = i
+                most = value
+    free = best >= 0
+    if not free:
+        best = k % node.shape[1]
+    worlds.workspace[w, k * size(worlds) + Decision.made] = ti.cast(free, ti.f32)
+    worlds.workspace[w, k * size(worlds) + Decision.chosen] = ti.cast(best, ti.f32)
+    return best
+
+
+def workspace(num_nodes: int, num_auvs: int) -> int:
+    """Decisions of all AUVs."""
+    return num_auvs * (HEAD + num_nodes * (FEATURES + 1))
+
+
+LEARNED = TargetRule(learned, workspace=workspace, read=read_weights)

@@ -1,0 +1,245 @@
+"""Training of the learned target rule by proximal policy optimisation.
+
+Schulman et al., 2017, arXiv 1707.06347, with generalised advantages (Schulman et al., 2016, arXiv 1506.02438). A
+decision lasts until the next one of any AUV in its world, so the process is semi-Markov (Bradtke and Duff, 1994,
+NeurIPS 7): what comes Δt later counts exp(−Δt/T) less. A decision earns the data of the service that it leads to, less
+a price of it. Counted when they are delivered, they would come after decisions of other AUVs that have no part in them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from kernels.mission.columns import AuvColumn
+from kernels.mission.target_rules import learned
+from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, evaluate
+from policies.loading import acting
+from policies.nodes.network import TYPICAL, Scores, Value, split
+from usvauv_env import Scenario
+from usvauv_env.files import atomic_write
+from usvauv_env.world.world import World
+
+EVALUATE_EVERY = 5  # iterations
+
+Act = Callable[[Tensor], Tensor]
+
+
+@dataclass(frozen=True)
+class NodeConfig:
+    """Settings of the training.
+
+    Attributes:
+        iterations: of collecting one episode of all worlds and learning from it.
+        worlds: stepped together.
+        seed: of the worlds, the initial weights and the order of decisions.
+        horizon: T, s.
+        service_price: of a service, Mbit; without one AUVs shuttle between near nodes while they wait.
+        trace: λ of the advantages.
+        learning_rate: of Adam at first; it falls linearly to a twentieth.
+        epochs: passes over the decisions of an iteration.
+        batch: decisions of an update.
+        clip: largest change of a probability's ratio.
+        entropy: weight of the entropy at first; it falls linearly to nothing.
+    """
+
+    iterations: int = 60
+    worlds: int = 128
+    seed: int = 0
+    horizon: float = 300.0
+    service_price: float = 0.01
+    trace: float = 0.9
+    learning_rate: float = 2e-3
+    epochs: int = 3
+    batch: int = 2048
+    clip: float = 0.2
+    entropy: float = 0.01
+
+
+@dataclass
+class Decisions:
+    """D decisions, in the order of their worlds and times.
+
+    Attributes:
+        seen: (D, ·) as the workspace had them.
+        world: (D,) of each.
+        time: (D,) s.
+        earned: (D,) data of the service that follows, Mbit, as they count at the time of the decision.
+        total: (W,) data delivered in the episode, Mbit.
+    """
+
+    seen: Tensor
+    world: Tensor
+    time: Tensor
+    earned: Tensor
+    total: Tensor
+
+
+def collect(world: World, act: Act, numbers: Tensor, horizon: float) -> Decisions:
+    """The decisions of the next episode of all worlds, with these numbers of the rule; data count exp(−t/horizon)."""
+    world.rule_numbers[:] = numbers
+    work = world.rule_workspace.view(world.num_worlds, world.num_auvs, -1)
+    work[..., learned.Decision.made] = 0
+    observation = world.reset()
+    delivered = world.auv.new_zeros(world.num_worlds)
+    parts: list[tuple[Tensor, ...]] = []
+
+    def gather(step: int) -> None:
+        worlds, auvs = work[..., learned.Decision.made].nonzero(as_tuple=True)
+        if len(worlds):
+            time = delivered.new_full((len(worlds),), step * world.scenario.mission.step)
+            parts.append((work[worlds, auvs], worlds, auvs, time, world.auv[worlds, auvs, AuvColumn.delivered]))
+            work[worlds, auvs, learned.Decision.made] = 0
+
+    gather(0)
+    for step in range(1, world.steps + 1):
+        observation = world.step(act(observation))[0]
+        delivered += world.auv[..., AuvColumn.delivered].sum(-1)
+        gather(step)
+    seen, worlds, auvs, time, done = (torch.cat(part) for part in zip(*parts, strict=True))
+    each = (worlds * world.num_auvs + auvs).argsort(stable=True)  # the decisions of an AUV one after the other
+    same = (worlds[each[1:]] == worlds[each[:-1]]) & (auvs[each[1:]] == auvs[each[:-1]])
+    earned = torch.zeros_like(done)
+    earned[each[:-1]] = same * done[each[1:]] * torch.exp(-(time[each[1:]] - time[each[:-1]]) / horizon)
+    order = worlds.argsort(stable=True)
+    order = order[time[order] < world.steps * world.scenario.mission.step]  # those after the last step come to nothing
+    return Decisions(seen[order], worlds[order], time[order], earned[order], delivered)
+
+
+def advantages(decisions: Decisions, value: Tensor, config: NodeConfig) -> Tensor:
+    """Advantage of each decision over its value, Mbit."""
+    world, time = decisions.world, decisions.time
+    last = torch.ones_like(world, dtype=torch.bool)
+    last[:-1] = world[1:] != world[:-1]
+    discount = torch.where(last, 0.0, torch.exp(-(time.roll(-1) - time) / config.horizon))
+    errors = decisions.earned - config.service_price + discount * value.roll(-1) - value
+    keep = discount * config.trace
+    sums, result = 0.0, []
+    for error, kept in zip(errors.flip(0).tolist(), keep.flip(0).tolist(), strict=True):
+        sums = error + kept * sums
+        result.append(sums)
+    return value.new_tensor(result).flip(0)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a training is.
+
+    Attributes:
+        iteration: done.
+        sampled: mean data of the worlds learned from in the last iteration, where nodes are drawn, Mbit.
+        evaluated: mean data of the evaluation's worlds, where the best node is taken, Mbit.
+    """
+
+    iteration: int
+    sampled: float
+    evaluated: float
+
+
+class NodeTrainer:
+    """Learns scores of nodes for a scenario.
+
+    Attributes:
+        scores: the network.
+        iteration: done.
+        best: the largest `Progress.evaluated` so far, Mbit.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        steering: str,
+        config: NodeConfig = NodeConfig(),
+        usv: str = "centroid",
+        arch: str = "auto",
+    ) -> None:
+        """Begin with the scores of the rule `rate`.
+
+        Args:
+            scenario: any of the task data-collection; its own target rule does not count.
+            steering: policy of the AUVs, as `policies.load` takes it.
+            config, usv, arch: settings, boat and architecture.
+        """
+        seeds = config.seed, config.seed + EVALUATION_SEED_OFFSET
+        counts = config.worlds, EVALUATION_EPISODES
+        rule = f"learned:{learned.UNTRAINED}"
+        self.world, self._evaluation = (
+            World(scenario, count, seed, usv, rule, arch=arch) for count, seed in zip(counts, seeds, strict=True)
+        )
+        self.config, self._steering, self._act = config, steering, acting(steering, self.world)
+        torch.manual_seed(config.seed)
+        device = self.world.device
+        self.scores, self._value = Scores().to(device), Value().to(device)
+        self._adam = torch.optim.Adam([*self.scores.parameters(), *self._value.parameters()], config.learning_rate)
+        self.iteration, self.best = 0, -math.inf
+
+    def train(self, path: Path, about: Mapping[str, Any]) -> Iterator[Progress]:
+        """Learn, and keep the weights that were best in the evaluation, with `about`, in a JSON file."""
+        while self.iteration < self.config.iterations:
+            sampled = self.iterate()
+            if self.iteration % EVALUATE_EVERY and self.iteration < self.config.iterations:
+                continue
+            progress = Progress(self.iteration, sampled, self.evaluate())
+            if progress.evaluated > self.best:
+                self.best = progress.evaluated
+                content = {**about, "settings": asdict(self.config), **asdict(progress)}
+                with atomic_write(path) as partial:
+                    partial.write_text(json.dumps({**content, "weights": self.scores.weights()}) + "\n")
+            yield progress
+
+    def evaluate(self) -> float:
+        """Mean data of the evaluation's worlds, the same in every call, Mbit."""
+        self._evaluation.rule_numbers[:] = self._numbers(explore=False)
+        return evaluate(self._evaluation, self._steering)["delivered_mbit"]
+
+    def _numbers(self, explore: bool) -> Tensor:
+        return torch.tensor([float(explore), *self.scores.weights()], device=self.world.device)
+
+    def iterate(self) -> float:
+        """Collect one episode of all worlds and learn from it; returns its mean data, Mbit."""
+        config = self.config
+        done = self.iteration / config.iterations
+        for group in self._adam.param_groups:
+            group["lr"] = config.learning_rate * max(1 - done, 0.05)
+        decisions = collect(self.world, self._act, self._numbers(explore=True), config.horizon)
+        self.learn(decisions, entropy=config.entropy * (1 - done))
+        self.iteration += 1
+        return decisions.total.mean().item()
+
+    def learn(self, decisions: Decisions, entropy: float) -> None:
+        """Improve the scores by decisions that they have drawn; `entropy` is the weight of their entropy."""
+        config = self.config
+        features, free, chosen = split(decisions.seen)
+        batches = torch.arange(len(chosen)).split(config.batch)
+        with torch.no_grad():
+            value = torch.cat([self._value(features[part]) for part in batches])
+            before = torch.cat([self._log_probability(features[part], free[part], chosen[part])[0] for part in batches])
+        advantage = advantages(decisions, value, config)
+        goal = value + advantage
+        advantage = (advantage - advantage.mean()) / (advantage.std(correction=0) + 1e-6)
+        for _ in range(config.epochs):
+            for part in torch.randperm(len(chosen)).split(config.batch):
+                probability, spread = self._log_probability(features[part], free[part], chosen[part])
+                ratio = (probability - before[part]).exp()
+                clipped = ratio.clamp(1 - config.clip, 1 + config.clip)
+                gain = torch.minimum(ratio * advantage[part], clipped * advantage[part]).mean()
+                error = nn.functional.mse_loss(self._value(features[part]), goal[part])
+                loss = error / TYPICAL**2 - gain - entropy * spread
+                self._adam.zero_grad()
+                loss.backward()
+                for network in (self.scores, self._value):
+                    nn.utils.clip_grad_norm_(network.parameters(), 0.5)
+                self._adam.step()
+
+    def _log_probability(self, features: Tensor, free: Tensor, chosen: Tensor) -> tuple[Tensor, Tensor]:
+        """ln of the probabilities of the nodes chosen (D,), and the mean entropy of the choices."""
+        logarithms = self.scores(features, free).log_softmax(-1)
+        entropy = -(logarithms.exp() * logarithms.clamp(min=-50)).sum(-1).mean()
+        return logarithms.gather(1, chosen[:, None])[:, 0], entropy

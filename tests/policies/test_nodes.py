@@ -1,0 +1,228 @@
+"""Training of the learned target rule: decisions, advantages, network, and runs of the command."""
+
+import json
+import math
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import torch
+
+import policies
+from kernels.mission.target_rules import learned, parse
+from kernels.mission.target_rules.learned import FEATURES, Feature
+from policies.nodes import NodeConfig, NodeTrainer
+from policies.nodes.network import Scores, split
+from policies.nodes.trainer import Decisions, advantages, collect
+from usvauv_env import Scenario, World
+
+SMALL = ("auv.count=3", "nodes.count=12", "nodes.arrival_rates=[1,30]", "nodes.information=visits")
+
+
+def worlds(count, *changes):
+    world = World(Scenario.load("ideal", [*SMALL, *changes]), count, 3, "centroid", "learned:untrained")
+    return world, policies.acting("straight", world)
+
+
+def numbers(seed=None):
+    network = Scores()
+    if seed is not None:
+        generator = torch.Generator().manual_seed(seed)
+        network.load((0.3 * torch.randn(learned.SIZE, generator=generator)).tolist())
+    return network, torch.tensor([1.0, *network.weights()])
+
+
+class TestCollect:
+    def test_all_data_are_earned(self):
+        """With no discount the decisions of a world earn what it delivers."""
+        world, act = worlds(6, "mission.duration=300")
+        decisions = collect(world, act, numbers()[1], 1e12)
+        earned = torch.zeros(6).index_add(0, decisions.world, decisions.earned)
+        assert earned.tolist() == pytest.approx(decisions.total.tolist(), rel=1e-5)
+        assert decisions.total.min() > 1
+
+    def test_in_order(self):
+        world, act = worlds(6, "mission.duration=300")
+        decisions = collect(world, act, numbers()[1], 100.0)
+        for w in range(6):
+            times = decisions.time[decisions.world == w]
+            assert times[:3].tolist() == [0, 0, 0]
+            assert (times.diff() >= 0).all()
+            assert times.max() < 300
+        assert decisions.world.diff().min() == 0
+
+    def test_discount(self):
+        """A service counts exp(−t/T) less, t from the decision to its end."""
+        world, act = worlds(1, "mission.duration=200", "auv.count=1")
+        plain, discounted = (
+            collect(world, act, numbers()[1], horizon) for horizon in (1e12, 50.0) if not world.rewind()
+        )
+        lasts = plain.time.diff()
+        assert plain.time.tolist() == discounted.time.tolist()
+        assert len(lasts) > 3
+        assert discounted.earned[:-1].tolist() == pytest.approx((plain.earned[:-1] * torch.exp(-lasts / 50)).tolist())
+
+
+class TestAdvantages:
+    def decisions(self):
+        return Decisions(
+            torch.zeros(5, 1),
+            torch.tensor([0, 0, 0, 1, 1]),
+            torch.tensor([0.0, 10.0, 10.0, 0.0, 30.0]),
+            torch.tensor([1.0, 2.0, 4.0, 8.0, 16.0]),
+            torch.zeros(2),
+        )
+
+    def test_one_step(self):
+        config = NodeConfig(trace=0.0, horizon=20.0, service_price=0.5)
+        value = torch.tensor([1.0, 3.0, 5.0, 7.0, 9.0])
+        wanted = [
+            1 - 0.5 + math.exp(-0.5) * 3 - 1,
+            2 - 0.5 + 5 - 3,
+            4 - 0.5 - 5,
+            7.5 + math.exp(-1.5) * 9 - 7,
+            15.5 - 9,
+        ]
+        assert advantages(self.decisions(), value, config).tolist() == pytest.approx(wanted)
+
+    def test_whole_episodes(self):
+        """With λ = 1 the values of later decisions cancel: what is left is what comes, less the value."""
+        config = NodeConfig(trace=1.0, horizon=20.0, service_price=0.0)
+        value = torch.tensor([1.0, 3.0, 5.0, 7.0, 9.0])
+        wanted = [1 + math.exp(-0.5) * 6, 6, 4, 8 + math.exp(-1.5) * 16, 16]
+        assert (advantages(self.decisions(), value, config) + value).tolist() == pytest.approx(wanted)
+
+
+class TestNetwork:
+    def test_kernel_chooses_by_the_same_scores(self):
+        network, given = numbers(seed=8)
+        given[0] = 0.0
+        world, act = worlds(16, "mission.duration=200")
+        features, free, chosen = split(collect(world, act, given, 100.0).seen)
+        best = network(features, free).topk(2).values
+        clear = best[:, 0] - best[:, 1] > 1e-3
+        assert clear.sum() > 100
+        assert torch.equal(network(features, free).argmax(-1)[clear], chosen[clear])
+
+    def test_weights_come_back(self):
+        one, other = numbers(seed=1)[0], Scores()
+        other.load(one.weights())
+        assert other.weights() == one.weights()
+        assert len(one.weights()) == learned.SIZE
+
+
+def trained(folder, seed, iterations=2):
+    scenario = Scenario.load("ideal", [*SMALL, "mission.duration=150"])
+    trainer = NodeTrainer(scenario, "straight", NodeConfig(iterations, 8, seed))
+    rows = list(trainer.train(folder / f"{seed}.json", {"scenario": "ideal"}))
+    return trainer, rows, json.loads((folder / f"{seed}.json").read_text())
+
+
+def test_same_seed_same_weights(tmp_path):
+    (tmp_path / "again").mkdir()
+    one, again, other = trained(tmp_path, 1), trained(tmp_path / "again", 1), trained(tmp_path, 2)
+    assert one[2] == again[2]
+    assert one[2]["weights"] != other[2]["weights"]
+    assert [row.iteration for row in one[1]] == [2]
+    assert one[2]["evaluated"] == one[0].best
+    assert parse(f"learned:{tmp_path / '1.json'}")[1][1:] == tuple(one[2]["weights"])
+
+
+def test_evaluation_is_that_of_the_rule(tmp_path):
+    """What the training says of its weights is what anybody finds who uses the file."""
+    trainer, _, content = trained(tmp_path, 3)
+    rule = f"learned:{tmp_path / '3.json'}"
+    world = World(trainer.world.scenario, trainer._evaluation.num_worlds, trainer._evaluation.seed, "centroid", rule)
+    assert policies.evaluate(world, "straight")["delivered_mbit"] == content["evaluated"]
+
+
+def test_learns_what_pays():
+    """Of six nodes with features drawn at random, one decision a world; it earns the travel time of its node."""
+    trainer = NodeTrainer(Scenario.load("ideal", [*SMALL]), "straight", NodeConfig(worlds=2, learning_rate=1e-2))
+    generator = torch.Generator().manual_seed(2)
+
+    def draw(count):
+        table = torch.rand(count, 6, FEATURES + 1, generator=generator)
+        scores = trainer.scores(table[..., :FEATURES], table[..., FEATURES] > 0)
+        chosen = torch.multinomial(scores.softmax(-1), 1, generator=generator)
+        seen = torch.cat([torch.ones(count, 1), chosen, table.reshape(count, -1)], 1)
+        travel = table[..., Feature.travel]
+        earned = travel.gather(1, chosen)[:, 0]
+        return Decisions(seen.detach(), torch.arange(count), torch.zeros(count), earned, earned), travel
+
+    def share():
+        decisions, travel = draw(4000)
+        return ((decisions.earned - travel.mean(1)) / (travel.max(1).values - travel.mean(1))).mean().item()
+
+    assert abs(share()) < 0.1
+    for _ in range(20):
+        trainer.learn(draw(4000)[0], entropy=0.0)
+    assert share() > 0.8
+
+
+@pytest.mark.slow
+def test_learns_in_survey():
+    trainer = NodeTrainer(Scenario.load("survey"), "clear", NodeConfig(10, 64))
+    before = trainer.evaluate()
+    for _ in range(10):
+        trainer.iterate()
+    assert trainer.evaluate() > before + 3
+
+
+class TestCommand:
+    SHORT = ("ideal", "--iterations", "1", "--worlds", "2", "--set", "mission.duration=5", "--policy", "straight")
+
+    def test_writes_a_rule(self, run_usvauv, tmp_path):
+        code, stdout, stderr = run_usvauv("train-targets", *self.SHORT, "--out", "rule.json")
+        assert (code, stderr) == (0, "")
+        assert re.search(r"iteration 1 of 1: .* Mbit .*\(tour [\d.]+, rollout [\d.]+\)", stdout)
+        content = json.loads((tmp_path / "rule.json").read_text())
+        assert content["scenario"] == "ideal"
+        assert content["settings"]["worlds"] == 2
+        assert np.isfinite(content["weights"]).all()
+        assert run_usvauv("eval", "ideal", "--targets", "learned:rule.json", "--episodes", 1, "--policy", "straight",
+                          "--set", "mission.duration=5", "--out", "eval.csv")[0] == 0  # fmt: skip
+
+    @pytest.mark.parametrize(
+        ("arguments", "parts"),
+        [
+            (["--iterations", "0"], ["--iterations 0", "at least 1"]),
+            (["--worlds", "0"], ["--worlds 0", "at least 1"]),
+            (["--out", "missing/rule.json"], ["missing", "does not exist"]),
+            (["--policy", "nobody"], ["nobody"]),
+        ],
+    )
+    def test_bad_input(self, run_usvauv, tmp_path, arguments, parts):
+        code, _, stderr = run_usvauv("train-targets", *self.SHORT, *arguments)
+        assert code == 2
+        assert len(stderr.strip().splitlines()) == 1
+        assert all(part in stderr for part in parts)
+        assert not list(tmp_path.iterdir())
+
+    def test_station_keeping_has_no_target_rule(self, run_usvauv):
+        code, _, stderr = run_usvauv("train-targets", "station-keeping")
+        assert code == 2
+        assert "no target rule" in stderr
+
+    def test_one_decision(self, run_usvauv, tmp_path):
+        alone = ("--set", "auv.count=1", "--set", "mission.duration=1", "--worlds", "1")
+        assert run_usvauv("train-targets", *self.SHORT, *alone, "--out", "rule.json")[::2] == (0, "")
+        assert np.isfinite(json.loads((tmp_path / "rule.json").read_text())["weights"]).all()
+
+    def test_ctrl_c_keeps_the_best(self, tmp_path):
+        command = [sys.executable, "-c", "from usvauv_cli.app import main; main()", "train-targets", *self.SHORT]
+        command[command.index("--iterations") + 1] = "100000"
+        run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 120
+        while not (tmp_path / "targets.json").exists() and time.monotonic() < deadline and run.poll() is None:
+            time.sleep(0.1)
+        run.send_signal(signal.SIGINT)
+        stdout, stderr = run.communicate(timeout=60)
+        assert run.returncode == 130, stderr
+        assert "Mbit in targets.json" in stdout
+        assert len(parse(f"learned:{tmp_path / 'targets.json'}")[1]) == 1 + learned.SIZE
+        assert [path.name for path in tmp_path.iterdir()] == ["targets.json"]

@@ -1,0 +1,83 @@
+"""`usvauv train-targets`: learn which node is next."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kernels.interruption import Interrupted
+from usvauv_cli.commands.options import (
+    Arch,
+    Overrides,
+    Plugins,
+    ScenarioName,
+    Seed,
+    Usv,
+    at_least,
+    writable,
+)
+
+BASELINES = ("tour", "rollout")
+
+
+def train_targets(
+    scenario: ScenarioName = "survey",
+    out: Annotated[Path, typer.Option(help="File of the learned rule, JSON.")] = Path("targets.json"),
+    iterations: Annotated[int, typer.Option(help="Episodes of all worlds to learn from.")] = 60,
+    worlds: Annotated[int, typer.Option(help="Worlds stepped together.")] = 128,
+    seed: Seed = 0,
+    policy: Annotated[str | None, typer.Option(help="Who steers; default: the scenario's best heuristic.")] = None,
+    usv: Usv = "centroid",
+    arch: Arch = "auto",
+    overrides: Overrides = None,
+    plugins: Plugins = None,
+) -> None:
+    """Learn a target rule: which node an AUV heads for next, from what `nodes.information` lets it know.
+
+    Every few iterations it is evaluated in other worlds, beside `tour` and `rollout` in the same; the best so far is in
+    the file, which `--targets learned:FILE` takes. Ctrl-C ends the run and keeps it.
+
+    **Examples:**
+
+    `usvauv train-targets`
+
+    `usvauv train-targets survey --set nodes.information=own-visits --out own.json`
+
+    `usvauv eval survey --policy clear --targets learned:own.json --targets tour`
+    """
+    import policies
+    from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+    from policies.nodes import NodeConfig, NodeTrainer
+    from policies.training.provenance import provenance
+    from usvauv_env import Scenario, World
+
+    at_least("--iterations", iterations, 1)
+    at_least("--worlds", worlds, 1)
+    writable(out)
+    setting = Scenario.load(scenario, overrides or ())
+    steering = policy or policies.default(setting)
+
+    def evaluated(rule: str) -> float:
+        other = World(setting, EVALUATION_EPISODES, seed + EVALUATION_SEED_OFFSET, usv, rule, arch=arch)
+        return policies.evaluate(other, steering)["delivered_mbit"]
+
+    trainer = NodeTrainer(setting, steering, NodeConfig(iterations, worlds, seed), usv, arch)
+    about = {"scenario": setting.name, "information": setting.nodes.information, "policy": steering, **provenance({})}
+    against = ", ".join(f"{rule} {evaluated(rule):.1f}" for rule in BASELINES)
+    begun = time.monotonic()
+    try:
+        for result in trainer.train(out, about):
+            typer.echo(
+                f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit with nodes drawn, evaluation"
+                f" {result.evaluated:.1f} Mbit, best {trainer.best:.1f} ({against});"
+                f" {(time.monotonic() - begun) * (iterations / result.iteration - 1):.0f} s left"
+            )
+    except Interrupted:
+        typer.echo(f"stopped after {trainer.iteration} of {iterations} iterations")
+        if out.exists():
+            typer.echo(f"best {trainer.best:.1f} Mbit in {out}")
+        raise
+    typer.echo(f"best {trainer.best:.1f} Mbit ({against}) in {out}")
