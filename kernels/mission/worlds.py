@@ -1,16 +1,13 @@
 """What the functions of a mission pass on: the arrays of all worlds, and what is compiled into the kernels."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import taichi as ti
 
 from kernels import random
 from kernels.mission.columns import Information, Parameter, Refraction
 from kernels.mission.tasks.task import Task
-
-if TYPE_CHECKING:
-    from kernels.mission.target_rules import TargetRule
 
 
 class Strategy(NamedTuple):
@@ -31,7 +28,7 @@ class Program(NamedTuple):
     Attributes:
         task: what the AUVs have to do.
         strategy: of the boat.
-        target_rule: which node an AUV heads for next.
+        target_rule: a `kernels.mission.target_rules.TargetRule`, which node an AUV heads for next.
         information: of `Information`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: what the boat maximises, of `kernels.planning.objectives.objective_code`.
@@ -44,7 +41,7 @@ class Program(NamedTuple):
 
     task: Task
     strategy: Strategy
-    target_rule: "TargetRule"
+    target_rule: Any
     observation: tuple[Callable[..., Any], ...]
     information: int = Information.full
     objective_code: int = 0
