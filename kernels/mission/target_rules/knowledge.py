@@ -15,6 +15,9 @@ from kernels.types import vec2
 
 SURE = 1e6  # s; of exposure, where all rates are equal
 POINTS = 48  # of the integration over an interval
+SHARP = 1e6  # packets; a distribution with more is too narrow to be cut in single precision
+LEAST_LOGARITHM = -60.0  # of a density; at least one of all points has to be above 0
+LEAST_LIKELIHOOD = 1e-6
 DEVIATIONS = 8.0  # beyond these of the mean a distribution is cut off
 
 
@@ -102,9 +105,10 @@ def cut(count, exposure, low, high, ramp):
         above = (last - first) * x * x
         rate = first + above
         scale = ti.max(top, 1e-3 * (last - first))
-        weight = x * ti.exp((count - 1.0) * ti.log(rate / scale) - exposure * (rate - scale))
+        logarithm = (count - 1.0) * ti.log(rate / scale) - exposure * (rate - scale)
+        weight = x * ti.exp(ti.max(logarithm, LEAST_LOGARITHM))
         if ramp > 0.0:
-            weight *= ti.min((rate - low) / ramp, 1.0)
+            weight *= ti.math.clamp((rate - low) / ramp, LEAST_LIKELIHOOD, 1.0)
         total += weight
         sum1 += weight * above
         sum2 += weight * above * above
@@ -135,7 +139,9 @@ def learn(worlds: ti.template(), w, k, i, found):
                 low = (found - start) / waited
                 high = ti.math.inf
                 ramp = start / waited
-            both = cut(belief[w, b, i, BeliefColumn.count], belief[w, b, i, BeliefColumn.exposure], low, high, ramp)
+            both = vec2(belief[w, b, i, BeliefColumn.count], belief[w, b, i, BeliefColumn.exposure])
+            if both[0] < SHARP:
+                both = cut(both[0], both[1], low, high, ramp)
             belief[w, b, i, BeliefColumn.count] = both[0]
             belief[w, b, i, BeliefColumn.exposure] = both[1]
         else:

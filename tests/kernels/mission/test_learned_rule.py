@@ -103,8 +103,8 @@ def test_sees_and_scores(tmp_path, information):
             assert (work[:, FEATURES] > 0).tolist() == free.tolist()
             score = np.where(free, scores(features, numbers), -np.inf)
             first, second = np.sort(score)[[-1, -2]]
-            checked += 1
-            if first - second > 0.01:
+            checked += free.sum() > 1
+            if free.sum() > 1 and first - second > 0.01:
                 clear += 1
                 assert after.target[w, k] == score.argmax()
     assert clear > 0.8 * checked > 30

@@ -6,14 +6,27 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+import taichi as ti
 import torch
 from scipy.special import gammainc
 
 from kernels.mission import target_rules
 from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
+from kernels.mission.target_rules import knowledge
+from kernels.types import array2
 from tests.kernels.mission.test_packets import steer
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.world.tables import reference_rate
+
+
+@ti.kernel
+def cut_each(given: array2, answer: array2):
+    """`knowledge.cut` of each row."""
+    for n in range(given.shape[0]):
+        after = knowledge.cut(given[n, 0], given[n, 1], given[n, 2], given[n, 3], given[n, 4])
+        answer[n, 0] = after[0]
+        answer[n, 1] = after[1]
+
 
 CALM = ("auv.count=3", "nodes.count=12")
 CAPACITY, PAYLOAD = 5000.0, 2.0
@@ -319,6 +332,23 @@ class TestKnowledge:
         assert np.quantile(mean, 0.9) < 0.02
         assert np.quantile(deviation, 0.9) < 0.04
         assert max(mean.max(), deviation.max()) < 0.2
+
+    def test_any_interval_leaves_a_distribution(self, device):
+        """Also one that contradicts what was held, or is narrower than single precision."""
+        r = np.random.default_rng(1)
+        n = 200_000
+        count, exposure = 10 ** r.uniform(-6, 6, n), 10 ** r.uniform(-5, 6, n)
+        low = np.where(r.random(n) < 0.3, 0.0, 10 ** r.uniform(-4, 5, n))
+        high = np.where(r.random(n) < 0.3, np.inf, low * (1 + 10 ** r.uniform(-4, 3, n)) + 1e-4)
+        ramp = np.where(r.random(n) < 0.5, 0.0, 10 ** r.uniform(-4, 4, n))
+        given = torch.tensor(np.stack([count, exposure, low, high, ramp], 1), dtype=torch.float32, device=device)
+        answer = torch.empty((n, 2), dtype=torch.float32, device=device)
+        cut_each(given, answer)
+        mean = (answer[:, 0] / answer[:, 1]).cpu().numpy()
+        assert torch.isfinite(answer).all()
+        assert (answer > 0).all()
+        assert (mean >= low * (1 - 1e-3)).all()
+        assert (mean <= high * (1 + 1e-3)).all()
 
     def test_with_rates_known_backlogs_are_expected_without_bias(self):
         world = World(Scenario.load("ideal", ["nodes.information=rates"]), 32, seed=4, targets="rate")
