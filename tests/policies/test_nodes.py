@@ -13,6 +13,7 @@ import pytest
 import torch
 
 import policies
+from kernels.interruption import Interrupted
 from kernels.mission.target_rules import learned, parse
 from kernels.mission.target_rules.learned import FEATURES, Feature
 from policies.nodes import NodeConfig, NodeTrainer
@@ -212,6 +213,19 @@ class TestCommand:
         alone = ("--set", "auv.count=1", "--set", "mission.duration=1", "--worlds", "1")
         assert run_usvauv("train-targets", *self.SHORT, *alone, "--out", "rule.json")[::2] == (0, "")
         assert np.isfinite(json.loads((tmp_path / "rule.json").read_text())["weights"]).all()
+
+    def test_stopped_before_the_first_evaluation(self, run_usvauv, tmp_path, monkeypatch):
+        """It says nothing of a file that was there before, and leaves it."""
+        (tmp_path / "rule.json").write_text("mine")
+
+        def stop(*_):
+            raise Interrupted(signal.SIGINT)
+
+        monkeypatch.setattr(NodeTrainer, "iterate", stop)
+        code, stdout, _ = run_usvauv("train-targets", *self.SHORT, "--out", "rule.json")
+        assert code == 130
+        assert stdout == "stopped after 0 of 1 iterations\n"
+        assert (tmp_path / "rule.json").read_text() == "mine"
 
     def test_ctrl_c_keeps_the_best(self, tmp_path):
         command = [sys.executable, "-c", "from usvauv_cli.app import main; main()", "train-targets", *self.SHORT]

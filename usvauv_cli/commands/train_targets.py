@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import Annotated
@@ -77,7 +78,7 @@ def train_targets(
             )
     except Interrupted:
         typer.echo(f"stopped after {trainer.iteration} of {iterations} iterations")
-        if out.exists():
+        if math.isfinite(trainer.best):
             typer.echo(f"best {trainer.best:.1f} Mbit in {out}")
         raise
     typer.echo(f"best {trainer.best:.1f} Mbit ({against}) in {out}")
