@@ -18,7 +18,7 @@ import taichi as ti
 from kernels.mission.columns import AuvColumn, BeliefColumn, Draw, EstimateColumn, Information, NodeColumn, Parameter
 from kernels.mission.target_rules import knowledge
 from kernels.mission.target_rules.rule import TargetRule
-from kernels.mission.target_rules.value import data_per_time, distance, travel_time
+from kernels.mission.target_rules.value import distance, travel_time
 from kernels.mission.worlds import uniforms
 from kernels.types import Columns, vec2
 
@@ -135,14 +135,15 @@ def see(worlds: ti.template(), w, k, i):
     p = ti.static(worlds.p)
     work = ti.static(worlds.workspace)
     travel = travel_time(p, distance(worlds, w, k, i))
-    value = data_per_time(worlds, w, k, i, OVERHEAD) * TIME / p[Parameter.buffer]
+    packets = knowledge.backlog(worlds, w, k, i, travel)
+    value = packets / (travel + OVERHEAD) * TIME / p[Parameter.buffer]
     other = other_arrival(worlds, w, k, i)
     b = knowledge.holder(worlds, k)
     waited = knowledge.time(worlds, w) - worlds.belief[w, b, i, BeliefColumn.since]
     left = p[Parameter.duration] - knowledge.time(worlds, w)
     work[w, place(worlds, k, i, Feature.value)] = ti.log(0.1 * value + 1e-3)
     work[w, place(worlds, k, i, Feature.travel)] = ti.min(travel / TIME, FAR)
-    work[w, place(worlds, k, i, Feature.backlog)] = knowledge.backlog(worlds, w, k, i, travel) / p[Parameter.buffer]
+    work[w, place(worlds, k, i, Feature.backlog)] = packets / p[Parameter.buffer]
     work[w, place(worlds, k, i, Feature.rate)] = ti.min(
         knowledge.rate(worlds, w, k, i) / ti.max(p[Parameter.rate_mean], 1e-6), FAR
     )
