@@ -107,6 +107,12 @@ def rule_numbers(scenario: Scenario) -> np.ndarray:
     return np.array(target_rules.parse(scenario.nodes.target_rule)[1] or [0.0])
 
 
+def rule_workspace(scenario: Scenario) -> int:
+    """How many numbers of its own the target rule needs in each world, ≥ 1."""
+    rule, _ = target_rules.parse(scenario.nodes.target_rule)
+    return max(1, rule.workspace(scenario.targets, scenario.auv.count))
+
+
 def task_parameters(scenario: Scenario) -> np.ndarray:
     """The numbers that the task declares, as the scenario has them, (≥ 1,)."""
     given = scenario.task_parameters.numbers

@@ -19,7 +19,7 @@ from kernels.mission import poisson_table
 from kernels.mission.columns import AuvColumn, BeliefColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
-from kernels.mission.target_rules import parse, target_rules
+from kernels.mission.target_rules import target_rules
 from kernels.mission.tasks.task import tasks
 from kernels.positioning import tracker
 from kernels.types import Level
@@ -137,11 +137,8 @@ class World:
             "reward_terms": (*team, len(self.reward_names)),
         }
         numbers = sum(map(room, shapes.values()))
-        rule, _ = parse(scenario.nodes.target_rule)
-        rule_needs = num_worlds * max(1, rule.workspace(scenario.targets, self.num_auvs))
-        require(
-            4.0 * (WORKSPACE * numbers + rule_needs), f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device
-        )
+        memory = 4.0 * (WORKSPACE * numbers + num_worlds * tables.rule_workspace(scenario))
+        require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
         self._numbers = self._zeros(numbers)  # together, so that one look finds any fault
         parts = self._numbers.split([room(shape) for shape in shapes.values()])
         views = iter(part[: math.prod(shape)].view(shape) for part, shape in zip(parts, shapes.values(), strict=True))
@@ -376,14 +373,13 @@ class World:
         }
         program = tables.program(self.site, self.strategy.strategy)
         first = [place.start for _, place in self.observation_layout]
-        rule_needs = program.target_rule.workspace(scenario.targets, self.num_auvs)
         return {
             **{name: self._upload(array) for name, array in numbers.items()},
             "program": program._replace(
                 serial=runtime.better_alone(self.num_worlds * self.num_auvs),
                 constant_range=runtime.constant_range(self.num_worlds),
             ),
-            "workspace": self._zeros(self.num_worlds, max(1, rule_needs)),
+            "workspace": self._zeros(self.num_worlds, tables.rule_workspace(scenario)),
             "observation_first": torch.tensor(first, dtype=torch.int32, device=self.device),
             "key_low": key & 0xFFFFFFFF,
             "key_high": key >> 32,
