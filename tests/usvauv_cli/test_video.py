@@ -285,12 +285,76 @@ class TestMap:
             boat_goal=np.full((2, 1, 2), 150.0),
         )
         frame, painter = paint(trace, 0)
-        middles = [frame[place(painter, x, 50.0)].astype(int) for x in (50.0, 100.0, 150.0)]
-        for middle, colour in zip(middles, style.GAUGE, strict=True):
-            assert np.abs(middle - colour).max() < 12
+        aside = round(0.35 * painter.map._node_radius)
+        for x, share, colour in zip((50.0, 100.0, 150.0), (0.0, 0.5, 1.0), style.GAUGE, strict=True):
+            row, column = place(painter, x, 50.0)
+            empty = style.mix(style.OUTLINE, colour, 0.35)
+            left, right = (frame[row, column + side].astype(int) for side in (-aside, aside))  # clockwise from the top
+            assert np.abs(right - (colour if share > 0 else empty)).max() < 12
+            assert np.abs(left - (colour if share > 0.5 else empty)).max() < 12
         halo = (frame == style.FULL).all(-1).sum()
         calm, _ = paint(replace(trace, backlog=np.broadcast_to([0.0, 2500.0, 4990.0], (2, 1, 3))), 0)
         assert halo > (calm == style.FULL).all(-1).sum() + 10
+
+    def test_ring_of_a_node_brightens_with_the_age_of_its_data(self):
+        steps = 400  # nobody visits node 1; node 0 is served in step 199
+        trace = synthetic_trace(steps=steps, auvs=1, nodes=2, sea=False, vortices=0)
+        hovering, target = np.zeros((steps, 1, 1), np.int8), np.zeros((steps, 1, 1), np.int16)
+        hovering[198:200], target[199:] = 1, 1
+        served = np.zeros((steps, 1, 1))
+        served[199] = 0.25
+        trace = replace(
+            trace,
+            node_position=np.array([[[50.0, 50.0], [150.0, 50.0]]]),
+            auv_position=np.full((steps, 1, 1, 2), 180.0),
+            fix=np.full((steps, 1, 1, 2), 180.0),
+            hovering=hovering,
+            target=target,
+            service_rate=served,
+            backlog=np.full((steps, 1, 2), 100.0),
+            boat_position=np.full((steps, 1, 2), 150.0),
+        )
+        radius = round(0.92 * Painter(trace, (1280, 720)).map._node_radius)
+
+        def rings(t: int) -> list[float]:
+            frame, painter = paint(trace, t, (1280, 720))
+            rows = [place(painter, x, 50.0) for x in (50.0, 150.0)]
+            return [float(frame[row, column - radius].mean()) for row, column in rows]
+
+        (first, other), (fresh, old) = rings(150), rings(250)
+        assert first == pytest.approx(other, abs=3)
+        assert fresh < 0.7 * first < 0.7 * old
+
+    def test_line_leads_to_the_next_nodes_and_no_further(self):
+        steps, nodes = (
+            12,
+            np.array([[[20.0, 20.0], [20.0, 60.0], [60.0, 60.0], [60.0, 20.0], [100.0, 20.0], [100.0, 60.0]]]),
+        )
+        trace = synthetic_trace(steps=steps, auvs=1, nodes=6, sea=False, vortices=0)
+        trace = replace(
+            trace,
+            node_position=nodes,
+            auv_position=np.full((steps, 1, 1, 2), 180.0),
+            fix=np.full((steps, 1, 1, 2), 180.0),
+            hovering=np.zeros((steps, 1, 1), np.int8),
+            target=(np.arange(steps)[:, None, None] // 2).astype(np.int16),
+            service_rate=np.zeros((steps, 1, 1)),
+            delivered=np.zeros((steps, 1, 1)),
+            boat_position=np.full((steps, 1, 2), 180.0),
+            boat_goal=np.full((steps, 1, 2), 180.0),
+        )
+        legs = [(nodes[0, i] + nodes[0, i + 1]) / 2 for i in range(5)]
+        staying = replace(trace, target=np.zeros_like(trace.target))
+
+        def drawn(t: int) -> list[bool]:
+            frame, painter = paint(trace, t, (1280, 720))
+            difference = np.abs(frame.astype(int) - paint(staying, t, (1280, 720))[0]).max(-1)
+            places = [place(painter, *leg) for leg in legs]
+            return [bool(difference[row - 2 : row + 3, column - 2 : column + 3].max() > 20) for row, column in places]
+
+        assert drawn(0) == [True, True, True, False, False]
+        assert drawn(3) == [False, True, True, True, False]  # from node 1 on
+        assert drawn(steps - 1) == [False] * 5
 
     def test_sea_is_brighter_where_it_is_higher_and_north_is_up(self):
         view = MapView(Area(), Rectangle(0, 0, 100, 100))

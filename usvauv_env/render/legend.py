@@ -32,6 +32,19 @@ def _target(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
         shapes.stroke(picture, piece, style.auv_colour(0), layout.px(1.3))
 
 
+def _next(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    points = at + np.array([(-12, 5), (-3, -4), (5, 5), (13, -3)]) * layout.unit
+    for place, share in enumerate((0.4, 0.6, 0.75)):
+        ink = style.mix(style.auv_colour(0), style.CARD, share)
+        shapes.stroke(picture, points[place : place + 2], ink, layout.px(1.3))
+
+
+def _age(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    gauges = symbols.NodeGauges(5.5 * layout.unit)
+    for x, age in ((-13, 0.0), (0, 0.5), (13, 1.0)):
+        gauges.draw(picture, at + (np.array([x, 0]) * layout.unit), 0.25, age)
+
+
 def _node(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
     gauges = symbols.NodeGauges(5.5 * layout.unit)
     for x, share in ((-13, 0.12), (0, 0.5), (13, 0.85)):
@@ -39,7 +52,7 @@ def _node(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
 
 
 def _full(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    symbols.NodeGauges(5.5 * layout.unit).draw(picture, at, 1.0, 0.6)
+    symbols.NodeGauges(5.5 * layout.unit).draw(picture, at, 1.0, pulse=0.6)
 
 
 def _service(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
@@ -70,11 +83,13 @@ ENTRIES: tuple[tuple[Symbol, str], ...] = (
     (_boat, "boat (USV): finds the AUVs by sound"),
     (_target, "way to the sensor node it heads for"),
     (_goal, "where the boat plans to go"),
-    (_node, "sensor nodes: how full with data"),
+    (_next, "its way to the next three nodes"),
     (_fix, "true place of an AUV, and estimated"),
-    (_full, "full: new data is being lost"),
+    (_node, "sensor nodes: how full with data"),
     (_ellipse, "2-σ ellipse: 86 % of errors expected"),
+    (_full, "full: new data is being lost"),
     (_service, "AUV hovers and takes over data"),
+    (_age, "white ring: last visited 5 min ago"),
     (_current, "drifting streaks: water current"),
 )
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
+from usvauv_env.record.collection import age
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.frame_layout import Layout, MapView
@@ -17,6 +19,8 @@ from usvauv_env.render.text import text_width, write
 TRAIL = 120.0  # s
 TRAIL_PIECES = 10  # of one opacity each
 POPUP_FRAMES = 45  # for which the data of a completed service is shown
+OLD = 300.0  # s, age from which on a node's ring is brightest
+NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
 SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
 
 
@@ -50,6 +54,7 @@ class MissionMap:
         self._auvs = self.view.pixel(trace.auv_position[:, 0])
         self._nodes = self.view.pixel(trace.node_position[0])
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
+        self._age = age(trace)[:, 0] / OLD
         spacing = np.sqrt(layout.map.width * layout.map.height / len(self._nodes))
         self._node_radius = float(np.clip(spacing / 7, 3.0 * layout.unit, 9.5 * layout.unit))
         self._gauges = symbols.NodeGauges(self._node_radius)
@@ -95,6 +100,9 @@ class MissionMap:
             colour = style.auv_colour(auv)
             node = self._nodes[self._node_of(t, auv)]
             self._overlay.strokes([np.stack([self._boat[t], position])], style.WHITE, 0.16, self._layout.px(1))
+            stops = self._nodes[[self._node_of(t, auv), *self._next(t, auv)]]
+            for place, leg in enumerate(pairwise(stops)):
+                self._overlay.strokes([np.stack(leg)], colour, 0.55 - 0.12 * place, self._layout.px(1.3))
             if self._trace.hovering[t, 0, auv]:
                 self._overlay.disc(node, self._hover_radius, colour, 0.16)
                 self._overlay.ring(node, self._hover_radius * (0.35 + 0.65 * phase), colour, 0.8 * (1 - phase))
@@ -103,15 +111,24 @@ class MissionMap:
                 if pieces:
                     self._overlay.strokes(pieces, colour, 0.7, self._layout.px(1.3))
 
+    def _decided(self, t: int, auv: int) -> int:
+        """A step with the target of step t: in the last step of a service the target is already the next node."""
+        return t - 1 if self._trace.hovering[t, 0, auv] and t > 0 else t
+
     def _node_of(self, t: int, auv: int) -> int:
-        """The node an AUV serves or heads for. In the last step of a service the target is already the next node."""
-        serving = self._trace.hovering[t, 0, auv] and t > 0
-        return int(self._trace.target[t - 1 if serving else t, 0, auv])
+        """The node an AUV serves or heads for."""
+        return int(self._trace.target[self._decided(t, auv), 0, auv])
+
+    def _next(self, t: int, auv: int) -> list[int]:
+        """The nodes an AUV went to after the one it serves or heads for, at most `NEXT`."""
+        target = self._trace.target[self._decided(t, auv) :, 0, auv]
+        later = target[1:][np.diff(target) != 0]
+        return later[:NEXT].tolist()
 
     def _draw_nodes(self, picture: np.ndarray, t: int) -> None:
         pulse = 0.5 + 0.5 * math.sin(0.35 * t)
-        for centre, share in zip(self._nodes, self._fill[t], strict=True):
-            self._gauges.draw(picture, centre, share, pulse)
+        for centre, share, old in zip(self._nodes, self._fill[t], self._age[t], strict=True):
+            self._gauges.draw(picture, centre, share, old, pulse)
 
     def _draw_boat(self, picture: np.ndarray, t: int) -> None:
         layout, goal = self._layout, self.view.pixel(self._trace.boat_goal[t, 0])

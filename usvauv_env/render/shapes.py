@@ -32,8 +32,18 @@ def ring(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | 
 
 def arc(image: np.ndarray, centre: np.ndarray, radius: float, share: float, colour: Colour, width: int) -> None:
     """The part `share` (0 to 1) of a circle, clockwise from the top."""
+    stroke(image, _turned(centre, radius, share), colour, width)
+
+
+def sector(image: np.ndarray, centre: np.ndarray, radius: float, share: float, colour: Colour) -> None:
+    """The part `share` (0 to 1) of a disc, clockwise from the top."""
+    fill(image, np.concatenate([[centre], _turned(centre, radius, share)]), colour)
+
+
+def _turned(centre: np.ndarray, radius: float, share: float) -> np.ndarray:
+    """Points (N, 2) of the part `share` (0 to 1) of a circle, clockwise from the top."""
     turns = np.linspace(0.0, 2 * np.pi * min(share, 1.0), max(2, round(48 * share) + 1))
-    stroke(image, np.asarray(centre) + radius * np.stack([np.sin(turns), -np.cos(turns)], 1), colour, width)
+    return np.asarray(centre) + radius * np.stack([np.sin(turns), -np.cos(turns)], 1)
 
 
 def stroke(image: np.ndarray, points: np.ndarray, colour: Colour | int, width: int = 1, closed: bool = False) -> None:

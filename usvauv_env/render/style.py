@@ -29,6 +29,7 @@ OUTLINE = colour("#06121d")
 BOAT = colour("#ffffff")
 BOAT_DECK = colour("#1b4f8a")
 FULL = colour("#ff453a")
+AGE = (colour("#3a5168"), WHITE)  # of a node's data: fresh, old
 GAUGE = (colour("#35d07f"), colour("#ffb020"), FULL)  # backlog of a node: empty, half, full
 
 # Sea by elevation, lowest first; the mean level is mid-blue.

@@ -103,37 +103,39 @@ def badge(image: np.ndarray, text: str, centre: np.ndarray, size: float, colour:
 
 
 class NodeGauges:
-    """Discs with a ring that fills clockwise, green to amber to red, and a halo around full ones.
+    """Pies that fill clockwise, green to amber to red, in a ring that is the brighter the older the data.
 
-    Each level is drawn once, magnified, and copied from then on.
+    Full ones have a halo. Each picture is drawn once, magnified, and copied from then on.
     """
 
     LEVELS = 48
+    AGES = 16
     HALOS = 8
     MAGNIFIED = 6
     TOO_SMALL = 4.5  # pixels of radius below which there is a disc and no ring
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
-        self._sprites: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+        self._sprites: dict[tuple[int, int, int], tuple[np.ndarray, np.ndarray]] = {}
 
-    def _sprite(self, level: int, halo: int) -> tuple[np.ndarray, np.ndarray]:
+    def _sprite(self, level: int, age: int, halo: int) -> tuple[np.ndarray, np.ndarray]:
         """Colour times coverage (n, n, 3), and 256 − coverage (n, n, 1); `halo` from 1 is its size, 0 for none."""
-        if (level, halo) not in self._sprites:
+        if (level, age, halo) not in self._sprites:
             half = int(np.ceil(self._radius * (1.8 if halo else 1.15))) + 1
             size = (2 * half + 1) * self.MAGNIFIED
             middle, radius = np.array([size / 2 - 0.5] * 2), self._radius * self.MAGNIFIED
             colour, cover = np.zeros((size, size, 3), np.uint8), np.zeros((size, size), np.uint8)
             colour[:] = style.OUTLINE
-            tint, width = style.gauge_colour(level / self.LEVELS), max(1, round(radius * 0.34))
+            tint = style.gauge_colour(level / self.LEVELS)
             shapes.disc(cover, middle, radius * 1.12, 245)
             if self._radius < self.TOO_SMALL:
                 shapes.disc(colour, middle, radius * 0.8, tint)
             else:
-                shapes.ring(colour, middle, radius * 0.84, style.LINE, width)
+                shapes.disc(colour, middle, radius * 0.7, style.mix(style.OUTLINE, tint, 0.35))
                 if level:
-                    shapes.arc(colour, middle, radius * 0.84, level / self.LEVELS, tint, width)
-                shapes.disc(colour, middle, radius * 0.46, tint)
+                    shapes.sector(colour, middle, radius * 0.7, level / self.LEVELS, tint)
+                ink = style.mix(*style.AGE, age / self.AGES)
+                shapes.ring(colour, middle, radius * 0.92, ink, max(1, round(radius * 0.22)))
             if halo:
                 reach = radius * (1.3 + 0.35 * halo / self.HALOS)
                 for layer, ink in ((colour, style.FULL), (cover, 255)):
@@ -142,13 +144,20 @@ class NodeGauges:
             premultiplied = colour.astype(np.float32) * (cover[:, :, None] / np.float32(255))
             small = cv2.resize(premultiplied, shape, interpolation=cv2.INTER_AREA)
             shade = cv2.resize(cover, shape, interpolation=cv2.INTER_AREA)
-            self._sprites[level, halo] = np.rint(small).astype(np.uint16), 256 - shade.astype(np.uint16)[:, :, None]
-        return self._sprites[level, halo]
+            self._sprites[level, age, halo] = (
+                np.rint(small).astype(np.uint16),
+                256 - shade.astype(np.uint16)[:, :, None],
+            )
+        return self._sprites[level, age, halo]
 
-    def draw(self, image: np.ndarray, centre: np.ndarray, share: float, pulse: float = 0.0) -> None:
-        """A node whose buffer is filled to `share`; the halo of a full one swells with `pulse`, 0 to 1."""
+    def draw(self, image: np.ndarray, centre: np.ndarray, share: float, age: float = 0.0, pulse: float = 0.0) -> None:
+        """A node whose buffer is filled to `share`, with data of some age, 0 (fresh) to 1 (old).
+
+        The halo of a full one swells with `pulse`, 0 to 1.
+        """
         halo = 1 + round(pulse * (self.HALOS - 1)) if share >= 0.9999 else 0
-        ink, rest = self._sprite(round(min(max(share, 0.0), 1.0) * self.LEVELS), halo)
+        level = round(min(max(share, 0.0), 1.0) * self.LEVELS)
+        ink, rest = self._sprite(level, round(min(max(age, 0.0), 1.0) * self.AGES), halo)
         half = ink.shape[0] // 2
         x, y = round(float(centre[0])), round(float(centre[1]))
         x0, y0 = max(x - half, 0), max(y - half, 0)
