@@ -35,7 +35,7 @@ from usvauv_env.files import sync, writing
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.swap import found, replace_folder
 
-FORMAT = 1
+FORMAT = 2  # 1 had a guided frame without repulsion
 POLICY, TRAINING = "policy", "training"
 LAST, BEST = "last", "best"
 ATTEMPTS = 20  # to read what is being replaced
@@ -122,7 +122,9 @@ def _read(directory: Path, part: str, device: torch.device) -> Part:
     try:
         about = text_files.read(path, "JSON")
         if type(about.get("format")) is not int or about["format"] != FORMAT:
-            raise PolicyError(f"{path}: not a checkpoint of format {FORMAT}")
+            raise PolicyError(
+                f"{path}: not a checkpoint of format {FORMAT}; policies of earlier versions must be trained again"
+            )
         path = _tensors(directory, part)
         if not os.path.isfile(path):
             raise FileNotFoundError

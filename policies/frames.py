@@ -15,14 +15,14 @@ import torch
 from torch import Tensor
 
 from kernels.registry import Registry
-from policies.guidance import TINY, SpeedToFly, command, crab, rotate, unit, unrotate
+from policies.guidance import TINY, SpeedToFly, clear_of_others, command, crab, rotate, unit, unrotate
 from policies.policy import PolicyError
 from usvauv_env.scenario import Scenario
 from usvauv_env.world.observation import ObservationLayout
 
 ACTION_SIZE = 2
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
-PRICE, PRICE_GAIN = 30.0, 4.0  # W and 1: prices from half a watt to above a kilowatt, for all speeds in any current
+PRICE, PRICE_GAIN = 80.0, 4.0  # W and 1: prices from a watt and a half to some kilowatts, for all speeds in any current
 RELATIVE = ("others", "target")  # terms that `TargetFrame` replaces by features of its own
 CURRENT_VECTORS = ("current", "current_profile")
 CURRENTS = ("current_speed", *CURRENT_VECTORS)
@@ -124,24 +124,22 @@ class TargetFrame(Frame):
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         auv = self.scenario.auv
         speed = auv.speed_min + (auv.speed_max - auv.speed_min) * (action[..., 1] + 1.0) / 2.0
-        return command(self._course(observation, action), speed, self.scenario)
+        return command(self._course(action, unit(self.term(observation, "target"))), speed, self.scenario)
 
-    def _course(self, observation: Tensor, action: Tensor) -> Tensor:
-        """The course that a_0 commands, a unit vector in world axes, (..., 2)."""
+    def _course(self, action: Tensor, ahead: Tensor) -> Tensor:
+        """The course that a_0 commands, π a_0 left of `ahead`; unit vectors in world axes, (..., 2)."""
         course = math.pi * action[..., 0]
-        relative = torch.stack((torch.cos(course), torch.sin(course)), -1)
-        return rotate(relative, unit(self.term(observation, "target")))
+        return rotate(torch.stack((torch.cos(course), torch.sin(course)), -1), ahead)
 
 
 class GuidedFrame(TargetFrame):
     """Features as `TargetFrame`; actions go through an autopilot that knows the current at the AUV.
 
-    a_0 is the course over ground, π a_0 left of the target's bearing, held against the current by `crab`; a_1 the price
-    of time, `PRICE` e^(4 a_1) W, from which `SpeedToFly` gives the speed through the water. A constant action is then a
-    sensible controller in any current; what remains to be learned is collision avoidance and the choice of the route.
-    Where the current's components are not observed, still water is assumed. There the lowest speed is optimal for all
-    low prices, so a_1 = 0 stands for the highest of these; around a lower one exploration would not change the speed.
-    Within `BORDER_MARGIN` of the border a course that leads out is turned along it.
+    a_0 is the course over ground, π a_0 left of the track of the heuristic `clear`, held against the current by `crab`;
+    a_1 the price of time, `PRICE` e^(4 a_1) W, from which `SpeedToFly` gives the speed through the water. Action 0 is
+    `clear`. Where the current's components are not observed, still water is assumed. There the lowest speed is optimal
+    for all low prices, and a_1 = 0 stands for the highest of these; around a lower one exploration would not change the
+    speed. Within `BORDER_MARGIN` of the border a course that leads out is turned along it.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -151,7 +149,10 @@ class GuidedFrame(TargetFrame):
         self.price = PRICE if "current" in self.layout else self.speed_to_fly.free_price()
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
-        track = self._clear_of_border(observation, self._course(observation, action))
+        others = self.term(observation, "others").unflatten(-1, (self.layout.num_auvs - 1, 2))
+        target, metre = unit(self.term(observation, "target")), self.scenario.area.diagonal
+        clear = clear_of_others(target, others * metre, self.scenario.auv.safe_distance)
+        track = self._clear_of_border(observation, self._course(action, clear))
         current = self.term(observation, "current") if "current" in self.layout else torch.zeros_like(track)
         speed = self.speed_to_fly(track, self.price * torch.exp(PRICE_GAIN * action[..., 1]), current)
         return command(crab(track, speed, current), speed, self.scenario)

@@ -13,6 +13,8 @@ from usvauv_env.scenario import Scenario
 TINY = 1e-9
 SPEEDS = 33  # number of speeds among which `SpeedToFly` chooses
 LEAST_ADVANCE = 0.05  # m/s over ground, lower bound on headway
+REACH = 1.5  # safe distances within which the nearest other AUV repels
+NEAREST = 1e-3  # m, smaller distances between AUVs repel like it
 HOPELESS = 1e6  # J/m, above every cost with headway
 
 
@@ -58,6 +60,27 @@ def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:
     """
     sine = (-unrotate(current, track)[..., 1] / speed).clamp(-1.0, 1.0)
     return rotate(torch.stack(((1.0 - sine.square()).clamp_min(0.0).sqrt(), sine), -1), track)
+
+
+def clear_of_others(towards: Tensor, others: Tensor, safe_distance: float) -> Tensor:
+    """Track over ground (unit vectors, (..., 2)) towards a target, repelled by the nearest other AUV.
+
+    The direction of t + (r − 1) r² n with r = ρ₀/ρ, where t points at the target, n away from the nearest other AUV at
+    the distance ρ < ρ₀, and ρ₀ = `REACH` safe distances; beyond ρ₀ it is t. The second term is the negative gradient of
+    Khatib's artificial potential ½ η (1/ρ − 1/ρ₀)² with η = ρ₀³ (doi 10.1177/027836498600500106). The terms have the
+    same size at ρ = 0.68 ρ₀, just above the safe distance.
+
+    Args:
+        towards: t, unit vectors (..., 2).
+        others: offsets of the other AUVs, (..., K − 1, 2), m; there may be none.
+        safe_distance: m.
+    """
+    if others.shape[-2] == 0:
+        return towards
+    distance, nearest = others.norm(dim=-1, keepdim=True).min(-2, keepdim=True)
+    away = -unit(others.gather(-2, nearest.expand_as(others[..., :1, :]))).squeeze(-2)
+    ratio = REACH * safe_distance / distance.squeeze(-2).clamp_min(NEAREST)
+    return unit(towards + (ratio - 1.0).clamp_min(0.0) * ratio.square() * away)
 
 
 class SpeedToFly:

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 import policies
 from policies.frames import BORDER_MARGIN, PRICE, GuidedFrame
-from policies.guidance import SPEEDS, SpeedToFly, crab, unit
+from policies.guidance import SPEEDS, SpeedToFly, clear_of_others, crab, unit
 from tests.policies.toy import ToyWorld, scenario
 from usvauv_env import Scenario
 
@@ -65,6 +65,31 @@ class TestSpeedToFly:
         assert float(speeds[-1]) > 2.1
 
 
+class TestClearOfOthers:
+    def test_follows_the_negative_gradient_of_the_potential(self):
+        """By differences of ½ η (1/ρ − 1/ρ₀)² with η = ρ₀³, in double precision."""
+        reach, towards = 1.5 * 5.0, directions(200).double()
+        others = (directions(200, seed=1) * torch.linspace(1.0, 9.0, 200).unsqueeze(-1)).double()
+
+        def potential(at):
+            distance = (others - at).norm(dim=-1)
+            return torch.where(distance < reach, 0.5 * reach**3 * (1 / distance - 1 / reach) ** 2, 0.0)
+
+        step = 1e-5
+        steps = step * torch.eye(2, dtype=torch.float64)
+        push = torch.stack([(potential(-way) - potential(way)) / (2 * step) for way in steps], -1)
+        expected = unit(towards + push)
+        torch.testing.assert_close(clear_of_others(towards, others.unsqueeze(-2), 5.0), expected, atol=1e-6, rtol=0)
+
+    def test_only_the_nearest_repels_and_coincidence_is_finite(self):
+        east = torch.tensor([1.0, 0.0])
+        north_near, south = torch.tensor([0.0, 2.0]), torch.tensor([0.0, -3.0])
+        both = clear_of_others(east, torch.stack([south, north_near]), 5.0)
+        torch.testing.assert_close(both, clear_of_others(east, north_near.unsqueeze(0), 5.0))
+        assert float(both[1]) < -0.9  # away from the one in the north
+        assert float(clear_of_others(east, torch.zeros(1, 2), 5.0).norm()) == pytest.approx(1.0)
+
+
 class TestGuidedFrame:
     def observe(self, place, target):
         """One AUV of a pair at a place of the toy area, its target at another, in the toy's current; (1, 2, O)."""
@@ -75,15 +100,18 @@ class TestGuidedFrame:
         world.target[:] = torch.tensor(target)
         return world, world._observe()
 
-    def test_no_action_is_the_heuristic_pace(self):
-        toy = scenario()
+    @pytest.mark.parametrize("count", [1, 2, 5])
+    def test_no_action_is_the_heuristic_clear(self, count):
+        toy = scenario(auv={"count": count, "safe_distance": 20.0})
         world = ToyWorld(toy, 64, seed=3)
-        pace = policies.load(f"pace:{PRICE}", world)
+        clear, pace = (policies.load(f"{name}:{PRICE}", world) for name in ("clear", "pace"))
         observation = world.reset()
         inside = ((world.position > BORDER_MARGIN) & (world.position < 100 - BORDER_MARGIN)).all(-1)
-        action = GuidedFrame(toy).decode(observation, torch.zeros(64, 2, 2))
-        assert inside.sum() > 100
-        torch.testing.assert_close(action[inside], pace.act(observation)[inside])
+        action = GuidedFrame(toy).decode(observation, torch.zeros(64, count, 2))
+        assert inside.sum() > 50
+        torch.testing.assert_close(action[inside], clear.act(observation)[inside])
+        repelled = (action - pace.act(observation)).norm(dim=-1)[inside] > 1e-3
+        assert repelled.any() == (count > 1)
 
     def test_without_a_current_the_middle_is_where_speeds_begin_to_differ(self):
         """In still water the lowest speed is the best up to the price V P′(V) − P(V), by a difference in the test."""
@@ -95,6 +123,7 @@ class TestGuidedFrame:
         observation = torch.zeros(1, 2, frame.layout.size)
         frame.term(observation, "target")[..., 0] = 0.2  # in the east
         frame.term(observation, "position")[:] = 0.3  # in the middle of the area
+        frame.term(observation, "others")[:] = 0.4  # far away
         speeds = [
             float(frame.decode(observation, torch.tensor([0.0, a1]).expand(1, 2, 2))[0, 0].norm()) * calm.auv.speed_max
             for a1 in (-1.0, -0.01, 0.1, 0.5)
