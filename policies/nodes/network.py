@@ -13,7 +13,7 @@ BLOCKED = -1e9  # score of a node that may not be chosen
 
 
 class Scores(nn.Module):
-    """Scores of nodes, as `learned.score` has them; at first those of the rule `rate`."""
+    """Scores of nodes, as `learned.score` has them; at first those of the rule `rollout`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -24,7 +24,7 @@ class Scores(nn.Module):
 
     def forward(self, features: Tensor, free: Tensor) -> Tensor:
         """Scores (D, M) of the nodes of D decisions with features (D, M, F); those that are not free (D, M) are low."""
-        scores = self.gain * features[..., Feature.value] + self.out(self.hidden(features).relu())[..., 0]
+        scores = self.gain * features[..., Feature.future] + self.out(self.hidden(features).relu())[..., 0]
         return scores.masked_fill(~free, BLOCKED)
 
     def weights(self) -> list[float]:

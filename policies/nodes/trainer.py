@@ -50,14 +50,14 @@ class NodeConfig:
         entropy: weight of the entropy at first; it falls linearly to nothing.
     """
 
-    iterations: int = 60
+    iterations: int = 120
     worlds: int = 128
     seed: int = 0
     horizon: float = 300.0
     service_price: float = 0.01
     trace: float = 0.9
-    learning_rate: float = 2e-3
-    epochs: int = 3
+    learning_rate: float = 1.5e-3
+    epochs: int = 4
     batch: int = 2048
     clip: float = 0.2
     entropy: float = 0.01
@@ -85,7 +85,7 @@ class Decisions:
 def collect(world: World, act: Act, numbers: Tensor, horizon: float) -> Decisions:
     """The decisions of the next episode of all worlds, with these numbers of the rule; data count exp(−t/horizon)."""
     world.rule_numbers[:] = numbers
-    work = world.rule_workspace.view(world.num_worlds, world.num_auvs, -1)
+    work = learned.decisions(world.rule_workspace, world.node.shape[1], world.num_auvs)
     work[..., learned.Decision.made] = 0
     observation = world.reset()
     delivered = world.auv.new_zeros(world.num_worlds)
@@ -160,7 +160,7 @@ class NodeTrainer:
         usv: str = "centroid",
         arch: str = "auto",
     ) -> None:
-        """Begin with the scores of the rule `rate`.
+        """Begin with the scores of the rule `rollout`.
 
         Args:
             scenario: any of the task data-collection; its own target rule does not count.
@@ -200,7 +200,7 @@ class NodeTrainer:
         return evaluate(self._evaluation, self._steering)["delivered_mbit"]
 
     def _numbers(self, explore: bool) -> Tensor:
-        return torch.tensor([float(explore), *self.scores.weights()], device=self.world.device)
+        return torch.tensor([learned.HORIZON, float(explore), *self.scores.weights()], device=self.world.device)
 
     def iterate(self) -> float:
         """Collect one episode of all worlds and learn from it; returns its mean data, Mbit."""

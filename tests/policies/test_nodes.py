@@ -34,7 +34,7 @@ def numbers(seed=None):
     if seed is not None:
         generator = torch.Generator().manual_seed(seed)
         network.load((0.3 * torch.randn(learned.SIZE, generator=generator)).tolist())
-    return network, torch.tensor([1.0, *network.weights()])
+    return network, torch.tensor([learned.HORIZON, 1.0, *network.weights()])
 
 
 class TestCollect:
@@ -101,7 +101,7 @@ class TestAdvantages:
 class TestNetwork:
     def test_kernel_chooses_by_the_same_scores(self):
         network, given = numbers(seed=8)
-        given[0] = 0.0
+        given[learned.EXPLORE] = 0.0
         world, act = worlds(16, "mission.duration=200")
         features, free, chosen = split(collect(world, act, given, 100.0).seen)
         best = network(features, free).topk(2).values
@@ -130,7 +130,7 @@ def test_same_seed_same_weights(tmp_path):
     assert one[2]["weights"] != other[2]["weights"]
     assert [row.iteration for row in one[1]] == [2]
     assert one[2]["evaluated"] == one[0].best
-    assert parse(f"learned:{tmp_path / '1.json'}")[1][1:] == tuple(one[2]["weights"])
+    assert parse(f"learned:{tmp_path / '1.json'}")[1][learned.WEIGHTS :] == tuple(one[2]["weights"])
 
 
 def test_evaluation_is_that_of_the_rule(tmp_path):
@@ -238,5 +238,5 @@ class TestCommand:
         stdout, stderr = run.communicate(timeout=60)
         assert run.returncode == 130, stderr
         assert "Mbit in targets.json" in stdout
-        assert len(parse(f"learned:{tmp_path / 'targets.json'}")[1]) == 1 + learned.SIZE
+        assert len(parse(f"learned:{tmp_path / 'targets.json'}")[1]) == learned.WEIGHTS + learned.SIZE
         assert [path.name for path in tmp_path.iterdir()] == ["targets.json"]

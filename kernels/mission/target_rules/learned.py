@@ -1,10 +1,11 @@
-"""A learned rule: a small network scores each free node from what is known of it, and the AUV goes to the best.
+"""A learned rule: a small network corrects what `rollout` expects of each of its candidates.
 
-    score_i = g ln v_i + w₂ · max(0, W₁ f_i + b₁)
+    score_i = g F_i + w₂ · max(0, W₁ f_i + b₁)
 
-v_i is the value of node i by the rule `rate`, f_i its features (`Feature`). The network looks at one node at a time, so
-it takes any number of nodes and AUVs; what it sees of the others are sums over all nodes. Weights come from a file that
-`usvauv train-targets` writes (`policies/nodes`).
+F_i is what comes in by `rollout` if the AUV goes to node i next, less the same of the best candidate, in buffers; f_i
+are the features of the node (`Feature`). The network looks at one node at a time, so it takes any number of nodes and
+AUVs; what it sees of the others are sums over all nodes. Weights come from a file that `usvauv train-targets` writes
+(`policies/nodes`).
 
 While it learns, nodes are drawn with probabilities in proportion to exp(score), and what was seen and chosen is left in
 the workspace.
@@ -14,20 +15,21 @@ import json
 from pathlib import Path
 
 import taichi as ti
+import torch
 
 from kernels.mission.columns import AuvColumn, BeliefColumn, Draw, EstimateColumn, Information, NodeColumn, Parameter
-from kernels.mission.target_rules import knowledge
+from kernels.mission.target_rules import knowledge, rollout
 from kernels.mission.target_rules.rule import TargetRule
 from kernels.mission.target_rules.value import distance, travel_time
 from kernels.mission.worlds import uniforms
 from kernels.types import Columns, vec2
 
-UNTRAINED = "untrained"  # the rule `rate`
-START_GAIN = 5.0
+UNTRAINED = "untrained"  # the rule `rollout` with `HORIZON`
+START_GAIN = 20.0  # g
+HORIZON = 40.0  # T of the rollouts, s
 HIDDEN = 32
 LARGEST_WEIGHT = 1e3
 LARGEST_FILE = 1_000_000  # bytes
-OVERHEAD = 2.0  # s, of the value by `rate`
 NEIGHBOURHOOD = 50.0  # m
 TIME = 100.0  # s, the unit of times
 FAR = 3.0  # times, beyond which all are alike
@@ -36,7 +38,7 @@ FAR = 3.0  # times, beyond which all are alike
 class Feature(Columns):
     """What the network sees of a node, of order one."""
 
-    value: int  # ln of buffers per time, by `rate`
+    future: int  # F, −1 of other nodes than candidates
     travel: int  # time to it
     backlog: int  # expected at arrival, buffers
     rate: int  # expected, over the mean of all
@@ -53,7 +55,7 @@ class Feature(Columns):
 
 
 class Decision(Columns):
-    """What is left in the workspace of a decision, before the features of all nodes and whether each was free."""
+    """What is left in the workspace of a decision; the features of all nodes, and whether each was tried, follow."""
 
     made: int  # 1; whoever reads it makes it 0
     chosen: int
@@ -62,7 +64,7 @@ class Decision(Columns):
 FEATURES = len(Feature.names)
 HEAD = len(Decision.names)
 SIZE = HIDDEN * (FEATURES + 2) + 1
-EXPLORE, WEIGHTS = 0, 1  # places in `rule_numbers`: whether nodes are drawn, and the weights g, W₁, b₁, w₂
+EXPLORE, WEIGHTS = 1, 2  # places in `rule_numbers` after T: whether nodes are drawn; g, W₁, b₁, w₂
 
 
 def read_weights(text: str) -> tuple[float, ...]:
@@ -72,7 +74,7 @@ def read_weights(text: str) -> tuple[float, ...]:
         ValueError: there is no such file, or it does not hold the numbers of this network.
     """
     if text == UNTRAINED:
-        return (0.0, START_GAIN, *(SIZE - 1) * [0.0])
+        return (HORIZON, 0.0, START_GAIN, *(SIZE - 1) * [0.0])
     weights: list[float] = []
     path = Path(text)
     try:
@@ -82,19 +84,20 @@ def read_weights(text: str) -> tuple[float, ...]:
         weights = []
     if len(weights) != SIZE or not all(abs(weight) <= LARGEST_WEIGHT for weight in weights):
         raise ValueError(f"learned:{text}: no weights of a learned rule; expected a file of `usvauv train-targets`")
-    return (0.0, *weights)
+    return (HORIZON, 0.0, *weights)
 
 
 @ti.func
-def size(worlds: ti.template()):
-    """Numbers of a decision in the workspace."""
-    return HEAD + worlds.node.shape[1] * (FEATURES + 1)
+def decision(worlds: ti.template(), k):
+    """Place in the workspace of the decision of AUV k, after the numbers of the rollouts."""
+    size = HEAD + worlds.node.shape[1] * (FEATURES + 1)
+    return rollout.memory(worlds, worlds.auv.shape[1], 0) + k * size
 
 
 @ti.func
 def place(worlds: ti.template(), k, i, feature):
-    """Place in the workspace of a feature of node i as AUV k saw it; `FEATURES`: whether node i was free."""
-    return k * size(worlds) + HEAD + i * (FEATURES + 1) + feature
+    """Place in the workspace of a feature of node i as AUV k saw it; `FEATURES`: whether node i was a candidate."""
+    return decision(worlds, k) + HEAD + i * (FEATURES + 1) + feature
 
 
 @ti.func
@@ -136,12 +139,10 @@ def see(worlds: ti.template(), w, k, i):
     work = ti.static(worlds.workspace)
     travel = travel_time(p, distance(worlds, w, k, i))
     packets = knowledge.backlog(worlds, w, k, i, travel)
-    value = packets / (travel + OVERHEAD) * TIME / p[Parameter.buffer]
     other = other_arrival(worlds, w, k, i)
     b = knowledge.holder(worlds, k)
     waited = knowledge.time(worlds, w) - worlds.belief[w, b, i, BeliefColumn.since]
     left = p[Parameter.duration] - knowledge.time(worlds, w)
-    work[w, place(worlds, k, i, Feature.value)] = ti.log(0.1 * value + 1e-3)
     work[w, place(worlds, k, i, Feature.travel)] = ti.min(travel / TIME, FAR)
     work[w, place(worlds, k, i, Feature.backlog)] = packets / p[Parameter.buffer]
     work[w, place(worlds, k, i, Feature.rate)] = ti.min(
@@ -184,11 +185,36 @@ def see_around(worlds: ti.template(), w, k):
 
 
 @ti.func
+def see_future(worlds: ti.template(), w, k):
+    """Write what `rollout` expects of its candidates; only these are free from now on."""
+    work = ti.static(worlds.workspace)
+    buffer = worlds.p[Parameter.buffer]
+    for i in range(worlds.node.shape[1]):
+        work[w, place(worlds, k, i, Feature.future)] = -1.0
+        work[w, place(worlds, k, i, FEATURES)] = 0.0
+    last = -1
+    last_value = 1e30
+    most = 0.0
+    for _ in range(rollout.CANDIDATES):
+        candidate, value = rollout.next_best(worlds, w, k, last, last_value)
+        last = candidate
+        last_value = value
+        if candidate >= 0:
+            total = rollout.future(worlds, w, k, candidate) / buffer
+            most = ti.max(most, total)
+            work[w, place(worlds, k, candidate, Feature.future)] = total
+            work[w, place(worlds, k, candidate, FEATURES)] = 1.0
+    for i in range(worlds.node.shape[1]):
+        if work[w, place(worlds, k, i, FEATURES)] > 0.0:
+            work[w, place(worlds, k, i, Feature.future)] -= most
+
+
+@ti.func
 def score(worlds: ti.template(), w, k, i):
     """The network's score of node i."""
     weight = ti.static(worlds.rule_numbers)
     work = ti.static(worlds.workspace)
-    total = weight[WEIGHTS] * work[w, place(worlds, k, i, Feature.value)]
+    total = weight[WEIGHTS] * work[w, place(worlds, k, i, Feature.future)]
     for h in range(HIDDEN):
         first = WEIGHTS + 1 + h * (FEATURES + 2)
         hidden = weight[first + FEATURES]
@@ -200,11 +226,12 @@ def score(worlds: ti.template(), w, k, i):
 
 @ti.func
 def learned(worlds: ti.template(), w, k):
-    """The free node with the largest score; while it learns, one drawn by exp(score) (Gumbel's trick)."""
+    """The candidate with the largest score; while it learns, one drawn by exp(score) (Gumbel's trick)."""
     node = ti.static(worlds.node)
     for i in range(node.shape[1]):
         see(worlds, w, k, i)
     see_around(worlds, w, k)
+    see_future(worlds, w, k)
     best = -1
     most = -1e30
     for i in range(node.shape[1]):
@@ -219,14 +246,19 @@ def learned(worlds: ti.template(), w, k):
     free = best >= 0
     if not free:
         best = k % node.shape[1]
-    worlds.workspace[w, k * size(worlds) + Decision.made] = ti.cast(free, ti.f32)
-    worlds.workspace[w, k * size(worlds) + Decision.chosen] = ti.cast(best, ti.f32)
+    worlds.workspace[w, decision(worlds, k) + Decision.made] = ti.cast(free, ti.f32)
+    worlds.workspace[w, decision(worlds, k) + Decision.chosen] = ti.cast(best, ti.f32)
     return best
 
 
+def decisions(workspace: torch.Tensor, num_nodes: int, num_auvs: int) -> torch.Tensor:
+    """View (W, K, ·) of the latest decisions of all AUVs in `worlds.workspace` (W, ·)."""
+    return workspace[:, rollout.workspace(num_nodes, num_auvs) :].view(len(workspace), num_auvs, -1)
+
+
 def workspace(num_nodes: int, num_auvs: int) -> int:
-    """Decisions of all AUVs."""
-    return num_auvs * (HEAD + num_nodes * (FEATURES + 1))
+    """The numbers of the rollouts, and the decisions of all AUVs."""
+    return rollout.workspace(num_nodes, num_auvs) + num_auvs * (HEAD + num_nodes * (FEATURES + 1))
 
 
 LEARNED = TargetRule(learned, workspace=workspace, read=read_weights)

@@ -115,6 +115,16 @@ def go_on(worlds: ti.template(), w, k, end):
 
 
 @ti.func
+def future(worlds: ti.template(), w, k, i):
+    """Packets that all AUVs bring in if AUV k goes to node i next, each times exp(−t/T)."""
+    end = TIMES * worlds.rule_numbers[0]
+    total = begin(worlds, w, k, end)
+    total += serve(worlds, w, k, k, i)
+    total += go_on(worlds, w, k, end)
+    return total
+
+
+@ti.func
 def next_best(worlds: ti.template(), w, k, last, last_value):
     """The free node with the largest value by the base rule after node `last`, and its value; −1 where there is none.
 
@@ -134,7 +144,6 @@ def next_best(worlds: ti.template(), w, k, last, last_value):
 @ti.func
 def rollout(worlds: ti.template(), w, k):
     """The free node after which the most packets are expected."""
-    end = TIMES * worlds.rule_numbers[0]
     best = k % worlds.node.shape[1]  # where no node is free
     most = -1.0
     last = -1
@@ -144,9 +153,7 @@ def rollout(worlds: ti.template(), w, k):
         last = candidate
         last_value = value
         if candidate >= 0:
-            total = begin(worlds, w, k, end)
-            total += serve(worlds, w, k, k, candidate)
-            total += go_on(worlds, w, k, end)
+            total = future(worlds, w, k, candidate)
             if total > most:
                 best = candidate
                 most = total

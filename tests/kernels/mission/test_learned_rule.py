@@ -10,7 +10,7 @@ import torch
 from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
 from kernels.mission.target_rules import learned
 from kernels.mission.target_rules.learned import FEATURES, HIDDEN, Feature
-from tests.kernels.mission.test_target_rules import CALM, choices, run
+from tests.kernels.mission.test_target_rules import CALM, choices, rollout, run
 from usvauv_env import Scenario, ScenarioError, World
 
 CAPACITY, HOVER = 5000.0, 6.0
@@ -31,7 +31,7 @@ def scores(features, numbers):
     """(M,) by the formula of the module's head."""
     rows = np.asarray(numbers[1:]).reshape(HIDDEN, FEATURES + 2)
     hidden = np.maximum(features @ rows[:, :FEATURES].T + rows[:, FEATURES], 0.0)
-    return numbers[0] * features[:, Feature.value] + hidden @ rows[:, FEATURES + 1]
+    return numbers[0] * features[:, Feature.future] + hidden @ rows[:, FEATURES + 1]
 
 
 def seen(world, w, k, taken, state, now):
@@ -65,7 +65,6 @@ def seen(world, w, k, taken, state, now):
     duration = scenario.mission.duration
     features = np.zeros((len(rate), FEATURES))
     for name, column in {
-        "value": np.log(0.1 * backlog / (there + 2) * 100 + 1e-3),
         "travel": np.minimum(there / 100, 3),
         "backlog": backlog,
         "rate": np.minimum(rate / rates.mean(), 3),
@@ -98,7 +97,13 @@ def test_sees_and_scores(tmp_path, information):
             else:
                 taken |= {*np.flatnonzero(world.node[w, :, NodeColumn.owner].numpy() != k)}
             features, free = seen(world, w, k, taken, after, float(number))
-            work = world.rule_workspace.view(8, 3, -1)[w, k, learned.HEAD :].reshape(12, FEATURES + 1).numpy()
+            work = learned.decisions(world.rule_workspace, 12, 3)[w, k, learned.HEAD :]
+            work = work.reshape(12, FEATURES + 1).numpy()
+            if information == "full":
+                packets = rollout(scenario, after, w, k, learned.HORIZON)
+                features[:, Feature.future] = np.where(free, (packets - packets[free].max()) / CAPACITY, -1.0)
+            else:  # what is expected where less is known has tests of its own
+                features[:, Feature.future] = work[:, Feature.future]
             assert work[:, :FEATURES] == pytest.approx(features, abs=2e-3)
             assert (work[:, FEATURES] > 0).tolist() == free.tolist()
             score = np.where(free, scores(features, numbers), -np.inf)
@@ -110,9 +115,10 @@ def test_sees_and_scores(tmp_path, information):
     assert clear > 0.8 * checked > 30
 
 
-def test_untrained_is_the_rule_rate():
+def test_untrained_is_the_rule_rollout():
     scenario = Scenario.load("ideal", [*UNEQUAL, "nodes.information=visits"])
-    mine, other = (World(scenario, 8, seed=2, targets=name) for name in ("learned:untrained", "rate:2"))
+    names = "learned:untrained", f"rollout:{learned.HORIZON:g}"
+    mine, other = (World(scenario, 8, seed=2, targets=name) for name in names)
     for one, two in zip(choices(mine, 300), choices(other, 300), strict=True):
         assert one[:2] == two[:2]
         assert one[4] == two[4]
@@ -122,12 +128,13 @@ def test_untrained_is_the_rule_rate():
 def test_draws_follow_the_scores():
     """How often AUV 0's first node is the best one, and the lowest-numbered one, beside its probabilities."""
     world = World(Scenario.load("ideal", [*UNEQUAL]), 4000, seed=4, targets="learned:untrained")
-    world.rule_numbers[0] = 1.0
-    world.rule_numbers[1] = 0.7
+    world.rule_numbers[learned.EXPLORE] = 1.0
+    world.rule_numbers[learned.WEIGHTS] = 0.7
     world.reset()
-    work = world.rule_workspace.view(4000, 3, -1)[:, 0]
+    work = learned.decisions(world.rule_workspace, 12, 3)[:, 0]
     table = work[:, learned.HEAD :].reshape(4000, 12, FEATURES + 1).double()
-    probability = (0.7 * table[..., Feature.value]).softmax(-1)
+    scores = (0.7 * table[..., Feature.future]).masked_fill(table[..., FEATURES] == 0, -math.inf)
+    probability = scores.softmax(-1)
     chosen = work[:, learned.Decision.chosen].long()
     for wanted in (probability.argmax(-1), torch.zeros_like(chosen)):
         p = probability.gather(1, wanted[:, None])[:, 0]

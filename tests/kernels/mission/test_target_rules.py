@@ -85,8 +85,8 @@ def rate(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
     return np.minimum(seen.backlog[w] + seen.rate[w] * travel, CAPACITY) / (travel + 10)
 
 
-def rollout(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
-    """Every service within 270 s, of all AUVs, weighted by exp(−t/90 s), if AUV k went to each node next.
+def rollout(scenario: Scenario, seen: Seen, w: int, k: int, discount: float = 90.0) -> np.ndarray:
+    """Packets of all services within three times `discount`, times exp(−t/discount), if AUV k went to each node next.
 
     All of the 12 nodes are tried.
     """
@@ -110,7 +110,7 @@ def rollout(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
             taken = there(i, arrival)
             place[j], known[i] = seen.place[w, i], (0.0, arrival)
             free[j] = arrival + max(taken * PAYLOAD / CAPACITY / link, 1.0)
-            return taken * math.exp(-free[j] / 90)
+            return taken * math.exp(-free[j] / discount)
 
         for j in team:
             if j != k and seen.hover[w, j] > 0:
@@ -118,13 +118,13 @@ def rollout(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
             elif j != k:
                 total += serve(j, seen.target[w, j])
         total += serve(k, first)
-        while min(free) < 270:
+        while min(free) < 3 * discount:
             j = free.index(min(free))
             values = [there(i, free[j] + way(j, i)) / (way(j, i) + 10) for i in nodes]
             if max(values) > 0:
                 total += serve(j, values.index(max(values)))
             else:
-                free[j] = 270
+                free[j] = 3 * discount
         return total
 
     return np.array([after(first) for first in nodes])

@@ -1,0 +1,209 @@
+"""How much data a plan brings in that knows all rates and backlogs and is made for the whole mission beforehand.
+
+    python -m benchmarks.studies.clairvoyant --scenario survey
+
+For each world simulated annealing (Kirkpatrick, Gelatt and Vecchi, 1983, doi 10.1126/science.220.4598.671) looks for
+the order of nodes of each AUV that brings in the most data, in the kinematic model of the rule `rollout`: straight
+ways at one speed, expected arrivals. It begins with what `rollout` did there. The AUVs of the simulator then follow the
+plan, by a target rule that reads it, in still water, because a plan made beforehand cannot wait for who is late. The
+speed in the plan is the best of `SPEEDS` on other seeds. Annealing may miss the best plan, so that this is no bound in
+the strict sense. Intervals are 95 %, differences paired by world.
+"""
+
+import argparse
+
+import numba
+import numpy as np
+import taichi as ti
+
+import policies
+from benchmarks.machine import describe
+from benchmarks.studies.decisions import interval
+from kernels.mission.columns import AuvColumn, NodeColumn
+from kernels.mission.target_rules import TargetRule, target_rules
+from usvauv_env import Scenario, World
+from usvauv_env.record.collection import served
+from usvauv_env.record.metrics import episode_metrics
+from usvauv_env.record.recorder import record
+from usvauv_env.record.trace import Trace
+from usvauv_env.world.tables import reference_rate
+
+STOPS = 120  # nodes of an AUV in a plan
+MOVES = 400_000  # of the annealing, in each world
+HOT, COLD = 0.2, 0.002  # its first and last temperature, buffers
+SPEEDS = (1.3, 1.4, 1.5)  # m/s
+RULES = ("rollout:90", "tour")
+
+
+@ti.func
+def begin(worlds: ti.template(), w):
+    """Each AUV is at the beginning of its plan."""
+    for k in range(worlds.auv.shape[1]):
+        worlds.workspace[w, k * (STOPS + 1)] = 0.0
+
+
+@ti.func
+def following(worlds: ti.template(), w, k):
+    """The next node of the plan of AUV k."""
+    counter = k * (STOPS + 1)
+    stop = ti.cast(worlds.workspace[w, counter], ti.i32)
+    worlds.workspace[w, counter] = ti.cast(ti.min(stop + 1, STOPS - 1), ti.f32)
+    return ti.cast(worlds.workspace[w, counter + 1 + stop], ti.i32)
+
+
+target_rules.register("planned", TargetRule(following, prepare=begin, workspace=lambda _, auvs: auvs * (STOPS + 1)))
+
+
+@numba.njit(cache=True)
+def value(plan, start, nodes, rates, backlog, speed, radius, capacity, link, step, duration):
+    """Data of a plan (K, STOPS) in a world, packets; `link` in packets/s."""
+    auvs = len(start)
+    at, free, stop = start.copy(), np.zeros(auvs), np.zeros(auvs, np.int64)
+    held, since = backlog.copy(), np.zeros(len(nodes))
+    total = 0.0
+    while True:
+        first, arrival = -1, duration
+        for k in range(auvs):
+            if stop[k] < plan.shape[1]:
+                i = plan[k, stop[k]]
+                way = np.hypot(nodes[i, 0] - at[k, 0], nodes[i, 1] - at[k, 1])
+                there = free[k] + max(way - radius, 0.0) / speed
+                if there < arrival:
+                    first, arrival = k, there
+        if first < 0:
+            return total
+        i = plan[first, stop[first]]
+        taken = min(held[i] + rates[i] * (arrival - since[i]), capacity)
+        done = arrival + max(taken / link, step)
+        if done > duration:
+            stop[first] = plan.shape[1]
+            continue
+        total += taken
+        held[i], since[i] = 0.0, arrival
+        at[first], free[first] = nodes[i], done
+        stop[first] += 1
+
+
+@numba.njit(cache=True)
+def vary(plan, used, num_nodes):
+    """Change a plan at random among its first `used` stops: replace, exchange, reverse, move, exchange ends."""
+    auvs, stops = plan.shape
+    kind = np.random.randint(5)
+    a, b = np.random.randint(auvs), np.random.randint(auvs)
+    i, j = np.random.randint(used), np.random.randint(used)
+    if kind == 0:
+        plan[a, i] = np.random.randint(num_nodes)
+    elif kind == 1:
+        plan[a, i], plan[b, j] = plan[b, j], plan[a, i]
+    elif kind == 2:
+        low, high = min(i, j), max(i, j)
+        plan[a, low : high + 1] = plan[a, low : high + 1][::-1].copy()
+    elif kind == 3:
+        node = plan[a, i]
+        plan[a, i : stops - 1] = plan[a, i + 1 :].copy()
+        plan[b, j + 1 :] = plan[b, j : stops - 1].copy()
+        plan[b, j] = node
+    elif a != b:
+        end = min(stops - i, stops - j)
+        piece = plan[a, i : i + end].copy()
+        plan[a, i : i + end] = plan[b, j : j + end]
+        plan[b, j : j + end] = piece
+
+
+@numba.njit(cache=True)
+def anneal(plan, used, moves, seed, start, nodes, rates, backlog, speed, radius, capacity, link, step, duration):
+    """The best plan that was found, and its data, packets."""
+    np.random.seed(seed)
+    model = (start, nodes, rates, backlog, speed, radius, capacity, link, step, duration)
+    now = value(plan, *model)
+    best, most = plan.copy(), now
+    for move in range(moves):
+        heat = HOT * (COLD / HOT) ** (move / moves) * capacity
+        other = plan.copy()
+        vary(other, used, len(nodes))
+        then = value(other, *model)
+        if then > now or np.random.random() < np.exp((then - now) / heat):
+            plan, now = other, then
+            if now > most:
+                best, most = plan.copy(), now
+    return best, most
+
+
+def orders(trace: Trace) -> np.ndarray:
+    """The nodes that each AUV served, (W, K, STOPS), and then some at random."""
+    _, worlds, auvs = trace.target.shape
+    plans = np.random.default_rng(0).integers(trace.backlog.shape[2], size=(worlds, auvs, STOPS))
+    _, world, auv, node = served(trace)
+    for w in range(worlds):
+        for k in range(auvs):
+            stops = node[(world == w) & (auv == k)][:STOPS]
+            plans[w, k, : len(stops)] = stops
+    return plans
+
+
+def run(scenario: Scenario, rule: str, episodes: int, seed: int, plans: np.ndarray | None = None) -> Trace:
+    """Episodes with a target rule, of the rule `planned` by plans (W, K, STOPS)."""
+    world = World(scenario, episodes, seed, "centroid", rule)
+    if plans is not None:
+        world.rule_workspace.view(*plans.shape[:2], STOPS + 1)[..., 1:] = world.auv.new_tensor(plans)
+    return record(world, policies.acting("pace", world), "pace")
+
+
+def data(trace: Trace) -> np.ndarray:
+    """Delivered, (W,), Mbit."""
+    return np.array([row.delivered_mbit for row in episode_metrics(trace)])
+
+
+def planned(scenario: Scenario, first: Trace, speed: float, moves: int) -> tuple[np.ndarray, np.ndarray]:
+    """Plans (W, K, STOPS) for the worlds of a trace, and the data that the model expects, (W,), Mbit."""
+    world = World(scenario, first.backlog.shape[1], first.seed, "centroid", "tour")
+    world.reset()
+    start = world.auv[..., AuvColumn.span("x", "y")].numpy().astype(float)
+    node = world.node.numpy().astype(float)
+    buffer, payload = float(scenario.nodes.buffer), scenario.nodes.payload
+    link = reference_rate(scenario) * buffer / payload
+    plans, expected = orders(first), []
+    for w in range(len(plans)):
+        used = int((first.service_rate[:, w] > 0).sum(0).max()) + 4
+        plans[w], packets = anneal(
+            plans[w], used, moves, w, start[w], node[w][:, NodeColumn.span("x", "y")], node[w][:, NodeColumn.rate],
+            node[w][:, NodeColumn.backlog], speed, scenario.auv.hover_radius, buffer, link, scenario.mission.step,
+            scenario.mission.duration,
+        )  # fmt: skip
+        expected.append(packets * payload / buffer)
+    return plans, np.array(expected)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenario", default="survey")
+    parser.add_argument("--episodes", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=2026)
+    parser.add_argument("--moves", type=int, default=MOVES)
+    parser.add_argument("--tuning-episodes", type=int, default=16)
+    parser.add_argument("--tuning-seed", type=int, default=77)
+    arguments = parser.parse_args()
+    scenario = Scenario.load(arguments.scenario, ["nodes.information=full", "current.count=0", "sea.enabled=false"])
+    print(f"{describe()}; {arguments.episodes} paired episodes of {arguments.scenario}, seed {arguments.seed}")
+
+    def found(first: Trace, seed: int, speed: float) -> tuple[np.ndarray, np.ndarray]:
+        """Data that plans at a speed expect and bring in, (W,), Mbit."""
+        plans, expected = planned(scenario, first, speed, arguments.moves)
+        return expected, data(run(scenario, "planned", len(plans), seed, plans))
+
+    first = run(scenario, RULES[0], arguments.tuning_episodes, arguments.tuning_seed)
+    tried = {speed: found(first, arguments.tuning_seed, speed)[1].mean() for speed in SPEEDS}
+    print("speed of the plan, m/s, and Mbit on the other seed:", {key: round(mean, 1) for key, mean in tried.items()})
+    results = {rule: run(scenario, rule, arguments.episodes, arguments.seed) for rule in RULES}
+    expected, brought = found(results[RULES[0]], arguments.seed, max(tried, key=tried.__getitem__))
+    print("\n| | Mbit | less than the plan brought |\n| --- | --- | --- |")
+    for name, values in {
+        "plan, followed": brought,
+        "plan, as it expected": expected,
+        **{f"`{rule}`, all known": data(trace) for rule, trace in results.items()},
+    }.items():
+        print(f"| {name} | {interval(values)} | {interval(brought - values)} |")
+
+
+if __name__ == "__main__":
+    main()
