@@ -18,7 +18,7 @@ import taichi as ti
 
 import policies
 from benchmarks.machine import describe
-from benchmarks.studies.decisions import interval
+from benchmarks.studies.table import head, interval, line
 from kernels.mission.columns import AuvColumn, NodeColumn
 from kernels.mission.target_rules import TargetRule, target_rules
 from usvauv_env import Scenario, World
@@ -196,13 +196,14 @@ def main() -> None:
     print("speed of the plan, m/s, and Mbit on the other seed:", {key: round(mean, 1) for key, mean in tried.items()})
     results = {rule: run(scenario, rule, arguments.episodes, arguments.seed) for rule in RULES}
     expected, brought = found(results[RULES[0]], arguments.seed, max(tried, key=tried.__getitem__))
-    print("\n| | Mbit | less than the plan brought |\n| --- | --- | --- |")
+    print()
+    head(["", "Mbit", "less than the plan brought"])
     for name, values in {
         "plan, followed": brought,
         "plan, as it expected": expected,
         **{f"`{rule}`, all known": data(trace) for rule, trace in results.items()},
     }.items():
-        print(f"| {name} | {interval(values)} | {interval(brought - values)} |")
+        line([name, interval(values), interval(brought - values)])
 
 
 if __name__ == "__main__":

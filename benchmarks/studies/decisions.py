@@ -15,10 +15,9 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-
 import policies
 from benchmarks.machine import describe
+from benchmarks.studies.table import figure, head, interval, line
 from usvauv_env import EpisodeMetrics, Scenario, evaluate
 
 WIDE = ("nodes.count=60", "auv.count=4", "area.width=400", "area.length=400", "current.count=16")
@@ -54,28 +53,10 @@ def run(
     return evaluate(scenario, policies.named("pace"), episodes=episodes, seed=seed, usv="centroid", targets=rule)
 
 
-def figure(rows: Sequence[EpisodeMetrics], name: str) -> np.ndarray:
-    return np.array([row.columns()[name] for row in rows])
-
-
 def tuned(rule: str, changes: Sequence[str], episodes: int, seed: int, scenario: str = "extreme") -> str:
     """The rule with its best number."""
     names = [f"{rule}:{number:g}" for number in TUNED[rule]] or [rule]
     return max(names, key=lambda name: figure(run(name, changes, episodes, seed, scenario), "delivered_mbit").mean())
-
-
-def interval(values: np.ndarray, digits: int = 1) -> str:
-    values = values[np.isfinite(values)]
-    return f"{values.mean():.{digits}f} ± {1.96 * values.std(ddof=1) / np.sqrt(len(values)):.{digits}f}"
-
-
-def line(cells: Sequence[str]) -> None:
-    print("| " + " | ".join(cells) + " |", flush=True)
-
-
-def head(cells: Sequence[str]) -> None:
-    line(cells)
-    line(["---"] * len(cells))
 
 
 def settings(episodes: int, seed: int, tuning: tuple[int, int]) -> None:

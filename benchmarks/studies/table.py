@@ -1,0 +1,29 @@
+"""Markdown tables of figures with their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from usvauv_env import EpisodeMetrics
+
+
+def figure(rows: Sequence[EpisodeMetrics], name: str) -> np.ndarray:
+    """A figure of each episode."""
+    return np.array([row.columns()[name] for row in rows])
+
+
+def interval(values: np.ndarray, digits: int = 1) -> str:
+    """Mean and 95 % interval of the finite ones."""
+    values = values[np.isfinite(values)]
+    return f"{values.mean():.{digits}f} ± {1.96 * values.std(ddof=1) / np.sqrt(len(values)):.{digits}f}"
+
+
+def line(cells: Sequence[str]) -> None:
+    print("| " + " | ".join(cells) + " |", flush=True)
+
+
+def head(cells: Sequence[str]) -> None:
+    line(cells)
+    line(["---"] * len(cells))
