@@ -20,14 +20,15 @@ from torch import Tensor, nn
 
 from kernels.mission.columns import AuvColumn
 from kernels.mission.target_rules import learned
-from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, evaluate
+from policies.evaluation import EVALUATION_SEED_OFFSET, evaluate
 from policies.loading import acting
 from policies.nodes.network import TYPICAL, Scores, Value, split
 from usvauv_env import Scenario
 from usvauv_env.files import atomic_write
 from usvauv_env.world.world import World
 
-EVALUATE_EVERY = 5  # iterations
+EVALUATE_EVERY = 10  # iterations
+EVALUATION_EPISODES = 128  # with few of them the best of many evaluations is the luckiest
 
 Act = Callable[[Tensor], Tensor]
 

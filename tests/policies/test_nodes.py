@@ -180,7 +180,7 @@ class TestCommand:
     def test_writes_a_rule(self, run_usvauv, tmp_path):
         code, stdout, stderr = run_usvauv("train-targets", *self.SHORT, "--out", "rule.json")
         assert (code, stderr) == (0, "")
-        assert re.search(r"iteration 1 of 1: .* Mbit .*\(tour [\d.]+, rollout [\d.]+\)", stdout)
+        assert re.search(r"iteration 1 of 1: .* Mbit .*\(tour [\d.]+, rollout:40 [\d.]+, rollout:90 [\d.]+\)", stdout)
         content = json.loads((tmp_path / "rule.json").read_text())
         assert content["scenario"] == "ideal"
         assert content["settings"]["worlds"] == 2

@@ -21,7 +21,7 @@ from usvauv_cli.commands.options import (
     writable,
 )
 
-BASELINES = ("tour", "rollout")
+BASELINES = ("tour", "rollout:40", "rollout:90")
 
 
 def train_targets(
@@ -50,8 +50,8 @@ def train_targets(
     `usvauv eval survey --policy clear --targets learned:own.json --targets tour`
     """
     import policies
-    from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-    from policies.nodes import NodeConfig, NodeTrainer
+    from policies.evaluation import EVALUATION_SEED_OFFSET
+    from policies.nodes import EVALUATION_EPISODES, NodeConfig, NodeTrainer
     from policies.training.provenance import provenance
     from usvauv_env import Scenario, World
 
