@@ -2,8 +2,8 @@
 
 Schulman et al., 2017, arXiv 1707.06347, with generalised advantages (Schulman et al., 2016, arXiv 1506.02438). A
 decision lasts until the next one of any AUV in its world, so the process is semi-Markov (Bradtke and Duff, 1994,
-NeurIPS 7): what comes Δt later counts exp(−Δt/T) less. A decision earns the data of the service that it leads to, less
-a price of it. Counted when they are delivered, they would come after decisions of other AUVs that have no part in them.
+NeurIPS 7): what comes Δt later counts exp(−Δt/T) less. A decision earns the data of the service that it leads to.
+Counted when they are delivered, they would come after decisions of other AUVs that have no part in them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,6 @@ class NodeConfig:
         worlds: stepped together.
         seed: of the worlds, the initial weights and the order of decisions.
         horizon: T, s.
-        service_price: of a service, Mbit; without one AUVs shuttle between near nodes while they wait.
         trace: λ of the advantages.
         learning_rate: of Adam at first; it falls linearly to a twentieth.
         epochs: passes over the decisions of an iteration.
@@ -51,12 +50,11 @@ class NodeConfig:
         entropy: weight of the entropy at first; it falls linearly to nothing.
     """
 
-    iterations: int = 120
+    iterations: int = 100
     worlds: int = 128
     seed: int = 0
-    horizon: float = 300.0
-    service_price: float = 0.01
-    trace: float = 0.9
+    horizon: float = 600.0
+    trace: float = 0.95
     learning_rate: float = 1.5e-3
     epochs: int = 4
     batch: int = 2048
@@ -120,7 +118,7 @@ def advantages(decisions: Decisions, value: Tensor, config: NodeConfig) -> Tenso
     last = torch.ones_like(world, dtype=torch.bool)
     last[:-1] = world[1:] != world[:-1]
     discount = torch.where(last, 0.0, torch.exp(-(time.roll(-1) - time) / config.horizon))
-    errors = decisions.earned - config.service_price + discount * value.roll(-1) - value
+    errors = decisions.earned + discount * value.roll(-1) - value
     keep = discount * config.trace
     sums, result = 0.0, []
     for error, kept in zip(errors.flip(0).tolist(), keep.flip(0).tolist(), strict=True):

@@ -79,20 +79,20 @@ class TestAdvantages:
         )
 
     def test_one_step(self):
-        config = NodeConfig(trace=0.0, horizon=20.0, service_price=0.5)
+        config = NodeConfig(trace=0.0, horizon=20.0)
         value = torch.tensor([1.0, 3.0, 5.0, 7.0, 9.0])
         wanted = [
-            1 - 0.5 + math.exp(-0.5) * 3 - 1,
-            2 - 0.5 + 5 - 3,
-            4 - 0.5 - 5,
-            7.5 + math.exp(-1.5) * 9 - 7,
-            15.5 - 9,
+            1 + math.exp(-0.5) * 3 - 1,
+            2 + 5 - 3,
+            4 - 5,
+            8 + math.exp(-1.5) * 9 - 7,
+            16 - 9,
         ]
         assert advantages(self.decisions(), value, config).tolist() == pytest.approx(wanted)
 
     def test_whole_episodes(self):
         """With λ = 1 the values of later decisions cancel: what is left is what comes, less the value."""
-        config = NodeConfig(trace=1.0, horizon=20.0, service_price=0.0)
+        config = NodeConfig(trace=1.0, horizon=20.0)
         value = torch.tensor([1.0, 3.0, 5.0, 7.0, 9.0])
         wanted = [1 + math.exp(-0.5) * 6, 6, 4, 8 + math.exp(-1.5) * 16, 16]
         assert (advantages(self.decisions(), value, config) + value).tolist() == pytest.approx(wanted)

@@ -27,7 +27,7 @@ BASELINES = ("tour", "rollout:40", "rollout:90")
 def train_targets(
     scenario: ScenarioName = "survey",
     out: Annotated[Path, typer.Option(help="File of the learned rule, JSON.")] = Path("targets.json"),
-    iterations: Annotated[int, typer.Option(help="Episodes of all worlds to learn from.")] = 120,
+    iterations: Annotated[int, typer.Option(help="Episodes of all worlds to learn from.")] = 100,
     worlds: Annotated[int, typer.Option(help="Worlds stepped together.")] = 128,
     seed: Seed = 0,
     policy: Annotated[str | None, typer.Option(help="Who steers; default: the scenario's best heuristic.")] = None,

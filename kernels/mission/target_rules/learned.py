@@ -25,7 +25,7 @@ from kernels.mission.worlds import uniforms
 from kernels.types import Columns, vec2
 
 UNTRAINED = "untrained"  # the rule `rollout` with `HORIZON`
-START_GAIN = 20.0  # g
+START_GAIN = 60.0  # g; with less, what is drawn while it learns is far worse than the best
 HORIZON = 40.0  # T of the rollouts, s
 HIDDEN = 32
 LARGEST_WEIGHT = 1e3
