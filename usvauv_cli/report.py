@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -61,7 +62,8 @@ def _table(rows: Sequence[EpisodeMetrics], title: str, shown: Mapping[str, str])
         for name in shown:
             values = values_of(episodes, name)
             spread = statistics.stdev(values) if len(values) > 1 else 0.0
-            cells.append(f"{statistics.fmean(values):.2f} ± {spread:.2f}")
+            mean = statistics.fmean(values)
+            cells.append(f"{mean:.2f} ± {spread:.2f}" if math.isfinite(mean) else "–")  # no episode has it
         table.add_row(policy, usv, *([rule] if several else []), str(len(episodes)), *cells)
     Console(width=None if Console().is_terminal else 170).print(table)
 

@@ -117,6 +117,8 @@ def test_eval_pairs_worlds(tmp_path):
         cwd=tmp_path,
     )
     assert "±" in done.stdout
+    assert "–" in done.stdout  # J/Mbit of those without data
+    assert "nan" not in done.stdout
     with (tmp_path / "m.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert tuple(rows[0])[: len(COLUMNS)] == COLUMNS
