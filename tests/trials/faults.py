@@ -49,17 +49,12 @@ COMMANDS = {
         *("sea.fine_cells=32", "--out", "a.mp4", "--trace", "a.nc"),
     ],
     "train": ["train", *BEGIN, "--out", "run"],
+    "train-targets": [
+        *("train-targets", "ideal", "--policy", "straight", "--iterations", "20", "--worlds", "4", "--set"),
+        *("mission.duration=30", "--out", "a.json"),
+    ],
     "eval": [
-        "eval",
-        "ideal",
-        "--policy",
-        "straight",
-        "--episodes",
-        "3",
-        "--set",
-        "mission.duration=30",
-        "--out",
-        "a.csv",
+        *("eval", "ideal", "--policy", "straight", "--episodes", "3", "--set", "mission.duration=30", "--out", "a.csv")
     ],
     "plan": [*PLAN, "--out", "a.png", "--json", "a.json"],
     "plan to stdout": [*PLAN, "--json", "-"],
@@ -69,6 +64,7 @@ COMMANDS = {
     "export": ["export", "sac-ideal", "--onnx", "a.onnx"],
     "reproduce": ["reproduce", "fig3", "--quick", "--jobs", "2", "--out", "."],
     "scenarios": ["scenarios", "extreme"],
+    "doctor": ["doctor"],
 }
 FAULTS = ("disk", "limit", "call", "removed", "unwritable", "pipe", "stdout", "SIGINT", "SIGTERM")
 LONGEST = {"reproduce": 40.0}  # seconds after which a case without its fault is ended by SIGTERM; else it ends itself
