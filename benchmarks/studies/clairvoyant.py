@@ -7,7 +7,7 @@ everything. Between the first two lies what better estimates can bring.
 
 Then, in still water, plans for whole missions by simulated annealing (Kirkpatrick, Gelatt and Vecchi, 1983, doi
 10.1126/science.220.4598.671), which know all rates and backlogs: the order of nodes of each AUV that brings in the most
-data in the kinematic model of `rollout`, straight ways at one speed and expected arrivals. Annealing begins with what
+data in a kinematic model: straight ways at one speed, whole steps, expected arrivals. Annealing begins with what
 `rollout` did there. The AUVs of the simulator then follow the plan; in still water, because a plan made beforehand
 cannot wait for who is late. Its speed is the best of `SPEEDS` on other seeds. Annealing may miss the best plan, so that
 this is no bound in the strict sense. Intervals are 95 %, differences paired by world.
@@ -34,7 +34,7 @@ from usvauv_env.world.tables import reference_rate
 STOPS = 120  # nodes of an AUV in a plan
 MOVES = 400_000  # of the annealing, in each world
 HOT, COLD = 0.2, 0.002  # its first and last temperature, buffers
-SPEEDS = (1.3, 1.4, 1.5)  # m/s
+SPEEDS = (1.15, 1.2, 1.25)  # m/s
 HORIZONS = (40, 90)  # s, of `rollout`
 STILL = ("current.count=0", "sea.irregular_rms=0", "storm.spectrum=none")
 
@@ -89,14 +89,19 @@ def value(plan, start, nodes, rates, backlog, speed, radius, capacity, link, ste
         if first < 0:
             return total
         i = plan[first, stop[first]]
+        arrival = step * np.ceil(arrival / step)
         taken = min(held[i] + rates[i] * (arrival - since[i]), capacity)
-        done = arrival + max(taken / link, step)
+        done = arrival + step * max(np.ceil(taken / link / step), 1.0)
         if done > duration:
             stop[first] = plan.shape[1]
             continue
         total += taken
         held[i], since[i] = 0.0, arrival
-        at[first], free[first] = nodes[i], done
+        way = at[first] - nodes[i]
+        at[first] = nodes[i] + way * min(
+            radius / max(np.hypot(way[0], way[1]), 1e-9), 1.0
+        )  # it hovers where it comes in
+        free[first] = done
         stop[first] += 1
 
 

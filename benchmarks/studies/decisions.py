@@ -113,7 +113,7 @@ def cost(worlds: int, learned: Sequence[Path]) -> None:
     """Time of a decision in `survey`: of an episode of many worlds, less the same with `tour`, over its services."""
     head(["rule", "µs a decision", "share of `rollout:40`"])
     rules = ("tour", "rollout:40", "rollout:90", "rate", *(f"learned:{file}" for file in learned[:1]))
-    running = {rule: World("survey", worlds, 0, "centroid", rule) for rule in rules}
+    running = {rule: World(Scenario.load("survey"), worlds, 0, "centroid", rule) for rule in rules}
     best = dict.fromkeys(rules, math.inf)
     for _ in range(4):
         for rule, world in running.items():
