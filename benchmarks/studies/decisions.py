@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
-import time
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -20,9 +18,7 @@ from pathlib import Path
 import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
-from usvauv_env import EpisodeMetrics, Scenario, World, evaluate
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.recorder import record
+from usvauv_env import EpisodeMetrics, Scenario, evaluate
 
 WIDE = ("nodes.count=60", "auv.count=4", "area.width=400", "area.length=400", "current.count=16")
 WIDER = ("nodes.count=120", "auv.count=8", "area.width=600", "area.length=600", "current.count=36")
@@ -109,48 +105,26 @@ def survey(episodes: int, seed: int, tuning: tuple[int, int], learned: Sequence[
             line([f"`{shown}`", interval(data), interval(data - against), *others])
 
 
-def cost(worlds: int, learned: Sequence[Path]) -> None:
-    """Time of a decision in `survey`: of an episode of many worlds, less the same with `tour`, over its services."""
-    head(["rule", "µs a decision", "share of `rollout:40`"])
-    rules = ("tour", "rollout:40", "rollout:90", "rate", *(f"learned:{file}" for file in learned[:1]))
-    running = {rule: World(Scenario.load("survey"), worlds, 0, "centroid", rule) for rule in rules}
-    best = dict.fromkeys(rules, math.inf)
-    for _ in range(4):
-        for rule, world in running.items():
-            act = policies.acting("pace", world)
-            world.rewind()
-            begun = time.perf_counter()
-            services = sum(row.services for row in episode_metrics(record(world, act, "pace")))
-            best[rule] = min(best[rule], (time.perf_counter() - begun) / services)
-    for rule in rules[1:]:
-        extra = best[rule] - best["tour"]
-        line(
-            [f"`{rule.partition(':/')[0]}`", f"{1e6 * extra:.1f}", f"{extra / (best['rollout:40'] - best['tour']):.3f}"]
-        )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--tuning-episodes", type=int, default=30)
     parser.add_argument("--tuning-seed", type=int, default=77)
-    parser.add_argument("--part", choices=("settings", "knowledge", "survey", "cost"), action="append")
+    parser.add_argument("--part", choices=("settings", "knowledge", "survey"), action="append")
     parser.add_argument("--learned", type=Path, action="append", help="a file of `usvauv train-targets`")
     arguments = parser.parse_args()
     tuning = (arguments.tuning_episodes, arguments.tuning_seed)
     print(
         f"{describe()}; {arguments.episodes} paired episodes, seed {arguments.seed}; numbers tuned on seed {tuning[1]}"
     )
-    parts = arguments.part or ("settings", "knowledge", "survey", "cost")
+    parts = arguments.part or ("settings", "knowledge", "survey")
     if "settings" in parts:
         settings(arguments.episodes, arguments.seed, tuning)
     if "knowledge" in parts:
         knowledge(arguments.episodes, arguments.seed, tuning)
     if "survey" in parts:
         survey(arguments.episodes, arguments.seed, tuning, arguments.learned or [])
-    if "cost" in parts:
-        cost(256, arguments.learned or [])
 
 
 if __name__ == "__main__":
