@@ -325,6 +325,12 @@ class TestMap:
         assert first == pytest.approx(other, abs=3)
         assert fresh < 0.7 * first < 0.7 * old
 
+    def test_rings_of_stations_stay_as_they_are(self):
+        trace = replace(
+            synthetic_trace(steps=400, auvs=1, nodes=1, sea=False), scenario=Scenario.load("station-keeping")
+        )
+        assert (Painter(trace, (640, 360)).map._age == 0).all()
+
     def test_line_leads_to_the_next_nodes_and_no_further(self):
         steps, nodes = (
             12,

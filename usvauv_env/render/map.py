@@ -54,7 +54,8 @@ class MissionMap:
         self._auvs = self.view.pixel(trace.auv_position[:, 0])
         self._nodes = self.view.pixel(trace.node_position[0])
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
-        self._age = age(trace)[:, 0] / OLD
+        # Stations have no data that could be old.
+        self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
         spacing = np.sqrt(layout.map.width * layout.map.height / len(self._nodes))
         self._node_radius = float(np.clip(spacing / 7, 3.0 * layout.unit, 9.5 * layout.unit))
         self._gauges = symbols.NodeGauges(self._node_radius)
