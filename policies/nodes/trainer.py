@@ -12,6 +12,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -166,12 +167,12 @@ class NodeTrainer:
             steering: policy of the AUVs, as `policies.load` takes it.
             config, usv, arch: settings, boat and architecture.
         """
-        seeds = config.seed, config.seed + EVALUATION_SEED_OFFSET
-        counts = config.worlds, EVALUATION_EPISODES
         rule = f"learned:{learned.UNTRAINED}"
-        self.world, self._evaluation = (
-            World(scenario, count, seed, usv, rule, arch=arch) for count, seed in zip(counts, seeds, strict=True)
+        self.world = World(scenario, config.worlds, config.seed, usv, rule, arch=arch)
+        self._evaluated_in = partial(
+            World, scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch
         )
+        self._evaluation = self._evaluated_in(targets=rule)
         self.config, self._steering, self._act = config, steering, acting(steering, self.world)
         torch.manual_seed(config.seed)
         device = self.world.device
@@ -197,6 +198,10 @@ class NodeTrainer:
         """Mean data of the evaluation's worlds, the same in every call, Mbit."""
         self._evaluation.rule_numbers[:] = self._numbers(explore=False)
         return evaluate(self._evaluation, self._steering)["delivered_mbit"]
+
+    def evaluate_rule(self, rule: str) -> float:
+        """The same of another target rule, Mbit."""
+        return evaluate(self._evaluated_in(targets=rule), self._steering)["delivered_mbit"]
 
     def _numbers(self, explore: bool) -> Tensor:
         return torch.tensor([learned.HORIZON, float(explore), *self.scores.weights()], device=self.world.device)

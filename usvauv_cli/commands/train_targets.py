@@ -50,24 +50,18 @@ def train_targets(
     `usvauv eval survey --policy clear --targets learned:own.json --targets tour`
     """
     import policies
-    from policies.evaluation import EVALUATION_SEED_OFFSET
-    from policies.nodes import EVALUATION_EPISODES, NodeConfig, NodeTrainer
+    from policies.nodes import NodeConfig, NodeTrainer
     from policies.training.provenance import provenance
-    from usvauv_env import Scenario, World
+    from usvauv_env import Scenario
 
     at_least("--iterations", iterations, 1)
     at_least("--worlds", worlds, 1)
     writable(out)
     setting = Scenario.load(scenario, overrides or ())
     steering = policy or policies.default(setting)
-
-    def evaluated(rule: str) -> float:
-        other = World(setting, EVALUATION_EPISODES, seed + EVALUATION_SEED_OFFSET, usv, rule, arch=arch)
-        return policies.evaluate(other, steering)["delivered_mbit"]
-
     trainer = NodeTrainer(setting, steering, NodeConfig(iterations, worlds, seed), usv, arch)
     about = {"scenario": setting.name, "information": setting.nodes.information, "policy": steering, **provenance({})}
-    against = ", ".join(f"{rule} {evaluated(rule):.1f}" for rule in BASELINES)
+    against = ", ".join(f"{rule} {trainer.evaluate_rule(rule):.1f}" for rule in BASELINES)
     begun = time.monotonic()
     try:
         for result in trainer.train(out, about):
