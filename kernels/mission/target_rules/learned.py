@@ -91,7 +91,7 @@ def read_weights(text: str) -> tuple[float, ...]:
 def decision(worlds: ti.template(), k):
     """Place in the workspace of the decision of AUV k, after the numbers of the rollouts."""
     size = HEAD + worlds.node.shape[1] * (FEATURES + 1)
-    return rollout.memory(worlds, worlds.auv.shape[1], 0) + k * size
+    return rollout.expected(worlds, worlds.node.shape[1]) + k * size
 
 
 @ti.func
@@ -188,25 +188,15 @@ def see_around(worlds: ti.template(), w, k):
 def see_future(worlds: ti.template(), w, k):
     """Write what `rollout` expects of its candidates; only these are free from now on."""
     work = ti.static(worlds.workspace)
-    buffer = worlds.p[Parameter.buffer]
+    best = rollout.try_candidates(worlds, w, k)
     for i in range(worlds.node.shape[1]):
+        total = work[w, rollout.expected(worlds, i)]
+        tried = total >= 0.0
         work[w, place(worlds, k, i, Feature.future)] = -1.0
-        work[w, place(worlds, k, i, FEATURES)] = 0.0
-    last = -1
-    last_value = 1e30
-    most = 0.0
-    for _ in range(rollout.CANDIDATES):
-        candidate, value = rollout.next_best(worlds, w, k, last, last_value)
-        last = candidate
-        last_value = value
-        if candidate >= 0:
-            total = rollout.future(worlds, w, k, candidate) / buffer
-            most = ti.max(most, total)
-            work[w, place(worlds, k, candidate, Feature.future)] = total
-            work[w, place(worlds, k, candidate, FEATURES)] = 1.0
-    for i in range(worlds.node.shape[1]):
-        if work[w, place(worlds, k, i, FEATURES)] > 0.0:
-            work[w, place(worlds, k, i, Feature.future)] -= most
+        if tried:
+            most = work[w, rollout.expected(worlds, best)]
+            work[w, place(worlds, k, i, Feature.future)] = (total - most) / worlds.p[Parameter.buffer]
+        work[w, place(worlds, k, i, FEATURES)] = ti.cast(tried, ti.f32)
 
 
 @ti.func

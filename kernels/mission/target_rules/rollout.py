@@ -142,9 +142,17 @@ def next_best(worlds: ti.template(), w, k, last, last_value):
 
 
 @ti.func
-def rollout(worlds: ti.template(), w, k):
-    """The free node after which the most packets are expected."""
-    best = k % worlds.node.shape[1]  # where no node is free
+def expected(worlds: ti.template(), i):
+    """Place in the workspace of what is expected after node i, packets; −1 where it is no candidate."""
+    return memory(worlds, worlds.auv.shape[1], 0) + i
+
+
+@ti.func
+def try_candidates(worlds: ti.template(), w, k):
+    """Write what is `expected` after each candidate; returns the best of them, −1 where no node is free."""
+    for i in range(worlds.node.shape[1]):
+        worlds.workspace[w, expected(worlds, i)] = -1.0
+    best = -1
     most = -1.0
     last = -1
     last_value = 1e30
@@ -154,15 +162,25 @@ def rollout(worlds: ti.template(), w, k):
         last_value = value
         if candidate >= 0:
             total = future(worlds, w, k, candidate)
+            worlds.workspace[w, expected(worlds, candidate)] = total
             if total > most:
                 best = candidate
                 most = total
     return best
 
 
+@ti.func
+def rollout(worlds: ti.template(), w, k):
+    """The free node after which the most packets are expected."""
+    best = try_candidates(worlds, w, k)
+    if best < 0:
+        best = k % worlds.node.shape[1]
+    return best
+
+
 def workspace(num_nodes: int, num_auvs: int) -> int:
-    """When each node is emptied, and the numbers of each AUV."""
-    return num_nodes + NUMBERS * num_auvs
+    """When each node is emptied, the numbers of each AUV, and what is expected after each node."""
+    return num_nodes + NUMBERS * num_auvs + num_nodes
 
 
 ROLLOUT = TargetRule(rollout, arguments=(("HORIZON", 90.0),), workspace=workspace)
