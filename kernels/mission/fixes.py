@@ -109,7 +109,7 @@ def measure(worlds: ti.template(), offset: vec3, elevation, attitude: ArrayAttit
     length = 1.0
     flags = 0
     if ti.static(refraction != Refraction.none):
-        ray = rays.refracted(layers, -elevation, offset, c)
+        ray = rays.refracted(layers, -elevation, -elevation, offset, c)
         direction = ray.direction
         path = ray.slant_range
         if ray.exists == 0:
@@ -120,8 +120,8 @@ def measure(worlds: ti.template(), offset: vec3, elevation, attitude: ArrayAttit
     bearing = receive(worlds, arrival, attitude.measured, draw, k)
     found = bearing.slant_range * bearing.direction
     if ti.static(refraction == Refraction.corrected):
-        horizontal = vec2(bearing.direction[0], bearing.direction[1])
-        found = rays.follow(layers, -elevation, horizontal, bearing.slant_range, c)
+        below = vec3(bearing.direction[0], bearing.direction[1], -1.0)
+        found = rays.follow(layers, -elevation, below, bearing.slant_range, c)
     if flags == 0:
         flags = bearing.flags
     return vec4(found[0], found[1], found[2], ti.cast(flags, ti.f32))

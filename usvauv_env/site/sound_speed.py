@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kernels.errors import UserError
-from kernels.positioning import rays
+from kernels.positioning.layered_water import layer_table
 
 SLOWEST, FASTEST = 1300.0, 1700.0  # m/s
 DEEPEST = 11000.0  # m
@@ -166,8 +166,8 @@ class SoundSpeedProfile:
         return SoundSpeedProfile(depths, speeds + np.linalg.lstsq(hats, missed, rcond=None)[0])
 
     def layers(self) -> np.ndarray:
-        """The profile for `kernels.positioning.rays`, (N + 2, rays.COLUMNS) float32."""
-        return rays.layer_table(self.depths, self.speeds)
+        """The profile for `kernels.positioning.rays`, (N + 2, layered_water.COLUMNS) float32."""
+        return layer_table(self.depths, self.speeds)
 
 
 def _columns(rows: Sequence[Sequence[float]], names: str) -> np.ndarray:
