@@ -120,7 +120,7 @@ def measure(worlds: ti.template(), offset: vec3, elevation, attitude: ArrayAttit
     bearing = receive(worlds, arrival, attitude.measured, draw, k)
     found = bearing.slant_range * bearing.direction
     if ti.static(refraction == Refraction.corrected):
-        below = vec3(bearing.direction[0], bearing.direction[1], -1.0)
+        below = vec3(bearing.direction[0], bearing.direction[1], -1.0)  # whence all sound comes to the surface
         found = rays.follow(layers, -elevation, below, bearing.slant_range, c)
     if flags == 0:
         flags = bearing.flags

@@ -1,8 +1,8 @@
 """Water in layers in which the speed of sound is linear in depth: the table of layers, and arcs of rays in one layer.
 
-Along a ray Snell's law keeps the horizontal slowness ξ = sin θ/c, θ from the vertical. In a layer of gradient g the ray is
-an arc of a circle. Where it crosses a thickness h in which the speed changes by g h = c₂ − c₁, with
-wᵢ = cos θᵢ = √(1 − ξ²cᵢ²) at its sides,
+Along a ray Snell's law keeps the horizontal slowness ξ = sin θ/c, θ from the vertical. In a layer of gradient g the
+ray is an arc of a circle. Where it crosses a thickness h in which the speed changes by g h = c₂ − c₁, with the
+cosines wᵢ = √(1 − ξ²cᵢ²) at its sides,
 
     r = (w₁ − w₂)/(ξ g) = ξ h (c₁ + c₂)/(w₁ + w₂),
     τ = (artanh w₁ − artanh w₂)/g = h Q artanh(q)/q,

@@ -1,16 +1,16 @@
 """Sound rays between an array and a source, through layers in which the speed of sound is linear in depth.
 
-Direct ray between two depths at the horizontal range R. With t = tan θ at the fastest depth between them, where c = c_m,
+Direct ray between two depths at the horizontal range R. With t = tan θ at the fastest depth between them, of speed c_m,
 every cosine is w = A/√(1 + t²), A = √(1 + k t²), k = 1 − c²/c_m² ≥ 0, and
 
     r(t) = t Σ h (c₁ + c₂)/(c_m (A₁ + A₂)),   dr/dt = Σ h (c₁ + c₂)/(c_m A₁ A₂ (A₁ + A₂)).
 
 r(t) increases and is concave, so Newton's method from any point left of the root converges to it without overshoot.
-t = R/(vertical distance), the straight line's, is left of the root. Beyond the range of the ray that is horizontal at the
-fastest depth `kernels.positioning.turning_rays` looks for a ray that turns.
+t = R/(vertical distance), the straight line's, is left of the root. Beyond the range of the ray that is horizontal at
+the fastest depth `kernels.positioning.turning_rays` looks for a ray that turns.
 
-Source: Fang and Chen, "A fast and robust two-point ray tracing method in layered media with constant or linearly varying
-layer velocity", Geophysical Prospecting 67 (2019), for t as the unknown.
+Source: Fang and Chen, "A fast and robust two-point ray tracing method in layered media with constant or linearly
+varying layer velocity", Geophysical Prospecting 67 (2019), for t as the unknown.
 """
 # pyright: reportAttributeAccessIssue=false
 # (the members of Taichi's structs exist only while a kernel is compiled)
@@ -156,16 +156,16 @@ def refracted(layers: ti.template(), depth: ti.f32, surface: ti.f32, offset: vec
 
 @ti.func
 def follow(layers: ti.template(), depth: ti.f32, direction: vec3, slant_range: ti.f32, c: ti.f32) -> vec3:
-    """Offset (m) from array to source, by tracing the ray back through all its turning points: the inverse of `refracted`.
+    """Offset (m) from array to source, by tracing the ray back, through turning points as well: inverts `refracted`.
 
-    An array in a plane measures the horizontal slowness and the travel time, but not whether the ray comes from below or
-    from above; that is taken from the sign of the vertical part of the direction. The travel time alone says how far
-    along the ray the source is, before or beyond a turning point.
+    An array in a plane measures the horizontal slowness and the travel time, but not whether the ray comes from below
+    or from above; that is taken from the sign of the vertical part of the direction. The travel time alone says how
+    far along the ray the source is, before or beyond a turning point.
 
     Args:
         layers, depth, c: as in `refracted`.
-        direction: of the arrival. Its horizontal part is c times the slowness, shortened to that of a horizontal arrival if
-            it is longer; of its vertical part only the sign counts, and 0 is from below.
+        direction: of the arrival. Its horizontal part is c times the slowness, shortened to that of a horizontal
+            arrival if it is longer; of its vertical part only the sign counts, and 0 is from below.
         slant_range: c τ, m.
     """
     i = layer_at(layers, depth)
@@ -175,6 +175,7 @@ def follow(layers: ti.template(), depth: ti.f32, direction: vec3, slant_range: t
     xi = ti.min(measured / c, 1.0 / (REFERENCE + e1))
     s1 = xi * (REFERENCE + e1)
     ww = ti.max((1.0 - s1) * (1.0 + s1), LEAST)
+    w1 = ti.sqrt(ww)
     way = 1
     if direction[2] > 0.0:
         way = -1
@@ -187,11 +188,11 @@ def follow(layers: ti.template(), depth: ti.f32, direction: vec3, slant_range: t
         edge = i + (way + 1) // 2
         e2 = layers[edge, EXCESS]
         g = layers[i, GRADIENT] * way
-        w1 = ti.sqrt(ww)
         beyond = ww - xi * xi * (e2 - e1) * (2.0 * REFERENCE + e2 + e1)
         turns = beyond <= 0.0 and g > 0.0
         tau = 0.0
         reach = 0.0
+        w2 = 0.0
         if turns:
             tau = 2.0 * w1 * artanh_ratio(w1) / g
             reach = 2.0 * w1 / (xi * g)
@@ -215,6 +216,7 @@ def follow(layers: ti.template(), depth: ti.f32, direction: vec3, slant_range: t
                 z = layers[edge, DEPTH]
                 e1 = e2
                 ww = beyond
+                w1 = w2
                 i = ti.min(ti.max(i + way, 0), layers.shape[0] - 2)
     to_metres = r / ti.max(measured, 1e-9)
     return vec3(to_metres * across[0], to_metres * across[1], depth - z)

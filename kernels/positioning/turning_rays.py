@@ -5,13 +5,13 @@ With the speed c_t = 1/ξ at the turning point and A(c) = √(c_t² − c²) = c
     ρ = A_b/|g| + Σ h (c₁ + c₂)/(A₁ + A₂)
 
 to its range: half of the turning arc in its layer, of gradient g, that begins at the depth b, and the layers crossed
-between b and the end. c_t exceeds the fastest speed M on the way to b by x², x being the unknown: all A² = (M − c + x²)(c_t + c)
-are sums of positive numbers, and the range is smooth in x up to x = 0.
+between b and the end. c_t exceeds the fastest speed M on the way to b by x², x being the unknown: in all
+A² = (M − c + x²)(c_t + c) only positive numbers are added, and the range is smooth in x up to x = 0.
 
-The first term grows with x, the sum falls, so their sum need not be monotone. Between x₁ and x₂, however, it lies between
-arc(x₁) + Σ(x₂) and arc(x₂) + Σ(x₁). Intervals that cannot hold the range are skipped, others are halved (in log x) until the
-range is bracketed in one of ratio WIDE, or until one of ratio FINE brackets nothing: such an interval can hold only a pair of rays
-of nearly the same path, at ranges within 10⁻⁴ of a caustic.
+The first term grows with x, the sum falls, so their sum need not be monotone. Between x₁ and x₂, however, it lies
+between arc(x₁) + Σ(x₂) and arc(x₂) + Σ(x₁). Intervals that cannot hold the range are skipped, others are halved (in
+log x) until the range is bracketed in one of ratio WIDE, or until one of ratio FINE brackets nothing: such an
+interval can hold only a pair of rays of nearly the same path, whose range is within about 10⁻⁴ of a caustic's.
 
 A direct ray that is horizontal to within 1e-5 where it is fastest is found in the same way, without an arc.
 """
@@ -189,8 +189,8 @@ def turning_ray(
 ) -> Ray:
     """The ray between two depths (m), the deeper one second, at a range R (m) that no steeper direct ray reaches.
 
-    A direct ray comes first, then that of least travel time of those with one turning point: above both ends, but not above
-    the depth `surface` (m), or below both; below the last depth of the table none turns.
+    A direct ray comes first, then that of least travel time of those with one turning point: above both ends, but not
+    above the depth `surface` (m), or below both; below the last depth of the table none turns.
 
     Args:
         fastest: speed between the ends, minus REFERENCE, m/s.
@@ -212,7 +212,7 @@ def turning_ray(
             step = -1
         while i * step < end * step and not direct:
             base = deep
-            limit = fastest + FLAT * FLAT
+            limit = fastest
             radius = 0.0
             if way == BELOW:
                 base = ti.max(layers[i, DEPTH], deep)

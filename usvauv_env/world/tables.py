@@ -21,7 +21,6 @@ from usvauv_env.world.current_statistics import current_model
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
-LAYER_TOLERANCE = 0.5  # m/s, see `SoundSpeedProfile.thinned`
 
 
 def noise_law(scenario: Scenario) -> NoiseLaw:
@@ -60,9 +59,11 @@ def reference_rate(scenario: Scenario) -> float:
 
 
 def sound_layers(site: Site) -> np.ndarray:
-    """The speed of sound for `kernels.positioning.rays`, (N, rays.COLUMNS)."""
-    profile = site.sound_speed or SoundSpeedProfile.constant(site.scenario.acoustics.sound_speed)
-    return profile.thinned(LAYER_TOLERANCE).layers()
+    """The speed of sound for `kernels.positioning.rays`, (N, layered_water.COLUMNS)."""
+    s = site.scenario
+    profile = site.sound_speed or SoundSpeedProfile.constant(s.acoustics.sound_speed)
+    trough = min(s.storm.significant_height, 0.5 * s.auv.depth)
+    return profile.thinned((0.0, 0.5 * trough, trough), s.auv.depth, s.area.diagonal, site.mean_depth).layers()
 
 
 def sound_speed(site: Site) -> float:

@@ -4,9 +4,9 @@ With the horizontal slowness ξ, which a range-independent medium keeps, and the
 
     dr/ds = c ξ,  dz/ds = c ζ,  dξ/ds = 0,  dζ/ds = −c'/c²,  dτ/ds = 1/c
 
-(Jensen, Kuperman, Porter, Schmidt, "Computational Ocean Acoustics" (2011), eqs 3.23, 3.24 and 3.27). Runge and Kutta's
-fourth-order steps end on the interfaces of the medium, where c' jumps. Eigenrays are found by shooting: brackets in the fan
-of launch angles are fanned out again. Nothing of `kernels.positioning` is used.
+(Jensen, Kuperman, Porter, Schmidt, "Computational Ocean Acoustics" (2011), chapter 3). Runge and Kutta's fourth-order
+steps end on the interfaces of the medium, where c' jumps. Eigenrays are found by shooting: brackets in the fan of
+launch angles are fanned out again. Nothing of `kernels.positioning` is used.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ LANDING = 1e-10  # of a step, how near to an interface it ends
 
 
 class Medium(NamedTuple):
-    """Speed of sound: `speed` and its derivative as functions of depth (n,) and layer (n,); interfaces between layers."""
+    """Speed of sound and its derivative as functions of depth (n,) and layer (n,); depths between the layers."""
 
     speed: Callable[[np.ndarray, np.ndarray], np.ndarray]
     gradient: Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -29,7 +29,7 @@ class Medium(NamedTuple):
 
 
 class Eigenray(NamedTuple):
-    """A ray from the array to the source: ξ, cosines with the downward vertical at both, travel time, turning points."""
+    """A ray from array to source: ξ, cosines with the downward vertical at both, travel time, number of turns."""
 
     slowness: float
     at_array: float
@@ -69,7 +69,8 @@ def step(medium: Medium, state: np.ndarray, xi: np.ndarray, layer: np.ndarray, h
 def crossings(medium: Medium, array: float, source: float, angles: np.ndarray, reach: float, h: float) -> np.ndarray:
     """Range, travel time and ζ (turns 0 and 1, 3, n) where rays leave an array at angles and meet the source's depth.
 
-    The range is infinite for a ray that has not met it, and may yet, at the range `reach`, and NaN for one that does not.
+    The range is infinite for a ray that has not met it, and may yet, at the range `reach`, and NaN for one that does
+    not.
 
     Args:
         angles: from the horizontal, down positive, rad. reach: range at which rays end, m. h: arc length of a step, m.
@@ -120,8 +121,7 @@ def eigenrays(medium: Medium, array: float, source: float, R: float, h: float, s
     Args:
         h: step, m. steepest: angle from the horizontal up to which rays are sent, rad.
     """
-    layers = np.searchsorted(medium.interfaces, [array, array], "right") - [0, 1]
-    at_array = medium.speed(np.array([array, array]), layers)
+    at_array = medium.speed(np.array([array]), np.searchsorted(medium.interfaces, [array], "right"))[0]
     share = np.linspace(-1, 1, FAN)
     brackets = [steepest * np.sign(share) * share**2]  # denser towards the horizontal
     for refinement in range(REFINEMENTS + 1):
@@ -144,6 +144,6 @@ def eigenrays(medium: Medium, array: float, source: float, R: float, h: float, s
             t = first / (first - second)
             _, time, zeta = (1 - t) * found[n, :, j, k] + t * found[n, :, j, k + 1]
             angle = (1 - t) * angles[j, k] + t * angles[j, k + 1]
-            xi = np.cos(angle) / at_array[int(angle < 0)]
+            xi = np.cos(angle) / at_array
             rays.append(Eigenray(xi, np.sin(angle), zeta / np.hypot(zeta, xi), time, n))
     return sorted(rays, key=lambda ray: ray.time)

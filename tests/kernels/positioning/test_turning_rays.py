@@ -17,6 +17,7 @@ SURFACE_DUCT = SoundSpeedProfile.from_table([(0, 1500.0), (40, 1504.0), (60, 148
 STEPS = SoundSpeedProfile.from_table(
     [(0, 1470.0), (10, 1474.0), (20, 1471.0), (60, 1478.0), (70, 1476.0), (90, 1485.0), (160, 1495.0), (300, 1497.0)]
 )
+CAUSTIC = SoundSpeedProfile.from_table([(0, 1500.0), (44, 1478.3), (157, 1498.9), (363, 1498.6), (1500, 1520.0)])
 BELOW, ABOVE = 1, -1
 CASES = [  # profile, depths of array and source, range, and where the ray turns
     (UPWARD, 0.0, 30.0, 500.0, BELOW),
@@ -27,6 +28,7 @@ CASES = [  # profile, depths of array and source, range, and where the ray turns
     (THERMOCLINE, 45.0, 100.0, 800.0, ABOVE),
     (STEPS, 3.0, 100.0, 2500.0, BELOW),  # the first of three
     (STEPS, 0.0, 30.0, 2500.0, BELOW),
+    (CAUSTIC, 5.0, 100.0, 2682.0, BELOW),  # the steeper, first by 7 mm, of two that turn in one layer
 ]
 SHADOWS = [(THERMOCLINE, 0.0, 30.0, 4000.0), (THERMOCLINE, 45.0, 100.0, 850.0), (SURFACE_DUCT, 0.0, 30.0, 2500.0)]
 
@@ -60,7 +62,7 @@ class TestTracer:
 class TestEigenray:
     @pytest.mark.parametrize("case", CASES)
     def test_the_first_arrival_of_an_independent_tracer(self, device, case):
-        """Travel time to 2 mm of path and cosines to 1e-7: rounding of single precision; the tracer's own error is 0.1 mm."""
+        """Travel times within 2 mm of path, cosines within 2e-7: single precision. The tracer is better than 0.1 mm."""
         profile, array, source, R, turns = case
         medium = ray_tracer.layered(profile.depths, profile.speeds, source)
         expected = ray_tracer.eigenrays(medium, array, source, R, 20.0)[0]
@@ -82,16 +84,15 @@ class TestEigenray:
 
     def test_one_gradient_in_closed_form(self, device):
         """arcosh(1 + g² d²/(2 c₁ c₂))/|g|, before, at and beyond the range at which the ray is horizontal."""
-        for top, bottom in ((1400.0, 1600.0), (1600.0, 1400.0)):
+        for top, bottom in ((1400.0, 1600.0), (1600.0, 1400.0), (1490.0, 1496.6)):
             profile = SoundSpeedProfile.from_table([(0, top), (400, bottom)])
+            g = (bottom - top) / 400
             c = np.array([profile.at(150), profile.at(250)])
-
-            horizontal = math.sqrt(abs(c[1] ** 2 - c[0] ** 2)) / 0.5
-
-            R = horizontal * np.array([0.3, 0.99, 0.999999, 1.0, 1.000001, 1.001, 1.1, 1.5])
+            horizontal = math.sqrt(abs(c[1] ** 2 - c[0] ** 2)) / abs(g)
+            R = horizontal * np.array([0.3, 0.99, 0.9999, 1.0, 1.0001, 1.001, 1.1, 1.4])
             found = eigenrays(profile, np.stack([0 * R + 150, 0 * R + 250, R], axis=1), device)
             assert found[:, 4].all()
-            time = np.arccosh(1 + 0.25 * (100**2 + R**2) / (2 * c[0] * c[1])) / 0.5
+            time = np.arccosh(1 + g**2 * (100**2 + R**2) / (2 * c[0] * c[1])) / abs(g)
             assert found[:, 3] == pytest.approx(time, rel=6e-7)
             turned = found[:, 2] if bottom > top else found[:, 1]
             assert (turned[[0, 1]] > 0).all()
@@ -106,9 +107,7 @@ class TestEigenray:
         errors = []
         for count in (25, 50, 100):
             z = np.linspace(0, 5000, count + 1)
-            found = eigenrays(
-                SoundSpeedProfile.from_table(np.column_stack([z, munk(z)[0]])), [(array, source, R)], device
-            )
+            found = eigenrays(SoundSpeedProfile(z, munk(z)[0]), [(array, source, R)], device)
             errors.append([found[0, 3] / exact.time - 1, found[0, 1] / exact.at_array - 1])
         errors = np.abs(errors)
         assert errors[-1, 0] < 5e-6
@@ -127,7 +126,8 @@ class TestEigenray:
         R = np.linspace(380, 420, 4001)
         xi, _, lower, time, exists = eigenrays(UPWARD, np.stack([0 * R, 0 * R + 35, R], axis=1), device).T
         assert exists.all()
-        assert (lower > 0).any() and (lower < 0).any()
+        assert (lower > 0).any()
+        assert (lower < 0).any()
         assert 1500 * (np.diff(time) - 0.5 * (xi[1:] + xi[:-1]) * np.diff(R)) == pytest.approx(0, abs=5e-4)
 
 
@@ -155,7 +155,7 @@ class TestFix:
         assert (np.abs(error).max(axis=1) < 0.01 + moved)[exists].all()
 
     def test_there_and_back_in_one_gradient(self, device):
-        """Where no layer ends at the turning point the fix is within 1 cm at all ranges, most of its rays having turned."""
+        """Where no layer ends near the turning point the fix is within 1 cm at all ranges; most rays have turned."""
         random = np.random.default_rng(1)
         R = random.uniform(50, 3000, 4000)
         depth, source = random.uniform(-5, 5, 4000), random.uniform(20, 150, 4000)
