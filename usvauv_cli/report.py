@@ -35,7 +35,7 @@ OF_TASK = {
     "jain": "Jain's index",
     "joule_per_mbit": "J/Mbit",
 }
-FIXES = {"fix_availability": "fixes", "outage_longest": "outage s"}
+FIXES = {"fix_availability": "fixes", "fix_dropped": "dropped", "outage_longest": "outage s"}
 
 
 def metrics_tables(rows: Sequence[EpisodeMetrics]) -> None:

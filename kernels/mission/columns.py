@@ -29,6 +29,7 @@ class Parameter(Columns):
     current_variance: int
     correlation_time: int
     current_reading: int
+    auv_speed: int  # greatest over ground, m/s
     horizon: int
     cruise: int
     separation_node: int
@@ -101,6 +102,7 @@ class EstimateColumn(Columns):
     covariance_xx: int  # m²
     covariance_xy: int
     covariance_yy: int
+    age: int  # of the last fix used when the next one is made, s; without a tracker
 
 
 class NodeColumn(Columns):
@@ -175,3 +177,4 @@ class Draw(Columns):
     loss: int
     reading: int
     decision: int
+    residual: int

@@ -93,6 +93,8 @@ def begin_estimate(worlds: ti.template(), w, k):
     estimate[w, k, EstimateColumn.x] = worlds.auv[w, k, AuvColumn.x]
     estimate[w, k, EstimateColumn.y] = worlds.auv[w, k, AuvColumn.y]
     estimate[w, k, EstimateColumn.separation] = worlds.p[Parameter.separation_boat]
+    estimate[w, k, EstimateColumn.covariance_xx] = fixes.DEPLOYMENT_VARIANCE
+    estimate[w, k, EstimateColumn.covariance_yy] = fixes.DEPLOYMENT_VARIANCE
     if ti.static(worlds.program.tracker):
         fixes.begin_track(worlds, w, k)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from kernels.flow.vortex import Vortex
 from kernels.mission.columns import AuvColumn, BeliefColumn, BoatColumn, EstimateColumn, NodeColumn
-from kernels.positioning import tracker
+from kernels.positioning import tracker, usbl
 from kernels.types import Columns
 
 
@@ -46,7 +46,7 @@ NAMED: dict[str, Range] = {
     "covariance_yy": VARIANCE,
     "fix_x": LENGTH,
     "fix_y": LENGTH,
-    "fix_flags": Range(0.0, 31.0, whole=True),
+    "fix_flags": Range(0.0, usbl.FLAGS, whole=True),
     "moved_x": MOVED,
     "moved_y": MOVED,
     "closed": MOVED,
@@ -57,6 +57,7 @@ NAMED: dict[str, Range] = {
     "packets_delivered": AMOUNT,
     "border": FLAG,
     "position_error": Range(0.0, 1e12),
+    "age": Range(0.0, 1e8),
     "separation": Range(-1e3, 2e4),
     "backlog": Range(0.0, 1e8),
     "kind": Range(0.0, "last_kind", whole=True),

@@ -35,6 +35,7 @@ class Program(NamedTuple):
         waveform: fixes by sampled tones, not by the statistical model.
         refraction: of `Refraction`.
         tracker: the boat tracks its AUVs.
+        turns: phases of a fix can lack whole turns, see `kernels.positioning.validation`.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
         constant_range: number of worlds, or 0, see `kernels.runtime.constant_range`.
     """
@@ -48,6 +49,7 @@ class Program(NamedTuple):
     waveform: bool = False
     refraction: int = Refraction.none
     tracker: bool = False
+    turns: bool = False
     serial: bool = False
     constant_range: int = 0
 

@@ -21,6 +21,11 @@ half a wavelength or above, and has NO_DEPTH where x̂'² + ŷ'² > Ŝ², as it 
 flags are DETECTED and nothing else. `kernels.positioning.waveform` measures sampled tones instead;
 `docs/positioning.md` compares both.
 
+Residual. Of phases p on four hydrophones with the variance σ²/2 each, (p_3 + p_4)/2 − (p_1 + p_2)/2 is independent of
+both differences and of the mean, and has the variance σ²/2. The receiver adds half a measured difference to p_1 and
+p_3, so every turn that a difference lacks moves its pair's mean by π: modulo 2π the residual is normal about π (m + n),
+m and n being the turns lacking on the axes. A fix where it exceeds π/2 is AMBIGUOUS: an odd number of turns is missing.
+
 Attitude. The array is tilted by the surface slopes (pitch = atan ∂η/∂x, then roll about the pitched axis; heading is
 known). The fix is rotated back with the attitude measured, which is wrong by a residual error in pitch and roll.
 """
@@ -57,10 +62,14 @@ COLUMNS = 13
 
 # Bits of a fix's flags.
 DETECTED = 1  # the tone is above the detection threshold; known to the receiver
-WRAPPED = 2  # a phase difference left (−π, π]; known to the simulation, to a receiver only if one axis alone wraps
+WRAPPED = 2  # a phase difference is wrong by whole turns; known to the simulation
 NO_DEPTH = 4  # the direction measured has no real depth; known to the receiver
 NO_RAY = 8  # no direct ray of sound leads from the AUV to the array: nothing is received
 LOST = 16  # interrogation or reply was lost
+AMBIGUOUS = 32  # turns are missing, or may be, and what the receiver expects does not tell which; known to the receiver
+REJECTED = 64  # too far from where the AUV is expected; known to the receiver
+FLAGS = 127  # all of them
+UNUSABLE = NO_DEPTH | NO_RAY | LOST | AMBIGUOUS | REJECTED  # the receiver does not use such a fix
 
 LARGEST_DEVIATION = 1e3  # rad; nothing is detected long before, and squares of lengths stay within single precision
 PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
@@ -151,6 +160,7 @@ class Measurement:
     """What the receiver measures of a tone."""
 
     phase: vec2  # phase differences, unwrapped, rad
+    residual: ti.f32  # mean phase by the y pair minus that by the x pair, modulo one turn, rad
     slant_range: ti.f32  # m
     amplitude: ti.f32  # of the tone over the noise, all hydrophones together
     sigma: ti.f32  # standard deviation of a phase difference, rad
@@ -204,13 +214,27 @@ def wrap(phase: ti.f32) -> ti.f32:
 
 
 @ti.func
+def odd_turns(residual: ti.f32) -> ti.i32:
+    """1 where the residual (rad) says that the phase differences lack an odd number of turns together, else 0."""
+    return ti.cast(ti.abs(residual) > 0.5 * math.pi, ti.i32)
+
+
+@ti.func
+def usable(flags: ti.i32):
+    """Whether the receiver uses a fix with such flags."""
+    return (flags & (DETECTED | UNUSABLE)) == DETECTED
+
+
+@ti.func
 def detection_threshold(link: ti.template(), k: ti.i32) -> ti.f32:
     """Least amplitude R over the noise, all hydrophones together, at which a tone of AUV k counts as detected."""
     return ti.sqrt(8.0 + 4.0 * PERIOD_ENERGY * link[k, PERIODS])
 
 
 @ti.func
-def measure(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, path: ti.f32, noise: vec4) -> Measurement:
+def measure(
+    link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, path: ti.f32, noise: vec4, residual_noise: ti.f32
+) -> Measurement:
     """Measurement of a tone of AUV k by the statistical model.
 
     Args:
@@ -218,13 +242,18 @@ def measure(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, path: ti.f32,
         body: direction towards the AUV in the array's frame, a unit vector where rays are straight.
         S: slant range, m, for the SNR. path: slant range by the delay, m.
         noise: independent standard normal numbers for the two phases, the range and the amplitude.
+        residual_noise: another one, for the residual.
     """
     sigma = phase_deviation(link, k, S)
     # The stronger a tone happens to be, the better its phases; bounded below, where no tone is detected.
     strength = 2.8284271247461903 / sigma
     scatter = sigma * ti.sqrt(strength / ti.max(strength + noise[3], 0.5 * strength))
+    x = link[k, KAPPA] * body[0] + scatter * noise[0]
+    y = link[k, KAPPA] * body[1] + scatter * noise[1]
+    turns = ti.round(x * 0.15915494309189535) + ti.round(y * 0.15915494309189535)
     return Measurement(
-        phase=vec2(link[k, KAPPA] * body[0] + scatter * noise[0], link[k, KAPPA] * body[1] + scatter * noise[1]),
+        phase=vec2(x, y),
+        residual=wrap(math.pi * turns + 0.7071067811865476 * scatter * residual_noise),
         slant_range=path + range_deviation(link, k, scatter) * noise[2],
         amplitude=strength + 3.5 / strength + noise[3],
         sigma=sigma,
@@ -261,7 +290,7 @@ def located(
 
 @ti.func
 def fix(
-    link: ti.template(), k: ti.i32, offset: vec3, slope: vec2, attitude_error: ti.f32, noise: vec4, attitude_noise: vec2
+    link: ti.template(), k: ti.i32, offset: vec3, slope: vec2, attitude_error: ti.f32, noise: vec4, further_noise: vec3
 ) -> vec5:
     """One fix of AUV k where rays are straight: the estimated offset from boat to AUV (m), σ (rad), and the flags.
 
@@ -270,18 +299,19 @@ def fix(
         offset: true position of the AUV minus that of the wave-borne boat, m; below the boat z is negative.
         slope: surface slopes (∂η/∂x, ∂η/∂y) under the boat; zero for an array that stays level.
         attitude_error: standard deviation of the error of measured pitch and roll, rad.
-        noise: as in `measure`. attitude_noise: standard normal numbers for pitch and roll.
+        noise: as in `measure`. further_noise: standard normal numbers for pitch, roll and the residual.
     """
     S = ti.max(offset.norm(), 1e-3)
     angles = attitude(slope)
     body = array_axes(angles) @ offset / S
-    measured = measure(link, k, body, S, S, noise)
-    axes = array_axes(angles + attitude_error * attitude_noise)
+    measured = measure(link, k, body, S, S, noise, further_noise[2])
+    axes = array_axes(angles + attitude_error * vec2(further_noise[0], further_noise[1]))
     true_phase = link[k, KAPPA] * vec2(body[0], body[1])
     phase = vec2(wrap(measured.phase[0]), wrap(measured.phase[1]))
     found = located(link, k, true_phase, phase, measured.amplitude, axes, 1.0)
+    flags = found.flags | AMBIGUOUS * odd_turns(measured.residual)
     r = measured.slant_range * found.vector
-    return vec5(r[0], r[1], r[2], measured.sigma, ti.cast(found.flags, ti.f32))
+    return vec5(r[0], r[1], r[2], measured.sigma, ti.cast(flags, ti.f32))
 
 
 @ti.func
@@ -334,9 +364,12 @@ def _fixes(
         s = vec2(slope[i, 0], slope[i, 1])
         k = auv[i]
         signal = vec4(noise[i, 0], noise[i, 1], noise[i, 2], 0.0)
+        further = vec3(noise[i, 3], noise[i, 4], 0.0)
         if noise.shape[1] > 5:
             signal[3] = noise[i, 5]
-        f = fix(link, k, r, s, attitude_error, signal, vec2(noise[i, 3], noise[i, 4]))
+        if noise.shape[1] > 6:
+            further[2] = noise[i, 6]
+        f = fix(link, k, r, s, attitude_error, signal, further)
         C = horizontal_covariance(link, k, r, array_axes(attitude(s)), attitude_error, f[3])
         for j in ti.static(range(4)):
             estimate[i, j] = f[j]
@@ -361,12 +394,12 @@ def flagged_fixes(
         offset: (n, 3) float32, true offset from boat to AUV, m.
         slope: (n, 2) float32, surface slopes.
         attitude_error: rad.
-        noise: (n, 6) float32 standard normal numbers: two phases, range, pitch, roll, amplitude; with (n, 5) every tone
-            has its expected amplitude.
+        noise: (n, 7) float32 standard normal numbers: two phases, range, pitch, roll, amplitude, residual; numbers that
+            are missing at the end count as 0, with (n, 5) every tone has its expected amplitude.
 
     Returns:
         (n, 4) estimated offset (m) and σ (rad); (n, 3) predicted horizontal covariance (xx, xy, yy), m²; (n,) int32
-        flags, see DETECTED, WRAPPED and NO_DEPTH.
+        flags, see DETECTED, WRAPPED, NO_DEPTH and AMBIGUOUS.
     """
     estimate = torch.empty((offset.shape[0], 4), dtype=torch.float32, device=offset.device)
     covariance = torch.empty((offset.shape[0], 3), dtype=torch.float32, device=offset.device)

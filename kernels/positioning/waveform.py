@@ -336,7 +336,8 @@ def fix(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, measurement: vec6
     found = usbl.located(link, k, true_phase, phase, measurement[AMPLITUDE], axes, 1.0)
     r = S + measurement[RANGE_ERROR]
     offset = r * found.vector
-    return vec5(offset[0], offset[1], offset[2], usbl.phase_deviation(link, k, S), ti.cast(found.flags, ti.f32))
+    flags = found.flags | usbl.AMBIGUOUS * usbl.odd_turns(measurement[RESIDUAL])
+    return vec5(offset[0], offset[1], offset[2], usbl.phase_deviation(link, k, S), ti.cast(flags, ti.f32))
 
 
 @ti.kernel

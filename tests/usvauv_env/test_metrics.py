@@ -40,7 +40,7 @@ def small_trace() -> Trace:
     arrays["fix"][:, 0, 0] = [[6, 8], [0, 3], [np.nan, np.nan], [0, 7]]
     arrays["fix"][:, 0, 1] = [[0, 1], [0, 2], [0, 50], [0, 4]]
     arrays["fix_flags"][:, 0, 0] = [1, 1, 0, 1]  # one is not heard
-    arrays["fix_flags"][:, 0, 1] = [1, 1, 3, 1]  # one has wrapped
+    arrays["fix_flags"][:, 0, 1] = [1, 1, 67, 1]  # one has wrapped, and the gate rejected it
     arrays["node_position"][0, 0] = [0, 7]
     arrays["auv_position"][:, 0, 1] = [[3, 3], [3, 3], [0, 7], [0, 6]]
     arrays["estimate"][:, 0, 1] += arrays["auv_position"][:, 0, 1]
@@ -65,6 +65,7 @@ def test_metrics_by_hand():
     assert row.target_distance == pytest.approx((4 * 7 + 5 + 5 + 0 + 1) / 8)
     assert row.fix_error_median == pytest.approx(np.median([10, 3, 7, 1, 2, 4]))
     assert row.fix_availability == pytest.approx(6 / 8)
+    assert row.fix_dropped == pytest.approx(1 / 7)
     assert row.outage_longest == 2
     assert row.position_error_p95 == pytest.approx(np.quantile([5, 0, 0, 0, 1, 1, 1, 1], 0.95))
 
@@ -87,7 +88,7 @@ def test_csv_has_the_promised_columns(tmp_path):
     promised = (
         "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh target_distance overflow "
         "collisions border position_error_mean position_error_median position_error_p95 fix_error_median "
-        "fix_availability outage_longest targets"
+        "fix_availability fix_dropped outage_longest targets"
     )
     assert " ".join(COLUMNS) == promised
     rows = episode_metrics(small_trace())

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from kernels.positioning.usbl import DETECTED
+from kernels.positioning.usbl import DETECTED, UNUSABLE
 from kernels.registry import Registry
 from usvauv_env.record import collection
 from usvauv_env.record.trace import Trace
@@ -37,7 +37,8 @@ class EpisodeMetrics:
         collisions: pair-steps below the collision distance. border: refused moves.
         position_error_mean, _median, _p95: of |estimate − truth| over all AUVs and steps, m.
         fix_error_median: of |fix − truth| over all good fixes, m. fix_availability: share of steps and AUVs with a good
-            fix. outage_longest: longest time of an AUV without one, s.
+            fix. fix_dropped: share of detected fixes that the receiver does not use, see `usbl.UNUSABLE`.
+            outage_longest: longest time of an AUV without a good fix, s.
         targets: rule by which the AUVs chose their targets; empty where the task has none.
         of_task: the figures of `task_metrics` that belong to the task, by name.
     """
@@ -62,6 +63,7 @@ class EpisodeMetrics:
     position_error_p95: float
     fix_error_median: float
     fix_availability: float
+    fix_dropped: float
     outage_longest: float
     targets: str
     of_task: dict[str, float] = field(default_factory=dict)
@@ -161,6 +163,9 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     error = position_error(trace)
     fix_error = np.linalg.norm(trace.fix - trace.auv_position, axis=-1)
     good = trace.fix_flags == DETECTED
+    flags = trace.fix_flags.astype(np.uint8)
+    detected = (flags & DETECTED) > 0
+    dropped = detected & ((flags & UNUSABLE) > 0)
     ec = energy_consumption(trace)[-1]
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
     of_task = {name: _of_task(name, trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
@@ -186,6 +191,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             position_error_p95=float(np.quantile(error[:, w], 0.95)),
             fix_error_median=float(np.median(fix_error[:, w][good[:, w]])) if good[:, w].any() else math.nan,
             fix_availability=float(good[:, w].mean()),
+            fix_dropped=float(dropped[:, w].sum() / max(detected[:, w].sum(), 1)),
             outage_longest=float(_longest_run(~good[:, w]) * step),
             targets=trace.scenario.nodes.target_rule if trace.scenario.task_definition.targets == "nodes" else "",
             of_task={name: float(values[w]) for name, values in of_task.items()},

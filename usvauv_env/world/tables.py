@@ -11,13 +11,13 @@ from kernels.mission.columns import Information, Parameter, Refraction
 from kernels.mission.tasks.data_collection import LEAST_RATE
 from kernels.mission.worlds import Program
 from kernels.planning import objectives
-from kernels.positioning import sonar_equation, tracker, usbl, waveform
+from kernels.positioning import current_process, sonar_equation, usbl, validation, waveform
 from kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.site.site import Site
 from usvauv_env.site.sound_speed import SoundSpeedProfile
 from usvauv_env.world.boat_strategies import BoatStrategy
-from usvauv_env.world.current_statistics import current_model
+from usvauv_env.world.current_statistics import current_bound, current_model
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
@@ -99,6 +99,7 @@ def program(site: Site, strategy: BoatStrategy) -> Program:
         waveform=s.usbl.model == "waveform",
         refraction=refraction,
         tracker=s.tracker.enabled,
+        turns=validation.turns_possible(link_table(site)),
     )
 
 
@@ -161,7 +162,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         first_world: index of the first world.
     """
     s = site.scenario
-    current_variance, correlation_time = 0.0, tracker.FOREVER
+    current_variance, correlation_time = 0.0, current_process.FOREVER
     if s.tracker.enabled:
         current_variance, correlation_time = current_model(site, link)
     numbers = {
@@ -188,6 +189,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "current_variance": current_variance,
         "correlation_time": correlation_time,
         "current_reading": s.tracker.current_reading,
+        "auv_speed": s.auv.speed_max + current_bound(site),
         "horizon": s.planner.horizon,
         "cruise": s.auv.depth,
         "separation_node": s.auv.depth if s.auv.separation == "demonstration" else 0.0,

@@ -16,7 +16,7 @@ from kernels import random
 from kernels.positioning import fix_probability, sonar_equation, usbl, waveform
 from kernels.positioning.ambient_noise import coates
 from kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
-from kernels.types import vec2, vec3
+from kernels.types import vec2, vec3, vec4
 
 SIGNIFICANCE = 1e-5
 SAMPLING_RATE = 2.016e6
@@ -299,6 +299,49 @@ class TestAmbiguity:
         assert p_of_equal_rates(wrapped, batch.statistical(seed=12)[1] & usbl.WRAPPED > 0) > SIGNIFICANCE
         # Four hydrophones see by themselves that one axis has wrapped: its mean phase is half a turn off.
         assert np.array_equal(wrapped, np.abs(measured[:, RESIDUAL]) > 0.5 * math.pi)
+
+    @pytest.mark.parametrize(
+        ("cosines", "turns"), [((0.2, -0.1), 0), ((0.6, 0.1), 1), ((-0.1, -0.7), 1), ((0.65, -0.6), 2)]
+    )
+    @pytest.mark.parametrize("snr", [10.0, -4.3])
+    def test_both_models_have_the_same_residual(self, device, cosines, turns, snr):
+        """d = 0.9 λ: normal about π times the turns missing, half the variance of a phase difference, independent."""
+        spacing = 0.09
+        offset = (*(100 * u for u in cosines), -100 * math.sqrt(1 - cosines[0] ** 2 - cosines[1] ** 2))
+        batch = Batch(device, offset, link_at(snr, offset, spacing=spacing))
+        kappa = batch.link[0, usbl.KAPPA].item()
+        assert sum(abs(kappa * u) > math.pi for u in cosines) == turns
+        _, flags, tones = batch.tones(seed=15)
+        body = torch.nn.functional.normalize(batch.offset, dim=1)
+        noise = torch.randn(batch.count, 5, generator=torch.Generator().manual_seed(16)).to(device)
+        drawn = torch.empty((batch.count, 3), dtype=torch.float32, device=device)
+
+        @ti.kernel
+        def draw(
+            link: ti.types.ndarray(dtype=ti.f32, ndim=2),
+            body: ti.types.ndarray(dtype=ti.f32, ndim=2),
+            noise: ti.types.ndarray(dtype=ti.f32, ndim=2),
+            drawn: ti.types.ndarray(dtype=ti.f32, ndim=2),
+        ):
+            for n in range(drawn.shape[0]):
+                u = vec3(body[n, 0], body[n, 1], body[n, 2])
+                first = vec4(noise[n, 0], noise[n, 1], noise[n, 2], noise[n, 3])
+                m = usbl.measure(link, 0, u, 100.0, 100.0, first, noise[n, 4])
+                drawn[n, 0] = m.residual
+                drawn[n, 1] = m.phase[0]
+                drawn[n, 2] = m.phase[1]
+
+        draw(batch.link, body, noise, drawn)
+        drawn = drawn.double().cpu().numpy()
+        one, other = (np.angle(np.exp(1j * (r - math.pi * turns))) for r in (tones[:, RESIDUAL], drawn[:, 0]))
+        sigma = 2 * 10 ** (-snr / 20) / math.sqrt(1344)
+        assert stats.ks_2samp(one, other).pvalue > SIGNIFICANCE
+        for residual, phase in ((one, tones[:, [PHASE_X, PHASE_Y]]), (other, drawn[:, 1:])):
+            assert residual.std() == pytest.approx(sigma / math.sqrt(2), rel=0.03)
+            assert np.abs(np.corrcoef(residual, phase.T)[0, 1:]).max() < 4.5 / math.sqrt(batch.count)
+        odd = flags & usbl.AMBIGUOUS > 0
+        assert np.all(odd == (turns == 1))
+        assert np.array_equal(odd, batch.statistical(seed=17)[1] & usbl.AMBIGUOUS > 0)
 
     @pytest.mark.parametrize("depth", [30.0, 15.0, 5.0, 0.5])
     def test_near_the_horizon_some_have_no_depth(self, device, depth):
