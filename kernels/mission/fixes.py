@@ -68,7 +68,10 @@ def receive(worlds: ti.template(), arrival: Arrival, w, k) -> Tone:
     """What the array measures of a tone of AUV k."""
     link = ti.static(worlds.link)
     draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
-    received = Tone(phase=vec2(0.0, 0.0), residual=0.0, slant_range=arrival.path, amplitude=0.0)
+    phase = vec2(0.0, 0.0)
+    residual = 0.0
+    slant_range = arrival.path
+    amplitude = 0.0
     if ti.static(worlds.program.waveform):
         tone = waveform.measure(
             link,
@@ -80,21 +83,21 @@ def receive(worlds: ti.template(), arrival: Arrival, w, k) -> Tone:
             worlds.key_high,
             waveform.PROJECTED,
         )
-        received.phase = vec2(tone[waveform.PHASE_X], tone[waveform.PHASE_Y])
-        received.residual = tone[waveform.RESIDUAL]
-        received.slant_range += tone[waveform.RANGE_ERROR]
-        received.amplitude = tone[waveform.AMPLITUDE]
+        phase = vec2(tone[waveform.PHASE_X], tone[waveform.PHASE_Y])
+        residual = tone[waveform.RESIDUAL]
+        slant_range += tone[waveform.RANGE_ERROR]
+        amplitude = tone[waveform.AMPLITUDE]
     else:
         noise = random.normals(draw, worlds.key_low, worlds.key_high)
         residual_noise = 0.0
         if ti.static(worlds.program.turns):
             residual_noise = normals(worlds, w, Draw.residual, k)[0]
         tone = usbl.measure(link, k, arrival.body, arrival.slant_range, arrival.path, noise, residual_noise)
-        received.phase = vec2(usbl.wrap(tone.phase[0]), usbl.wrap(tone.phase[1]))
-        received.residual = tone.residual
-        received.slant_range = tone.slant_range
-        received.amplitude = tone.amplitude
-    return received
+        phase = vec2(usbl.wrap(tone.phase[0]), usbl.wrap(tone.phase[1]))
+        residual = tone.residual
+        slant_range = tone.slant_range
+        amplitude = tone.amplitude
+    return Tone(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude)
 
 
 @ti.func

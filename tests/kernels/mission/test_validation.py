@@ -50,11 +50,8 @@ def test_wraps_are_undone(settings):
     used = heard & (trace.fix_flags & usbl.UNUSABLE == 0)
     assert not np.any(trace.fix_flags[used] & usbl.WRAPPED)
     assert used.sum() > 0.99 * heard.sum()
-    assert (
-        np.linalg.norm(trace.estimate - trace.auv_position, axis=-1).max() < 40
-        if "usbl.packet_loss=0.3" in settings
-        else 8
-    )
+    off = np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)
+    assert off.max() < (40 if "usbl.packet_loss=0.3" in settings else 8)
 
 
 @pytest.mark.parametrize("spacing", [0.033, 0.06])
@@ -67,14 +64,14 @@ def test_a_kidnapped_auv_is_found(spacing, tracked):
     errors, dropped = [], []
     for step in range(24):
         if step == 8:
-            moved(world, 60.0)
+            moved(world, 30.0)
             observation = world.observation
         observation = world.step(steady(observation))[0]
         errors.append(world.auv[:, 0, AuvColumn.position_error].cpu().numpy().copy())
         dropped.append((flags_of(world)[:, 0] & usbl.REJECTED > 0).cpu().numpy())
     error, dropped = np.array(errors), np.array(dropped)
     assert np.median(error[:8]) < 1
-    assert error[8:10].min() > 40
+    assert error[8:10].min() > 25
     assert dropped[8:10].all()
     assert np.all(error[20:] < 4)
     assert dropped[20:].mean() < 0.05
