@@ -18,8 +18,11 @@ from usvauv_env.world.tables import link_table
 
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
 POSITIONS = [(60.0, 80.0, 100.0), (150.0, 120.0, 40.0)]
-PLACE_KEYS = {"x", "y", "log_objective", "rms", "errors"}
-ERROR_KEYS = {"range", "major", "minor", "angle", "good"}
+PLACE_KEYS = {"x", "y", "latitude", "longitude", "log_objective", "rms", "located", "errors"}
+ERROR_KEYS = {
+    *("range", "major", "minor", "angle", "good"),
+    *("detected", "good_if_detected", "wrapped", "direct_ray", "signal_excess"),
+}
 
 
 @pytest.fixture
@@ -30,12 +33,13 @@ def plan(run_usvauv):
 
 @pytest.fixture
 def solve(plan):
-    """The JSON that `usvauv plan` prints, when it prints that and nothing else."""
+    """The JSON that `usvauv plan` prints, when it prints that and its warnings, and nothing else."""
 
     def run(*arguments):
         code, stdout, stderr = plan(*arguments, "--json", "-")
-        assert (code, stderr) == (0, "")
-        return json.loads(stdout)
+        result = json.loads(stdout)
+        assert (code, stderr) == (0, "".join(f"warning: {line}\n" for line in result["warnings"]))
+        return result
 
     return run
 
@@ -154,10 +158,11 @@ class TestOutput:
         result = solve(*TEAM, "--compare", "0,0", "--compare", "200,200")
         assert set(result) == {
             *("scenario", "objective", "measurement", "attitude_error", "slope", "area", "auvs"),
-            *("optimum", "centroid", "compare"),
+            *("optimum", "centroid", "compare", "warnings"),
         }
         assert result["area"] == {"width": 200, "length": 200, "depth": 120}
-        assert result["auvs"][1] == {"x": 150, "y": 120, "depth": 40, "carrier": 18000}
+        unplaced = {"latitude": None, "longitude": None}
+        assert result["auvs"][1] == {"x": 150, "y": 120, "depth": 40, "carrier": 18000} | unplaced
         assert (result["centroid"]["x"], result["centroid"]["y"]) == (105, 100)
         assert [(place["x"], place["y"]) for place in result["compare"]] == [(0, 0), (200, 200)]
         for place in (result["optimum"], result["centroid"], *result["compare"]):
@@ -168,7 +173,7 @@ class TestOutput:
     def test_help_documents_the_keys(self, plan):
         text = plan("--help")[1]
         assert "Examples" in text
-        for key in PLACE_KEYS | ERROR_KEYS | {"optimum", "centroid", "compare", "carrier", "depth"}:
+        for key in PLACE_KEYS | ERROR_KEYS | {"optimum", "centroid", "compare", "carrier", "depth", "warnings"}:
             assert key in text
 
     def test_table_and_files(self, plan, tmp_path):
@@ -196,9 +201,10 @@ class TestOutput:
 
     def test_no_information_is_no_number(self, plan, tmp_path):
         code, stdout, stderr = plan("--auv", "60,80,1e-40", "--objective", "paper", "--json", "-", "--out", "map.png")
-        assert (code, stderr) == (0, "")
         result = json.loads(stdout)
+        assert (code, stderr) == (0, f"warning: {result['warnings'][0]}\n")
         assert [result[place]["log_objective"] for place in ("optimum", "centroid")] == [None, None]
+        assert (result["centroid"]["rms"], result["centroid"]["located"]) == (None, 0)
 
     def test_figure_of_a_flat_landscape_in_single_precision(self, tmp_path):
         setting = Scenario.load("extreme", ["auv.count=1"])
