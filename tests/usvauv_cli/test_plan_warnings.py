@@ -47,6 +47,7 @@ class TestProbabilities:
         ("place", "settings"),
         [
             ("170,20", ["usbl.spacing=0.06"]),
+            ("170,170", ["usbl.spacing=0.071"]),
             ("180,20", ["usbl.spacing=0.06", "acoustics.source_level=124"]),
             ("199,20", ["acoustics.source_level=124", "usbl.spacing=0.04"]),
             ("199,199", ["acoustics.source_level=128", "usbl.spacing=0.02"]),

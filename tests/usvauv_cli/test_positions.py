@@ -98,7 +98,7 @@ def test_the_other_side_of_the_earth_is_not_in_the_area():
     equator = Scenario.load("extreme", ["water.latitude=0", "water.longitude=10"])
     assert auv_position("0.001N,10.001E,50", equator)
     with pytest.raises(UserError, match="outside the area"):
-        auv_position("0.001N,169.9995W,50", equator)
+        auv_position("0.001N,170.001W,50", equator)
 
 
 def test_without_a_place_on_earth_degrees_are_refused(plan):
