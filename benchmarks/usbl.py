@@ -6,7 +6,7 @@ All compute the same, a fix with its flags from boat to AUV by an echo, 15 kHz, 
 `statistical_with_noise_drawn` and of both waveforms include their random numbers. `numpy_lstsq` is the demonstration's
 method, one fix after the other: the tone and its noise on each hydrophone, `numpy.linalg.lstsq` for the phase, the fix.
 Its tone begins where the receiver expects it, so there is no search for the delay. It runs on one thread, where it is
-fastest. `threshold` and `agreement` are the tables of `docs/positioning.md`.
+fastest. `threshold` and `agreement` are tables of `docs/positioning.md`, `coded_pulse` is of `benchmarks.coded_pulse`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from multiprocessing import get_context
 import numpy as np
 import torch
 
+from benchmarks import coded_pulse
 from benchmarks.machine import batch, best_time, describe, parse
 from kernels import runtime
 from kernels.positioning import usbl, waveform
@@ -175,6 +176,7 @@ def measure(seconds: float, count: int) -> dict[str, object]:
         "over_numpy": {name: rates[name] / rates["numpy_lstsq"] for name in ("waveform", "waveform_sampled")},
         "threshold": measure_threshold(count),
         "agreement": measure_agreement(10_000),
+        "coded_pulse": coded_pulse.measure(seconds, count // 4),
     }
 
 
@@ -205,6 +207,7 @@ def main() -> None:
             f" {row['good_waveform']:.4f} {row['good_statistical']:.4f};"
             + "".join(f" {error:.4f}" for error in (*row["rms_waveform"], *row["rms_statistical"]))
         )
+    coded_pulse.show(result["coded_pulse"])
 
 
 if __name__ == "__main__":
