@@ -69,21 +69,18 @@ def times_T(T, L1, L2, g, g1, g2) -> vec3:
 
 
 @ti.func
-def coefficients(link: ti.template(), k, measurement: ti.template(), log_scale, rho2, z2) -> mat2x3:
-    """Rows a and b; columns the value, d/dq, d²/dq² at q = rho2 + z2 (m²). T is divided by exp(log_scale)."""
-    q = rho2 + z2
-    i = 1.0 / q
-    f = log_strength(link, k, q, z2)
-    T = ti.exp(f[0] - log_scale)
+def coefficients(measurement: ti.template(), T: vec3, rho2, z2) -> mat2x3:
+    """Rows a and b; columns the value, d/dq, d²/dq² at q = rho2 + z2 (m²), from T and two derivatives of ln T."""
+    i = 1.0 / (rho2 + z2)
     s2 = z2 * i
     s4 = s2 * s2
     a = vec3(0.0, 0.0, 0.0)
     b = vec3(0.0, 0.0, 0.0)
     if ti.static(measurement == PHASE):
-        a = times_T(T, f[1], f[2], s4, -2.0 * s4 * i, 6.0 * s4 * i * i)
-        b = times_T(T, f[1], f[2], (1.0 + s2) * i, -(1.0 + 2.0 * s2) * i * i, (2.0 + 6.0 * s2) * i * i * i)
+        a = times_T(T[0], T[1], T[2], s4, -2.0 * s4 * i, 6.0 * s4 * i * i)
+        b = times_T(T[0], T[1], T[2], (1.0 + s2) * i, -(1.0 + 2.0 * s2) * i * i, (2.0 + 6.0 * s2) * i * i * i)
     else:
-        a = times_T(T, f[1], f[2], 1.0, 0.0, 0.0)
+        a = times_T(T[0], T[1], T[2], 1.0, 0.0, 0.0)
     return mat2x3([[a[0], a[1], a[2]], [b[0], b[1], b[2]]])
 
 
@@ -93,7 +90,9 @@ def information(team: ti.template(), measurement: ti.template(), place: vec2) ->
     J = vec3(0.0, 0.0, 0.0)
     for k in range(team.count):
         d = place - position(team, k)
-        c = coefficients(team.link, k, measurement, 0.0, d.norm_sqr(), squared_separation(team, k))
+        z2 = squared_separation(team, k)
+        f = log_strength(team.link, k, d.norm_sqr() + z2, z2)
+        c = coefficients(measurement, vec3(ti.exp(f[0]), f[1], f[2]), d.norm_sqr(), z2)
         J += vec3(c[0, 0] + c[1, 0] * d[1] * d[1], -c[1, 0] * d[0] * d[1], c[0, 0] + c[1, 0] * d[0] * d[0])
     return J
 
