@@ -7,6 +7,9 @@ the maximum on unimodal surfaces, J. ACM 12 (1965) 395–398, doi:10.1145/321281
 puts the cut beyond p where p is worse than the best place so far. Where the centre of gravity is outside the boat's
 reach, the cut is the tangent of the reach.
 
+The first place tried is the maximum for two AUVs alone, which a search along their line finds; it is often the maximum
+for all, and its value is a bound that proves it.
+
 E has its maximum in general at a kink, where two or three AUVs are located equally badly. Methods that follow slopes
 get stuck there, or on plateaus, where the attitude error outweighs the noise.
 """
@@ -21,7 +24,7 @@ from kernels.types import vec2, vec3
 MOST_CUTS = 64
 MOST_CORNERS = 16  # there are rarely more than seven
 TOLERANCE = 1e-7  # of ln of the objective
-BALANCING = 3  # Newton steps
+BALANCING = 5  # Newton steps
 RESOLUTION = 3e-8  # of a place in single precision, relative to the area
 
 each_corner = ti.types.vector(MOST_CORNERS, ti.f32)
@@ -70,10 +73,11 @@ def cut(x: ti.template(), y: ti.template(), count, normal: vec2, level):
 
 
 @ti.func
-def balanced(team: ti.template(), code: ti.template(), place: vec2) -> vec2:
-    """The maximum for the two worst-located AUVs at a place alone: on their line, where they are located equally badly.
+def balanced(team: ti.template(), code: ti.template(), place: vec2) -> vec3:
+    """The maximum for the two worst-located AUVs at a place alone, (x, y, lower bound on ln of the worst variance).
 
-    Or straight above one of them, if it is worse located than the other even there.
+    It is on their line, where they are located equally badly, or straight above one that is located worse even there.
+    No place anywhere locates them better, so the bound holds for all AUVs.
     """
     highest = vec2(-1e30, -1e30)
     i = 0
@@ -91,21 +95,26 @@ def balanced(team: ti.template(), code: ti.template(), place: vec2) -> vec2:
     way = position(team, j) - position(team, i)
     apart = way.norm_sqr()
     share = (place - position(team, i)).dot(way) / ti.max(apart, 1e-30)
+    share = ti.min(ti.max(share, 0.0), 1.0)
+    z2_i = squared_separation(team, i)
+    z2_j = squared_separation(team, j)
+    bound = ti.max(log_variance(team.link, i, code, z2_i, z2_i)[0], log_variance(team.link, j, code, z2_j, z2_j)[0])
     for _ in range(BALANCING):
-        share = ti.min(ti.max(share, 0.0), 1.0)
-        z2_i = squared_separation(team, i)
-        z2_j = squared_separation(team, j)
         rest = 1.0 - share
         g_i = log_variance(team.link, i, code, share * share * apart + z2_i, z2_i)
         g_j = log_variance(team.link, j, code, rest * rest * apart + z2_j, z2_j)
+        bound = ti.max(bound, ti.min(g_i[0], g_j[0]))
         share -= (g_i[0] - g_j[0]) / ti.max(2.0 * apart * (share * g_i[1] + rest * g_j[1]), 1e-30)
-    return position(team, i) + ti.min(ti.max(share, 0.0), 1.0) * way
+        share = ti.min(ti.max(share, 0.0), 1.0)
+    point = position(team, i) + share * way
+    return vec3(point[0], point[1], bound)
 
 
 @ti.func
 def centre_of_gravity(team: ti.template(), code: ti.template(), start: vec2, region: ti.template()) -> vec3:
-    """The maximum of E in a `Region`, (x, y, ln of the objective); `start` is kept where nothing is better."""
-    place = clip(start, region)
+    """The maximum of E in a `Region`, (x, y, ln of the objective)."""
+    pair = balanced(team, code, start)
+    place = clip(vec2(pair[0], pair[1]), region)
     low = clamp(region.centre - region.reach, region) - place
     high = clamp(region.centre + region.reach, region) - place
     # Corners are relative to the place, so that they are not rounded to the resolution of its coordinates.
@@ -143,7 +152,8 @@ def centre_of_gravity(team: ti.template(), code: ti.template(), start: vec2, reg
         left = 0.0  # how far the polygon reaches beyond the place
         for i in range(corners):
             left = ti.max(left, -normal.dot(vec2(x[i], y[i])))
-        if slope * left < TOLERANCE or left - depth < RESOLUTION * region.size.max():
+        proven = g[0] <= pair[2] + ROUNDING * (1.0 + ti.abs(pair[2]))
+        if proven or slope * left < TOLERANCE or left - depth < RESOLUTION * region.size.max():
             cuts = MOST_CUTS
         else:
             corners = cut(x, y, corners, normal, -depth)
@@ -162,7 +172,8 @@ def centre_of_gravity(team: ti.template(), code: ti.template(), start: vec2, reg
             if corners < 3:
                 cuts = MOST_CUTS
     # Along a kink the values of places near the maximum differ by less than the resolution of single precision.
-    there = clip(balanced(team, code, best), region)
+    pair = balanced(team, code, best)
+    there = clip(vec2(pair[0], pair[1]), region)
     value = worst(team, code, there)[0]
     if value >= -least - ROUNDING * (1.0 + ti.abs(least)):
         best = there

@@ -5,15 +5,14 @@ limited:
 
 - D, SUM, PAPER can have several local maxima, above AUVs that are far apart for their depth and between them. So there
   is an ascent from a given place, from the AUVs' mean, and from each AUV that is not close to one tried before; and no
-  step is longer than the least depth, which is the width of a maximum: longer ones would skip from one to another.
-  `benchmarks.plan` looks for a higher place in thousands of layouts. PAPER dips straight above an AUV, where its sines
-  vanish, and peaks on a ring of radius about √|z| round it, so there ascents start on the ring of every AUV. Within a
-  reach the ascents start at the point of it nearest to each of these places.
+  step is longer than half the slant range of the nearest AUV, the width of a maximum there. Where the attitude error
+  makes an AUV's variance constant over a plateau, D can have maxima at the plateaus' edges: then the two best of
+  several places between each two AUVs are starts too. `benchmarks.plan` looks for a higher place in thousands of
+  layouts. PAPER dips straight above an AUV, where its sines vanish, and peaks on a ring of radius about √|z| round it,
+  so there ascents start on the ring of every AUV. Within a reach the ascents start at the point of it nearest to each
+  of these places.
 - A has one maximum, and one ascent.
-- E has one maximum too, in general at a kink where two or three AUVs are located equally badly. It is smoothed, more
-  sharply from round to round, and in every round each AUV's bias moves by its difference from the worst. That is the
-  exponential method of multipliers (Tseng and Bertsekas, Mathematical Programming 60 (1993) 1–19), which converges to
-  the kink itself.
+- E has one maximum too, which cutting planes enclose (`kernels.planning.cutting_planes`).
 
 All of them suppose a level array at its present elevation.
 """
