@@ -7,8 +7,10 @@ determinant, the trace of the inverse and the least eigenvalue of the informatio
 phase" is the determinant of the paper's sum (`paper-*`). Differential evolution is SciPy's with its default settings on
 the same objective in NumPy, in two versions: one place a call, and a whole generation a call; ratios are to the faster.
 Gaps are differences of ln of the objective, in double precision, to the best of a dense grid, polished by a search that
-knows no derivatives. `tilt` is what ln of the objective loses, on a sea of slope 0.1, because the boat plans with a
-level array.
+knows no derivatives. `unequal` has the gaps where levels, carriers and depths differ from AUV to AUV (source levels by
+60 dB, depths from 3 m to 500 m, areas of 200 m to 2 km, with and without attitude error), and the error in ln of the
+value reported, at the planned and at random places. `tilt` is what ln of the objective loses, on a sea of slope 0.1,
+because the boat plans with a level array.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from scipy.optimize import differential_evolution
 from benchmarks.machine import batch, best_time, describe, parse
 from kernels import runtime
 from kernels.planning import global_search, objectives, tilted_array
-from kernels.positioning import usbl
+from kernels.positioning import acoustic_link
 from usvauv_env import Scenario
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
@@ -36,8 +38,14 @@ CODES = {
     f"{objective} {measurement}": objectives.objective_code(measurement, objective)
     for objective, measurement in (("d", "fix"), ("a", "fix"), ("e", "fix"), ("sum", "phase"))
 }
+ALL_CODES = {
+    f"{objective} {measurement}": objectives.objective_code(measurement, objective)
+    for objective in ("d", "a", "e", "sum")
+    for measurement in ("phase", "fix")
+}
 KINDS = ("anywhere", "near-collinear", "coincident", "beneath the boat", "any depth", "shallow corners")
 GRID = 41
+STEPS = 120  # of the polish
 PEAKS = 5  # grid points of each layout that are polished, beside its AUVs
 
 
@@ -67,61 +75,76 @@ def log_objective(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, code: in
     dx, dy = boat[..., None, 0] - auvs[..., 0], boat[..., None, 1] - auvs[..., 1]
     z2 = auvs[..., 2] ** 2
     q = dx * dx + dy * dy + z2
-    S0 = link[:, usbl.REFERENCE]
-    log_T = link[:, usbl.LEVEL] - link[:, usbl.POWER] * np.log(q / S0**2) - link[:, usbl.DECAY] * (np.sqrt(q) - S0)
-    v = np.exp(-log_T) + link[:, usbl.ATTITUDE] * z2
-    if code == CODES["d fix"]:
-        return -2 * np.log(v).sum(-1)
-    if code == CODES["a fix"]:
-        return -np.log(2 * v.sum(-1))
-    if code == CODES["e fix"]:
-        return -np.log(v.max(-1))
+    S0 = link[:, acoustic_link.REFERENCE]
+    log_T = (
+        link[:, acoustic_link.LEVEL]
+        - link[:, acoustic_link.POWER] * np.log(q / S0**2)
+        - link[:, acoustic_link.DECAY] * (np.sqrt(q) - S0)
+    )
+    v = np.exp(-log_T) + link[:, acoustic_link.ATTITUDE] * z2
+    objective, measurement = objectives.OBJECTIVES[code // 2], objectives.MEASUREMENTS[code % 2]
+    along = v * (q / z2) ** 2 if measurement == "phase" else v  # variance along the line of sight, v across
+    if objective == "d":
+        return -(np.log(v) + np.log(along)).sum(-1) if measurement == "phase" else -2 * np.log(v).sum(-1)
+    if objective == "a":
+        return -np.log((v + along).sum(-1))
+    if objective == "e":
+        return -np.log(along.max(-1))
+    if measurement == "fix":
+        return 2 * np.log((1 / v).sum(-1))
     T, s2 = 1 / v, z2 / q
     a, b = T * s2 * s2, T * (1 + s2) / q
     xx, yy, xy = ((a + b * dy * dy).sum(-1), (a + b * dx * dx).sum(-1), (b * dx * dy).sum(-1))
-    return np.log(xx * yy - xy * xy)
+    return np.log(xx * yy - xy * xy)  # a sum 1e-12 from singular keeps four digits
 
 
-def best_by_search(auvs: np.ndarray, link: np.ndarray, code: int) -> np.ndarray:
-    """Global maximum of each layout (n, K, 3): dense grid, then a pattern search from its best peaks and every AUV.
+def best_by_search(auvs: np.ndarray, link: np.ndarray, code: int, side: float = SIDE) -> np.ndarray:
+    """Global maximum of each layout (n, K, 3): dense grid, then a pattern search.
 
-    A pattern search can get stuck at a kink, so for E, which has one maximum, there is `best_of_one_peak` too.
+    The search starts at the grid's best peaks, at the best places between two AUVs, and at every AUV. It can get stuck
+    at a kink, so for E, which has one maximum, there is `best_of_one_peak` too.
     """
-    axis = np.linspace(0, SIDE, GRID)
+    axis = np.linspace(0, side, GRID)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     value = np.concatenate(
-        [log_objective(grid, part[:, None], link, code) for part in np.array_split(auvs, len(auvs) // 20)]
+        [log_objective(grid, part[:, None], link, code) for part in np.array_split(auvs, 1 + len(auvs) // 20)]
     )
     padded = np.pad(value.reshape(-1, GRID, GRID), ((0, 0), (1, 1), (1, 1)), constant_values=-np.inf)
     around = [padded[:, i : i + GRID, j : j + GRID] for i in range(3) for j in range(3)]
     peaks = np.where(value >= np.max(around, axis=0).reshape(value.shape), value, -np.inf)
     x = grid[np.argsort(peaks, axis=1)[:, -PEAKS:]]
-    x = np.concatenate([x, np.clip(auvs[..., :2], 0, SIDE)], axis=1)
+    one, other = np.triu_indices(auvs.shape[1], 1)
+    share = np.linspace(0.05, 0.95, 10)[:, None, None]
+    way = auvs[:, None, other, :2] - auvs[:, None, one, :2]
+    between = np.clip(auvs[:, None, one, :2] + share * way, 0, side).reshape(len(auvs), -1, 2)
+    leaders = np.argsort(log_objective(between, auvs[:, None], link, code), axis=1)[:, -PEAKS:]
+    between = np.take_along_axis(between, leaders[..., None], 1)
+    x = np.concatenate([x, between, np.clip(auvs[..., :2], 0, side)], axis=1)
     best = log_objective(x, auvs[:, None], link, code)
-    h = np.full(x.shape[:2], SIDE / (GRID - 1))
+    h = np.full(x.shape[:2], side / (GRID - 1))
     pattern = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j], float)
-    while h.max() > 1e-4:
-        there = np.clip(x[:, :, None] + h[..., None, None] * pattern, 0, SIDE)
+    for _ in range(STEPS):
+        there = np.clip(x[:, :, None] + h[..., None, None] * pattern, 0, side)
         height = log_objective(there, auvs[:, None, None], link, code)
         leader = height.argmax(-1)[..., None]
         top = np.take_along_axis(height, leader, -1)[..., 0]
         better = top > best
         x = np.where(better[..., None], np.take_along_axis(there, leader[..., None], 2)[:, :, 0], x)
         best = np.where(better, top, best)
-        h = np.where(better, h, 0.5 * h)
+        h = np.where(better, 1.5 * h, 0.5 * h)
     best = best.max(1)
-    return np.maximum(best, best_of_one_peak(auvs, link, code)) if code == CODES["e fix"] else best
+    return np.maximum(best, best_of_one_peak(auvs, link, code, side)) if code // 2 == objectives.E else best
 
 
-def best_of_one_peak(auvs: np.ndarray, link: np.ndarray, code: int) -> np.ndarray:
+def best_of_one_peak(auvs: np.ndarray, link: np.ndarray, code: int, side: float) -> np.ndarray:
     """Maximum of each layout (n, K, 3) by golden sections in x of golden sections in y: the objective has one peak."""
 
     def golden(f: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        low, high = np.zeros(len(auvs)), np.full(len(auvs), SIDE)
+        low, high = np.zeros(len(auvs)), np.full(len(auvs), side)
         ratio = (math.sqrt(5) - 1) / 2
         left, right = high - ratio * (high - low), low + ratio * (high - low)
         at_left, at_right = f(left), f(right)
-        for _ in range(46):
+        for _ in range(50):
             higher = at_left > at_right
             low, high = np.where(higher, low, left), np.where(higher, right, high)
             new = np.where(higher, high - ratio * (high - low), low + ratio * (high - low))
@@ -183,6 +206,62 @@ def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str,
     }
 
 
+def unequal_links(auvs: int, attitude_error: float, random: np.random.Generator) -> np.ndarray:
+    """A link table of AUVs with levels and carriers of their own, (auvs, COLUMNS)."""
+    common = {
+        "path": random.choice(["echo", "transponder"]),
+        "noise_law": random.choice(["amplitude", "demonstration"]),
+        "planner_noise": random.choice(["range", "constant"]),
+        "reference_range": random.choice([10.0, 100.0, 300.0]),
+        "attitude_error": attitude_error,
+    }
+    rows = [
+        acoustic_link.link_table(
+            [random.uniform(8e3, 3e4)], acoustic_link.Sonar(source_level=random.uniform(120, 180), **common)
+        )
+        for _ in range(auvs)
+    ]
+    return np.concatenate(rows)
+
+
+def unequal_layouts(count: int, auvs: int, side: float, random: np.random.Generator) -> np.ndarray:
+    """AUVs 3 m to 500 m below an area, anywhere or in a cluster, (count, auvs, 3), m."""
+    place = side * random.random((count, auvs, 2))
+    place[::3] = np.clip(place[::3, :1] + 0.1 * side * random.standard_normal((len(place[::3]), auvs, 2)), 0, side)
+    z = -np.exp(random.uniform(math.log(3), math.log(500), (count, auvs, 1)))
+    return np.concatenate([place, z], axis=-1).astype(np.float32)
+
+
+def measure_unequal(name: str, teams: tuple[int, ...], tables: int, layouts_each: int = 6) -> dict[str, object]:
+    """Gap and error of the reported value of one objective, `tables` link tables for each of `teams`."""
+    device, code = runtime.start().device, ALL_CODES[name]
+    gaps, errors = [], []
+    for auvs in teams:
+        random = np.random.default_rng(auvs)
+        for i in range(tables):
+            side = (200.0, 700.0, 2000.0)[i % 3]
+            table = unequal_links(auvs, (0.0, 0.002, 0.01)[i // 3 % 3], random)
+            team = unequal_layouts(layouts_each, auvs, side, random)
+            boat = (side * random.random((layouts_each, 2))).astype(np.float32)
+            link, points = torch.from_numpy(table).to(device), torch.from_numpy(team).to(device)
+            found = global_search.plan_batch(link, points, code=code, width=side, length=side).double().cpu().numpy()
+            anywhere = objectives.log_objective_batch(link, points, torch.from_numpy(boat).to(device), code=code)
+            exact, exact_link = team.astype(float), table.astype(float)
+            reached = log_objective(found[:, :2], exact, exact_link, code)
+            gaps.append(best_by_search(exact, exact_link, code, side) - reached)
+            elsewhere = log_objective(boat.astype(float), exact, exact_link, code)
+            errors += [found[:, 2] - reached, anywhere[:, 0].double().cpu().numpy() - elsewhere]
+    gap, error = np.concatenate(gaps), np.abs(np.concatenate(errors))
+    return {
+        "objective": name,
+        "layouts": len(gap),
+        "largest_gap": float(gap.max()),
+        "gap_99_percent": float(np.quantile(gap, 0.99)),
+        "share_above_1e-3": float((gap > 1e-3).mean()),
+        "largest_error_of_value": float(error.max()),
+    }
+
+
 def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[str, object]:
     """Loss in ln of the objective from planning level while the surface slopes towards a random direction."""
     device, code = runtime.start().device, CODES[name]
@@ -232,11 +311,12 @@ def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[s
     }
 
 
-def measure(teams: tuple[int, ...], trials: int, seconds: float) -> dict[str, object]:
+def measure(teams: tuple[int, ...], trials: int, tables: int, seconds: float) -> dict[str, object]:
     """All figures."""
     return {
         "machine": describe(),
         "plans": [measure_team(auvs, name, trials, seconds) for auvs in teams for name in CODES],
+        "unequal": [measure_unequal(name, teams, tables) for name in ALL_CODES],
         "tilt": [measure_tilt(auvs, name, 100) for auvs in teams[:2] for name in CODES if not name.startswith("sum")],
     }
 
@@ -244,9 +324,10 @@ def measure(teams: tuple[int, ...], trials: int, seconds: float) -> dict[str, ob
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=1200, help="random layouts the gap is searched over")
+    parser.add_argument("--tables", type=int, default=18, help="tables of unequal links, for each number of AUVs")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
     arguments = parse(parser)
-    result = measure(TEAMS, arguments.trials, arguments.seconds)
+    result = measure(TEAMS, arguments.trials, arguments.tables, arguments.seconds)
     if arguments.json:
         print(json.dumps(result, indent=1))
         return
@@ -256,6 +337,12 @@ def main() -> None:
             f"{row['auvs']:2d} AUVs, {row['objective']}: {row['plans_per_second']:,.0f} plans/s,"
             f" {row['over_differential_evolution']:,.0f} × differential evolution,"
             f" largest gap {row['largest_gap']:.1e} in {row['layouts']} layouts"
+        )
+    print("unequal links      largest gap, 99 %     , above 1e-3, error of value")
+    for row in result["unequal"]:
+        print(
+            f"{row['objective']:10} {row['layouts']:7d} {row['largest_gap']:11.1e} {row['gap_99_percent']:11.1e}"
+            f" {row['share_above_1e-3']:11.2%} {row['largest_error_of_value']:15.1e}"
         )
     for row in result["tilt"]:
         print(

@@ -6,7 +6,7 @@ All compute the same, a fix with its flags from boat to AUV by an echo, 15 kHz, 
 `statistical_with_noise_drawn` and of both waveforms include their random numbers. `numpy_lstsq` is the demonstration's
 method, one fix after the other: the tone and its noise on each hydrophone, `numpy.linalg.lstsq` for the phase, the fix.
 Its tone begins where the receiver expects it, so there is no search for the delay. It runs on one thread, where it is
-fastest. `threshold` and `agreement` are the tables of `docs/positioning.md`.
+fastest. `threshold` and `agreement` are tables of `docs/positioning.md`, `coded_pulse` is of `benchmarks.coded_pulse`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from multiprocessing import get_context
 import numpy as np
 import torch
 
+from benchmarks import coded_pulse
 from benchmarks.machine import batch, best_time, describe, parse
 from kernels import runtime
-from kernels.positioning import usbl, waveform
+from kernels.positioning import acoustic_link, usbl, waveform
 from kernels.positioning.fix_probability import good_probability
 
 CARRIER = 15000.0
@@ -31,7 +32,7 @@ SAMPLING_RATE = 2.016e6
 SPACING = 0.033
 SOUND_SPEED = 1500.0
 OFFSET = (70.0, -45.0, -104.0)
-THRESHOLD = math.sqrt(10 * usbl.PERIOD_ENERGY)  # a at the threshold of detection
+THRESHOLD = math.sqrt(10 * acoustic_link.PERIOD_ENERGY)  # a at the threshold of detection
 # Offset (m), SNR (dB), hydrophone spacing (m): usual, far to the side, at the threshold, near the horizon, wrapping.
 AGREEMENT = (
     ((0.0, 0.0, -100.0), 21.3, 0.033),
@@ -48,7 +49,7 @@ def places(count: int) -> tuple[torch.Tensor, ...]:
     """Arguments of a batch of fixes: link, row, offset (spread over a wavelength of range), slope."""
     device = runtime.start().device
     offset = torch.tensor(OFFSET) * (1 + torch.linspace(-0.05, 0.05, count)[:, None] / math.hypot(*OFFSET))
-    link = torch.from_numpy(usbl.link_table((CARRIER,), usbl.Sonar(spacing=SPACING)))
+    link = torch.from_numpy(acoustic_link.link_table((CARRIER,), acoustic_link.Sonar(spacing=SPACING)))
     slope = 0.05 * torch.randn((count, 2), generator=torch.Generator().manual_seed(1))
     row = torch.zeros(count, dtype=torch.int32)
     return tuple(part.to(device) for part in (link, row, offset, slope))
@@ -94,17 +95,17 @@ def measure_rates(seconds: float) -> dict[str, float]:
     case = places(count)
     generator = torch.Generator(device).manual_seed(2)
     noise = torch.randn((count, 6), generator=generator, device=device)
-    rates["statistical"] = count / best_time(lambda: usbl.flagged_fixes(*case, 0.002, noise), seconds)
+    rates["statistical"] = count / best_time(lambda: usbl.flagged_fixes(*case, noise), seconds)
 
     def draw_and_fix() -> None:
-        usbl.flagged_fixes(*case, 0.002, torch.randn((count, 6), generator=generator, device=device))
+        usbl.flagged_fixes(*case, torch.randn((count, 6), generator=generator, device=device))
 
     rates["statistical_with_noise_drawn"] = count / best_time(draw_and_fix, seconds)
 
     for name, sampled, size in (("waveform", False, 1 << 17), ("waveform_sampled", True, 1 << 13)):
         count = batch(size, size << 5)
         case = places(count)
-        rates[name] = count / best_time(lambda c=case, s=sampled: waveform.fixes(*c, 0.002, 3, sampled=s), seconds)
+        rates[name] = count / best_time(lambda c=case, s=sampled: waveform.fixes(*c, 3, sampled=s), seconds)
 
     rates["numpy_lstsq"] = demonstration_rate_on_one_thread(seconds)
     return rates
@@ -115,13 +116,15 @@ def measure_threshold(count: int) -> list[dict[str, float]]:
     link, row, offset, _ = places(count)
     level = torch.zeros((count, 2), device=offset.device)
     S, N = math.hypot(*OFFSET), 10 * SAMPLING_RATE / CARRIER
-    loss = link[0, usbl.PATHS].item() * (15 * math.log10(S) + link[0, usbl.ABSORPTION].item() * S / 1000)
+    loss = link[0, acoustic_link.PATHS].item() * (
+        15 * math.log10(S) + link[0, acoustic_link.ABSORPTION].item() * S / 1000
+    )
     kappa = 2 * math.pi * CARRIER * SPACING / SOUND_SPEED
     rows = []
     for a in STRENGTHS:
         snr = 20 * math.log10(a) - 10 * math.log10(N / 2)
-        link[0, usbl.SNR_AT_1M] = snr + loss
-        _, flags, measured = waveform.fixes(link, row, offset, level, 0.0, 5)
+        link[0, acoustic_link.RATIO_AT_1M] = snr + loss
+        _, flags, measured = waveform.fixes(link, row, offset, level, 5)
         measured = measured.double()
         error = measured[:, : waveform.PHASE_Y + 1] - kappa / S * torch.tensor(OFFSET[:2], device=offset.device)
         error = torch.remainder(error + math.pi, 2 * math.pi) - math.pi
@@ -149,11 +152,11 @@ def measure_agreement(count: int) -> list[dict[str, object]]:
     for place, snr, spacing in AGREEMENT:
         S = math.hypot(*place)
         offset = torch.tensor(place, device=device) * (1 + torch.linspace(-0.05, 0.05, count)[:, None].to(device) / S)
-        link = torch.from_numpy(usbl.link_table((CARRIER,), usbl.Sonar(spacing=spacing))).to(device)
-        loss = link[0, usbl.PATHS] * (15 * math.log10(S) + link[0, usbl.ABSORPTION] * S / 1000)
-        link[0, usbl.SNR_AT_1M] = snr + loss
-        tones, tone_flags, _ = waveform.fixes(link, row, offset, level, 0.0, 7, sampled=True)
-        drawn, _, drawn_flags = usbl.flagged_fixes(link, row, offset, level, 0.0, noise)
+        link = torch.from_numpy(acoustic_link.link_table((CARRIER,), acoustic_link.Sonar(spacing=spacing))).to(device)
+        loss = link[0, acoustic_link.PATHS] * (15 * math.log10(S) + link[0, acoustic_link.ABSORPTION] * S / 1000)
+        link[0, acoustic_link.RATIO_AT_1M] = snr + loss
+        tones, tone_flags, _ = waveform.fixes(link, row, offset, level, 7, sampled=True)
+        drawn, _, drawn_flags = usbl.flagged_fixes(link, row, offset, level, noise)
         detected, usable = good_probability(link, row[:1], offset[:1], level[:1])
         result: dict[str, object] = {"offset": place, "snr_db": snr, "spacing": spacing}
         result["good_predicted"] = (detected * usable).item()
@@ -175,6 +178,7 @@ def measure(seconds: float, count: int) -> dict[str, object]:
         "over_numpy": {name: rates[name] / rates["numpy_lstsq"] for name in ("waveform", "waveform_sampled")},
         "threshold": measure_threshold(count),
         "agreement": measure_agreement(10_000),
+        "coded_pulse": coded_pulse.measure(seconds, count // 4),
     }
 
 
@@ -205,6 +209,7 @@ def main() -> None:
             f" {row['good_waveform']:.4f} {row['good_statistical']:.4f};"
             + "".join(f" {error:.4f}" for error in (*row["rms_waveform"], *row["rms_statistical"]))
         )
+    coded_pulse.show(result["coded_pulse"])
 
 
 if __name__ == "__main__":

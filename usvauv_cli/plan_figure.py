@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from usvauv_cli.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
 from usvauv_cli.objectives import NAMES
-from usvauv_env.positioning import Landscape, Plan
+from usvauv_env.positioning import BoatPlace, Landscape, Plan
 from usvauv_env.render import style
 
 SIGMAS = 2
@@ -38,9 +38,9 @@ PLACES = ("#ffb020", "#ff6f61", "#c9f26b", "#7df9ff", "#ff9dd6", "#b7a0ff")
 
 def magnification(result: Plan) -> float:
     """Factor by which error ellipses are drawn larger: the largest of ..., 1, 2, 3, 5, 10, ... at which they fit."""
-    best = max((error.major for error in result.optimum.errors if error.major), default=1.0)
-    places = (result.optimum, *result.compare)
-    worst = max((error.major for place in places for error in place.errors if error.major), default=1.0)
+    best = max((error.major for error in result.optimum.errors if error.located and error.major), default=1.0)
+    errors = [error for place in (result.optimum, *result.compare) for error in place.errors]
+    worst = max((error.major for error in errors if error.located and error.major), default=1.0)
     side = min(result.area.width, result.area.length)
     room = min(LARGEST_BEST / best, LARGEST / worst) * side / SIGMAS
     decade = 10.0 ** math.floor(math.log10(room))
@@ -52,6 +52,14 @@ def metres(value: float | None) -> str:
     if value is None:
         return "∞"
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
+
+
+def rms_of(place: BoatPlace) -> str:
+    """Rms error from a place, and of how many AUVs where not all are located."""
+    if not place.located:
+        return "no fixes"
+    count = len(place.errors)
+    return f"{metres(place.rms)} m" + (f", {place.located} of {count} AUVs" if place.located < count else "")
 
 
 def place_colour(i: int) -> str:
@@ -133,7 +141,7 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) ->
 
 
 def draw_places(result: Plan, axes: Axes) -> float:
-    """Draw AUVs, their error ellipses from the optimum and from each compared place, and the places.
+    """Draw AUVs, error ellipses of those located from the optimum and from each compared place, and the places.
 
     Returns:
         The magnification of the ellipses.
@@ -143,7 +151,7 @@ def draw_places(result: Plan, axes: Axes) -> float:
     shadow: list[AbstractPathEffect] = [withStroke(linewidth=3, foreground=OUTLINE)]
     for place, colour, dash in [(best, TEXT, "-"), *((p, place_colour(i), (0, (4, 2))) for i, p in enumerate(others))]:
         for auv, error in zip(result.auvs, place.errors, strict=True):
-            if error.major is None or error.minor is None or error.angle is None:
+            if not error.located or error.major is None or error.minor is None or error.angle is None:
                 continue
             size = [2 * SIGMAS * scale * axis for axis in (error.major, error.minor)]
             ellipse = Ellipse((auv.x, auv.y), *size, angle=math.degrees(error.angle), fill=False)
@@ -182,15 +190,16 @@ def draw_legend(result: Plan, scale: float, figure: Figure, corner: tuple[float,
     best, centroid = result.optimum, result.centroid
     entries = [
         heading("Boat: rms error of a fix"),
-        (mark("*", TEXT, 15), f"optimum   {metres(best.rms)} m"),
-        (mark("+", TEXT, 9), f"centroid   {metres(centroid.rms)} m"),
+        (mark("*", TEXT, 15), f"optimum   {rms_of(best)}"),
+        (mark("+", TEXT, 9), f"centroid   {rms_of(centroid)}"),
     ]
     for i, place in enumerate(result.compare):
-        text = f"{letter_of(i)} ({place.x:g}, {place.y:g})   {metres(place.rms)} m"
+        text = f"{letter_of(i)} ({place.x:g}, {place.y:g})   {rms_of(place)}"
         entries.append((mark("s", place_colour(i), 9), text))
     entries.append(heading("AUV: 1-σ from the optimum"))
     for k, (auv, error) in enumerate(zip(result.auvs, best.errors, strict=True)):
-        text = f"{k + 1}, {auv.depth:g} m deep   {metres(error.major)} × {metres(error.minor)} m"
+        size = f"{metres(error.major)} × {metres(error.minor)} m" if error.located else f"{error.good:.0%} good"
+        text = f"{k + 1}, {auv.depth:g} m deep   {size}"
         entries.append((mark("o", web(style.auv_colour(k)), 7), text))
     entries.append(heading(f"{SIGMAS}-σ ellipses, drawn × {scale:g}"))
     entries.append((line(TEXT, "-"), "from the optimum"))

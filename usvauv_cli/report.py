@@ -25,7 +25,6 @@ SHOWN = {
     "energy_wh": "Wh",
     "collisions": "collisions",
     "border": "border",
-    "position_error_median": "error m",
 }
 OF_TASK = {
     "lost_mbit": "lost Mbit",
@@ -35,14 +34,29 @@ OF_TASK = {
     "jain": "Jain's index",
     "joule_per_mbit": "J/Mbit",
 }
-FIXES = {"fix_availability": "fixes", "outage_longest": "outage s"}
+POSITIONS = {
+    "position_error_median": "median m",
+    "position_error_mean": "mean m",
+    "position_error_rms": "rms m",
+    "position_error_p95": "95 % m",
+    "fix_error_median": "fix m",
+    "fix_availability": "fixes",
+    "fix_wrapped": "wrapped",
+    "fix_dropped": "dropped",
+    "outage_longest": "outage s",
+}
 
 
 def metrics_tables(rows: Sequence[EpisodeMetrics]) -> None:
-    """Print mean ± standard deviation over the episodes of each policy and boat strategy: of all tasks, of this one."""
+    """Print mean ± standard deviation over the episodes of each policy and boat strategy.
+
+    Three tables: figures of all tasks, those of this task if it has any, and those of positions and fixes.
+    """
     _table(rows, f"{rows[0].scenario}, seed {rows[0].seed}: mean ± standard deviation over episodes", SHOWN)
     of_task = {name: OF_TASK.get(name, name) for name in rows[0].of_task}
-    _table(rows, rows[0].scenario, of_task | FIXES)
+    if of_task:
+        _table(rows, rows[0].scenario, of_task)
+    _table(rows, f"{rows[0].scenario}: errors of positions, median error of usable fixes, and their share", POSITIONS)
 
 
 def _table(rows: Sequence[EpisodeMetrics], title: str, shown: Mapping[str, str]) -> None:
@@ -82,11 +96,11 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
     lines = [
         f"{row.scenario}, policy {row.policy}, boat {row.usv}, seed {row.seed}: {minutes} min {seconds} s of mission",
         f"{done}; ARPS {row.arps:.2f}",
-        f"  positions are {row.position_error_median:.2f} m off in the median, {row.position_error_p95:.2f} m at 95 %;"
-        f" the boat heaved from {heave.min():+.2f} to {heave.max():+.2f} m",
+        f"  positions are {row.position_error_median:.2f} m off in the median, {row.position_error_rms:.2f} m rms,"
+        f" {row.position_error_p95:.2f} m at 95 %; the boat heaved from {heave.min():+.2f} to {heave.max():+.2f} m",
         f"  {row.collisions} steps too close, {row.border} moves refused at the border,"
         f" {row.overflow} node-steps of overflow",
-        f"  good fixes in {row.fix_availability:.1%} of the steps, at most {row.outage_longest:.0f} s without one",
+        f"  usable fixes in {row.fix_availability:.1%} of the steps, at most {row.outage_longest:.0f} s without one",
     ]
     if trace.scenario.task == "data-collection":
         of_task = row.of_task

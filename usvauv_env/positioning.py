@@ -11,56 +11,51 @@ import numpy as np
 import torch
 
 from kernels import runtime
-from kernels.planning import fisher, global_search, objectives, tilted_array
-from kernels.positioning import fix_probability
+from kernels.planning import global_search, objectives
+from usvauv_env.error_budget import error_budget
+from usvauv_env.fix_prediction import FixError, Position, predict
+from usvauv_env.fix_warnings import warnings_of
 from usvauv_env.scenario import Scenario
 from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv_env.world.tables import link_table, sound_layers
 
-LARGEST_VARIANCE = 1e16  # m²; an axis of more than 10⁸ m is unbounded
-ROUNDING = 1e-3  # relative, of variances in single precision
+LARGEST_ERROR = 1e8  # m; beyond, an error is unbounded
 NO_INFORMATION = -1e29  # ln of an objective; what is below stands for ln 0
 
 
 @dataclass(frozen=True)
-class FixError:
-    """Error to expect of one good fix of an AUV.
+class BoatPlace:
+    """A place of the boat and the fixes to expect from there.
 
     Attributes:
-        range: slant range, m.
-        major, minor: standard deviations along the axes of the horizontal error ellipse, m; None: unbounded, as that of
-            phases alone where the AUV lies in the array's plane.
-        angle: of the major axis, rad, anticlockwise from east; None where an axis is unbounded.
-        good: probability that the fix is good.
-    """
-
-    range: float
-    major: float | None
-    minor: float | None
-    angle: float | None
-    good: float
-
-
-@dataclass(frozen=True)
-class BoatPlace:
-    """A place of the boat (m), ln of the objective there, rms of all AUVs' errors (m), and the error of each AUV.
-
-    ln of the objective is None where there is no information, rms where an AUV's error is unbounded.
+        x, y: m.
+        latitude, longitude: degrees north and east; None without a place on the Earth.
+        log_objective: ln of the objective; None where there is no information.
+        rms: of the errors of the AUVs that are located, m; None where there are none, or the error of one is unbounded.
+        located: number of AUVs that are located, see `FixError.located`.
+        errors: of each AUV.
+        budget: horizontal rms of the error of a good fix of each AUV, m, by cause and of all; None where unbounded.
     """
 
     x: float
     y: float
+    latitude: float | None
+    longitude: float | None
     log_objective: float | None
     rms: float | None
+    located: int
     errors: list[FixError]
+    budget: dict[str, list[float | None]]
 
 
 @dataclass(frozen=True)
 class AuvPosition:
-    """Position of an AUV, m, depth positive down, and its carrier, Hz."""
+    """Position of an AUV, m, depth positive down; latitude and longitude as in `BoatPlace`; and its carrier, Hz."""
 
     x: float
     y: float
+    latitude: float | None
+    longitude: float | None
     depth: float
     carrier: float
 
@@ -81,25 +76,25 @@ class Plan:
     Attributes:
         scenario: name of the scenario.
         objective, measurement: as in its section `planner`.
-        attitude_error: rad.
         slope: ∂η/∂x and ∂η/∂y of the surface that the array lies on.
         area: of the scenario.
         auvs: the layout.
         optimum: the best place.
         centroid: the mean of the AUVs' positions.
         compare: further places.
+        warnings: why AUVs are not located from the optimum and what would change it, a line each.
     """
 
     scenario: str
     objective: str
     measurement: str
-    attitude_error: float
     slope: tuple[float, float]
     area: Extent
     auvs: list[AuvPosition]
     optimum: BoatPlace
     centroid: BoatPlace
     compare: list[BoatPlace]
+    warnings: list[str]
 
 
 class Landscape(NamedTuple):
@@ -112,7 +107,7 @@ class Landscape(NamedTuple):
 
 def solve(
     scenario: Scenario,
-    auvs: Sequence[tuple[float, float, float]],
+    auvs: Sequence[Position],
     others: Sequence[tuple[float, float]],
     objective: str,
     measurement: str,
@@ -130,7 +125,9 @@ def solve(
         arch: architecture of the kernels, see `kernels.runtime.start`.
     """
     device = runtime.start(arch).device
-    link = torch.from_numpy(link_table(Site(scenario))).to(device)
+    site = Site(scenario)
+    link = torch.from_numpy(link_table(site)).to(device)
+    layers = torch.from_numpy(sound_layers(site)).to(device) if site.sound_speed is not None else None
     code = objectives.objective_code(measurement, objective)
     width, length = scenario.area.width, scenario.area.length
     points = torch.tensor(auvs, dtype=torch.float32, device=device)[None]
@@ -145,82 +142,58 @@ def solve(
         values[values < NO_INFORMATION] = -math.inf
         return values
 
+    def expect(link: torch.Tensor, auvs: Sequence[Position], boat: tuple[float, float]) -> list[FixError]:
+        return predict(link, layers, auvs, boat, measurement, slope)
+
+    def geographic(x: float, y: float) -> tuple[float, float] | tuple[None, None]:
+        if site.frame is None:
+            return None, None
+        longitude, latitude = site.frame.to_geographic(np.array(x), np.array(y))
+        return float(latitude), (float(longitude) + 180) % 360 - 180
+
     boats = [optimum, centroid, *others]
     places = []
     for (x, y), value in zip(boats, log_objective(boats), strict=True):
-        errors = predict(link, auvs, (x, y), measurement, slope)
-        axes = [axis for error in errors for axis in (error.major, error.minor)]
-        rms = None if None in axes else math.hypot(*(axis for axis in axes if axis)) / math.sqrt(len(errors))
-        places.append(BoatPlace(x, y, float(value) if math.isfinite(value) else None, rms, errors))
+        errors = expect(link, auvs, (x, y))
+        latitude, longitude = geographic(x, y)
+        places.append(
+            BoatPlace(
+                x,
+                y,
+                latitude,
+                longitude,
+                log_objective=float(value) if math.isfinite(value) else None,
+                rms=root_mean_square(errors),
+                located=sum(error.located for error in errors),
+                errors=errors,
+                budget={
+                    cause: [value if value < LARGEST_ERROR else None for value in values]
+                    for cause, values in error_budget(scenario, link, auvs, (x, y), measurement, slope).items()
+                },
+            )
+        )
     plan = Plan(
         scenario=scenario.name,
         objective=objective,
         measurement=measurement,
-        attitude_error=scenario.usbl.attitude_error,
         slope=slope,
         area=Extent(width, length, scenario.area.depth),
-        auvs=[AuvPosition(*auv, scenario.usbl.carrier(k, len(auvs))) for k, auv in enumerate(auvs)],
+        auvs=[
+            AuvPosition(x, y, *geographic(x, y), depth, scenario.usbl.carrier(k, len(auvs)))
+            for k, (x, y, depth) in enumerate(auvs)
+        ],
         optimum=places[0],
         centroid=places[1],
         compare=places[2:],
+        warnings=warnings_of(scenario, expect, link, auvs, (optimum[0], optimum[1])),
     )
     x, y = np.linspace(0, width, 201), np.linspace(0, length, 201)
     grid = np.stack(np.meshgrid(x, y), axis=-1)
     return plan, Landscape(x, y, log_objective(grid.reshape(-1, 2)).reshape(len(y), len(x)))
 
 
-def predict(
-    link: torch.Tensor,
-    auvs: Sequence[tuple[float, float, float]],
-    boat: tuple[float, float],
-    measurement: str,
-    slope: tuple[float, float],
-) -> list[FixError]:
-    """Errors of one fix of every AUV from a boat at `boat`, m; other arguments as for `solve`."""
-    count = len(auvs)
-    offset = torch.tensor(
-        [[x - boat[0], y - boat[1], -depth] for x, y, depth in auvs], dtype=torch.float32, device=link.device
-    )
-    index = torch.arange(count, dtype=torch.int32, device=link.device)
-    slopes = offset.new_tensor(slope).expand(count, 2).contiguous()
-    code = fisher.MEASUREMENTS.index(measurement)
-    covariance, information, _ = (
-        part.double().cpu().numpy()
-        for part in tilted_array.predict_batch(link, index, offset, slopes, measurement=code)
-    )
-    detected, good = fix_probability.good_probability(link, index, offset, slopes)
-    errors = []
-    for k in range(count):
-        probability = float(detected[k] * good[k])
-        errors.append(
-            FixError(
-                offset[k].double().norm().item(),
-                *ellipse(covariance[k], information[k]),
-                good=probability if math.isfinite(probability) else 0.0,
-            )
-        )
-    return errors
-
-
-def ellipse(
-    covariance: np.ndarray, information: np.ndarray
-) -> tuple[float, float, float] | tuple[None, float | None, None]:
-    """Standard deviations along the major and minor axis (m) and angle of the major axis (rad), see `FixError`.
-
-    Args:
-        covariance, information: (3,) xx, xy, yy in m² and 1/m², each accurate in its larger eigenvalue.
-    """
-    strength = _larger_eigenvalue(information)
-    minor = 1 / math.sqrt(strength) if 1 / LARGEST_VARIANCE < strength < math.inf else None
-    variance = _larger_eigenvalue(covariance)
-    if minor is None or not minor**2 * (1 - ROUNDING) <= variance < LARGEST_VARIANCE:
-        return None, minor, None
-    axes = np.linalg.eigh(covariance[[0, 1, 1, 2]].reshape(2, 2))[1]
-    return math.sqrt(variance), minor, math.atan2(axes[1, 1], axes[0, 1]) % math.pi
-
-
-def _larger_eigenvalue(matrix: np.ndarray) -> float:
-    """The larger eigenvalue of (xx, xy, yy); NaN where an entry is not finite."""
-    if not np.isfinite(matrix).all():
-        return math.nan
-    return float(np.linalg.eigvalsh(matrix[[0, 1, 1, 2]].reshape(2, 2))[1])
+def root_mean_square(errors: Sequence[FixError]) -> float | None:
+    """Rms of the errors of the AUVs that are located, see `BoatPlace`, m."""
+    located = [error for error in errors if error.located]
+    axes = [axis for error in located for axis in (error.major, error.minor)]
+    return math.hypot(*(axis for axis in axes if axis)) / math.sqrt(len(located)) if axes and None not in axes else None

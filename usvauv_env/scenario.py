@@ -23,8 +23,10 @@ from usvauv_env.sections import (
     Area,
     Auv,
     Boat,
+    Channel,
     Current,
     Mission,
+    Navigation,
     Nodes,
     Observation,
     Planner,
@@ -68,6 +70,8 @@ class Scenario(Section):
     current: Current = section(Current, "current: Lamb–Oseen vortices (Eq. 8)")
     acoustics: Acoustics = section(Acoustics, "sonar equation of the positioning link")
     usbl: Usbl = section(Usbl, "ultra-short baseline positioning (Eq. 1)")
+    channel: Channel = section(Channel, "the acoustic channel")
+    navigation: Navigation = section(Navigation, "dead reckoning of the AUVs")
     boat: Boat = section(Boat, "the USV")
     planner: Planner = section(Planner, "Fisher-information path planning (Eq. 2–3)")
     tracker: Tracker = section(Tracker, "tracker of the AUVs")
@@ -131,6 +135,12 @@ class Scenario(Section):
         if self.sea.cell_size * 4 > smaller:
             raise ValueError(
                 f"sea.cell_size = {self.sea.cell_size:g}: must be at most {smaller / 4:g} m, a quarter of the area"
+            )
+        if self.navigation.sensor != "none" and self.channel.schedule == "every-step":
+            raise ValueError("navigation.sensor: needs a channel.schedule other than every-step")
+        if self.tracker.enabled and self.channel.schedule != "every-step":
+            raise ValueError(
+                "tracker.enabled: goes with channel.schedule = every-step; else navigation.sensor has filters"
             )
         self._check_long_waves()
         if self.storm.spectrum != "none":

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from kernels.mission import target_rules
 from kernels.mission.vehicle import FASTEST
 from kernels.planning.team import MAX_AUVS
+from kernels.positioning.absorption import absorption_laws
 from kernels.positioning.ambient_noise import ambient_noise_laws
 from kernels.shallow_water.boundaries import Side
 
@@ -234,8 +235,15 @@ class Acoustics(Section):
     """Sonar equation of the positioning link and of the noise."""
 
     sound_speed: float = Field(1500.0, ge=1300, le=1700, description="speed of sound c, m/s")
+    sound_speed_error: float = Field(
+        0.0,
+        ge=0,
+        le=50,
+        description="standard deviation of the water's true speed of sound about that which fixes are computed with,"
+        " all through a mission, m/s",
+    )
     source_level: float = Field(
-        135.0, ge=0, le=260, description="source level of the positioning tone, dB re 1 µPa at 1 m"
+        187.0, ge=0, le=260, description="source level of the positioning signal, dB re 1 µPa at 1 m"
     )
     target_strength: float = Field(3.0, ge=-60, le=60, description="target strength of the echo, dB")
     sound_speed_profile: tuple[tuple[Number, Number], ...] = Field(
@@ -247,14 +255,34 @@ class Acoustics(Section):
     salinity: Literal["practical", "absolute"] = Field(
         "practical", description="kind of that salinity: practical (PSS-78, as a CTD gives it), or absolute, g/kg"
     )
-    path: Literal["echo", "transponder"] = Field("echo", description="two-way echo or one-way transponder")
-    ambient_noise: str = Field("coates", description="law of the noise density: coates, or a plugin's law")
-    shipping: float = Field(0.5, ge=0, le=1, description="shipping activity in the noise, 0 to 1")
-    wind: float = Field(0.0, ge=0, le=60, description="wind speed in the noise, m/s")
-    bandwidth: Bandwidth = Field(1000.0, description="receiver bandwidth of the positioning link, Hz")
-    noise_law: Literal["amplitude", "demonstration"] = Field(
-        "amplitude", description="noise relative to the tone: 10^(−SNR/20), or the demonstration's 10^(−SNR/10)"
+    path: Literal["echo", "transponder"] = Field("transponder", description="two-way echo or one-way transponder")
+    spreading: float = Field(
+        20.0, ge=10, le=30, description="spreading loss a decade of range, dB: 20 spherical, 15 in the paper"
     )
+    ambient_noise: str = Field("coates", description="law of the noise density: coates, or a plugin's law")
+    absorption: str = Field(
+        "francois-garrison", description="law of absorption: thorp, francois-garrison, ainslie-mccolm, or a plugin's"
+    )
+    water_temperature: float = Field(10.0, ge=-2, le=35, description="temperature of the water in that law, °C")
+    water_salinity: float = Field(35.0, ge=5, le=50, description="its salinity")
+    ph: float = Field(8.0, ge=7.7, le=8.3, description="its pH")
+    shipping: float = Field(0.5, ge=0, le=1, description="shipping activity in the noise, 0 to 1")
+    wind: Annotated[float, Field(ge=0, le=60)] | Literal["storm"] = Field(
+        "storm", description="wind speed in noise and bubbles, m/s, or that of the storm; without one 0"
+    )
+    bubbles: bool = Field(False, description="the wind's bubbles weaken what comes to the array")
+    rain: float = Field(0.0, ge=0, le=200, description="rain in the noise, mm/h")
+    bandwidth: Bandwidth = Field(4000.0, description="bandwidth of the positioning link, Hz")
+    noise_law: Literal["density", "amplitude", "demonstration"] = Field(
+        "density",
+        description="noise of a fix: by energy over noise density, by 10^(−SNR/20) as the amplitude of each sample,"
+        " or by the demonstration's 10^(−SNR/10)",
+    )
+
+    @field_validator("absorption")
+    @classmethod
+    def _known_absorption(cls, name: str) -> str:
+        return known(name, absorption_laws)
 
     @field_validator("ambient_noise")
     @classmethod
@@ -266,12 +294,17 @@ class Usbl(Section):
     """Ultra-short baseline array and its estimator (Eq. 1)."""
 
     spacing: float = Field(0.033, ge=0.001, le=10, description="array spacing d, m")
+    array_depth: float = Field(3.0, ge=0, le=50, description="depth of the array, for the bubbles above it, m")
     carriers: tuple[Carrier, ...] = Field(
         (15000.0, 18000.0), min_length=1, max_length=MAX_AUVS, description="carrier of each AUV, Hz"
     )
     carrier_min: Carrier = Field(12000.0, description="carriers of further AUVs are spread from here ..., Hz")
     carrier_max: Carrier = Field(18000.0, description="... to here, Hz")
-    periods: int = Field(10, ge=1, le=10000, description="length of the tone, carrier periods")
+    signal: Literal["tone", "code"] = Field(
+        "code", description="a tone, or a coded pulse of acoustics.bandwidth, which tells AUVs apart"
+    )
+    periods: int = Field(10, ge=1, le=10000, description="length of a tone, carrier periods")
+    pulse_length: float = Field(0.01, ge=1e-5, le=1, description="length of a coded pulse, s")
     sampling_rate: float = Field(2.016e6, ge=200, le=1e8, description="sampling rate, Hz")
     model: Literal["statistical", "waveform"] = Field(
         "statistical", description="fixes drawn from their distribution, or measured from sampled tones in noise"
@@ -287,8 +320,24 @@ class Usbl(Section):
     packet_loss: float = Field(0.0, ge=0, lt=1, description="probability that a fix never arrives")
     tilt: bool = Field(False, description="the array tilts with the surface under the boat")
     attitude_error: float = Field(
-        0.0, ge=0, le=0.5, description="standard deviation of the residual attitude error per axis, rad"
+        0.0, ge=0, le=0.5, description="standard deviation of the error of pitch and roll, each, new in each fix, rad"
     )
+    alignment_error: float = Field(
+        0.0, ge=0, le=0.5, description="standard deviation of the mounting's error in pitch and roll, all mission, rad"
+    )
+    heading_error: float = Field(
+        0.0, ge=0, le=0.5, description="standard deviation of the error of the heading, all mission, rad"
+    )
+    lever_arm_error: float = Field(
+        0.0,
+        ge=0,
+        le=10,
+        description="standard deviation of the array's place from the antenna, per axis, all mission, m",
+    )
+    gnss_error: float = Field(
+        0.0, ge=0, le=100, description="standard deviation of the boat's own position, per axis, m"
+    )
+    gnss_correlation_time: float = Field(60.0, ge=0.1, le=1e6, description="time in which that error changes, s")
 
     @model_validator(mode="after")
     def _check(self) -> Usbl:
@@ -309,7 +358,56 @@ class Usbl(Section):
         return self.carrier_min + share * (self.carrier_max - self.carrier_min)
 
 
+class Channel(Section):
+    """The one acoustic channel, in which the boat asks its AUVs and they reply."""
+
+    schedule: Literal["every-step", "all", "round-robin", "by-need"] = Field(
+        "every-step",
+        description="fixes in each step for nothing; or by exchanges that take their time: with all AUVs at once, in"
+        " turn, or with the one that the boat knows least of",
+    )
+    turn_around: float = Field(
+        0.1, ge=0, le=10, description="time from the interrogation to the transponder's reply, s"
+    )
+    slots: int = Field(1, ge=1, le=16, description="boats that share the channel, each with a slot of time")
+    slot: int = Field(0, ge=0, le=15, description="number of this boat's slot")
+    slot_length: float = Field(1.0, ge=0.01, le=1000, description="length of a slot, s")
+
+    @model_validator(mode="after")
+    def _check(self) -> Channel:
+        if self.slot >= self.slots:
+            raise ValueError(f"slot = {self.slot}: must be below slots, {self.slots}")
+        return self
+
+
+class Navigation(Section):
+    """What an AUV reckons with between fixes, and what it learns of them: a filter of its own."""
+
+    sensor: Literal["none", "ground", "water"] = Field(
+        "none",
+        description="an AUV has its position from the boat; or it reckons with its velocity over ground (Doppler log)"
+        " or through the water, and is told of its fixes by interrogations",
+    )
+    velocity_noise: float = Field(
+        0.02, ge=0, le=10, description="standard deviation of that velocity's white error in one second, per axis, m/s"
+    )
+    velocity_bias: float = Field(
+        0.03, ge=0, le=10, description="standard deviation of its bias, log and compass together, per axis, m/s"
+    )
+    bias_correlation_time: float = Field(300.0, ge=0.1, le=1e7, description="time in which the bias changes, s")
+    homing_range: Distance = Field(
+        0.0, description="horizontal distance within which an AUV hears its node and knows the way to it, m"
+    )
+
+
 class Boat(Section):
+    noise_level: float = Field(
+        0.0,
+        ge=0,
+        le=150,
+        description="the boat's own noise at its array at top speed and 15 kHz, dB re 1 µPa²/Hz; 60 dB less a decade of"
+        " speed, 20 dB a decade of frequency; 0: none",
+    )
     top_speed: float = Field(4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s")
     drifts: bool = Field(True, description="the current carries the boat")
 

@@ -31,6 +31,10 @@ PROFILES = {  # depth, m, and speed, m/s
     "summer thermocline": [(0, 1522.0), (20, 1522.3), (50, 1492.0), (200, 1490.0)],
     "strong gradient: meltwater": [(0, 1440.0), (3, 1440.0), (20, 1475.0), (60, 1480.0), (200, 1482.0)],
 }
+UPWARD = [(0, 1450.0), (50, 1480.0), (200, 1490.0)]  # under which rays from 30 m depth turn beyond 400 m
+ARRAYS = (0.0, 3.25, 6.5)  # depths of arrays for which a profile is thinned, m
+BED = 199.0  # m
+LONGEST = (283.0, 566.0, 1500.0, 3000.0)  # ranges for which a profile is thinned, m
 METHODS = ("speed at the array", "harmonic mean", "down the ray")
 RANGES = (10, 50, 100, 200, 300, 400)  # of the table, m
 
@@ -84,17 +88,19 @@ def noise(R: np.ndarray) -> np.ndarray:
     offset = tensor(np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1))
     zero = torch.zeros((len(R), 5), device=device)
     index = torch.zeros(len(R), dtype=torch.int32, device=device)
-    covariance = usbl.fixes(link, index, offset, zero[:, :2].contiguous(), 0.0, zero)[1].double().cpu().numpy()
+    covariance = usbl.fixes(link, index, offset, zero[:, :2].contiguous(), zero)[1].double().cpu().numpy()
     return np.sqrt(covariance[:, 0] + covariance[:, 2])
 
 
-def rates(profile: SoundSpeedProfile, seconds: float) -> dict[str, float]:
-    """Rays and positions a second, boats within 10 m of the surface, sources within 200 m at 100 m depth."""
+def rates(
+    profile: SoundSpeedProfile, seconds: float, source: float = DEPTH, nearest: float = 0.0, farthest: float = 200.0
+) -> dict[str, float]:
+    """Rays and positions a second, boats within 10 m of the surface, sources at a depth and at horizontal ranges, m."""
     count = batch(1 << 18, 1 << 24)
     random = np.random.default_rng(0)
     elevation = random.uniform(-10, 10, count)
-    across = random.uniform(-200, 200, (count, 2))
-    offset = tensor(np.column_stack([across, -DEPTH - elevation]))
+    R, azimuth = random.uniform(nearest, farthest, count), random.uniform(-np.pi, np.pi, count)
+    offset = tensor(np.column_stack([R * np.cos(azimuth), R * np.sin(azimuth), -source - elevation]))
     layers, depth = tensor(profile.layers()), tensor(-elevation)
     arrivals = rays.arrivals(layers, depth, offset, 1500.0)
     back = rays.positions(layers, depth, arrivals, 1500.0)
@@ -102,7 +108,8 @@ def rates(profile: SoundSpeedProfile, seconds: float) -> dict[str, float]:
         "depths": len(profile.depths),
         "rays_per_second": count / best_time(lambda: rays.arrivals(layers, depth, offset, 1500.0), seconds),
         "positions_per_second": count / best_time(lambda: rays.positions(layers, depth, arrivals, 1500.0), seconds),
-        "largest_error_there_and_back": float((back - offset).abs().max()),
+        "heard": float(arrivals[:, 4].mean()),
+        "largest_error_there_and_back": float(((back - offset) * arrivals[:, 4:]).abs().max()),
     }
 
 
@@ -154,24 +161,50 @@ def measure(seconds: float) -> dict[str, object]:
         "covariance_ratio": {name: covariance_ratio(profile, R).tolist() for name, profile in profiles.items()},
         "rates": [
             rates(profile, seconds)
-            for profile in (SoundSpeedProfile.constant(1500.0), *profiles.values(), fine.thinned(0.5), fine)
+            for profile in (
+                SoundSpeedProfile.constant(1500.0),
+                *profiles.values(),
+                fine.thinned(ARRAYS, DEPTH, LONGEST[0], BED),
+                fine,
+            )
         ],
+        "turning": rates(SoundSpeedProfile.from_table(UPWARD), seconds, 30.0, 600.0, 3000.0),
+        "shadow": rates(SoundSpeedProfile.from_table(PROFILES["summer thermocline"]), seconds, DEPTH, 3500.0, 4000.0),
         "thinning": [
-            {"tolerance": tolerance, "depths": len(thin.depths), "error": thinning_error(fine, thin)}
-            for tolerance in (0.1, 0.5, 1.0, 2.0)
-            for thin in (fine.thinned(tolerance),)
+            thinning_error(fine, fine.thinned(ARRAYS, DEPTH, longest, BED), longest) | {"longest": longest}
+            for longest in LONGEST
         ],
     }
 
 
-def thinning_error(fine: SoundSpeedProfile, thin: SoundSpeedProfile) -> float:
-    """Largest horizontal error (m) up to 300 m of a fix by the thinned profile of sound that went through the other."""
-    R = np.linspace(1, 300, 300)
-    depth = tensor(np.zeros_like(R))
-    offset = tensor(np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1))
+def thinning_error(fine: SoundSpeedProfile, thin: SoundSpeedProfile, longest: float) -> dict[str, float]:
+    """How much sound through a thinned profile differs from sound through the other, up to a range.
+
+    Largest error of the travel time times 1500 m/s (m), over arrays; where the first array hears last by each (m);
+    largest horizontal error (m) of a fix up to 300 m.
+    """
+    R = np.linspace(1, longest, 1000)
+    worst, edges = 0.0, []
+    for array in ARRAYS:
+        ends = tensor(np.stack([np.full_like(R, array), np.full_like(R, DEPTH), R], axis=1))
+        found = [rays.eigenrays(tensor(p.layers()), ends, array).double().cpu().numpy() for p in (fine, thin)]
+        heard = [rays_found[:, 4] > 0 for rays_found in found]
+        both = heard[0] & heard[1]
+        worst = max(worst, 1500 * np.abs(found[1][:, 3] - found[0][:, 3])[both].max())
+        edges += [float(R[some].max()) for some in heard]
+    near = np.linspace(1, 300, 300)
+    depth = tensor(np.zeros_like(near))
+    offset = tensor(np.stack([near, np.zeros_like(near), np.full_like(near, -DEPTH)], axis=1))
     arrivals = rays.arrivals(tensor(fine.layers()), depth, offset, 1500.0)
     back = rays.positions(tensor(thin.layers()), depth, arrivals, 1500.0)
-    return float((back - offset)[:, 0].abs().max())
+    place = float((back - offset)[:, 0].abs().max())
+    return {
+        "depths": len(thin.depths),
+        "time": float(worst),
+        "place": place,
+        "edge": edges[0],
+        "thinned_edge": edges[1],
+    }
 
 
 def main() -> None:
@@ -203,8 +236,16 @@ def main() -> None:
             f" {row['positions_per_second'] / 1e6:.1f} million positions/s,"
             f" there and back within {1e3 * row['largest_error_there_and_back']:.2f} mm"
         )
+    for kind in ("turning", "shadow"):
+        row = result[kind]
+        heard, rate = 100 * row["heard"], row["rays_per_second"] / 1e6
+        print(f"{kind}, {row['depths']} depths, {heard:.0f} % heard: {rate:.2f} million rays/s")
     for row in result["thinning"]:
-        print(f"thinned to {row['tolerance']:g} m/s: {row['depths']} depths, error {1e3 * row['error']:.1f} mm")
+        print(
+            f"thinned for {row['longest']:g} m: {row['depths']} depths, travel times within {1e3 * row['time']:.1f} mm,"
+            f" fixes within {1e3 * row['place']:.1f} mm up to 300 m;"
+            f" heard up to {row['thinned_edge']:.0f} m, by all depths up to {row['edge']:.0f} m"
+        )
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
 import taichi as ti
 
 from kernels.flow import airy, current
-from kernels.mission.columns import BoatColumn, Parameter
+from kernels.mission.columns import BoatColumn, Draw, Parameter
+from kernels.mission.worlds import normals
 from kernels.shallow_water import packing
 from kernels.types import Level, vec2
 
@@ -46,6 +47,7 @@ def move(worlds: ti.template(), w):
     wanted = vec2(boat[w, BoatColumn.goal_x] - x, boat[w, BoatColumn.goal_y] - y) - drift
     reach = p[Parameter.top_speed] * dt
     distance = wanted.norm()
+    boat[w, BoatColumn.effort] = ti.min(distance / reach, 1.0)
     if distance > reach:
         wanted *= reach / distance
     boat[w, BoatColumn.x] = ti.min(ti.max(x + drift[0] + wanted[0], 0.0), p[Parameter.width])
@@ -71,3 +73,17 @@ def ride(worlds: ti.template(), w):
     boat[w, BoatColumn.slope_y] = surface[2] + storm[2]
     boat[w, BoatColumn.current_x] = velocity[0] + storm[3]
     boat[w, BoatColumn.current_y] = velocity[1] + storm[4]
+
+
+@ti.func
+def locate(worlds: ti.template(), w):
+    """The error of the boat's own position: a Gauss–Markov process, in its stationary state from the start."""
+    p = ti.static(worlds.p)
+    memory = p[Parameter.gnss_memory]
+    if worlds.clock[w, 1] == 0:
+        memory = 0.0
+    noise = normals(worlds, w, Draw.gnss, 0)
+    new = p[Parameter.gnss_error] * ti.sqrt(1.0 - memory * memory)
+    for axis in ti.static(range(2)):
+        column = ti.static(BoatColumn.gnss_x + axis)
+        worlds.boat[w, column] = memory * worlds.boat[w, column] + new * noise[axis]

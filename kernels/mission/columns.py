@@ -19,6 +19,23 @@ class Parameter(Columns):
     random_vortices: int
     tilt: int
     attitude_error: int
+    alignment_error: int
+    heading_error: int
+    sound_speed_error: int  # relative
+    lever_arm_error: int
+    gnss_error: int
+    gnss_memory: int  # e^{−step/correlation time}
+    turn_around: int
+    signal_length: int
+    slots: int
+    slot: int
+    slot_length: int
+    velocity_walk: int  # white error of an AUV's measured velocity, as variance of the way per second, m²/s
+    velocity_bias: int
+    bias_memory: int  # e^{−step/correlation time}
+    velocity_variance: int  # of an AUV's velocity for the boat, per axis, m²/s²
+    velocity_memory: int  # its correlation time, s
+    homing_range: int
     top_speed: int
     drifts: int
     separation_boat: int
@@ -29,6 +46,7 @@ class Parameter(Columns):
     current_variance: int
     correlation_time: int
     current_reading: int
+    auv_speed: int  # greatest over ground, m/s
     horizon: int
     cruise: int
     separation_node: int
@@ -47,7 +65,8 @@ class Parameter(Columns):
     start_backlog: int
     payload: int
     data_level: int
-    data_frequency: int
+    data_absorption: int  # dB/km
+    spreading: int  # dB a decade of range
     data_bandwidth: int
     data_demonstration: int
     progress: int
@@ -101,6 +120,60 @@ class EstimateColumn(Columns):
     covariance_xx: int  # m²
     covariance_xy: int
     covariance_yy: int
+    age: int  # of the last fix used when the next one is made, s; without a tracker
+
+
+class ExchangeColumn(Columns):
+    """Exchange with an AUV over the channel, and its dead reckoning since the last reply heard, (W, K, X)."""
+
+    reply: int  # of `Reply`
+    over: int  # 1 where an exchange with it ended in this step
+    reply_at: int  # when the reply leaves, from the end of the step, s
+    sent_x: int  # true position then, m
+    sent_y: int
+    bias_x: int  # of the AUV's velocity sensor, m/s
+    bias_y: int
+    step_x: int  # displacement measured in the last step, m, and the part of it adrift, s
+    step_y: int
+    step_adrift: int
+    way_x: int  # the same since the last reply that the boat has heard left
+    way_y: int
+    adrift: int
+    elapsed: int  # time since then, s
+    sent_way_x: int  # the same when the reply left that is under way
+    sent_way_y: int
+    sent_adrift: int
+    sent_elapsed: int
+    sent_velocity_x: int  # measured then, m/s
+    sent_velocity_y: int
+    velocity_x: int  # the same of the last reply heard
+    velocity_y: int
+
+
+class Reply(Columns):
+    """State of an exchange with an AUV: none, asked, answered, lost on the way there."""
+
+    none: int
+    due: int
+    sent: int
+    lost: int
+
+
+class Schedule(Columns):
+    """When fixes are made: in each step for nothing, or by exchanges: all AUVs at once, in turn, the least known."""
+
+    every_step: int
+    all: int
+    round_robin: int
+    by_need: int
+
+
+class Sensor(Columns):
+    """What an AUV reckons with: nothing, velocity over ground, velocity through the water."""
+
+    none: int
+    ground: int
+    water: int
 
 
 class NodeColumn(Columns):
@@ -148,6 +221,12 @@ class BoatColumn(Columns):
     current_y: int
     moved_x: int  # displacement in the last step, m
     moved_y: int
+    effort: int  # speed through the water in the last step over the top speed
+    gnss_x: int  # error of its own position, m
+    gnss_y: int
+    channel_free: int  # when the exchange under way ends, from the end of the step, s
+    cycle_time: int  # time since the first of the boats' slots began, s
+    asked: int  # the AUV asked last
     overflowing: int  # nodes that lost packets
     collisions: int  # pairs of AUVs closer than the collision distance
     packets_created: int  # at all nodes
@@ -175,3 +254,8 @@ class Draw(Columns):
     loss: int
     reading: int
     decision: int
+    calibration: int
+    lever_arm: int
+    gnss: int
+    navigation: int
+    residual: int

@@ -1,27 +1,37 @@
 """The fixes of a mission: what the array on the boat receives of an AUV, and what the boat then knows of it."""
 
+import math
+
 import taichi as ti
 
 from kernels import random
-from kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Refraction
+from kernels.mission import navigation
+from kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Refraction, Sensor
 from kernels.mission.worlds import address, normals, uniforms
-from kernels.positioning import rays, tracker, usbl, waveform
+from kernels.positioning import acoustic_link, rays, tracker, usbl, validation, waveform
+from kernels.positioning.validation import Expectation
 from kernels.types import mat3, vec2, vec3, vec4
 
 DEPLOYMENT_VARIANCE = 1e-4  # of the place where an AUV is deployed, m²
 
 
 @ti.dataclass
-class ArrayAttitude:
-    """The array on its wave.
+class ArrayPose:
+    """The array on its wave, and what is known of it.
 
     Attributes:
         axes: of the array in the world's frame, see `usbl.array_axes`.
-        measured: the same as the attitude sensor has them.
+        measured: the same as the sensors of attitude and heading have them.
+        displaced: error of the array's position, m.
+        slowness: slowness of sound over that which fixes are computed with.
+        effort: speed of the boat through the water over its top speed.
     """
 
     axes: mat3
     measured: mat3
+    displaced: vec2
+    slowness: ti.f32
+    effort: ti.f32
 
 
 @ti.dataclass
@@ -32,167 +42,383 @@ class Arrival:
         body: direction of the AUV in the array's true frame.
         slant_range: straight distance, m.
         path: the distance that the sound's delay stands for, m.
-        length: of the direction in the measurement, see `usbl.located`.
+        loss: of `acoustic_link.further_loss`, dB.
     """
 
     body: vec3
     slant_range: ti.f32
     path: ti.f32
-    length: ti.f32
+    loss: ti.f32
 
 
 @ti.dataclass
-class Bearing:
-    """What the array measures of a tone: `direction` in the world's frame, `slant_range` in m, `usbl`'s `flags`."""
+class Tone:
+    """What the array measures of a tone: phase differences and residual in rad modulo one turn, slant range in m."""
 
-    direction: vec3
+    phase: vec2
+    residual: ti.f32
     slant_range: ti.f32
+    amplitude: ti.f32
+
+
+@ti.dataclass
+class Fix:
+    """A fix: `place` in m, `covariance` (xx, xy, yy) of its own errors in m², and `usbl`'s `flags`."""
+
+    place: vec2
+    covariance: vec3
     flags: ti.i32
 
 
 @ti.func
-def array_attitude(worlds: ti.template(), w) -> ArrayAttitude:
-    """Attitude of the array in this step, the same for all AUVs."""
+def array_pose(worlds: ti.template(), w) -> ArrayPose:
+    """Pose of the array in this step, the same for all AUVs.
+
+    Errors of mounting, heading, lever arm and speed of sound last for an episode, those of pitch and roll are new in
+    each step, that of the boat's position is a Gauss–Markov process.
+    """
     p = ti.static(worlds.p)
-    slope = p[Parameter.tilt] * vec2(worlds.boat[w, BoatColumn.slope_x], worlds.boat[w, BoatColumn.slope_y])
+    boat = ti.static(worlds.boat)
+    slope = p[Parameter.tilt] * vec2(boat[w, BoatColumn.slope_x], boat[w, BoatColumn.slope_y])
     angles = usbl.attitude(slope)
     noise = normals(worlds, w, Draw.attitude, 0)
+    lasting = random.normals(address(worlds, w, 0, Draw.calibration, 0), worlds.key_low, worlds.key_high)
+    lever = random.normals(address(worlds, w, 0, Draw.lever_arm, 0), worlds.key_low, worlds.key_high)
     error = p[Parameter.attitude_error] * vec2(noise[0], noise[1])
-    return ArrayAttitude(axes=usbl.array_axes(angles), measured=usbl.array_axes(angles + error))
+    error += p[Parameter.alignment_error] * vec2(lasting[0], lasting[1])
+    gnss = vec2(boat[w, BoatColumn.gnss_x], boat[w, BoatColumn.gnss_y])
+    return ArrayPose(
+        axes=usbl.array_axes(angles),
+        measured=usbl.turned(usbl.array_axes(angles + error), p[Parameter.heading_error] * lasting[2]),
+        displaced=gnss + p[Parameter.lever_arm_error] * vec2(lever[0], lever[1]),
+        slowness=1.0 / (1.0 + p[Parameter.sound_speed_error] * lasting[3]),
+        effort=boat[w, BoatColumn.effort],
+    )
 
 
 @ti.func
-def receive(worlds: ti.template(), arrival: Arrival, axes: mat3, draw: random.uint4, k) -> Bearing:
-    """What the array measures of a tone of AUV k; `axes` are the array's as measured, `draw` addresses the noise."""
+def receive(worlds: ti.template(), arrival: Arrival, w, k) -> Tone:
+    """What the array measures of a tone of AUV k."""
     link = ti.static(worlds.link)
+    draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
+    sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.loss)
     phase = vec2(0.0, 0.0)
-    measured = arrival.path
+    residual = 0.0
+    slant_range = arrival.path
     amplitude = 0.0
     if ti.static(worlds.program.waveform):
-        tone = waveform.measure(
-            link,
-            k,
-            arrival.path * arrival.body,
-            arrival.path,
-            draw,
-            worlds.key_low,
-            worlds.key_high,
-            waveform.PROJECTED,
-        )
+        stream = random.philox(draw, worlds.key_low, worlds.key_high)
+        at = arrival.path * arrival.body
+        tone = waveform.measure(link, k, at, arrival.path, sigma, stream, waveform.PROJECTED)
         phase = vec2(tone[waveform.PHASE_X], tone[waveform.PHASE_Y])
-        measured += tone[waveform.RANGE_ERROR]
+        residual = tone[waveform.RESIDUAL]
+        slant_range += tone[waveform.RANGE_ERROR]
         amplitude = tone[waveform.AMPLITUDE]
     else:
         noise = random.normals(draw, worlds.key_low, worlds.key_high)
-        tone = usbl.measure(link, k, arrival.body, arrival.slant_range, arrival.path, noise)
+        residual_noise = 0.0
+        if ti.static(worlds.program.turns):
+            residual_noise = normals(worlds, w, Draw.residual, k)[0]
+        tone = usbl.measure(link, k, arrival.body, arrival.path, sigma, noise, residual_noise)
         phase = vec2(usbl.wrap(tone.phase[0]), usbl.wrap(tone.phase[1]))
-        measured = tone.slant_range
+        residual = tone.residual
+        slant_range = tone.slant_range
         amplitude = tone.amplitude
-    true_phase = link[k, usbl.KAPPA] * vec2(arrival.body[0], arrival.body[1])
-    found = usbl.located(link, k, true_phase, phase, amplitude, axes, arrival.length)
-    return Bearing(direction=found.vector, slant_range=measured, flags=found.flags)
+    return Tone(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude)
 
 
 @ti.func
-def measure(worlds: ti.template(), offset: vec3, elevation, attitude: ArrayAttitude, draw: random.uint4, k) -> vec4:
+def locate(worlds: ti.template(), w, direction: vec3, slant_range) -> vec3:
+    """The offset (m) from the array of what is heard from a direction, by the rays that the receiver reckons with."""
+    found = slant_range * direction
+    if ti.static(worlds.program.refraction == Refraction.corrected):
+        z = -worlds.boat[w, BoatColumn.elevation]
+        below = vec3(direction[0], direction[1], -1.0)
+        found = rays.follow(worlds.layers, z, below, slant_range, worlds.p[Parameter.sound_speed])
+    return found
+
+
+@ti.func
+def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> vec3:
+    """Covariance (xx, xy, yy) in m² of a fix's own errors at the offset that the receiver measured."""
+    loss = acoustic_link.further_loss(worlds.link, k, offset, pose.effort)
+    sigma = acoustic_link.phase_deviation(worlds.link, k, offset.norm(), loss)
+    return usbl.horizontal_covariance(worlds.link, k, offset, pose.axes, sigma)
+
+
+@ti.func
+def whole_turns(worlds: ti.template(), tone: Tone, length, pose: ArrayPose, expected: Expectation, w, k):
+    """Phase differences of a tone of AUV k with the turns that they most probably lack, and 1 where others are near.
+
+    See `kernels.positioning.validation`. `length` as of `usbl.located`.
+    """
+    link = ti.static(worlds.link)
+    odd = usbl.odd_turns(tone.residual)
+    most = validation.most_turns(link, k, length)
+    kappa = length * link[k, acoustic_link.KAPPA]
+    phase = tone.phase
+    best = validation.NO_CANDIDATE
+    second = validation.NO_CANDIDATE
+    for m in range(-most, most + 1):
+        for n in range(-most, most + 1):
+            candidate = tone.phase + 2.0 * math.pi * vec2(m, n)
+            if ((m + n) & 1) == odd and candidate.norm_sqr() <= kappa * kappa:
+                found = usbl.located(link, k, candidate, candidate, tone.amplitude, pose.measured, length)
+                offset = locate(worlds, w, found.vector, tone.slant_range)
+                loss = acoustic_link.further_loss(link, k, offset, pose.effort)
+                sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
+                covariance = covariance_at(worlds, pose, k, offset)
+                badness = validation.badness(link, k, expected, offset, covariance, sigma)
+                if badness < best:
+                    second = best
+                    best = badness
+                    phase = candidate
+                elif badness < second:
+                    second = badness
+    return phase, ti.cast(second - best < validation.GATE, ti.i32)
+
+
+@ti.func
+def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expectation, w, k) -> vec4:
     """The offset (m) from boat to AUV k that a fix gives, and its flags.
 
     Args:
-        offset: the true one, m. elevation: of the sea under the boat, m. draw: address of the noise.
+        offset: the true one, m. expected: the one that the receiver expects.
     """
     layers = ti.static(worlds.layers)
+    link = ti.static(worlds.link)
     refraction = ti.static(worlds.program.refraction)
     S = ti.max(offset.norm(), 1e-3)
-    c = worlds.p[Parameter.sound_speed]
     direction = offset / S
     path = S
     length = 1.0
     flags = 0
     if ti.static(refraction != Refraction.none):
-        ray = rays.refracted(layers, -elevation, offset, c)
+        c = worlds.p[Parameter.sound_speed]
+        z = -worlds.boat[w, BoatColumn.elevation]
+        ray = rays.refracted(layers, z, z, offset, c)
         direction = ray.direction
         path = ray.slant_range
         if ray.exists == 0:
             flags = usbl.NO_RAY
         if ti.static(refraction == Refraction.corrected):
-            length = c / rays.sound_speed(layers, -elevation)
-    arrival = Arrival(body=attitude.axes @ direction, slant_range=S, path=path, length=length)
-    bearing = receive(worlds, arrival, attitude.measured, draw, k)
-    found = bearing.slant_range * bearing.direction
-    if ti.static(refraction == Refraction.corrected):
-        horizontal = vec2(bearing.direction[0], bearing.direction[1])
-        found = rays.follow(layers, -elevation, horizontal, bearing.slant_range, c)
+            length = c / rays.sound_speed(layers, z)
+    # Where sound is slower than supposed, it comes later and less across the array.
+    body = pose.slowness * (pose.axes @ direction)
+    loss = acoustic_link.further_loss(link, k, offset, pose.effort)
+    tone = receive(worlds, Arrival(body=body, slant_range=S, path=pose.slowness * path, loss=loss), w, k)
+    phase = tone.phase
+    ambiguous = 0
+    if ti.static(worlds.program.turns):
+        phase, ambiguous = whole_turns(worlds, tone, length, pose, expected, w, k)
+    true_phase = link[k, acoustic_link.KAPPA] * vec2(body[0], body[1])
+    found = usbl.located(link, k, true_phase, phase, tone.amplitude, pose.measured, length)
+    place = locate(worlds, w, found.vector, tone.slant_range)
     if flags == 0:
-        flags = bearing.flags
-    return vec4(found[0], found[1], found[2], ti.cast(flags, ti.f32))
+        flags = found.flags | usbl.AMBIGUOUS * ambiguous
+    return vec4(place[0], place[1], place[2], ti.cast(flags, ti.f32))
 
 
 @ti.func
-def take_fix(worlds: ti.template(), attitude: ArrayAttitude, w, k):
+def separation(worlds: ti.template(), w):
+    """Height of the AUVs over the boat on its wave, m: negative."""
+    return -(worlds.p[Parameter.separation_boat] + worlds.boat[w, BoatColumn.elevation])
+
+
+@ti.func
+def away(worlds: ti.template(), w, k) -> vec3:
+    """From the boat to where it takes AUV k to be, m."""
+    x = worlds.estimate[w, k, EstimateColumn.x] - worlds.boat[w, BoatColumn.x]
+    y = worlds.estimate[w, k, EstimateColumn.y] - worlds.boat[w, BoatColumn.y]
+    return vec3(x, y, separation(worlds, w))
+
+
+@ti.func
+def boat_before(worlds: ti.template(), w, age) -> vec2:
+    """Where the boat was `age` seconds before the end of the step, m."""
+    boat = ti.static(worlds.boat)
+    share = age / worlds.p[Parameter.step]
+    moved = vec2(boat[w, BoatColumn.moved_x], boat[w, BoatColumn.moved_y])
+    return vec2(boat[w, BoatColumn.x], boat[w, BoatColumn.y]) - share * moved
+
+
+@ti.func
+def no_fix(worlds: ti.template(), w, k):
+    """No fix of AUV k is due in this step."""
+    worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(usbl.SILENT, ti.f32)
+
+
+@ti.func
+def make_fix(
+    worlds: ti.template(), pose: ArrayPose, w, k, here: vec2, there: vec2, expected: Expectation, lost: ti.i32
+) -> Fix:
+    """Fix AUV k, which was `there` when its signal left, from the boat `here`, m; `lost`: no signal comes."""
+    auv = ti.static(worlds.auv)
+    offset = vec3(there[0] - here[0], there[1] - here[1], separation(worlds, w))
+    found = measure(worlds, offset, pose, expected, w, k)
+    flags = ti.cast(found[3], ti.i32)
+    if lost:
+        flags = usbl.LOST
+    measured = vec3(found[0], found[1], found[2])
+    covariance = covariance_at(worlds, pose, k, measured)
+    common = usbl.systematic_covariance(worlds.link, k, measured, pose.axes)
+    place = here + pose.displaced + vec2(found[0], found[1])
+    for c in ti.static(range(2)):
+        auv[w, k, AuvColumn.fix_x + c] = place[c]
+    for c in ti.static(range(3)):
+        auv[w, k, AuvColumn.covariance_xx + c] = covariance[c] + common[c]
+    return Fix(place=place, covariance=covariance, flags=flags)
+
+
+@ti.func
+def expect(worlds: ti.template(), w, k, here: vec2, age) -> Expectation:
+    """Where the receiver at `here` (m) expects AUV k by its estimate of it, which was made `age` seconds ago."""
+    estimate = ti.static(worlds.estimate)
+    covariance = vec3(0.0)
+    for j in ti.static(range(3)):
+        covariance[j] = estimate[w, k, EstimateColumn.covariance_xx + j]
+    return Expectation(
+        place=vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y]) - here,
+        covariance=covariance,
+        reach=worlds.p[Parameter.auv_speed] * age,
+        separation=-separation(worlds, w),
+    )
+
+
+@ti.func
+def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
     """Fix AUV k from the boat on its wave, and update the estimate of its position.
 
     The fix that is there at the end of a step was received `latency` earlier, of a tone that had left the AUV S/c
-    before. Without a tracker the estimate is the last fix that the receiver could use, which is one that was detected
-    and has a real depth; it cannot tell a wrapped one from any other.
+    before. Without a tracker the estimate is the last fix that the receiver could use (`usbl.usable`); one farther away
+    than the AUV can have gone since is not used, see `kernels.positioning.validation`.
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    boat = ti.static(worlds.boat)
-    estimate = ti.static(worlds.estimate)
-    z = -(p[Parameter.separation_boat] + boat[w, BoatColumn.elevation])
-    here = vec2(boat[w, BoatColumn.x], boat[w, BoatColumn.y])
+    here = boat_before(worlds, w, p[Parameter.latency])
     there = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
-    range_now = ti.sqrt((there - here).norm_sqr() + z * z)
+    z = separation(worlds, w)
+    range_now = ti.sqrt((there - boat_before(worlds, w, 0.0)).norm_sqr() + z * z)
     age = p[Parameter.latency] + p[Parameter.propagates] * range_now / p[Parameter.sound_speed]
-    here -= p[Parameter.latency] / p[Parameter.step] * vec2(boat[w, BoatColumn.moved_x], boat[w, BoatColumn.moved_y])
     then = there - age / p[Parameter.step] * vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
-    offset = vec3(then[0] - here[0], then[1] - here[1], z)
-    draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
-    found = measure(worlds, offset, boat[w, BoatColumn.elevation], attitude, draw, k)
-    flags = ti.cast(found[3], ti.i32)
+    lost = 0
     if p[Parameter.packet_loss] > 0.0:
         u = uniforms(worlds, w, Draw.loss, k)
-        if u[0] < p[Parameter.packet_loss]:
-            flags = usbl.LOST
-    # The receiver evaluates the covariance at the offset that it measured.
-    measured = vec3(found[0], found[1], found[2])
-    sigma = usbl.phase_deviation(worlds.link, k, measured.norm())
-    covariance = usbl.horizontal_covariance(worlds.link, k, measured, attitude.axes, p[Parameter.attitude_error], sigma)
-    fix = here + vec2(found[0], found[1])
-    auv[w, k, AuvColumn.fix_x] = fix[0]
-    auv[w, k, AuvColumn.fix_y] = fix[1]
-    auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
-    auv[w, k, AuvColumn.covariance_xx] = covariance[0]
-    auv[w, k, AuvColumn.covariance_xy] = covariance[1]
-    auv[w, k, AuvColumn.covariance_yy] = covariance[2]
-    usable = (flags & usbl.DETECTED) != 0 and (flags & usbl.NO_DEPTH) == 0
+        lost = ti.cast(u[0] < p[Parameter.packet_loss], ti.i32)
     if ti.static(worlds.program.tracker):
+        expected = expect(worlds, w, k, here, 0.0)
         track = ti.static(worlds.track)
-        if usable:
-            lag = age * track[w, k, tracker.ADRIFT]
-            water = vec2(track[w, k, tracker.WATER_X], track[w, k, tracker.WATER_Y])
-            tracker.update(track, w, k, fix, covariance, lag, lag * water)
-        fix = vec2(track[w, k, tracker.X], track[w, k, tracker.Y])
-        covariance = vec3(track[w, k, tracker.XX], track[w, k, tracker.XY], track[w, k, tracker.YY])
-        usable = True
-    if usable:
-        estimate[w, k, EstimateColumn.x] = fix[0]
-        estimate[w, k, EstimateColumn.y] = fix[1]
-        estimate[w, k, EstimateColumn.covariance_xx] = covariance[0]
-        estimate[w, k, EstimateColumn.covariance_xy] = covariance[1]
-        estimate[w, k, EstimateColumn.covariance_yy] = covariance[2]
-    estimate[w, k, EstimateColumn.separation] = -z
-    error = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y]) - there
-    auv[w, k, AuvColumn.position_error] = error.norm()
+        lag = age * track[w, k, tracker.ADRIFT]
+        carried = lag * vec2(track[w, k, tracker.WATER_X], track[w, k, tracker.WATER_Y])
+        place, covariance = tracker.earlier(track, w, k, lag, carried)
+        expected.place = place - here
+        expected.covariance = covariance
+        fix = make_fix(worlds, pose, w, k, here, then, expected, lost)
+        update_track(worlds, w, k, fix, lag, carried)
+        know_track(worlds, w, k)
+    else:
+        expected = expect(worlds, w, k, here, worlds.estimate[w, k, EstimateColumn.age])
+        fix = make_fix(worlds, pose, w, k, here, then, expected, lost)
+        know_fix(worlds, w, k, fix, expected, here)
+    finish(worlds, pose, w, k)
 
 
 @ti.func
-def begin_track(worlds: ti.template(), w, k):
-    """Track AUV k from where it was deployed, in an unknown current."""
-    covariance = vec3(DEPLOYMENT_VARIANCE, 0.0, DEPLOYMENT_VARIANCE)
-    x = worlds.estimate[w, k, EstimateColumn.x]
-    y = worlds.estimate[w, k, EstimateColumn.y]
-    tracker.begin(worlds.track, w, k, x, y, covariance, worlds.p[Parameter.current_variance])
+def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, lost: ti.i32):
+    """Fix AUV k by a reply that left `there` (m) and arrived `age` seconds before the end of the step, or did not."""
+    here = boat_before(worlds, w, age)
+    if ti.static(worlds.program.sensor != Sensor.none):
+        expected = expect(worlds, w, k, here, worlds.p[Parameter.step] + age)
+        fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
+        if fix.flags & usbl.DETECTED:  # what the reply carries is there, whatever its fix is worth
+            navigation.hear(worlds, w, k)
+            update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
+        worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(fix.flags, ti.f32)
+    else:
+        expected = expect(worlds, w, k, here, worlds.estimate[w, k, EstimateColumn.age])
+        fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
+        know_fix(worlds, w, k, fix, expected, here)
+
+
+@ti.func
+def update_track(worlds: ti.template(), w, k, fix: ti.template(), lag, carried: vec2):
+    """Update the track of AUV k by a fix that can be used; `lag` and `carried` as of `tracker.Fix`."""
+    p = ti.static(worlds.p)
+    track = ti.static(worlds.track)
+    flags = fix.flags
+    if usbl.usable(flags):
+        taken = tracker.Fix(place=fix.place, covariance=fix.covariance, lag=lag, carried=carried)
+        tracker.update(track, w, k, taken, p[Parameter.current_variance], p[Parameter.auv_speed])
+        if track[w, k, tracker.REJECTIONS] > 0.0:
+            flags |= usbl.REJECTED
+    fix.flags = flags
+    worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
+
+
+@ti.func
+def know_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here: vec2):
+    """The estimate of AUV k is the fix of this step, made from `here` (m), where it can be used."""
+    estimate = ti.static(worlds.estimate)
+    auv = ti.static(worlds.auv)
+    flags = fix.flags
+    if (
+        usbl.usable(flags)
+        and validation.squared_innovation(expected, fix.place - here, fix.covariance) > validation.GATE
+    ):
+        flags |= usbl.REJECTED
+    auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
+    if usbl.usable(flags):
+        for c in ti.static(range(2)):
+            estimate[w, k, EstimateColumn.x + c] = auv[w, k, AuvColumn.fix_x + c]
+        for c in ti.static(range(3)):
+            estimate[w, k, EstimateColumn.covariance_xx + c] = auv[w, k, AuvColumn.covariance_xx + c]
+        estimate[w, k, EstimateColumn.age] = 0.0
+
+
+@ti.func
+def know_track(worlds: ti.template(), w, k):
+    """The estimate of AUV k is its track."""
+    estimate = ti.static(worlds.estimate)
+    track = ti.static(worlds.track)
+    estimate[w, k, EstimateColumn.x] = track[w, k, tracker.X]
+    estimate[w, k, EstimateColumn.y] = track[w, k, tracker.Y]
+    estimate[w, k, EstimateColumn.covariance_xx] = track[w, k, tracker.XX]
+    estimate[w, k, EstimateColumn.covariance_xy] = track[w, k, tracker.XY]
+    estimate[w, k, EstimateColumn.covariance_yy] = track[w, k, tracker.YY]
+
+
+@ti.func
+def finish(worlds: ti.template(), pose: ArrayPose, w, k):
+    """What the boat knows of AUV k at the end of the step, with the errors that fixes have in common."""
+    estimate = ti.static(worlds.estimate)
+    estimate[w, k, EstimateColumn.age] = estimate[w, k, EstimateColumn.age] + worlds.p[Parameter.step]
+    if ti.static(worlds.program.sensor != Sensor.none):
+        navigation.expect(worlds, w, k)
+    z = separation(worlds, w)
+    estimate[w, k, EstimateColumn.separation] = -z
+    place = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y])
+    if ti.static(worlds.program.tracker or worlds.program.sensor != Sensor.none):
+        # Both are renewed in each step, without what fixes have in common.
+        common = usbl.systematic_covariance(worlds.link, k, away(worlds, w, k), pose.axes)
+        for c in ti.static(range(3)):
+            estimate[w, k, EstimateColumn.covariance_xx + c] = (
+                estimate[w, k, EstimateColumn.covariance_xx + c] + common[c]
+            )
+    error = place - vec2(worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y])
+    worlds.auv[w, k, AuvColumn.position_error] = error.norm()
+
+
+@ti.func
+def begin_estimate(worlds: ti.template(), pose: ArrayPose, w, k):
+    """The covariance with which the place where AUV k is deployed is known.
+
+    A track follows the positions that fixes without noise would show, so the errors that fixes have in common are part
+    of it.
+    """
+    covariance = usbl.systematic_covariance(worlds.link, k, away(worlds, w, k), pose.axes)
+    covariance += vec3(DEPLOYMENT_VARIANCE, 0.0, DEPLOYMENT_VARIANCE)
+    for c in ti.static(range(3)):
+        worlds.estimate[w, k, EstimateColumn.covariance_xx + c] = covariance[c]
 
 
 @ti.func

@@ -8,8 +8,9 @@ import math
 import taichi as ti
 
 from kernels.flow import airy, current
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, Parameter
-from kernels.mission.motion import target_of
+from kernels.mission import navigation
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, Parameter, Sensor
+from kernels.mission.motion import distance_to_target, target_of
 from kernels.types import Level, vec2
 
 # A horizontal current profiler measures on beams towards the target and BEAM_ANGLE to its right and left, at
@@ -22,13 +23,14 @@ COSINE, SINE = math.cos(BEAM_ANGLE), math.sin(BEAM_ANGLE)
 
 @ti.func
 def target_offset(worlds: ti.template(), w, k) -> vec2:
-    """From the estimated position of AUV k to its target, over the area's diagonal."""
-    scale = 1.0 / worlds.p[Parameter.diagonal]
+    """From where AUV k takes itself to be to its target, over the area's diagonal; near it by homing."""
     target = target_of(worlds, w, k)
-    return vec2(
-        (worlds.node[w, target, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x]) * scale,
-        (worlds.node[w, target, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y]) * scale,
-    )
+    here = navigation.own_position(worlds, w, k)
+    if ti.static(worlds.program.sensor != Sensor.none):
+        if distance_to_target(worlds, w, k) <= worlds.p[Parameter.homing_range]:
+            here = vec2(worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y])
+    there = vec2(worlds.node[w, target, NodeColumn.x], worlds.node[w, target, NodeColumn.y])
+    return (there - here) / worlds.p[Parameter.diagonal]
 
 
 @ti.func
@@ -36,13 +38,12 @@ def others(worlds: ti.template(), w, k, first):
     """Estimated positions of the other AUVs relative to the own one."""
     scale = 1.0 / worlds.p[Parameter.diagonal]
     estimate = ti.static(worlds.estimate)
+    here = navigation.own_position(worlds, w, k)
     slot = first
     for j in range(worlds.auv.shape[1]):
         if j != k:
-            dx = estimate[w, j, EstimateColumn.x] - estimate[w, k, EstimateColumn.x]
-            dy = estimate[w, j, EstimateColumn.y] - estimate[w, k, EstimateColumn.y]
-            worlds.observation[w, k, slot] = dx * scale
-            worlds.observation[w, k, slot + 1] = dy * scale
+            worlds.observation[w, k, slot] = (estimate[w, j, EstimateColumn.x] - here[0]) * scale
+            worlds.observation[w, k, slot + 1] = (estimate[w, j, EstimateColumn.y] - here[1]) * scale
             slot += 2
 
 
@@ -58,8 +59,9 @@ def target(worlds: ti.template(), w, k, first):
 def position(worlds: ti.template(), w, k, first):
     """The own estimated position."""
     scale = 1.0 / worlds.p[Parameter.diagonal]
-    worlds.observation[w, k, first] = worlds.estimate[w, k, EstimateColumn.x] * scale
-    worlds.observation[w, k, first + 1] = worlds.estimate[w, k, EstimateColumn.y] * scale
+    here = navigation.own_position(worlds, w, k)
+    worlds.observation[w, k, first] = here[0] * scale
+    worlds.observation[w, k, first + 1] = here[1] * scale
 
 
 @ti.func

@@ -6,8 +6,8 @@ import taichi as ti
 
 from kernels import random
 from kernels.flow.vortex import Vortex
-from kernels.mission import boat, fixes, observation
-from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter
+from kernels.mission import boat, channel, fixes, navigation, observation
+from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
 from kernels.mission.motion import distance_between
 from kernels.mission.worlds import address, uniforms
 from kernels.types import array1, array2, array3, index2
@@ -93,8 +93,6 @@ def begin_estimate(worlds: ti.template(), w, k):
     estimate[w, k, EstimateColumn.x] = worlds.auv[w, k, AuvColumn.x]
     estimate[w, k, EstimateColumn.y] = worlds.auv[w, k, AuvColumn.y]
     estimate[w, k, EstimateColumn.separation] = worlds.p[Parameter.separation_boat]
-    if ti.static(worlds.program.tracker):
-        fixes.begin_track(worlds, w, k)
 
 
 @ti.func
@@ -110,9 +108,18 @@ def begin_episode(worlds: ti.template(), w):
         begin_estimate(worlds, w, k)
     boat.place(worlds, w)
     boat.ride(worlds, w)
-    attitude = fixes.array_attitude(worlds, w)
+    boat.locate(worlds, w)
+    pose = fixes.array_pose(worlds, w)
     for k in range(num_auvs):
-        fixes.take_fix(worlds, attitude, w, k)
+        fixes.begin_estimate(worlds, pose, w, k)
+        if ti.static(worlds.program.tracker):
+            navigation.begin_filter(worlds, worlds.track, w, k)
+        if ti.static(worlds.program.sensor != Sensor.none):
+            navigation.begin(worlds, w, k)
+        if ti.static(worlds.program.schedule == Schedule.every_step):
+            fixes.take_fix(worlds, pose, w, k)
+    if ti.static(worlds.program.schedule != Schedule.every_step):
+        channel.begin(worlds, pose, w)
     for k in range(num_auvs):
         worlds.program.task.assign(worlds, w, k)
     for k in range(num_auvs):

@@ -9,8 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from kernels.flow.vortex import Vortex
-from kernels.mission.columns import AuvColumn, BeliefColumn, BoatColumn, EstimateColumn, NodeColumn
-from kernels.positioning import tracker
+from kernels.mission.columns import (
+    AuvColumn,
+    BeliefColumn,
+    BoatColumn,
+    EstimateColumn,
+    ExchangeColumn,
+    NodeColumn,
+    Reply,
+)
+from kernels.positioning import tracker, usbl
 from kernels.types import Columns
 
 
@@ -46,7 +54,7 @@ NAMED: dict[str, Range] = {
     "covariance_yy": VARIANCE,
     "fix_x": LENGTH,
     "fix_y": LENGTH,
-    "fix_flags": Range(0.0, 31.0, whole=True),
+    "fix_flags": Range(0.0, usbl.FLAGS, whole=True),
     "moved_x": MOVED,
     "moved_y": MOVED,
     "closed": MOVED,
@@ -57,6 +65,7 @@ NAMED: dict[str, Range] = {
     "packets_delivered": AMOUNT,
     "border": FLAG,
     "position_error": Range(0.0, 1e12),
+    "age": Range(0.0, 1e8),
     "separation": Range(-1e3, 2e4),
     "backlog": Range(0.0, 1e8),
     "kind": Range(0.0, "last_kind", whole=True),
@@ -72,10 +81,22 @@ NAMED: dict[str, Range] = {
     "elevation": Range(-500.0, 500.0),
     "slope_x": Range(-1e3, 1e3),
     "slope_y": Range(-1e3, 1e3),
+    "effort": Range(0.0, 1.001),
+    "gnss_x": Range(-1e3, 1e3),
+    "gnss_y": Range(-1e3, 1e3),
     "overflowing": Range(0.0, "targets"),
     "collisions": Range(0.0, 1e3),
     "packets_created": AMOUNT,
     "packets_lost": AMOUNT,
+    "channel_free": Range(-1e8, 1e8),
+    "cycle_time": Range(0.0, 2e4),
+    "asked": Range(-1.0, "last_auv", whole=True),
+    "over": FLAG,
+    "reply": Range(0.0, float(len(Reply.names) - 1), whole=True),
+    "reply_at": Range(-1e8, 1e8),
+    **{f"{part}{axis}": LENGTH for part in ("sent_", "step_", "way_", "sent_way_") for axis in "xy"},
+    **{f"{part}{axis}": VELOCITY for part in ("bias_", "velocity_", "sent_velocity_") for axis in "xy"},
+    **dict.fromkeys(("step_adrift", "adrift", "elapsed", "sent_adrift", "sent_elapsed"), Range(-1.0, 1e8)),
     "Gamma": Range(-1e5, 1e5),
     "delta": Range(0.0, 1e6),
 }
@@ -102,6 +123,8 @@ STATE: State = {
     "vortex": _of(Vortex, VORTEX),
     "boat": _of(BoatColumn, {}),
     "track": tuple((f"track {column}", VARIANCE) for column in range(tracker.COLUMNS)),
+    "own": tuple((f"own track {column}", VARIANCE) for column in range(tracker.COLUMNS)),
+    "exchange": _of(ExchangeColumn, {}),
 }
 ANYTHING = 1e12  # bound of what has no table: an observation, a reward
 LARGEST = max(float(b) for table in STATE.values() for _, r in table for b in (r.high,) if not isinstance(b, str))

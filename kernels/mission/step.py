@@ -6,7 +6,8 @@ a world's history does not depend on how many others run beside it or on threads
 
 import taichi as ti
 
-from kernels.mission import boat, fixes, motion, observation, rewards
+from kernels.mission import boat, channel, fixes, motion, navigation, observation, rewards
+from kernels.mission.columns import Schedule, Sensor
 
 
 @ti.func
@@ -19,12 +20,18 @@ def advance(worlds: ti.template(), w):
         worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
         if ti.static(worlds.program.tracker):
             fixes.predict(worlds, w, k)
+        if ti.static(worlds.program.sensor != Sensor.none):
+            navigation.reckon(worlds, w, k)
     boat.set_goal(worlds, w, worlds.program.strategy.goal(worlds, w))
     boat.move(worlds, w)
     boat.ride(worlds, w)
-    attitude = fixes.array_attitude(worlds, w)
-    for k in range(num_auvs):
-        fixes.take_fix(worlds, attitude, w, k)
+    boat.locate(worlds, w)
+    pose = fixes.array_pose(worlds, w)
+    if ti.static(worlds.program.schedule == Schedule.every_step):
+        for k in range(num_auvs):
+            fixes.take_fix(worlds, pose, w, k)
+    else:
+        channel.exchange(worlds, pose, w)
     worlds.program.task.update(worlds, w)
     rewards.count_collisions(worlds, w)
     for k in range(num_auvs):

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from kernels import random
-from kernels.mission.columns import Information, Parameter, Refraction
+from kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
 from kernels.mission.tasks.task import Task
 
 
@@ -34,7 +34,11 @@ class Program(NamedTuple):
         objective_code: what the boat maximises, of `kernels.planning.objectives.objective_code`.
         waveform: fixes by sampled tones, not by the statistical model.
         refraction: of `Refraction`.
+        tracker: the boat tracks its AUVs by their commanded velocities.
+        schedule: of `Schedule`.
+        sensor: of `Sensor`, what AUVs reckon with.
         tracker: the boat tracks its AUVs.
+        turns: phases of a fix can lack whole turns, see `kernels.positioning.validation`.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
         constant_range: number of worlds, or 0, see `kernels.runtime.constant_range`.
     """
@@ -48,6 +52,9 @@ class Program(NamedTuple):
     waveform: bool = False
     refraction: int = Refraction.none
     tracker: bool = False
+    schedule: int = Schedule.every_step
+    sensor: int = Sensor.none
+    turns: bool = False
     serial: bool = False
     constant_range: int = 0
 
@@ -58,7 +65,7 @@ class Worlds(NamedTuple):
     Attributes:
         program: what is compiled.
         p: (P,) numbers of the scenario, `Parameter`.
-        link: (K, C) acoustic constants of each AUV, `kernels.positioning.usbl.link_table`.
+        link: (K, C) acoustic constants of each AUV, `kernels.positioning.acoustic_link.link_table`.
         layers: (N, 3) sound speed profile, `kernels.positioning.rays`.
         arrivals: (R, .) table of Poisson arrivals, `kernels.mission.poisson_table`.
         fixed_vortex: (V, 4) vortices that are not drawn at random.
@@ -75,7 +82,9 @@ class Worlds(NamedTuple):
         node: (W, M, N) `NodeColumn`.
         boat: (W, B) `BoatColumn`.
         estimate: (W, K, E) `EstimateColumn`.
-        track: (W, K, T) where there is a tracker, `kernels.positioning.tracker`.
+        track: (W, K, T) the boat's filters, where it has any, `kernels.positioning.tracker`.
+        own: (W, K, T) the AUVs' own, where they have any.
+        exchange: (W, K, X) `ExchangeColumn`, where there is a channel.
         belief: (W, B, M, C) `BeliefColumn`.
         workspace: (W, ≥ 1) numbers that the target rule needs while it chooses.
         observation: (W, K, O).
@@ -104,6 +113,8 @@ class Worlds(NamedTuple):
     boat: Any
     estimate: Any
     track: Any
+    own: Any
+    exchange: Any
     belief: Any
     workspace: Any
     observation: Any

@@ -9,7 +9,7 @@ turned by a right angle,
 which is regular beneath the boat and positive definite (a, b ≥ 0). 1/T is the variance of a level array's fix across
 its line of sight, from phase noise and the attitude error ε in pitch and roll. σ by the sonar equation gives power =
 1 + 3/4 · paths · exponent (echo 2.5, transponder 1.75; under the demonstration's noise law 4 and 2.5) and a decay by
-absorption; a constant σ gives 1 and 0. These constants are in `usbl.link_table`. Two measurements:
+absorption; a constant σ gives 1 and 0. These constants are in `acoustic_link.link_table`. Two measurements:
 
 - PHASE, Eq. 1's two phase differences at known depth: T [s⁴ r̂r̂ᵀ + t̂t̂ᵀ] with s² = z²/q, so a = T z⁴/q² and
   b = T (1 + z²/q)/q. That is HᵀR⁻¹H with the exact Jacobian H. The information in the noise's strength about the
@@ -26,7 +26,7 @@ import taichi as ti
 import torch
 
 from kernels.planning.team import Team, position, squared_separation
-from kernels.positioning.usbl import ATTITUDE, DECAY, LEVEL, POWER, REFERENCE
+from kernels.positioning.acoustic_link import ATTITUDE, DECAY, LEVEL, POWER, REFERENCE
 from kernels.types import array2, array3, vec2, vec3
 
 PHASE = 0
@@ -69,21 +69,18 @@ def times_T(T, L1, L2, g, g1, g2) -> vec3:
 
 
 @ti.func
-def coefficients(link: ti.template(), k, measurement: ti.template(), log_scale, rho2, z2) -> mat2x3:
-    """Rows a and b; columns the value, d/dq, d²/dq² at q = rho2 + z2 (m²). T is divided by exp(log_scale)."""
-    q = rho2 + z2
-    i = 1.0 / q
-    f = log_strength(link, k, q, z2)
-    T = ti.exp(f[0] - log_scale)
+def coefficients(measurement: ti.template(), T: vec3, rho2, z2) -> mat2x3:
+    """Rows a and b; columns the value, d/dq, d²/dq² at q = rho2 + z2 (m²), from T and two derivatives of ln T."""
+    i = 1.0 / (rho2 + z2)
     s2 = z2 * i
     s4 = s2 * s2
     a = vec3(0.0, 0.0, 0.0)
     b = vec3(0.0, 0.0, 0.0)
     if ti.static(measurement == PHASE):
-        a = times_T(T, f[1], f[2], s4, -2.0 * s4 * i, 6.0 * s4 * i * i)
-        b = times_T(T, f[1], f[2], (1.0 + s2) * i, -(1.0 + 2.0 * s2) * i * i, (2.0 + 6.0 * s2) * i * i * i)
+        a = times_T(T[0], T[1], T[2], s4, -2.0 * s4 * i, 6.0 * s4 * i * i)
+        b = times_T(T[0], T[1], T[2], (1.0 + s2) * i, -(1.0 + 2.0 * s2) * i * i, (2.0 + 6.0 * s2) * i * i * i)
     else:
-        a = times_T(T, f[1], f[2], 1.0, 0.0, 0.0)
+        a = times_T(T[0], T[1], T[2], 1.0, 0.0, 0.0)
     return mat2x3([[a[0], a[1], a[2]], [b[0], b[1], b[2]]])
 
 
@@ -93,7 +90,9 @@ def information(team: ti.template(), measurement: ti.template(), place: vec2) ->
     J = vec3(0.0, 0.0, 0.0)
     for k in range(team.count):
         d = place - position(team, k)
-        c = coefficients(team.link, k, measurement, 0.0, d.norm_sqr(), squared_separation(team, k))
+        z2 = squared_separation(team, k)
+        f = log_strength(team.link, k, d.norm_sqr() + z2, z2)
+        c = coefficients(measurement, vec3(ti.exp(f[0]), f[1], f[2]), d.norm_sqr(), z2)
         J += vec3(c[0, 0] + c[1, 0] * d[1] * d[1], -c[1, 0] * d[0] * d[1], c[0, 0] + c[1, 0] * d[0] * d[0])
     return J
 

@@ -5,15 +5,14 @@ limited:
 
 - D, SUM, PAPER can have several local maxima, above AUVs that are far apart for their depth and between them. So there
   is an ascent from a given place, from the AUVs' mean, and from each AUV that is not close to one tried before; and no
-  step is longer than the least depth, which is the width of a maximum: longer ones would skip from one to another.
-  `benchmarks.plan` looks for a higher place in thousands of layouts. PAPER dips straight above an AUV, where its sines
-  vanish, and peaks on a ring of radius about √|z| round it, so there ascents start on the ring of every AUV. Within a
-  reach the ascents start at the point of it nearest to each of these places.
+  step is longer than half the slant range of the nearest AUV, the width of a maximum there. Where the attitude error
+  makes an AUV's variance constant over a plateau, D can have maxima at the plateaus' edges: then the two best of
+  several places between each two AUVs are starts too. `benchmarks.plan` looks for a higher place in thousands of
+  layouts. PAPER dips straight above an AUV, where its sines vanish, and peaks on a ring of radius about √|z| round it,
+  so there ascents start on the ring of every AUV. Within a reach the ascents start at the point of it nearest to each
+  of these places.
 - A has one maximum, and one ascent.
-- E has one maximum too, in general at a kink where two or three AUVs are located equally badly. It is smoothed, more
-  sharply from round to round, and in every round each AUV's bias moves by its difference from the worst. That is the
-  exponential method of multipliers (Tseng and Bertsekas, Mathematical Programming 60 (1993) 1–19), which converges to
-  the kink itself.
+- E has one maximum too, which cutting planes enclose (`kernels.planning.cutting_planes`).
 
 All of them suppose a level array at its present elevation.
 """
@@ -21,49 +20,20 @@ All of them suppose a level array at its present elevation.
 import taichi as ti
 import torch
 
-from kernels.planning import paper_objective
+from kernels.planning.cutting_planes import centre_of_gravity
+from kernels.planning.fisher import log_T, mat2x3
 from kernels.planning.newton_ascent import ROUNDING, Region, ascend, clip
-from kernels.planning.objectives import PAPER, A, E, Objective, auv_variance, objective_of, worst
+from kernels.planning.objectives import PAPER, A, D, E, log_objective, objective_of
 from kernels.planning.team import Team, check_team, each_auv, mean_position, position, squared_separation
+from kernels.positioning.acoustic_link import ATTITUDE
 from kernels.types import array2, array3, vec2, vec3
 
 RING_STARTS = 8
 TWO_PI = 6.283185307179586
-SHARPNESS = 4.0  # β of the first round of E
-SHARPENING = 6.0  # factor on β from round to round
-SHARPENINGS = 5  # rounds until it stays
-ROUNDS = 8
-FADED = 5.0  # lower bound on the log-multipliers is −FADED
 ANYWHERE = 1e9  # m, unlimited reach
+BETWEEN = 5  # places tried between two AUVs
+PLATEAU = 10.0  # variance by the attitude error over that by noise, straight above
 CLOSE_BY = 0.5  # of the least depth: AUVs so near to one another share a maximum
-
-
-@ti.func
-def single_ascent(team: ti.template(), code: ti.template(), start: vec2, region: ti.template()) -> vec3:
-    """The maximum of A."""
-    bias = each_auv(0.0)
-    objective = ti.static(Objective(code, 0.0, 1.0, bias))
-    return ascend(team, objective, clip(start, region), vec3(0.0, 0.0, -1e30), 0.0, ANYWHERE, region)
-
-
-@ti.func
-def method_of_multipliers(team: ti.template(), code: ti.template(), start: vec2, region: ti.template()) -> vec3:
-    """The maximum of E."""
-    sharpness = SHARPNESS
-    bias = each_auv(0.0)
-    objective = ti.static(Objective(code, 0.0, sharpness, bias))
-    place = start
-    for i in range(ROUNDS):
-        best = ascend(team, objective, clip(place, region), vec3(0.0, 0.0, -1e30), 0.0, ANYWHERE, region)
-        place = vec2(best[0], best[1])
-        sharper = sharpness
-        if i + 1 < SHARPENINGS:
-            sharper *= SHARPENING
-        for k in range(team.count):
-            g = auv_variance(team, code, k, place)[0]
-            bias[k] = ti.max((bias[k] + g + best[2]) * sharpness, -FADED) / sharper
-        sharpness = sharper
-    return vec3(place[0], place[1], worst(team, code, place)[0])
 
 
 @ti.func
@@ -86,24 +56,63 @@ def is_close_by(team: ti.template(), k, tried: ti.template(), nearest) -> bool:
 
 
 @ti.func
+def has_plateau(team: ti.template(), k) -> bool:
+    """Whether the attitude error outweighs the noise far round AUV k, where its variance is therefore constant."""
+    z2 = squared_separation(team, k)
+    return team.link[k, ATTITUDE] * z2 * ti.exp(log_T(team.link, k, z2)) > PLATEAU
+
+
+@ti.func
+def best_between_auvs(team: ti.template(), code: ti.template(), region: ti.template()) -> mat2x3:
+    """The two best of five places between each two AUVs, as rows (x, y, ln of the objective); −1e30 for none.
+
+    Only between AUVs of which at least one has a plateau: where plateaus end D can have maxima above no AUV.
+    """
+    first = vec3(0.0, 0.0, -1e30)
+    second = first
+    for j in range(team.count):
+        limited = has_plateau(team, j)
+        for k in range(team.count):
+            if k != j and limited and (k > j or not has_plateau(team, k)):
+                for i in range(BETWEEN):
+                    share = (i + 0.5) / BETWEEN
+                    point = clip(position(team, j) + share * (position(team, k) - position(team, j)), region)
+                    value = log_objective(team, code, point)[0]
+                    if value > first[2]:
+                        second = first
+                        first = vec3(point[0], point[1], value)
+                    elif value > second[2]:
+                        second = vec3(point[0], point[1], value)
+    return mat2x3([[first[0], first[1], first[2]], [second[0], second[1], second[2]]])
+
+
+@ti.func
 def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti.template()) -> vec3:
     """The highest of the maxima of D, SUM or PAPER; that uphill of `start` wins a tie."""
     starts_per_auv = ti.static(RING_STARTS if objective_of(code) == PAPER else 1)
-    log_scale = paper_objective.log_scale(team)
-    bias = each_auv(0.0)
-    objective = ti.static(Objective(code, log_scale, 1.0, bias))
     nearest = 1e30
     for k in range(team.count):
         nearest = ti.min(nearest, squared_separation(team, k))
     middle = mean_position(team)
+    at_auvs = team.count * starts_per_auv
+    between = mat2x3(0.0)
+    starts = 2 + at_auvs
+    if ti.static(objective_of(code) == D):
+        if team.count > 2:
+            between = best_between_auvs(team, code, region)
+            starts += 2
     tried = each_auv(0.0)
     near = 0.0
     best = vec3(start[0], start[1], -1e30)
-    for i in range(2 + team.count * starts_per_auv):
+    for i in range(starts):
         point = start
         new = True
         if i == 1:
             point = middle
+        elif i >= 2 + at_auvs:
+            row = i - 2 - at_auvs
+            point = vec2(between[row, 0], between[row, 1])
+            new = between[row, 2] > -1e30
         elif i > 1:
             k = (i - 2) // starts_per_auv
             if ti.static(objective_of(code) == PAPER):
@@ -113,7 +122,7 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti
                 new = not is_close_by(team, k, tried, nearest)
                 tried[k] = ti.cast(new, ti.f32)
         if new:
-            top = ascend(team, objective, clip(point, region), best, near, ti.sqrt(nearest), region)
+            top = ascend(team, code, clip(point, region), best, near, True, region)
             if top[2] > best[2] + ROUNDING:
                 best = top
         if ti.static(objective_of(code) != PAPER):  # the dips and peaks of PAPER are narrower than the AUVs are deep
@@ -131,9 +140,9 @@ def search(team: ti.template(), code: ti.template(), start: vec2, region: ti.tem
     """
     best = vec3(0.0, 0.0, 0.0)
     if ti.static(objective_of(code) == A):
-        best = single_ascent(team, code, start, region)
+        best = ascend(team, code, clip(start, region), vec3(0.0, 0.0, -1e30), 0.0, False, region)
     elif ti.static(objective_of(code) == E):
-        best = method_of_multipliers(team, code, start, region)
+        best = centre_of_gravity(team, code, start, region)
     else:
         best = multistart(team, code, start, region)
     return best
@@ -184,7 +193,7 @@ def plan_batch(
     """`plan` for many layouts at once.
 
     Args:
-        link: (K, COLUMNS) float32 of `usbl.link_table`.
+        link: (K, COLUMNS) float32 of `acoustic_link.link_table`.
         points: (n, K, 3) float32, x, y and vertical separation of every AUV, m.
         code: of `objectives.objective_code`.
         width, length: the box [0, width] × [0, length] the boat may be in, m.

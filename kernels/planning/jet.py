@@ -6,7 +6,7 @@ by a constant are those of vectors.
 
 import taichi as ti
 
-from kernels.types import vec3, vec6
+from kernels.types import vec2, vec3, vec6
 
 VALUE, X, Y, XX, XY, YY = range(6)
 
@@ -69,3 +69,18 @@ def of_squared_distance(g: vec3, dx, dy) -> vec6:
     g1 = 2.0 * g[1]  # the derivatives of q by x and y are 2 dx, 2 dy and 2
     g2 = 4.0 * g[2]
     return vec6(g[0], g1 * dx, g1 * dy, g1 + g2 * dx * dx, g2 * dx * dy, g1 + g2 * dy * dy)
+
+
+@ti.func
+def turned(u: vec6, axis: vec2) -> vec6:
+    """A jet by distances along `axis` (of length one) and to its left, as the jet by x and y."""
+    c = axis[0]
+    s = axis[1]
+    return vec6(
+        u[VALUE],
+        c * u[X] - s * u[Y],
+        s * u[X] + c * u[Y],
+        c * c * u[XX] - 2.0 * c * s * u[XY] + s * s * u[YY],
+        c * s * (u[XX] - u[YY]) + (c * c - s * s) * u[XY],
+        s * s * u[XX] + 2.0 * c * s * u[XY] + c * c * u[YY],
+    )

@@ -11,12 +11,15 @@ import taichi as ti
 
 from kernels.planning.jet import VALUE, XX, XY, YY, X, Y
 from kernels.planning.objectives import log_objective
+from kernels.planning.team import position, squared_separation
 from kernels.types import vec2, vec3, vec6
 
 MAX_EVALUATIONS = 60
 ROUNDING = 4e-7  # of ln of an objective, relative to 1 + its size
 SMALL_GAIN = 1e-6  # a Newton step of a smaller predicted gain is accepted without evaluation
 LEAST_DAMPING = 1e-6
+UNBOUNDED = 1e9  # m, length of a step
+STEP = 0.5  # of the least slant range, longest step: longer ones skip from one maximum to another
 
 
 class Region(NamedTuple):
@@ -135,16 +138,31 @@ def next_place(f: vec6, place: vec2, damping, longest, region: ti.template()) ->
 
 
 @ti.func
+def least_slant_range(team: ti.template(), place: vec2):
+    """Slant range of the AUV nearest to a place, m: the length over which an objective's derivatives change."""
+    least = 1e30
+    for k in range(team.count):
+        least = ti.min(least, (place - position(team, k)).norm_sqr() + squared_separation(team, k))
+    return ti.sqrt(least)
+
+
+@ti.func
 def ascend(
-    team: ti.template(), objective: ti.template(), start: vec2, best: vec3, near, longest, region: ti.template()
+    team: ti.template(),
+    code: ti.template(),
+    start: vec2,
+    best: vec3,
+    near,
+    bounded: ti.template(),
+    region: ti.template(),
 ) -> vec3:
     """The local maximum uphill of a start in the region, (x, y, `log_objective`).
 
     Args:
-        team, objective: `Team` and `Objective`.
+        team, code: `Team`, and of `objectives.objective_code`.
         best: a maximum found earlier. An ascent whose next step leads to a place less than √near (m) away from it, and
             not above it, ends there as that maximum.
-        longest: longest step, m.
+        bounded: whether no step is longer than STEP of the least slant range, a constant of the kernel.
         region: `Region`.
     """
     place = start
@@ -154,7 +172,7 @@ def ascend(
     evaluations = 0
     ascending = True
     while ascending:
-        f_new = log_objective(team, objective, candidate)
+        f_new = log_objective(team, code, candidate)
         evaluations += 1
         if f_new[VALUE] > f[VALUE] - ROUNDING * (1.0 + ti.abs(f[VALUE])):
             place = candidate
@@ -162,6 +180,9 @@ def ascend(
             damping = ti.min(2.0 * damping, 1.0)
         else:
             damping *= 0.3
+        longest = UNBOUNDED
+        if ti.static(bounded):
+            longest = STEP * least_slant_range(team, place)
         there = next_place(f, place, damping, longest, region)
         candidate = vec2(there[0], there[1])
         gain = there[2]

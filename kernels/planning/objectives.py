@@ -11,39 +11,18 @@ K positions are estimated. Their information matrix J is block diagonal with the
 D, A and E depend on the AUVs' distances only, and every variance grows with distance, so the maximum lies in the AUVs'
 convex hull. Both variances of a block are convex functions of the boat's place. So A, whose tr J⁻¹ is their sum, and E,
 whose 1/λ is their maximum, have no local maximum except the global one; D can have several.
-
-A and E are one function, −1/β ln Σ_k exp(β (g_k + bias_k)): with the logarithm g of a block's trace, β = 1 and no bias
-it is A; with that of its larger variance, and large β, E smoothed.
 """
-
-from typing import NamedTuple
 
 import taichi as ti
 import torch
 
 from kernels.planning import jet, paper_objective
 from kernels.planning.fisher import FIX, MEASUREMENTS, PHASE, log_strength
-from kernels.planning.team import Team, check_team, each_auv, position, squared_separation
+from kernels.planning.team import Team, check_team, position, squared_separation
 from kernels.types import array2, array3, vec2, vec3, vec6
 
 OBJECTIVES = ("d", "a", "e", "sum", "paper")
 D, A, E, SUM, PAPER = range(5)
-
-
-class Objective(NamedTuple):
-    """An objective as a kernel evaluates it.
-
-    Attributes:
-        code: of `objective_code`, a constant of the kernel.
-        log_scale: of `paper_objective.log_scale`, for SUM and PAPER.
-        sharpness: β of A and E, 1 for A.
-        bias: of each AUV (`each_auv`) for A and E, 0 for A.
-    """
-
-    code: int
-    log_scale: ti.f32
-    sharpness: ti.f32
-    bias: ti.Vector
 
 
 def objective_code(measurement: str, objective: str) -> int:
@@ -70,7 +49,10 @@ def measurement_of(code: int) -> int:
 
 @ti.func
 def log_variance(link: ti.template(), k, code: ti.template(), q, z2) -> vec3:
-    """ln det, ln tr or ln of the larger eigenvalue of J_k⁻¹ for D, A, E, and its first two derivatives by q (m²)."""
+    """ln det, ln tr or ln of the larger eigenvalue of J_k⁻¹ for D, A, E, and −ln T_k for SUM of FIX.
+
+    The value and its first two derivatives by q (m²).
+    """
     objective = ti.static(objective_of(code))
     g = -log_strength(link, k, q, z2)
     if ti.static(objective == D):
@@ -106,23 +88,22 @@ def log_det(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
 
 
 @ti.func
-def power_mean(team: ti.template(), objective: ti.template(), place: vec2) -> vec6:
-    """−1/β ln Σ_k exp(β (g_k + bias_k)) with β = `sharpness`: objective A, and E smoothed."""
-    beta = objective.sharpness
+def log_sum(team: ti.template(), code: ti.template(), sign: ti.template(), place: vec2) -> vec6:
+    """ln Σ_k exp(`sign` · `auv_variance`)."""
     largest = -1e30
-    total = vec6(0.0)  # Σ of w, w ∇g, w (∇²g + β ∇g ∇gᵀ) with w = exp(β (g + bias − largest))
+    total = vec6(0.0)  # Σ of w, w ∇g, w (∇²g + ∇g ∇gᵀ) with w = exp(g − largest)
     for k in range(team.count):
-        g = auv_variance(team, objective.code, k, place)
-        height = g[jet.VALUE] + objective.bias[k]
+        g = sign * auv_variance(team, code, k, place)
+        height = g[jet.VALUE]
         if height > largest:
-            total *= ti.exp(beta * (largest - height))
+            total *= ti.exp(largest - height)
             largest = height
-        term = jet.add_gradient_product(g, beta)
+        term = jet.add_gradient_product(g, 1.0)
         term[jet.VALUE] = 1.0
-        total += ti.exp(beta * (height - largest)) * term
-    mean = jet.add_gradient_product(total / total[jet.VALUE], -beta)
-    mean[jet.VALUE] = largest + ti.log(total[jet.VALUE]) / beta
-    return -mean
+        total += ti.exp(height - largest) * term
+    f = jet.logarithm(total)
+    f[jet.VALUE] += largest
+    return f
 
 
 @ti.func
@@ -137,17 +118,20 @@ def worst(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
 
 
 @ti.func
-def log_objective(team: ti.template(), objective: ti.template(), place: vec2) -> vec6:
-    """Jet of ln of the `Objective` for a boat at `place` (m); E is smoothed."""
-    chosen = ti.static(objective_of(objective.code))
+def log_objective(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
+    """Jet of ln of the objective for a boat at `place` (m)."""
+    objective = ti.static(objective_of(code))
     f = vec6(0.0)
-    if ti.static(chosen == D):
-        f = log_det(team, objective.code, place)
-    elif ti.static(chosen in (A, E)):
-        f = power_mean(team, objective, place)
+    if ti.static(objective == D):
+        f = log_det(team, code, place)
+    elif ti.static(objective == A):
+        f = -log_sum(team, code, 1.0, place)
+    elif ti.static(objective == E):
+        f = worst(team, code, place)
+    elif ti.static(objective == SUM and measurement_of(code) == FIX):
+        f = 2.0 * log_sum(team, code, -1.0, place)
     else:
-        measurement, printed = ti.static(measurement_of(objective.code), chosen == PAPER)
-        f = paper_objective.log_det(team, measurement, printed, objective.log_scale, place)
+        f = paper_objective.log_det(team, ti.static(objective == PAPER), place)
     return f
 
 
@@ -156,13 +140,7 @@ def _batch(link: array2, points: array3, boat: array2, code: ti.template(), out:
     for i in range(points.shape[0]):
         team = ti.static(Team(points, link, i, points.shape[1]))
         place = vec2(boat[i, 0], boat[i, 1])
-        f = vec6(0.0)
-        if ti.static(objective_of(code) == E):
-            f = worst(team, code, place)
-        else:
-            scale = paper_objective.log_scale(team)
-            bias = each_auv(0.0)
-            f = log_objective(team, ti.static(Objective(code, scale, 1.0, bias)), place)
+        f = log_objective(team, code, place)
         for j in ti.static(range(6)):
             out[i, j] = f[j]
 
@@ -171,7 +149,7 @@ def log_objective_batch(link: torch.Tensor, points: torch.Tensor, boat: torch.Te
     """ln of the objective (lengths in m) with gradient and Hessian, for many boats and layouts.
 
     Args:
-        link: (K, COLUMNS) float32 of `usbl.link_table`.
+        link: (K, COLUMNS) float32 of `acoustic_link.link_table`.
         points: (n, K, 3) float32, x, y and vertical separation of every AUV, m.
         boat: (n, 2) float32, m.
         code: of `objective_code`. E is exact; its derivatives are those of the worst-located AUV's term.

@@ -10,46 +10,45 @@ E = 0. Eq. 3a is printed as (K/S0²)² [3m sin²γ0 + (sin⁴γ0 + 1)² χ], for
 3 Σ T_k² s_k² + Σ_{i<j} T_i T_j (1 + s_i⁴)(1 + s_j⁴) sin²α_ij, without attitude error. It is the determinant of no
 information matrix, but with a = 0 and b = T (1 + s⁴)/ρ² its second sum has the shape of one, and its first is E.
 sin²α jumps beneath the boat; ρ² + (1 m)² in place of ρ² makes it smooth.
+
+Far from shallow AUVs J is nearly singular, and P Q − R² a small difference of large numbers. So the axes are those
+along and across the line of sight of the AUV m with the largest b_k ρ_k². It adds nothing to R, and by the inequality
+of Cauchy and Schwarz R² ≤ (1 − 1/K) P Q: the difference is at least 1/K of P Q. Each T is divided by the largest one.
 """
 
 import taichi as ti
 
 from kernels.planning import jet
-from kernels.planning.fisher import coefficients, log_signal, log_strength, times_T
-from kernels.planning.team import position, squared_separation
+from kernels.planning.fisher import PHASE, coefficients, log_signal, log_strength, times_T
+from kernels.planning.team import each_auv, position, squared_separation
 from kernels.types import mat3, vec2, vec3, vec6
 
 
 @ti.func
-def log_scale(team: ti.template()):
-    """The largest ln T straight above an AUV: the scale that keeps the sums of order one."""
-    largest = -1e30
-    for k in range(team.count):
-        z2 = squared_separation(team, k)
-        largest = ti.max(largest, log_strength(team.link, k, z2, z2)[0])
-    return largest
+def terms(strength: vec3, printed: ti.template(), rho2, z2) -> mat3:
+    """Rows a, b and e, whose sum is E; columns the value, d/dq, d²/dq² at q = rho2 + z2 (m²).
 
-
-@ti.func
-def terms(link: ti.template(), k, measurement: ti.template(), printed: ti.template(), scale, rho2, z2) -> mat3:
-    """Rows a, b and e, whose sum is E; columns the value, d/dq, d²/dq² at q = rho2 + z2 (m²), T over exp(scale)."""
+    Args:
+        strength: T and the first two derivatives of ln T by q.
+    """
     a = vec3(0.0, 0.0, 0.0)
     b = vec3(0.0, 0.0, 0.0)
     e = vec3(0.0, 0.0, 0.0)
     if ti.static(printed):
+        T = strength[0]
+        L1 = strength[1]
+        L2 = strength[2]
         i = 1.0 / (rho2 + z2)
-        L = log_signal(link, k, rho2 + z2)
-        T = ti.exp(L[0] - scale)
         s2 = z2 * i
         s4 = s2 * s2
         u = 1.0 + s4
         u1 = -2.0 * s4 * i
         u2 = 6.0 * s4 * i * i
         v = 1.0 / (rho2 + 1.0)
-        b = times_T(T, L[1], L[2], u * v, (u1 - u * v) * v, (u2 - 2.0 * u1 * v + 2.0 * u * v * v) * v)
-        e = times_T(3.0 * T * T, 2.0 * L[1], 2.0 * L[2], s2, -s2 * i, 2.0 * s2 * i * i)
+        b = times_T(T, L1, L2, u * v, (u1 - u * v) * v, (u2 - 2.0 * u1 * v + 2.0 * u * v * v) * v)
+        e = times_T(3.0 * T * T, 2.0 * L1, 2.0 * L2, s2, -s2 * i, 2.0 * s2 * i * i)
     else:
-        c = coefficients(link, k, measurement, scale, rho2, z2)
+        c = coefficients(PHASE, strength, rho2, z2)
         a = vec3(c[0, 0], c[0, 1], c[0, 2])
         b = vec3(c[1, 0], c[1, 1], c[1, 2])
     return mat3([[a[0], a[1], a[2]], [b[0], b[1], b[2]], [e[0], e[1], e[2]]])
@@ -89,26 +88,54 @@ def off_diagonal_entry(b: vec3, dx, dy) -> vec6:
 
 
 @ti.func
-def log_det(team: ti.template(), measurement: ti.template(), printed: ti.template(), scale, place: vec2) -> vec6:
-    """Jet of ln det J for a boat at `place` (m); `printed` selects Eq. 3a, `scale` is that of `log_scale`."""
-    P = vec6(0.0)  # jets of J11, J22 (x and y exchanged), J12 and E
+def log_det(team: ti.template(), printed: ti.template(), place: vec2) -> vec6:
+    """Jet of ln det J of PHASE for a boat at `place` (m); `printed` selects Eq. 3a."""
+    T = each_auv(0.0)
+    L1 = each_auv(0.0)
+    L2 = each_auv(0.0)
+    scale = -1e30
+    for k in range(team.count):
+        z2 = squared_separation(team, k)
+        q = (place - position(team, k)).norm_sqr() + z2
+        f = vec3(0.0, 0.0, 0.0)
+        if ti.static(printed):
+            f = log_signal(team.link, k, q)
+        else:
+            f = log_strength(team.link, k, q, z2)
+        T[k] = f[0]
+        L1[k] = f[1]
+        L2[k] = f[2]
+        scale = ti.max(scale, f[0])
+    largest = 0.0
+    origin = place  # of the line of sight, and its direction
+    along = vec2(1.0, 0.0)
+    for k in range(team.count):
+        T[k] = ti.exp(T[k] - scale)
+        d = place - position(team, k)
+        rho2 = d.norm_sqr()
+        weight = rho2 * terms(vec3(T[k], L1[k], L2[k]), printed, rho2, squared_separation(team, k))[1, 0]
+        if weight > largest:
+            largest = weight
+            origin = position(team, k)
+            along = d / ti.sqrt(rho2)
+    P = vec6(0.0)  # jets of J11, J22 (the axes exchanged), J12 and E
     Q = vec6(0.0)
     R = vec6(0.0)
     E = vec6(0.0)
     for k in range(team.count):
         d = place - position(team, k)
-        dx = d[0]
-        dy = d[1]
-        c = terms(team.link, k, measurement, printed, scale, d.norm_sqr(), squared_separation(team, k))
+        rho2 = d.norm_sqr()
+        c = terms(vec3(T[k], L1[k], L2[k]), printed, rho2, squared_separation(team, k))
         a = vec3(c[0, 0], c[0, 1], c[0, 2])
         b = vec3(c[1, 0], c[1, 1], c[1, 2])
+        apart = origin - position(team, k)  # across the line of sight as d, with a smaller rounding error
+        dx = along.dot(d)
+        dy = along[0] * apart[1] - along[1] * apart[0]
         P += diagonal_entry(a, b, dx, dy)
         Q += diagonal_entry(a, b, dy, dx)
         R -= off_diagonal_entry(b, dx, dy)
         E += diagonal_entry(vec3(c[2, 0], c[2, 1], c[2, 2]), vec3(0.0), dx, dy)
     Q = vec6(Q[jet.VALUE], Q[jet.Y], Q[jet.X], Q[jet.YY], Q[jet.XY], Q[jet.XX])
-    det = jet.product(P, Q) - jet.square(R) + E
-    det[jet.VALUE] = ti.max(det[jet.VALUE], 1e-37)
-    f = jet.logarithm(det)
+    f = jet.turned(jet.logarithm(jet.product(P, Q) - jet.square(R) + E), along)
     f[jet.VALUE] += 2.0 * scale
     return f

@@ -16,7 +16,7 @@ class Team(NamedTuple):
 
     Attributes:
         estimate: (W, K, 3) estimated x, y and vertical separation of every AUV, m.
-        link: (K, COLUMNS) of `usbl.link_table`.
+        link: (K, COLUMNS) of `acoustic_link.link_table`.
         world: the row of `estimate`.
         count: K, at most the rows of `link` and MAX_AUVS.
     """

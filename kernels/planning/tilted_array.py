@@ -2,24 +2,26 @@
 
 Pitch and roll follow from the surface's slope (`usbl.attitude`) and are measured with the error ε. Two measurements:
 
-- FIX, phases and slant range: `usbl.horizontal_covariance`, and its inverse.
+- FIX, phases and slant range: `usbl.horizontal_covariance` and `systematic_covariance`, and the inverse of their sum.
 - PHASE, the two phase differences at a known vertical separation z. With r the offset, d its horizontal part, q = |r|²
   and b = A r in the array's frame, the phases are κ (b_x, b_y)/√q, so
 
-      H_ij = ∂(b_i/√q)/∂d_j = (A_ij − b_i r_j/q)/√q,   R = σ²/κ² I + ε²/q Σ (∂b/∂angle)(∂b/∂angle)ᵀ,
+      H_ij = ∂(b_i/√q)/∂d_j = (A_ij − b_i r_j/q)/√q,
+      R = σ²/κ² I + ε²/q Σ (∂b/∂angle)(∂b/∂angle)ᵀ + (σ_c/c)² b bᵀ/q + H C_m Hᵀ,
       J = Hᵀ R⁻¹ H,   C = H⁻¹ R H⁻ᵀ,
 
-  where |det H| = |z b_z|/q²: the solid angle that an area on the bed has, and that of the projected directions.
+  with C_m of `usbl.mounting_covariance`, and |det H| = |z b_z|/q²: the solid angle that an area on the bed has, and
+  that of the projected directions.
 
-For a level array C is that of `kernels.planning.fisher`, for FIX with the range error added. The planner itself
-supposes a level array, since the tilt at a place the boat is yet to reach is unknown.
+For a level array C is that of `kernels.planning.fisher`, with the range error for FIX and systematic errors added. The
+planner itself supposes a level array, since the tilt at a place the boat is yet to reach is unknown.
 """
 
 import taichi as ti
 import torch
 
 from kernels.planning.fisher import PHASE
-from kernels.positioning import usbl
+from kernels.positioning import acoustic_link, usbl
 from kernels.types import array2, index1, mat2, vec2, vec3
 
 
@@ -48,16 +50,22 @@ def phase_jacobian(offset: vec3, slope: vec2) -> mat2:
 
 @ti.func
 def phase_noise(link: ti.template(), k, offset: vec3, slope: vec2) -> mat2:
-    """R: covariance of the two direction cosines by phase noise and attitude error."""
+    """R: covariance of the two direction cosines by phase noise, attitude error and systematic errors."""
     angles = usbl.attitude(slope)
     axes = usbl.array_axes(angles)
     body = axes @ offset
     q = offset.norm_sqr()
-    deviation = usbl.phase_deviation(link, k, ti.sqrt(q)) / link[k, usbl.KAPPA]
+    loss = acoustic_link.further_loss(link, k, offset, 0.0)
+    deviation = acoustic_link.phase_deviation(link, k, ti.sqrt(q), loss) / link[k, acoustic_link.KAPPA]
     by_pitch = vec2(axes[0, 0] * offset[2] - axes[0, 2] * offset[0], -ti.sin(angles[1]) * body[0])
     by_roll = vec2(0.0, body[2])
+    cosines = vec2(body[0], body[1]) / ti.sqrt(q)
+    H = phase_jacobian(offset, slope)
+    common = usbl.mounting_covariance(link, k, offset, axes)
     noise = deviation * deviation * mat2([[1.0, 0.0], [0.0, 1.0]])
-    return noise + link[k, usbl.ATTITUDE] / q * (by_pitch.outer_product(by_pitch) + by_roll.outer_product(by_roll))
+    noise += link[k, acoustic_link.ATTITUDE] / q * (by_pitch.outer_product(by_pitch) + by_roll.outer_product(by_roll))
+    noise += link[k, acoustic_link.SOUND_SPEED] * cosines.outer_product(cosines)
+    return noise + H @ mat2([[common[0], common[1]], [common[1], common[2]]]) @ H.transpose()
 
 
 @ti.func
@@ -65,7 +73,7 @@ def covariance(link: ti.template(), k, measurement, offset: vec3, slope: vec2) -
     """Covariance (xx, xy, yy) of the position of AUV k, m².
 
     Args:
-        link: (K, COLUMNS) of `usbl.link_table`; the attitude error is that of the planner.
+        link: (K, COLUMNS) of `acoustic_link.link_table`; the attitude error is that of the planner.
         measurement: `fisher.PHASE` or `fisher.FIX`.
         offset: AUV minus boat, m; below the boat z is negative.
         slope: surface slopes (∂η/∂x, ∂η/∂y) under the boat. The AUV must not lie in the array's plane, and for PHASE
@@ -81,9 +89,11 @@ def covariance(link: ti.template(), k, measurement, offset: vec3, slope: vec2) -
         root = adjugate / determinant
         C = packed(root @ phase_noise(link, k, offset, slope) @ root.transpose())
     else:
-        sigma = usbl.phase_deviation(link, k, offset.norm())
+        loss = acoustic_link.further_loss(link, k, offset, 0.0)
+        sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
         axes = usbl.array_axes(usbl.attitude(slope))
-        C = usbl.horizontal_covariance(link, k, offset, axes, ti.sqrt(link[k, usbl.ATTITUDE]), sigma)
+        C = usbl.horizontal_covariance(link, k, offset, axes, sigma)
+        C += usbl.systematic_covariance(link, k, offset, axes)
     return C
 
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import torch
 
-from kernels.positioning.usbl import KAPPA, PERIOD_ENERGY, PERIODS, fixes
+from kernels.positioning.acoustic_link import KAPPA, THRESHOLD
+from kernels.positioning.usbl import fixes
 
 
 def good_probability(
@@ -23,7 +24,7 @@ def good_probability(
         Two (n,) float64.
     """
     no_noise = offset.new_zeros((offset.shape[0], 5))
-    sigma = fixes(link, auv, offset, slope, 0.0, no_noise)[0][:, 3].double()
+    sigma = fixes(link, auv, offset, slope, no_noise)[0][:, 3].double()
     row = link.double()[auv.long()]
     x, y, z = offset.double().unbind(1)
     pitch = torch.atan(slope[:, 0].double())
@@ -34,8 +35,8 @@ def good_probability(
     centre = kappa / S * torch.stack([x * pitch.cos() + z * pitch.sin(), y * roll.cos() + up * roll.sin()])
 
     strength = math.sqrt(8.0) / sigma
-    threshold = torch.sqrt(8.0 + 4.0 * PERIOD_ENERGY * row[:, PERIODS])
-    detected = torch.special.ndtr(strength + 3.5 / strength - threshold)
+    threshold = torch.sqrt(row[:, THRESHOLD])
+    detected = torch.special.ndtr(torch.sqrt(strength**2 + 7) - threshold)
 
     node, weight = np.polynomial.legendre.leggauss(64)
     node, weight = (torch.from_numpy(part).to(offset.device)[:, None] for part in (node, weight))

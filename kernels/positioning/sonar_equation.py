@@ -1,14 +1,15 @@
 """Sonar equation: absorption, transmission loss, noise level, signal-to-noise ratio and data rate.
 
 Scalar laws, callable from kernels (in f32) and from Python (in double precision). Levels are in dB re 1 µPa,
-frequencies in Hz, also where the source's fit takes kHz. Laws of the ambient noise are in
-`kernels.positioning.ambient_noise`.
+frequencies in Hz, also where the source's fit takes kHz. Laws of absorption are in `kernels.positioning.absorption`,
+laws of noise in `kernels.positioning.ambient_noise`.
 
-Sources: Thorp, "Analytic description of the low-frequency attenuation coefficient", J. Acoust. Soc. Am. 42 (1967) 270,
-doi 10.1121/1.1910566; Shannon, doi 10.1109/JRPROC.1949.232969.
+Source: Shannon, doi 10.1109/JRPROC.1949.232969.
 """
 
 import taichi as ti
+
+from kernels.positioning.absorption import thorp as absorption
 
 LN10 = 2.302585092994046
 LOG2_OF_10 = 3.321928094887362
@@ -28,17 +29,19 @@ def power_of_10(exponent: ti.f32) -> ti.f32:
 
 
 @ti.pyfunc
-def absorption(f: ti.f32) -> ti.f32:
-    """Thorp's absorption coefficient α at frequency f (Hz), dB/km; fitted for about 100 Hz to 50 kHz."""
-    F = (f / 1000.0) * (f / 1000.0)
-    return 0.11 * F / (1.0 + F) + 44.0 * F / (4100.0 + F) + 2.75e-4 * F + 0.003
+def path_loss(r: ti.f32, spreading: ti.f32, alpha: ti.f32) -> ti.f32:
+    """TL = k log10 r + α r/1000 over the range r (m), dB; below 1 m as at 1 m.
+
+    `spreading` is k, dB a decade of range: 20 spherical, 10 cylindrical, 15 between them; `alpha` is α, dB/km.
+    """
+    R = ti.max(r, 1.0)
+    return spreading * log10(R) + alpha * R / 1000.0
 
 
 @ti.pyfunc
 def transmission_loss(r: ti.f32, f: ti.f32) -> ti.f32:
-    """TL = 15 log10 r + α r/1000 over the range r (m) at frequency f (Hz), dB; below 1 m as at 1 m."""
-    R = ti.max(r, 1.0)
-    return 15.0 * log10(R) + absorption(f) * R / 1000.0
+    """`path_loss` over the range r (m) at frequency f (Hz) with 15 log10 r and Thorp's absorption, dB."""
+    return path_loss(r, 15.0, absorption(f))
 
 
 @ti.pyfunc

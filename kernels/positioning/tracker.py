@@ -4,45 +4,59 @@ State (x, y, c_x, c_y). Over a time t in which the AUV is carried by the water (
 
     x ← x + t (v + c),   c ← ρ c + w,   ρ = e^{−t/τ},   w ~ N(0, σ² (1 − ρ²) I),   fix = x + n,   n ~ N(0, R),
 
-v the commanded velocity through the water, R the fix's predicted covariance. For an Ornstein–Uhlenbeck current and
-Gaussian fixes this is the least-squares estimate. A fix in Cartesian coordinates and v in the world's frame make the
-filter linear; only R is linearised. The covariance consists of 2 × 2 blocks A (position), B (position, current),
-C (current) and is updated in Joseph's form, a sum of squares, with I − gain written as R S⁻¹, which does not cancel: it
-stays positive definite in single precision.
-
-The current of a moving AUV is not an Ornstein–Uhlenbeck process but a sum of eddies it passes through, orbital motion
-and long waves, each smooth. For a filter with the memory m only its mean square increment D(m) matters. So the model is
-the random walk with that increment, q = D(m)/m, at the filter's own memory m = (R t_fix/q)^¼: that of the stationary
-filter, whose characteristic polynomial is s⁴ + q/(R t_fix). σ² is the variance of all parts and τ = 2σ²/q; σ² bounds
-the variance of the current while fixes are lost. See `ornstein_uhlenbeck`.
+v the commanded velocity through the water, R the fix's predicted covariance. For an Ornstein–Uhlenbeck current, whose
+σ² and τ are those of `kernels.positioning.current_process`, and Gaussian fixes this is the least-squares estimate. A
+fix in Cartesian coordinates and v in the world's frame make the filter linear; only R is linearised. The covariance
+consists of 2 × 2 blocks A (position), B (position, current), C (current) and is updated in Joseph's form, a sum of
+squares, with I − gain written as R S⁻¹, which does not cancel: it stays positive definite in single precision.
 
 The attitude error is common to all fixes of a moment. R contains it, so every AUV's filter is consistent by itself; the
 correlation between AUVs is not used. The error of a relative position is therefore smaller than the two covariances
 say. A joint filter of two to six AUVs did not improve the positions themselves (rms 0.1 to 1 % worse, the currents
-being correlated too). No gate rejects outliers: the tail of the normalised innovations of a mission is that of χ².
+being correlated too).
+
+A fix whose normalised innovation squared exceeds `validation.GATE` is rejected, one of a thousand where the model
+holds. A filter that has lost its AUV would reject all: where CONFIRMATIONS fixes that are rejected in a row agree with
+one another, each within what the AUV can have gone since the one before, the track begins anew at the last of them.
 
 Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), §5.2, §5.4,
-§6.2; Uhlenbeck and Ornstein (1930), doi 10.1103/PhysRev.36.823.
+§6.2; Blackman and Popoli, "Design and Analysis of Modern Tracking Systems" (1999), §6.2 (a new track from several
+detections).
 """
 
-import math
-from collections.abc import Sequence
-
-import numpy as np
 import taichi as ti
 import torch
 
 from kernels import runtime
-from kernels.flow import airy
+from kernels.positioning.validation import GATE, Expectation, squared_innovation
 from kernels.types import array2, array3, mat2, vec2, vec3
 
 # Columns of a track: the state, the upper triangle of its covariance, whether the AUV is adrift and its last commanded
-# velocity through the water (0 where it is not).
+# velocity through the water (0 where it is not); how many fixes in a row were rejected and agree with one another, the
+# last of them, and the time since.
 X, Y, CURRENT_X, CURRENT_Y = range(4)
 XX, XY, XU, XV, YY, YU, YV, UU, UV, VV = range(4, 14)
 ADRIFT, WATER_X, WATER_Y = range(14, 17)
-COLUMNS = 17
-FOREVER = 1e9  # s, correlation time of a current that does not change
+REJECTIONS, REJECTED_X, REJECTED_Y, REJECTED_AGE = range(17, 21)
+COLUMNS = 21
+CONFIRMATIONS = 3
+
+
+@ti.dataclass
+class Fix:
+    """A fix for a track.
+
+    Attributes:
+        place: measured position, m.
+        covariance: of that, (xx, xy, yy), m²; positive definite.
+        lag: time since the fix during which the AUV was adrift, s; 0 for a fix of now.
+        carried: commanded displacement through the water during that time, m.
+    """
+
+    place: vec2
+    covariance: vec3
+    lag: ti.f32
+    carried: vec2
 
 
 @ti.func
@@ -136,6 +150,13 @@ def shift(track: ti.template(), w, k, carried: vec2, time):
 
 
 @ti.func
+def spread(track: ti.template(), w, k, variance):
+    """Add a variance per axis (m²) to the position's covariance."""
+    track[w, k, XX] = track[w, k, XX] + variance
+    track[w, k, YY] = track[w, k, YY] + variance
+
+
+@ti.func
 def carry(track: ti.template(), w, k, velocity: vec2, time, adrift):
     """Propagate the track by the AUV's motion, before the fix taken at its end or on the way.
 
@@ -148,6 +169,7 @@ def carry(track: ti.template(), w, k, velocity: vec2, time, adrift):
     track[w, k, ADRIFT] = adrift
     track[w, k, WATER_X] = adrift * velocity[0]
     track[w, k, WATER_Y] = adrift * velocity[1]
+    track[w, k, REJECTED_AGE] = track[w, k, REJECTED_AGE] + time
     shift(track, w, k, adrift * time * velocity, adrift * time)
 
 
@@ -165,30 +187,101 @@ def renew(track: ti.template(), w, k, time, variance, correlation_time):
 
 
 @ti.func
-def update(track: ti.template(), w, k, fix: vec2, covariance: vec3, lag, carried: vec2):
+def spreading(t):
+    """2t − 3 + 4e^{−t} − e^{−2t} = 2 (t − f) − f² with f = 1 − e^{−t}, for t ≥ 0 without cancellation."""
+    f = 1.0 - ti.exp(-t)
+    value = 2.0 * (t - f) - f * f
+    if t < 0.1:
+        value = t * t * t * (2.0 / 3.0 - t * (0.5 - t * (7.0 / 30.0)))
+    return value
+
+
+@ti.func
+def drift(track: ti.template(), w, k, carried: vec2, time, variance, correlation_time):
+    """Propagate position and current together over a time (s) in which the current changes, to any length exactly.
+
+    Over the time t, with f = 1 − e^{−t/τ}, the current moves the AUV by τ f c and a noise of the variance σ² τ²
+    `spreading(t/τ)` that has the covariance σ² τ f² with the noise of the new current.
+
+    Args:
+        carried: commanded displacement, m. variance, correlation_time: as for `renew`.
+    """
+    t = time / correlation_time
+    f = 1.0 - ti.exp(-t)
+    if t < 1e-3:
+        f = t * (1.0 - 0.5 * t)
+    shift(track, w, k, carried, correlation_time * f)
+    A = position_block(track, w, k)
+    B = cross_block(track, w, k) * (1.0 - f)
+    noise = variance * correlation_time * correlation_time * spreading(t)
+    for axis in ti.static(range(2)):
+        A[axis, axis] += noise
+        B[axis, axis] += variance * correlation_time * f * f
+    renew(track, w, k, time, variance, correlation_time)
+    C = current_block(track, w, k)
+    store_covariance(track, w, k, A, B, C)
+
+
+@ti.func
+def earlier(track: ti.template(), w, k, lag, carried: vec2):
+    """Position (m) and its covariance (xx, xy, yy) at the time of a late fix; `lag` and `carried` as of `Fix`."""
+    B = cross_block(track, w, k)
+    A = position_block(track, w, k) - lag * (B + B.transpose()) + lag * lag * current_block(track, w, k)
+    current = vec2(track[w, k, CURRENT_X], track[w, k, CURRENT_Y])
+    return vec2(track[w, k, X], track[w, k, Y]) - carried - lag * current, vec3(A[0, 0], A[0, 1], A[1, 1])
+
+
+@ti.func
+def reject(track: ti.template(), w, k, fix: Fix, variance, speed):
+    """Note a fix beyond the gate; begin the track anew where it confirms those rejected before it."""
+    last = vec2(track[w, k, REJECTED_X], track[w, k, REJECTED_Y])
+    near = Expectation(place=last, covariance=fix.covariance, reach=speed * track[w, k, REJECTED_AGE], separation=0.0)
+    in_a_row = 1.0
+    if track[w, k, REJECTIONS] > 0.0 and squared_innovation(near, fix.place, fix.covariance) <= GATE:
+        in_a_row += track[w, k, REJECTIONS]
+    track[w, k, REJECTIONS] = in_a_row
+    track[w, k, REJECTED_X] = fix.place[0]
+    track[w, k, REJECTED_Y] = fix.place[1]
+    track[w, k, REJECTED_AGE] = 0.0
+    if in_a_row >= CONFIRMATIONS:
+        adrift = vec3(track[w, k, ADRIFT], track[w, k, WATER_X], track[w, k, WATER_Y])
+        begin(track, w, k, fix.place[0], fix.place[1], fix.covariance, variance)
+        track[w, k, ADRIFT] = adrift[0]
+        track[w, k, WATER_X] = adrift[1]
+        track[w, k, WATER_Y] = adrift[2]
+
+
+@ti.func
+def update(track: ti.template(), w, k, fix: Fix, variance, speed):
     """Update by a fix; returns its normalised innovation squared, χ² of two degrees of freedom.
+
+    A fix beyond the gate changes nothing, except that the track counts it in REJECTIONS, or begins anew with it; after
+    a fix that was used REJECTIONS is 0.
 
     A late fix is compared with the position at its own time, and the result is propagated to the present. That is exact
     as long as `renew` has not been called since; treat a fix that is older than a step as lost.
 
     Args:
         track: after `carry`.
-        fix: measured position, m.
-        covariance: of the fix, (xx, xy, yy), m²; positive definite.
-        lag: time since the fix during which the AUV was adrift, s; 0 for a fix of now.
-        carried: commanded displacement through the water during that time, m.
+        fix: what was measured.
+        variance: of the current, see `renew`; for a track that begins anew.
+        speed: greatest of the AUV over ground, m/s; how far rejected fixes that agree can be apart.
     """
-    shift(track, w, k, -carried, -lag)
-    R = mat2([[covariance[0], covariance[1]], [covariance[1], covariance[2]]])
-    innovation = fix - vec2(track[w, k, X], track[w, k, Y])
+    shift(track, w, k, -fix.carried, -fix.lag)
+    R = mat2([[fix.covariance[0], fix.covariance[1]], [fix.covariance[1], fix.covariance[2]]])
+    innovation = fix.place - vec2(track[w, k, X], track[w, k, Y])
     A = position_block(track, w, k)
     B = cross_block(track, w, k)
     C = current_block(track, w, k)
     position, current, squared = corrections(A, B, R, innovation)
-    A, B, C = joseph(A, B, C, R)
-    store_covariance(track, w, k, A, B, C)
-    correct_state(track, w, k, position, current)
-    shift(track, w, k, carried, lag)
+    if squared <= GATE:
+        A, B, C = joseph(A, B, C, R)
+        store_covariance(track, w, k, A, B, C)
+        correct_state(track, w, k, position, current)
+        track[w, k, REJECTIONS] = 0.0
+    else:
+        reject(track, w, k, fix, variance, speed)
+    shift(track, w, k, fix.carried, fix.lag)
     return squared
 
 
@@ -217,9 +310,10 @@ def _follow(
     reading_variance: ti.f32,
     variance: ti.f32,
     correlation_time: ti.f32,
+    speed: ti.f32,
     step: ti.f32,
     track: array3,
-    squared_innovation: array2,
+    squared: array2,
 ):
     for n in range(track.shape[1]):
         for t in range(velocity.shape[0]):
@@ -227,12 +321,12 @@ def _follow(
                 track[t + 1, n, c] = track[t, n, c]
             v = vec2(velocity[t, n, 0], velocity[t, n, 1])
             carry(track, t + 1, n, v, step, adrift[t, n])
-            squared_innovation[t, n] = -1.0
+            squared[t, n] = -1.0
             if age[t, n] >= 0.0:
                 lag = adrift[t, n] * age[t, n]
-                z = vec2(fix[t, n, 0], fix[t, n, 1])
                 R = vec3(covariance[t, n, 0], covariance[t, n, 1], covariance[t, n, 2])
-                squared_innovation[t, n] = update(track, t + 1, n, z, R, lag, lag * v)
+                z = Fix(place=vec2(fix[t, n, 0], fix[t, n, 1]), covariance=R, lag=lag, carried=lag * v)
+                squared[t, n] = update(track, t + 1, n, z, variance, speed)
             renew(track, t + 1, n, step, variance, correlation_time)
             if reading_variance > 0.0:
                 sense(track, t + 1, n, vec2(reading[t, n, 0], reading[t, n, 1]), reading_variance)
@@ -248,6 +342,7 @@ def follow(
     *,
     variance: float,
     correlation_time: float,
+    speed: float,
     step: float,
     reading: torch.Tensor | None = None,
     reading_deviation: float = 0.0,
@@ -261,13 +356,13 @@ def follow(
         fix: (T, N, 2) float32, m.
         covariance: (T, N, 3) float32, (xx, xy, yy), m².
         age: (T, N) float32, age of the fix at the end of the step, from 0 to `step`, s; negative where it is lost.
-        variance, correlation_time: of the current, see `renew`. step: s.
+        variance, correlation_time: of the current, see `renew`. speed: see `update`, m/s. step: s.
         reading: (T, N, 2) float32, current that the AUV measures at the end of each step, m/s; optional.
         reading_deviation: its standard deviation per axis, m/s, above 0 if there are readings.
 
     Returns:
         (T + 1, N, COLUMNS) tracks at the start and after each step; (T, N) normalised innovation squared, −1 where
-        there was no fix.
+        there was no fix; a fix was rejected where the track's REJECTIONS are not 0.
 
     Raises:
         Unsupported: so many steps that a Vulkan device may leave the loop before its end.
@@ -276,89 +371,11 @@ def follow(
     runtime.check_loops(steps * (1 + COLUMNS), f"a track of {steps} steps")
     track = start.new_empty((steps + 1, count, COLUMNS))
     track[0] = start
-    squared_innovation = start.new_empty((steps, count))
+    squared = start.new_empty((steps, count))
     reading = start.new_zeros((1, 1, 2)) if reading is None else reading
     velocity, adrift, fix, covariance, age, reading = (
         array.contiguous() for array in (velocity, adrift, fix, covariance, age, reading)
     )
-    model = (reading_deviation**2, variance, correlation_time, step)
-    _follow(velocity, adrift, fix, covariance, age, reading, *model, track, squared_innovation)
-    return track, squared_innovation
-
-
-def eddies(
-    count: int, circulation: tuple[float, float], core_radius: tuple[float, float], area: float, speed: float
-) -> tuple[float, float]:
-    """Variance per axis (m²/s²) and frequency (rad/s) of the current along a path through random Lamb–Oseen vortices.
-
-    Of N vortices with |Γ| and δ uniform between limits and centres spread over an area a, the vorticity has the mean
-    square N E[Γ²] E[1/δ²]/(2π a), and a quarter of that is the mean square per axis of the change of velocity a metre.
-    The variance is that within a disc of the same area round each, N E[Γ²] (ln(a/(πδ²)) + 0.5772 − ln 2)/(8π a).
-
-    Args:
-        count: N. circulation, core_radius: limits of |Γ| (m²/s) and δ (m). area: m².
-        speed: of the AUV over ground, m/s.
-    """
-    low, high = circulation
-    strength = count * (low * low + low * high + high * high) / 3.0 / area
-    delta2 = core_radius[0] * core_radius[1]  # 1/E[1/δ²]
-    variance = strength * max(math.log(area / (math.pi * delta2)) + 0.5772 - math.log(2.0), 0.1) / (8.0 * math.pi)
-    change = speed * speed * strength / (8.0 * math.pi * delta2)
-    return variance, math.sqrt(change / variance) if variance > 0.0 else 0.0
-
-
-def orbital_motion(
-    omega: np.ndarray, S: np.ndarray, significant_height: float, z: float, depth: float, gravity: float
-) -> tuple[float, float]:
-    """Variance per axis (m²/s²) and mean square frequency's root (rad/s) of the orbital velocity of short waves at z.
-
-    Args:
-        omega, S: frequencies (rad/s), evenly spaced, and spectral density up to a factor, (n,).
-        significant_height: Hs = 4 √m0, m. z: level, −h ≤ z ≤ 0, m. depth: h, m. gravity: g, m/s².
-    """
-    orbital = (omega * airy.decay(airy.wavenumber(omega, depth, gravity), z, depth)[0]) ** 2 * S
-    variance = 0.5 * (significant_height / 4.0) ** 2 * orbital.sum() / S.sum()
-    return float(variance), float(math.sqrt((omega**2 * orbital).sum() / orbital.sum()))
-
-
-def standing_waves(
-    rms: float, modes: int, length: float, depth: float, gravity: float, drag: float, duration: float
-) -> tuple[float, float]:
-    """Variance per axis (m²/s²) and frequency (rad/s) of the current in shallow standing waves, a mission's mean.
-
-    Mean kinetic energy equals mean potential energy, half of that at the crests: g rms²/(4h) per axis. All numbers of
-    half waves from 0 to `modes` are equally likely in both axes, so (π/L)² modes (2 modes + 1)/3 is the mean of k².
-    Under linear drag r energy decays as e^{−rt}.
-
-    Args:
-        rms: elevation at the crests, m. length: L of the area, m. depth: h, m. gravity: g, m/s².
-        drag: r, 1/s. duration: of the mission, s.
-    """
-    left = -math.expm1(-drag * duration) / (drag * duration) if drag > 0.0 else 1.0
-    k = math.pi / length * math.sqrt(modes * (2.0 * modes + 1.0) / 3.0)
-    return 0.25 * gravity / depth * rms * rms * left, k * math.sqrt(gravity * depth)
-
-
-def ornstein_uhlenbeck(
-    parts: Sequence[tuple[float, float]], fix_variance: float, interval: float
-) -> tuple[float, float]:
-    """The current's variance σ² (m²/s²) and correlation time τ (s) for the tracker.
-
-    D(m) = Σ 2 s² (1 − e^{−(ωm)²/2}) over the parts; q = D(m)/m with the memory m = (R t_fix/q)^¼, by bisection.
-
-    Args:
-        parts: variance s² per axis (m²/s²) and root mean square frequency ω (rad/s) of each part of the current.
-        fix_variance: R per axis, m². interval: t_fix, s, between fixes.
-    """
-    variance = float(sum(s2 for s2, _ in parts))
-
-    def walk(m: float) -> float:
-        return sum(-2.0 * s2 * math.expm1(-0.5 * (omega * m) ** 2) for s2, omega in parts) / m
-
-    low, high = 1e-3, 1e6
-    for _ in range(80):
-        m = math.sqrt(low * high)
-        # m⁴ q(m) = m³ D(m) grows with m.
-        low, high = (m, high) if m**4 * walk(m) < fix_variance * interval else (low, m)
-    q = walk(low)
-    return variance, 2.0 * variance / q if q > 0.0 else FOREVER
+    model = (reading_deviation**2, variance, correlation_time, speed, step)
+    _follow(velocity, adrift, fix, covariance, age, reading, *model, track, squared)
+    return track, squared

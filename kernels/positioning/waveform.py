@@ -29,7 +29,7 @@ import taichi as ti
 import torch
 
 from kernels import random
-from kernels.positioning import usbl
+from kernels.positioning import acoustic_link, usbl
 from kernels.positioning.tone import (
     TWO_PI,
     Record,
@@ -96,8 +96,8 @@ def common_turn(turn: vec4) -> vec4:
 @ti.func
 def arrivals(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32) -> vec4:
     """Arrival at the hydrophones +x, −x, +y, −y less that at the array's centre, in periods."""
-    wavelength = TWO_PI * link[k, usbl.RANGE_PER_PHASE] * link[k, usbl.PATHS]
-    half = link[k, usbl.KAPPA] * wavelength / (2.0 * TWO_PI)
+    wavelength = link[k, acoustic_link.WAVELENGTH]
+    half = link[k, acoustic_link.KAPPA] * wavelength / (2.0 * TWO_PI)
     later = vec4(0.0)
     for i in ti.static(range(4)):
         beside = body[i // 2] * (half if i % 2 == 0 else -half)
@@ -107,11 +107,11 @@ def arrivals(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32) -> vec4:
 
 
 @ti.func
-def received_record(link: ti.template(), k: ti.i32, arrival: vec4, S: ti.f32, stream: random.uint4) -> Record:
-    """Record of a tone of AUV k at the slant range S (m) that begins at `arrival` (periods) on each hydrophone."""
-    nu = link[k, usbl.PERIODS] / link[k, usbl.SAMPLES]
+def received_record(link: ti.template(), k: ti.i32, arrival: vec4, sigma: ti.f32, stream: random.uint4) -> Record:
+    """Record of a tone of AUV k that begins at `arrival` (periods) on each hydrophone; σ as of `measure`."""
+    nu = link[k, acoustic_link.PERIODS] / link[k, acoustic_link.SAMPLES]
     half_cosecant = 0.5 / ti.sin(TWO_PI * nu)
-    first, last = tone_edges(arrival, link[k, usbl.PERIODS], nu, half_cosecant)
+    first, last = tone_edges(arrival, link[k, acoustic_link.PERIODS], nu, half_cosecant)
     return Record(
         nu=nu,
         half_cosecant=half_cosecant,
@@ -119,7 +119,7 @@ def received_record(link: ti.template(), k: ti.i32, arrival: vec4, S: ti.f32, st
         sine=ti.sin(TWO_PI * fraction(arrival)),
         first=first,
         last=last,
-        noise=0.5 * usbl.phase_deviation(link, k, S) * ti.sqrt(link[k, usbl.SAMPLES]),
+        noise=0.5 * sigma * ti.sqrt(link[k, acoustic_link.SAMPLES]),
         stream=stream,
     )
 
@@ -276,10 +276,10 @@ def curvature(link: ti.template(), k: ti.i32, S: ti.f32, x: ti.f32, y: ti.f32) -
 
     On a sphere of radius S it is d²/8S (1 − (u_x² + u_y²)/2). `x` and `y` are the differences of the arrivals, periods.
     """
-    wavelength = TWO_PI * link[k, usbl.RANGE_PER_PHASE] * link[k, usbl.PATHS]
-    spacing = link[k, usbl.KAPPA] * wavelength / TWO_PI
+    wavelength = link[k, acoustic_link.WAVELENGTH]
+    spacing = link[k, acoustic_link.KAPPA] * wavelength / TWO_PI
     across = wavelength * wavelength * (x * x + y * y)
-    return (spacing * spacing - 0.5 * across) / (8.0 * S * link[k, usbl.PATHS])
+    return (spacing * spacing - 0.5 * across) / (8.0 * S * link[k, acoustic_link.PATHS])
 
 
 @ti.func
@@ -288,21 +288,21 @@ def measure(
     k: ti.i32,
     body: vec3,
     S: ti.f32,
-    address: random.uint4,
-    key_low: ti.u32,
-    key_high: ti.u32,
+    sigma: ti.f32,
+    stream: random.uint4,
     sampled: ti.template(),
 ) -> vec6:
     """Receive one tone of AUV k at `body` (m, the array's frame, |body| = S) and measure it; columns from PHASE_X on.
 
-    All draws belong to the address: the random words found there are the key and half the counter of all others.
-    `sampled` is SAMPLED or PROJECTED.
+    Args:
+        sigma: standard deviation of a phase difference that belongs to the tone's energy over the noise, rad.
+        stream: four random words, of `random.philox`: the key and half the counter of all draws.
+        sampled: SAMPLED or PROJECTED.
     """
-    periods = ti.cast(link[k, usbl.PERIODS], ti.i32)
-    turns = S / (TWO_PI * link[k, usbl.RANGE_PER_PHASE])
+    periods = ti.cast(link[k, acoustic_link.PERIODS], ti.i32)
+    turns = S / (TWO_PI * link[k, acoustic_link.RANGE_PER_PHASE])
     delay = GATE + turns - ti.floor(turns)
-    stream = random.philox(address, key_low, key_high)
-    record = received_record(link, k, delay + arrivals(link, k, body, S), S, stream)
+    record = received_record(link, k, delay + arrivals(link, k, body, S), sigma, stream)
 
     sums, edges = block_sums(record, periods, sampled)
     blocks = ti.static(Blocks(sums, edges))
@@ -313,7 +313,7 @@ def measure(
     period = arrival_period(sums, real, imaginary, late)
 
     arrival = ti.min(ti.max(period + late + fraction(turn - coarse[0]), 0.0), LAST_WINDOW + 0.999)
-    first, last = tone_edges(arrival, link[k, usbl.PERIODS], record.nu, record.half_cosecant)
+    first, last = tone_edges(arrival, link[k, acoustic_link.PERIODS], record.nu, record.half_cosecant)
     real, imaginary = tone_sums(record, blocks, arrival, first, last, sampled)
     turn, energy = least_squares(real, imaginary, first, last)
     fine = common_turn(turn)
@@ -321,7 +321,7 @@ def measure(
     return vec6(
         TWO_PI * fine[1],
         TWO_PI * fine[2],
-        TWO_PI * link[k, usbl.RANGE_PER_PHASE] * late_by - curvature(link, k, S, fine[1], fine[2]),
+        TWO_PI * link[k, acoustic_link.RANGE_PER_PHASE] * late_by - curvature(link, k, S, fine[1], fine[2]),
         ti.sqrt(energy) / record.noise,
         TWO_PI * fine[3],
         ti.round(late_by),
@@ -329,14 +329,15 @@ def measure(
 
 
 @ti.func
-def fix(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, measurement: vec6, axes: mat3) -> vec5:
+def fix(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32, sigma: ti.f32, measurement: vec6, axes: mat3) -> vec5:
     """The fix from a measurement where rays are straight, as `usbl.fix` returns it; `axes` of the array as measured."""
-    true_phase = link[k, usbl.KAPPA] / S * vec2(body[0], body[1])
+    true_phase = link[k, acoustic_link.KAPPA] / S * vec2(body[0], body[1])
     phase = vec2(measurement[PHASE_X], measurement[PHASE_Y])
     found = usbl.located(link, k, true_phase, phase, measurement[AMPLITUDE], axes, 1.0)
     r = S + measurement[RANGE_ERROR]
     offset = r * found.vector
-    return vec5(offset[0], offset[1], offset[2], usbl.phase_deviation(link, k, S), ti.cast(found.flags, ti.f32))
+    flags = found.flags | usbl.AMBIGUOUS * usbl.odd_turns(measurement[RESIDUAL])
+    return vec5(offset[0], offset[1], offset[2], sigma, ti.cast(flags, ti.f32))
 
 
 @ti.kernel
@@ -345,7 +346,6 @@ def _fixes(
     auv: index1,
     offset: array2,
     slope: array2,
-    attitude_error: ti.f32,
     key_low: ti.u32,
     key_high: ti.u32,
     sampled: ti.template(),
@@ -360,12 +360,12 @@ def _fixes(
         angles = usbl.attitude(vec2(slope[n, 0], slope[n, 1]))
         body = usbl.array_axes(angles) @ r
         index = ti.cast(n, ti.u32)
-        measured = measure(
-            link, k, body, S, random.uint4(index, ti.u32(0), ti.u32(0), ti.u32(0)), key_low, key_high, sampled
-        )
+        sigma = acoustic_link.phase_deviation(link, k, S, acoustic_link.further_loss(link, k, r, 0.0))
+        stream = random.philox(random.uint4(index, ti.u32(0), ti.u32(0), ti.u32(0)), key_low, key_high)
+        measured = measure(link, k, body, S, sigma, stream, sampled)
         tilt = random.normals(random.uint4(index, ti.u32(1), ti.u32(0), ti.u32(0)), key_low, key_high)
-        axes = usbl.array_axes(angles + attitude_error * vec2(tilt[0], tilt[1]))
-        found = fix(link, k, body, S, measured, axes)
+        axes = usbl.array_axes(angles + ti.sqrt(link[k, acoustic_link.ATTITUDE]) * vec2(tilt[0], tilt[1]))
+        found = fix(link, k, body, S, sigma, measured, axes)
         for j in ti.static(range(4)):
             estimate[n, j] = found[j]
         flags[n] = ti.cast(found[4], ti.i32)
@@ -378,7 +378,6 @@ def fixes(
     auv: torch.Tensor,
     offset: torch.Tensor,
     slope: torch.Tensor,
-    attitude_error: float,
     seed: int,
     *,
     sampled: bool = False,
@@ -386,7 +385,7 @@ def fixes(
     """Many fixes from their tones; fix n depends on the seed and on n only.
 
     Args:
-        link, auv, offset, slope, attitude_error: as in `usbl.fixes`.
+        link, auv, offset, slope: as in `usbl.fixes`.
         seed: 0 to 2⁶⁴ − 1.
         sampled: draw the noise of every sample instead of the sums.
 
@@ -396,7 +395,7 @@ def fixes(
     Raises:
         ValueError: a tone that is shorter than FEWEST_PERIODS or not a whole number of periods long.
     """
-    periods = link[:, usbl.PERIODS]
+    periods = link[:, acoustic_link.PERIODS]
     if bool(((periods < FEWEST_PERIODS) | (periods != periods.round())).any()):
         raise ValueError(f"periods: a waveform needs whole periods, at least {FEWEST_PERIODS}; got {periods.tolist()}")
     count = offset.shape[0]
@@ -404,5 +403,5 @@ def fixes(
     flags = torch.empty(count, dtype=torch.int32, device=offset.device)
     measurement = torch.empty((count, MEASURED), dtype=torch.float32, device=offset.device)
     keys = seed & 0xFFFFFFFF, seed >> 32
-    _fixes(link, auv, offset, slope, attitude_error, *keys, bool(sampled), estimate, flags, measurement)
+    _fixes(link, auv, offset, slope, *keys, bool(sampled), estimate, flags, measurement)
     return estimate, flags, measurement

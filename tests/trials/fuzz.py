@@ -165,8 +165,9 @@ def fuzz_learn(r: random.Random, folder: Path) -> None:
 
 
 def fuzz_plan(r: random.Random, folder: Path) -> None:
-    from usvauv_cli.commands.plan import auv_position, boat_position, surface_slope, with_team
+    from usvauv_cli.commands.plan import surface_slope, with_team
     from usvauv_cli.objectives import MEASUREMENTS, OBJECTIVES
+    from usvauv_cli.positions import auv_position, boat_position
     from usvauv_env import Scenario
     from usvauv_env.positioning import solve
 

@@ -136,6 +136,18 @@ def test_a_figure_that_no_episode_has_is_a_dash(run_usvauv):
     assert "nan" not in stdout
 
 
+def test_the_error_of_fixes_that_never_came_is_a_dash(tmp_path, run_usvauv):
+    lost = ["--set", "mission.duration=10", "--set", "usbl.packet_loss=0.999999"]
+    _, stdout, _ = run_usvauv("eval", "station-keeping", "--policy", "keep", "--episodes", 2, "--out", "m.csv", *lost)
+    (line,) = (line for line in stdout.splitlines() if line.startswith("│ keep") and "–" in line)
+    fix_error, availability, wrapped, dropped, outage = line.rstrip(" │").split("│")[-5:]
+    assert (fix_error.strip(), wrapped.strip(), dropped.strip()) == ("–", "–", "–")
+    assert (availability.split()[0], outage.split()[0]) == ("0.00", "10.00")
+    with (tmp_path / "m.csv").open() as stream:
+        row = next(csv.DictReader(stream))
+    assert [row[name] for name in ("fix_error_median", "fix_error_rms", "fix_wrapped")] == ["nan"] * 3
+
+
 @pytest.mark.parametrize("command", ["simulate", "eval"])
 def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monkeypatch, command):
     name = f"failing_{command}"

@@ -18,8 +18,11 @@ from usvauv_env.world.tables import link_table
 
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
 POSITIONS = [(60.0, 80.0, 100.0), (150.0, 120.0, 40.0)]
-PLACE_KEYS = {"x", "y", "log_objective", "rms", "errors"}
-ERROR_KEYS = {"range", "major", "minor", "angle", "good"}
+PLACE_KEYS = {"x", "y", "latitude", "longitude", "log_objective", "rms", "located", "errors", "budget"}
+ERROR_KEYS = {
+    *("range", "major", "minor", "angle", "good"),
+    *("detected", "good_if_detected", "wrapped", "direct_ray", "signal_excess"),
+}
 
 
 @pytest.fixture
@@ -30,18 +33,20 @@ def plan(run_usvauv):
 
 @pytest.fixture
 def solve(plan):
-    """The JSON that `usvauv plan` prints, when it prints that and nothing else."""
+    """The JSON that `usvauv plan` prints, when it prints that and its warnings, and nothing else."""
 
     def run(*arguments):
         code, stdout, stderr = plan(*arguments, "--json", "-")
-        assert (code, stderr) == (0, "")
-        return json.loads(stdout)
+        result = json.loads(stdout)
+        assert (code, stderr) == (0, "".join(f"warning: {line}\n" for line in result["warnings"]))
+        return result
 
     return run
 
 
-def link(scenario, count, depth):
-    return torch.from_numpy(link_table(Site(Scenario.load(scenario, [f"auv.count={count}", f"auv.depth={depth}"]))))
+def link(scenario, count, depth, *changes):
+    team = f"auv.count={count}", f"auv.depth={depth}"
+    return torch.from_numpy(link_table(Site(Scenario.load(scenario, [*team, *changes]))))
 
 
 class TestOptimum:
@@ -91,7 +96,7 @@ class TestErrors:
         result = solve(*TEAM, *options, "--compare", "100,20")
         draws = 200_000
         noise = torch.randn(draws, 5, generator=torch.Generator().manual_seed(3)).to(device)
-        table = link("extreme", 2, 70).to(device)
+        table = link("extreme", 2, 70, f"usbl.attitude_error={attitude_error}").to(device)
         for place in (result["optimum"], result["centroid"], result["compare"][0]):
             total = 0.0
             for k, ((x, y, depth), error) in enumerate(zip(POSITIONS, place["errors"], strict=True)):
@@ -99,7 +104,7 @@ class TestErrors:
                 index = torch.full((draws,), k, dtype=torch.int32, device=device)
                 many = offset.expand(draws, 3).contiguous()
                 slopes = torch.tensor(slope, device=device).expand(draws, 2).contiguous()
-                estimate = usbl.fixes(table, index, many, slopes, attitude_error, noise)[0].double().cpu().numpy()
+                estimate = usbl.fixes(table, index, many, slopes, noise)[0].double().cpu().numpy()
                 horizontal = estimate[:, :2]
                 if measurement == "phase":
                     horizontal = horizontal * (-depth / estimate[:, 2:3])
@@ -128,7 +133,7 @@ class TestErrors:
         noise = torch.randn((draws, 6), generator=torch.Generator().manual_seed(3)).to(device)
         offset = noise.new_tensor([20.0 - 170.0, 0.0, -100.0]).expand(draws, 3).contiguous()
         index = torch.zeros(draws, dtype=torch.int32, device=device)
-        flags = usbl.flagged_fixes(link, index, offset, offset.new_zeros(draws, 2), 0.0, noise)[2]
+        flags = usbl.flagged_fixes(link, index, offset, offset.new_zeros(draws, 2), noise)[2]
         share = (flags == usbl.DETECTED).double().mean().item()
         assert good[1] == pytest.approx(share, abs=5 * math.sqrt(share * (1 - share) / draws) + 1e-4)
         assert "100.0%" in plan(*wide)[1]
@@ -153,11 +158,12 @@ class TestOutput:
     def test_json_has_the_documented_keys(self, solve, tmp_path):
         result = solve(*TEAM, "--compare", "0,0", "--compare", "200,200")
         assert set(result) == {
-            *("scenario", "objective", "measurement", "attitude_error", "slope", "area", "auvs"),
-            *("optimum", "centroid", "compare"),
+            *("scenario", "objective", "measurement", "slope", "area", "auvs"),
+            *("optimum", "centroid", "compare", "warnings"),
         }
         assert result["area"] == {"width": 200, "length": 200, "depth": 120}
-        assert result["auvs"][1] == {"x": 150, "y": 120, "depth": 40, "carrier": 18000}
+        unplaced = {"latitude": None, "longitude": None}
+        assert result["auvs"][1] == {"x": 150, "y": 120, "depth": 40, "carrier": 18000} | unplaced
         assert (result["centroid"]["x"], result["centroid"]["y"]) == (105, 100)
         assert [(place["x"], place["y"]) for place in result["compare"]] == [(0, 0), (200, 200)]
         for place in (result["optimum"], result["centroid"], *result["compare"]):
@@ -168,7 +174,7 @@ class TestOutput:
     def test_help_documents_the_keys(self, plan):
         text = plan("--help")[1]
         assert "Examples" in text
-        for key in PLACE_KEYS | ERROR_KEYS | {"optimum", "centroid", "compare", "carrier", "depth"}:
+        for key in PLACE_KEYS | ERROR_KEYS | {"optimum", "centroid", "compare", "carrier", "depth", "warnings"}:
             assert key in text
 
     def test_table_and_files(self, plan, tmp_path):
@@ -196,9 +202,10 @@ class TestOutput:
 
     def test_no_information_is_no_number(self, plan, tmp_path):
         code, stdout, stderr = plan("--auv", "60,80,1e-40", "--objective", "paper", "--json", "-", "--out", "map.png")
-        assert (code, stderr) == (0, "")
         result = json.loads(stdout)
+        assert (code, stderr) == (0, f"warning: {result['warnings'][0]}\n")
         assert [result[place]["log_objective"] for place in ("optimum", "centroid")] == [None, None]
+        assert (result["centroid"]["rms"], result["centroid"]["located"]) == (None, 0)
 
     def test_figure_of_a_flat_landscape_in_single_precision(self, tmp_path):
         setting = Scenario.load("extreme", ["auv.count=1"])

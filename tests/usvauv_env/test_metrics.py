@@ -1,5 +1,6 @@
 """Metrics against numbers worked out by hand, and the trace's way through a file."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 import torch
 
 import policies
+from kernels.positioning import usbl
 from usvauv_env import Scenario, Trace, TraceError, World
-from usvauv_env.record.metrics import COLUMNS, energy_consumption, episode_metrics
+from usvauv_env.record.metrics import COLUMNS, energy_consumption, episode_metrics, usable
 from usvauv_env.record.recorder import record
 from usvauv_env.record.table import read_rows, write_rows
 from usvauv_env.record.trace import DIMENSIONS
@@ -23,6 +25,7 @@ def small_trace() -> Trace:
     }  # fmt: skip
     arrays = {name: np.zeros([sizes[d] for d in dimensions]) for name, dimensions in DIMENSIONS.items()}
     arrays["surface"] = np.zeros((0, 0, 0))
+    arrays["fix_flags"] = arrays["fix_flags"].astype(np.uint8)
     arrays["time"] = np.array([2.0, 4.0, 6.0, 8.0])
     arrays["power"][:, 0] = [[60, 100], [60, 100], [105, 100], [60, 100]]
     arrays["hovering"][2, 0, 0] = 1
@@ -63,10 +66,79 @@ def test_metrics_by_hand():
     assert row.position_error_mean == pytest.approx((5 + 4) / 8)
     assert row.position_error_median == pytest.approx(1)
     assert row.target_distance == pytest.approx((4 * 7 + 5 + 5 + 0 + 1) / 8)
-    assert row.fix_error_median == pytest.approx(np.median([10, 3, 7, 1, 2, 4]))
-    assert row.fix_availability == pytest.approx(6 / 8)
-    assert row.outage_longest == 2
-    assert row.position_error_p95 == pytest.approx(np.quantile([5, 0, 0, 0, 1, 1, 1, 1], 0.95))
+    assert row.position_error_rms == pytest.approx(math.sqrt((25 + 4) / 8))
+    # Sorted 0 0 0 1 1 1 1 5; the 95th percentile lies at 0.95 · 7 = 6.65 of the way from the first to the last.
+    assert row.position_error_p95 == pytest.approx(1 + 0.65 * 4)
+
+
+class TestFixes:
+    """AUV 0 is unheard in one step; AUV 1 has a wrapped fix, 50 m off, which the receiver cannot tell."""
+
+    def test_errors_and_availability_by_hand(self):
+        (row,) = episode_metrics(small_trace())
+        # Usable: 10, 3, 7 m of AUV 0 and 1, 2, 50, 4 m of AUV 1, sorted 1 2 3 4 7 10 50.
+        assert row.fix_error_mean == pytest.approx(77 / 7)
+        assert row.fix_error_median == 4
+        assert row.fix_error_rms == pytest.approx(math.sqrt((1 + 4 + 9 + 16 + 49 + 100 + 2500) / 7))
+        assert row.fix_error_p95 == pytest.approx(10 + 0.7 * 40)
+        assert row.fix_availability == pytest.approx(7 / 8)
+        assert row.fix_wrapped == pytest.approx(1 / 7)
+        assert row.outage_longest == 2
+
+    @pytest.mark.parametrize(
+        ("flags", "is_usable"),
+        [
+            (usbl.DETECTED, True),
+            (usbl.DETECTED | usbl.WRAPPED, True),
+            (usbl.DETECTED | usbl.NO_DEPTH, False),
+            (usbl.DETECTED | usbl.NO_DEPTH | usbl.WRAPPED, False),
+            (usbl.WRAPPED, False),
+            (usbl.NO_RAY, False),
+            (usbl.LOST, False),
+            (usbl.DETECTED | usbl.AMBIGUOUS, False),
+            (usbl.DETECTED | usbl.REJECTED, False),
+            (usbl.SILENT, False),
+            (0, False),
+        ],
+    )
+    def test_what_a_receiver_can_use(self, flags, is_usable):
+        trace = small_trace()
+        trace.fix_flags[1, 0, 0] = flags
+        (row,) = episode_metrics(trace)
+        assert row.fix_availability == pytest.approx((6 + is_usable) / 8)
+        assert row.outage_longest == (2 if is_usable else 4)  # step 2 is one without a fix anyway
+
+    def test_the_longest_outage_is_that_of_one_auv(self):
+        """Outages of different AUVs do not add up, and one at the end counts."""
+        trace = small_trace()
+        trace.fix_flags[:, 0, 0] = [0, 0, 1, 1]
+        trace.fix_flags[:, 0, 1] = [1, 0, 0, 0]
+        (row,) = episode_metrics(trace)
+        assert row.outage_longest == 6
+        assert row.fix_availability == pytest.approx(3 / 8)
+
+    def test_an_episode_without_fixes_has_no_error_of_them(self):
+        trace = small_trace()
+        trace.fix_flags[:] = usbl.LOST
+        trace.fix[:] = np.nan
+        (row,) = episode_metrics(trace)
+        assert (row.fix_availability, row.outage_longest) == (0, 8)
+        of_fixes = [row.fix_error_mean, row.fix_error_median, row.fix_error_rms, row.fix_error_p95, row.fix_wrapped]
+        assert np.isnan(of_fixes).all()
+        assert row.position_error_mean == pytest.approx((5 + 4) / 8)
+
+    def test_usable_fixes_are_those_that_the_boat_uses(self):
+        """Without a tracker the estimate is the last usable fix: it changes when there is one, and to it."""
+        noisy = ["auv.count=3", "acoustics.source_level=119", "usbl.packet_loss=0.2", "usbl.spacing=0.052"]
+        world = World(Scenario.load("extreme", ["mission.duration=60", *noisy]), num_worlds=4, seed=1, usv="hold:0,0")
+        trace = record(world, lambda _: torch.zeros(4, 3, 2), "still")
+        had = usable(trace)
+        for flag in (usbl.DETECTED, usbl.NO_DEPTH, usbl.LOST, usbl.AMBIGUOUS):
+            assert (trace.fix_flags & flag == flag).any()
+        assert 0.1 < had.mean() < 0.9
+        np.testing.assert_array_equal(trace.estimate[had], trace.fix[had])
+        kept = ~had[1:]
+        np.testing.assert_array_equal(trace.estimate[1:][kept], trace.estimate[:-1][kept])
 
 
 def test_ec_leaves_out_the_exact_length_of_services():
@@ -86,8 +158,9 @@ def test_ec_leaves_out_the_exact_length_of_services():
 def test_csv_has_the_promised_columns(tmp_path):
     promised = (
         "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh target_distance overflow "
-        "collisions border position_error_mean position_error_median position_error_p95 fix_error_median "
-        "fix_availability outage_longest targets"
+        "collisions border position_error_mean position_error_median position_error_rms position_error_p95 "
+        "fix_error_mean fix_error_median fix_error_rms fix_error_p95 fix_availability fix_wrapped fix_dropped "
+        "outage_longest targets"
     )
     assert " ".join(COLUMNS) == promised
     rows = episode_metrics(small_trace())

@@ -12,8 +12,10 @@ from usvauv_cli.commands.options import Arch, Overrides, Plugins, writable
 from usvauv_cli.objectives import MEASUREMENTS, NAMES, OBJECTIVES
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from usvauv_env import Scenario
-    from usvauv_env.positioning import Plan
+    from usvauv_env.positioning import BoatPlace, Plan
 
 FORMATS = (".png", ".pdf", ".svg")
 MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
@@ -22,7 +24,11 @@ MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
 def plan(
     auv: Annotated[
         list[str] | None,
-        typer.Option(metavar="X,Y,Z", help="An AUV: east, north and depth (positive down), m; up to 16 times."),
+        typer.Option(
+            metavar="X,Y,Z",
+            help="An AUV: east, north and depth (positive down), m; up to 16 times. Where the scenario has a place on"
+            " Earth also latitude and longitude, 22.5101N,114.0203E,100 or 22°30.6'N,114°1.2'E,100.",
+        ),
     ] = None,
     scenario: Annotated[
         str, typer.Option(metavar="S", help="Array, sonar, noise and area: shipped name or path of a TOML file.")
@@ -44,7 +50,11 @@ def plan(
         ),
     ] = None,
     compare: Annotated[
-        list[str] | None, typer.Option(metavar="X,Y", help="A place of the boat to compare with, m; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y",
+            help="A place of the boat to compare with, m, or latitude and longitude as in --auv; may be repeated.",
+        ),
     ] = None,
     slope: Annotated[
         str,
@@ -66,13 +76,18 @@ def plan(
     """Where should the boat be? Find the place from which a USBL locates all its AUVs best, and the errors to expect.
 
     Nothing is learned or simulated: the place maximises `--objective` of the fixes' Fisher information, in metres, over
-    the whole area. The table gives the error of one fix of each AUV from there, from the AUVs' centroid and from
+    the whole area. The table gives the error of one good fix of each AUV from there, from the AUVs' centroid and from
     every `--compare`: standard deviations along the major and minor axis of its horizontal error ellipse, and the rms
-    of both over all AUVs. They include noise by the sonar equation, the range error and `usbl.attitude_error`. The
-    array lies level, or for the errors on `--slope`. Objective d weighs each AUV's error by its ratio, so another place
-    can have a smaller rms; a finds the place of the smallest.
-    "good" is the probability that a fix is detected, unambiguous (no phase has wrapped) and has a real depth; the
-    errors are those of good fixes.
+    of both over the AUVs that are located. They include all that the tables by cause list. The array lies level, or for
+    the errors on `--slope`. Objective d weighs each AUV's error by its ratio, so another place can have a smaller rms;
+    a finds the place of the smallest.
+    "detected" is the probability that the tone of a fix is detected, "good" that it is and the fix is also unambiguous
+    (no phase has wrapped) and has a real depth. An AUV is located where at least 90 % of its fixes are good; a line on
+    standard error says which AUVs are not from the optimum, why, and what would help.
+
+    Numbers are metres from the area's south-west corner. A scenario has a place on Earth where `water.latitude` and
+    `water.longitude` of that corner are set or `water` names a file; then positions can be latitudes and longitudes
+    with their sides, and results have both.
 
     **Examples:**
 
@@ -82,19 +97,28 @@ def plan(
     --set area.width=600 --set area.length=400 --set area.depth=250 --set acoustics.path=transponder
     --set acoustics.source_level=170 --set usbl.spacing=0.025 --set usbl.attitude_error=0.003`
 
+    A place on Earth: `usvauv plan --set water.latitude=22.51 --set water.longitude=114.02
+    --auv 22.5101N,114.0203E,100 --auv 22.5115N,114.0212E,90`
+
     For a script: `usvauv plan --auv 60,80,100 --auv 150,120,90 --json - | jq .optimum`
 
-    **JSON:** *scenario*, *objective*, *measurement*, *attitude_error* (rad), *slope* (x, y); *area*: *width*, *length*,
-    *depth* (m); *auvs*: *x*, *y*, *depth* (m), *carrier* (Hz); *optimum*, *centroid* and the list *compare*: *x*, *y*
-    (m), *log_objective*, *rms* (m) and one of *errors* per AUV: *range* (slant, m), *major*, *minor* (1-σ, m), *angle*
-    of the major axis (rad, anticlockwise from east), *good* (probability). *log_objective*, lengths in m, J the
-    information on all positions: d ln det J; a −ln tr J⁻¹; e ln of J's least eigenvalue; sum ln det of the sum of all
-    AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms* where an axis is unbounded,
-    as for phases alone where the AUV lies in the array's plane; *log_objective* where there is no information.
+    **JSON:** *scenario*, *objective*, *measurement*, *slope* (x, y); *area*: *width*, *length*,
+    *depth* (m); *auvs*: *x*, *y*, *depth* (m), *latitude*, *longitude* (degrees), *carrier* (Hz); *optimum*, *centroid*
+    and the list *compare*: *x*, *y* (m), *latitude*, *longitude*, *log_objective*, *rms* (m, of the AUVs located),
+    *located* (how many), *budget* (rms errors of the AUVs' fixes by cause, m) and one of *errors* per AUV:
+    *range* (slant, m), *major*, *minor* (1-σ, m), *angle* of the
+    major axis (rad, anticlockwise from east), *good* (probability, the product of *detected* and *good_if_detected*),
+    *wrapped* (probability, of fixes detected), *direct_ray* (false: the sound speed profile bends it away),
+    *signal_excess* (over the detection threshold, dB); *warnings*: the lines on standard error. *log_objective*,
+    lengths in m, J the information on all positions: d ln det J; a −ln tr J⁻¹; e ln of J's least eigenvalue; sum ln det
+    of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms* where an
+    axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms* where no AUV is located;
+    *log_objective* where there is no information; *latitude*, *longitude* without a place on Earth.
     """
     import json
-    from dataclasses import asdict
+    from dataclasses import asdict, replace
 
+    from usvauv_cli.positions import DEGREES, auv_position, boat_position, look_geographic
     from usvauv_env import Scenario
     from usvauv_env.files import atomic_write
     from usvauv_env.positioning import solve
@@ -102,7 +126,8 @@ def plan(
     setting = Scenario.load(scenario, overrides or ())
     objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)
     measurement = choice("--measurement", measurement or setting.planner.measurement, MEASUREMENTS)
-    auvs = [auv_position(text, setting) for text in auv or ()]
+    hint = DEGREES if look_geographic(auv or (), setting) else ""
+    auvs = [auv_position(text, setting, hint) for text in auv or ()]
     if not auvs:
         raise UserError("--auv: give each AUV as X,Y,Z in metres, Z its depth, for example --auv 60,80,100")
     setting = with_team(setting, auvs)
@@ -123,6 +148,10 @@ def plan(
         writable(Path(json_file), "--json")
 
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
+    if hint:
+        result = replace(result, warnings=[f"--auv: {hint}", *result.warnings])
+    for warning in result.warnings:
+        typer.echo(f"warning: {warning}", err=True)
     if json_file:
         text = json.dumps(asdict(result), indent=1, allow_nan=False)
         if to_stdout:
@@ -151,68 +180,14 @@ def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
-def numbers(option: str, text: str, form: str, unit: str = " in metres") -> list[float]:
-    """Comma-separated numbers, as many as `form` names, for example X,Y.
-
-    Raises:
-        UserError: another count, or not numbers.
-    """
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != len(form.split(",")):
-        raise UserError(f"{option} {text!r}: expected {form}{unit}")
-    return values
-
-
-def require_inside(option: str, text: str, scenario: Scenario, x: float, y: float) -> None:
-    """Check that (x, y) is in the scenario's area.
-
-    Raises:
-        UserError: it is not.
-    """
-    area = scenario.area
-    if not (0 <= x <= area.width and 0 <= y <= area.length):
-        raise UserError(
-            f"{option} {text!r}: outside the area [0, {area.width:g}] × [0, {area.length:g}] m;"
-            " --set area.width=… and area.length=… change it"
-        )
-
-
-def auv_position(text: str, scenario: Scenario) -> tuple[float, float, float]:
-    """Read X,Y,Z of an AUV in the area and between surface and bed.
-
-    Raises:
-        UserError: it is not.
-    """
-    x, y, depth = numbers("--auv", text, "X,Y,Z")
-    require_inside("--auv", text, scenario, x, y)
-    if not 0 < depth <= scenario.area.depth:
-        raise UserError(
-            f"--auv {text!r}: the depth must be above 0 and at most the water's {scenario.area.depth:g} m;"
-            " --set area.depth=… changes it"
-        )
-    return x, y, depth
-
-
-def boat_position(text: str, scenario: Scenario) -> tuple[float, float]:
-    """Read X,Y of the boat in the area.
-
-    Raises:
-        UserError: it is not.
-    """
-    x, y = numbers("--compare", text, "X,Y")
-    require_inside("--compare", text, scenario, x, y)
-    return x, y
-
-
 def surface_slope(text: str) -> tuple[float, float]:
     """Read SX,SY of the surface, each at most 1 (45°).
 
     Raises:
         UserError: it is not.
     """
+    from usvauv_cli.positions import numbers
+
     x, y = numbers("--slope", text, "SX,SY", "")
     if not (abs(x) <= 1 and abs(y) <= 1):
         raise UserError(f"--slope {text!r}: each must be between -1 and 1")
@@ -239,41 +214,76 @@ def number(value: float | None, digits: int) -> str:
     return "none" if value is None else f"{value:.{digits}f}"
 
 
+def metres(value: float | None) -> str:
+    """A length to the millimetre, from 100 m on to the decimetre, from 100 km on to two digits; "none" as `number`."""
+    if value is not None and value >= 1e5:
+        return f"{value:.1e}"
+    return number(value, 3 if value is None or value < 100 else 1)
+
+
+def expectation(place: BoatPlace) -> str:
+    """What to expect of fixes from a place, in words."""
+    count = len(place.errors)
+    if not place.located:
+        return "no AUV is located from there" if count > 1 else "the AUV is not located from there"
+    of = "" if place.located == count else f", {place.located} of {count} AUVs located"
+    return f"the error of a fix is unbounded{of}" if place.rms is None else f"a fix is {place.rms:.2f} m off (rms{of})"
+
+
+def budget_table(name: str, place: BoatPlace) -> Table:
+    """Table of the errors of a fix of each AUV from a place, by cause."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table.add_column(f"error by cause, {name}, rms m", no_wrap=True)
+    for k in range(len(place.errors)):
+        table.add_column(f"AUV {k + 1}", justify="right", no_wrap=True)
+    for cause, values in place.budget.items():
+        if any(value != 0.0 for value in values):
+            table.add_row(cause, *map(metres, values))
+    return table
+
+
 def print_table(result: Plan) -> None:
-    """Print each place with ln of the objective and the errors of each AUV from there."""
+    """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
+    from usvauv_cli.positions import coordinates
+    from usvauv_env.fix_prediction import LEAST_GOOD
+
     best = result.optimum
-    table = Table(box=box.SIMPLE_HEAD, title_justify="left")
-    for name in (
-        "boat",
-        "x m",
-        "y m",
-        NAMES[result.objective],
-        "rms m",
-        "AUV",
-        "range m",
-        "major m",
-        "minor m",
-        "good",
-    ):
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    headings = ("boat", "x m", "y m", NAMES[result.objective], "rms m", "AUV", "range m", "major m", "minor m")
+    for name in (*headings, "detected", "good"):
         table.add_column(name, justify="left" if name == "boat" else "right", no_wrap=True)
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]
     for name, place in places:
-        head = (name, *(number(value, 2) for value in (place.x, place.y, place.log_objective)), number(place.rms, 3))
+        head = (name, *(number(value, 2) for value in (place.x, place.y, place.log_objective)), metres(place.rms))
         for k, error in enumerate(place.errors, 1):
-            cells = (str(k), f"{error.range:.1f}", number(error.major, 3), number(error.minor, 3))
-            table.add_row(*(head if k == 1 else [""] * 5), *cells, f"{error.good:.1%}")
+            cells = (str(k), f"{error.range:.1f}", metres(error.major), metres(error.minor))
+            table.add_row(*(head if k == 1 else [""] * 5), *cells, f"{error.detected:.1%}", f"{error.good:.1%}")
         table.add_section()
-    typer.echo(
-        f"Boat at x = {best.x:.2f} m, y = {best.y:.2f} m:"
-        f" {NAMES[result.objective]} = {number(best.log_objective, 3)}, a fix is {number(best.rms, 2)} m off (rms)"
-    )
+    where = f"x = {best.x:.2f} m, y = {best.y:.2f} m"
+    on_earth = [
+        (name, coordinates(place.latitude, place.longitude))
+        for name, place in (*places, *((f"AUV {k}", auv) for k, auv in enumerate(result.auvs, 1)))
+        if place.latitude is not None and place.longitude is not None
+    ]
+    if on_earth:
+        where += f" ({on_earth[0][1]})"
+    typer.echo(f"Boat at {where}: {NAMES[result.objective]} = {number(best.log_objective, 3)}, {expectation(best)}")
     array = "level array" if result.slope == (0, 0) else f"array on a slope of {', '.join(map(str, result.slope))}"
     typer.echo(
-        f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors 1-σ"
+        f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors 1-σ,\n"
+        f"rms of the AUVs that are located, which are those with at least {LEAST_GOOD:.0%} good fixes\n"
     )
-    console = Console(width=None if Console().is_terminal else 120)
+    console = Console(width=None if Console().is_terminal else 100)
     console.print(table)
+    for name, place in places:
+        if name != "centroid":
+            console.print(budget_table(name, place))
+    for name, there in on_earth:
+        typer.echo(f"{name:9s} {there}")

@@ -32,7 +32,7 @@ def variance(trace: Trace) -> np.ndarray:
     away = torch.cat([points[..., :2] - best, -points[..., 2:]], -1).reshape(-1, 3).contiguous()
     index = torch.arange(auvs, dtype=torch.int32, device=link.device).repeat(steps * worlds)
     level, none = away.new_zeros(len(away), 2), away.new_zeros(len(away), 5)
-    covariance = usbl.fixes(link, index, away, level, scenario.usbl.attitude_error, none)[1].double().cpu().numpy()
+    covariance = usbl.fixes(link, index, away, level, none)[1].double().cpu().numpy()
     return ((covariance[:, 0] + covariance[:, 2]) / 2).reshape(steps, worlds, auvs)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from kernels.positioning.usbl import DETECTED
+from kernels.positioning.usbl import DETECTED, UNUSABLE, WRAPPED
 from kernels.registry import Registry
 from usvauv_env.record import collection
 from usvauv_env.record.trace import Trace
@@ -35,9 +35,12 @@ class EpisodeMetrics:
         target_distance: mean true distance of the AUVs to their targets, m.
         overflow: node-steps in which a full buffer lost packets.
         collisions: pair-steps below the collision distance. border: refused moves.
-        position_error_mean, _median, _p95: of |estimate − truth| over all AUVs and steps, m.
-        fix_error_median: of |fix − truth| over all good fixes, m. fix_availability: share of steps and AUVs with a good
-            fix. outage_longest: longest time of an AUV without one, s.
+        position_error_mean, _median, _rms, _p95: of |estimate − truth| over all AUVs and steps, m.
+        fix_error_mean, _median, _rms, _p95: of |fix − truth| over all usable fixes, m; NaN without one, see `usable`.
+        fix_availability: share of steps and AUVs with a usable fix. fix_wrapped: share of the usable fixes that
+            are wrong by whole turns of a phase; NaN without one. fix_dropped: share of the detected fixes that the
+            receiver does not use, see `usbl.UNUSABLE`; NaN without one.
+        outage_longest: longest time of an AUV without a usable fix, s.
         targets: rule by which the AUVs chose their targets; empty where the task has none.
         of_task: the figures of `task_metrics` that belong to the task, by name.
     """
@@ -59,9 +62,15 @@ class EpisodeMetrics:
     border: int
     position_error_mean: float
     position_error_median: float
+    position_error_rms: float
     position_error_p95: float
+    fix_error_mean: float
     fix_error_median: float
+    fix_error_rms: float
+    fix_error_p95: float
     fix_availability: float
+    fix_wrapped: float
+    fix_dropped: float
     outage_longest: float
     targets: str
     of_task: dict[str, float] = field(default_factory=dict)
@@ -103,6 +112,26 @@ for _name, _values in {
 def position_error(trace: Trace) -> np.ndarray:
     """Distance between estimated and true positions, (T, W, K), m."""
     return np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)
+
+
+def usable(trace: Trace) -> np.ndarray:
+    """Whether the boat has a fix that it can use, (T, W, K), as far as a receiver can tell: see `usbl.UNUSABLE`.
+
+    A signal that is lost, not due, or that no direct ray brings, is not detected.
+    """
+    return (trace.fix_flags & (DETECTED | UNUSABLE)) == DETECTED
+
+
+def distribution(error: np.ndarray) -> dict[str, float]:
+    """Mean, median, rms and 95th percentile of errors of any shape, by these names; NaN where there are none."""
+    if not error.size:
+        return dict.fromkeys(("mean", "median", "rms", "p95"), math.nan)
+    return {
+        "mean": float(error.mean(dtype=np.float64)),
+        "median": float(np.median(error)),
+        "rms": math.sqrt(np.square(error, dtype=np.float64).mean()),
+        "p95": float(np.quantile(error, 0.95)),
+    }
 
 
 def target_distance(trace: Trace) -> np.ndarray:
@@ -160,7 +189,9 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     step = trace.scenario.mission.step
     error = position_error(trace)
     fix_error = np.linalg.norm(trace.fix - trace.auv_position, axis=-1)
-    good = trace.fix_flags == DETECTED
+    had = usable(trace)
+    wrapped = (trace.fix_flags & WRAPPED) > 0
+    detected = (trace.fix_flags & DETECTED) > 0
     ec = energy_consumption(trace)[-1]
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
     of_task = {name: _of_task(name, trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
@@ -181,12 +212,12 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             overflow=int(trace.overflowing[:, w].sum()),
             collisions=int(trace.collisions[:, w].sum()),
             border=int(trace.border[:, w].sum()),
-            position_error_mean=float(error[:, w].mean()),
-            position_error_median=float(np.median(error[:, w])),
-            position_error_p95=float(np.quantile(error[:, w], 0.95)),
-            fix_error_median=float(np.median(fix_error[:, w][good[:, w]])) if good[:, w].any() else math.nan,
-            fix_availability=float(good[:, w].mean()),
-            outage_longest=float(_longest_run(~good[:, w]) * step),
+            **{f"position_error_{name}": value for name, value in distribution(error[:, w]).items()},
+            **{f"fix_error_{name}": value for name, value in distribution(fix_error[:, w][had[:, w]]).items()},
+            fix_availability=float(had[:, w].mean()),
+            fix_wrapped=float(wrapped[:, w][had[:, w]].mean()) if had[:, w].any() else math.nan,
+            fix_dropped=float((~had)[:, w][detected[:, w]].mean()) if detected[:, w].any() else math.nan,
+            outage_longest=float(_longest_run(~had[:, w]) * step),
             targets=trace.scenario.nodes.target_rule if trace.scenario.task_definition.targets == "nodes" else "",
             of_task={name: float(values[w]) for name, values in of_task.items()},
         )

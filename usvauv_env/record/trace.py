@@ -81,7 +81,7 @@ class Trace:
         auv_position: (T, W, K, 2) true, m. auv_velocity: (T, W, K, 2) through the water, m/s, 0 while hovering.
         fix: (T, W, K, 2) measured position, m; NaN where nothing was detected. fix_covariance: (T, W, K, 3) predicted
             xx, xy, yy of its error, m². fix_flags: (T, W, K) bits of `kernels.positioning.usbl`; good where it equals
-            DETECTED.
+            DETECTED; the receiver drops a detected one that has a bit of UNUSABLE.
         estimate: (T, W, K, 2) where the boat takes the AUV to be: the last usable fix, or the tracker's, m.
             estimate_covariance: (T, W, K, 3) likewise.
         target: (T, W, K) index of the node headed for. hovering: (T, W, K) serving its node during this step.

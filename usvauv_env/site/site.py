@@ -110,6 +110,13 @@ class Site:
         return profile
 
     @property
+    def frame(self) -> LocalFrame | None:
+        """The area's plane on the Earth; None where the scenario names no place: no file, and the default corner."""
+        water = self.scenario.water
+        named = water.bathymetry or water.currents or water.longitude or water.latitude
+        return self._frame if named else None
+
+    @property
     def _frame(self) -> LocalFrame:
         return LocalFrame(self.scenario.water.longitude, self.scenario.water.latitude)
 

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from kernels.errors import UserError
-from kernels.positioning import rays
+from kernels.positioning.layered_water import layer_table
+from usvauv_env.site import thinning
 
 SLOWEST, FASTEST = 1300.0, 1700.0  # m/s
 DEEPEST = 11000.0  # m
@@ -23,7 +24,6 @@ COLDEST, WARMEST = -3.0, 45.0  # °C
 SALTIEST = 50.0  # g/kg or practical
 KILOGRAMS = (0.02, 0.05)  # salinity of the sea in kg/kg; values in g/kg that low are taken for this mistake
 FIRST_DEPTH = 15.0  # m, the deepest that a profile may begin; above lies the mixed layer
-FIT_POINTS = 4  # per depth at which a thinned profile is fitted
 DEGREES_PER_LAYER = 0.5  # °C between depths; the speed is then linear to 5 mm/s
 
 
@@ -140,34 +140,30 @@ class SoundSpeedProfile:
         slowing = np.where(np.abs(rise) > 1e-6, np.log1p(rise) / np.where(rise == 0, 1, rise), 1 - rise / 2)
         return float((deep - shallow) / np.sum(np.diff(z) / c[:-1] * slowing))
 
-    def thinned(self, tolerance: float) -> SoundSpeedProfile:
+    def thinned(self, arrays: tuple[float, ...], source: float, longest: float, bed: float) -> SoundSpeedProfile:
         """A profile of fewer depths with nearly the same rays; the kernels' time grows with the number of depths.
 
-        Depths are chosen so that the linear interpolation between them deviates from no speed by more than `tolerance`,
-        m/s (Douglas and Peucker's rule); then the speeds there are fitted to the whole profile by least squares.
+        Up to the longest range, the travel time times the speed of sound differs by less than `thinning.TOLERANCE`,
+        and so does the horizontal place of a fix where the cosine of its ray is nowhere below `thinning.STEEP`; the
+        edge of a shadow moves by less than a hundredth of the longest range. All three are checked at a hundred
+        ranges; where no thinner profile passes, all depths stay.
+
+        Args:
+            arrays: depths of arrays, m. source: depth of the source below them, m.
+            longest: horizontal range, m.
+            bed: depth below which no ray turns, m; there the speed is made constant.
         """
-        kept = {0, len(self.depths) - 1}
-        open_ends = [(0, len(self.depths) - 1)]
-        while open_ends:
-            first, last = open_ends.pop()
-            between = slice(first + 1, last)
-            ends = [first, last]
-            linear = np.interp(self.depths[between], self.depths[ends], self.speeds[ends])
-            misses = np.abs(self.speeds[between] - linear)
-            if misses.size and misses.max() > tolerance:
-                worst = first + 1 + int(misses.argmax())
-                kept.add(worst)
-                open_ends += [(first, worst), (worst, last)]
-        index = sorted(kept)
-        depths, speeds = self.depths[index], self.speeds[index]
-        z = np.linspace(depths[0], depths[-1], FIT_POINTS * len(self.depths))
-        missed = np.interp(z, self.depths, self.speeds) - np.interp(z, depths, speeds)
-        hats = np.stack([np.interp(z, depths, unit) for unit in np.eye(len(depths))], axis=1)
-        return SoundSpeedProfile(depths, speeds + np.linalg.lstsq(hats, missed, rcond=None)[0])
+        reached = self.depths < bed
+        depths, speeds = self.depths[reached], self.speeds[reached]
+        if not reached.all():
+            depths, speeds = np.append(depths, bed), np.append(speeds, self.at(bed))
+        if len(depths) > 2:
+            depths, speeds = thinning.thinned(depths, speeds, arrays, source, longest)
+        return SoundSpeedProfile(depths, speeds)
 
     def layers(self) -> np.ndarray:
-        """The profile for `kernels.positioning.rays`, (N + 2, rays.COLUMNS) float32."""
-        return rays.layer_table(self.depths, self.speeds)
+        """The profile for `kernels.positioning.rays`, (N + 2, layered_water.COLUMNS) float32."""
+        return layer_table(self.depths, self.speeds)
 
 
 def _columns(rows: Sequence[Sequence[float]], names: str) -> np.ndarray:

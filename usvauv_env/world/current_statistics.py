@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from kernels.flow import airy
-from kernels.positioning import tracker, usbl
+from kernels.positioning import acoustic_link, current_process
 from kernels.types import Level
 from usvauv_env.scenario import Scenario
 from usvauv_env.sea.forcing import speed_bound
@@ -25,14 +25,14 @@ def current_parts(site: Site) -> list[tuple[float, float]]:
     parts = []
     if current.vortices and current.circulation_max > 0:
         limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
-        parts.append(tracker.eddies(current.vortices, *limits, area.width * area.length, speed))
+        parts.append(current_process.eddies(current.vortices, *limits, area.width * area.length, speed))
     if waves.spectrum != "none":
         shape = waves.spectrum, waves.peak_period, waves.gamma, waves.shortest_wave, area.depth, sea.gravity
         depth = -scenario.auv.depth, area.depth, sea.gravity
-        parts.append(tracker.orbital_motion(*band(*shape), waves.significant_height, *depth))
+        parts.append(current_process.orbital_motion(*band(*shape), waves.significant_height, *depth))
     if sea.start_rms > 0:
         clock = sea.gravity, sea.drag, scenario.mission.duration
-        parts.append(tracker.standing_waves(sea.start_rms, sea.start_modes, area.width, area.depth, *clock))
+        parts.append(current_process.standing_waves(sea.start_rms, sea.start_modes, area.width, area.depth, *clock))
     for square, period in (
         (sea.regular_amplitude**2 / 2, sea.regular_period),
         (sea.irregular_rms**2, math.sqrt(sea.irregular_period_min * sea.irregular_period_max)),
@@ -71,18 +71,18 @@ def _real_part(scenario: Scenario, stream: np.ndarray, speed: float) -> tuple[fl
 
 
 def current_model(site: Site, link: np.ndarray) -> tuple[float, float]:
-    """Variance (m²/s²) and correlation time (s) of the current for `kernels.positioning.tracker`.
+    """Variance (m²/s²) and correlation time (s) of the current for `kernels.positioning.current_process`.
 
     Args:
-        link: `usbl.link_table` of the AUVs; fixes count as from a quarter of the area's smaller side away.
+        link: `acoustic_link.link_table` of the AUVs; fixes count as from a quarter of the area's smaller side away.
     """
     scenario = site.scenario
     z = scenario.auv.depth
     away = min(scenario.area.width, scenario.area.length) / 4
-    q = (z * z + away * away) / link[:, usbl.REFERENCE] ** 2
-    noise = np.exp(link[:, usbl.POWER] * np.log(q) - link[:, usbl.LEVEL])
+    q = (z * z + away * away) / link[:, acoustic_link.REFERENCE] ** 2
+    noise = np.exp(link[:, acoustic_link.POWER] * np.log(q) - link[:, acoustic_link.LEVEL])
     fix_variance = float(noise.mean()) + (scenario.usbl.attitude_error * z) ** 2
-    return tracker.ornstein_uhlenbeck(current_parts(site), fix_variance, scenario.mission.step)
+    return current_process.ornstein_uhlenbeck(current_parts(site), fix_variance, scenario.mission.step)
 
 
 def current_bound(site: Site) -> float:

@@ -18,6 +18,8 @@ PER = {
     "belief": "the belief, of all or of AUV",
     "vortex": "vortex",
     "track": "the track of AUV",
+    "own": "the own track of AUV",
+    "exchange": "the exchange with AUV",
 }
 
 

@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
 from kernels.mission import target_rules
-from kernels.mission.columns import Information, Parameter, Refraction
+from kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
 from kernels.mission.tasks.data_collection import LEAST_RATE
 from kernels.mission.worlds import Program
 from kernels.planning import objectives
-from kernels.positioning import sonar_equation, tracker, usbl, waveform
-from kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws
+from kernels.positioning import current_process, sonar_equation, validation, waveform
+from kernels.positioning.absorption import Water, absorption_laws
+from kernels.positioning.acoustic_link import Accuracy, Sonar
+from kernels.positioning.acoustic_link import link_table as link_constants
+from kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws, boat_noise, rain_noise, total_level
+from kernels.positioning.sea_wind import wind_of_developed_sea
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.site.site import Site
 from usvauv_env.site.sound_speed import SoundSpeedProfile
 from usvauv_env.world.boat_strategies import BoatStrategy
-from usvauv_env.world.current_statistics import current_model
+from usvauv_env.world.current_statistics import current_bound, current_model
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 
+OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
-LAYER_TOLERANCE = 0.5  # m/s, see `SoundSpeedProfile.thinned`
 
 
 def noise_law(scenario: Scenario) -> NoiseLaw:
-    """The law of the ambient noise; the function it gives checks what a plugin's law returns.
+    """The law of the ambient noise, rain included; the function it gives checks what a plugin's law returns.
 
     Raises:
         UserError: by that function: the law fails, or returns no level in dB.
@@ -37,15 +42,30 @@ def noise_law(scenario: Scenario) -> NoiseLaw:
             level = ambient_noise_laws[name](frequency, shipping, wind)
         if not isinstance(level, float | int | np.number) or not abs(level) <= LOUDEST:
             raise ambient_noise_laws.refuse(name, level, f"a level from -{LOUDEST:g} to {LOUDEST:g} dB")
-        return float(level)
+        return total_level(float(level), rain_noise(frequency, scenario.acoustics.rain))
 
     return law
+
+
+def wind(scenario: Scenario) -> float:
+    """Wind speed over the sea, m/s."""
+    if scenario.acoustics.wind != "storm":
+        return scenario.acoustics.wind
+    storm = scenario.storm
+    return wind_of_developed_sea(storm.significant_height) if storm.spectrum != "none" else 0.0
+
+
+def absorption(scenario: Scenario, frequency: float) -> float:
+    """Absorption at a frequency (Hz) half way down to the AUVs, dB/km."""
+    acoustics = scenario.acoustics
+    water = Water(acoustics.water_temperature, acoustics.water_salinity, acoustics.ph, scenario.auv.depth / 2)
+    return absorption_laws[acoustics.absorption](frequency, water)
 
 
 def data_level(scenario: Scenario) -> float:
     """SNR of the data link at 1 m without loss, dB."""
     nodes, noise = scenario.nodes, scenario.acoustics
-    density = noise_law(scenario)(nodes.frequency, noise.shipping, noise.wind)
+    density = noise_law(scenario)(nodes.frequency, noise.shipping, wind(scenario))
     level = sonar_equation.noise_level(density, nodes.bandwidth)
     return sonar_equation.acoustic_source_level(nodes.source_power) - level
 
@@ -54,15 +74,18 @@ def reference_rate(scenario: Scenario) -> float:
     """Rate of the data link at the hover radius over the mean bed, Mbit/s."""
     auv, nodes = scenario.auv, scenario.nodes
     separation = auv.depth if auv.separation == "demonstration" else scenario.area.depth - auv.depth
-    loss = sonar_equation.transmission_loss(math.hypot(separation, auv.hover_radius), nodes.frequency)
+    slant = math.hypot(separation, auv.hover_radius)
+    loss = sonar_equation.path_loss(slant, scenario.acoustics.spreading, absorption(scenario, nodes.frequency))
     snr = data_level(scenario) - loss
     return max(1e-6 * sonar_equation.shannon_rate(nodes.bandwidth, snr, nodes.rate_law == "demonstration"), LEAST_RATE)
 
 
 def sound_layers(site: Site) -> np.ndarray:
-    """The speed of sound for `kernels.positioning.rays`, (N, rays.COLUMNS)."""
-    profile = site.sound_speed or SoundSpeedProfile.constant(site.scenario.acoustics.sound_speed)
-    return profile.thinned(LAYER_TOLERANCE).layers()
+    """The speed of sound for `kernels.positioning.rays`, (N, layered_water.COLUMNS)."""
+    s = site.scenario
+    profile = site.sound_speed or SoundSpeedProfile.constant(s.acoustics.sound_speed)
+    trough = min(s.storm.significant_height, 0.5 * s.auv.depth)
+    return profile.thinned((0.0, 0.5 * trough, trough), s.auv.depth, s.area.diagonal, site.mean_depth).layers()
 
 
 def sound_speed(site: Site) -> float:
@@ -99,6 +122,9 @@ def program(site: Site, strategy: BoatStrategy) -> Program:
         waveform=s.usbl.model == "waveform",
         refraction=refraction,
         tracker=s.tracker.enabled,
+        schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
+        sensor=getattr(Sensor, s.navigation.sensor),
+        turns=validation.turns_possible(link_table(site)),
     )
 
 
@@ -130,17 +156,39 @@ def reward_weights(scenario: Scenario) -> np.ndarray:
     )
 
 
+def own_noise(scenario: Scenario, frequency: float) -> float:
+    """Noise density of the boat at its array at top speed, dB re 1 µPa²/Hz, −∞ for none."""
+    boat = scenario.boat
+    if boat.noise_level == 0.0:
+        return -math.inf
+    return boat_noise(frequency, boat.top_speed, boat.noise_level, OWN_NOISE_FREQUENCY, boat.top_speed)
+
+
+def accuracy(scenario: Scenario) -> Accuracy:
+    """Errors of a fix beside noise."""
+    usbl = scenario.usbl
+    return Accuracy(
+        attitude=usbl.attitude_error,
+        alignment=usbl.alignment_error,
+        heading=usbl.heading_error,
+        sound_speed=scenario.acoustics.sound_speed_error / scenario.acoustics.sound_speed,
+        position=math.hypot(usbl.lever_arm_error, usbl.gnss_error),
+    )
+
+
 def link_table(site: Site) -> np.ndarray:
-    """Acoustic constants of each AUV's positioning link, see `kernels.positioning.usbl.link_table`."""
+    """Acoustic constants of each AUV's positioning link, see `kernels.positioning.acoustic_link`."""
     s = site.scenario
-    sonar = usbl.Sonar(
+    sonar = Sonar(
         sound_speed=sound_speed(site),
         source_level=s.acoustics.source_level,
         target_strength=s.acoustics.target_strength,
         path=s.acoustics.path,
+        spreading=s.acoustics.spreading,
         ambient_noise=noise_law(s),
         shipping=s.acoustics.shipping,
-        wind=s.acoustics.wind,
+        wind=wind(s),
+        absorption=partial(absorption, s),
         bandwidth=s.acoustics.bandwidth,
         noise_law=s.acoustics.noise_law,
         spacing=s.usbl.spacing,
@@ -148,9 +196,14 @@ def link_table(site: Site) -> np.ndarray:
         sampling_rate=s.usbl.sampling_rate,
         planner_noise=s.planner.noise,
         reference_range=s.auv.depth,
-        attitude_error=s.usbl.attitude_error,
+        own_noise=partial(own_noise, s),
+        array_depth=s.usbl.array_depth,
+        bubbles=s.acoustics.bubbles,
+        signal=s.usbl.signal,
+        pulse_length=s.usbl.pulse_length,
+        accuracy=accuracy(s),
     )
-    return usbl.link_table([s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)], sonar)
+    return link_constants([s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)], sonar)
 
 
 def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarray:
@@ -161,9 +214,12 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         first_world: index of the first world.
     """
     s = site.scenario
-    current_variance, correlation_time = 0.0, tracker.FOREVER
-    if s.tracker.enabled:
+    current_variance, correlation_time = 0.0, current_process.FOREVER
+    if s.tracker.enabled or s.navigation.sensor == "water":
         current_variance, correlation_time = current_model(site, link)
+    elif s.navigation.sensor == "ground":  # the log's bias takes the current's place
+        current_variance, correlation_time = s.navigation.velocity_bias**2, s.navigation.bias_correlation_time
+    way = math.sqrt(s.area.width * s.area.length / s.targets)  # from node to node
     numbers = {
         "step": s.mission.step,
         "width": s.area.width,
@@ -178,6 +234,23 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "random_vortices": s.current.count > 0 and not s.current.centres,
         "tilt": s.usbl.tilt,
         "attitude_error": s.usbl.attitude_error,
+        "alignment_error": s.usbl.alignment_error,
+        "heading_error": s.usbl.heading_error,
+        "sound_speed_error": s.acoustics.sound_speed_error / s.acoustics.sound_speed,
+        "lever_arm_error": s.usbl.lever_arm_error,
+        "gnss_error": s.usbl.gnss_error,
+        "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),
+        "turn_around": s.channel.turn_around,
+        "signal_length": s.usbl.pulse_length if s.usbl.signal == "code" else s.usbl.periods / s.usbl.carrier_min,
+        "slots": s.channel.slots,
+        "slot": s.channel.slot,
+        "slot_length": s.channel.slot_length,
+        "velocity_walk": s.navigation.velocity_noise**2,
+        "velocity_bias": s.navigation.velocity_bias,
+        "bias_memory": math.exp(-s.mission.step / s.navigation.bias_correlation_time),
+        "velocity_variance": 0.5 * s.reference.straight_speed**2,
+        "velocity_memory": way / s.reference.straight_speed,
+        "homing_range": s.navigation.homing_range,
         "top_speed": s.boat.top_speed,
         "drifts": s.boat.drifts,
         "separation_boat": s.auv.depth,
@@ -188,6 +261,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "current_variance": current_variance,
         "correlation_time": correlation_time,
         "current_reading": s.tracker.current_reading,
+        "auv_speed": s.auv.speed_max + current_bound(site),
         "horizon": s.planner.horizon,
         "cruise": s.auv.depth,
         "separation_node": s.auv.depth if s.auv.separation == "demonstration" else 0.0,
@@ -206,7 +280,8 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "start_backlog": s.nodes.start_backlog,
         "payload": s.nodes.payload,
         "data_level": data_level(s),
-        "data_frequency": s.nodes.frequency,
+        "data_absorption": absorption(s, s.nodes.frequency),
+        "spreading": s.acoustics.spreading,
         "data_bandwidth": s.nodes.bandwidth,
         "data_demonstration": s.nodes.rate_law == "demonstration",
         "progress": s.reward.distance_form == "progress",

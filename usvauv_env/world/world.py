@@ -16,7 +16,7 @@ from kernels.errors import DivergenceError, in_words
 from kernels.flow import current, vortex
 from kernels.launch import Launch
 from kernels.mission import poisson_table
-from kernels.mission.columns import AuvColumn, BeliefColumn, BoatColumn, EstimateColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, BeliefColumn, BoatColumn, EstimateColumn, ExchangeColumn, NodeColumn
 from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
 from kernels.mission.target_rules import target_rules
@@ -41,7 +41,7 @@ ALIGNMENT = 16  # numbers
 NAMED = 8  # of the worlds on a sea, in a message
 ROUNDING = 1e-6  # of a ratio of times
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
-STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "belief", "observation")
+STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "own", "exchange", "belief", "observation")
 
 
 def room(shape: Sequence[int]) -> int:
@@ -119,13 +119,16 @@ class World:
 
         num_vortices = max(scenario.current.vortices, 1)
         team = (num_worlds, self.num_auvs)
+        reckons, exchanges = scenario.navigation.sensor != "none", scenario.channel.schedule != "every-step"
         shapes = {
             "auv": (*team, len(AuvColumn.names)),
             "node": (num_worlds, scenario.targets, len(NodeColumn.names)),
             "vortex": (num_worlds, num_vortices, 4),
             "boat": (num_worlds, len(BoatColumn.names)),
             "estimate": (*team, len(EstimateColumn.names)),
-            "track": (*(team if scenario.tracker.enabled else (1, 1)), tracker.COLUMNS),
+            "track": (*(team if scenario.tracker.enabled or reckons else (1, 1)), tracker.COLUMNS),
+            "own": (*(team if reckons else (1, 1)), tracker.COLUMNS),
+            "exchange": (*(team if exchanges else (1, 1)), len(ExchangeColumn.names)),
             "belief": (
                 num_worlds,
                 self.num_auvs if scenario.nodes.information == "own-visits" else 1,
@@ -143,7 +146,7 @@ class World:
         parts = self._numbers.split([room(shape) for shape in shapes.values()])
         views = iter(part[: math.prod(shape)].view(shape) for part, shape in zip(parts, shapes.values(), strict=True))
         self.auv, self.node, self.vortex, self.boat, self.estimate = (next(views) for _ in range(5))
-        self.track, self.belief, self.observation, self.reward, self.reward_terms = views
+        self.track, self.own, self.exchange, self.belief, self.observation, self.reward, self.reward_terms = views
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
         self._action = self._zeros(*team, 2)

@@ -83,7 +83,8 @@ def begin_service(worlds: ti.template(), w, k, distance):
         depth = regular_grid.sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
         separation = depth - p[Parameter.cruise]
     slant = ti.sqrt(distance * distance + separation * separation)
-    snr = p[Parameter.data_level] - sonar_equation.transmission_loss(slant, p[Parameter.data_frequency])
+    loss = sonar_equation.path_loss(slant, p[Parameter.spreading], p[Parameter.data_absorption])
+    snr = p[Parameter.data_level] - loss
     law = ti.cast(p[Parameter.data_demonstration], ti.i32)
     rate = ti.max(1e-6 * sonar_equation.shannon_rate(p[Parameter.data_bandwidth], snr, law), LEAST_RATE)
     cargo = unclaimed(worlds, w, target)

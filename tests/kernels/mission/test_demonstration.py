@@ -50,6 +50,7 @@ def after_service(rule: str, backlog: list[float]) -> int:
     world.auv[0, 1, AuvColumn.target] = 0
     auv = world.auv[0, 0]
     auv[AuvColumn.x] = auv[AuvColumn.y] = 100.0
+    world.estimate[0, 0, :2] = 100.0  # a fix far from there would be rejected
     auv[AuvColumn.target], auv[AuvColumn.hover], auv[AuvColumn.rate], auv[AuvColumn.cargo] = 1, 0.5, 0.2, 5000
     world.step(torch.zeros(1, 2, 2))
     assert world.auv[0, 0, AuvColumn.service_rate] > 0

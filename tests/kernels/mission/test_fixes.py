@@ -13,7 +13,7 @@ from tests.usvauv_env.test_world import run
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.record.recorder import record
 from usvauv_env.site.site import Site
-from usvauv_env.world.current_statistics import current_model
+from usvauv_env.world.current_statistics import current_bound, current_model
 from usvauv_env.world.tables import link_table, program, sound_speed
 
 LOUD = ["acoustics.source_level=230", "usbl.attitude_error=0", "usbl.tilt=false"]
@@ -70,7 +70,7 @@ class TestLate:
         index = torch.arange(2, dtype=torch.int32).repeat(len(offset) // 2)
         none = offset.new_zeros(len(offset), 5)
         link = torch.from_numpy(link_table(Site(scenario)))
-        expected = usbl.fixes(link, index, offset, none[:, :2].contiguous(), 0.0, none)[1].numpy()
+        expected = usbl.fixes(link, index, offset, none[:, :2].contiguous(), none)[1].numpy()
         near = trace.border[1:].reshape(-1) == 0
         np.testing.assert_allclose(trace.fix_covariance[1:].reshape(-1, 3)[near, 0], expected[near, 0], rtol=2e-3)
 
@@ -214,7 +214,7 @@ class TestModels:
         scenario = Scenario.load("extreme")
         world = World(scenario, 1)
         chosen = program(world.site, world.strategy.strategy)
-        assert not any((chosen.waveform, chosen.refraction, chosen.tracker))
+        assert not any((chosen.waveform, chosen.refraction, chosen.tracker, chosen.turns))
         assert world.track.shape == (1, 1, tracker.COLUMNS)
 
 
@@ -234,7 +234,7 @@ class TestTracker:
             separation = (scenario.auv.depth + world.boat[:, BoatColumn.elevation])[:, None]
             away = auv[..., AuvColumn.span("x", "y")] - world.boat[:, None, BoatColumn.span("x", "y")]
             age = 0.1 + (away.square().sum(-1) + separation**2).sqrt() / 1500
-            heard = auv[..., AuvColumn.fix_flags] == usbl.DETECTED
+            heard = auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED > 0  # rejected ones are the filter's to reject
             logged.append(
                 (
                     auv[..., AuvColumn.span("water_x", "water_y")].reshape(shape),
@@ -246,7 +246,8 @@ class TestTracker:
             )
         variance, correlation_time = current_model(Site(scenario), world._constants["link"].numpy())
         arrays = (torch.stack(parts) for parts in zip(*logged, strict=True))
-        model = {"variance": variance, "correlation_time": correlation_time, "step": 1.0}
+        speed = scenario.auv.speed_max + current_bound(Site(scenario))
+        model = {"variance": variance, "correlation_time": correlation_time, "speed": speed, "step": 1.0}
         track, _ = tracker.follow(start, *arrays, **model)
         torch.testing.assert_close(track[-1], world.track.reshape(shape), rtol=1e-3, atol=2e-3)
 

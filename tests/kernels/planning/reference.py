@@ -7,7 +7,7 @@ import torch
 from torch.func import grad, jacrev, vmap
 
 from kernels.planning import objectives
-from kernels.positioning import sonar_equation, usbl
+from kernels.positioning import acoustic_link, sonar_equation
 from kernels.positioning.ambient_noise import coates
 
 CODES = {
@@ -23,8 +23,9 @@ def carriers(K):
     return [15000.0, 18000.0, *np.linspace(12000.0, 18000.0, K)[1:-1]][:K]
 
 
-def table(device, K, **link):
-    return torch.from_numpy(usbl.link_table(carriers(K), usbl.Sonar(**link))).to(device)
+def table(device, K, attitude_error=0.0, **link):
+    sonar = acoustic_link.Sonar(accuracy=acoustic_link.Accuracy(attitude=attitude_error), **link)
+    return torch.from_numpy(acoustic_link.link_table(carriers(K), sonar)).to(device)
 
 
 def random_layouts(kind, n, K, box, seed):
@@ -65,15 +66,19 @@ def log_objective(boat, auvs, link, code):
     z2 = auvs[..., 2].square().clamp(min=1.0)
     rho2 = d.square().sum(-1)
     q = rho2 + z2
-    S0 = link[:, usbl.REFERENCE]
-    log_T = link[:, usbl.LEVEL] - link[:, usbl.POWER] * torch.log(q / S0**2) - link[:, usbl.DECAY] * (q.sqrt() - S0)
+    S0 = link[:, acoustic_link.REFERENCE]
+    log_T = (
+        link[:, acoustic_link.LEVEL]
+        - link[:, acoustic_link.POWER] * torch.log(q / S0**2)
+        - link[:, acoustic_link.DECAY] * (q.sqrt() - S0)
+    )
     T, s2 = log_T.exp(), z2 / q
     cross = d[..., :, None, 0] * d[..., None, :, 1] - d[..., :, None, 1] * d[..., None, :, 0]
     if code == CODES["paper phase"]:
         weight = T * (1 + s2**2) / (rho2 + 1)
         pairs = (weight[..., :, None] * weight[..., None, :] * cross.square()).sum((-1, -2)) / 2
         return (3 * (T.square() * s2).sum(-1) + pairs).log()
-    v = 1 / T + link[:, usbl.ATTITUDE] * z2
+    v = 1 / T + link[:, acoustic_link.ATTITUDE] * z2
     if code == CODES["sum fix"]:
         return 2 * (1 / v).sum(-1).log()
     if code == CODES["sum phase"]:

@@ -8,7 +8,7 @@ import torch
 from torch.func import jacrev
 
 from kernels.planning import fisher, global_search, objectives
-from kernels.positioning import usbl
+from kernels.positioning import acoustic_link, usbl
 from tests.kernels.planning.reference import random_layouts, sigma, table
 
 
@@ -31,7 +31,7 @@ class TestInformation:
         link = table(device, self.K, attitude_error=request.param)
         J = fisher.information_batch(link, points.to(device), boat.to(device)).double().cpu()
         J = torch.stack([J[:, 0], J[:, 1], J[:, 1], J[:, 2]], -1).reshape(-1, 2, 2)
-        kappa = link[:, usbl.KAPPA].double().cpu()
+        kappa = link[:, acoustic_link.KAPPA].double().cpu()
         deviation = [self.noise(*pair, kappa, request.param) for pair in zip(boat, points, strict=True)]
         return boat.double(), points.double(), kappa, J, deviation
 
@@ -73,16 +73,18 @@ class TestInformation:
         T = fisher.information_batch(link, auvs, boat, measurement=fisher.FIX)[:, 0].double().cpu()
         offset = torch.cat([auvs[:, 0, :2] - boat, auvs[:, 0, 2:]], 1)
         zero = torch.zeros(3, dtype=torch.int32, device=device)
-        estimate, _ = usbl.fixes(link, zero, offset, offset.new_zeros(3, 2), 0.0, offset.new_zeros(3, 5))
-        across = offset.norm(dim=1) * estimate[:, 3] / link[0, usbl.KAPPA]
+        estimate, _ = usbl.fixes(link, zero, offset, offset.new_zeros(3, 2), offset.new_zeros(3, 5))
+        across = offset.norm(dim=1) * estimate[:, 3] / link[0, acoustic_link.KAPPA]
         assert torch.allclose(T, across.double().cpu() ** -2, rtol=2e-5)
 
     def test_constant_noise_is_that_of_the_reference_range(self, device):
         link = table(device, 2, planner_noise="constant", reference_range=100.0).cpu()
-        S, K = torch.tensor([100.0, 100.0]), link[:, usbl.KAPPA].double()
-        assert torch.allclose(link[:, usbl.LEVEL].double(), (K / sigma(2, S.tolist()) / 100).square().log(), rtol=1e-6)
-        assert link[:, usbl.POWER].tolist() == [1, 1]
-        assert link[:, usbl.DECAY].tolist() == [0, 0]
+        S, K = torch.tensor([100.0, 100.0]), link[:, acoustic_link.KAPPA].double()
+        assert torch.allclose(
+            link[:, acoustic_link.LEVEL].double(), (K / sigma(2, S.tolist()) / 100).square().log(), rtol=1e-6
+        )
+        assert link[:, acoustic_link.POWER].tolist() == [1, 1]
+        assert link[:, acoustic_link.DECAY].tolist() == [0, 0]
 
 
 STRATEGIES = ["fim", "hold:0,0", "hold:100,100", "centroid"]
@@ -131,7 +133,7 @@ class TestBound:
         def estimator(link, k, offset, noise):
             S = offset.norm().item()
             deviation = sigma(2, [S, S], 165.0)[k].item()
-            u = (offset[:2] / S + deviation / link[k, usbl.KAPPA] * noise[:, :2]).double().cpu()
+            u = (offset[:2] / S + deviation / link[k, acoustic_link.KAPPA] * noise[:, :2]).double().cpu()
             return (u * offset[2].abs().item() / (1 - u.square().sum(1, keepdim=True)).sqrt()).numpy()
 
         for covariance, bound in self.covariance_and_bound(device, auvs, boat, fisher.PHASE, estimator, 165.0):
@@ -145,7 +147,7 @@ class TestBound:
         def estimator(link, k, offset, noise):
             true = offset.expand(self.n, 3).contiguous()
             auv = torch.full((self.n,), k, dtype=torch.int32, device=device)
-            estimate, _ = usbl.fixes(link, auv, true, true.new_zeros(self.n, 2), attitude_error, noise)
+            estimate, _ = usbl.fixes(link, auv, true, true.new_zeros(self.n, 2), noise)
             return estimate[:, :2].double().cpu().numpy()
 
         pairs = self.covariance_and_bound(device, auvs, boat, fisher.FIX, estimator, attitude_error=attitude_error)
@@ -160,5 +162,5 @@ class TestBound:
             d, z = (auvs[k, :2] - boat).double().cpu(), auvs[k, 2].item()
             S = math.hypot(d.norm().item(), z)
             s = sigma(2, [S, S])[k].item()
-            range_error = link[k, usbl.RANGE_PER_PHASE] * s / math.sqrt(8)
-            assert (range_error * d.norm() / S) ** 2 < 1e-6 * (S * s / link[k, usbl.KAPPA]) ** 2
+            range_error = link[k, acoustic_link.RANGE_PER_PHASE] * s / math.sqrt(8)
+            assert (range_error * d.norm() / S) ** 2 < 1e-6 * (S * s / link[k, acoustic_link.KAPPA]) ** 2

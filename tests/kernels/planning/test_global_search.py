@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from kernels.planning import global_search, objectives
-from kernels.positioning import usbl
+from kernels.positioning import acoustic_link
 from tests.kernels.planning.reference import CODES, KINDS, best_by_dense_search, log_objective, random_layouts, table
 
 AREA = 200.0
@@ -214,6 +214,6 @@ class TestGreedy:
 
 def test_too_many_auvs_are_refused(device):
     points = torch.zeros(1, 17, 3, device=device)
-    link = torch.from_numpy(usbl.link_table([15000.0] * 17, usbl.Sonar())).to(device)
+    link = torch.from_numpy(acoustic_link.link_table([15000.0] * 17, acoustic_link.Sonar())).to(device)
     with pytest.raises(ValueError, match="17 AUVs, at most 16"):
         global_search.plan_batch(link, points, code=CODES["e fix"])

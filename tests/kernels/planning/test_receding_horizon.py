@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from kernels.planning import global_search, objectives, receding_horizon
-from kernels.positioning import tracker, usbl
+from kernels.positioning import acoustic_link, tracker
 
 CARRIERS = (15000.0, 18000.0, 12000.0, 14000.0, 16000.0, 17000.0)
 ATTITUDE_ERROR = math.radians(0.1)
@@ -16,7 +16,11 @@ SPEED = 4.0
 
 
 def links(count, device, attitude_error=ATTITUDE_ERROR):
-    return torch.from_numpy(usbl.link_table(CARRIERS[:count], usbl.Sonar(attitude_error=attitude_error))).to(device)
+    return torch.from_numpy(
+        acoustic_link.link_table(
+            CARRIERS[:count], acoustic_link.Sonar(accuracy=acoustic_link.Accuracy(attitude=attitude_error))
+        )
+    ).to(device)
 
 
 def layouts(seed, worlds, count, device, *, spread=200.0):
@@ -44,9 +48,13 @@ def outlook(criterion="d", **settings):
 
 def fix_variance(link, k, offset, z):
     """1/T + ε² z² in double precision."""
-    S0 = link[k, usbl.REFERENCE]
+    S0 = link[k, acoustic_link.REFERENCE]
     q = offset @ offset + z * z
-    log_T = link[k, usbl.LEVEL] - link[k, usbl.POWER] * math.log(q / S0**2) - link[k, usbl.DECAY] * (math.sqrt(q) - S0)
+    log_T = (
+        link[k, acoustic_link.LEVEL]
+        - link[k, acoustic_link.POWER] * math.log(q / S0**2)
+        - link[k, acoustic_link.DECAY] * (math.sqrt(q) - S0)
+    )
     return math.exp(-log_T) + (ATTITUDE_ERROR * z) ** 2
 
 
@@ -199,7 +207,8 @@ def voyage(device, count, planner, *, top_speed, steps, seed, worlds=64):
         place = place + velocity
         c, b = rho**2 * c + noise, rho * b
         a, b = a + 2 * b + c, b + c
-        track[..., :2], track[..., tracker.ADRIFT], track[..., tracker.WATER_X :] = place, 1.0, velocity
+        track[..., :2], track[..., tracker.ADRIFT] = place, 1.0
+        track[..., [tracker.WATER_X, tracker.WATER_Y]] = velocity
         for columns, block in (
             ((tracker.XX, tracker.YY), a),
             ((tracker.XU, tracker.YV), b),
@@ -212,8 +221,12 @@ def voyage(device, count, planner, *, top_speed, steps, seed, worlds=64):
         way = goal - boat
         boat = boat + way * np.minimum(1, top_speed / np.maximum(np.linalg.norm(way, axis=-1, keepdims=True), 1e-9))
         q = ((boat[:, None] - place) ** 2).sum(-1) + 1e4
-        S0 = table[:, usbl.REFERENCE]
-        log_T = table[:, usbl.LEVEL] - table[:, usbl.POWER] * np.log(q / S0**2) - table[:, usbl.DECAY] * (q**0.5 - S0)
+        S0 = table[:, acoustic_link.REFERENCE]
+        log_T = (
+            table[:, acoustic_link.LEVEL]
+            - table[:, acoustic_link.POWER] * np.log(q / S0**2)
+            - table[:, acoustic_link.DECAY] * (q**0.5 - S0)
+        )
         r = np.exp(-log_T) + (ATTITUDE_ERROR * 100) ** 2
         s = a + r
         a, b, c = a * r / s, b * r / s, c - b * b / s

@@ -8,7 +8,7 @@ import torch
 from torch.func import jacrev
 
 from kernels.planning import fisher, tilted_array
-from kernels.positioning import usbl
+from kernels.positioning import acoustic_link, usbl
 from tests.kernels.planning.reference import sigma, table
 
 OFFSETS = [[0.0, 0.0, -100.0], [70.0, -45.0, -104.0], [-130.0, 90.0, -98.0], [15.0, 20.0, -12.0]]
@@ -60,7 +60,7 @@ def cosines(d, z, angles):
 def test_the_phases_information_is_that_of_autograd(device):
     """J = HᵀR⁻¹H, with H and what the attitude adds to R from automatic differentiation."""
     C, J = matrices(device, fisher.PHASE)
-    kappa = table(device, 2)[:, usbl.KAPPA].double().cpu()
+    kappa = table(device, 2)[:, acoustic_link.KAPPA].double().cpu()
     for (k, offset, slope), c, j in zip(cases(), C, J, strict=True):
         d, z = torch.tensor(offset[:2], dtype=torch.float64), torch.tensor(offset[2], dtype=torch.float64)
         angles = attitude(slope)
@@ -98,20 +98,20 @@ class TestDrawnFixes:
     n = 200_000
 
     def test_fix(self, device):
-        link = table(device, 2, source_level=165.0)
+        link = table(device, 2, ERROR, source_level=165.0)
         C, _ = matrices(device, fisher.FIX, source_level=165.0)
         noise = torch.randn(self.n, 5, generator=torch.Generator().manual_seed(1)).to(device)
         for (k, offset, slope), c in zip(cases(), C, strict=True):
             many = torch.tensor(offset, device=device).expand(self.n, 3).contiguous()
             slopes = torch.tensor(slope, device=device).expand(self.n, 2).contiguous()
             row = torch.full((self.n,), k, dtype=torch.int32, device=device)
-            found = usbl.fixes(link, row, many, slopes, ERROR, noise)[0][:, :2].double().cpu().numpy()
+            found = usbl.fixes(link, row, many, slopes, noise)[0][:, :2].double().cpu().numpy()
             assert np.abs(np.cov(found.T) - c.numpy()).max() < 0.02 * c.trace().item()
 
     def test_phases_at_known_depth(self, device):
         """Where the measured direction, turned back with the measured attitude, meets the known depth."""
         C, _ = matrices(device, fisher.PHASE, source_level=165.0)
-        kappa = table(device, 2)[:, usbl.KAPPA].double().cpu()
+        kappa = table(device, 2)[:, acoustic_link.KAPPA].double().cpu()
         g = torch.Generator().manual_seed(2)
         for (k, offset, slope), c in zip(cases(), C, strict=True):
             r = torch.tensor(offset, dtype=torch.float64)

@@ -118,8 +118,6 @@ class TestEigenray:
         found = eigenrays(profile, ends, device)
         time = np.arccosh(1 + 0.5**2 * (300**2 + R**2) / (2 * 1425 * 1575)) / 0.5
         assert found[:, 3] == pytest.approx(time, rel=5e-7)
-        apart = eigenrays(profile, np.array([[50, 50.01, 5.0], [50, 50.01, 20.0]]), device)
-        assert apart[:, 4].tolist() == [1, 0]
 
     def test_a_layer_of_all_speeds(self, device):
         """From 1300 to 1700 m/s in 100 m, up to next to the horizontal ray, with every form of the arcs' functions."""
@@ -258,20 +256,6 @@ class TestProfile:
             time = quad(lambda z, p=profile: 1 / p.at(z), -5, 100, points=breaks, epsabs=1e-14)[0]
             assert profile.harmonic_mean(-5, 100) == pytest.approx(105 / time, rel=1e-10)
         assert SoundSpeedProfile.constant(1487.5).harmonic_mean(0, 80) == pytest.approx(1487.5, rel=1e-15)
-
-    def test_thinned_within_the_tolerance(self, device):
-        z = np.arange(0.0, 200.0, 1.0)
-        fine = SoundSpeedProfile.from_table(np.column_stack([z, 1506 - 15 * np.tanh((z - 35) / 12) + 0.016 * z]))
-        thin = fine.thinned(0.5)
-        assert len(thin.depths) <= 10
-        assert np.abs(np.interp(z, thin.depths, thin.speeds) - fine.speeds).max() <= 0.5
-        offset = [[R, 0, -100.0] for R in (1, 50, 100, 200, 300)]
-        _, back = there_and_back(fine, np.zeros(5), offset, 1500.0, device, assumed=thin)
-        assert np.abs(back - offset).max() < 2e-3
-        for already_few in (THERMOCLINE, SoundSpeedProfile.constant(1500.0)):
-            same = already_few.thinned(0.1)
-            assert same.depths.tolist() == already_few.depths.tolist()
-            assert same.speeds == pytest.approx(already_few.speeds, rel=1e-12)
 
     @pytest.mark.parametrize(
         ("rows", "message"),

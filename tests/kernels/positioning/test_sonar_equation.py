@@ -11,6 +11,7 @@ from kernels.positioning.ambient_noise import coates
 
 LAWS = {
     "absorption": (sonar_equation.absorption, (15000.0,)),
+    "path_loss": (sonar_equation.path_loss, (250.0, 20.0, 4.3)),
     "transmission_loss": (sonar_equation.transmission_loss, (250.0, 15000.0)),
     "coates": (coates, (15000.0, 0.5, 4.0)),
     "noise_level": (sonar_equation.noise_level, (26.0, 1000.0)),
@@ -36,16 +37,14 @@ def test_kernel_and_host_agree(device, law, arguments):
 
 
 class TestFits:
-    @pytest.mark.parametrize(
-        ("kilohertz", "alpha"), [(1.0, 0.06900), (10.0, 1.18703), (20.0, 4.13384), (50.0, 17.46712)]
-    )
-    def test_thorp(self, kilohertz, alpha):
-        """Thorp's sum worked out by hand, dB/km."""
-        assert sonar_equation.absorption(1000 * kilohertz) == pytest.approx(alpha, abs=2e-5)
-
     def test_loss_doubles_the_range(self):
         doubled = sonar_equation.transmission_loss(200.0, 1e4) - sonar_equation.transmission_loss(100.0, 1e4)
         assert doubled == pytest.approx(15 * math.log10(2) + 0.1 * sonar_equation.absorption(1e4))
+
+    @pytest.mark.parametrize("spreading", [10.0, 15.0, 20.0])
+    def test_path_loss(self, spreading):
+        """Spreading over three decades, and 4 dB/km over one kilometre."""
+        assert sonar_equation.path_loss(1000.0, spreading, 4.0) == pytest.approx(3 * spreading + 4)
 
     def test_loss_begins_at_one_metre(self):
         assert sonar_equation.transmission_loss(0.0, 1e4) == sonar_equation.transmission_loss(1.0, 1e4)

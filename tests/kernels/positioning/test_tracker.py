@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy import stats
 from scipy.linalg import solve_discrete_are
 
 import policies
 from kernels.mission.columns import AuvColumn
-from kernels.positioning import tracker
+from kernels.positioning import current_process, tracker
 from usvauv_env.scenario import Scenario
 from usvauv_env.site.site import Site
 from usvauv_env.world.current_statistics import current_model
@@ -40,11 +41,14 @@ def covariances(track):
     return full
 
 
-def follow(device, start, velocity, adrift, fix, covariance, age, *, step=1.0, reading=None, deviation=0.0, **model):
+def follow(
+    device, start, velocity, adrift, fix, covariance, age, *, speed=5.0, step=1.0, reading=None, deviation=0.0, **model
+):
     """`tracker.follow` on arrays: tracks (T + 1, N, COLUMNS) in double precision and squared innovations (T, N)."""
     track, squared = tracker.follow(
         start,
         *(single(array, device) for array in (velocity, adrift, fix, covariance, age)),
+        speed=speed,
         step=step,
         reading=None if reading is None else single(reading, device),
         reading_deviation=deviation,
@@ -95,7 +99,10 @@ def nees(track, truth):
 def reference(
     start, velocity, adrift, fix, covariance, age, *, variance, correlation_time, step, reading=None, deviation=0.0
 ):
-    """The same filter in double precision, textbook form, a late fix by rolling back to its time; one AUV."""
+    """The same filter in double precision, textbook form, a late fix by rolling back to its time; one AUV.
+
+    Fixes beyond the gate change nothing; a track that begins anew is not modelled.
+    """
     x, P = start[:4].astype(float), covariances(start.astype(float))
     rho, H = math.exp(-step / correlation_time), np.eye(2, 4)
     states, squared = [], []
@@ -111,8 +118,9 @@ def reference(
                 xx, xy, yy = covariance[t]
                 S = P[:2, :2] + [[xx, xy], [xy, yy]]
                 gain, innovation = P[:, :2] @ np.linalg.inv(S), fix[t] - x[:2]
-                x, P = x + gain @ innovation, (np.eye(4) - gain @ H) @ P
                 squared.append(innovation @ np.linalg.inv(S) @ innovation)
+                if squared[-1] <= stats.chi2.isf(1e-3, 2):
+                    x, P = x + gain @ innovation, (np.eye(4) - gain @ H) @ P
         decay = np.diag([1, 1, rho, rho])
         x, P = decay @ x, decay @ P @ decay + np.diag([0, 0, 1, 1]) * variance * (1 - rho**2)
         if reading is not None:
@@ -262,6 +270,77 @@ class TestConsistency:
             assert np.array_equal(one, other)
 
 
+class TestGate:
+    """Fixes that are none do not move a track, and a track that has lost its AUV finds it again."""
+
+    def run(self, device, spoil, steps=120, count=400):
+        """Squared errors of position and state over their covariance (T, N) and the tracks, after `spoil`."""
+        (start, covariance), (velocity, adrift, fix, R, age), truth = simulate(31, steps, count, 0.22, 180.0)
+        spoil(np.random.default_rng(32), fix, truth)
+        start = begin(start, covariance, 0.22, device)
+        track, squared = follow(device, start, velocity, adrift, fix, R, age, **EXTREME_CURRENT)
+        return *nees(track[1:], truth), track[1:], squared
+
+    def test_one_of_a_thousand_is_beyond_it(self, device):
+        *_, track, squared = self.run(device, lambda *_: None)
+        rejected = track[..., tracker.REJECTIONS] > 0
+        assert np.array_equal(rejected, squared > -2 * math.log(1e-3))
+        assert stats.binomtest(int(rejected.sum()), rejected.size, 1e-3).pvalue > 1e-4
+
+    def test_a_tenth_of_outliers(self, device):
+        outlier = np.zeros(0)
+
+        def spoil(random, fix, truth):
+            nonlocal outlier
+            outlier = random.random(fix.shape[:2]) < 0.1
+            fix[outlier] += random.uniform(-200, 200, (outlier.sum(), 2))
+
+        states, position, track, _ = self.run(device, spoil)
+        rejected = track[..., tracker.REJECTIONS] > 0
+        assert rejected[outlier].mean() > 0.999
+        assert rejected[~outlier].mean() < 3e-3
+        assert position[10:].mean() == pytest.approx(2, rel=0.03)
+        assert states[10:].mean() == pytest.approx(4, rel=0.03)
+
+    def test_a_run_of_outliers(self, device):
+        def spoil(random, fix, truth):
+            distance, angle = random.uniform(60, 200, (20, 400)), random.uniform(0, 2 * math.pi, (20, 400))
+            fix[60:80] += np.stack([distance * np.cos(angle), distance * np.sin(angle)], -1)
+
+        states, position, track, _ = self.run(device, spoil)
+        assert (track[60:80, :, tracker.REJECTIONS] > 0).mean() > 0.998
+        for values, dimension in ((position, 2), (states, 4)):
+            for part in (slice(60, 80), slice(80, 120)):
+                assert values[part].mean() == pytest.approx(dimension, rel=0.08)
+
+    def test_a_kidnapped_auv_is_found_by_three_fixes(self, device):
+        def spoil(random, fix, truth):
+            fix[60:] += (70.0, -40.0)
+            truth[60:, :, :2] += (70.0, -40.0)
+
+        states, position, _, _ = self.run(device, spoil)
+        error = np.sqrt(position)
+        assert error[60:62].min() > 20
+        # Three fixes in a row agree unless one is an outlier of its own or lies close by.
+        assert (error[62] < 6).mean() > 0.99
+        assert position[70:].mean() == pytest.approx(2, rel=0.05)
+        assert states[70:].mean() == pytest.approx(4, rel=0.05)
+
+    def test_rejected_fixes_out_of_reach_of_one_another_confirm_nothing(self, device):
+        """At 5 m/s an AUV makes 10 m in two steps, not 60."""
+        for apart, confirmed in ((8.0, True), (60.0, False)):
+            fix = np.zeros((6, 1, 2))
+            fix[1::2, 0, 0] = 100 + apart * np.arange(3)
+            age = np.array([0.0, 0, -1, 0, -1, 0])[:, None]
+            fix[3, 0, 0], fix[5, 0, 0] = 100 + apart, 100 + 2 * apart
+            R = np.tile([0.04, 0, 0.04], (6, 1, 1))
+            start = begin(np.zeros((1, 2)), R[0], 0.01, device)
+            model = {"variance": 0.01, "correlation_time": 180.0}
+            track, _ = follow(device, start, np.zeros((6, 1, 2)), np.ones((6, 1)), fix, R, age, **model)
+            assert (abs(track[-1, 0, tracker.X] - fix[5, 0, 0]) < 1e-3) == confirmed
+            assert (abs(track[-1, 0, tracker.X]) < 5) != confirmed
+
+
 @pytest.fixture(scope="module")
 def log(device):
     """150 steps of `crab` in 64 worlds of `extreme`: arguments of `follow`, truth, the model from the scenario."""
@@ -311,7 +390,7 @@ class TestMission:
         error = np.linalg.norm(track[1:, :, :2] - truth[..., :2], axis=-1)[20:]
         assert np.median(fix_error) / np.median(error) > 1.5
         assert math.sqrt((fix_error**2).mean() / (error**2).mean()) > 1.5
-        # Outliers beyond χ² are what a gate would be for.
+        # Fixes that the gate drops though nothing is wrong with them.
         assert np.mean(squared > 13.816) < 3e-3
 
     def test_a_reading_of_the_current_halves_what_remains(self, device, log):
@@ -325,20 +404,20 @@ class TestMission:
 
 class TestCurrentModel:
     def test_still_water_needs_no_noise(self):
-        assert tracker.ornstein_uhlenbeck([], 0.1, 1.0) == (0.0, tracker.FOREVER)
-        assert tracker.eddies(0, (0.0, 0.0), (30.0, 30.0), 4e4, 1.5) == (0.0, 0.0)
+        assert current_process.ornstein_uhlenbeck([], 0.1, 1.0) == (0.0, current_process.FOREVER)
+        assert current_process.eddies(0, (0.0, 0.0), (30.0, 30.0), 4e4, 1.5) == (0.0, 0.0)
 
     def test_dead_reckoning_in_still_water(self, device):
-        (start, covariance), arrays, truth = simulate(3, 200, 50, 0.0, tracker.FOREVER)
+        (start, covariance), arrays, truth = simulate(3, 200, 50, 0.0, current_process.FOREVER)
         start = begin(start, covariance, 0.0, device)
-        track, _ = follow(device, start, *arrays, variance=0.0, correlation_time=tracker.FOREVER)
+        track, _ = follow(device, start, *arrays, variance=0.0, correlation_time=current_process.FOREVER)
         error = np.linalg.norm(track[-1, :, :2] - truth[-1, :, :2], axis=-1)
         assert np.sqrt((error**2).mean()) < 0.06
         assert np.abs(track[..., 2:4]).max() == 0
 
     def test_memory_is_that_of_the_filter(self):
         R, interval = 0.09, 2.0
-        variance, time = tracker.ornstein_uhlenbeck([(0.2, 0.03), (0.003, 0.6)], R, interval)
+        variance, time = current_process.ornstein_uhlenbeck([(0.2, 0.03), (0.003, 0.6)], R, interval)
         walk = 2 * variance / time
         memory = (R * interval / walk) ** 0.25
         increment = 2 * 0.2 * -math.expm1(-0.5 * (0.03 * memory) ** 2) + 2 * 0.003 * -math.expm1(
@@ -349,6 +428,8 @@ class TestCurrentModel:
     def test_orbital_motion_of_one_wave(self):
         """A narrow band in deep water: u² + v² has the mean a² ω² e^{2kz}, half of it per axis, and its frequency."""
         omega = np.linspace(0.999, 1.001, 101)
-        variance, frequency = tracker.orbital_motion(omega, np.ones(101), 4 * math.sqrt(0.5), -5.0, 1000.0, 9.81)
+        variance, frequency = current_process.orbital_motion(
+            omega, np.ones(101), 4 * math.sqrt(0.5), -5.0, 1000.0, 9.81
+        )
         assert variance == pytest.approx(0.25 * math.exp(-2 * 5 / 9.81), rel=1e-3)
         assert frequency == pytest.approx(1.0, rel=1e-3)

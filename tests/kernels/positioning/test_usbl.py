@@ -11,7 +11,7 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels.positioning import fix_probability, sonar_equation, usbl
+from kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
 from kernels.positioning.ambient_noise import coates
 from kernels.types import vec2
 
@@ -26,12 +26,12 @@ def fixes(device, offset, *, slope=LEVEL, attitude_error=0.0, noise=None, auv=0,
         noise = torch.randn(DRAWS, 5, generator=torch.Generator().manual_seed(7))
     n = noise.shape[0]
     true = torch.tensor(offset, dtype=torch.float32, device=device).expand(n, 3).contiguous()
+    sonar = acoustic_link.Sonar(accuracy=acoustic_link.Accuracy(attitude=attitude_error), **link)
     estimate, covariance = usbl.fixes(
-        torch.from_numpy(usbl.link_table(CARRIERS, usbl.Sonar(**link))).to(device),
+        torch.from_numpy(acoustic_link.link_table(CARRIERS, sonar)).to(device),
         torch.full((n,), auv, dtype=torch.int32, device=device),
         true,
         torch.tensor(slope, dtype=torch.float32, device=device).expand(n, 2).contiguous(),
-        attitude_error,
         noise.to(device),
     )
     error = (estimate[:, :3] - true).double().cpu().numpy()
@@ -154,12 +154,12 @@ def test_attitude_error_of_a_steep_array_far_to_the_side(device):
 
 def flagged(device, offset, *, slope=LEVEL, seed=9, **link):
     """Flags (DRAWS,) of fixes of one geometry, and the two probabilities predicted for it."""
-    table = torch.from_numpy(usbl.link_table(CARRIERS, usbl.Sonar(**link))).to(device)
+    table = torch.from_numpy(acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(**link))).to(device)
     auv = torch.zeros(DRAWS, dtype=torch.int32, device=device)
     true = torch.tensor(offset, dtype=torch.float32, device=device).expand(DRAWS, 3).contiguous()
     tilt = torch.tensor(slope, dtype=torch.float32, device=device).expand(DRAWS, 2).contiguous()
     noise = torch.randn(DRAWS, 6, generator=torch.Generator().manual_seed(seed)).to(device)
-    _, _, flags = usbl.flagged_fixes(table, auv, true, tilt, 0.0, noise)
+    _, _, flags = usbl.flagged_fixes(table, auv, true, tilt, noise)
     detected, usable = fix_probability.good_probability(table, auv[:1], true[:1], tilt[:1])
     return flags.cpu().numpy(), detected.item(), usable.item()
 
@@ -181,7 +181,7 @@ class TestValidity:
         snr = 20 * math.log10(a / math.sqrt(10 * 2.016e6 / f / 2))
         level = snr + sonar_equation.transmission_loss(S, f) + sonar_equation.noise_level(coates(f, 0.5, 0.0), 1000.0)
         flags, detected, _ = flagged(device, (0.0, 0.0, -S), source_level=level, path="transponder")
-        exact = stats.ncx2.sf(8 + 4 * usbl.PERIOD_ENERGY * 10, 8, 4 * a * a)
+        exact = stats.ncx2.sf(8 + 4 * acoustic_link.PERIOD_ENERGY * 10, 8, 4 * a * a)
         assert detected == pytest.approx(exact, abs=1e-3)
         assert abs((flags & usbl.DETECTED > 0).mean() - exact) < 1e-3 + 5 * math.sqrt(0.25 / DRAWS)
 
@@ -196,10 +196,10 @@ class TestValidity:
         """Amplitude and phases of one complex Gaussian: σ² falls as 2a/(2a + n)."""
         noise = torch.zeros(2, 6)
         noise[:, 0], noise[1, 5] = 1.0, 3.0
-        table = torch.from_numpy(usbl.link_table(CARRIERS, usbl.Sonar(source_level=115.0))).to(device)
+        table = torch.from_numpy(acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(source_level=115.0))).to(device)
         place = torch.tensor([[0.0, 0.0, -100.0]] * 2, device=device)
         estimate, _, _ = usbl.flagged_fixes(
-            table, place.new_zeros(2, dtype=torch.int32), place, place.new_zeros(2, 2), 0.0, noise.to(device)
+            table, place.new_zeros(2, dtype=torch.int32), place, place.new_zeros(2, 2), noise.to(device)
         )
         strength = math.sqrt(8) / estimate[0, 3].item()
         ratio = (estimate[1, 0] / estimate[0, 0]).item()
@@ -222,11 +222,14 @@ class TestValidity:
         assert p_of_rate(usable_here, usable) > 1e-4
 
     def test_without_noise_a_wrap_is_what_it_is(self, device):
-        for spacing, wrapped in ((0.033, 0), (0.1, usbl.WRAPPED)):
-            table = torch.from_numpy(usbl.link_table(CARRIERS, usbl.Sonar(spacing=spacing))).to(device)
+        """Of one axis alone the residual tells the receiver."""
+        for spacing, wrapped in ((0.033, 0), (0.1, usbl.WRAPPED | usbl.AMBIGUOUS)):
+            table = torch.from_numpy(acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(spacing=spacing))).to(
+                device
+            )
             place = torch.tensor([[100.0, 0.0, -100.0]], device=device)
             none = place.new_zeros(1, 6)
-            _, _, flags = usbl.flagged_fixes(table, none[:, 0].int(), place, place.new_zeros(1, 2), 0.0, none)
+            _, _, flags = usbl.flagged_fixes(table, none[:, 0].int(), place, place.new_zeros(1, 2), none)
             assert flags.item() == usbl.DETECTED | wrapped
 
 
@@ -236,15 +239,20 @@ class TestLinkTable:
     )
     def test_unknown_choice_is_refused(self, field, value):
         with pytest.raises(ValueError, match=f"{field}: '{value}' is not one of"):
-            usbl.Sonar(**{field: value})
+            acoustic_link.Sonar(**{field: value})
 
     def test_ambient_noise_lowers_the_snr(self):
-        loud = usbl.Sonar(ambient_noise=lambda f, shipping, wind: 7.0 + coates(f, shipping, wind))
-        snr = [usbl.link_table(CARRIERS, sonar)[:, usbl.SNR_AT_1M] for sonar in (usbl.Sonar(), loud)]
+        loud = acoustic_link.Sonar(ambient_noise=lambda f, shipping, wind: 7.0 + coates(f, shipping, wind))
+        snr = [
+            acoustic_link.link_table(CARRIERS, sonar)[:, acoustic_link.RATIO_AT_1M]
+            for sonar in (acoustic_link.Sonar(), loud)
+        ]
         assert snr[0] - snr[1] == pytest.approx(7.0, abs=1e-4)
 
     def test_one_row_an_auv(self):
-        table = usbl.link_table((12000.0, 15000.0, 18000.0), usbl.Sonar())
-        assert table.shape == (3, usbl.COLUMNS)
+        table = acoustic_link.link_table((12000.0, 15000.0, 18000.0), acoustic_link.Sonar())
+        assert table.shape == (3, acoustic_link.COLUMNS)
         assert table.dtype == np.float32
-        assert table[:, usbl.KAPPA] == pytest.approx(2 * np.pi * np.array([12e3, 15e3, 18e3]) * 0.033 / 1500, rel=1e-6)
+        assert table[:, acoustic_link.KAPPA] == pytest.approx(
+            2 * np.pi * np.array([12e3, 15e3, 18e3]) * 0.033 / 1500, rel=1e-6
+        )

@@ -1,0 +1,251 @@
+"""The acoustic link of each AUV: energy of its signal over the noise, and the deviations that follow from it.
+
+Sonar equation of a signal of the length T (s), in dB:
+
+    E/N0 = SL − paths · TL − NL + TS + 10 log10 T,   TL = spreading · log10 S + α S/1000,
+
+NL the noise density (dB re 1 µPa²/Hz), TS and paths = 2 for an echo. With γ = E/N0 as a ratio the phase of one
+hydrophone has the variance 1/(2γ) (Cramér–Rao bound at known frequency: Kay, "Estimation Theory" (1993), §3.11), a
+difference of two σ² = 1/γ. What counts is energy, SNR · B · T: neither the receiver's band nor its sampling rate.
+
+The delay is measured with the four hydrophones together, of an energy 4γ. That of a tone is read from its carrier, that
+of a code of the band B (flat, of the rms bandwidth B/√12) from its envelope:
+
+    σ_τ = 1/(2π f_rms √(2 · 4γ)),   f_rms = f for a tone, B/√12 for a code,
+
+independent of both differences (Kay §3.11). An echo's path is travelled twice, which halves the range error.
+
+The demonstration's law, a convention of `paper-*`, takes the noise power of the receiver's band as that of every
+sample, with the amplitude 10^(−SNR/10) of the tone's: σ² = 4/N · 10^(−2 SNR/10) for N = T f_s samples. Sampling faster
+is then worth accuracy. "amplitude" is the same with 10^(−SNR/20).
+
+Detection. The receiver sums the energies of the four hydrophones over the noise, R² with the mean 8 + 8γ, and accepts a
+signal where R² is at least 8 + 8γ_min. A tone needs γ_min = ½ PERIOD_ENERGY · periods, for the carrier's cycles to be
+told apart; a code needs CODE_ENERGY, for its peak to be told from noise.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from kernels.positioning import sonar_equation
+from kernels.positioning.absorption import thorp
+from kernels.positioning.ambient_noise import NoiseLaw, coates
+from kernels.positioning.bubbles import bubble_loss
+from kernels.types import vec3
+
+# Columns of the link table, one row an AUV.
+KAPPA = 0  # 2πf d/c, phase difference per direction cosine, rad
+RATIO_AT_1M = 1  # E/N0, or the SNR of the demonstration's law, at 1 m, dB
+PATHS = 2  # times the transmission loss counts: 1 transponder, 2 echo
+SPREADING = 3  # loss a decade of range, dB
+ABSORPTION = 4  # dB/km
+NOISE_EXPONENT = 5  # σ² = VARIANCE · 10^(−exponent · ratio/10): 1, or 2 for the demonstration's law
+VARIANCE = 6  # of a phase difference at a ratio of 0 dB, rad²
+SAMPLES = 7  # of a tone, N
+RANGE_PER_PHASE = 8  # c/(2πf_rms), halved for an echo, m/rad
+PERIODS = 9  # length of the tone in periods of its carrier
+THRESHOLD = 10  # least R²
+LEVEL = 11  # the planner's information of one AUV at q = S², 1/m²: ln T = LEVEL − POWER ln(q/S_0²) − DECAY (√q − S_0)
+POWER = 12
+DECAY = 13
+REFERENCE = 14  # S_0, m; near the ranges that occur, or single precision loses digits
+ATTITUDE = 15  # variances of the errors beside noise, see `Accuracy`: of measured pitch and roll, rad²
+ALIGNMENT = 16  # rad²
+HEADING = 17  # rad²
+SOUND_SPEED = 18  # relative
+POSITION = 19  # m² per axis
+WAVELENGTH = 20  # c/f, m
+OWN_NOISE = 21  # noise power of the boat at top speed over that of the sea
+BUBBLES = 22  # loss in the bubbles above the array of a path straight up, dB
+COLUMNS = 23
+
+MOST_BUBBLES = 7.5  # dB one way: the handbook's bound of 15 dB there and back
+LARGEST_DEVIATION = 1e3  # rad; nothing is detected long before, and squares of lengths stay within single precision
+PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
+CODE_ENERGY = 8.0  # γ_min of a code, 9 dB; a wrong peak is then the highest once in 10⁴: `benchmarks.coded_pulse`
+
+
+def silent(frequency: float) -> float:
+    """Level of no noise at any frequency (Hz), dB."""
+    return -math.inf
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Standard deviations of the errors of a fix beside noise. Only the first is independent from fix to fix.
+
+    Attributes:
+        attitude: of measured pitch and roll, each, rad.
+        alignment: of the array's mounting in pitch and roll, each, rad.
+        heading: of the array's heading, mounting included, rad.
+        sound_speed: of the speed of sound that fixes are computed with, as a share of it.
+        position: of the array in the world, per horizontal axis, m.
+    """
+
+    attitude: float = 0.0
+    alignment: float = 0.0
+    heading: float = 0.0
+    sound_speed: float = 0.0
+    position: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sonar:
+    """Acoustics of the array and the AUVs' transponders or echoes, and what the planner supposes of them.
+
+    Attributes:
+        sound_speed: c, m/s.
+        source_level: dB re 1 µPa at 1 m.
+        target_strength: of an AUV, dB; counts for an echo.
+        path: "echo" or "transponder".
+        spreading: loss a decade of range, dB.
+        absorption: law of the absorption, Hz → dB/km.
+        ambient_noise: law of the noise density, see `kernels.positioning.ambient_noise`.
+        shipping, wind: arguments of that law, 0 to 1 and m/s.
+        noise_law: "density", "amplitude" or "demonstration".
+        signal: "tone" or "code".
+        periods: length of a tone in periods of its carrier.
+        pulse_length: of a code, s.
+        bandwidth: of a code and of the receiver, Hz.
+        sampling_rate: f_s, Hz.
+        spacing: d, m.
+        own_noise: Hz → noise density of the boat at its array at top speed, dB re 1 µPa²/Hz, −∞ for none; it grows by
+            60 dB a decade of speed.
+        array_depth: below the surface, m, for the bubbles above it.
+        bubbles: whether the wind's bubbles weaken the signal.
+        planner_noise: "range", the planner's σ grows with range as the real one does, or "constant", it is that of the
+            slant range `reference_range` everywhere. The fixes themselves always have the real one.
+        reference_range: m, at least 1; a slant range typical for the task, for example the AUVs' depth.
+        accuracy: errors beside noise.
+
+    Raises:
+        ValueError: unknown path, noise law, signal or planner noise.
+    """
+
+    sound_speed: float = 1500.0
+    source_level: float = 135.0
+    target_strength: float = 3.0
+    path: str = "echo"
+    spreading: float = 15.0
+    absorption: Callable[[float], float] = thorp
+    ambient_noise: NoiseLaw = coates
+    shipping: float = 0.5
+    wind: float = 0.0
+    noise_law: str = "amplitude"
+    signal: str = "tone"
+    periods: float = 10.0
+    pulse_length: float = 0.01
+    bandwidth: float = 1000.0
+    sampling_rate: float = 2.016e6
+    spacing: float = 0.033
+    own_noise: Callable[[float], float] = silent
+    array_depth: float = 3.0
+    bubbles: bool = False
+    planner_noise: str = "range"
+    reference_range: float = 100.0
+    accuracy: Accuracy = Accuracy()
+
+    def __post_init__(self) -> None:
+        for name, allowed in (
+            ("path", ("echo", "transponder")),
+            ("noise_law", ("density", "amplitude", "demonstration")),
+            ("signal", ("tone", "code")),
+            ("planner_noise", ("range", "constant")),
+        ):
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name}: {getattr(self, name)!r} is not one of {', '.join(allowed)}")
+
+    def length(self, carrier: float) -> float:
+        """T, s, of the signal at a carrier frequency, Hz."""
+        return self.pulse_length if self.signal == "code" else self.periods / carrier
+
+    def ratio_at_1m(self, carrier: float) -> float:
+        """E/N0, or the SNR where the noise law is not by density, at 1 m without absorption, dB."""
+        level = self.source_level + (self.target_strength if self.path == "echo" else 0.0)
+        level -= self.ambient_noise(carrier, self.shipping, self.wind)
+        band = 1.0 / self.length(carrier) if self.noise_law == "density" else self.bandwidth
+        return level - 10.0 * math.log10(band)
+
+
+def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
+    """Constants of every AUV's acoustic link, (K, COLUMNS) float32, for the carrier frequencies f of K AUVs, Hz."""
+    s = sonar
+    paths = 2 if s.path == "echo" else 1
+    exponent = 2 if s.noise_law == "demonstration" else 1
+    table = np.zeros((len(carriers), COLUMNS))
+    for row, f in zip(table, carriers, strict=True):
+        alpha = s.absorption(f)
+        row[KAPPA] = 2.0 * math.pi * f * s.spacing / s.sound_speed
+        row[RATIO_AT_1M] = s.ratio_at_1m(f)
+        row[WAVELENGTH] = s.sound_speed / f
+        row[PATHS] = paths
+        row[SPREADING] = s.spreading
+        row[ABSORPTION] = alpha
+        row[NOISE_EXPONENT] = exponent
+        row[SAMPLES] = s.length(f) * s.sampling_rate
+        row[VARIANCE] = 1.0 if s.noise_law == "density" else 4.0 / row[SAMPLES]
+        frequency = s.bandwidth / math.sqrt(12.0) if s.signal == "code" else f
+        row[RANGE_PER_PHASE] = s.sound_speed / (2.0 * math.pi * frequency) / paths
+        row[PERIODS] = s.periods
+        row[THRESHOLD] = 8.0 + (8.0 * CODE_ENERGY if s.signal == "code" else 4.0 * PERIOD_ENERGY * s.periods)
+        # T = κ²/(σ² q) with σ² = VARIANCE · 10^(−exponent · ratio/10).
+        loss = sonar_equation.path_loss(s.reference_range, s.spreading, alpha)
+        row[LEVEL] = math.log(row[KAPPA] ** 2 / row[VARIANCE] / s.reference_range**2)
+        row[LEVEL] += exponent * (row[RATIO_AT_1M] - paths * loss) * sonar_equation.LN10 / 10.0
+        by_range = exponent * paths if s.planner_noise == "range" else 0
+        row[POWER] = 1.0 + 0.05 * s.spreading * by_range
+        row[DECAY] = by_range * alpha * sonar_equation.LN10 / 1e4
+        sea = s.ambient_noise(f, s.shipping, s.wind)
+        row[OWN_NOISE] = 10.0 ** ((s.own_noise(f) - sea) / 10.0)
+        row[BUBBLES] = bubble_loss(f, s.wind, math.pi / 2, s.array_depth) if s.bubbles else 0.0
+        row[REFERENCE] = s.reference_range
+        row[ATTITUDE] = s.accuracy.attitude**2
+        row[ALIGNMENT] = s.accuracy.alignment**2
+        row[HEADING] = s.accuracy.heading**2
+        row[SOUND_SPEED] = s.accuracy.sound_speed**2
+        row[POSITION] = s.accuracy.position**2
+    return table.astype(np.float32)
+
+
+@ti.func
+def further_loss(link: ti.template(), k: ti.i32, offset: vec3, effort: ti.f32) -> ti.f32:
+    """What bubbles and the boat's own noise take from the ratio of a signal of AUV k, dB.
+
+    Args:
+        offset: from array to AUV, m.
+        effort: the boat's speed through the water over its top speed.
+    """
+    slope = offset.norm() / ti.max(ti.abs(offset[2]), 1e-3)
+    loss = link[k, PATHS] * ti.min(link[k, BUBBLES] * slope, MOST_BUBBLES)
+    cube = effort * effort * effort
+    return loss + 10.0 * sonar_equation.log10(1.0 + link[k, OWN_NOISE] * cube * cube)
+
+
+@ti.func
+def phase_deviation(link: ti.template(), k: ti.i32, S: ti.f32, loss: ti.f32) -> ti.f32:
+    """Standard deviation σ (rad) of a phase difference of AUV k at the slant range S (m); bounded.
+
+    `loss` is what `further_loss` takes, dB.
+    """
+    along = sonar_equation.path_loss(S, link[k, SPREADING], link[k, ABSORPTION])
+    ratio = link[k, RATIO_AT_1M] - link[k, PATHS] * along - loss
+    sigma = sonar_equation.power_of_10(-0.05 * link[k, NOISE_EXPONENT] * ratio) * ti.sqrt(link[k, VARIANCE])
+    return ti.min(sigma, LARGEST_DEVIATION)
+
+
+@ti.func
+def range_deviation(link: ti.template(), k: ti.i32, sigma: ti.f32) -> ti.f32:
+    """Standard deviation (m) of the slant range Ŝ where phase differences have the standard deviation σ (rad)."""
+    # σ_τ = σ/(2π f_rms √8): a hydrophone's phase has half the variance of a difference, the mean of four a quarter of
+    # that.
+    return link[k, RANGE_PER_PHASE] * sigma * 0.3535533905932738
+
+
+@ti.func
+def detection_threshold(link: ti.template(), k: ti.i32) -> ti.f32:
+    """Least amplitude R over the noise, all hydrophones together, at which a signal of AUV k counts as detected."""
+    return ti.sqrt(link[k, THRESHOLD])

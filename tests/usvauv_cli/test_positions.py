@@ -1,0 +1,183 @@
+"""Positions of `usvauv plan` in degrees: against the ellipsoid's radii of curvature, and every wrong form."""
+
+import functools
+import json
+import math
+
+import pytest
+
+from kernels.errors import UserError
+from usvauv_cli.positions import angle, auv_position, coordinates, look_geographic
+from usvauv_env import Scenario
+
+CORNER = {"water.latitude": 22.51, "water.longitude": 114.02}
+PLACED = Scenario.load("extreme", [f"{name}={value}" for name, value in CORNER.items()])
+PLAIN = Scenario.load("extreme")
+OPTIONS = [part for name, value in CORNER.items() for part in ("--set", f"{name}={value}")]
+
+
+@pytest.fixture
+def plan(run_usvauv):
+    return functools.partial(run_usvauv, "plan")
+
+
+def metres(latitude: float, longitude: float) -> tuple[float, float]:
+    """x and y from the corner by WGS84's radii of curvature there; good to millimetres over 200 m."""
+    a, f = 6378137.0, 1 / 298.257223563
+    e2 = f * (2 - f)
+    sin = math.sin(math.radians(CORNER["water.latitude"]))
+    N, M = a / math.sqrt(1 - e2 * sin**2), a * (1 - e2) / (1 - e2 * sin**2) ** 1.5
+    along = math.radians(longitude - CORNER["water.longitude"])
+    return N * math.sqrt(1 - sin**2) * along, M * math.radians(latitude - CORNER["water.latitude"])
+
+
+@pytest.mark.parametrize(
+    ("text", "degrees"),
+    [
+        ("22.5101N,114.0203E,100", (22.5101, 114.0203)),
+        ("22.5101n, 114.0203e, 100", (22.5101, 114.0203)),
+        ("22.5101°N,114.0203°E,100", (22.5101, 114.0203)),
+        ("22°30.62'N,114°1.22'E,100", (22 + 30.62 / 60, 114 + 1.22 / 60)),
+        ("22°30.62’N,114°1.22′E,100", (22 + 30.62 / 60, 114 + 1.22 / 60)),
+        ("22°30'37.2\"N,114°1'13.2\"E,100", (22 + 30 / 60 + 37.2 / 3600, 114 + 1 / 60 + 13.2 / 3600)),
+    ],
+)
+def test_forms_of_degrees(text, degrees):
+    x, y, depth = auv_position(text, PLACED)
+    assert (x, y) == pytest.approx(metres(*degrees), abs=0.01)
+    assert depth == 100
+
+
+def test_south_and_west_are_negative():
+    place = Scenario.load("extreme", ["water.latitude=-33.861", "water.longitude=-70.5"])
+    x, y, _ = auv_position("33.86S,70.499W,50", place)
+    assert (x, y) == pytest.approx((92.5, 110.9), abs=0.2)  # 0.001° of longitude × cos 33.86°, and of latitude
+    assert angle("--auv", "", "70.499W", "EW") == -70.499
+
+
+def test_plain_numbers_stay_metres_at_a_place_on_earth():
+    assert auv_position("60,80,100", PLACED) == (60, 80, 100)
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("22.5101N,114.0203S,100", ["'114.0203S' is no longitude"]),
+        ("22.5101N,22.5103N,100", ["'22.5103N' is no longitude"]),
+        ("114.0203E,22.5101N,100", ["'114.0203E' is no latitude"]),
+        ("22.5101N,114.0203,100", ["'114.0203' is no longitude"]),
+        ("-22.5101N,114.0203E,100", ["'-22.5101N' is no latitude"]),
+        ("22.5101NN,114.0203E,100", ["'22.5101NN' is no latitude"]),
+        ("95N,114.0203E,100", ["'95N': a latitude has at most 90 degrees"]),
+        ("90°0.5'N,114.0203E,100", ["at most 90 degrees"]),
+        ("22.5101N,200E,100", ["'200E': a longitude has at most 180 degrees"]),
+        ("22°60'N,114.0203E,100", ["minutes and seconds below 60"]),
+        ("22°30'60\"N,114.0203E,100", ["minutes and seconds below 60"]),
+        ('22°30"N,114.0203E,100', ["is no latitude"]),
+        ("22.5101N,114.0203E", ["expected 22.5101N,114.0203E,Z", "metres"]),
+        ("22.5101N,114.0203E,100,3", ["expected 22.5101N,114.0203E,Z"]),
+        ("22.5101N,114.0203E,deep", ["expected Z in metres"]),
+        ("22.5101N,114.0203E,0", ["depth must be above 0"]),
+        ("22.5201N,114.0203E,100", ["outside the area [0, 200] × [0, 200] m"]),
+        ("22.5101N,113.9E,100", ["outside the area"]),
+        ("22.5101S,65.9797W,100", ["outside the area"]),
+    ],
+)
+def test_wrong_forms_are_one_line(text, parts):
+    with pytest.raises(UserError) as caught:
+        auv_position(text, PLACED)
+    message = str(caught.value)
+    assert message.startswith((f"--auv {text!r}: ", "--auv 'deep'"))
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
+
+
+def test_the_other_side_of_the_earth_is_not_in_the_area():
+    """Points there project along the plane's normal into the area too."""
+    equator = Scenario.load("extreme", ["water.latitude=0", "water.longitude=10"])
+    assert auv_position("0.001N,10.001E,50", equator)
+    with pytest.raises(UserError, match="outside the area"):
+        auv_position("0.001N,170.001W,50", equator)
+
+
+def test_without_a_place_on_earth_degrees_are_refused(plan):
+    code, stdout, stderr = plan("--auv", "22.5101N,114.0203E,100")
+    assert (code, stdout, stderr.count("\n")) == (2, "", 1)
+    for part in ("no place on Earth", "water.latitude", "water.longitude"):
+        assert part in stderr
+
+
+class TestLookGeographic:
+    @pytest.mark.parametrize(
+        "texts",
+        [
+            ["22.510,114.020,100"],
+            ["-33.8568,151.2153,100"],
+            ["114.0203,22.5101,100"],
+            ["22.5101,114.0203,100", "22.5115,114.0212,90"],
+        ],
+    )
+    def test_degrees(self, texts):
+        assert look_geographic(texts, PLAIN)
+        assert look_geographic(texts, PLACED)
+
+    @pytest.mark.parametrize("texts", [["22.5,114.0,100"], ["22.5,114,100", "22.52,114.01,90"], ["114,22.5,100"]])
+    def test_degrees_of_few_digits_near_the_place(self, texts):
+        assert look_geographic(texts, PLACED)
+        assert not look_geographic(texts, PLAIN)
+
+    @pytest.mark.parametrize(
+        "texts",
+        [
+            [],
+            ["60,80,100"],
+            ["60.12,80.45,100"],
+            ["60.123,80.45,100"],
+            ["95.123,120.456,100"],
+            ["45.123,181.456,100"],
+            ["60.123,80.456,100", "62.321,85.654,90"],
+            ["22.5101N,114.0203E,100"],
+            ["a,b,c"],
+            ["60.123"],
+        ],
+    )
+    def test_metres(self, texts):
+        assert not look_geographic(texts, PLAIN)
+        assert not look_geographic(texts, PLACED)
+
+    def test_is_said_in_a_line(self, plan):
+        code, stdout, stderr = plan("--auv", "22.510,114.020,100", "--json", "-")
+        line = "--auv: metres are expected and these look like degrees, which have a side: 22.5101N,114.0203E"
+        assert (code, stderr) == (0, f"warning: {line}\n")
+        assert json.loads(stdout)["warnings"] == [line]
+        code, stdout, stderr = plan("--auv", "-33.8568,151.2153,100")
+        assert (code, stdout, stderr.count("\n")) == (2, "", 1)
+        assert "outside the area" in stderr
+        assert "look like degrees" in stderr
+
+
+class TestResult:
+    def test_has_both(self, plan):
+        there = ["--auv", "22.5101N,114.0203E,100", "--auv", "22.5115N,114.0212E,90", "--compare", "22.511N,114.021E"]
+        result = json.loads(plan(*there, *OPTIONS, "--json", "-")[1])
+        auv, compare = result["auvs"][1], result["compare"][0]
+        assert (auv["latitude"], auv["longitude"]) == pytest.approx((22.5115, 114.0212), abs=1e-9)
+        assert (compare["latitude"], compare["longitude"]) == pytest.approx((22.511, 114.021), abs=1e-9)
+        for place in (auv, compare, result["optimum"], result["centroid"]):
+            assert metres(place["latitude"], place["longitude"]) == pytest.approx((place["x"], place["y"]), abs=0.01)
+        stdout = plan(*there, *OPTIONS)[1]
+        best = coordinates(result["optimum"]["latitude"], result["optimum"]["longitude"])
+        assert f"({best})" in stdout.splitlines()[0]
+        assert f"optimum   {best}" in stdout
+        assert "AUV 2     22.511500N,114.021200E" in stdout
+
+    def test_of_metres_at_a_place_has_both_too(self, plan):
+        result = json.loads(plan("--auv", "0,0,100", *OPTIONS, "--json", "-")[1])
+        assert (result["auvs"][0]["latitude"], result["auvs"][0]["longitude"]) == pytest.approx((22.51, 114.02))
+
+    def test_longitudes_are_at_most_180(self, plan):
+        west = ["--set", "water.latitude=32.5", "--set", "water.longitude=242.5"]
+        result = json.loads(plan("--auv", "32.501N,117.499W,100", *west, "--json", "-")[1])
+        assert result["auvs"][0]["longitude"] == pytest.approx(-117.499)
+        assert coordinates(-33.5, -70.25) == "33.500000S,70.250000W"

@@ -1,0 +1,254 @@
+"""The acoustic channel: how long exchanges take, whose fixes they are of, and what boat and AUVs make of them."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+import policies
+from kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn
+from kernels.positioning import tracker, usbl
+from usvauv_env import Scenario, ScenarioError, World
+
+SOUND = [
+    "acoustics.path=transponder",
+    "acoustics.source_level=187",
+    "acoustics.noise_law=density",
+    "acoustics.bandwidth=4000",
+    "usbl.signal=code",
+    "channel.schedule=round-robin",
+]
+GROUND = ["navigation.sensor=ground", "usbl.attitude_error=0.002"]
+SPEED = 1500.0
+
+
+def sail(world, act, steps):
+    """Step a world; yields after each step."""
+    observation = world.reset()
+    for _ in range(steps):
+        observation = world.step(act(observation))[0]
+        yield
+
+
+def still(world):
+    """An action for every observation: the slowest speed, eastwards."""
+    action = torch.zeros(world.num_worlds, world.num_auvs, 2, device=world.device)
+    return lambda _: action
+
+
+def heard(world):
+    """Which AUVs' replies gave a fix in the last step, (W, K)."""
+    return world.auv[..., AuvColumn.fix_flags].cpu().numpy().astype(int) & usbl.DETECTED > 0
+
+
+class TestTiming:
+    def test_an_exchange_lasts_as_long_as_its_sound(self):
+        """One AUV at rest over ground 300 m below the boat: 2S/c + turn-around + signal, one exchange after another."""
+        changes = ["auv.count=1", "area.depth=400", "auv.depth=300", "channel.turn_around=1.2", "nodes.count=1"]
+        changes += ["area.width=40", "area.length=40", "nodes.margin=1", "auv.start_separation=0", "boat.drifts=false"]
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 20, 1, usv="hold:20,20")
+        steps, fixes = 400, 0
+        longest, shortest = 0.0, math.inf
+        for _ in sail(world, still(world), steps):
+            fixes = fixes + heard(world).sum(1)
+            offset = world.auv[:, 0, :2] - world.boat[:, :2]
+            S = torch.sqrt(offset.square().sum(-1) + 300**2).cpu().numpy()
+            longest, shortest = max(longest, S.max()), min(shortest, S.min())
+        least, most = (steps / (2 * S / SPEED + 1.2 + 0.01) for S in (longest, shortest))
+        assert (fixes >= math.floor(least)).all()
+        assert (fixes <= math.ceil(most)).all()
+        assert most - least < 2
+
+    def test_all_at_once_lasts_until_the_farthest_reply(self):
+        changes = ["auv.count=3", "channel.schedule=all", "channel.turn_around=1.5"]
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 8, 2, usv="hold:0,0")
+        times = []
+        for _ in sail(world, still(world), 200):
+            now = heard(world)
+            assert (now.all(1) == now.any(1)).all()
+            times.append(now.all(1))
+        rate = np.mean(times, axis=0)
+        S = torch.sqrt((world.auv[..., :2] - world.boat[:, None, :2]).square().sum(-1) + 100**2).max(1).values
+        assert rate == pytest.approx((1 / (2 * S / SPEED + 1.51)).cpu().numpy(), rel=0.02)
+
+    def test_in_turn(self):
+        """Each AUV has the same share, and at most one exchange a step where exchanges are long."""
+        world = World(Scenario.load("ideal", [*SOUND, "auv.count=4", "channel.turn_around=0.9"]), 4, 3)
+        count = np.zeros((4, 4), int)
+        for _ in sail(world, still(world), 200):
+            now = heard(world)
+            assert (now.sum(1) <= 1).all()
+            count += now
+        assert (count.max(1) - count.min(1) <= 1).all()
+
+    def test_two_near_auvs_are_heard_every_second(self):
+        """At 100 m an exchange takes 0.25 s: the channel is no limit."""
+        world = World(Scenario.load("ideal", SOUND), 4, 3)
+        for step, _ in enumerate(sail(world, still(world), 20)):
+            assert heard(world).all() or step == 0
+
+    def test_six_kilometres_away(self):
+        """8 s there and back: a fix every ninth second, of a position four seconds old."""
+        changes = ["auv.count=1", "area.width=12000", "area.length=200", "sea.cell_size=40", "channel.turn_around=0.1"]
+        changes += ["usbl.pulse_length=0.2", "acoustics.source_level=230", "auv.start_margin=90"]
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 60, 4, usv="hold:0,100")
+        fixes, least, most = np.zeros(60), np.ones(60), np.zeros(60)
+        for _ in sail(world, still(world), 300):
+            fixes += heard(world)[:, 0]
+            S = torch.sqrt((world.auv[:, 0, :2] - world.boat[:, :2]).square().sum(-1) + 100**2).cpu().numpy()
+            rate = 1 / (2 * S / SPEED + 0.3)
+            least, most = np.minimum(least, rate), np.maximum(most, rate)
+        slow = most < 0.9  # the others are heard in each second
+        assert (fixes >= np.floor(300 * least) - 1)[slow].all()
+        assert (fixes <= np.ceil(300 * most) + 1)[slow].all()
+        assert fixes.min() <= 300 / 7
+
+    def test_a_boat_keeps_to_its_slot(self):
+        """Of three boats with slots of 2 s the second begins from 2 s to 4 s of each six."""
+        changes = ["auv.count=1", "channel.slots=3", "channel.slot=1", "channel.slot_length=2"]
+        changes += ["channel.turn_around=0.5", "mission.step=0.5"]
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 4, 5)
+        for step, _ in enumerate(sail(world, still(world), 240)):
+            time = 0.5 * (step + 1) % 6
+            if heard(world).any():
+                assert 2.5 <= time <= 5.0, time
+
+
+class TestReplies:
+    def test_a_fix_is_of_where_the_reply_left(self):
+        """Without noise a fix lies behind a moving AUV by its way since: half the exchange, no turn-around."""
+        changes = ["auv.count=1", "area.depth=2000", "auv.depth=1900", "acoustics.source_level=240", "mission.step=0.1"]
+        world = World(Scenario.load("ideal", [*SOUND, *changes, "channel.turn_around=1.0"]), 50, 6)
+        seen = right = 0
+        for _ in sail(world, still(world), 300):
+            auv = world.auv[:, 0].double().cpu().numpy()
+            moving = (auv[:, AuvColumn.hovering] == 0) & (auv[:, AuvColumn.border] == 0)
+            now = heard(world)[:, 0] & moving
+            lag = auv[:, AuvColumn.x] - auv[:, AuvColumn.fix_x]
+            S = np.hypot(1900, np.linalg.norm(auv[:, :2] - world.boat[:, :2].double().cpu().numpy(), axis=1))
+            left = lag[now] / 1.2 - S[now] / SPEED - 0.01  # since the reply's end; the slowest speed is 1.2 m/s
+            within = (left > -0.02) & (left < 0.12)
+            seen, right = seen + now.sum(), right + within.sum()
+        assert right > 0.95 * seen  # the others stood at a border or a node meanwhile
+        assert seen > 50
+
+    def test_losses(self):
+        """Interrogation and reply are each lost with the probability given."""
+        changes = ["usbl.packet_loss=0.3", "auv.count=1", "channel.turn_around=0.5"]
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 200, 7)
+        fixes = tried = 0
+        for _ in sail(world, still(world), 50):
+            flags = world.auv[..., AuvColumn.fix_flags].cpu().numpy().astype(int)
+            tried += (flags != usbl.SILENT).sum()
+            fixes += (flags & usbl.DETECTED > 0).sum()
+        share = fixes / tried
+        assert share == pytest.approx(0.7**2, abs=4 * math.sqrt(0.25 / tried))
+
+
+class TestFilters:
+    @staticmethod
+    def squares(world, table, place, block):
+        """Mean over AUVs of the normalised squared errors of positions in an array, (W,)."""
+        found = table.double().cpu().numpy()
+        error = found[..., place] - world.auv[..., :2].double().cpu().numpy()
+        xx, xy, yy = (found[..., c] for c in block)
+        C = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -1)
+        return np.einsum("wki,wki->wk", error, np.linalg.solve(C, error[..., None])[..., 0]).mean(1)
+
+    @pytest.mark.parametrize(
+        "changes",
+        [
+            ["channel.turn_around=1", "auv.count=4", "channel.schedule=by-need"],
+            ["channel.schedule=all", "usbl.packet_loss=0.3"],
+            ["channel.turn_around=1", "navigation.velocity_bias=0.2", "navigation.bias_correlation_time=50"],
+            ["channel.turn_around=1", "usbl.gnss_error=1", "usbl.heading_error=0.01"],
+        ],
+    )
+    def test_the_auvs_filters_are_consistent(self, changes):
+        """Normalised squared errors have the mean 2, over worlds, with a Doppler log."""
+        world = World(Scenario.load("extreme", [*SOUND, *GROUND, *changes]), 300, 8, usv="centroid")
+        act = policies.acting("straight", world)
+        mean = []
+        for step, _ in enumerate(sail(world, act, 120)):
+            if step % 20 == 19:
+                own = self.squares(world, world.own, slice(0, 2), (tracker.XX, tracker.XY, tracker.YY))
+                mean.append(own)
+        mean = np.mean(mean, axis=0)
+        # First order, and systematic errors are not part of the AUV's own covariance here.
+        if "usbl.gnss_error=1" in changes:
+            assert mean.mean() > 3
+        else:
+            assert mean.mean() == pytest.approx(2, abs=0.25)
+
+    def test_the_boats_estimates_are_consistent_when_replies_are_new(self):
+        changes = ["channel.turn_around=1", "auv.count=4", "usbl.gnss_error=1", "usbl.heading_error=0.01"]
+        world = World(Scenario.load("extreme", [*SOUND, *GROUND, *changes]), 300, 9, usv="centroid")
+        act = policies.acting("straight", world)
+        mean = []
+        block = EstimateColumn.span("covariance_xx", "covariance_yy")
+        for step, _ in enumerate(sail(world, act, 120)):
+            if step % 20 == 19:
+                mean.append(self.squares(world, world.estimate, slice(0, 2), range(block.start, block.stop)))
+        assert 1.5 < np.mean(mean) < 2.4
+
+    def test_uncertainty_grows_while_nobody_is_heard(self):
+        world = World(Scenario.load("extreme", [*SOUND, *GROUND, "acoustics.source_level=60"]), 20, 9)
+        sizes = []
+        for _ in sail(world, still(world), 60):
+            assert not heard(world).any()
+            xx = world.estimate[..., EstimateColumn.covariance_xx].cpu().numpy()
+            own = world.own[..., tracker.XX].cpu().numpy()
+            sizes.append((xx.min(), own.min()))
+        assert (np.diff(sizes, axis=0) > 0).all()
+
+    def test_reckoning_without_fixes_drifts_as_its_sensor(self):
+        """The way's error after t: bias σ_b² τ² (2t/τ − 2 + 2e^{−t/τ}) and noise q t, per axis."""
+        changes = ["acoustics.source_level=60", "navigation.velocity_bias=0.1", "navigation.velocity_noise=0.2"]
+        changes += ["navigation.bias_correlation_time=40"]
+        world = World(Scenario.load("extreme", [*SOUND, *GROUND, *changes]), 2000, 10)
+        for _ in sail(world, still(world), 60):
+            pass
+        error = (world.own[..., :2] - world.auv[..., :2]).double().cpu().numpy()
+        t, tau = 60.0, 40.0
+        expected = 0.1**2 * tau**2 * 2 * (t / tau - 1 + math.exp(-t / tau)) + 0.2**2 * t
+        assert error.var() == pytest.approx(expected, rel=0.1)
+        assert world.own[..., tracker.XX].mean().item() == pytest.approx(expected, rel=0.1)
+
+
+class TestTold:
+    def test_an_auv_knows_what_it_was_told(self):
+        """Without dead reckoning's errors the AUV's filter is the boat's, moved on by the way since its last reply."""
+        changes = ["navigation.velocity_bias=0", "navigation.velocity_noise=0", "auv.count=1", "channel.turn_around=2"]
+        world = World(Scenario.load("ideal", [*SOUND, "navigation.sensor=ground", *changes]), 30, 11)
+        longest = 0.0
+        for _ in sail(world, still(world), 50):
+            assert (world.own[..., :2] - world.auv[..., :2]).norm(dim=-1).max() < 0.05
+            longest = max(longest, world.exchange[..., ExchangeColumn.elapsed].max().item())
+        assert longest > 2
+
+    def test_homing(self):
+        """Within the homing range the observed way to the node is the true one."""
+        changes = ["navigation.homing_range=1000", "acoustics.source_level=60", "navigation.velocity_bias=1"]
+        world = World(Scenario.load("ideal", [*SOUND, *GROUND, *changes]), 10, 12)
+        for _ in sail(world, still(world), 30):
+            pass
+        target = dict(world.observation_layout)["target"]
+        index = world.auv[..., AuvColumn.target].long()
+        node = torch.gather(world.node[..., :2], 1, index[..., None].expand(-1, -1, 2))
+        way = (node - world.auv[..., :2]) / world.scenario.area.diagonal
+        assert torch.allclose(world.observation[..., target], way, atol=1e-6)
+        assert (world.own[..., :2] - world.auv[..., :2]).norm(dim=-1).max() > 5
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (["navigation.sensor=ground"], "channel.schedule"),
+        (["channel.schedule=all", "tracker.enabled=true"], "tracker.enabled"),
+        (["channel.slots=2", "channel.slot=2"], "below slots"),
+    ],
+)
+def test_what_does_not_go_together(changes, words):
+    with pytest.raises(ScenarioError, match=words):
+        Scenario.load("ideal", changes)
