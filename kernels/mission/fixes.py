@@ -265,6 +265,7 @@ def make_fix(
     place = here + pose.displaced + vec2(found[0], found[1])
     for c in ti.static(range(2)):
         auv[w, k, AuvColumn.fix_x + c] = place[c]
+    auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
     for c in ti.static(range(3)):
         auv[w, k, AuvColumn.covariance_xx + c] = covariance[c] + common[c]
     return Fix(place=place, covariance=covariance, flags=flags)
@@ -333,7 +334,6 @@ def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, l
         if fix.flags & usbl.DETECTED:  # what the reply carries is there, whatever its fix is worth
             navigation.hear(worlds, w, k)
             update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
-        worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(fix.flags, ti.f32)
     else:
         expected = expect(worlds, w, k, here, worlds.estimate[w, k, EstimateColumn.age])
         fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
@@ -341,18 +341,15 @@ def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, l
 
 
 @ti.func
-def update_track(worlds: ti.template(), w, k, fix: ti.template(), lag, carried: vec2):
+def update_track(worlds: ti.template(), w, k, fix: Fix, lag, carried: vec2):
     """Update the track of AUV k by a fix that can be used; `lag` and `carried` as of `tracker.Fix`."""
     p = ti.static(worlds.p)
     track = ti.static(worlds.track)
-    flags = fix.flags
-    if usbl.usable(flags):
+    if usbl.usable(fix.flags):
         taken = tracker.Fix(place=fix.place, covariance=fix.covariance, lag=lag, carried=carried)
         tracker.update(track, w, k, taken, p[Parameter.current_variance], p[Parameter.auv_speed])
         if track[w, k, tracker.REJECTIONS] > 0.0:
-            flags |= usbl.REJECTED
-    fix.flags = flags
-    worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
+            worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(fix.flags | usbl.REJECTED, ti.f32)
 
 
 @ti.func
