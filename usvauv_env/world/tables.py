@@ -98,8 +98,8 @@ def sound_speed(site: Site) -> float:
     return profile.harmonic_mean(0.0, scenario.auv.depth)
 
 
-def program(site: Site, strategy: BoatStrategy) -> Program:
-    """What the mission's kernels are compiled for.
+def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
+    """What the mission's kernels are compiled for; `link` of `link_table`.
 
     Raises:
         ScenarioError: a tone too short for the waveform receiver, or an unknown observation term.
@@ -124,7 +124,7 @@ def program(site: Site, strategy: BoatStrategy) -> Program:
         tracker=s.tracker.enabled,
         schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
         sensor=getattr(Sensor, s.navigation.sensor),
-        turns=validation.turns_possible(link_table(site)),
+        turns=validation.turns_possible(link),
     )
 
 

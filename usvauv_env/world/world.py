@@ -374,7 +374,7 @@ class World:
             "reward_weights": tables.reward_weights(scenario),
             "bed": self.site.bed,
         }
-        program = tables.program(self.site, self.strategy.strategy)
+        program = tables.program(self.site, self.strategy.strategy, link)
         first = [place.start for _, place in self.observation_layout]
         return {
             **{name: self._upload(array) for name, array in numbers.items()},

@@ -213,7 +213,7 @@ class TestModels:
     def test_only_what_is_chosen_is_compiled(self):
         scenario = Scenario.load("extreme")
         world = World(scenario, 1)
-        chosen = program(world.site, world.strategy.strategy)
+        chosen = program(world.site, world.strategy.strategy, link_table(world.site))
         assert not any((chosen.waveform, chosen.refraction, chosen.tracker, chosen.turns))
         assert world.track.shape == (1, 1, tracker.COLUMNS)
 
