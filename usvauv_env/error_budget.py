@@ -54,10 +54,10 @@ def error_budget(
     found = {"noise": rms(exact)}
     exact[:, acoustic_link.RATIO_AT_1M] += QUIET
     shares = {"lever arm": scenario.usbl.lever_arm_error, "boat's position": scenario.usbl.gnss_error}
+    without = rms(exact)
     for name, column in ERRORS.items():
         alone = exact.clone()
         alone[:, column] = link[:, column] if name not in shares else shares[name] ** 2
-        without = rms(exact)
         found[name] = [math.sqrt(max(a * a - b * b, 0.0)) for a, b in zip(rms(alone), without, strict=True)]
     found[SUM] = rms(link)
     return found
