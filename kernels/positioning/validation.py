@@ -90,5 +90,5 @@ def turns_possible(link: np.ndarray) -> bool:
 
     With κ < π that takes noise of 2 (π − κ). Six standard deviations at the threshold of detection count as possible.
     """
-    sigma = np.sqrt(8.0 / (8.0 + 4.0 * acoustic_link.PERIOD_ENERGY * link[:, acoustic_link.PERIODS]))
+    sigma = np.sqrt(8.0 / link[:, acoustic_link.THRESHOLD])
     return bool((link[:, acoustic_link.KAPPA] > math.pi - 3.0 * sigma).any())
