@@ -343,6 +343,8 @@ class Usbl(Section):
     def _check(self) -> Usbl:
         if self.carrier_max < self.carrier_min:
             raise ValueError("carrier_max must not be below carrier_min")
+        if self.model == "waveform" and self.signal != "tone":
+            raise ValueError(f"model = {self.model!r}: needs signal = 'tone'; a coded pulse has none in missions")
         highest = max(*self.carriers, self.carrier_max)
         if self.sampling_rate < 2 * highest:  # Nyquist
             least = 2 * highest

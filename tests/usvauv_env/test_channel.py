@@ -247,6 +247,7 @@ class TestTold:
         (["navigation.sensor=ground"], "channel.schedule"),
         (["channel.schedule=all", "tracker.enabled=true"], "tracker.enabled"),
         (["channel.slots=2", "channel.slot=2"], "below slots"),
+        (["usbl.signal=code", "usbl.model=waveform"], "needs signal"),
     ],
 )
 def test_what_does_not_go_together(changes, words):
