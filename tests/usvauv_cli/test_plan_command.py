@@ -1,6 +1,5 @@
 """`usvauv plan`: the planner's optimum, errors as fixes have them, the JSON of the help, the figure, bad input."""
 
-import functools
 import json
 import math
 
@@ -23,25 +22,6 @@ ERROR_KEYS = {
     *("range", "major", "minor", "angle", "good"),
     *("detected", "good_if_detected", "wrapped", "direct_ray", "signal_excess"),
 }
-
-
-@pytest.fixture
-def plan(run_usvauv):
-    """Run `usvauv plan` in an empty folder: exit code, stdout, stderr."""
-    return functools.partial(run_usvauv, "plan")
-
-
-@pytest.fixture
-def solve(plan):
-    """The JSON that `usvauv plan` prints, when it prints that and its warnings, and nothing else."""
-
-    def run(*arguments):
-        code, stdout, stderr = plan(*arguments, "--json", "-")
-        result = json.loads(stdout)
-        assert (code, stderr) == (0, "".join(f"warning: {line}\n" for line in result["warnings"]))
-        return result
-
-    return run
 
 
 def link(scenario, count, depth, *changes):

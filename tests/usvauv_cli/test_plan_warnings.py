@@ -1,7 +1,5 @@
 """`usvauv plan` where fixes are not to be had: probabilities, what warnings say, and that remedies work."""
 
-import functools
-import json
 import math
 import re
 
@@ -22,24 +20,6 @@ BROAD = ["--auv", "20,20,100", "--auv", "199,199,100", "--set", "usbl.spacing=0.
 FLAT = ["--auv", "20,20,3", "--auv", "190,180,2"]
 SHADOW = ["--set", "acoustics.sound_speed_profile=[[0,1500],[200,1400]]", "--set", "acoustics.path=transponder"]
 SHADOW += ["--set", "acoustics.source_level=190", *WIDE]
-
-
-@pytest.fixture
-def plan(run_usvauv):
-    return functools.partial(run_usvauv, "plan")
-
-
-@pytest.fixture
-def solve(plan):
-    """The JSON of `usvauv plan`, after a look at whether its warnings are those on standard error."""
-
-    def run(*arguments):
-        code, stdout, stderr = plan(*arguments, "--json", "-")
-        result = json.loads(stdout)
-        assert (code, stderr) == (0, "".join(f"warning: {line}\n" for line in result["warnings"]))
-        return result
-
-    return run
 
 
 class TestProbabilities:

@@ -1,6 +1,5 @@
 """Positions of `usvauv plan` in degrees: against the ellipsoid's radii of curvature, and every wrong form."""
 
-import functools
 import json
 import math
 
@@ -14,11 +13,6 @@ CORNER = {"water.latitude": 22.51, "water.longitude": 114.02}
 PLACED = Scenario.load("extreme", [f"{name}={value}" for name, value in CORNER.items()])
 PLAIN = Scenario.load("extreme")
 OPTIONS = [part for name, value in CORNER.items() for part in ("--set", f"{name}={value}")]
-
-
-@pytest.fixture
-def plan(run_usvauv):
-    return functools.partial(run_usvauv, "plan")
 
 
 def metres(latitude: float, longitude: float) -> tuple[float, float]:

@@ -1,0 +1,25 @@
+"""Fixtures of the commands."""
+
+import functools
+import json
+
+import pytest
+
+
+@pytest.fixture
+def plan(run_usvauv):
+    """Run `usvauv plan` in an empty folder: exit code, stdout, stderr."""
+    return functools.partial(run_usvauv, "plan")
+
+
+@pytest.fixture
+def solve(plan):
+    """The JSON that `usvauv plan` prints, when it prints that and its warnings, and nothing else."""
+
+    def run(*arguments):
+        code, stdout, stderr = plan(*arguments, "--json", "-")
+        result = json.loads(stdout)
+        assert (code, stderr) == (0, "".join(f"warning: {line}\n" for line in result["warnings"]))
+        return result
+
+    return run
