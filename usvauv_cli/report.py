@@ -36,10 +36,10 @@ OF_TASK = {
 }
 POSITIONS = {
     "position_error_median": "median m",
-    "position_error_mean": "mean m",
     "position_error_rms": "rms m",
     "position_error_p95": "95 % m",
-    "fix_error_median": "fix m",
+    "own_error_rms": "own rms m",
+    "fix_error_rms": "fix rms m",
     "fix_availability": "fixes",
     "fix_wrapped": "wrapped",
     "fix_dropped": "dropped",
@@ -56,7 +56,7 @@ def metrics_tables(rows: Sequence[EpisodeMetrics]) -> None:
     of_task = {name: OF_TASK.get(name, name) for name in rows[0].of_task}
     if of_task:
         _table(rows, rows[0].scenario, of_task)
-    _table(rows, f"{rows[0].scenario}: errors of positions, median error of usable fixes, and their share", POSITIONS)
+    _table(rows, f"{rows[0].scenario}: errors of positions, the AUVs' own, errors of usable fixes and their share", POSITIONS)
 
 
 def _table(rows: Sequence[EpisodeMetrics], title: str, shown: Mapping[str, str]) -> None:

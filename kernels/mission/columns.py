@@ -25,6 +25,7 @@ class Parameter(Columns):
     lever_arm_error: int
     gnss_error: int
     gnss_memory: int  # e^{−step/correlation time}
+    gnss_time: int  # that correlation time, s
     turn_around: int
     signal_length: int
     slots: int
@@ -98,6 +99,8 @@ class AuvColumn(Columns):
     covariance_yy: int
     fix_x: int  # m
     fix_y: int
+    heard_x: int  # where it was when the signal of its fix left it, m
+    heard_y: int
     fix_flags: int  # bits of `kernels.positioning.usbl`
     moved_x: int  # displacement in the last step, m
     moved_y: int

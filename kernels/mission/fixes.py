@@ -265,6 +265,7 @@ def make_fix(
     place = here + pose.displaced + vec2(found[0], found[1])
     for c in ti.static(range(2)):
         auv[w, k, AuvColumn.fix_x + c] = place[c]
+        auv[w, k, AuvColumn.heard_x + c] = there[c]
     auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
     for c in ti.static(range(3)):
         auv[w, k, AuvColumn.covariance_xx + c] = covariance[c] + common[c]
@@ -425,6 +426,7 @@ def predict(worlds: ti.template(), w, k):
     adrift = 1.0 - ti.max(auv[w, k, AuvColumn.hovering], auv[w, k, AuvColumn.border])
     water = vec2(auv[w, k, AuvColumn.water_x], auv[w, k, AuvColumn.water_y])
     tracker.carry(worlds.track, w, k, water, worlds.p[Parameter.step], adrift)
+    tracker.spread(worlds.track, w, k, navigation.gnss_change(worlds, worlds.p[Parameter.step]))
     worlds.estimate[w, k, EstimateColumn.x] = worlds.track[w, k, tracker.X]
     worlds.estimate[w, k, EstimateColumn.y] = worlds.track[w, k, tracker.Y]
 

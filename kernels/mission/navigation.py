@@ -59,13 +59,23 @@ def begin(worlds: ti.template(), w, k):
 
 
 @ti.func
+def gnss_change(worlds: ti.template(), time) -> ti.f32:
+    """Variance per axis (m²) of the change in some time (s) of the boat's error of its own position."""
+    p = ti.static(worlds.p)
+    return 2.0 * p[Parameter.gnss_error] ** 2 * (1.0 - ti.exp(-time / p[Parameter.gnss_time]))
+
+
+@ti.func
 def move_filter(worlds: ti.template(), track: ti.template(), w, k, way: vec3, time):
-    """Move a filter by a displacement (m) measured in some time (s); `way[2]` is the part of it with the current."""
+    """Move a filter by a displacement (m) measured in some time (s); `way[2]` is the part of it with the current.
+
+    What it follows are the positions that fixes without noise would show, which change with the error of the boat's own.
+    """
     p = ti.static(worlds.p)
     variance = p[Parameter.current_variance]
     tau = p[Parameter.correlation_time]
     tracker.drift(track, w, k, vec2(way[0], way[1]), way[2], variance, tau)
-    tracker.spread(track, w, k, p[Parameter.velocity_walk] * way[2])
+    tracker.spread(track, w, k, p[Parameter.velocity_walk] * way[2] + gnss_change(worlds, time))
     tracker.renew(track, w, k, time - way[2], variance, tau)
 
 

@@ -54,6 +54,8 @@ NAMED: dict[str, Range] = {
     "covariance_yy": VARIANCE,
     "fix_x": LENGTH,
     "fix_y": LENGTH,
+    "heard_x": LENGTH,
+    "heard_y": LENGTH,
     "fix_flags": Range(0.0, usbl.FLAGS, whole=True),
     "moved_x": MOVED,
     "moved_y": MOVED,

@@ -36,7 +36,9 @@ class EpisodeMetrics:
         overflow: node-steps in which a full buffer lost packets.
         collisions: pair-steps below the collision distance. border: refused moves.
         position_error_mean, _median, _rms, _p95: of |estimate − truth| over all AUVs and steps, m.
-        fix_error_mean, _median, _rms, _p95: of |fix − truth| over all usable fixes, m; NaN without one, see `usable`.
+        own_error_mean, _median, _rms, _p95: of where an AUV takes itself to be, likewise.
+        fix_error_mean, _median, _rms, _p95: of |fix − where the AUV was when its signal left| over all usable fixes, m;
+            NaN without one, see `usable`.
         fix_availability: share of steps and AUVs with a usable fix. fix_wrapped: share of the usable fixes that
             are wrong by whole turns of a phase; NaN without one. fix_dropped: share of the detected fixes that the
             receiver does not use, see `usbl.UNUSABLE`; NaN without one.
@@ -64,6 +66,10 @@ class EpisodeMetrics:
     position_error_median: float
     position_error_rms: float
     position_error_p95: float
+    own_error_mean: float
+    own_error_median: float
+    own_error_rms: float
+    own_error_p95: float
     fix_error_mean: float
     fix_error_median: float
     fix_error_rms: float
@@ -188,7 +194,8 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     """One row for each world of a trace."""
     step = trace.scenario.mission.step
     error = position_error(trace)
-    fix_error = np.linalg.norm(trace.fix - trace.auv_position, axis=-1)
+    own_error = np.linalg.norm(trace.own_position - trace.auv_position, axis=-1)
+    fix_error = np.linalg.norm(trace.fix - trace.heard_position, axis=-1)
     had = usable(trace)
     wrapped = (trace.fix_flags & WRAPPED) > 0
     detected = (trace.fix_flags & DETECTED) > 0
@@ -213,6 +220,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             collisions=int(trace.collisions[:, w].sum()),
             border=int(trace.border[:, w].sum()),
             **{f"position_error_{name}": value for name, value in distribution(error[:, w]).items()},
+            **{f"own_error_{name}": value for name, value in distribution(own_error[:, w]).items()},
             **{f"fix_error_{name}": value for name, value in distribution(fix_error[:, w][had[:, w]]).items()},
             fix_availability=float(had[:, w].mean()),
             fix_wrapped=float(wrapped[:, w][had[:, w]].mean()) if had[:, w].any() else math.nan,

@@ -53,7 +53,7 @@ class Recorder:
 
     def clear(self) -> None:
         """Remove all states."""
-        self._rows = {name: [] for name in ("auv", "boat", "backlog", "terms", "estimate", "vortex")}
+        self._rows = {name: [] for name in ("auv", "boat", "backlog", "terms", "estimate", "own", "vortex")}
 
     def drop_last(self) -> None:
         """Remove the last state."""
@@ -69,6 +69,7 @@ class Recorder:
             ("backlog", world.node[..., NodeColumn.backlog]),
             ("terms", world.reward_terms),
             ("estimate", world.estimate),
+            ("own", world.own_position),
             ("vortex", world.vortex[:, :num_vortices]),
         ):
             self._rows[name].append(tensor.cpu().numpy().copy())
@@ -92,7 +93,7 @@ class Recorder:
             worlds: the worlds to take.
         """
         world = self.world
-        vehicles, boats, backlog, terms, known, vortex = (
+        vehicles, boats, backlog, terms, known, own, vortex = (
             np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
         )
         nodes = world.node[worlds].cpu().numpy()
@@ -114,10 +115,12 @@ class Recorder:
             auv_position=vehicles[..., AuvColumn.span("x", "y")],
             auv_velocity=vehicles[..., AuvColumn.span("water_x", "water_y")],
             fix=np.where(heard, vehicles[..., AuvColumn.span("fix_x", "fix_y")], np.float32(np.nan)),
+            heard_position=vehicles[..., AuvColumn.span("heard_x", "heard_y")],
             fix_covariance=vehicles[..., AuvColumn.span("covariance_xx", "covariance_yy")],
             fix_flags=flags,
             estimate=known[..., EstimateColumn.span("x", "y")],
             estimate_covariance=known[..., EstimateColumn.span("covariance_xx", "covariance_yy")],
+            own_position=own,
             target=column("target").astype(np.int16),
             hovering=column("hovering").astype(np.int8),
             power=column("power"),

@@ -32,9 +32,11 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "auv_position": ("time", "world", "auv", "axis"),
     "auv_velocity": ("time", "world", "auv", "axis"),
     "fix": ("time", "world", "auv", "axis"),
+    "heard_position": ("time", "world", "auv", "axis"),
     "fix_covariance": ("time", "world", "auv", "component"),
     "fix_flags": ("time", "world", "auv"),
     "estimate": ("time", "world", "auv", "axis"),
+    "own_position": ("time", "world", "auv", "axis"),
     "estimate_covariance": ("time", "world", "auv", "component"),
     "target": ("time", "world", "auv"),
     "hovering": ("time", "world", "auv"),
@@ -81,9 +83,11 @@ class Trace:
         auv_position: (T, W, K, 2) true, m. auv_velocity: (T, W, K, 2) through the water, m/s, 0 while hovering.
         fix: (T, W, K, 2) measured position, m; NaN where nothing was detected. fix_covariance: (T, W, K, 3) predicted
             xx, xy, yy of its error, m². fix_flags: (T, W, K) bits of `kernels.positioning.usbl`; good where it equals
-            DETECTED; the receiver drops a detected one that has a bit of UNUSABLE.
+            DETECTED; the receiver drops a detected one that has a bit of UNUSABLE. heard_position: (T, W, K, 2) where
+            the AUV was when the signal of its last fix left it, m.
         estimate: (T, W, K, 2) where the boat takes the AUV to be: the last usable fix, or the tracker's, m.
-            estimate_covariance: (T, W, K, 3) likewise.
+            estimate_covariance: (T, W, K, 3) likewise. own_position: (T, W, K, 2) where the AUV takes itself to be, m;
+            the estimate if it does not reckon.
         target: (T, W, K) index of the node headed for. hovering: (T, W, K) serving its node during this step.
         power: (T, W, K) W. service_rate: (T, W, K) data rate of a service completed in this step, else 0, Mbit/s.
         delivered: (T, W, K) data of that service, Mbit. border: (T, W, K) a move was refused at the border.
@@ -111,10 +115,12 @@ class Trace:
     auv_position: np.ndarray
     auv_velocity: np.ndarray
     fix: np.ndarray
+    heard_position: np.ndarray
     fix_covariance: np.ndarray
     fix_flags: np.ndarray
     estimate: np.ndarray
     estimate_covariance: np.ndarray
+    own_position: np.ndarray
     target: np.ndarray
     hovering: np.ndarray
     power: np.ndarray

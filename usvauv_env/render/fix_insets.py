@@ -25,7 +25,7 @@ class FixInsets:
     def __init__(self, trace: Trace, running: RunningMetrics, layout: Layout, box: Rectangle, view: MapView) -> None:
         self._running, self._layout = running, layout
         truth = trace.auv_position[:, 0]
-        self._fix_error = (trace.fix[:, 0] - truth).astype(float)
+        self._fix_error = (trace.fix[:, 0] - trace.heard_position[:, 0]).astype(float)
         self._error = (trace.estimate[:, 0] - truth).astype(float)
         self._covariance = trace.estimate_covariance[:, 0]
         count = self._error.shape[1]

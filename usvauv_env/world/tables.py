@@ -240,6 +240,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "lever_arm_error": s.usbl.lever_arm_error,
         "gnss_error": s.usbl.gnss_error,
         "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),
+        "gnss_time": s.usbl.gnss_correlation_time,
         "turn_around": s.channel.turn_around,
         "signal_length": s.usbl.pulse_length if s.usbl.signal == "code" else s.usbl.periods / s.usbl.carrier_min,
         "slots": s.channel.slots,

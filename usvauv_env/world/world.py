@@ -248,6 +248,12 @@ class World:
         info = {"reward_terms": self.reward_terms, "measures": self.measures()}
         return self.observation, self.reward, horizon_ended, truncated, info
 
+    @property
+    def own_position(self) -> torch.Tensor:
+        """Where each AUV takes itself to be, (W, K, 2), m: by its own filter, or where it has none as the boat has it."""
+        reckons = self.scenario.navigation.sensor != "none"
+        return self.own[..., [tracker.X, tracker.Y]] if reckons else self.estimate[..., EstimateColumn.span("x", "y")]
+
     def rewind(self) -> None:
         """Make the next `reset` begin the first episode again, as in a new world of the same seed."""
         self._clock.fill_(-1)
