@@ -210,7 +210,7 @@ def unequal_links(auvs: int, attitude_error: float, random: np.random.Generator)
     """A link table of AUVs with levels and carriers of their own, (auvs, COLUMNS)."""
     common = {
         "path": random.choice(["echo", "transponder"]),
-        "noise_law": random.choice(["amplitude", "demonstration"]),
+        "noise_law": random.choice(["density", "demonstration"]),
         "planner_noise": random.choice(["range", "constant"]),
         "reference_range": random.choice([10.0, 100.0, 300.0]),
         "attitude_error": attitude_error,

@@ -33,14 +33,14 @@ SPACING = 0.033
 SOUND_SPEED = 1500.0
 OFFSET = (70.0, -45.0, -104.0)
 THRESHOLD = math.sqrt(10 * acoustic_link.PERIOD_ENERGY)  # a at the threshold of detection
-# Offset (m), SNR (dB), hydrophone spacing (m): usual, far to the side, at the threshold, near the horizon, wrapping.
+# Offset (m), E/N0 (dB), hydrophone spacing (m): usual, far to the side, at the threshold, near the horizon, wrapping.
 AGREEMENT = (
-    ((0.0, 0.0, -100.0), 21.3, 0.033),
-    ((70.0, -45.0, -104.0), 18.0, 0.033),
-    ((-130.0, 90.0, -98.0), 12.0, 0.033),
-    ((70.0, -45.0, -104.0), -4.3, 0.033),
-    ((80.0, 60.0, -9.0), 6.0, 0.033),
-    ((83.2, 5.0, -55.2), 10.0, 0.06),
+    ((0.0, 0.0, -100.0), 46.6, 0.033),
+    ((70.0, -45.0, -104.0), 43.3, 0.033),
+    ((-130.0, 90.0, -98.0), 37.3, 0.033),
+    ((70.0, -45.0, -104.0), 21.0, 0.033),
+    ((80.0, 60.0, -9.0), 31.3, 0.033),
+    ((83.2, 5.0, -55.2), 35.3, 0.06),
 )
 STRENGTHS = (300.0, 50.0, 20.0, THRESHOLD, 14.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.3)
 
@@ -115,15 +115,15 @@ def measure_threshold(count: int) -> list[dict[str, float]]:
     """For tones from strong to lost: rate of detection, variances over their bounds, rate of wrong periods."""
     link, row, offset, _ = places(count)
     level = torch.zeros((count, 2), device=offset.device)
-    S, N = math.hypot(*OFFSET), 10 * SAMPLING_RATE / CARRIER
+    S = math.hypot(*OFFSET)
     loss = link[0, acoustic_link.PATHS].item() * (
         15 * math.log10(S) + link[0, acoustic_link.ABSORPTION].item() * S / 1000
     )
     kappa = 2 * math.pi * CARRIER * SPACING / SOUND_SPEED
     rows = []
     for a in STRENGTHS:
-        snr = 20 * math.log10(a) - 10 * math.log10(N / 2)
-        link[0, acoustic_link.RATIO_AT_1M] = snr + loss
+        energy = 10 * math.log10(a * a / 2)
+        link[0, acoustic_link.RATIO_AT_1M] = energy + loss
         _, flags, measured = waveform.fixes(link, row, offset, level, 5)
         measured = measured.double()
         error = measured[:, : waveform.PHASE_Y + 1] - kappa / S * torch.tensor(OFFSET[:2], device=offset.device)
@@ -131,8 +131,7 @@ def measure_threshold(count: int) -> list[dict[str, float]]:
         range_bound = SOUND_SPEED / (2 * math.pi * CARRIER) / 2 / (2 * a)
         rows.append(
             {
-                "energy_over_noise_db": 20 * math.log10(a),
-                "snr_db": snr,
+                "energy_over_noise_density_db": energy,
                 "detected": (flags & usbl.DETECTED > 0).double().mean().item(),
                 "phase_variance_over_bound": error.square().mean().item() * a * a / 2,
                 "range_variance_over_bound": measured[:, waveform.RANGE_ERROR].square().mean().item() / range_bound**2,
@@ -149,16 +148,16 @@ def measure_agreement(count: int) -> list[dict[str, object]]:
     level = torch.zeros((count, 2), device=device)
     noise = torch.randn((count, 6), generator=torch.Generator().manual_seed(6)).to(device)
     rows = []
-    for place, snr, spacing in AGREEMENT:
+    for place, energy, spacing in AGREEMENT:
         S = math.hypot(*place)
         offset = torch.tensor(place, device=device) * (1 + torch.linspace(-0.05, 0.05, count)[:, None].to(device) / S)
         link = torch.from_numpy(acoustic_link.link_table((CARRIER,), acoustic_link.Sonar(spacing=spacing))).to(device)
         loss = link[0, acoustic_link.PATHS] * (15 * math.log10(S) + link[0, acoustic_link.ABSORPTION] * S / 1000)
-        link[0, acoustic_link.RATIO_AT_1M] = snr + loss
+        link[0, acoustic_link.RATIO_AT_1M] = energy + loss
         tones, tone_flags, _ = waveform.fixes(link, row, offset, level, 7, sampled=True)
         drawn, _, drawn_flags = usbl.flagged_fixes(link, row, offset, level, noise)
         detected, usable = good_probability(link, row[:1], offset[:1], level[:1])
-        result: dict[str, object] = {"offset": place, "snr_db": snr, "spacing": spacing}
+        result: dict[str, object] = {"offset": place, "energy_over_noise_density_db": energy, "spacing": spacing}
         result["good_predicted"] = (detected * usable).item()
         for name, estimate, flags in (("waveform", tones, tone_flags), ("statistical", drawn, drawn_flags)):
             good = flags == usbl.DETECTED
@@ -195,18 +194,18 @@ def main() -> None:
     for name, rate in result["fixes_per_second"].items():
         ratio = f", {result['over_numpy'][name]:,.1f} × NumPy" if name in result["over_numpy"] else ""
         print(f"{name}: {rate:,.0f} fixes/s{ratio}")
-    print("energy over noise, SNR, detected, phase and range variance over their bounds, wrong periods")
+    print("E/N0, detected, phase and range variance over their bounds, wrong periods")
     for row in result["threshold"]:
         print(
-            f"{row['energy_over_noise_db']:6.1f} dB {row['snr_db']:6.1f} dB {row['detected']:8.4f}"
+            f"{row['energy_over_noise_density_db']:6.1f} dB {row['detected']:8.4f}"
             f" {row['phase_variance_over_bound']:8.3f} {row['range_variance_over_bound']:9.2f}"
             f" {row['wrong_period']:.1e}"
         )
-    print("offset, SNR, spacing: good fixes predicted, by tones, statistical; errors in x, y, z by tones, statistical")
+    print("offset, E/N0, spacing: good fixes predicted, by tones, statistical; errors in x, y, z by tones, statistical")
     for row in result["agreement"]:
         print(
-            f"{row['offset']} {row['snr_db']:.1f} dB {row['spacing']:g} m: {row['good_predicted']:.4f}"
-            f" {row['good_waveform']:.4f} {row['good_statistical']:.4f};"
+            f"{row['offset']} {row['energy_over_noise_density_db']:.1f} dB {row['spacing']:g} m:"
+            f" {row['good_predicted']:.4f} {row['good_waveform']:.4f} {row['good_statistical']:.4f};"
             + "".join(f" {error:.4f}" for error in (*row["rms_waveform"], *row["rms_statistical"]))
         )
     coded_pulse.show(result["coded_pulse"])

@@ -273,10 +273,9 @@ class Acoustics(Section):
     bubbles: bool = Field(False, description="the wind's bubbles weaken what comes to the array")
     rain: float = Field(0.0, ge=0, le=200, description="rain in the noise, mm/h")
     bandwidth: Bandwidth = Field(4000.0, description="bandwidth of the positioning link, Hz")
-    noise_law: Literal["density", "amplitude", "demonstration"] = Field(
+    noise_law: Literal["density", "demonstration"] = Field(
         "density",
-        description="noise of a fix: by energy over noise density, by 10^(−SNR/20) as the amplitude of each sample,"
-        " or by the demonstration's 10^(−SNR/10)",
+        description="noise of a fix: by energy over noise density, or by the demonstration's 10^(−SNR/10)",
     )
 
     @field_validator("absorption")

@@ -69,7 +69,7 @@ def gnss_change(worlds: ti.template(), time) -> ti.f32:
 def move_filter(worlds: ti.template(), track: ti.template(), w, k, way: vec3, time):
     """Move a filter by a displacement (m) measured in some time (s); `way[2]` is the part of it with the current.
 
-    What it follows are the positions that fixes without noise would show, which change with the error of the boat's own.
+    It follows the positions that fixes without noise would show, which change with the error of the boat's own.
     """
     p = ti.static(worlds.p)
     variance = p[Parameter.current_variance]

@@ -17,7 +17,7 @@ independent of both differences (Kay §3.11). An echo's path is travelled twice,
 
 The demonstration's law, a convention of `paper-*`, takes the noise power of the receiver's band as that of every
 sample, with the amplitude 10^(−SNR/10) of the tone's: σ² = 4/N · 10^(−2 SNR/10) for N = T f_s samples. Sampling faster
-is then worth accuracy. "amplitude" is the same with 10^(−SNR/20).
+is then worth accuracy.
 
 Detection. The receiver sums the energies of the four hydrophones over the noise, R² with the mean 8 + 8γ, and accepts a
 signal where R² is at least 8 + 8γ_min. A tone needs γ_min = ½ PERIOD_ENERGY · periods, for the carrier's cycles to be
@@ -106,7 +106,7 @@ class Sonar:
         absorption: law of the absorption, Hz → dB/km.
         ambient_noise: law of the noise density, see `kernels.positioning.ambient_noise`.
         shipping, wind: arguments of that law, 0 to 1 and m/s.
-        noise_law: "density", "amplitude" or "demonstration".
+        noise_law: "density" or "demonstration".
         signal: "tone" or "code".
         periods: length of a tone in periods of its carrier.
         pulse_length: of a code, s.
@@ -127,7 +127,7 @@ class Sonar:
     """
 
     sound_speed: float = 1500.0
-    source_level: float = 135.0
+    source_level: float = 162.0
     target_strength: float = 3.0
     path: str = "echo"
     spreading: float = 15.0
@@ -135,7 +135,7 @@ class Sonar:
     ambient_noise: NoiseLaw = coates
     shipping: float = 0.5
     wind: float = 0.0
-    noise_law: str = "amplitude"
+    noise_law: str = "density"
     signal: str = "tone"
     periods: float = 10.0
     pulse_length: float = 0.01
@@ -152,7 +152,7 @@ class Sonar:
     def __post_init__(self) -> None:
         for name, allowed in (
             ("path", ("echo", "transponder")),
-            ("noise_law", ("density", "amplitude", "demonstration")),
+            ("noise_law", ("density", "demonstration")),
             ("signal", ("tone", "code")),
             ("planner_noise", ("range", "constant")),
         ):
@@ -164,7 +164,7 @@ class Sonar:
         return self.pulse_length if self.signal == "code" else self.periods / carrier
 
     def ratio_at_1m(self, carrier: float) -> float:
-        """E/N0, or the SNR where the noise law is not by density, at 1 m without absorption, dB."""
+        """E/N0, or the SNR of the demonstration's law, at 1 m without absorption, dB."""
         level = self.source_level + (self.target_strength if self.path == "echo" else 0.0)
         level -= self.ambient_noise(carrier, self.shipping, self.wind)
         band = 1.0 / self.length(carrier) if self.noise_law == "density" else self.bandwidth

@@ -55,7 +55,7 @@ class TestProbabilities:
             assert error[name] == pytest.approx(drawn.mean(), abs=0.02), name
         assert error["good"] == pytest.approx(error["detected"] * error["good_if_detected"])
 
-    @pytest.mark.parametrize("law", ["amplitude", "demonstration"])
+    @pytest.mark.parametrize("law", ["density", "demonstration"])
     def test_signal_excess_is_in_decibels_of_the_source(self, solve, law):
         """A tone that much fainter is detected every second time."""
         loud = ["--auv", "20,20,100", "--set", f"acoustics.noise_law={law}", "--set"]

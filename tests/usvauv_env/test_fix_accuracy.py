@@ -8,7 +8,7 @@ import taichi as ti
 import torch
 
 from kernels.mission.columns import AuvColumn, BoatColumn
-from kernels.positioning import acoustic_link, fix_probability, usbl
+from kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
 from kernels.positioning.ambient_noise import coates
 from kernels.types import vec3
 from usvauv_env import Scenario, World
@@ -167,13 +167,15 @@ class TestEnergy:
             assert phase.var() == pytest.approx(1 / (2 * energy_ratio), rel=0.06)
 
     def test_table_1_gives_no_fix(self, device):
-        """Its 135 dB by echo at 100 m: the variance is 504 times that of the demonstration's samples, and below the
-        threshold.
+        """Its 135 dB by echo at 100 m: the variance is 504 times that of noise of 10^(−SNR/20) of the amplitude in each
+        of 1344 samples, and the energy is below the threshold.
         """
         table_1 = {"path": "echo", "source_level": 135.0, "bandwidth": 1000.0, "spreading": 15.0}
         right = self.deviation(device, **table_1)
-        sampled = self.deviation(device, **table_1, noise_law="amplitude")
-        assert (right / sampled) ** 2 == pytest.approx(504, rel=0.01)
+        snr = sonar_equation.echo_snr(
+            135.0, 3.0, sonar_equation.noise_level(coates(15e3, 0.5, 0.0), 1000.0), 100.0, 15e3
+        )
+        assert right**2 / (4 * 10 ** (-snr / 10) / 1344) == pytest.approx(504, rel=0.01)
         link = torch.from_numpy(
             acoustic_link.link_table((15000.0,), acoustic_link.Sonar(noise_law="density", **table_1))
         )

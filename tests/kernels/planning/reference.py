@@ -51,12 +51,12 @@ def random_layouts(kind, n, K, box, seed):
     return torch.cat([place, z[..., None]], -1).float().contiguous()
 
 
-def sigma(K, S, source_level=135.0):
+def sigma(K, S, source_level=162.0):
     """Standard deviation (rad) of the phase differences of an echo at slant ranges S (K,), straight from the laws."""
     out = []
     for f, s in zip(carriers(K), S, strict=True):
         snr = sonar_equation.echo_snr(source_level, 3.0, sonar_equation.noise_level(coates(f, 0.5, 0.0), 1000.0), s, f)
-        out.append(math.sqrt(4 * 10 ** (-snr / 10) / (10 * 2.016e6 / f)))
+        out.append(math.sqrt(10 ** (-snr / 10) / (1000.0 * 10 / f)))  # E/N0 = SNR · B · T, ten periods
     return torch.tensor(out, dtype=torch.float64)
 
 

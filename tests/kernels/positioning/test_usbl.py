@@ -54,20 +54,23 @@ class TestNoise:
         assert np.var(phase[0] - phase[1]) == pytest.approx(4 * sigma_n**2 / N, rel=0.1)
 
     @pytest.mark.parametrize("path", ["echo", "transponder"])
-    @pytest.mark.parametrize("noise_law", ["amplitude", "demonstration"])
+    @pytest.mark.parametrize("noise_law", ["density", "demonstration"])
     @pytest.mark.parametrize("auv", [0, 1])
     def test_sigma_from_the_sonar_equation(self, device, path, noise_law, auv):
         f, offset = CARRIERS[auv], (80.0, -30.0, -100.0)
         S = math.hypot(*offset)
         NL = sonar_equation.noise_level(coates(f, 0.5, 0.0), 1000.0)
         snr = (
-            sonar_equation.echo_snr(135.0, 3.0, NL, S, f)
+            sonar_equation.echo_snr(150.0, 3.0, NL, S, f)
             if path == "echo"
-            else sonar_equation.one_way_snr(135.0, NL, S, f)
+            else sonar_equation.one_way_snr(150.0, NL, S, f)
         )
-        sigma_n = 10 ** (-snr / (20 if noise_law == "amplitude" else 10))
-        expected = math.sqrt(4 * sigma_n**2 / (10 * 2.016e6 / f))
-        _, sigma, _ = fixes(device, offset, noise=torch.zeros(1, 5), auv=auv, path=path, noise_law=noise_law)
+        if noise_law == "density":
+            expected = math.sqrt(1 / (10 ** (snr / 10) * 1000.0 * 10 / f))  # E/N0 = SNR · B · T
+        else:
+            expected = math.sqrt(4 * 10 ** (-2 * snr / 10) / (10 * 2.016e6 / f))
+        link = {"path": path, "noise_law": noise_law, "source_level": 150.0}
+        _, sigma, _ = fixes(device, offset, noise=torch.zeros(1, 5), auv=auv, **link)
         assert sigma == pytest.approx(expected, rel=1e-5)
 
     @pytest.mark.parametrize(("path", "paths"), [("echo", 2), ("transponder", 1)])
@@ -178,8 +181,8 @@ class TestValidity:
     def test_detection_follows_the_tones_energy(self, device, a):
         """Four hydrophones' energy over the noise is noncentral χ² of 8 degrees of freedom."""
         S, f = 100.0, CARRIERS[0]
-        snr = 20 * math.log10(a / math.sqrt(10 * 2.016e6 / f / 2))
-        level = snr + sonar_equation.transmission_loss(S, f) + sonar_equation.noise_level(coates(f, 0.5, 0.0), 1000.0)
+        energy = 10 * math.log10(a * a / 2)  # a² is twice E/N0
+        level = energy + sonar_equation.transmission_loss(S, f) + coates(f, 0.5, 0.0) - 10 * math.log10(10 / f)
         flags, detected, _ = flagged(device, (0.0, 0.0, -S), source_level=level, path="transponder")
         exact = stats.ncx2.sf(8 + 4 * acoustic_link.PERIOD_ENERGY * 10, 8, 4 * a * a)
         assert detected == pytest.approx(exact, abs=1e-3)
@@ -196,7 +199,7 @@ class TestValidity:
         """Amplitude and phases of one complex Gaussian: σ² falls as 2a/(2a + n)."""
         noise = torch.zeros(2, 6)
         noise[:, 0], noise[1, 5] = 1.0, 3.0
-        table = torch.from_numpy(acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(source_level=115.0))).to(device)
+        table = torch.from_numpy(acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(source_level=142.0))).to(device)
         place = torch.tensor([[0.0, 0.0, -100.0]] * 2, device=device)
         estimate, _, _ = usbl.flagged_fixes(
             table, place.new_zeros(2, dtype=torch.int32), place, place.new_zeros(2, 2), noise.to(device)
@@ -209,7 +212,7 @@ class TestValidity:
         "case",
         [
             {"offset": (100.0, 0.0, -3.0)},  # the horizon
-            {"offset": (70.0, 70.0, -12.0), "source_level": 118.0},
+            {"offset": (70.0, 70.0, -12.0), "source_level": 145.0},
             {"offset": (83.2, 5.0, -55.2), "spacing": 0.06},  # π on one axis
             {"offset": (69.45, 69.45, -18.8), "spacing": 0.072},  # π on both
             {"offset": (-70.0, 60.0, -42.2), "slope": (0.3, -0.35)},  # an array tilted towards the horizon

@@ -24,13 +24,13 @@ COUNT = 10_000
 
 
 def link_at(snr, offset, carrier=15000.0, path="echo", **settings):
-    """Link table of one AUV whose tone has the signal-to-noise ratio `snr` (dB) at the true slant range."""
+    """Link table of one AUV whose tone at the true slant range is `snr` (dB) above the noise in each sample.
+
+    That is A²/σ_n² of the tone's amplitude A; noise of the density N0 has σ_n² = N0 f_s/2, and E = A² T/2.
+    """
     S, paths = math.hypot(*offset), 2 if path == "echo" else 1
-    level = (
-        snr
-        + paths * sonar_equation.transmission_loss(S, carrier)
-        + sonar_equation.noise_level(coates(carrier, 0.5, 0.0), 1000.0)
-    )
+    density = coates(carrier, 0.5, 0.0) + 10 * math.log10(SAMPLING_RATE / 4)
+    level = snr + paths * sonar_equation.transmission_loss(S, carrier) + density
     table = acoustic_link.link_table(
         (carrier,), acoustic_link.Sonar(source_level=level, target_strength=0.0, path=path, **settings)
     )
