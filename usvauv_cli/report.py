@@ -56,11 +56,7 @@ def metrics_tables(rows: Sequence[EpisodeMetrics]) -> None:
     of_task = {name: OF_TASK.get(name, name) for name in rows[0].of_task}
     if of_task:
         _table(rows, rows[0].scenario, of_task)
-    _table(
-        rows,
-        f"{rows[0].scenario}: errors of positions, the AUVs' own, errors of usable fixes and their share",
-        POSITIONS,
-    )
+    _table(rows, f"{rows[0].scenario}: errors of positions, of the AUVs' own, and of fixes", POSITIONS)
 
 
 def _table(rows: Sequence[EpisodeMetrics], title: str, shown: Mapping[str, str]) -> None:
