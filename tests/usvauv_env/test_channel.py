@@ -9,12 +9,13 @@ import torch
 import policies
 from kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn
 from kernels.positioning import tracker, usbl
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World
 
 SOUND = [
+    *EVERY_STEP,
     "acoustics.path=transponder",
     "acoustics.source_level=187",
-    "acoustics.noise_law=density",
     "acoustics.bandwidth=4000",
     "usbl.signal=code",
     "channel.schedule=round-robin",
@@ -175,7 +176,7 @@ class TestFilters:
                 own = self.squares(world, world.own, slice(0, 2), (tracker.XX, tracker.XY, tracker.YY))
                 mean.append(own)
         mean = np.mean(mean, axis=0)
-        # First order, and systematic errors are not part of the AUV's own covariance here.
+        # Errors that fixes have in common are not part of the AUV's own covariance.
         if "usbl.gnss_error=1" in changes:
             assert mean.mean() > 3
         else:
@@ -252,4 +253,4 @@ class TestTold:
 )
 def test_what_does_not_go_together(changes, words):
     with pytest.raises(ScenarioError, match=words):
-        Scenario.load("ideal", changes)
+        Scenario.load("ideal", [*EVERY_STEP, *changes])

@@ -11,16 +11,17 @@ from kernels.mission.columns import AuvColumn, BoatColumn
 from kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
 from kernels.positioning.ambient_noise import coates
 from kernels.types import vec3
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World
 from usvauv_env.error_budget import error_budget
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
 QUIET = [
+    *EVERY_STEP,
     "acoustics.path=transponder",
     "acoustics.source_level=187",
     "acoustics.spreading=20",
-    "acoustics.noise_law=density",
     "acoustics.bandwidth=4000",
     "usbl.signal=code",
     "usbl.propagation=false",

@@ -8,7 +8,7 @@ import torch
 
 from kernels.mission.columns import AuvColumn, EstimateColumn
 from kernels.positioning import usbl
-from tests.kernels.mission.test_fixes import column, steady, voyage
+from tests.kernels.mission.test_fixes import PLAIN, column, steady, voyage
 from usvauv_env import Scenario, World
 
 WIDE = "usbl.spacing=0.06"
@@ -58,7 +58,7 @@ def test_wraps_are_undone(settings):
 @pytest.mark.parametrize("tracked", [False, True])
 def test_a_kidnapped_auv_is_found(spacing, tracked):
     """Without a tracker once it can have gone that far, at 2.2 m/s and the fastest water; with one by three fixes."""
-    scenario = Scenario.load("extreme", [f"usbl.spacing={spacing}", f"tracker.enabled={str(tracked).lower()}"])
+    scenario = Scenario.load("extreme", [*PLAIN, f"usbl.spacing={spacing}", f"tracker.enabled={str(tracked).lower()}"])
     world = World(scenario, 16, seed=3, usv="hold:60,60")
     observation = world.reset()
     errors, dropped = [], []
@@ -82,7 +82,7 @@ def test_a_kidnapped_auv_is_found(spacing, tracked):
 def test_without_a_prediction_two_directions_alike_are_dropped():
     """d = 0.8 λ, both phase differences near π: that AUV may as well be opposite, at the same depth."""
     calm = ["storm.spectrum=none", "sea.start_rms=0", "sea.irregular_rms=0", "sea.regular_amplitude=0"]
-    settings = ["usbl.spacing=0.08", "usbl.tilt=false", "current.count=0", *calm, "auv.count=1"]
+    settings = [*PLAIN, "usbl.spacing=0.08", "usbl.tilt=false", "current.count=0", *calm, "auv.count=1"]
     world = World(Scenario.load("extreme", settings), 4, seed=1, usv="hold:0,0")
     world.reset()
     cosine = math.pi / (2 * math.pi * 15000 * 0.08 / 1500)
