@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 import taichi as ti
 
 vec2 = ti.types.vector(2, ti.f32)
+ivec2 = ti.types.vector(2, ti.i32)
 vec3 = ti.types.vector(3, ti.f32)
 vec4 = ti.types.vector(4, ti.f32)
 vec5 = ti.types.vector(5, ti.f32)

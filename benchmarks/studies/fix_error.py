@@ -1,14 +1,13 @@
-"""Error of the AUVs' estimated positions by the boat's strategy and with a tracker, as the paper's Fig. 4(b).
+"""Errors of fixes and of positions by the boat's strategy, as the paper's Fig. 4(b).
 
     python -m benchmarks.studies.fix_error --out docs/fix-error.png
 
-Paired episodes: every row sees the same worlds, AUVs steered by `straight`. For each episode the median of the
-horizontal error over AUVs and steps; of these the median over episodes, and its 95 % interval by the bootstrap, as of
-the ratio to `fim` with the episodes paired. Beside it the same of each episode's rms, and of its 95th percentile with
-the ratio: the median shows neither a few positions far off nor those that grow old where fixes fail. `bound` is the
-same median of errors that are normal with the covariance J⁻¹ of a fix by a level array from the place that is D-optimal
-for the true positions, at each step: the error of a boat that is there at once, without a tracker. It neglects the
-travel time of sound, by which a fix lags behind a moving AUV.
+Paired episodes: every row sees the same worlds, AUVs steered by `straight`. For each episode the median horizontal
+error of the fixes that can be used; of these the median over episodes, and its 95 % interval by the bootstrap, as of
+the ratio to `fim` with the episodes paired. Beside it the median over episodes of the rms and the 95th percentile of
+the boat's estimates, and of the rms of where AUVs take themselves to be. `best place` is the median of errors that are
+normal with the covariance of a fix by a level array from the place that is D-optimal for the true positions, at each
+step: a boat that is there at once.
 """
 
 from __future__ import annotations
@@ -23,15 +22,13 @@ import policies
 from benchmarks.machine import describe
 from usvauv_env import Scenario, World
 from usvauv_env.record import error_bound
-from usvauv_env.record.metrics import position_error
+from usvauv_env.record.metrics import own_error, position_error, usable
 from usvauv_env.record.recorder import record
 from usvauv_env.record.trace import Trace
 
 SCENARIOS = ("ideal", "extreme")
 TEAMS = (2, 3, 4, 5, 6)
-TRACKED = ("tracker.enabled=true",)
 PAPER = ("planner.objective=sum", "planner.measurement=phase", "planner.noise=constant")
-METERED = ("tracker.enabled=true", "tracker.current_reading=0.1")
 ROWS = {
     "hold:0,0": ("hold:0,0", ()),
     "hold:100,100": ("hold:100,100", ()),
@@ -39,12 +36,10 @@ ROWS = {
     "fim by the paper's Eq. 2": ("fim", PAPER),
     "fim-greedy": ("fim-greedy", ()),
     "fim": ("fim", ()),
-    "fim + tracker": ("fim", TRACKED),
-    "fim-horizon + tracker": ("fim-horizon", TRACKED),
-    "fim + tracker + current meter": ("fim", METERED),
 }
-COLOURS = ("#8c510a", "#c1440e", "#5c8001", "#e0a800", "#9ecae1", "#33658a", "#7b3294", "#c2a5cf", "#d6604d")
+COLOURS = ("#8c510a", "#c1440e", "#5c8001", "#e0a800", "#9ecae1", "#33658a")
 RESAMPLES = 4000
+BEST = "best place"
 
 
 def voyage(scenario: str, auvs: int, usv: str, settings: tuple[str, ...], episodes: int, seed: int) -> Trace:
@@ -53,7 +48,12 @@ def voyage(scenario: str, auvs: int, usv: str, settings: tuple[str, ...], episod
     return record(world, policies.load("straight", world).act, "straight")
 
 
-def bound(trace: Trace) -> np.ndarray:
+def rms(error: np.ndarray) -> np.ndarray:
+    """Root mean square (W,) of errors (T, W, K)."""
+    return np.sqrt(np.square(error, dtype=np.float64).mean(axis=(0, 2)))
+
+
+def from_best_place(trace: Trace) -> np.ndarray:
     """For each episode, the median error of fixes from the best place."""
     variance = error_bound.variance(trace)
     return np.array([error_bound.median_of_normals(variance[:, w].ravel()) for w in range(variance.shape[1])])
@@ -74,36 +74,39 @@ def measure(episodes: int, seed: int) -> dict[str, object]:
     for scenario in SCENARIOS:
         teams = result.setdefault(scenario, {})
         for auvs in TEAMS:
-            errors, largest, rms = {}, {}, {}
+            errors, positions = {}, {}
             for row, (usv, settings) in ROWS.items():
                 trace = voyage(scenario, auvs, usv, settings, episodes, seed)
-                error = position_error(trace)
-                errors[row], largest[row] = np.quantile(error, (0.5, 0.95), axis=(0, 2))
-                rms[row] = np.sqrt(np.square(error, dtype=np.float64).mean(axis=(0, 2)))
+                fixes = np.where(usable(trace), np.linalg.norm(trace.fix - trace.heard_position, axis=-1), np.nan)
+                errors[row] = np.nanmedian(fixes, axis=(0, 2))
+                known, own = position_error(trace), own_error(trace)
+                positions[row] = {
+                    "rms": rms(known),
+                    "p95": np.quantile(known, 0.95, axis=(0, 2)),
+                    "own_rms": rms(own),
+                }
                 if row == "fim":
-                    errors["bound"] = bound(trace)
+                    errors[BEST] = from_best_place(trace)
             teams[auvs] = {
                 row: {"median": interval(values), "over_fim": interval(values, errors["fim"])}
                 for row, values in errors.items()
             }
-            for row, values in largest.items():
-                over = {"p95": interval(values), "p95_over_fim": interval(values, largest["fim"])}
-                teams[auvs][row] |= {"rms": interval(rms[row])} | over
+            for row, values in positions.items():
+                teams[auvs][row] |= {name: interval(value) for name, value in values.items()}
             print(table(scenario, auvs, teams[auvs]), flush=True)
     return result
 
 
 def table(scenario: str, auvs: int, rows: dict) -> str:
     lines = [
-        f"{scenario}, {auvs} AUVs: median error, m (95 %), and over that of fim; rms, m; 95th percentile, m,"
-        " and over that of fim"
+        f"{scenario}, {auvs} AUVs: median error of fixes, m (95 %), and over that of fim; estimates: rms, 95 %, m;"
+        " the AUVs' own: rms, m"
     ]
     for row, figures in rows.items():
         (m, low, high), (ratio, least, most) = figures["median"], figures["over_fim"]
         line = f"  {row:31s} {m:6.3f} ({low:.3f} to {high:.3f})   {ratio:5.2f} ({least:.2f} to {most:.2f})"
-        if row != "bound":
-            ratio, least, most = figures["p95_over_fim"]
-            line += f"   {figures['rms'][0]:6.3f}   {figures['p95'][0]:6.3f}   {ratio:5.2f} ({least:.2f} to {most:.2f})"
+        if row != BEST:
+            line += "".join(f"   {figures[name][0]:6.3f}" for name in ("rms", "p95", "own_rms"))
         lines.append(line)
     return "\n".join(lines)
 
@@ -116,11 +119,11 @@ def draw(result: dict, path: str) -> None:
             m, low, high = np.array([result[scenario][auvs][row]["median"] for auvs in TEAMS]).T
             x = np.array(TEAMS) + 0.05 * (shift - len(ROWS) / 2)
             panel.errorbar(x, m, (m - low, high - m), fmt="o-", ms=4, lw=1.2, color=colour, label=row)
-        limit = [result[scenario][auvs]["bound"]["median"][0] for auvs in TEAMS]
-        panel.plot(TEAMS, limit, "k--", lw=1.2, label="bound of a single fix, J⁻¹ at the best place")
+        limit = [result[scenario][auvs][BEST]["median"][0] for auvs in TEAMS]
+        panel.plot(TEAMS, limit, "k--", lw=1.2, label="as the covariance says, from the best place at once")
         panel.set(title=scenario, xlabel="number of AUVs", xticks=TEAMS, yscale="log")
         panel.grid(alpha=0.3, which="both")
-    panels[0].set(ylabel="median horizontal error, m")
+    panels[0].set(ylabel="median horizontal error of fixes, m")
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8, frameon=False
     )

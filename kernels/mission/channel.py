@@ -23,7 +23,7 @@ from kernels.mission.columns import (
     Sensor,
 )
 from kernels.mission.worlds import uniforms
-from kernels.types import vec2
+from kernels.types import ivec2, vec2
 
 SLOT_ROUNDING = 1e-4  # of a slot's length
 
@@ -96,14 +96,24 @@ def ask(worlds: ti.template(), w, k, start):
 
 
 @ti.func
+def is_lost(worlds: ti.template(), w, k) -> ivec2:
+    """Whether an interrogation of AUV k and its reply are lost in this step."""
+    lost = ivec2(0, 0)
+    if worlds.p[Parameter.packet_loss] > 0.0:
+        u = uniforms(worlds, w, Draw.loss, k)
+        for way in ti.static(range(2)):
+            lost[way] = ti.cast(u[way] < worlds.p[Parameter.packet_loss], ti.i32)
+    return lost
+
+
+@ti.func
 def answer(worlds: ti.template(), w, k):
     """AUV k hears the interrogation, unless it is lost, and its reply leaves."""
     exchange = ti.static(worlds.exchange)
     age = -exchange[w, k, ExchangeColumn.reply_at]
     share = age / worlds.p[Parameter.step]
-    u = uniforms(worlds, w, Draw.loss, k)
     exchange[w, k, ExchangeColumn.reply] = Reply.lost
-    if u[0] >= worlds.p[Parameter.packet_loss]:
+    if not is_lost(worlds, w, k)[0]:
         exchange[w, k, ExchangeColumn.reply] = Reply.sent
         for axis in ti.static(range(2)):
             moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
@@ -117,9 +127,10 @@ def answer(worlds: ti.template(), w, k):
 def receive(worlds: ti.template(), pose: fixes.ArrayPose, w, k, age):
     """The reply of AUV k arrives `age` seconds before the end of the step, if it does."""
     there = vec2(worlds.exchange[w, k, ExchangeColumn.sent_x], worlds.exchange[w, k, ExchangeColumn.sent_y])
-    u = uniforms(worlds, w, Draw.loss, k)
-    lost = worlds.exchange[w, k, ExchangeColumn.reply] == Reply.lost or u[1] < worlds.p[Parameter.packet_loss]
-    fixes.take_reply(worlds, pose, w, k, there, age, ti.cast(lost, ti.i32))
+    lost = is_lost(worlds, w, k)[1]
+    if worlds.exchange[w, k, ExchangeColumn.reply] == Reply.lost:
+        lost = 1
+    fixes.take_reply(worlds, pose, w, k, there, age, lost)
     worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
     worlds.exchange[w, k, ExchangeColumn.over] = 1.0
 

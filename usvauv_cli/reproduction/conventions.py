@@ -12,6 +12,8 @@ from usvauv_env.scenario import Scenario
 # Subject; what the paper (P) or its demonstration (D) has; fields of the scenario that hold what was done here.
 SCENARIO = (
     ("noise of a fix against SNR", "D: amplitude 10^(−SNR/10), which is 10^(−SNR/20)", ("acoustics.noise_law",)),
+    ("positioning signal", "P: an echo of 135 dB", ("acoustics.path", "acoustics.source_level", "usbl.signal")),
+    ("fixes", "P: of all AUVs in each step", ("channel.schedule", "navigation.sensor")),
     ("data rate", "D: B log2(1 + 10^SNR) with SNR in dB, about ten times Shannon's", ("nodes.rate_law",)),
     ("bandwidth of the data link, Hz", "D: 1 kHz", ("nodes.bandwidth",)),
     ("vertical separation", "D: 100 m, both boat to AUV and AUV to node", ("auv.separation", "auv.depth")),

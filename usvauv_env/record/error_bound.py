@@ -1,8 +1,9 @@
 """What no path of the boat can beat: the error of fixes made from the best place at every moment.
 
-A fix's error is taken as normal with the covariance J⁻¹ of the whole fix (phases and delay) by a level array at the
-place that is D-optimal for the true positions. It is the bound of a single fix: a tracker, which remembers, can be
-better, and a moving AUV whose sound takes time is worse.
+A fix's error is taken as normal with the covariance of the whole fix (phases and delay) by a level array at the place
+that is D-optimal for the true positions: J⁻¹, and what the errors add that fixes have in common. Where there are none
+it is the bound of a single fix: a tracker, which remembers, can be better, and a moving AUV whose sound takes time is
+worse.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ import torch
 
 from kernels import runtime
 from kernels.planning import global_search, objectives
-from kernels.positioning import usbl
+from kernels.positioning import acoustic_link, usbl
 from usvauv_env.record.trace import Trace
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
+
+COMMON = ("ALIGNMENT", "POSITION", "HEADING", "SOUND_SPEED")  # columns of the link table, see `acoustic_link`
 
 
 def variance(trace: Trace) -> np.ndarray:
@@ -33,7 +36,12 @@ def variance(trace: Trace) -> np.ndarray:
     index = torch.arange(auvs, dtype=torch.int32, device=link.device).repeat(steps * worlds)
     level, none = away.new_zeros(len(away), 2), away.new_zeros(len(away), 5)
     covariance = usbl.fixes(link, index, away, level, none)[1].double().cpu().numpy()
-    return ((covariance[:, 0] + covariance[:, 2]) / 2).reshape(steps, worlds, auvs)
+    k = index.cpu().numpy()
+    constants = {name: link[:, getattr(acoustic_link, name)].double().cpu().numpy()[k] for name in COMMON}
+    across, down = away[:, :2].square().sum(1).cpu().numpy(), away[:, 2].square().cpu().numpy()
+    common = constants["ALIGNMENT"] * down + constants["POSITION"]
+    common += (0.5 * constants["HEADING"] + 2.0 * constants["SOUND_SPEED"]) * across
+    return ((covariance[:, 0] + covariance[:, 2]) / 2 + common).reshape(steps, worlds, auvs)
 
 
 def median_of_normals(variance: np.ndarray) -> float:

@@ -120,6 +120,11 @@ def position_error(trace: Trace) -> np.ndarray:
     return np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)
 
 
+def own_error(trace: Trace) -> np.ndarray:
+    """Distance between where the AUVs take themselves to be and where they are, (T, W, K), m."""
+    return np.linalg.norm(trace.own_position - trace.auv_position, axis=-1)
+
+
 def usable(trace: Trace) -> np.ndarray:
     """Whether the boat has a fix that it can use, (T, W, K), as far as a receiver can tell: see `usbl.UNUSABLE`.
 
@@ -194,7 +199,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     """One row for each world of a trace."""
     step = trace.scenario.mission.step
     error = position_error(trace)
-    own_error = np.linalg.norm(trace.own_position - trace.auv_position, axis=-1)
+    own = own_error(trace)
     fix_error = np.linalg.norm(trace.fix - trace.heard_position, axis=-1)
     had = usable(trace)
     wrapped = (trace.fix_flags & WRAPPED) > 0
@@ -220,7 +225,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             collisions=int(trace.collisions[:, w].sum()),
             border=int(trace.border[:, w].sum()),
             **{f"position_error_{name}": value for name, value in distribution(error[:, w]).items()},
-            **{f"own_error_{name}": value for name, value in distribution(own_error[:, w]).items()},
+            **{f"own_error_{name}": value for name, value in distribution(own[:, w]).items()},
             **{f"fix_error_{name}": value for name, value in distribution(fix_error[:, w][had[:, w]]).items()},
             fix_availability=float(had[:, w].mean()),
             fix_wrapped=float(wrapped[:, w][had[:, w]].mean()) if had[:, w].any() else math.nan,

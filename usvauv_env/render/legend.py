@@ -26,6 +26,17 @@ def _goal(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
     symbols.cross(picture, at, 4.5 * layout.unit, style.BOAT, layout.px(2))
 
 
+def _ping(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    for radius, share in ((4, 0.7), (9, 0.35)):
+        ink = style.mix(style.CARD, style.BOAT, share)
+        shapes.ring(picture, at, radius * layout.unit, ink, layout.px(1.3))
+
+
+def _heard(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    ends = at + np.array([(-12, 5), (12, -5)]) * layout.unit
+    shapes.stroke(picture, ends, style.mix(style.CARD, style.auv_colour(0), 0.6), layout.px(1.2))
+
+
 def _target(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
     ends = at + np.array([(-11, 5), (11, -5)]) * layout.unit
     for piece in shapes.dashes(ends[0], ends[1], 4 * layout.unit):
@@ -81,6 +92,8 @@ def _current(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
 ENTRIES: tuple[tuple[Symbol, str], ...] = (
     (_auv, "underwater vehicle (AUV), last 2 min"),
     (_boat, "boat (USV): finds the AUVs by sound"),
+    (_ping, "ring: the boat asks where they are"),
+    (_heard, "line from the boat: an AUV it heard"),
     (_target, "way to the sensor node it heads for"),
     (_goal, "where the boat plans to go"),
     (_next, "its way to the next three nodes"),
@@ -96,6 +109,8 @@ ENTRIES: tuple[tuple[Symbol, str], ...] = (
 STATION_ENTRIES: tuple[tuple[Symbol, str], ...] = (
     (_auv, "underwater vehicle (AUV), last 2 min"),
     (_boat, "boat (USV): finds the AUVs by sound"),
+    (_ping, "ring: the boat asks where they are"),
+    (_heard, "line from the boat: an AUV it heard"),
     (_target, "way to the station it holds"),
     (_goal, "where the boat plans to go"),
     (_current, "drifting streaks: water current"),

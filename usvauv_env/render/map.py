@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from kernels.positioning import usbl
 from usvauv_env.record.collection import age
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import shapes, style, symbols
@@ -19,6 +20,8 @@ from usvauv_env.render.text import text_width, write
 TRAIL = 120.0  # s
 TRAIL_PIECES = 10  # of one opacity each
 POPUP_FRAMES = 45  # for which the data of a completed service is shown
+PING_FRAMES = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
+HEARD_FRAMES = 6.0  # in which the line to an AUV that was heard fades to 1/e
 OLD = 300.0  # s, age from which on a node's ring is brightest
 NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
 SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
@@ -29,6 +32,22 @@ def error_axes(covariance: np.ndarray) -> np.ndarray:
     xx, xy, yy = np.asarray(covariance, float)
     variances, directions = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
     return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[:, None] * directions.T
+
+
+def latest(happened: np.ndarray) -> np.ndarray:
+    """Row (T, ...) in which something last happened, for each row of flags (T, ...); −1 before the first."""
+    rows = np.arange(len(happened)).reshape(-1, *[1] * (happened.ndim - 1))
+    return np.maximum.accumulate(np.where(happened, rows, -1))
+
+
+def pings(asked: np.ndarray) -> np.ndarray:
+    """Row (T,) in which the ring that is shown began, of flags (T,) of exchanges; −1 before the first."""
+    shown = np.zeros(len(asked), bool)
+    last = -PING_FRAMES
+    for row in np.flatnonzero(asked):
+        if row - last >= PING_FRAMES:
+            shown[row], last = True, row
+    return latest(shown)
 
 
 class MissionMap:
@@ -53,6 +72,9 @@ class MissionMap:
         self._boat = self.view.pixel(trace.boat_position[:, 0])
         self._auvs = self.view.pixel(trace.auv_position[:, 0])
         self._nodes = self.view.pixel(trace.node_position[0])
+        flags = trace.fix_flags[:, 0]
+        self._heard = latest((flags & usbl.DETECTED) > 0)
+        self._pinged = pings((flags & usbl.SILENT).min(-1) == 0)
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         # Stations have no data that could be old.
         self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
@@ -67,6 +89,7 @@ class MissionMap:
         self._overlay.clear()
         self.streaks.update(self._trace.vortex[t, 0])
         self.streaks.draw(self._overlay, t * self._streak_step, self._layout.px(1.2))
+        self._draw_pings(t)
         self._draw_trails(t)
         self._draw_links(t)
         self._overlay.blend(picture)
@@ -94,13 +117,24 @@ class MissionMap:
             full = min(1.0, (t - first) * self._step / TRAIL)
             self._overlay.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
 
+    def _draw_pings(self, t: int) -> None:
+        """A ring from the boat where it has asked, and lines to the AUVs it has heard."""
+        boat = self._boat[t]
+        share = (t - self._pinged[t]) / PING_FRAMES
+        if self._pinged[t] >= 0 and share < 1:
+            reach = np.hypot(*(self._auvs[t] - boat).T).max()
+            self._overlay.ring(boat, share * reach, style.BOAT, 0.45 * (1 - 0.7 * share), self._layout.px(1.3))
+        for auv, position in enumerate(self._auvs[t]):
+            lit = 0.5 * math.exp((self._heard[t, auv] - t) / HEARD_FRAMES)
+            if self._heard[t, auv] >= 0 and lit > 0.03:  # what is drawn later replaces what is there
+                self._overlay.strokes([np.stack([boat, position])], style.auv_colour(auv), lit, self._layout.px(1.2))
+
     def _draw_links(self, t: int) -> None:
-        """Dashed lines to the targets, thin lines from the boat to the AUVs it locates, rings around services."""
+        """Dashed lines to the targets, rings around services."""
         unit, phase = self._layout.unit, (t % 24) / 24
         for auv, position in enumerate(self._auvs[t]):
             colour = style.auv_colour(auv)
             node = self._nodes[self._node_of(t, auv)]
-            self._overlay.strokes([np.stack([self._boat[t], position])], style.WHITE, 0.16, self._layout.px(1))
             stops = self._nodes[[self._node_of(t, auv), *self._next(t, auv)]]
             for place, leg in enumerate(pairwise(stops)):
                 self._overlay.strokes([np.stack(leg)], colour, 0.55 - 0.12 * place, self._layout.px(1.3))

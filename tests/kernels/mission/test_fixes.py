@@ -223,7 +223,9 @@ class TestModels:
 class TestTracker:
     def test_is_the_filter_of_its_own_module(self):
         """What the mission feeds the tracker is commanded motion, fixes with their age, and readings of the current."""
-        scenario = Scenario.load("extreme", [*PLAIN, "tracker.enabled=true", "usbl.packet_loss=0.2", "usbl.latency=0.1"])
+        scenario = Scenario.load(
+            "extreme", [*PLAIN, "tracker.enabled=true", "usbl.packet_loss=0.2", "usbl.latency=0.1"]
+        )
         world = World(scenario, 16, seed=3, usv="centroid")
         world.reset()
         shape = (32, -1)
