@@ -18,13 +18,14 @@ import torch
 from usvauv_env import Scenario, World
 
 STEPS = 40
-WAVEFORM = ["usbl.model=waveform"]
+WAVEFORM = ["usbl.model=waveform", "usbl.signal=tone"]
 REFRACTION = [
     "acoustics.sound_speed_profile=[[0,1500],[50,1490],[200,1485]]",
     "usbl.latency=0.2",
     "usbl.packet_loss=0.1",
 ]
-TRACKED = ["tracker.enabled=true", "auv.count=3", "tracker.current_reading=0.05"]
+TRACKED = ["channel.schedule=every-step", "navigation.sensor=none", "tracker.enabled=true", "auv.count=3"]
+TRACKED += ["tracker.current_reading=0.05"]
 PAPER_OBJECTIVE = ["planner.objective=paper", "auv.count=4", "planner.measurement=fix"]
 POLAR = ["observation.current=vector", "auv.action=polar"]
 

@@ -12,6 +12,7 @@ import pytest
 
 import policies
 import usvauv_env
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario
 from usvauv_env.world import observation
 
@@ -87,6 +88,7 @@ def test_noise_law(tmp_path):
     quiet, loud = (
         evaluated(
             tmp_path,
+            *(part for change in EVERY_STEP for part in ("--set", change)),
             "--set",
             "acoustics.ambient_noise=wind-only",
             "--set",

@@ -53,7 +53,7 @@ ABLATIONS = {
     "no reward for nearness (Eq. 5)": ("no reward for nearness", "extreme", (), "fim"),
     "boat held at (100, 100)": ("extreme", "extreme", (), "hold:100,100"),
     "boat held at (0, 0)": ("extreme", "extreme", (), "hold:0,0"),
-    "with the tracker": ("extreme", "extreme", ("tracker.enabled=true",), "fim"),
+    "no dead reckoning": ("extreme", "extreme", ("navigation.sensor=none",), "fim"),
 }
 
 

@@ -55,7 +55,9 @@ def spread(error: np.ndarray) -> dict[str, float]:
 
 
 def measure(boat: str, spacing: float, tracked: bool, episodes: int, seed: int) -> dict[str, Any]:
-    settings = [f"usbl.spacing={spacing}", f"tracker.enabled={str(tracked).lower()}"]
+    # A fix in each step, the estimate the last one or the tracker's.
+    settings = ["channel.schedule=every-step", "navigation.sensor=none"]
+    settings += [f"usbl.spacing={spacing}", f"tracker.enabled={str(tracked).lower()}"]
     world = World(Scenario.load("extreme", settings), episodes, seed, boat)
     trace = record(world, policies.load("straight", world).act, "straight")
     raw, wrapped = taken_as_they_are(trace, seed)

@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from kernels.runtime import DEBUG
+from tests.links import EVERY_STEP
 
 MISSION = """
 import sys, torch
@@ -37,10 +38,16 @@ def run(last: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     "arguments",
     [
         ("extreme", "fim"),
-        ("extreme", "fim-horizon", "tracker.enabled=true", "usbl.latency=0.4", "auv.count=4"),
+        ("extreme", "fim-horizon", *EVERY_STEP, "tracker.enabled=true", "usbl.latency=0.4", "auv.count=4"),
         ("station-keeping", "fim-greedy", "sea.equations=nonlinear", "sea.cell_size=10", "sea.realisations=2"),
         ("paper-extreme", "centroid", "nodes.count=500"),
-        ("ideal", "hold:0,0", "acoustics.sound_speed_profile=[[0,1500],[50,1490],[200,1485]]", "usbl.model=waveform"),
+        (
+            "ideal",
+            "hold:0,0",
+            "acoustics.sound_speed_profile=[[0,1500],[50,1490],[200,1485]]",
+            "usbl.model=waveform",
+            "usbl.signal=tone",
+        ),
     ],
 )
 def test_no_index_leaves_its_array(arguments):

@@ -15,6 +15,7 @@ from policies.algorithms import ALGORITHMS, Sizes
 from policies.export import export
 from policies.frames import ACTION_SIZE, FRAMES
 from policies.standardizer import Standardizer
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World
 from usvauv_env.files import OutputError
 from usvauv_env.site.site import Site
@@ -121,7 +122,7 @@ class TestQuantities:
         return observation[..., index]
 
     def test_observation(self):
-        scenario = Scenario.load("extreme", ["auv.count=3", "observation.current=vector"])
+        scenario = Scenario.load("extreme", [*EVERY_STEP, "auv.count=3", "observation.current=vector"])
         world = World(scenario, 16, seed=1)
         world.reset()
         for _ in range(5):

@@ -17,8 +17,8 @@ from policies.checkpoint import POLICY, TRAINING, read
 from usvauv_cli import app
 from usvauv_env import Scenario, World
 
-# With a tracker and its memory. 4 worlds of 12 steps an episode: one ends after 48 world-steps.
-SCENARIO = ["mission.duration=12", "tracker.enabled=true"]
+# With filters and their memory. 4 worlds of 12 steps an episode: one ends after 48 world-steps.
+SCENARIO = ["mission.duration=12"]
 WORLDS, WARMUP, TOTAL = 4, 80, 200
 SMALL = {"hidden": (16, 16), "batch": 32, "n_step": 3, "warmup": WARMUP, "updates": 2}
 

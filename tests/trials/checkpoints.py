@@ -40,7 +40,7 @@ VALUES: tuple[Any, ...] = (
 
 
 def trainer(folder: Path) -> Trainer:
-    scenario = Scenario.load("extreme", ["mission.duration=20", "tracker.enabled=true"])
+    scenario = Scenario.load("extreme", ["mission.duration=20"])
     config = TrainingConfig(
         num_worlds=WORLDS, replay=WORLDS * 40, hidden=(8, 8), batch=8, n_step=2, warmup=32, layer_norm=True
     )

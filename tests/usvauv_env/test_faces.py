@@ -15,6 +15,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 from pettingzoo.utils import parallel_to_aec
 
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World, parallel_env
 from usvauv_env.faces.camera import FPS, SIZE
 from usvauv_env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
@@ -335,7 +336,13 @@ class TestSpaces:
 
     def test_wild_fixes_are_clamped(self):
         """An attitude error of half a radian five kilometres above the AUVs: fixes scatter far outside the area."""
-        deep = ["area.depth=6000", "auv.depth=5000", "usbl.attitude_error=0.5", "acoustics.source_level=260"]
+        deep = [
+            *EVERY_STEP,
+            "area.depth=6000",
+            "auv.depth=5000",
+            "usbl.attitude_error=0.5",
+            "acoustics.source_level=260",
+        ]
         scenario = Scenario.load("extreme", deep)
         envs = gymnasium.make_vec(NAME, num_envs=16, scenario=scenario, usv="hold:0,0")
         observation, _ = envs.reset(seed=1)

@@ -17,7 +17,7 @@ WORLDS = 4
 
 @pytest.fixture
 def world():
-    world = World(Scenario.load("extreme", ["tracker.enabled=true"]), WORLDS, 0, first_world=10)
+    world = World(Scenario.load("extreme"), WORLDS, 0, first_world=10)
     world.reset()
     world.step(torch.zeros(WORLDS, 2, 2))
     return world

@@ -9,13 +9,14 @@ import torch
 
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.mission.tasks.task import tasks
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World, plugins
 from usvauv_env.record.metrics import task_metrics
 from usvauv_env.world.observation import observation_terms
 from usvauv_env.world.world import STATE
 
 PLUGIN = Path(__file__).parents[2] / "examples" / "plugins" / "task.py"
-TRACKED = ["tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]
+TRACKED = [*EVERY_STEP, "tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]
 RACE = ["auv.count=3", "current.circulation_min=400", "current.circulation_max=800", "auv.action=polar"]
 CASES = {
     "extreme": ("extreme", ["nodes.start_backlog=5000"], "fim"),
@@ -120,7 +121,7 @@ def _plugin(monkeypatch):
 
 ALONE = {
     "tracked": ("extreme", [*TRACKED, "tracker.current_reading=0.05"], "centroid"),
-    "waveform": ("ideal", ["usbl.model=waveform"], "fim"),
+    "waveform": ("ideal", [*EVERY_STEP, "usbl.model=waveform"], "fim"),
     "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "centroid"),
     "station-keeping": ("station-keeping", ["auv.count=5"], "centroid"),
     "plugin": ("extreme", ["task=survey"], "centroid"),

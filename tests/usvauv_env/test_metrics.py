@@ -9,6 +9,7 @@ import torch
 
 import policies
 from kernels.positioning import usbl
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, Trace, TraceError, World
 from usvauv_env.record.metrics import COLUMNS, energy_consumption, episode_metrics, usable
 from usvauv_env.record.recorder import record
@@ -47,7 +48,10 @@ def small_trace() -> Trace:
     arrays["node_position"][0, 0] = [0, 7]
     arrays["auv_position"][:, 0, 1] = [[3, 3], [3, 3], [0, 7], [0, 6]]
     arrays["estimate"][:, 0, 1] += arrays["auv_position"][:, 0, 1]
-    arrays["fix"][:, 0, 1] += arrays["auv_position"][:, 0, 1]
+    arrays["own_position"][:, 0, 0] = [[0, 2], [0, 2], [0, 0], [0, 0]]
+    arrays["own_position"][:, 0, 1] = arrays["auv_position"][:, 0, 1]
+    arrays["heard_position"][:, 0, 1] = arrays["auv_position"][:, 0, 1] - 1  # its signal took its time
+    arrays["fix"][:, 0, 1] += arrays["heard_position"][:, 0, 1]
     scenario = Scenario.from_dict({"name": "paper sheet", "mission": {"step": 2.0, "duration": 8.0}})
     return Trace(scenario=scenario, policy="p", usv="fim", seed=3, reward_names=("a", "b"), **arrays)
 
@@ -67,6 +71,8 @@ def test_metrics_by_hand():
     assert row.position_error_median == pytest.approx(1)
     assert row.target_distance == pytest.approx((4 * 7 + 5 + 5 + 0 + 1) / 8)
     assert row.position_error_rms == pytest.approx(math.sqrt((25 + 4) / 8))
+    assert row.own_error_mean == pytest.approx(4 / 8)
+    assert row.own_error_rms == pytest.approx(1)
     # Sorted 0 0 0 1 1 1 1 5; the 95th percentile lies at 0.95 · 7 = 6.65 of the way from the first to the last.
     assert row.position_error_p95 == pytest.approx(1 + 0.65 * 4)
 
@@ -129,7 +135,7 @@ class TestFixes:
 
     def test_usable_fixes_are_those_that_the_boat_uses(self):
         """Without a tracker the estimate is the last usable fix: it changes when there is one, and to it."""
-        noisy = ["auv.count=3", "acoustics.source_level=119", "usbl.packet_loss=0.2", "usbl.spacing=0.052"]
+        noisy = [*EVERY_STEP, "auv.count=3", "acoustics.source_level=146", "usbl.packet_loss=0.2", "usbl.spacing=0.052"]
         world = World(Scenario.load("extreme", ["mission.duration=60", *noisy]), num_worlds=4, seed=1, usv="hold:0,0")
         trace = record(world, lambda _: torch.zeros(4, 3, 2), "still")
         had = usable(trace)
@@ -159,6 +165,7 @@ def test_csv_has_the_promised_columns(tmp_path):
     promised = (
         "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh target_distance overflow "
         "collisions border position_error_mean position_error_median position_error_rms position_error_p95 "
+        "own_error_mean own_error_median own_error_rms own_error_p95 "
         "fix_error_mean fix_error_median fix_error_rms fix_error_p95 fix_availability fix_wrapped fix_dropped "
         "outage_longest targets"
     )

@@ -12,6 +12,7 @@ import torch
 
 from kernels.flow.vortex import Vortex
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World
 
 STEPS, WORLDS, SIDE = 80, 12, 200.0
@@ -23,7 +24,7 @@ COLUMNS = {
     "boat": BoatColumn.names,
     "estimate": EstimateColumn.names,
 }
-PLACES = {"x", "y", "fix_x", "fix_y", "goal_x", "goal_y"}
+PLACES = {"x", "y", "fix_x", "fix_y", "heard_x", "heard_y", "goal_x", "goal_y"}
 EDGES = {
     "x": {"east": "west", "north": "north"},
     "y": {"east": "east", "north": "south"},
@@ -68,7 +69,7 @@ def mirrored_action(action: torch.Tensor, mirror: str) -> torch.Tensor:
 @pytest.mark.parametrize("mirror", ["x", "y", "diagonal"])
 def test_mirrored_worlds_have_mirrored_futures(mirror, usv, edge, seed):
     def built(side: str) -> World:
-        world = World(Scenario.load("extreme", [*LOUD, f"sea.forced_edge={side}"]), WORLDS, seed, usv)
+        world = World(Scenario.load("extreme", [*EVERY_STEP, *LOUD, f"sea.forced_edge={side}"]), WORLDS, seed, usv)
         world.reset()
         return world
 

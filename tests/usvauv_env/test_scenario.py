@@ -106,7 +106,7 @@ def test_overrides_that_are_refused(override, parts):
             ["sea.radiating_edges=[]", 'sea.sponge_edges=["north", "south"]', "sea.sponge_width=101"],
             ["100 m", "overlap"],
         ),
-        (["usbl.model=waveform", "usbl.periods=10000"], ["usbl.periods", "samples"]),
+        (["usbl.model=waveform", "usbl.signal=tone", "usbl.periods=10000"], ["usbl.periods", "samples"]),
     ],
 )
 def test_numbers_that_exclude_one_another(overrides, parts):

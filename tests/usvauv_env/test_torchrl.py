@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from kernels import runtime
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.site.site import Site
 from usvauv_env.world.spaces import auv_observation_space
@@ -199,7 +200,13 @@ class TestSpecs:
 
     def test_wild_fixes_are_clamped(self):
         """An attitude error of half a radian five kilometres above the AUVs: fixes scatter far outside the area."""
-        deep = ["area.depth=6000", "auv.depth=5000", "usbl.attitude_error=0.5", "acoustics.source_level=260"]
+        deep = [
+            *EVERY_STEP,
+            "area.depth=6000",
+            "auv.depth=5000",
+            "usbl.attitude_error=0.5",
+            "acoustics.source_level=260",
+        ]
         env = DataCollectionTorchRLEnv(Scenario.load("extreme", deep), 16, seed=1, usv="hold:0,0")
         data = env.reset()
         assert env.world.observation.abs().max() > 2

@@ -8,6 +8,7 @@ import torch
 from kernels import runtime
 from kernels.errors import DivergenceError
 from kernels.mission.columns import AuvColumn
+from tests.links import EVERY_STEP
 from tests.nothing_waits import NothingWaits
 from usvauv_env import Scenario, World
 
@@ -22,7 +23,13 @@ def elsewhere(monkeypatch, device):
 
 
 @pytest.mark.parametrize(
-    ("name", "settings"), [("extreme", ["tracker.enabled=true"]), ("paper-extreme", []), ("station-keeping", [])]
+    ("name", "settings"),
+    [
+        ("extreme", []),
+        ("extreme", [*EVERY_STEP, "tracker.enabled=true"]),
+        ("paper-extreme", []),
+        ("station-keeping", []),
+    ],
 )
 def test_a_step_waits_for_nothing(elsewhere, name, settings):
     world = World(Scenario.load(name, settings), WORLDS)

@@ -9,6 +9,7 @@ import torch
 from kernels.flow import vortex
 from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from kernels.positioning import sonar_equation
+from tests.links import EVERY_STEP
 from tests.usvauv_env.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.build import build_sea
@@ -121,7 +122,7 @@ class TestRealBed:
     def test_nodes_lie_on_it(self, slope):
         """A service has the data rate of the slant range to a node on the bed."""
         frame = LocalFrame(4.95, 59.95)
-        scenario = self.scenario(slope, "nodes.count=60", "auv.hover_radius=30", "nodes.margin=0")
+        scenario = self.scenario(slope, *EVERY_STEP, "nodes.count=60", "auv.hover_radius=30", "nodes.margin=0")
         world = World(scenario, 64, seed=3, targets="greedy")
         head_for_targets(world, 60)
         serving = world.auv[..., AuvColumn.hover] > 0

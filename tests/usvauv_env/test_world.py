@@ -13,6 +13,7 @@ import torch
 from kernels.flow import airy
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from kernels.types import Level
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.build import build_short_waves
 from usvauv_env.site.site import Site
@@ -390,7 +391,7 @@ class TestTask:
 
     def test_rate_at_a_hundred_metres(self):
         """Shannon's rate over 10 kHz at 20 kHz and 100 m, from the sonar equation written out by hand."""
-        scenario = Scenario.load("ideal", ["area.depth=200", "auv.count=1"])
+        scenario = Scenario.load("ideal", [*EVERY_STEP, "area.depth=200", "auv.count=1"])
         f = 20.0
         alpha = 0.11 * f**2 / (1 + f**2) + 44 * f**2 / (4100 + f**2) + 2.75e-4 * f**2 + 0.003
         densities = (
@@ -543,14 +544,15 @@ class TestObservation:
         scenario = Scenario.load("extreme", ["auv.count=3", "observation.current=vector"])
         world = World(scenario, num_worlds=16, seed=1)
         run(world, 40)
-        o, fix, diagonal = world.observation, world.estimate[..., EstimateColumn.span("x", "y")], math.hypot(200, 200)
+        o, own, diagonal = world.observation, world.own_position, math.hypot(200, 200)
+        others = world.estimate[..., EstimateColumn.span("x", "y")]  # as the boat has them
         assert o.shape == (16, 3, 2 * 2 + 6 + 3)
-        torch.testing.assert_close(o[:, 1, 0:2], (fix[:, 0] - fix[:, 1]) / diagonal)
-        torch.testing.assert_close(o[:, 1, 2:4], (fix[:, 2] - fix[:, 1]) / diagonal)
+        torch.testing.assert_close(o[:, 1, 0:2], (others[:, 0] - own[:, 1]) / diagonal)
+        torch.testing.assert_close(o[:, 1, 2:4], (others[:, 2] - own[:, 1]) / diagonal)
         target = world.auv[:, 1, AuvColumn.target].long()
         node = world.node[torch.arange(16), target, 0:2]
-        torch.testing.assert_close(o[:, 1, 4:6], (node - fix[:, 1]) / diagonal)
-        torch.testing.assert_close(o[:, 1, 6:8], fix[:, 1] / diagonal)
+        torch.testing.assert_close(o[:, 1, 4:6], (node - own[:, 1]) / diagonal)
+        torch.testing.assert_close(o[:, 1, 6:8], own[:, 1] / diagonal)
         torch.testing.assert_close(o[:, 1, 8], world.auv[:, 1, AuvColumn.border])
         torch.testing.assert_close(o[:, 1, 9], world.boat[:, BoatColumn.overflowing] / 30)
         torch.testing.assert_close(o[..., 10], world.current().norm(dim=-1))

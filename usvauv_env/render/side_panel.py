@@ -69,7 +69,9 @@ class SidePanel:
             self._layout,
             log=True,
         )
-        of, dots = ("tracker", "step") if self._trace.scenario.tracker.enabled else ("fixes", "fix")
+        scenario = self._trace.scenario
+        filtered = scenario.tracker.enabled or scenario.navigation.sensor != "none"
+        of, dots = ("estimates", "step") if filtered else ("fixes", "fix")
         write_heading(
             self._still, unit, box, f"Position error of the {of}, m", f"dots: each {dots} · line: median of 30 s"
         )

@@ -9,7 +9,7 @@ import torch
 import policies
 from kernels.mission.columns import AuvColumn, BoatColumn
 from kernels.positioning import tracker, usbl
-from tests.links import EVERY_STEP
+from tests.links import TILTING as PLAIN
 from tests.usvauv_env.test_world import run
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.record.recorder import record
@@ -17,7 +17,6 @@ from usvauv_env.site.site import Site
 from usvauv_env.world.current_statistics import current_bound, current_model
 from usvauv_env.world.tables import link_table, program, sound_speed
 
-PLAIN = [*EVERY_STEP, "usbl.attitude_error=0.0017453"]
 LOUD = ["acoustics.source_level=230", "usbl.attitude_error=0", "usbl.tilt=false"]
 THERMOCLINE = "acoustics.sound_speed_profile=[[0, 1522], [20, 1522.3], [50, 1492], [200, 1490]]"
 
