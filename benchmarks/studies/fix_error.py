@@ -121,7 +121,7 @@ def draw(result: dict, path: str) -> None:
             panel.errorbar(x, m, (m - low, high - m), fmt="o-", ms=4, lw=1.2, color=colour, label=row)
         limit = [result[scenario][auvs][BEST]["median"][0] for auvs in TEAMS]
         panel.plot(TEAMS, limit, "k--", lw=1.2, label="as the covariance says, from the best place at once")
-        panel.set(title=scenario, xlabel="number of AUVs", xticks=TEAMS, yscale="log")
+        panel.set(title=scenario, xlabel="number of AUVs", xticks=TEAMS, ylim=(0, None))
         panel.grid(alpha=0.3, which="both")
     panels[0].set(ylabel="median horizontal error of fixes, m")
     figure.legend(

@@ -9,13 +9,14 @@ import av
 import numpy as np
 import pytest
 
+from kernels.positioning import usbl
 from usvauv_cli.encoder import render
 from usvauv_env.files import OutputError
 from usvauv_env.record.metrics import episode_metrics
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import style, symbols
 from usvauv_env.render.frame_layout import Layout, MapView, Rectangle
-from usvauv_env.render.map import error_axes
+from usvauv_env.render.map import PING_FRAMES, error_axes, pings
 from usvauv_env.render.painter import Painter
 from usvauv_env.render.plots import RecordedPlot
 from usvauv_env.render.running_metrics import RunningMetrics
@@ -225,6 +226,31 @@ class TestFile:
             assert str(tmp_path / place) in str(caught.value)
             assert "\n" not in str(caught.value)
         assert sorted(tmp_path.rglob("*")) == before
+
+
+class TestPings:
+    def test_one_ring_after_another(self):
+        """Where exchanges follow each other faster than rings run, a ring begins when the last is over."""
+        rows = PING_FRAMES
+        assert pings(np.ones(2 * rows + 1, bool)).tolist() == [0] * rows + [rows] * rows + [2 * rows]
+        rare = np.zeros(40, bool)
+        rare[[3, 30]] = True
+        assert pings(rare).tolist() == [-1] * 3 + [3] * 27 + [30] * 10
+
+    def test_the_line_is_to_who_was_heard(self):
+        """Half way from the boat to an AUV the picture changes by its being heard; to the other it stays."""
+        trace = synthetic_trace(steps=4)
+        trace.fix_flags[:] = usbl.SILENT
+        silent, painter = paint(trace, 3)
+        trace.fix_flags[3, 0, 0] = usbl.DETECTED
+        heard, _ = paint(trace, 3)
+        boat, auvs = (painter.map.view.pixel(part[3, 0]) for part in (trace.boat_position, trace.auv_position))
+        differs = []
+        for auv in auvs[:2]:
+            x, y = ((boat + auv) / 2).round().astype(int)
+            window = slice(y - 3, y + 4), slice(x - 3, x + 4)
+            differs.append((silent[window] != heard[window]).any())
+        assert differs == [True, False]
 
 
 class TestMap:

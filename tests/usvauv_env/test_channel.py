@@ -193,6 +193,17 @@ class TestFilters:
                 mean.append(self.squares(world, world.estimate, slice(0, 2), range(block.start, block.stop)))
         assert 1.5 < np.mean(mean) < 2.4
 
+    def test_one_good_fix_in_a_thousand_is_dropped(self):
+        """Also where fixes follow the boat's error of its own position, which drifts by some decimetres a minute."""
+        world = World(Scenario.load("extreme"), 300, 12, usv="centroid")
+        detected = dropped = 0
+        for step, _ in enumerate(sail(world, policies.acting("straight", world), 80)):
+            if step >= 20:
+                flags = world.auv[..., AuvColumn.fix_flags].cpu().numpy().astype(int)
+                detected += (flags & usbl.DETECTED > 0).sum()
+                dropped += (flags & usbl.REJECTED > 0).sum()
+        assert dropped / detected == pytest.approx(1e-3, abs=6e-4)
+
     def test_uncertainty_grows_while_nobody_is_heard(self):
         world = World(Scenario.load("extreme", [*SOUND, *GROUND, "acoustics.source_level=60"]), 20, 9)
         sizes = []

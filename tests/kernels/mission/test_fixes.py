@@ -59,6 +59,7 @@ class TestLate:
         error = (column(trace, "fix") - place)[1:]
         assert going.sum() > 500
         np.testing.assert_allclose(error[going], expected[going], atol=3e-3)
+        np.testing.assert_allclose(column(trace, "fix"), column(trace, "heard_position"), atol=3e-3)
 
     def test_a_late_fix_was_heard_where_the_boat_was(self):
         """With a latency of a step its covariance is that of the ranges one step ago."""
