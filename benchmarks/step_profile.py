@@ -2,10 +2,11 @@
 
     python -m benchmarks.step_profile --out docs/step-profile.png
 
-A part's time is the difference between the whole step and the step without it, so parts that share work are each
-counted with it, and what no part claims is the rest: fixes, motion, targets, observation, reward. The long waves are
-timed by themselves: all worlds share them. Versions take turns, and of each the best round counts, because other
-programs can only make a round longer.
+A part's time is the difference between a step with it and the step without it, so parts that share work are each
+counted with it, and what no part claims is the rest: fixes, motion, targets, observation, reward. Exchanges cannot be
+left out without dead reckoning, which needs them: they are timed in steps without it. The long waves are timed by
+themselves: all worlds share them. Versions take turns, and of each the best round counts, because other programs can
+only make a round longer.
 """
 
 from __future__ import annotations
@@ -22,13 +23,18 @@ from kernels import runtime
 from usvauv_env import Scenario, World
 
 BATCHES = (1, 64, 4096)
-WITHOUT = {
+UNAIDED = "navigation.sensor=none"
+VERSIONS = {
+    "whole": ("fim", ()),
     "planning by Fisher information": ("hold:100,100", ()),
+    "dead reckoning and its filters": ("fim", (UNAIDED,)),
+    "exchanges": ("fim", (UNAIDED, "channel.schedule=every-step")),
     "vortices": ("fim", ("current.count=0", "current.mutual=false", "current.viscosity=0")),
     "storm waves": ("fim", ("storm.spectrum=none",)),
     "28 of 30 nodes": ("fim", ("nodes.count=2",)),
 }
-COLOURS = ("#33658a", "#5c8001", "#7b3294", "#e0a800", "#9ecae1", "#bbbbbb")
+BASE = {"exchanges": "dead reckoning and its filters"}  # of what a version leaves a part out, if not of the whole
+COLOURS = ("#33658a", "#5c8001", "#c1440e", "#d6a2c8", "#7b3294", "#e0a800", "#9ecae1", "#bbbbbb")
 ROUNDS = 15
 
 
@@ -43,9 +49,9 @@ def seconds(world: World, work, repeats: int) -> float:
 
 def measure(worlds: int) -> dict[str, float]:
     """Seconds of a step of all worlds, whole and by part."""
-    versions = {"whole": World(Scenario.load("extreme"), worlds)}
-    for part, (usv, settings) in WITHOUT.items():
-        versions[part] = World(Scenario.load("extreme", settings), worlds, usv=usv)
+    versions = {
+        name: World(Scenario.load("extreme", settings), worlds, usv=usv) for name, (usv, settings) in VERSIONS.items()
+    }
     action = 2 * torch.rand((worlds, 2, 2), generator=torch.Generator().manual_seed(0)) - 1
     move = action.to(versions["whole"].device)
     works = {}
@@ -61,8 +67,10 @@ def measure(worlds: int) -> dict[str, float]:
             world.reset()
             work()
             best[name] = min(best[name], seconds(world, work, min(repeats, world.steps - 1)))
-    whole, waves = best.pop("whole"), best.pop("long waves")
-    parts = {"long waves": waves} | {part: max(whole - without, 0.0) for part, without in best.items()}
+    whole, waves = best["whole"], best.pop("long waves")
+    parts = {"long waves": waves} | {
+        part: max(best[BASE.get(part, "whole")] - without, 0.0) for part, without in best.items() if part != "whole"
+    }
     parts["rest: motion, fixes, targets, observation, reward"] = max(whole - sum(parts.values()), 0.0)
     return {"whole": whole, **parts}
 

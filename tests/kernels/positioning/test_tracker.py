@@ -11,6 +11,7 @@ from scipy.linalg import solve_discrete_are
 import policies
 from kernels.mission.columns import AuvColumn
 from kernels.positioning import current_process, tracker
+from tests.links import TILTING
 from usvauv_env.scenario import Scenario
 from usvauv_env.site.site import Site
 from usvauv_env.world.current_statistics import current_model
@@ -344,7 +345,7 @@ class TestGate:
 @pytest.fixture(scope="module")
 def log(device):
     """150 steps of `crab` in 64 worlds of `extreme`: arguments of `follow`, truth, the model from the scenario."""
-    scenario = Scenario.load("extreme", ["usbl.propagation=false"])
+    scenario = Scenario.load("extreme", [*TILTING, "usbl.propagation=false"])
     world = World(scenario, 64, seed=4)
     policy = policies.load("crab", world)
     observation = world.reset()
