@@ -52,7 +52,7 @@ def begin(worlds: ti.template(), w, k):
     begin_filter(worlds, worlds.track, w, k)
     begin_filter(worlds, worlds.own, w, k)
     noise = normals(worlds, w, Draw.navigation, k)
-    for c in range(len(ExchangeColumn.names)):
+    for c in ti.static(range(len(ExchangeColumn.names))):
         worlds.exchange[w, k, c] = 0.0
     for axis in ti.static(range(2)):
         worlds.exchange[w, k, ExchangeColumn.bias_x + axis] = worlds.p[Parameter.velocity_bias] * noise[axis]
@@ -113,7 +113,7 @@ def reckon(worlds: ti.template(), w, k):
 def tell(worlds: ti.template(), w, k):
     """AUV k learns the boat's filter from an interrogation, and moves it on by what it has measured since."""
     exchange = ti.static(worlds.exchange)
-    for c in range(tracker.COLUMNS):
+    for c in ti.static(range(tracker.COLUMNS)):
         worlds.own[w, k, c] = worlds.track[w, k, c]
     way = vec3(exchange[w, k, ExchangeColumn.way_x], exchange[w, k, ExchangeColumn.way_y], 0.0)
     way[2] = exchange[w, k, ExchangeColumn.adrift]

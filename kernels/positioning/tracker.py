@@ -127,7 +127,7 @@ def joseph(A: mat2, B: mat2, C: mat2, R: mat2):
 @ti.func
 def begin(track: ti.template(), w, k, x, y, covariance: vec3, variance):
     """Begin a track at (x, y) with covariance (xx, xy, yy), m², in a current of zero mean and `variance`, m²/s²."""
-    for c in range(COLUMNS):
+    for c in ti.static(range(COLUMNS)):
         track[w, k, c] = 0.0
     track[w, k, X] = x
     track[w, k, Y] = y
