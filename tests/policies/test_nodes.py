@@ -19,9 +19,10 @@ from kernels.mission.target_rules.learned import FEATURES, Feature
 from policies.nodes import NodeConfig, NodeTrainer
 from policies.nodes.network import Scores, split
 from policies.nodes.trainer import Decisions, advantages, collect
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World
 
-SMALL = ("auv.count=3", "nodes.count=12", "nodes.arrival_rates=[1,30]", "nodes.information=visits")
+SMALL = (*EVERY_STEP, "auv.count=3", "nodes.count=12", "nodes.arrival_rates=[1,30]", "nodes.information=visits")
 
 
 def worlds(count, *changes):

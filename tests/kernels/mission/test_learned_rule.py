@@ -11,6 +11,7 @@ from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
 from kernels.mission.target_rules import learned
 from kernels.mission.target_rules.learned import FEATURES, HIDDEN, Feature
 from tests.kernels.mission.test_target_rules import CALM, choices, rollout, run
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World
 
 CAPACITY, HOVER = 5000.0, 6.0
@@ -145,7 +146,9 @@ def test_draws_follow_the_scores():
 
 @pytest.mark.parametrize("nodes", [1, 3])
 def test_fewer_nodes_than_auvs(nodes):
-    world = World(Scenario.load("ideal", ["auv.count=4", f"nodes.count={nodes}"]), 2, targets="learned:untrained")
+    world = World(
+        Scenario.load("ideal", [*EVERY_STEP, "auv.count=4", f"nodes.count={nodes}"]), 2, targets="learned:untrained"
+    )
     for _ in choices(world, 60):
         pass
     assert world.belief[..., BeliefColumn.count].isfinite().all()
@@ -171,7 +174,7 @@ def test_wrong_files_are_refused(tmp_path, content):
     path = tmp_path / "rule.json"
     path.write_text(content)
     with pytest.raises(ScenarioError, match=r"nodes\.target_rule.*no weights of a learned rule"):
-        World(Scenario.load("ideal"), targets=f"learned:{path}")
+        World(Scenario.load("ideal", EVERY_STEP), targets=f"learned:{path}")
 
 
 @pytest.mark.parametrize(
@@ -179,4 +182,4 @@ def test_wrong_files_are_refused(tmp_path, content):
 )
 def test_wrong_names_are_refused(text):
     with pytest.raises(ScenarioError, match=r"nodes\.target_rule.*no weights of a learned rule"):
-        World(Scenario.load("ideal"), targets=text)
+        World(Scenario.load("ideal", EVERY_STEP), targets=text)

@@ -15,6 +15,7 @@ from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
 from kernels.mission.target_rules import knowledge
 from kernels.types import array2
 from tests.kernels.mission.test_packets import steer
+from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.world.tables import reference_rate
 
@@ -28,7 +29,7 @@ def cut_each(given: array2, answer: array2):
         answer[n, 1] = after[1]
 
 
-CALM = ("auv.count=3", "nodes.count=12")
+CALM = (*EVERY_STEP, "auv.count=3", "nodes.count=12")
 CAPACITY, PAYLOAD = 5000.0, 2.0
 
 
@@ -188,7 +189,7 @@ def improvable(place: np.ndarray, stops: list[int]) -> bool:
 
 class TestTour:
     def test_goes_through_all_nodes_and_cannot_be_improved(self):
-        world = World(Scenario.load("ideal"), 6, seed=2, targets="tour")
+        world = World(Scenario.load("ideal", EVERY_STEP), 6, seed=2, targets="tour")
         world.reset()
         seen = Seen(world)
         for w in range(6):
@@ -197,7 +198,7 @@ class TestTour:
             assert not improvable(seen.place[w], stops)
 
     def test_is_near_the_shortest_of_all(self):
-        world = World(Scenario.load("ideal", ["nodes.count=7"]), 8, seed=2, targets="tour")
+        world = World(Scenario.load("ideal", [*EVERY_STEP, "nodes.count=7"]), 8, seed=2, targets="tour")
         world.reset()
         seen = Seen(world)
         ratios = []
@@ -209,7 +210,7 @@ class TestTour:
         assert np.mean(ratios) < 1.02
 
     def test_auvs_enter_it_evenly_spaced_and_follow_it(self):
-        world = World(Scenario.load("ideal", ["auv.count=3"]), 6, seed=2, targets="tour")
+        world = World(Scenario.load("ideal", [*EVERY_STEP, "auv.count=3"]), 6, seed=2, targets="tour")
         world.reset()
         seen = Seen(world)
         for w in range(6):
@@ -233,7 +234,7 @@ class TestTour:
         assert followed > 50
 
     def test_sectors_are_tours_of_their_own(self):
-        world = World(Scenario.load("ideal", ["auv.count=3"]), 6, seed=2, targets="sectors")
+        world = World(Scenario.load("ideal", [*EVERY_STEP, "auv.count=3"]), 6, seed=2, targets="sectors")
         world.reset()
         first = Seen(world)
         for w in range(6):
@@ -249,7 +250,7 @@ class TestTour:
 
     @pytest.mark.parametrize(("rule", "nodes"), [("tour", 1), ("tour", 3), ("sectors", 2), ("rollout", 1)])
     def test_fewer_nodes_than_auvs(self, rule, nodes):
-        scenario = Scenario.load("ideal", ["auv.count=4", f"nodes.count={nodes}"])
+        scenario = Scenario.load("ideal", [*EVERY_STEP, "auv.count=4", f"nodes.count={nodes}"])
         for _, _before, after in run(World(scenario, 2, targets=rule), 120):
             assert after.target.min() >= 0
             assert after.target.max() < nodes
@@ -258,7 +259,7 @@ class TestTour:
 class TestKnowledge:
     def test_estimates(self):
         """Counts and exposures from what every visit found, as NumPy adds them up."""
-        overrides = ["nodes.information=visits", "nodes.start_backlog=0", "nodes.arrival_rates=[1,2,9]"]
+        overrides = [*EVERY_STEP, "nodes.information=visits", "nodes.start_backlog=0", "nodes.arrival_rates=[1,2,9]"]
         world = World(Scenario.load("ideal", overrides), 4, seed=1, targets="rate")
         mean, variance = 4.0, 38 / 3
         count, exposure = np.full((4, 30), mean**2 / variance), np.full((4, 30), mean / variance)
@@ -279,7 +280,7 @@ class TestKnowledge:
     @pytest.mark.parametrize("start", [0, 1000])
     def test_errors_are_as_large_as_they_say(self, start):
         """(λ − its estimate) over its standard deviation has a variance of 1, also where nodes begin with packets."""
-        overrides = ["nodes.information=visits", f"nodes.start_backlog={start}", "mission.duration=600"]
+        overrides = [*EVERY_STEP, "nodes.information=visits", f"nodes.start_backlog={start}", "mission.duration=600"]
         world = World(Scenario.load("ideal", overrides), 64, seed=3, targets="tour")
         for _ in run(world, 600):
             pass
@@ -297,7 +298,12 @@ class TestKnowledge:
 
         What was there at the start is uniform from 0 to S packets; a full buffer says that at least C came.
         """
-        overrides = ["nodes.information=visits", "nodes.arrival_rates=[1,1,2,30]", f"nodes.buffer={buffer}"]
+        overrides = [
+            *EVERY_STEP,
+            "nodes.information=visits",
+            "nodes.arrival_rates=[1,1,2,30]",
+            f"nodes.buffer={buffer}",
+        ]
         world = World(Scenario.load("ideal", [*overrides, "auv.count=4"]), 8, seed=1, targets="tour")
         world.reset()
         known = world.belief[:, 0].double().numpy().copy()
@@ -351,7 +357,7 @@ class TestKnowledge:
         assert (mean <= high * (1 + 1e-3)).all()
 
     def test_with_rates_known_backlogs_are_expected_without_bias(self):
-        world = World(Scenario.load("ideal", ["nodes.information=rates"]), 32, seed=4, targets="rate")
+        world = World(Scenario.load("ideal", [*EVERY_STEP, "nodes.information=rates"]), 32, seed=4, targets="rate")
         for _ in run(world, 300):
             pass
         belief = world.belief[:, 0]
@@ -370,7 +376,7 @@ class TestKnowledge:
         assert 0.9 < noise.std() < 1.1  # that of a Poisson number
 
     def test_without_communication_each_knows_its_own_visits(self):
-        overrides = ["nodes.information=own-visits", "nodes.count=20", "auv.count=2"]
+        overrides = [*EVERY_STEP, "nodes.information=own-visits", "nodes.count=20", "auv.count=2"]
         world = World(Scenario.load("ideal", overrides), 4, seed=2, targets="rate")
         visits = np.zeros((4, 2, 20), bool)
         for _, before, after in run(world, 300):
@@ -381,6 +387,7 @@ class TestKnowledge:
 
     def test_a_full_buffer_does_not_lower_the_rate(self):
         overrides = [
+            *EVERY_STEP,
             "nodes.information=visits",
             "nodes.buffer=50",
             "nodes.start_backlog=0",
@@ -397,7 +404,7 @@ class TestKnowledge:
 
     def test_without_communication_two_tours_meet(self):
         """The rule knows no other AUV's target."""
-        overrides = ["nodes.information=own-visits", "auv.count=3", "nodes.count=5"]
+        overrides = [*EVERY_STEP, "nodes.information=own-visits", "auv.count=3", "nodes.count=5"]
         world = World(Scenario.load("ideal", overrides), 4, seed=6, targets="tour")
         shared = 0
         for _, _before, after in run(world, 200):
@@ -407,7 +414,7 @@ class TestKnowledge:
     @pytest.mark.parametrize("rule", ["greedy", "nearest", "rate", "rollout", "learned:untrained"])
     def test_without_communication_each_keeps_to_its_sector(self, rule):
         """Sectors are the cycles of the rule `sectors`; they do not depend on the rule."""
-        scenario = Scenario.load("ideal", ["nodes.information=own-visits", "auv.count=3"])
+        scenario = Scenario.load("ideal", [*EVERY_STEP, "nodes.information=own-visits", "auv.count=3"])
         world, sectors = (World(scenario, 6, seed=2, targets=name) for name in (rule, "sectors"))
         sectors.reset()
         owner = np.zeros((6, 30), int)
@@ -440,7 +447,7 @@ class TestNames:
     )
     def test_refused(self, text, allowed):
         with pytest.raises(ScenarioError, match=r"nodes\.target_rule") as refused:
-            World(Scenario.load("ideal"), targets=text)
+            World(Scenario.load("ideal", EVERY_STEP), targets=text)
         assert allowed in str(refused.value)
 
     def test_numbers(self):
