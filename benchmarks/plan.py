@@ -213,7 +213,7 @@ def unequal_links(auvs: int, attitude_error: float, random: np.random.Generator)
         "noise_law": random.choice(["density", "demonstration"]),
         "planner_noise": random.choice(["range", "constant"]),
         "reference_range": random.choice([10.0, 100.0, 300.0]),
-        "attitude_error": attitude_error,
+        "accuracy": acoustic_link.Accuracy(attitude=attitude_error),
     }
     rows = [
         acoustic_link.link_table(
