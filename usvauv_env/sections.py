@@ -370,6 +370,13 @@ class Channel(Section):
     turn_around: float = Field(
         0.1, ge=0, le=10, description="time from the interrogation to the transponder's reply, s"
     )
+    data_ratio: float = Field(
+        0.0,
+        ge=0,
+        le=60,
+        description="least E/N0 of a coded pulse at which the data that a reply carries can be read, dB; below 9:"
+        " wherever the pulse is detected",
+    )
     slots: int = Field(1, ge=1, le=16, description="boats that share the channel, each with a slot of time")
     slot: int = Field(0, ge=0, le=15, description="number of this boat's slot")
     slot_length: float = Field(1.0, ge=0.01, le=1000, description="length of a slot, s")

@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from kernels.mission import belief_planner
 from kernels.mission.columns import BoatColumn, EstimateColumn, Parameter
 from kernels.mission.worlds import Strategy
 from kernels.planning import global_search, objectives, receding_horizon
@@ -23,6 +24,30 @@ def centroid(worlds: ti.template(), w) -> vec2:
     for k in range(num_auvs):
         goal += vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y]) / num_auvs
     return goal
+
+
+@ti.func
+def visit(worlds: ti.template(), w) -> vec2:
+    """Where the boat foresees the AUV that is least certain of its own position."""
+    for k in range(worlds.estimate.shape[1]):
+        belief_planner.foresee(worlds, w, k)
+    return belief_planner.least_certain(worlds, w)
+
+
+@ti.func
+def belief(worlds: ti.template(), w) -> vec2:
+    """Where the AUVs' uncertainty of their own positions is expected to cost least."""
+    for k in range(worlds.estimate.shape[1]):
+        belief_planner.foresee(worlds, w, k)
+    return belief_planner.go(worlds, w)
+
+
+@ti.func
+def begin_foresight(worlds: ti.template(), w) -> vec2:
+    """Foresee all AUVs; the boat begins at their mean."""
+    for k in range(worlds.estimate.shape[1]):
+        belief_planner.begin(worlds, w, k)
+    return centroid(worlds, w)
 
 
 @ti.func
@@ -81,6 +106,8 @@ def fim_horizon(worlds: ti.template(), w) -> vec2:
 
 HOLD = Strategy(start=hold, goal=hold)
 CENTROID = Strategy(start=centroid, goal=centroid)
+VISIT = Strategy(start=begin_foresight, goal=visit, foresees=True)
+BELIEF = Strategy(start=begin_foresight, goal=belief, foresees=True)
 FIM = Strategy(start=fim, goal=fim)
 FIM_GREEDY = Strategy(start=fim_anywhere, goal=fim_greedy)
 FIM_HORIZON = Strategy(start=fim, goal=fim_horizon)

@@ -15,7 +15,6 @@ from kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
     Draw,
-    EstimateColumn,
     ExchangeColumn,
     Parameter,
     Reply,
@@ -71,8 +70,7 @@ def chosen(worlds: ti.template(), w, start):
         k = (last + 1 + n) % count
         value = 0.0  # in turn: the first of them
         if ti.static(worlds.program.schedule == Schedule.by_need):
-            value = worlds.estimate[w, k, EstimateColumn.covariance_xx]
-            value += worlds.estimate[w, k, EstimateColumn.covariance_yy]
+            value = navigation.uncertainty(worlds, w, k)
         elif ti.static(worlds.program.schedule == Schedule.all):
             value = duration(worlds, w, k)[1]
         if value > largest:

@@ -78,6 +78,7 @@ class Parameter(Columns):
     rate_variance: int
     reference_speed: int  # with which target rules reckon
     reference_rate: int  # of the data link at the hover radius, Mbit/s
+    service_time: int  # of a typical service, s
     duration: int  # of the mission, s
 
 
@@ -151,6 +152,21 @@ class ExchangeColumn(Columns):
     sent_velocity_y: int
     velocity_x: int  # the same of the last reply heard
     velocity_y: int
+    sent_heads_for: int  # index of the AUV's node when the reply left that is under way
+    sent_hovers: int  # time that it still hovered there, s
+    heads_for: int  # the same of the last reply heard
+    hovers: int
+
+
+class ForesightColumn(Columns):
+    """Where the boat foresees an AUV, (W, K, F), for strategies that do."""
+
+    x: int  # m
+    y: int
+    heads_for: int  # index of the node
+    hovers: int  # time that it still hovers there, s
+    elapsed: int  # the exchange's `elapsed` at that time, s
+    speed: int  # at which it travels, m/s
 
 
 class Reply(Columns):
@@ -230,6 +246,8 @@ class BoatColumn(Columns):
     channel_free: int  # when the exchange under way ends, from the end of the step, s
     cycle_time: int  # time since the first of the boats' slots began, s
     asked: int  # the AUV asked last
+    visits: int  # the AUV that it goes to, −1 for none
+    planned: int  # when it planned last, s
     overflowing: int  # nodes that lost packets
     collisions: int  # pairs of AUVs closer than the collision distance
     packets_created: int  # at all nodes

@@ -35,6 +35,13 @@ def own_position(worlds: ti.template(), w, k) -> vec2:
 
 
 @ti.func
+def uncertainty(worlds: ti.template(), w, k) -> ti.f32:
+    """Mean square (m²) of the error of where the boat takes AUV k to be, as the boat has it."""
+    estimate = ti.static(worlds.estimate)
+    return estimate[w, k, EstimateColumn.covariance_xx] + estimate[w, k, EstimateColumn.covariance_yy]
+
+
+@ti.func
 def begin_filter(worlds: ti.template(), track: ti.template(), w, k):
     """Begin a filter at the estimate of AUV k, in an unknown current."""
     estimate = ti.static(worlds.estimate)
@@ -131,6 +138,8 @@ def send(worlds: ti.template(), w, k, age):
         if ti.static(c < 2):
             exchange[w, k, ExchangeColumn.sent_velocity_x + c] = last / worlds.p[Parameter.step]
     exchange[w, k, ExchangeColumn.sent_elapsed] = exchange[w, k, ExchangeColumn.elapsed] - age
+    exchange[w, k, ExchangeColumn.sent_heads_for] = worlds.auv[w, k, AuvColumn.target]
+    exchange[w, k, ExchangeColumn.sent_hovers] = worlds.auv[w, k, AuvColumn.hover]
 
 
 @ti.func
@@ -146,6 +155,8 @@ def hear(worlds: ti.template(), w, k):
         exchange[w, k, ExchangeColumn.way_x + c] = exchange[w, k, ExchangeColumn.way_x + c] - way[c]
         if ti.static(c < 2):
             exchange[w, k, ExchangeColumn.velocity_x + c] = exchange[w, k, ExchangeColumn.sent_velocity_x + c]
+    exchange[w, k, ExchangeColumn.heads_for] = exchange[w, k, ExchangeColumn.sent_heads_for]
+    exchange[w, k, ExchangeColumn.hovers] = exchange[w, k, ExchangeColumn.sent_hovers]
     passed = exchange[w, k, ExchangeColumn.sent_elapsed]
     exchange[w, k, ExchangeColumn.elapsed] = exchange[w, k, ExchangeColumn.elapsed] - passed
 

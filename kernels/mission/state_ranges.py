@@ -15,6 +15,7 @@ from kernels.mission.columns import (
     BoatColumn,
     EstimateColumn,
     ExchangeColumn,
+    ForesightColumn,
     NodeColumn,
     Reply,
 )
@@ -47,6 +48,8 @@ NAMED: dict[str, Range] = {
     "current_y": VELOCITY,
     "target": Range(0.0, "last_target", whole=True),
     "hover": Range(0.0, 1e30),
+    **dict.fromkeys(("hovers", "sent_hovers"), Range(0.0, 1e30)),
+    **dict.fromkeys(("heads_for", "sent_heads_for"), Range(0.0, "last_target", whole=True)),
     "rate": AMOUNT,
     "cargo": AMOUNT,
     "covariance_xx": VARIANCE,
@@ -93,6 +96,9 @@ NAMED: dict[str, Range] = {
     "channel_free": Range(-1e8, 1e8),
     "cycle_time": Range(0.0, 2e4),
     "asked": Range(-1.0, "last_auv", whole=True),
+    "visits": Range(-1.0, "last_auv", whole=True),
+    "speed": Range(0.0, 100.0),
+    "planned": Range(0.0, 1e8),
     "over": FLAG,
     "reply": Range(0.0, float(len(Reply.names) - 1), whole=True),
     "reply_at": Range(-1e8, 1e8),
@@ -127,6 +133,7 @@ STATE: State = {
     "track": tuple((f"track {column}", VARIANCE) for column in range(tracker.COLUMNS)),
     "own": tuple((f"own track {column}", VARIANCE) for column in range(tracker.COLUMNS)),
     "exchange": _of(ExchangeColumn, {}),
+    "foresight": _of(ForesightColumn, {}),
 }
 ANYTHING = 1e12  # bound of what has no table: an observation, a reward
 LARGEST = max(float(b) for table in STATE.values() for _, r in table for b in (r.high,) if not isinstance(b, str))

@@ -16,10 +16,12 @@ class Strategy(NamedTuple):
     Attributes:
         start: (worlds, w) → vec2, where the boat begins, m; the AUVs' estimated positions are then the true ones.
         goal: (worlds, w) → vec2, where it should be next, m.
+        foresees: it foresees the AUVs' ways, see `kernels.mission.belief_planner`.
     """
 
     start: Callable[..., Any]
     goal: Callable[..., Any]
+    foresees: bool = False
 
 
 class Program(NamedTuple):
@@ -85,6 +87,7 @@ class Worlds(NamedTuple):
         track: (W, K, T) the boat's filters, where it has any, `kernels.positioning.tracker`.
         own: (W, K, T) the AUVs' own, where they have any.
         exchange: (W, K, X) `ExchangeColumn`, where there is a channel.
+        foresight: (W, K, F) `ForesightColumn`, where the boat's strategy foresees the AUVs.
         belief: (W, B, M, C) `BeliefColumn`.
         workspace: (W, ≥ 1) numbers that the target rule needs while it chooses.
         observation: (W, K, O).
@@ -115,6 +118,7 @@ class Worlds(NamedTuple):
     track: Any
     own: Any
     exchange: Any
+    foresight: Any
     belief: Any
     workspace: Any
     observation: Any

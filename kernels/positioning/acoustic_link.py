@@ -21,7 +21,7 @@ is then worth accuracy.
 
 Detection. The receiver sums the energies of the four hydrophones over the noise, R² with the mean 8 + 8γ, and accepts a
 signal where R² is at least 8 + 8γ_min. A tone needs γ_min = ½ PERIOD_ENERGY · periods, for the carrier's cycles to be
-told apart; a code needs CODE_ENERGY, for its peak to be told from noise.
+told apart; a code needs CODE_ENERGY, for its peak to be told from noise, or more where data come with it.
 """
 
 import math
@@ -117,6 +117,7 @@ class Sonar:
             60 dB a decade of speed.
         array_depth: below the surface, m, for the bubbles above it.
         bubbles: whether the wind's bubbles weaken the signal.
+        data_ratio: least E/N0 of a code at which the data that come with it can be read, dB.
         planner_noise: "range", the planner's σ grows with range as the real one does, or "constant", it is that of the
             slant range `reference_range` everywhere. The fixes themselves always have the real one.
         reference_range: m, at least 1; a slant range typical for the task, for example the AUVs' depth.
@@ -145,6 +146,7 @@ class Sonar:
     own_noise: Callable[[float], float] = silent
     array_depth: float = 3.0
     bubbles: bool = False
+    data_ratio: float = -math.inf
     planner_noise: str = "range"
     reference_range: float = 100.0
     accuracy: Accuracy = Accuracy()
@@ -191,7 +193,8 @@ def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
         frequency = s.bandwidth / math.sqrt(12.0) if s.signal == "code" else f
         row[RANGE_PER_PHASE] = s.sound_speed / (2.0 * math.pi * frequency) / paths
         row[PERIODS] = s.periods
-        row[THRESHOLD] = 8.0 + (8.0 * CODE_ENERGY if s.signal == "code" else 4.0 * PERIOD_ENERGY * s.periods)
+        code_energy = max(CODE_ENERGY, 10.0 ** (0.1 * s.data_ratio))
+        row[THRESHOLD] = 8.0 + (8.0 * code_energy if s.signal == "code" else 4.0 * PERIOD_ENERGY * s.periods)
         # T = κ²/(σ² q) with σ² = VARIANCE · 10^(−exponent · ratio/10).
         loss = sonar_equation.path_loss(s.reference_range, s.spreading, alpha)
         row[LEVEL] = math.log(row[KAPPA] ** 2 / row[VARIANCE] / s.reference_range**2)

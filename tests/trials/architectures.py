@@ -21,8 +21,8 @@ import numpy as np
 
 # Tolerance, and what it is small against.
 QUANTITIES = {
-    "position m": (0.003, "a fix's error of 0.36 m"),
-    "estimate m": (0.003, "a fix's error of 0.36 m"),
+    "position m": (0.003, "a fix's error of 0.45 m"),
+    "estimate m": (0.003, "a fix's error of 0.45 m"),
     "current m/s": (0.001, "an AUV's speed of 1.2 m/s or more"),
     "power W": (0.01, "80 W of a mission"),
     "boat m": (0.01, "100 m to an AUV; the optimum is flat"),

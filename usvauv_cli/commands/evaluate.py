@@ -33,7 +33,9 @@ def evaluate(
     ] = None,
     usv: Annotated[
         list[str] | None,
-        typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), hold:X,Y, centroid; may be repeated."),
+        typer.Option(
+        typer.Option(help="Boat: fim, fim-greedy, fim-horizon, visit, belief, hold:X,Y or centroid; may be repeated."),
+        ),
     ] = None,
     targets: Annotated[
         list[str] | None,

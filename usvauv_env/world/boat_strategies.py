@@ -92,6 +92,12 @@ def _needs_tracker(scenario: Scenario, numbers: Sequence[float]) -> str:
     return ""
 
 
+def _needs_reckoning(scenario: Scenario, numbers: Sequence[float]) -> str:
+    if scenario.navigation.sensor == "none":
+        return " foresees AUVs that reckon where they are and needs navigation.sensor to be ground or water"
+    return ""
+
+
 def _in_area(scenario: Scenario, numbers: Sequence[float]) -> str:
     x, y = numbers
     if 0 <= x <= scenario.area.width and 0 <= y <= scenario.area.length:
@@ -104,4 +110,7 @@ boat_strategies.register("fim", BoatStrategy(kernel.FIM))
 boat_strategies.register("fim-greedy", BoatStrategy(kernel.FIM_GREEDY))
 boat_strategies.register("fim-horizon", BoatStrategy(kernel.FIM_HORIZON, refuse=_needs_tracker))
 boat_strategies.register("centroid", BoatStrategy(kernel.CENTROID))  # the mean of the AUVs' estimated positions
+# Where the AUV is that is least certain of itself; where the AUVs' uncertainty costs least over the minutes to come.
+boat_strategies.register("visit", BoatStrategy(kernel.VISIT, refuse=_needs_reckoning))
+boat_strategies.register("belief", BoatStrategy(kernel.BELIEF, refuse=_needs_reckoning))
 boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area))  # a point of the area, m

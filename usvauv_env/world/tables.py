@@ -201,6 +201,7 @@ def link_table(site: Site) -> np.ndarray:
         bubbles=s.acoustics.bubbles,
         signal=s.usbl.signal,
         pulse_length=s.usbl.pulse_length,
+        data_ratio=s.channel.data_ratio,
         accuracy=accuracy(s),
     )
     return link_constants([s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)], sonar)
@@ -293,6 +294,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "rate_variance": np.var(s.nodes.arrival_rates),
         "reference_speed": s.reference.straight_speed,
         "reference_rate": reference_rate(s),
+        "service_time": 0.65 * s.nodes.payload / reference_rate(s),
         "duration": s.mission.duration,
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)

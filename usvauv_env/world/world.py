@@ -16,7 +16,15 @@ from kernels.errors import DivergenceError, in_words
 from kernels.flow import current, vortex
 from kernels.launch import Launch
 from kernels.mission import poisson_table
-from kernels.mission.columns import AuvColumn, BeliefColumn, BoatColumn, EstimateColumn, ExchangeColumn, NodeColumn
+from kernels.mission.columns import (
+    AuvColumn,
+    BeliefColumn,
+    BoatColumn,
+    EstimateColumn,
+    ExchangeColumn,
+    ForesightColumn,
+    NodeColumn,
+)
 from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
 from kernels.mission.target_rules import target_rules
@@ -41,7 +49,7 @@ ALIGNMENT = 16  # numbers
 NAMED = 8  # of the worlds on a sea, in a message
 ROUNDING = 1e-6  # of a ratio of times
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
-STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "own", "exchange", "belief", "observation")
+STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "own", "exchange", "foresight", "belief", "observation")
 
 
 def room(shape: Sequence[int]) -> int:
@@ -69,7 +77,8 @@ class World:
         scenario: what to simulate.
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1.
-        usv: strategy of the boat: "fim", "fim-greedy", "fim-horizon", "hold:X,Y", "centroid" or a plugin's.
+        usv: strategy of the boat: "fim", "fim-greedy", "fim-horizon", "visit", "belief", "hold:X,Y",
+            "centroid" or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
@@ -129,6 +138,7 @@ class World:
             "track": (*(team if scenario.tracker.enabled or reckons else (1, 1)), tracker.COLUMNS),
             "own": (*(team if reckons else (1, 1)), tracker.COLUMNS),
             "exchange": (*(team if exchanges else (1, 1)), len(ExchangeColumn.names)),
+            "foresight": (*(team if self.strategy.strategy.functions.foresees else (1, 1)), len(ForesightColumn.names)),
             "belief": (
                 num_worlds,
                 self.num_auvs if scenario.nodes.information == "own-visits" else 1,
@@ -146,7 +156,8 @@ class World:
         parts = self._numbers.split([room(shape) for shape in shapes.values()])
         views = iter(part[: math.prod(shape)].view(shape) for part, shape in zip(parts, shapes.values(), strict=True))
         self.auv, self.node, self.vortex, self.boat, self.estimate = (next(views) for _ in range(5))
-        self.track, self.own, self.exchange, self.belief, self.observation, self.reward, self.reward_terms = views
+        self.track, self.own, self.exchange, self.foresight, self.belief, *rest = views
+        self.observation, self.reward, self.reward_terms = rest
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
         self._action = self._zeros(*team, 2)

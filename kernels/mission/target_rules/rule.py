@@ -17,6 +17,12 @@ def nothing(worlds: ti.template(), w):
     """No preparation."""
 
 
+@ti.func
+def unknown(worlds: ti.template(), w, i):
+    """The node itself: which one comes next is not known before."""
+    return i
+
+
 def no_workspace(num_nodes: int, num_auvs: int) -> int:
     """No numbers of its own."""
     return 0
@@ -34,6 +40,8 @@ class TargetRule:
             them from `worlds.rule_numbers`.
         workspace: (number of nodes, number of AUVs) → how many numbers of its own the rule needs in each world,
             `worlds.workspace[w, :]`; what is in them is lost between two calls.
+        foreseen: a Taichi function (worlds, w, i) → the node that an AUV heads for after node i, as far as others can
+            know; node i where they cannot.
         read: for a rule whose numbers are in a file: what follows the name → the numbers; raises ValueError.
     """
 
@@ -41,6 +49,7 @@ class TargetRule:
     prepare: Callable[..., Any] = nothing
     arguments: tuple[tuple[str, float], ...] = ()
     workspace: Callable[[int, int], int] = no_workspace
+    foreseen: Callable[..., Any] = unknown
     read: Callable[[str], tuple[float, ...]] | None = None
 
 

@@ -198,5 +198,11 @@ def follow(worlds: ti.template(), w, k):
     return target
 
 
-TOUR = TargetRule(follow, prepare=prepare_tour)
-SECTORS = TargetRule(follow, prepare=prepare_sectors)
+@ti.func
+def successor(worlds: ti.template(), w, i):
+    """The node after node i on its tour."""
+    return ti.cast(worlds.node[w, i, NodeColumn.successor], ti.i32)
+
+
+TOUR = TargetRule(follow, prepare=prepare_tour, foreseen=successor)
+SECTORS = TargetRule(follow, prepare=prepare_sectors, foreseen=successor)

@@ -1,0 +1,384 @@
+"""Where the boat goes by what it does not know: rollouts of the AUVs' uncertainty of themselves over minutes.
+
+**Foresight.** With each reply an AUV tells which node it heads for and how fast it is. From there on the boat foresees
+it travelling from node to node as the target rule lets expect, with a typical service at each; one that is by then so
+uncertain of its own position that it misses its node waits there.
+
+**Rollouts.** The boat compares first goals: each AUV where it is foreseen, their mean, and the goal it has. After the
+first goal it visits, in the rollout, the AUV that is then least certain of itself. The goal is chosen with which the
+AUVs' mean square error of their own positions is least, over the horizon and all AUVs. It is kept until the boat has
+heard whom it went to, has arrived, or has looked for too long: planned anew in each step, a far AUV would always come
+second.
+
+One number of each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes treat both
+axes alike: a of the position, b of position and current, c of the current. Over the time t, with f = 1 − e^{−t/τ},
+
+    a ← a + 2τf b + τ²f² c + σ²τ² spreading(t/τ) + w t,  b ← (1 − f)(b + τf c) + σ²τf²,  c ← (1 − f)² c + σ² f(2 − f),
+
+σ² and τ variance and memory of the current, or of the log's bias reversed, w of the log's white error. A fix of the
+variance r makes them a r/(a + r), b r/(a + r) and c − b²/(a + r). A rollout takes an AUV to be heard where that is
+probable enough, the uncertainty of its place included to first order.
+
+Source: a rollout of a base policy is no worse than the base policy where its model holds (Bertsekas, "Rollout, Policy
+Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
+"""
+
+import taichi as ti
+
+from kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
+from kernels.planning.team import each_auv
+from kernels.positioning import acoustic_link, tracker
+from kernels.types import vec2, vec3
+
+INTERVAL = 5.0  # s between two plans, and of a step of the rollout
+STEPS = 60  # of a rollout
+PATIENCE = 150.0  # s that the boat looks for an AUV before it plans anew
+SURE = 0.8  # probability from which on a rollout takes an AUV to be heard
+LEARNED = 0.1  # share of the foreseen speed that each reply renews
+SLOWEST = 1e-3  # m/s, of a foreseen AUV
+NOBODY = -1  # the index of a goal that is no AUV
+STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the one foreseen, over the reference speed
+LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
+
+
+@ti.dataclass
+class Drift:
+    """What a time adrift does to (a, b, c): the factors of the module's head."""
+
+    way: ti.f32  # τ f, s
+    kept: ti.f32  # 1 − f
+    position: ti.f32  # added to a, m²
+    cross: ti.f32  # added to b, m²/s
+    current: ti.f32  # added to c, m²/s²
+
+
+@ti.dataclass
+class Way:
+    """Where an AUV is foreseen.
+
+    Attributes:
+        place: m.
+        node: that it heads for.
+        hovers: time that it still serves this node, s.
+        speed: m/s.
+    """
+
+    place: vec2
+    node: ti.i32
+    hovers: ti.f32
+    speed: ti.f32
+
+
+@ti.func
+def drift_over(worlds: ti.template(), time) -> Drift:
+    """The drift of AUVs over a time, s."""
+    p = ti.static(worlds.p)
+    variance = p[Parameter.current_variance]
+    tau = p[Parameter.correlation_time]
+    f = 1.0 - ti.exp(-time / tau)
+    if time < 1e-3 * tau:
+        f = time / tau
+    spread = variance * tau * tau * tracker.spreading(time / tau) + p[Parameter.velocity_walk] * time
+    return Drift(
+        way=tau * f, kept=1.0 - f, position=spread, cross=variance * tau * f * f, current=variance * f * (2.0 - f)
+    )
+
+
+@ti.func
+def drifted(s: vec3, d: Drift) -> vec3:
+    """(a, b, c) after a drift."""
+    return vec3(
+        s[0] + 2.0 * d.way * s[1] + d.way * d.way * s[2] + d.position,
+        d.kept * (s[1] + d.way * s[2]) + d.cross,
+        d.kept * d.kept * s[2] + d.current,
+    )
+
+
+@ti.func
+def fixed(s: vec3, r) -> vec3:
+    """(a, b, c) after a fix of the variance r, m²."""
+    gain = 1.0 / (s[0] + r)
+    return vec3(s[0] * r * gain, s[1] * r * gain, s[2] - gain * s[1] * s[1])
+
+
+@ti.func
+def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
+    """(a, b, c) of AUV k's own filter at present, as the boat reckons it."""
+    track = ti.static(worlds.track)
+    s = vec3(0.0, 0.0, 0.0)
+    s[0] = 0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY])
+    s[1] = 0.5 * (track[w, k, tracker.XU] + track[w, k, tracker.YV])
+    s[2] = 0.5 * (track[w, k, tracker.UU] + track[w, k, tracker.VV])
+    return drifted(s, drift_over(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed]))
+
+
+@ti.func
+def straying(worlds: ti.template(), elapsed) -> ti.f32:
+    """Variance per axis (m²) of where an AUV takes itself to be about where it is foreseen.
+
+    Args:
+        elapsed: since it was heard, s.
+    """
+    p = ti.static(worlds.p)
+    tau = p[Parameter.velocity_memory]
+    speed = STRAYING * p[Parameter.reference_speed]
+    return speed * speed * tau * tau * tracker.spreading(elapsed / tau)
+
+
+@ti.func
+def works_within(worlds: ti.template()) -> ti.f32:
+    """How far (m) off an AUV may take itself to be and still find its node."""
+    return ti.max(worlds.p[Parameter.hover_radius], worlds.p[Parameter.homing_range])
+
+
+@ti.func
+def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
+    """An AUV's way after some time (s); one that is lost goes no farther than to the node it heads for."""
+    p = ti.static(worlds.p)
+    node = ti.static(worlds.node)
+    left = time
+    for _ in range(8):
+        if left > 0.0 and way.hovers > 0.0:
+            spent = ti.min(way.hovers, left)
+            way.hovers -= spent
+            left -= spent
+            if way.hovers <= 0.0:
+                way.node = worlds.program.target_rule.foreseen(worlds, w, way.node)
+        elif left > 0.0:
+            there = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y])
+            distance = (there - way.place).norm()
+            needed = distance / ti.max(way.speed, SLOWEST)
+            if needed > left:
+                way.place += left / needed * (there - way.place)
+                left = 0.0
+            else:
+                way.place = there
+                left -= needed
+                if lost:
+                    left = 0.0
+                else:
+                    way.hovers = p[Parameter.service_time]
+    return way
+
+
+@ti.func
+def remembered(worlds: ti.template(), w, k) -> Way:
+    """The way of AUV k that the boat foresees at present."""
+    foresight = ti.static(worlds.foresight)
+    return Way(
+        place=vec2(foresight[w, k, ForesightColumn.x], foresight[w, k, ForesightColumn.y]),
+        node=ti.cast(foresight[w, k, ForesightColumn.heads_for], ti.i32),
+        hovers=foresight[w, k, ForesightColumn.hovers],
+        speed=foresight[w, k, ForesightColumn.speed],
+    )
+
+
+@ti.func
+def foresee(worlds: ti.template(), w, k):
+    """Move the foreseen way of AUV k to the present: on from where it was, or from what a new reply has told."""
+    foresight = ti.static(worlds.foresight)
+    exchange = ti.static(worlds.exchange)
+    way = remembered(worlds, w, k)
+    elapsed = exchange[w, k, ExchangeColumn.elapsed]
+    time = elapsed - foresight[w, k, ForesightColumn.elapsed]
+    news = time < 0.999 * worlds.p[Parameter.step]  # a reply was heard in the step before
+    if worlds.clock[w, 1] == 1:  # the first node is given at deployment
+        exchange[w, k, ExchangeColumn.heads_for] = worlds.auv[w, k, AuvColumn.target]
+        news = True
+    if news:
+        way.place = vec2(worlds.track[w, k, tracker.X], worlds.track[w, k, tracker.Y])
+        way.node = ti.cast(exchange[w, k, ExchangeColumn.heads_for], ti.i32)
+        way.hovers = exchange[w, k, ExchangeColumn.hovers]
+        if way.hovers == 0.0:
+            told = vec2(exchange[w, k, ExchangeColumn.velocity_x], exchange[w, k, ExchangeColumn.velocity_y]).norm()
+            if told > 0.5 * worlds.p[Parameter.speed_min]:
+                way.speed += LEARNED * (told - way.speed)
+        time = elapsed
+    works = works_within(worlds)
+    lost = ti.cast(own_uncertainty(worlds, w, k)[0] > works * works, ti.i32)
+    way = advanced(worlds, w, way, time, lost)
+    foresight[w, k, ForesightColumn.x] = way.place[0]
+    foresight[w, k, ForesightColumn.y] = way.place[1]
+    foresight[w, k, ForesightColumn.heads_for] = ti.cast(way.node, ti.f32)
+    foresight[w, k, ForesightColumn.hovers] = way.hovers
+    foresight[w, k, ForesightColumn.speed] = way.speed
+    foresight[w, k, ForesightColumn.elapsed] = elapsed
+
+
+@ti.func
+def begin(worlds: ti.template(), w, k):
+    """AUV k is where it is deployed, on its way to a node that is not chosen yet."""
+    foresight = ti.static(worlds.foresight)
+    foresight[w, k, ForesightColumn.x] = worlds.auv[w, k, AuvColumn.x]
+    foresight[w, k, ForesightColumn.y] = worlds.auv[w, k, AuvColumn.y]
+    foresight[w, k, ForesightColumn.heads_for] = 0.0
+    foresight[w, k, ForesightColumn.hovers] = 0.0
+    foresight[w, k, ForesightColumn.speed] = worlds.p[Parameter.reference_speed]
+    foresight[w, k, ForesightColumn.elapsed] = 0.0
+
+
+@ti.func
+def reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> vec2:
+    """Probability that a reply of AUV k is heard, and the variance per axis (m²) of its fix.
+
+    Args:
+        offset: from the boat to where the AUV is foreseen, m. effort: the boat's speed over its top speed.
+        spread: variance per axis of that place, m².
+    """
+    link = ti.static(worlds.link)
+    S = offset.norm()
+    loss = acoustic_link.further_loss(link, k, offset, effort)
+    sigma = acoustic_link.phase_deviation(link, k, S, loss)
+    strength = 2.8284271 / sigma  # √(8 E/N0)
+    root = ti.sqrt(strength * strength + 7.0)
+    slope = strength * offset.xy.norm() / (S * S)  # of that root with the horizontal distance, 1/m
+    margin = (root - acoustic_link.detection_threshold(link, k)) / ti.sqrt(1.0 + slope * slope * spread)
+    kept = 1.0 - worlds.p[Parameter.packet_loss]
+    across = sigma * S / link[k, acoustic_link.KAPPA]
+    tilted = link[k, acoustic_link.ATTITUDE] * S * S
+    return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * margin)), across * across + tilted)
+
+
+@ti.func
+def expected_loss(worlds: ti.template(), w, first: ti.i32, where: vec2) -> ti.f32:
+    """Mean square error of the AUVs' own positions per axis (m²), over the horizon and all AUVs.
+
+    Args:
+        first: the AUV that the boat visits first, or NOBODY: it goes to `where`, m.
+    """
+    p = ti.static(worlds.p)
+    count = worlds.estimate.shape[1]
+    here = vec2(worlds.boat[w, BoatColumn.x], worlds.boat[w, BoatColumn.y])
+    z = -(p[Parameter.separation_boat] + worlds.boat[w, BoatColumn.elevation])
+    works = works_within(worlds)
+    reach = p[Parameter.top_speed] * INTERVAL
+    over_step = drift_over(worlds, INTERVAL)
+    a = each_auv(0.0)
+    b = each_auv(0.0)
+    c = each_auv(0.0)
+    elapsed = each_auv(0.0)
+    x = each_auv(0.0)
+    y = each_auv(0.0)
+    heads_for = each_auv(0.0)
+    hovers = each_auv(0.0)
+    for k in range(count):
+        s = own_uncertainty(worlds, w, k)
+        a[k] = s[0]
+        b[k] = s[1]
+        c[k] = s[2]
+        elapsed[k] = worlds.exchange[w, k, ExchangeColumn.elapsed]
+        x[k] = worlds.foresight[w, k, ForesightColumn.x]
+        y[k] = worlds.foresight[w, k, ForesightColumn.y]
+        heads_for[k] = worlds.foresight[w, k, ForesightColumn.heads_for]
+        hovers[k] = worlds.foresight[w, k, ForesightColumn.hovers]
+    goal = where
+    visited = first
+    total = 0.0
+    for _ in range(STEPS):
+        if visited != NOBODY:
+            goal = vec2(x[visited], y[visited])
+        way = goal - here
+        distance = way.norm()
+        if distance > reach:
+            way *= reach / distance
+        here += way
+        reached = distance <= reach
+        least = 0
+        for k in range(count):
+            lost = ti.cast(a[k] > works * works, ti.i32)
+            after = Way(
+                place=vec2(x[k], y[k]),
+                node=ti.cast(heads_for[k], ti.i32),
+                hovers=hovers[k],
+                speed=worlds.foresight[w, k, ForesightColumn.speed],
+            )
+            after = advanced(worlds, w, after, INTERVAL, lost)
+            x[k] = after.place[0]
+            y[k] = after.place[1]
+            heads_for[k] = ti.cast(after.node, ti.f32)
+            hovers[k] = after.hovers
+            s = drifted(vec3(a[k], b[k], c[k]), over_step)
+            offset = vec3(after.place[0] - here[0], after.place[1] - here[1], z)
+            effort = ti.min(distance / reach, 1.0)
+            elapsed[k] += INTERVAL
+            found = reply(worlds, k, offset, effort, s[0] + straying(worlds, elapsed[k]))
+            if found[0] >= SURE:
+                s = fixed(s, found[1])
+                elapsed[k] = 0.0
+                if k == visited:
+                    reached = True
+            a[k] = s[0]
+            b[k] = s[1]
+            c[k] = s[2]
+            total += s[0]
+            if a[k] > a[least]:
+                least = k
+        if reached:
+            visited = least
+    return total / (STEPS * count)
+
+
+@ti.func
+def foreseen_place(worlds: ti.template(), w, k) -> vec2:
+    """Where AUV k is foreseen at present, m."""
+    return vec2(worlds.foresight[w, k, ForesightColumn.x], worlds.foresight[w, k, ForesightColumn.y])
+
+
+@ti.func
+def plan(worlds: ti.template(), w) -> vec2:
+    """The goal with the least expected loss, m."""
+    count = worlds.estimate.shape[1]
+    middle = vec2(0.0, 0.0)
+    for k in range(count):
+        middle += foreseen_place(worlds, w, k) / count
+    last = vec2(worlds.boat[w, BoatColumn.goal_x], worlds.boat[w, BoatColumn.goal_y])
+    best = last
+    chosen = NOBODY
+    least = 1e30
+    for candidate in range(count + 2):
+        first = NOBODY
+        goal = last
+        if candidate < count:
+            first = candidate
+            goal = foreseen_place(worlds, w, candidate)
+        elif candidate == count:
+            goal = middle
+        loss = expected_loss(worlds, w, first, goal)
+        if loss < least:
+            least = loss
+            best = goal
+            chosen = first
+    worlds.boat[w, BoatColumn.visits] = ti.cast(chosen, ti.f32)
+    worlds.boat[w, BoatColumn.planned] = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
+    return best
+
+
+@ti.func
+def least_certain(worlds: ti.template(), w) -> vec2:
+    """Where the AUV is foreseen that is least certain of its own position, m."""
+    least = 0
+    largest = -1.0
+    for k in range(worlds.estimate.shape[1]):
+        a = own_uncertainty(worlds, w, k)[0]
+        if a > largest:
+            least = k
+            largest = a
+    return foreseen_place(worlds, w, least)
+
+
+@ti.func
+def go(worlds: ti.template(), w) -> vec2:
+    """The boat's goal: that of the last plan, until it has heard whom it went to, or has arrived, or it is old."""
+    boat = ti.static(worlds.boat)
+    time = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
+    visited = ti.cast(boat[w, BoatColumn.visits], ti.i32)
+    goal = vec2(boat[w, BoatColumn.goal_x], boat[w, BoatColumn.goal_y])
+    due = worlds.clock[w, 1] == 1 or time - boat[w, BoatColumn.planned] >= PATIENCE
+    if visited != NOBODY:
+        goal = foreseen_place(worlds, w, visited)
+        due = due or worlds.exchange[w, visited, ExchangeColumn.elapsed] < 2.0 * worlds.p[Parameter.step]
+    away = goal - vec2(boat[w, BoatColumn.x], boat[w, BoatColumn.y])
+    due = due or away.norm() < worlds.p[Parameter.top_speed] * INTERVAL
+    if due and time - boat[w, BoatColumn.planned] >= INTERVAL:
+        goal = plan(worlds, w)
+    return goal

@@ -1,0 +1,180 @@
+"""The boat's foresight and its rollouts: against the tracker's filter, against NumPy, and in missions."""
+
+import math
+
+import numpy as np
+import pytest
+import taichi as ti
+import torch
+
+import policies
+from kernels.mission import belief_planner
+from kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn
+from kernels.positioning import acoustic_link, tracker
+from kernels.types import array1, array2, array3, vec3
+from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.site.site import Site
+from usvauv_env.world.tables import link_table, reference_rate
+
+# Eight AUVs of which the boat hears those within some 200 m.
+WIDE = [
+    "area.width=600",
+    "area.length=600",
+    "auv.count=8",
+    "nodes.count=60",
+    "nodes.target_rule=tour",
+    "boat.top_speed=2",
+    "boat.noise_level=40",
+    "channel.data_ratio=18",
+    "acoustics.source_level=142",
+    "navigation.velocity_bias=0.1",
+    "navigation.homing_range=25",
+]
+VARIANCE, TAU, R = 0.01, 300.0, 16.0
+
+
+@ti.kernel
+def drift_and_fix(factors: array1, track: array3, scalars: array2):
+    """A track by the tracker, and (a, b, c) of it by the planner, over the same drift and the same fix."""
+    drift = belief_planner.Drift(
+        way=factors[0], kept=factors[1], position=factors[2], cross=factors[3], current=factors[4]
+    )
+    for n in range(track.shape[0]):
+        s = vec3(track[n, 0, tracker.XX], track[n, 0, tracker.XU], track[n, 0, tracker.UU])
+        s = belief_planner.fixed(belief_planner.drifted(s, drift), R)
+        for c in ti.static(range(3)):
+            scalars[n, c] = s[c]
+        tracker.drift(track, n, 0, ti.math.vec2(0.0, 0.0), factors[5], VARIANCE, TAU)
+        place = ti.math.vec2(track[n, 0, tracker.X], track[n, 0, tracker.Y])
+        fix = tracker.Fix(place=place, covariance=vec3(R, 0.0, R), lag=0.0, carried=ti.math.vec2(0.0, 0.0))
+        tracker.update(track, n, 0, fix, VARIANCE, 3.0)
+
+
+@pytest.mark.parametrize("time", [5.0, 200.0])
+def test_uncertainty_is_the_trackers(device, time):
+    f = 1.0 - math.exp(-time / TAU)
+    spread = VARIANCE * TAU**2 * (2 * time / TAU - 3 + 4 * math.exp(-time / TAU) - math.exp(-2 * time / TAU))
+    factors = [TAU * f, 1 - f, spread, VARIANCE * TAU * f * f, VARIANCE * f * (2 - f), time]
+    track = torch.zeros((2, 1, tracker.COLUMNS), device=device)
+    for n, (a, b, c) in enumerate([(4.0, 0.1, 0.01), (900.0, 2.0, 0.02)]):
+        for columns, number in (((tracker.XX, tracker.YY), a), ((tracker.XU, tracker.YV), b)):
+            track[n, 0, list(columns)] = number
+        track[n, 0, [tracker.UU, tracker.VV]] = c
+    scalars = torch.zeros((2, 3), device=device)
+    drift_and_fix(torch.tensor(factors, device=device), track, scalars)
+    by_tracker = track[:, 0, [tracker.XX, tracker.XU, tracker.UU]]
+    assert torch.allclose(scalars, by_tracker, rtol=2e-4)
+
+
+def fly(world, steps, policy="pace"):
+    act = policies.load(policy, world).act
+    observation = world.reset()
+    for _ in range(steps):
+        observation, *_ = world.step(act(observation))
+        yield world
+
+
+class TestForesight:
+    def test_an_auv_out_of_hearing_is_foreseen_along_its_tour(self):
+        """From the AUV's last reply on, its foreseen way is that of NumPy along the successors."""
+        world = World(Scenario.load("extreme", WIDE), 4, 3, "visit")
+        service = 0.65 * world.scenario.nodes.payload / reference_rate(world.scenario)
+        before = None
+        silent = 0
+        for _ in fly(world, 150):
+            now = world.foresight.cpu().numpy().copy()
+            elapsed = world.exchange[..., ExchangeColumn.elapsed].cpu().numpy()
+            if before is not None:
+                nodes = world.node.cpu().numpy()
+                on = (now[..., ForesightColumn.elapsed] - before[..., ForesightColumn.elapsed] > 0.9999) & (
+                    elapsed < 100  # later it may be lost and wait
+                )
+                for w, k in np.argwhere(on):
+                    place, node, hovers = foreseen(before[w, k], nodes[w], service)
+                    assert np.allclose(now[w, k, : ForesightColumn.y + 1], place, atol=2e-3)
+                    assert int(now[w, k, ForesightColumn.heads_for]) == node
+                    assert now[w, k, ForesightColumn.hovers] == pytest.approx(hovers, abs=2e-3)
+                    silent += 1
+            before = now
+        assert silent > 500
+
+    def test_it_is_nearer_than_where_the_auv_was_heard(self):
+        world = World(Scenario.load("extreme", WIDE), 24, 4, "visit")
+        foreseen_error, last_error = [], []
+        for step, _ in enumerate(fly(world, 400)):
+            if step % 20 == 0:
+                elapsed = world.exchange[..., ExchangeColumn.elapsed]
+                out = (elapsed > 60) & (elapsed < 180)
+                true = world.auv[..., :2]
+                foreseen_error.append((world.foresight[..., :2] - true).norm(dim=-1)[out])
+                last_error.append((world.track[..., :2] - true).norm(dim=-1)[out])
+        foreseen_error, last_error = torch.cat(foreseen_error), torch.cat(last_error)
+        assert len(foreseen_error) > 200
+        assert foreseen_error.median() < 0.5 * last_error.median()
+
+
+def foreseen(row, nodes, service):
+    """Place, node and time to hover of an AUV one second after a row of foresight."""
+    place, node = row[:2].astype(float), int(row[ForesightColumn.heads_for])
+    hovers, left = float(row[ForesightColumn.hovers]), 1.0
+    while left > 1e-9:
+        if hovers > 0:
+            spent = min(hovers, left)
+            hovers, left = hovers - spent, left - spent
+            if hovers <= 0:
+                node = int(nodes[node, NodeColumn.successor])
+            continue
+        way = nodes[node, :2] - place
+        needed = np.linalg.norm(way) / row[ForesightColumn.speed]
+        if needed > left:
+            return place + left / needed * way, node, 0.0
+        place, left, hovers = nodes[node, :2].astype(float), left - needed, service
+    return place, node, hovers
+
+
+class TestMissions:
+    def test_visits_go_to_the_least_certain(self):
+        world = World(Scenario.load("extreme", WIDE), 8, 3, "visit")
+        for _ in fly(world, 100):
+            pass
+        goal = world.boat[:, BoatColumn.goal_x : BoatColumn.goal_y + 1]
+        away = (world.foresight[..., :2] - goal[:, None]).norm(dim=-1)
+        elapsed = world.exchange[..., ExchangeColumn.elapsed]
+        chosen = away.argmin(dim=1)
+        assert (away.min(dim=1).values < 10).all()
+        # The log's bias drifts alike in all AUVs: the least certain one is among those not heard for longest.
+        longest = elapsed.gather(1, chosen[:, None])[:, 0] / elapsed.max(dim=1).values
+        assert longest.median() > 0.9
+
+    def test_belief_keeps_auvs_on_their_way_that_centroid_loses(self):
+        """Data and longest silence in the same 24 worlds, half an episode."""
+        results = {}
+        for boat in ("centroid", "belief"):
+            world = World(Scenario.load("extreme", WIDE), 24, 5, boat)
+            data, silence = 0.0, 0.0
+            for _ in fly(world, 600):
+                data += world.auv[..., AuvColumn.delivered].sum(1).double()
+                silence = torch.maximum(
+                    torch.as_tensor(silence), world.exchange[..., ExchangeColumn.elapsed].max(dim=1).values
+                )
+            results[boat] = data.cpu().numpy(), silence.cpu().numpy()
+        gain = results["belief"][0] - results["centroid"][0]
+        assert gain.mean() > 3 * gain.std(ddof=1) / math.sqrt(len(gain))
+        assert results["belief"][1].mean() < 0.8 * results["centroid"][1].mean()
+
+    @pytest.mark.parametrize("boat", ["visit", "belief"])
+    def test_auvs_that_do_not_reckon_are_not_foreseen(self, boat):
+        with pytest.raises(ScenarioError, match=rf"'{boat}' foresees AUVs .* needs navigation\.sensor"):
+            World(Scenario.load("extreme", ["navigation.sensor=none"]), 1, usv=boat)
+
+
+class TestDataRatio:
+    def test_threshold(self):
+        """R² = 8 + 8 E/N0 at the ratio; below that of detection it changes nothing."""
+        thresholds = [
+            link_table(Site(Scenario.load("extreme", [f"channel.data_ratio={ratio}"])))[0, acoustic_link.THRESHOLD]
+            for ratio in (0, 9, 18)
+        ]
+        assert thresholds[0] == pytest.approx(72.0)
+        assert thresholds[1] == pytest.approx(72.0, rel=0.01)
+        assert thresholds[2] == pytest.approx(8 + 8 * 10**1.8)
