@@ -33,9 +33,7 @@ def evaluate(
     ] = None,
     usv: Annotated[
         list[str] | None,
-        typer.Option(
         typer.Option(help="Boat: fim, fim-greedy, fim-horizon, visit, belief, hold:X,Y or centroid; may be repeated."),
-        ),
     ] = None,
     targets: Annotated[
         list[str] | None,
