@@ -583,7 +583,7 @@ class TestObservation:
 
     @pytest.mark.parametrize(("current", "size"), [("none", 8), ("speed", 9), ("vector", 11), ("profile", 23)])
     def test_size(self, current, size):
-        world = World(Scenario.load("extreme", [f"observation.current={current}"]), num_worlds=2)
+        world = World(Scenario.load("ideal", [*EVERY_STEP, f"observation.current={current}"]), num_worlds=2)
         assert world.reset().shape == (2, 2, size)
         assert world.observation_size == size
 

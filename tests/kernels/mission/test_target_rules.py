@@ -411,7 +411,14 @@ class TestKnowledge:
             shared += sum(len(set(row)) < 3 for row in after.target.tolist())
         assert shared > 0
 
-    @pytest.mark.parametrize("rule", ["greedy", "nearest", "rate", "rollout", "learned:untrained"])
+    @pytest.mark.parametrize(
+        "rule",
+        [
+            *(pytest.param(name, marks=pytest.mark.slow) for name in ("greedy", "nearest", "rate")),
+            "rollout",
+            "learned:untrained",
+        ],
+    )
     def test_without_communication_each_keeps_to_its_sector(self, rule):
         """Sectors are the cycles of the rule `sectors`; they do not depend on the rule."""
         scenario = Scenario.load("ideal", [*EVERY_STEP, "nodes.information=own-visits", "auv.count=3"])
