@@ -30,7 +30,7 @@ from kernels.planning.team import each_auv
 from kernels.positioning import acoustic_link, tracker
 from kernels.types import vec2, vec3
 
-INTERVAL = 5.0  # s between two plans, and of a step of the rollout
+INTERVAL = 5.0  # s, of a step of the rollout, and the least between two plans
 STEPS = 60  # of a rollout
 PATIENCE = 150.0  # s that the boat looks for an AUV before it plans anew
 SURE = 0.8  # probability from which on a rollout takes an AUV to be heard

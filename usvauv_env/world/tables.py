@@ -26,6 +26,7 @@ from usvauv_env.world.current_statistics import current_bound, current_model
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
+SERVICE_FILL = 0.65  # share of a full buffer that a typical service takes, for the boat's foresight
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
 
 
@@ -294,7 +295,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "rate_variance": np.var(s.nodes.arrival_rates),
         "reference_speed": s.reference.straight_speed,
         "reference_rate": reference_rate(s),
-        "service_time": 0.65 * s.nodes.payload / reference_rate(s),
+        "service_time": SERVICE_FILL * s.nodes.payload / reference_rate(s),
         "duration": s.mission.duration,
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)

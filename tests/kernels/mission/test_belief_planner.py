@@ -14,7 +14,7 @@ from kernels.positioning import acoustic_link, tracker
 from kernels.types import array1, array2, array3, vec3
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table, reference_rate
+from usvauv_env.world.tables import SERVICE_FILL, link_table, reference_rate
 
 # Eight AUVs of which the boat hears those within some 200 m.
 WIDE = [
@@ -78,7 +78,7 @@ class TestForesight:
     def test_an_auv_out_of_hearing_is_foreseen_along_its_tour(self):
         """From the AUV's last reply on, its foreseen way is that of NumPy along the successors."""
         world = World(Scenario.load("extreme", WIDE), 4, 3, "visit")
-        service = 0.65 * world.scenario.nodes.payload / reference_rate(world.scenario)
+        service = SERVICE_FILL * world.scenario.nodes.payload / reference_rate(world.scenario)
         before = None
         silent = 0
         for _ in fly(world, 150):
@@ -147,7 +147,7 @@ class TestMissions:
         assert longest.median() > 0.9
 
     def test_belief_keeps_auvs_on_their_way_that_centroid_loses(self):
-        """Data and longest silence in the same 24 worlds, half an episode."""
+        """Data and longest silence in the same 24 worlds, 600 s."""
         results = {}
         for boat in ("centroid", "belief"):
             world = World(Scenario.load("extreme", WIDE), 24, 5, boat)
