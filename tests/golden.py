@@ -4,9 +4,10 @@
     python -m tests.golden --add       # write down this machine's digest, where the numbers agree
     python -m tests.golden --renew     # after a change that is meant to change results: numbers and digests anew
 
-`golden.json` has the numbers, the versions that they were made with, and a digest for each set of instructions. Bits
-depend on these: NumPy and torch choose their routines by them, and so do LLVM, which compiles Taichi's kernels, and the
-C library. On a set that has a digest every bit is compared, on any other the numbers within `TOLERANCE`.
+`golden.json` has the numbers, the versions that they were made with, and a digest for each processor. Bits depend on
+the processor's instructions and model: NumPy and torch choose their routines by them, and so do LLVM, which compiles
+Taichi's kernels, and the C library. On a processor that has a digest every bit is compared, on any other the numbers
+within `TOLERANCE`.
 
 Another set is emulated by QEMU: `qemu-x86_64-static -cpu Haswell $(which python) -m tests.golden` has AVX2, `-cpu
 Nehalem` neither AVX nor fused multiplication and addition.
@@ -40,9 +41,12 @@ MISSIONS = {
 }
 
 
-def instructions() -> str:
-    """This machine's set of instructions, as torch names it, which also knows an emulated one."""
-    return f"{platform.machine()} {torch.backends.cpu.get_cpu_capability()}"
+def processor() -> str:
+    """This machine's set of instructions, as torch names it, which also knows an emulated one, and the model."""
+    file = Path("/proc/cpuinfo")
+    text = file.read_text(encoding="utf-8") if file.exists() else ""
+    model = [*re.findall(r"^(?:cpu family|model)\s*: (\d+)$", text, re.MULTILINE)[:2], "0", "0"][:2]
+    return f"{platform.machine()} {torch.backends.cpu.get_cpu_capability()}, family {model[0]}, model {model[1]}"
 
 
 def versions() -> dict[str, str]:
@@ -93,12 +97,12 @@ def main() -> None:
         golden = json.loads(FILE.read_text(encoding="utf-8"))
     differ = deviations(golden["numbers"], numbers)
     worst = max(differ, key=differ.get, default="")
-    print(instructions(), versions(), digest, golden["digests"].get(instructions(), "no digest yet"))
+    print(processor(), versions(), digest, golden["digests"].get(processor(), "no digest yet"))
     print(f"largest difference: {worst} {differ[worst]:.2g}" if differ else "no number differs")
     if differ and differ[worst] > TOLERANCE:
         sys.exit(f"more than {TOLERANCE}")
     if chosen.add or chosen.renew:
-        golden["digests"][instructions()] = digest
+        golden["digests"][processor()] = digest
         one_line_each = re.sub(r"\[[^]]*]", lambda found: " ".join(found[0].split()), json.dumps(golden, indent=1))
         FILE.write_text(one_line_each + "\n", encoding="utf-8")
 

@@ -418,6 +418,7 @@ class Boat(Section):
     )
     top_speed: float = Field(4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s")
     drifts: bool = Field(True, description="the current carries the boat")
+    strategy: str = Field("fim", description="where it goes, as the option --usv takes it")
 
 
 class Planner(Section):

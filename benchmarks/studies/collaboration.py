@@ -2,10 +2,9 @@
 
     python -m benchmarks.studies.collaboration
 
-Eight AUVs and 120 nodes on 600 m × 600 m in the storm and eddies of `extreme`. AUVs reckon with a Doppler log and a
-cheap compass, and home on their node within 25 m; the boat makes 2 m/s. A reply is understood from an E/N0 of 18 dB on;
-the transponders' level decides how far that is. All strategies have the same worlds, and so has a mission in which
-fixes are perfect.
+Missions of `wide`: eight AUVs and 120 nodes on 600 m × 600 m. A reply is understood from an E/N0 of 18 dB on; the
+transponders' level decides how far that is. All strategies have the same worlds, and so has a mission in which fixes
+are perfect.
 """
 
 from __future__ import annotations
@@ -21,21 +20,7 @@ from usvauv_env import Scenario, World
 from usvauv_env.record.metrics import episode_metrics
 from usvauv_env.record.recorder import record
 
-WIDE = (
-    "area.width=600",
-    "area.length=600",
-    "auv.count=8",
-    "nodes.count=120",
-    "nodes.target_rule=tour",
-    "current.count=36",
-    "boat.top_speed=2",
-    "boat.noise_level=40",
-    "channel.data_ratio=18",
-    "navigation.velocity_bias=0.1",
-    "navigation.homing_range=25",
-)
 PERFECT = (
-    *WIDE,
     "channel.schedule=every-step",
     "navigation.sensor=none",
     "acoustics.source_level=250",
@@ -49,7 +34,7 @@ FIGURES = ("delivered_mbit", "own_error_rms", "own_error_p95", "fix_availability
 
 def fly(changes: tuple[str, ...], boat: str, policy: str, episodes: int, seed: int) -> dict[str, np.ndarray]:
     """Figures of each episode, (episodes,)."""
-    world = World(Scenario.load("extreme", list(changes)), episodes, seed, boat)
+    world = World(Scenario.load("wide", list(changes)), episodes, seed, boat)
     rows = episode_metrics(record(world, policies.load(policy, world).act, policy))
     return {name: np.array([getattr(row, name) for row in rows]) for name in FIGURES}
 
@@ -71,7 +56,7 @@ def main() -> None:
     print("| heard to | boat | Mbit | of perfect | `belief` minus it, 95 % | own rms, p95, m | fixes | outage, s |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for distance, level in LEVELS.items():
-        rows = {boat: fly((*WIDE, f"acoustics.source_level={level}"), boat, *common) for boat in BOATS}
+        rows = {boat: fly((f"acoustics.source_level={level}",), boat, *common) for boat in BOATS}
         for boat, row in rows.items():
             data = row["delivered_mbit"]
             less = "" if boat == "belief" else interval(rows["belief"]["delivered_mbit"] - data)

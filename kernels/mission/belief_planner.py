@@ -5,10 +5,11 @@ it travelling from node to node as the target rule lets expect, with a typical s
 uncertain of its own position that it misses its node waits there.
 
 **Rollouts.** The boat compares first goals: each AUV where it is foreseen, their mean, and the goal it has. After the
-first goal it visits, in the rollout, the AUV that is then least certain of itself. The goal is chosen with which the
-AUVs' mean square error of their own positions is least, over the horizon and all AUVs. It is kept until the boat has
-heard whom it went to, has arrived, or has looked for too long: planned anew in each step, a far AUV would always come
-second.
+first goal it visits, in the rollout, the AUV that is then least certain of itself. The loss of a goal is the mean of
+a², over the horizon and all AUVs, with a the variance of an AUV's own position: the square, so that one AUV alone for
+long counts more than several for a short time. The goal of the least loss is chosen, and the AUV least certain of itself
+unless another's loss is less by a margin, because rollouts err. It is kept until the boat has heard whom it went to, has
+arrived, or has looked for too long: planned anew in each step, a far AUV would always come second.
 
 One number of each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes treat both
 axes alike: a of the position, b of position and current, c of the current. Over the time t, with f = 1 − e^{−t/τ},
@@ -36,6 +37,7 @@ PATIENCE = 150.0  # s that the boat looks for an AUV before it plans anew
 SURE = 0.8  # probability from which on a rollout takes an AUV to be heard
 LEARNED = 0.1  # share of the foreseen speed that each reply renews
 SLOWEST = 1e-3  # m/s, of a foreseen AUV
+MARGIN = 0.03  # share by which another goal's loss must be below that of going to the least certain AUV
 NOBODY = -1  # the index of a goal that is no AUV
 STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the one foreseen, over the reference speed
 LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
@@ -241,7 +243,7 @@ def reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> vec2:
 
 @ti.func
 def expected_loss(worlds: ti.template(), w, first: ti.i32, where: vec2) -> ti.f32:
-    """Mean square error of the AUVs' own positions per axis (m²), over the horizon and all AUVs.
+    """Mean squared variance of the AUVs' own positions per axis (m⁴), over the horizon and all AUVs.
 
     Args:
         first: the AUV that the boat visits first, or NOBODY: it goes to `where`, m.
@@ -310,7 +312,7 @@ def expected_loss(worlds: ti.template(), w, first: ti.i32, where: vec2) -> ti.f3
             a[k] = s[0]
             b[k] = s[1]
             c[k] = s[2]
-            total += s[0]
+            total += s[0] * s[0]
             if a[k] > a[least]:
                 least = k
         if reached:
@@ -325,12 +327,26 @@ def foreseen_place(worlds: ti.template(), w, k) -> vec2:
 
 
 @ti.func
+def least_certain(worlds: ti.template(), w) -> ti.i32:
+    """The AUV that is least certain of its own position."""
+    least = 0
+    largest = -1.0
+    for k in range(worlds.estimate.shape[1]):
+        a = own_uncertainty(worlds, w, k)[0]
+        if a > largest:
+            least = k
+            largest = a
+    return least
+
+
+@ti.func
 def plan(worlds: ti.template(), w) -> vec2:
-    """The goal with the least expected loss, m."""
+    """The goal with the least expected loss, or the least certain AUV where that is hardly more, m."""
     count = worlds.estimate.shape[1]
     middle = vec2(0.0, 0.0)
     for k in range(count):
         middle += foreseen_place(worlds, w, k) / count
+    usual = least_certain(worlds, w)
     last = vec2(worlds.boat[w, BoatColumn.goal_x], worlds.boat[w, BoatColumn.goal_y])
     best = last
     chosen = NOBODY
@@ -344,6 +360,8 @@ def plan(worlds: ti.template(), w) -> vec2:
         elif candidate == count:
             goal = middle
         loss = expected_loss(worlds, w, first, goal)
+        if candidate == usual:
+            loss *= 1.0 - MARGIN
         if loss < least:
             least = loss
             best = goal
@@ -354,31 +372,18 @@ def plan(worlds: ti.template(), w) -> vec2:
 
 
 @ti.func
-def least_certain(worlds: ti.template(), w) -> vec2:
-    """Where the AUV is foreseen that is least certain of its own position, m."""
-    least = 0
-    largest = -1.0
-    for k in range(worlds.estimate.shape[1]):
-        a = own_uncertainty(worlds, w, k)[0]
-        if a > largest:
-            least = k
-            largest = a
-    return foreseen_place(worlds, w, least)
-
-
-@ti.func
 def go(worlds: ti.template(), w) -> vec2:
     """The boat's goal: that of the last plan, until it has heard whom it went to, or has arrived, or it is old."""
     boat = ti.static(worlds.boat)
     time = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
     visited = ti.cast(boat[w, BoatColumn.visits], ti.i32)
     goal = vec2(boat[w, BoatColumn.goal_x], boat[w, BoatColumn.goal_y])
-    due = worlds.clock[w, 1] == 1 or time - boat[w, BoatColumn.planned] >= PATIENCE
+    due = time - boat[w, BoatColumn.planned] >= PATIENCE
     if visited != NOBODY:
         goal = foreseen_place(worlds, w, visited)
         due = due or worlds.exchange[w, visited, ExchangeColumn.elapsed] < 2.0 * worlds.p[Parameter.step]
     away = goal - vec2(boat[w, BoatColumn.x], boat[w, BoatColumn.y])
     due = due or away.norm() < worlds.p[Parameter.top_speed] * INTERVAL
-    if due and time - boat[w, BoatColumn.planned] >= INTERVAL:
+    if worlds.clock[w, 1] == 1 or (due and time - boat[w, BoatColumn.planned] >= INTERVAL):
         goal = plan(worlds, w)
     return goal

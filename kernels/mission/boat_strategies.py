@@ -31,7 +31,7 @@ def visit(worlds: ti.template(), w) -> vec2:
     """Where the boat foresees the AUV that is least certain of its own position."""
     for k in range(worlds.estimate.shape[1]):
         belief_planner.foresee(worlds, w, k)
-    return belief_planner.least_certain(worlds, w)
+    return belief_planner.foreseen_place(worlds, w, belief_planner.least_certain(worlds, w))
 
 
 @ti.func

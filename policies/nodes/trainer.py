@@ -157,7 +157,7 @@ class NodeTrainer:
         scenario: Scenario,
         steering: str,
         config: NodeConfig = NodeConfig(),
-        usv: str = "centroid",
+        usv: str | None = "centroid",
         arch: str = "auto",
     ) -> None:
         """Begin with the scores of the rule `rollout`.

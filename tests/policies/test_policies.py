@@ -76,7 +76,9 @@ class TestFace:
             policy.for_scenario(scenario(**changes))
 
 
-@pytest.mark.parametrize("name", ["ideal", "extreme", "paper-ideal", "paper-extreme", "station-keeping", "survey"])
+@pytest.mark.parametrize(
+    "name", ["ideal", "extreme", "paper-ideal", "paper-extreme", "station-keeping", "survey", "wide"]
+)
 def test_the_default_policy_acts_in_every_scenario_and_area(name):
     world = World(Scenario.load(name, ["area.width=150", "area.length=120"]), 2)
     policy = policies.load(policies.default(world.scenario), world)

@@ -23,7 +23,15 @@ class TestShipped:
 
 
 def test_these_ship():
-    assert Scenario.shipped() == ["extreme", "ideal", "paper-extreme", "paper-ideal", "station-keeping", "survey"]
+    assert Scenario.shipped() == [
+        "extreme",
+        "ideal",
+        "paper-extreme",
+        "paper-ideal",
+        "station-keeping",
+        "survey",
+        "wide",
+    ]
 
 
 @pytest.mark.parametrize("name", ["paper-ideal", "paper-extreme"])

@@ -10,6 +10,7 @@ import typer
 
 from kernels.errors import DivergenceError
 from usvauv_cli.commands.options import (
+    BOATS,
     POLICIES,
     TARGETS,
     Arch,
@@ -33,7 +34,7 @@ def evaluate(
     ] = None,
     usv: Annotated[
         list[str] | None,
-        typer.Option(help="Boat: fim, fim-greedy, fim-horizon, visit, belief, hold:X,Y or centroid; may be repeated."),
+        typer.Option(help=f"{BOATS}; may be repeated. Default: the scenario's."),
     ] = None,
     targets: Annotated[
         list[str] | None,
@@ -75,7 +76,7 @@ def evaluate(
     for name in names:
         policies.check(name, setting)
         tell_of_team(name, setting)
-    strategies = [StrategyChoice.parse(name, setting).name for name in usv or ["fim"]]
+    strategies = [StrategyChoice.parse(name, setting).name for name in usv or [None]]
     settings = [setting.with_targets(rule) for rule in targets or [None]]
     require(ROW_BYTES * len(names) * len(strategies) * len(settings) * episodes, f"--episodes {episodes}: their rows")
     rows: list[EpisodeMetrics] = []

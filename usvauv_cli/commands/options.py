@@ -27,9 +27,8 @@ POLICIES = (
     "Policy: sac-extreme, sac-ideal, straight:SPEED, crab:SPEED, pace:PRICE, clear:PRICE, zermelo:SPEED, keep, random,"
     " the folder of a checkpoint, or MODULE:CLASS of your own"
 )
-Usv = Annotated[
-    str, typer.Option(help="Boat: fim, fim-greedy, fim-horizon (with a tracker), visit, belief, hold:X,Y, centroid.")
-]
+BOATS = "Boat: fim, fim-greedy, fim-horizon (with a tracker), visit, belief, hold:X,Y, centroid"
+Usv = Annotated[str | None, typer.Option(help=f"{BOATS}. Default: the scenario's.")]
 
 TARGETS = (
     "Which node next: greedy[:ALPHA], nearest[:PACKETS], rate[:SECONDS], rollout[:HORIZON], tour, sectors, or"

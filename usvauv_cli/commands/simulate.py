@@ -29,7 +29,7 @@ def simulate(
         str | None,
         typer.Option(help=f"{POLICIES}. Default: clear, or the heuristic of another task."),
     ] = None,
-    usv: Usv = "fim",
+    usv: Usv = None,
     targets: Targets = None,
     seed: Seed = 0,
     duration: Annotated[

@@ -47,7 +47,7 @@ def train(
         list[str] | None,
         typer.Option(metavar="NAME=VALUE", help="Change one setting of the learning; may be repeated."),
     ] = None,
-    usv: Usv = "fim",
+    usv: Usv = None,
     targets: Targets = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
@@ -102,7 +102,7 @@ def train(
         evaluation_worlds = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
         name = policies.default(setting)
         baseline = policies.evaluate(evaluation_worlds, name) | {"policy": name}
-        about = provenance(begun) | {"usv": usv, "total": total}
+        about = provenance(begun) | {"usv": world.strategy.name, "total": total}
         trainer = policies.Trainer(world, config, out, partial(policies.evaluate, evaluation_worlds), about)
         if resume:
             trainer.resume()

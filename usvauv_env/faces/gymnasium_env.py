@@ -78,7 +78,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     Args:
         scenario: a `Scenario`, a shipped name or a path.
-        usv: the boat's strategy, "fim" or another of `UsvStrategy`.
+        usv: the boat's strategy, see `World`.
         render_mode: None or "rgb_array".
 
     Raises:
@@ -90,7 +90,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     measure_names = World.measure_names
 
     def __init__(
-        self, scenario: Scenario | str | Path = "extreme", usv: str = "fim", render_mode: str | None = None
+        self, scenario: Scenario | str | Path = "extreme", usv: str | None = None, render_mode: str | None = None
     ) -> None:
         check_mode(render_mode)
         self.render_mode = render_mode
@@ -155,7 +155,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     Args:
         num_envs: number of missions W.
         scenario: a `Scenario`, a shipped name or a path.
-        usv: the boat's strategy, "fim" or another of `UsvStrategy`.
+        usv: the boat's strategy, see `World`.
         autoreset_mode: one of `gymnasium.vector.AutoresetMode` or its value.
         render_mode: None or "rgb_array".
 
@@ -172,7 +172,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self,
         num_envs: int = 1,
         scenario: Scenario | str | Path = "extreme",
-        usv: str = "fim",
+        usv: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:

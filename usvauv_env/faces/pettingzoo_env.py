@@ -35,7 +35,7 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         "is_parallelizable": True,
     }
 
-    def __init__(self, scenario: Scenario | str | Path, usv: str, render_mode: str | None) -> None:
+    def __init__(self, scenario: Scenario | str | Path, usv: str | None, render_mode: str | None) -> None:
         self.render_mode = render_mode
         self._team = DataCollectionEnv(scenario, usv, render_mode)
         self.possible_agents = [f"auv_{k}" for k in range(self._team.world.num_auvs)]
@@ -102,13 +102,13 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
 
 
 def parallel_env(
-    scenario: Scenario | str | Path = "extreme", usv: str = "fim", render_mode: str | None = None
+    scenario: Scenario | str | Path = "extreme", usv: str | None = None, render_mode: str | None = None
 ) -> DataCollectionParallelEnv:
     """A PettingZoo parallel environment of one mission.
 
     Args:
         scenario: a `Scenario`, a shipped name or a path.
-        usv: the boat's strategy, "fim" or another of `UsvStrategy`.
+        usv: the boat's strategy, see `World`.
         render_mode: None or "rgb_array".
 
     Raises:

@@ -65,7 +65,7 @@ class DataCollectionTorchRLEnv(EnvBase):
         scenario: Scenario | str | Path = "extreme",
         num_worlds: int = 1,
         seed: int | None = None,
-        usv: str = "fim",
+        usv: str | None = None,
         arch: str = "auto",
     ) -> None:
         first = secrets.randbits(63) if seed is None else seed

@@ -36,7 +36,7 @@ def evaluate(
     *,
     episodes: int = 20,
     seed: int = 0,
-    usv: str = "fim",
+    usv: str | None = None,
     targets: str | None = None,
     arch: str = "auto",
     on_step: Callable[[int], None] = lambda world_steps: None,

@@ -51,15 +51,19 @@ class StrategyChoice:
     numbers: tuple[float, ...] = ()
 
     @classmethod
-    def parse(cls, text: str, scenario: Scenario) -> StrategyChoice:
-        """Read a strategy by name.
+    def parse(cls, given: str | None, scenario: Scenario) -> StrategyChoice:
+        """Read a strategy by name; where none is given, the scenario's.
 
         Raises:
             ScenarioError: unknown strategy, wrong numbers, or one that cannot be used in the scenario.
         """
+        text = scenario.boat.strategy if given is None else given
+        field = "boat.strategy" if given is None else "usv"
         name, colon, rest = text.partition(":")
         if name not in boat_strategies or (colon and not boat_strategies[name].arguments):
-            raise ScenarioError(f"usv: {text!r}: allowed are {', '.join(_usage(known) for known in boat_strategies)}")
+            raise ScenarioError(
+                f"{field}: {text!r}: allowed are {', '.join(_usage(known) for known in boat_strategies)}"
+            )
         strategy = boat_strategies[name]
         try:
             numbers = tuple(float(part) for part in rest.split(",")) if strategy.arguments else ()
@@ -67,13 +71,13 @@ class StrategyChoice:
             numbers = None
         if numbers is None or len(numbers) != len(strategy.arguments) or not all(map(math.isfinite, numbers)):
             example = f"{name}:{','.join(['100'] * len(strategy.arguments))}"
-            raise ScenarioError(f"usv: {text!r}: expected {_usage(name)}, for example {example}")
+            raise ScenarioError(f"{field}: {text!r}: expected {_usage(name)}, for example {example}")
         with boat_strategies.calling(name):
             problem = strategy.refuse(scenario, numbers)
         if not isinstance(problem, str):
             raise boat_strategies.refuse(name, problem, "a text, empty where nothing is wrong")
         if problem:
-            raise ScenarioError(f"usv: {text!r}{problem}")
+            raise ScenarioError(f"{field}: {text!r}{problem}")
         shown = f"{name}:{','.join(f'{number:g}' for number in numbers)}" if numbers else name
         return cls(shown, strategy, numbers)
 

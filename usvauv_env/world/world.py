@@ -77,8 +77,8 @@ class World:
         scenario: what to simulate.
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1.
-        usv: strategy of the boat: "fim", "fim-greedy", "fim-horizon", "visit", "belief", "hold:X,Y",
-            "centroid" or a plugin's.
+        usv: strategy of the boat, in place of the scenario's `boat.strategy`: "fim", "fim-greedy", "fim-horizon",
+            "visit", "belief", "hold:X,Y", "centroid" or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
@@ -98,7 +98,7 @@ class World:
         scenario: Scenario,
         num_worlds: int = 1,
         seed: int = 0,
-        usv: str = "fim",
+        usv: str | None = None,
         targets: str | None = None,
         *,
         first_world: int = 0,
