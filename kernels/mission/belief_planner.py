@@ -7,9 +7,9 @@ uncertain of its own position that it misses its node waits there.
 **Rollouts.** The boat compares first goals: each AUV where it is foreseen, their mean, and the goal it has. After the
 first goal it visits, in the rollout, the AUV that is then least certain of itself. The loss of a goal is the mean of
 a², over the horizon and all AUVs, with a the variance of an AUV's own position: the square, so that one AUV alone for
-long counts more than several for a short time. The goal of the least loss is chosen, and the AUV least certain of itself
-unless another's loss is less by a margin, because rollouts err. It is kept until the boat has heard whom it went to, has
-arrived, or has looked for too long: planned anew in each step, a far AUV would always come second.
+long counts more than several for a short time. The goal of the least loss is chosen, and the AUV least certain of
+itself unless another's loss is less by a margin, because rollouts err. It is kept until the boat has heard whom it went
+to, has arrived, or has looked for too long: planned anew in each step, a far AUV would always come second.
 
 One number of each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes treat both
 axes alike: a of the position, b of position and current, c of the current. Over the time t, with f = 1 − e^{−t/τ},

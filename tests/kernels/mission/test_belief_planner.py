@@ -16,20 +16,7 @@ from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import SERVICE_FILL, link_table, reference_rate
 
-# Eight AUVs of which the boat hears those within some 200 m.
-WIDE = [
-    "area.width=600",
-    "area.length=600",
-    "auv.count=8",
-    "nodes.count=60",
-    "nodes.target_rule=tour",
-    "boat.top_speed=2",
-    "boat.noise_level=40",
-    "channel.data_ratio=18",
-    "acoustics.source_level=142",
-    "navigation.velocity_bias=0.1",
-    "navigation.homing_range=25",
-]
+WIDE = ["nodes.count=60"]
 VARIANCE, TAU, R = 0.01, 300.0, 16.0
 
 
@@ -77,7 +64,7 @@ def fly(world, steps, policy="pace"):
 class TestForesight:
     def test_an_auv_out_of_hearing_is_foreseen_along_its_tour(self):
         """From the AUV's last reply on, its foreseen way is that of NumPy along the successors."""
-        world = World(Scenario.load("extreme", WIDE), 4, 3, "visit")
+        world = World(Scenario.load("wide", WIDE), 4, 3, "visit")
         service = SERVICE_FILL * world.scenario.nodes.payload / reference_rate(world.scenario)
         before = None
         silent = 0
@@ -99,7 +86,7 @@ class TestForesight:
         assert silent > 500
 
     def test_it_is_nearer_than_where_the_auv_was_heard(self):
-        world = World(Scenario.load("extreme", WIDE), 24, 4, "visit")
+        world = World(Scenario.load("wide", WIDE), 24, 4, "visit")
         foreseen_error, last_error = [], []
         for step, _ in enumerate(fly(world, 400)):
             if step % 20 == 0:
@@ -134,7 +121,7 @@ def foreseen(row, nodes, service):
 
 class TestMissions:
     def test_visits_go_to_the_least_certain(self):
-        world = World(Scenario.load("extreme", WIDE), 8, 3, "visit")
+        world = World(Scenario.load("wide", WIDE), 8, 3, "visit")
         for _ in fly(world, 100):
             pass
         goal = world.boat[:, BoatColumn.goal_x : BoatColumn.goal_y + 1]
@@ -150,9 +137,12 @@ class TestMissions:
         """Data and longest silence in the same 24 worlds, 600 s."""
         results = {}
         for boat in ("centroid", "belief"):
-            world = World(Scenario.load("extreme", WIDE), 24, 5, boat)
+            world = World(Scenario.load("wide", WIDE), 24, 5, boat)
             data, silence = 0.0, 0.0
-            for _ in fly(world, 600):
+            for step, _ in enumerate(fly(world, 600)):
+                if boat == "belief" and step == 0:  # it plans at once, and goes to different AUVs
+                    assert (world.boat[:, BoatColumn.planned] == world.scenario.mission.step).all()
+                    assert len(world.boat[:, BoatColumn.visits].unique()) > 1
                 data += world.auv[..., AuvColumn.delivered].sum(1).double()
                 silence = torch.maximum(
                     torch.as_tensor(silence), world.exchange[..., ExchangeColumn.elapsed].max(dim=1).values
@@ -166,6 +156,13 @@ class TestMissions:
     def test_auvs_that_do_not_reckon_are_not_foreseen(self, boat):
         with pytest.raises(ScenarioError, match=rf"'{boat}' foresees AUVs .* needs navigation\.sensor"):
             World(Scenario.load("extreme", ["navigation.sensor=none"]), 1, usv=boat)
+
+    def test_the_scenario_says_where_the_boat_goes(self):
+        with pytest.raises(ScenarioError, match=r"^boat\.strategy: 'belief' foresees AUVs"):
+            World(Scenario.load("wide", ["navigation.sensor=none"]))
+        with pytest.raises(ScenarioError, match=r"^boat\.strategy: 'drift': allowed are fim"):
+            World(Scenario.load("wide", ["boat.strategy=drift"]))
+        assert World(Scenario.load("ideal", ["boat.strategy=hold:50,60"])).strategy.name == "hold:50,60"
 
 
 class TestDataRatio:
