@@ -21,6 +21,7 @@ from kernels.launch import Launch
 from kernels.types import Columns, array2, array3, vec2
 
 TWO_PI = 6.283185307179586
+FAR = 17.4  # r²/δ² from which on 1 − e^{−r²/δ²} is 1 in single precision
 
 
 class Vortex(Columns):
@@ -47,9 +48,13 @@ class Work(Columns):
 @ti.func
 def core_factor(s: ti.f32) -> ti.f32:
     """(1 − e^{−s})/s for s ≥ 0, which is 1 at s = 0: a series where the difference would cancel in single precision."""
-    value = 1.0 - s / 2.0 * (1.0 - s / 3.0 * (1.0 - s / 4.0 * (1.0 - s / 5.0 * (1.0 - s / 6.0))))
-    if s > 0.25:
+    value = 0.0
+    if s > FAR:
+        value = 1.0 / s
+    elif s > 0.25:
         value = (1.0 - ti.exp(-s)) / s
+    else:
+        value = 1.0 - s / 2.0 * (1.0 - s / 3.0 * (1.0 - s / 4.0 * (1.0 - s / 5.0 * (1.0 - s / 6.0))))
     return value
 
 
@@ -80,17 +85,21 @@ def mutual_velocities(vortex: ti.template(), work: ti.template(), w: ti.i32):
     Sums are written out: `+=` on an array would be an atomic.
     """
     for v in range(vortex.shape[1]):
-        work[w, v, Work.u] = 0.0
-        work[w, v, Work.v] = 0.0
+        x = vortex[w, v, Vortex.x]
+        y = vortex[w, v, Vortex.y]
+        Gamma = vortex[w, v, Vortex.Gamma]
+        own = core_squared(vortex, w, v)
+        V = vec2(0.0, 0.0)
         for other in range(v):
-            dx = vortex[w, v, Vortex.x] - vortex[w, other, Vortex.x]
-            dy = vortex[w, v, Vortex.y] - vortex[w, other, Vortex.y]
-            delta2 = core_squared(vortex, w, v) + core_squared(vortex, w, other)
+            dx = x - vortex[w, other, Vortex.x]
+            dy = y - vortex[w, other, Vortex.y]
+            delta2 = own + core_squared(vortex, w, other)
             turn = core_factor((dx * dx + dy * dy) / delta2) / (TWO_PI * delta2)
-            work[w, v, Work.u] = work[w, v, Work.u] - vortex[w, other, Vortex.Gamma] * turn * dy
-            work[w, v, Work.v] = work[w, v, Work.v] + vortex[w, other, Vortex.Gamma] * turn * dx
-            work[w, other, Work.u] = work[w, other, Work.u] + vortex[w, v, Vortex.Gamma] * turn * dy
-            work[w, other, Work.v] = work[w, other, Work.v] - vortex[w, v, Vortex.Gamma] * turn * dx
+            V += vortex[w, other, Vortex.Gamma] * turn * vec2(-dy, dx)
+            work[w, other, Work.u] = work[w, other, Work.u] + Gamma * turn * dy
+            work[w, other, Work.v] = work[w, other, Work.v] - Gamma * turn * dx
+        work[w, v, Work.u] = V[0]
+        work[w, v, Work.v] = V[1]
 
 
 @ti.func
