@@ -28,7 +28,7 @@ import numpy as np
 import torch
 
 from benchmarks.digest import REFRACTION, SEAS, TRACKED, mission_arrays
-from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn, TallyColumn
 from usvauv_env import Scenario, World
 
 FILE = Path(__file__).with_name("golden.json")
@@ -56,9 +56,10 @@ def versions() -> dict[str, str]:
 
 def summary(world: World) -> dict[str, list[float]]:
     """Numbers of the worlds as they are, each of all worlds, AUV by AUV."""
-    auv, boat = world.auv.cpu().numpy(), world.boat.cpu().numpy()
+    auv, boat, tally = (array.cpu().numpy() for array in (world.auv, world.boat, world.tally))
     found = {name: auv[..., getattr(AuvColumn, name)] for name in AuvColumn.names}
     found |= {f"boat_{name}": boat[..., getattr(BoatColumn, name)] for name in BoatColumn.names}
+    found |= {f"tally_{name}": tally[..., getattr(TallyColumn, name)] for name in TallyColumn.names}
     found["backlog"] = world.node[..., NodeColumn.backlog].cpu().numpy().mean(axis=-1)
     found["reward"] = world.reward.cpu().numpy()
     found["elevation"] = world.surface(8)

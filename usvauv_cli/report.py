@@ -92,12 +92,13 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
             f"  {row.services} services brought {row.delivered_mbit:.1f} Mbit (SDR {row.sdr:.2f} Mbit/s)"
             f" for {row.energy_wh:.1f} Wh (EC {row.ec:.1f} W)"
         )
-    heave = trace.boat_surface[:, 0, 0]
+    heave = trace.boat_surface[:, 0, :, 0]
+    boats = "boat" if heave.shape[1] == 1 else "boats"
     lines = [
         f"{row.scenario}, policy {row.policy}, boat {row.usv}, seed {row.seed}: {minutes} min {seconds} s of mission",
         f"{done}; ARPS {row.arps:.2f}",
         f"  positions are {row.position_error_median:.2f} m off in the median, {row.position_error_rms:.2f} m rms,"
-        f" {row.position_error_p95:.2f} m at 95 %; the boat heaved from {heave.min():+.2f} to {heave.max():+.2f} m",
+        f" {row.position_error_p95:.2f} m at 95 %; the {boats} heaved from {heave.min():+.2f} to {heave.max():+.2f} m",
         f"  {row.collisions} steps too close, {row.border} moves refused at the border,"
         f" {row.overflow} node-steps of overflow",
         f"  usable fixes in {row.fix_availability:.1%} of the steps, at most {row.outage_longest:.0f} s without one",

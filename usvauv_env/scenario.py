@@ -72,7 +72,7 @@ class Scenario(Section):
     usbl: Usbl = section(Usbl, "ultra-short baseline positioning (Eq. 1)")
     channel: Channel = section(Channel, "the acoustic channel")
     navigation: Navigation = section(Navigation, "dead reckoning of the AUVs")
-    boat: Boat = section(Boat, "the USV")
+    boat: Boat = section(Boat, "the boats (USVs), which are all alike")
     planner: Planner = section(Planner, "Fisher-information path planning (Eq. 2–3)")
     tracker: Tracker = section(Tracker, "tracker of the AUVs")
     auv: Auv = section(Auv, "the AUVs")
@@ -105,6 +105,8 @@ class Scenario(Section):
                 )
         if self.auv.separation == "geometry" and self.auv.depth >= self.area.depth:
             raise ValueError(f"auv.depth = {self.auv.depth:g}: must be below area.depth, {self.area.depth:g} m")
+        if self.boat.count > self.auv.count:
+            raise ValueError(f"boat.count = {self.boat.count}: must not be above auv.count, {self.auv.count}")
         smaller = min(self.area.width, self.area.length)
         for field, margin in (("auv.start_margin", self.auv.start_margin), ("nodes.margin", self.nodes.margin)):
             if 2 * margin >= smaller:

@@ -360,7 +360,7 @@ class Usbl(Section):
 
 
 class Channel(Section):
-    """The one acoustic channel, in which the boat asks its AUVs and they reply."""
+    """The one acoustic channel, in which boats ask AUVs in turn and they reply."""
 
     schedule: Literal["every-step", "all", "round-robin", "by-need"] = Field(
         "every-step",
@@ -377,15 +377,6 @@ class Channel(Section):
         description="least E/N0 of a coded pulse at which the data that a reply carries can be read, dB; below 9:"
         " wherever the pulse is detected",
     )
-    slots: int = Field(1, ge=1, le=16, description="boats that share the channel, each with a slot of time")
-    slot: int = Field(0, ge=0, le=15, description="number of this boat's slot")
-    slot_length: float = Field(1.0, ge=0.01, le=1000, description="length of a slot, s")
-
-    @model_validator(mode="after")
-    def _check(self) -> Channel:
-        if self.slot >= self.slots:
-            raise ValueError(f"slot = {self.slot}: must be below slots, {self.slots}")
-        return self
 
 
 class Navigation(Section):
@@ -409,6 +400,7 @@ class Navigation(Section):
 
 
 class Boat(Section):
+    count: int = Field(1, ge=1, le=4, description="number of boats; each serves the AUVs nearest to it")
     noise_level: float = Field(
         0.0,
         ge=0,

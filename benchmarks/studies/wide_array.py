@@ -35,9 +35,9 @@ BOATS = ("fim", "hold:0,0")
 def taken_as_they_are(trace: Trace, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Horizontal errors (n,) of fixes as they are measured, m, and which of them lack turns (n,)."""
     scenario, device = trace.scenario, runtime.start().device
-    away = trace.auv_position - trace.boat_position[:, :, None]
-    z = -scenario.auv.depth - trace.boat_surface[..., None, :1].repeat(away.shape[2], 2)
-    slope = scenario.usbl.tilt * trace.boat_surface[..., None, 1:].repeat(away.shape[2], 2)
+    away = trace.auv_position - trace.boat_position
+    z = -scenario.auv.depth - trace.boat_surface[..., :1].repeat(away.shape[2], 2)
+    slope = scenario.usbl.tilt * trace.boat_surface[..., 1:].repeat(away.shape[2], 2)
     offset, tilt = (
         torch.tensor(part, dtype=torch.float32, device=device).flatten(0, -2)
         for part in (np.concatenate([away, z], -1), slope)

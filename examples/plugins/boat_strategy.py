@@ -9,7 +9,7 @@ from usvauv_env.world.boat_strategies import BoatStrategy, boat_strategies
 
 
 @ti.func
-def above(worlds: ti.template(), w) -> vec2:
+def above(worlds: ti.template(), w, b) -> vec2:
     k = ti.cast(worlds.strategy_arguments[0], ti.i32)
     return vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
 

@@ -26,6 +26,7 @@ Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
 
 import taichi as ti
 
+from kernels.mission import serving
 from kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
 from kernels.planning.team import each_auv
 from kernels.positioning import acoustic_link, tracker
@@ -242,16 +243,16 @@ def reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> vec2:
 
 
 @ti.func
-def expected_loss(worlds: ti.template(), w, first: ti.i32, where: vec2) -> ti.f32:
-    """Mean squared variance of the AUVs' own positions per axis (m⁴), over the horizon and all AUVs.
+def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) -> ti.f32:
+    """Mean squared variance of the own positions of the AUVs that a boat serves, per axis (m⁴), over the horizon.
 
     Args:
         first: the AUV that the boat visits first, or NOBODY: it goes to `where`, m.
     """
     p = ti.static(worlds.p)
     count = worlds.estimate.shape[1]
-    here = vec2(worlds.boat[w, BoatColumn.x], worlds.boat[w, BoatColumn.y])
-    z = -(p[Parameter.separation_boat] + worlds.boat[w, BoatColumn.elevation])
+    here = vec2(worlds.boat[w, boat, BoatColumn.x], worlds.boat[w, boat, BoatColumn.y])
+    z = -(p[Parameter.separation_boat] + worlds.boat[w, boat, BoatColumn.elevation])
     works = works_within(worlds)
     reach = p[Parameter.top_speed] * INTERVAL
     over_step = drift_over(worlds, INTERVAL)
@@ -264,15 +265,16 @@ def expected_loss(worlds: ti.template(), w, first: ti.i32, where: vec2) -> ti.f3
     heads_for = each_auv(0.0)
     hovers = each_auv(0.0)
     for k in range(count):
-        s = own_uncertainty(worlds, w, k)
-        a[k] = s[0]
-        b[k] = s[1]
-        c[k] = s[2]
-        elapsed[k] = worlds.exchange[w, k, ExchangeColumn.elapsed]
-        x[k] = worlds.foresight[w, k, ForesightColumn.x]
-        y[k] = worlds.foresight[w, k, ForesightColumn.y]
-        heads_for[k] = worlds.foresight[w, k, ForesightColumn.heads_for]
-        hovers[k] = worlds.foresight[w, k, ForesightColumn.hovers]
+        if serving.serves(worlds, w, boat, k):
+            s = own_uncertainty(worlds, w, k)
+            a[k] = s[0]
+            b[k] = s[1]
+            c[k] = s[2]
+            elapsed[k] = worlds.exchange[w, k, ExchangeColumn.elapsed]
+            x[k] = worlds.foresight[w, k, ForesightColumn.x]
+            y[k] = worlds.foresight[w, k, ForesightColumn.y]
+            heads_for[k] = worlds.foresight[w, k, ForesightColumn.heads_for]
+            hovers[k] = worlds.foresight[w, k, ForesightColumn.hovers]
     goal = where
     visited = first
     total = 0.0
@@ -287,37 +289,38 @@ def expected_loss(worlds: ti.template(), w, first: ti.i32, where: vec2) -> ti.f3
         reached = distance <= reach
         least = 0
         for k in range(count):
-            lost = ti.cast(a[k] > works * works, ti.i32)
-            after = Way(
-                place=vec2(x[k], y[k]),
-                node=ti.cast(heads_for[k], ti.i32),
-                hovers=hovers[k],
-                speed=worlds.foresight[w, k, ForesightColumn.speed],
-            )
-            after = advanced(worlds, w, after, INTERVAL, lost)
-            x[k] = after.place[0]
-            y[k] = after.place[1]
-            heads_for[k] = ti.cast(after.node, ti.f32)
-            hovers[k] = after.hovers
-            s = drifted(vec3(a[k], b[k], c[k]), over_step)
-            offset = vec3(after.place[0] - here[0], after.place[1] - here[1], z)
-            effort = ti.min(distance / reach, 1.0)
-            elapsed[k] += INTERVAL
-            found = reply(worlds, k, offset, effort, s[0] + straying(worlds, elapsed[k]))
-            if found[0] >= SURE:
-                s = fixed(s, found[1])
-                elapsed[k] = 0.0
-                if k == visited:
-                    reached = True
-            a[k] = s[0]
-            b[k] = s[1]
-            c[k] = s[2]
-            total += s[0] * s[0]
-            if a[k] > a[least]:
-                least = k
+            if serving.serves(worlds, w, boat, k):
+                lost = ti.cast(a[k] > works * works, ti.i32)
+                after = Way(
+                    place=vec2(x[k], y[k]),
+                    node=ti.cast(heads_for[k], ti.i32),
+                    hovers=hovers[k],
+                    speed=worlds.foresight[w, k, ForesightColumn.speed],
+                )
+                after = advanced(worlds, w, after, INTERVAL, lost)
+                x[k] = after.place[0]
+                y[k] = after.place[1]
+                heads_for[k] = ti.cast(after.node, ti.f32)
+                hovers[k] = after.hovers
+                s = drifted(vec3(a[k], b[k], c[k]), over_step)
+                offset = vec3(after.place[0] - here[0], after.place[1] - here[1], z)
+                effort = ti.min(distance / reach, 1.0)
+                elapsed[k] += INTERVAL
+                found = reply(worlds, k, offset, effort, s[0] + straying(worlds, elapsed[k]))
+                if found[0] >= SURE:
+                    s = fixed(s, found[1])
+                    elapsed[k] = 0.0
+                    if k == visited:
+                        reached = True
+                a[k] = s[0]
+                b[k] = s[1]
+                c[k] = s[2]
+                total += s[0] * s[0]
+                if a[k] > a[least]:
+                    least = k
         if reached:
             visited = least
-    return total / (STEPS * count)
+    return total / (STEPS * serving.num_served(worlds, w, boat))
 
 
 @ti.func
@@ -327,63 +330,75 @@ def foreseen_place(worlds: ti.template(), w, k) -> vec2:
 
 
 @ti.func
-def least_certain(worlds: ti.template(), w) -> ti.i32:
-    """The AUV that is least certain of its own position."""
-    least = 0
+def least_certain(worlds: ti.template(), w, b) -> ti.i32:
+    """The AUV of boat b that is least certain of its own position, or NOBODY."""
+    least = NOBODY
     largest = -1.0
     for k in range(worlds.estimate.shape[1]):
         a = own_uncertainty(worlds, w, k)[0]
-        if a > largest:
+        if a > largest and serving.serves(worlds, w, b, k):
             least = k
             largest = a
     return least
 
 
 @ti.func
-def plan(worlds: ti.template(), w) -> vec2:
-    """The goal with the least expected loss, or the least certain AUV where that is hardly more, m."""
+def plan(worlds: ti.template(), w, b) -> vec2:
+    """The goal of boat b with the least expected loss, or the least certain AUV where that is hardly more, m."""
     count = worlds.estimate.shape[1]
     middle = vec2(0.0, 0.0)
     for k in range(count):
-        middle += foreseen_place(worlds, w, k) / count
-    usual = least_certain(worlds, w)
-    last = vec2(worlds.boat[w, BoatColumn.goal_x], worlds.boat[w, BoatColumn.goal_y])
+        if serving.serves(worlds, w, b, k):
+            middle += foreseen_place(worlds, w, k) / serving.num_served(worlds, w, b)
+    usual = least_certain(worlds, w, b)
+    last = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
     best = last
     chosen = NOBODY
     least = 1e30
     for candidate in range(count + 2):
         first = NOBODY
         goal = last
+        mine = True
         if candidate < count:
+            mine = serving.serves(worlds, w, b, candidate)
             first = candidate
             goal = foreseen_place(worlds, w, candidate)
         elif candidate == count:
             goal = middle
-        loss = expected_loss(worlds, w, first, goal)
-        if candidate == usual:
-            loss *= 1.0 - MARGIN
-        if loss < least:
-            least = loss
-            best = goal
-            chosen = first
-    worlds.boat[w, BoatColumn.visits] = ti.cast(chosen, ti.f32)
-    worlds.boat[w, BoatColumn.planned] = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
+        if mine:
+            loss = expected_loss(worlds, w, b, first, goal)
+            if candidate == usual:
+                loss *= 1.0 - MARGIN
+            if loss < least:
+                least = loss
+                best = goal
+                chosen = first
+    worlds.boat[w, b, BoatColumn.visits] = ti.cast(chosen, ti.f32)
+    worlds.boat[w, b, BoatColumn.planned] = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
     return best
 
 
 @ti.func
-def go(worlds: ti.template(), w) -> vec2:
-    """The boat's goal: that of the last plan, until it has heard whom it went to, or has arrived, or it is old."""
+def go(worlds: ti.template(), w, b) -> vec2:
+    """Boat b's goal: that of the last plan, until it has heard whom it went to, or has arrived, or it is old.
+
+    It is old too where another boat serves that AUV by now. Without an AUV the boat stays where it is.
+    """
     boat = ti.static(worlds.boat)
     time = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
-    visited = ti.cast(boat[w, BoatColumn.visits], ti.i32)
-    goal = vec2(boat[w, BoatColumn.goal_x], boat[w, BoatColumn.goal_y])
-    due = time - boat[w, BoatColumn.planned] >= PATIENCE
+    visited = ti.cast(boat[w, b, BoatColumn.visits], ti.i32)
+    goal = vec2(boat[w, b, BoatColumn.goal_x], boat[w, b, BoatColumn.goal_y])
+    due = time - boat[w, b, BoatColumn.planned] >= PATIENCE
+    if visited != NOBODY and not serving.serves(worlds, w, b, ti.max(visited, 0)):
+        visited = NOBODY
+        due = True
     if visited != NOBODY:
         goal = foreseen_place(worlds, w, visited)
         due = due or worlds.exchange[w, visited, ExchangeColumn.elapsed] < 2.0 * worlds.p[Parameter.step]
-    away = goal - vec2(boat[w, BoatColumn.x], boat[w, BoatColumn.y])
+    away = goal - vec2(boat[w, b, BoatColumn.x], boat[w, b, BoatColumn.y])
     due = due or away.norm() < worlds.p[Parameter.top_speed] * INTERVAL
-    if worlds.clock[w, 1] == 1 or (due and time - boat[w, BoatColumn.planned] >= INTERVAL):
-        goal = plan(worlds, w)
+    if worlds.clock[w, 1] == 1 or (due and time - boat[w, b, BoatColumn.planned] >= INTERVAL):
+        goal = plan(worlds, w, b)
+    if serving.num_served(worlds, w, b) == 0:
+        goal = serving.place_of(worlds, w, b)
     return goal

@@ -1,91 +1,131 @@
-"""Boat strategies: where the boat should be, from estimated positions only; functions (worlds, w) → vec2, m."""
+"""Boat strategies: where boat b should be, from estimated positions only; functions (worlds, w, b) → vec2, m.
+
+Each boat minds the AUVs that it serves; one that serves none stays where it is.
+"""
 
 import taichi as ti
 
-from kernels.mission import belief_planner
-from kernels.mission.columns import BoatColumn, EstimateColumn, Parameter
+from kernels.mission import belief_planner, serving
+from kernels.mission.columns import BoatColumn, Parameter
 from kernels.mission.worlds import Strategy
 from kernels.planning import global_search, objectives, receding_horizon
-from kernels.planning.team import Team
+from kernels.planning.team import Team, indices
 from kernels.types import vec2
 
 
 @ti.func
-def hold(worlds: ti.template(), w) -> vec2:
-    """The point that the strategy was given."""
-    return vec2(worlds.strategy_arguments[0], worlds.strategy_arguments[1])
+def hold(worlds: ti.template(), w, b) -> vec2:
+    """The point that the strategy was given, for each boat or for all."""
+    first = 2 * b % worlds.strategy_arguments.shape[0]
+    return vec2(worlds.strategy_arguments[first], worlds.strategy_arguments[first + 1])
 
 
 @ti.func
-def centroid(worlds: ti.template(), w) -> vec2:
+def centroid(worlds: ti.template(), w, b) -> vec2:
     """Mean of the AUVs' positions."""
-    num_auvs = worlds.estimate.shape[1]
-    goal = vec2(0.0, 0.0)
-    for k in range(num_auvs):
-        goal += vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y]) / num_auvs
+    return serving.middle(worlds, w, b)
+
+
+@ti.func
+def foresee(worlds: ti.template(), w, b):
+    """Foresee the AUVs that boat b serves."""
+    for k in range(worlds.estimate.shape[1]):
+        if serving.serves(worlds, w, b, k):
+            belief_planner.foresee(worlds, w, k)
+
+
+@ti.func
+def visit(worlds: ti.template(), w, b) -> vec2:
+    """Where the boat foresees the AUV that is least certain of its own position."""
+    foresee(worlds, w, b)
+    goal = serving.place_of(worlds, w, b)
+    least = belief_planner.least_certain(worlds, w, b)
+    if least != belief_planner.NOBODY:
+        goal = belief_planner.foreseen_place(worlds, w, ti.max(least, 0))
     return goal
 
 
 @ti.func
-def visit(worlds: ti.template(), w) -> vec2:
-    """Where the boat foresees the AUV that is least certain of its own position."""
-    for k in range(worlds.estimate.shape[1]):
-        belief_planner.foresee(worlds, w, k)
-    return belief_planner.foreseen_place(worlds, w, belief_planner.least_certain(worlds, w))
-
-
-@ti.func
-def belief(worlds: ti.template(), w) -> vec2:
+def belief(worlds: ti.template(), w, b) -> vec2:
     """Where the AUVs' uncertainty of their own positions is expected to cost least."""
-    for k in range(worlds.estimate.shape[1]):
-        belief_planner.foresee(worlds, w, k)
-    return belief_planner.go(worlds, w)
+    foresee(worlds, w, b)
+    return belief_planner.go(worlds, w, b)
 
 
 @ti.func
-def begin_foresight(worlds: ti.template(), w) -> vec2:
-    """Foresee all AUVs; the boat begins at their mean."""
+def begin_foresight(worlds: ti.template(), w, b) -> vec2:
+    """Foresee all AUVs; the boat begins at the mean of its own."""
     for k in range(worlds.estimate.shape[1]):
         belief_planner.begin(worlds, w, k)
-    return centroid(worlds, w)
+    return centroid(worlds, w, b)
 
 
 @ti.func
-def fim(worlds: ti.template(), w) -> vec2:
+def members(worlds: ti.template(), w, b):
+    """Indices of the AUVs that boat b serves, where there are several boats."""
+    found = indices(0)
+    if ti.static(worlds.program.fleet):
+        count = 0
+        for k in range(worlds.estimate.shape[1]):
+            if serving.serves(worlds, w, b, k):
+                found[count] = k
+                count += 1
+    return found
+
+
+def team_of(worlds, w, count, chosen) -> Team:
+    """The AUVs that a boat serves: their number and indices."""
+    return Team(worlds.estimate, worlds.link, w, count, chosen if worlds.program.fleet else None)
+
+
+@ti.func
+def last_goal(worlds: ti.template(), w, b) -> vec2:
+    """Where boat b is under way to, m."""
+    return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
+
+
+@ti.func
+def fim(worlds: ti.template(), w, b) -> vec2:
     """The place in the area with the best information."""
-    count = worlds.estimate.shape[1]
-    team = ti.static(Team(worlds.estimate, worlds.link, w, count))
+    count = serving.num_served(worlds, w, b)
+    chosen = members(worlds, w, b)
+    team = ti.static(team_of(worlds, w, count, chosen))
     size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
-    last = vec2(worlds.boat[w, BoatColumn.goal_x], worlds.boat[w, BoatColumn.goal_y])
-    best = global_search.plan(team, worlds.program.objective_code, last, size)
-    return vec2(best[0], best[1])
+    goal = serving.place_of(worlds, w, b)
+    if count > 0:
+        best = global_search.plan(team, worlds.program.objective_code, last_goal(worlds, w, b), size)
+        goal = vec2(best[0], best[1])
+    return goal
 
 
 @ti.func
-def best_within(worlds: ti.template(), w, reach) -> vec2:
+def best_within(worlds: ti.template(), w, b, reach) -> vec2:
     """The place with the best information at most `reach` (m) from the boat."""
-    count = worlds.estimate.shape[1]
-    team = ti.static(Team(worlds.estimate, worlds.link, w, count))
+    count = serving.num_served(worlds, w, b)
+    chosen = members(worlds, w, b)
+    team = ti.static(team_of(worlds, w, count, chosen))
     size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
-    here = vec2(worlds.boat[w, BoatColumn.x], worlds.boat[w, BoatColumn.y])
-    best = global_search.greedy(team, worlds.program.objective_code, here, reach, size)
-    return vec2(best[0], best[1])
+    goal = serving.place_of(worlds, w, b)
+    if count > 0:
+        best = global_search.greedy(team, worlds.program.objective_code, goal, reach, size)
+        goal = vec2(best[0], best[1])
+    return goal
 
 
 @ti.func
-def fim_greedy(worlds: ti.template(), w) -> vec2:
+def fim_greedy(worlds: ti.template(), w, b) -> vec2:
     """The place with the best information within reach of one step."""
-    return best_within(worlds, w, worlds.p[Parameter.top_speed] * worlds.p[Parameter.step])
+    return best_within(worlds, w, b, worlds.p[Parameter.top_speed] * worlds.p[Parameter.step])
 
 
 @ti.func
-def fim_anywhere(worlds: ti.template(), w) -> vec2:
+def fim_anywhere(worlds: ti.template(), w, b) -> vec2:
     """Where `fim_greedy` begins: the same search without a limit of its reach."""
-    return best_within(worlds, w, global_search.ANYWHERE)
+    return best_within(worlds, w, b, global_search.ANYWHERE)
 
 
 @ti.func
-def fim_horizon(worlds: ti.template(), w) -> vec2:
+def fim_horizon(worlds: ti.template(), w, b) -> vec2:
     """The place that is best for the tracks over the steps to come."""
     p = ti.static(worlds.p)
     outlook = receding_horizon.Outlook(
@@ -96,12 +136,15 @@ def fim_horizon(worlds: ti.template(), w) -> vec2:
         step=p[Parameter.step],
         steps=ti.cast(p[Parameter.horizon], ti.i32),
     )
-    here = vec2(worlds.boat[w, BoatColumn.x], worlds.boat[w, BoatColumn.y])
-    last = vec2(worlds.boat[w, BoatColumn.goal_x], worlds.boat[w, BoatColumn.goal_y])
-    count = worlds.estimate.shape[1]
-    team = ti.static(Team(worlds.estimate, worlds.link, w, count))
-    best = receding_horizon.plan(team, worlds.track, outlook, here, last, vec2(p[Parameter.width], p[Parameter.length]))
-    return vec2(best[0], best[1])
+    count = serving.num_served(worlds, w, b)
+    chosen = members(worlds, w, b)
+    team = ti.static(team_of(worlds, w, count, chosen))
+    size = vec2(p[Parameter.width], p[Parameter.length])
+    goal = serving.place_of(worlds, w, b)
+    if count > 0:
+        best = receding_horizon.plan(team, worlds.track, outlook, goal, last_goal(worlds, w, b), size)
+        goal = vec2(best[0], best[1])
+    return goal
 
 
 HOLD = Strategy(start=hold, goal=hold)

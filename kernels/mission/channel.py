@@ -2,15 +2,16 @@
 
 An exchange lasts for the way of the sound to the AUV and back, the transponder's turn-around time and the length of the
 signal. The boat asks all AUVs at once, which answer by codes of their own (the exchange then lasts until the farthest
-reply), or one at a time, in turn or the one it knows least of. No AUV is located twice in a mission step. Of several
-boats that share the water each begins its exchanges in its own slots of time.
+reply), or one at a time of those that it serves, in turn or the one it knows least of. No AUV is located twice in a
+mission step. Several boats begin exchanges in turn; one that has nobody to ask passes the turn on. The boat that asked
+receives the replies, and all boats share what they bring.
 
 Times count from the end of the present mission step, s; what lies before is negative.
 """
 
 import taichi as ti
 
-from kernels.mission import fixes, navigation
+from kernels.mission import fixes, navigation, serving
 from kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -20,76 +21,70 @@ from kernels.mission.columns import (
     Reply,
     Schedule,
     Sensor,
+    TallyColumn,
 )
 from kernels.mission.worlds import uniforms
 from kernels.types import ivec2, vec2
 
-SLOT_ROUNDING = 1e-4  # of a slot's length
-
 
 @ti.func
-def slot_start(worlds: ti.template(), w, time):
-    """The first moment from `time` on at which this boat may begin an exchange."""
+def duration(worlds: ti.template(), w, b, k) -> vec2:
+    """Time (s) from boat b's interrogation of AUV k to the departure of the reply, and to its end at the boat."""
     p = ti.static(worlds.p)
-    start = time
-    if p[Parameter.slots] > 1.0:
-        cycle = p[Parameter.slots] * p[Parameter.slot_length]
-        into = worlds.boat[w, BoatColumn.cycle_time] + time - p[Parameter.slot] * p[Parameter.slot_length]
-        into -= cycle * ti.floor(into / cycle)
-        if into >= (1.0 - SLOT_ROUNDING) * p[Parameter.slot_length]:
-            start = time + cycle - into
-    return start
-
-
-@ti.func
-def duration(worlds: ti.template(), w, k) -> vec2:
-    """Time (s) from an interrogation of AUV k to the departure of its reply, and to the reply's end at the boat."""
-    p = ti.static(worlds.p)
-    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, BoatColumn.x]
-    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, BoatColumn.y]
-    z = p[Parameter.separation_boat] + worlds.boat[w, BoatColumn.elevation]
+    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
+    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
+    z = p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
     travel = ti.sqrt(dx * dx + dy * dy + z * z) / p[Parameter.sound_speed]
     reply = travel + p[Parameter.turn_around]
     return vec2(reply, reply + travel + p[Parameter.signal_length])
 
 
 @ti.func
-def may_ask(worlds: ti.template(), w, k, start):
-    """Whether AUV k may be asked at `start`: its next fix must not fall into a step that has one already."""
-    return worlds.exchange[w, k, ExchangeColumn.over] == 0.0 or start + duration(worlds, w, k)[1] > 0.0
+def may_ask(worlds: ti.template(), w, b, k, start):
+    """Whether boat b may ask AUV k at `start`: its next fix must not fall into a step that has one already."""
+    return worlds.exchange[w, k, ExchangeColumn.over] == 0.0 or start + duration(worlds, w, b, k)[1] > 0.0
 
 
 @ti.func
-def chosen(worlds: ti.template(), w, start):
-    """The AUV to ask at `start`, −1 for none; with all at once the one whose reply is there last."""
+def asks(worlds: ti.template(), w, b, k) -> bool:
+    """Whether boat b ever asks AUV k, as long as it is where it is."""
+    found = True
+    if ti.static(worlds.program.schedule != Schedule.all):
+        found = serving.serves(worlds, w, b, k)
+    return found
+
+
+@ti.func
+def chosen(worlds: ti.template(), w, b, start):
+    """The AUV that boat b asks at `start`, −1 for none; with all at once the one whose reply is there last."""
     count = worlds.auv.shape[1]
     best = -1
     largest = -1.0
-    last = ti.cast(worlds.boat[w, BoatColumn.asked], ti.i32)
+    last = ti.cast(worlds.boat[w, b, BoatColumn.asked], ti.i32)
     for n in range(count):
         k = (last + 1 + n) % count
         value = 0.0  # in turn: the first of them
         if ti.static(worlds.program.schedule == Schedule.by_need):
             value = navigation.uncertainty(worlds, w, k)
         elif ti.static(worlds.program.schedule == Schedule.all):
-            value = duration(worlds, w, k)[1]
-        if value > largest:
-            if ti.static(worlds.program.schedule == Schedule.all) or may_ask(worlds, w, k, start):
+            value = duration(worlds, w, b, k)[1]
+        if value > largest and asks(worlds, w, b, k):
+            if ti.static(worlds.program.schedule == Schedule.all) or may_ask(worlds, w, b, k, start):
                 largest = value
                 best = k
     if ti.static(worlds.program.schedule == Schedule.all):
-        if not may_ask(worlds, w, best, start):
+        if not may_ask(worlds, w, b, best, start):
             best = -1
     return best
 
 
 @ti.func
-def ask(worlds: ti.template(), w, k, start):
-    """Interrogate AUV k at `start`; returns when its reply is over."""
-    lasts = duration(worlds, w, k)
+def ask(worlds: ti.template(), w, b, k, start):
+    """Boat b interrogates AUV k at `start`; returns when its reply is over."""
+    lasts = duration(worlds, w, b, k)
     worlds.exchange[w, k, ExchangeColumn.reply_at] = start + lasts[0]
     worlds.exchange[w, k, ExchangeColumn.reply] = Reply.due
-    worlds.boat[w, BoatColumn.asked] = ti.cast(k, ti.f32)
+    worlds.boat[w, b, BoatColumn.asked] = ti.cast(k, ti.f32)
     return start + lasts[1]
 
 
@@ -137,10 +132,7 @@ def receive(worlds: ti.template(), pose: fixes.ArrayPose, w, k, age):
 def begin_step(worlds: ti.template(), w):
     """Count times from the end of the new step; no exchange has ended in it yet."""
     step = worlds.p[Parameter.step]
-    worlds.boat[w, BoatColumn.channel_free] = ti.max(worlds.boat[w, BoatColumn.channel_free] - step, -step)
-    cycle = worlds.p[Parameter.slots] * worlds.p[Parameter.slot_length]
-    time = worlds.boat[w, BoatColumn.cycle_time] + step
-    worlds.boat[w, BoatColumn.cycle_time] = time - cycle * ti.floor(time / cycle)
+    worlds.tally[w, TallyColumn.channel_free] = ti.max(worlds.tally[w, TallyColumn.channel_free] - step, -step)
     for k in range(worlds.auv.shape[1]):
         worlds.exchange[w, k, ExchangeColumn.reply_at] = worlds.exchange[w, k, ExchangeColumn.reply_at] - step
         worlds.exchange[w, k, ExchangeColumn.over] = 0.0
@@ -148,24 +140,56 @@ def begin_step(worlds: ti.template(), w):
 
 
 @ti.func
-def begin(worlds: ti.template(), pose: fixes.ArrayPose, w):
-    """Nothing is in the water when an episode begins, and positions are those of the deployment."""
-    worlds.boat[w, BoatColumn.channel_free] = 0.0
-    worlds.boat[w, BoatColumn.cycle_time] = 0.0
-    worlds.boat[w, BoatColumn.asked] = -1.0
-    for k in range(worlds.auv.shape[1]):
-        worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
-        worlds.exchange[w, k, ExchangeColumn.reply_at] = 0.0
-        fixes.no_fix(worlds, w, k)
-        fixes.finish(worlds, pose, w, k)
+def open_channel(worlds: ti.template(), w):
+    """When an episode begins the channel is free, and the turn is the first boat's."""
+    boats = worlds.boat.shape[1]
+    worlds.tally[w, TallyColumn.channel_free] = 0.0
+    worlds.tally[w, TallyColumn.asking] = ti.cast(boats - 1, ti.f32)
+    for b in range(boats):
+        worlds.boat[w, b, BoatColumn.asked] = -1.0
 
 
 @ti.func
-def exchange(worlds: ti.template(), pose: fixes.ArrayPose, w):
+def begin(worlds: ti.template(), pose: fixes.ArrayPose, w, k):
+    """Nothing is in the water when an episode begins, and AUV k is where it is deployed."""
+    worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
+    worlds.exchange[w, k, ExchangeColumn.reply_at] = 0.0
+    fixes.no_fix(worlds, w, k)
+    fixes.finish(worlds, pose, w, k)
+
+
+@ti.func
+def begin_exchange(worlds: ti.template(), w):
+    """The boat whose turn it is begins an exchange as soon as the channel is free; returns whether one begins."""
+    boats = worlds.boat.shape[1]
+    count = worlds.auv.shape[1]
+    start = ti.max(worlds.tally[w, TallyColumn.channel_free], -worlds.p[Parameter.step])
+    last = ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32)
+    turns = boats
+    if ti.static(worlds.program.schedule == Schedule.all):
+        turns = 1  # every boat has somebody to ask, if not now then in the next step
+    begins = False
+    for turn in range(turns):
+        if not begins and start < 0.0:
+            b = (last + 1 + turn) % boats
+            first = chosen(worlds, w, b, start)
+            if first >= 0:
+                end = start
+                for k in range(count):
+                    if ti.static(worlds.program.schedule == Schedule.all) or k == first:
+                        end = ti.max(end, ask(worlds, w, b, k, start))
+                worlds.tally[w, TallyColumn.channel_free] = end
+                worlds.tally[w, TallyColumn.asking] = ti.cast(b, ti.f32)
+                begins = True
+    return begins
+
+
+@ti.func
+def exchange(worlds: ti.template(), w):
     """All exchanges of this step: those that end in it give fixes, the last may go on into the next."""
     begin_step(worlds, w)
     count = worlds.auv.shape[1]
-    step = worlds.p[Parameter.step]
+    pose = fixes.array_pose(worlds, w, 0)
     under_way = False
     for k in range(count):
         under_way = under_way or worlds.exchange[w, k, ExchangeColumn.reply] != Reply.none
@@ -173,27 +197,25 @@ def exchange(worlds: ti.template(), pose: fixes.ArrayPose, w):
     while going_on:
         going_on = False
         if not under_way:
-            start = slot_start(worlds, w, ti.max(worlds.boat[w, BoatColumn.channel_free], -step))
-            first = chosen(worlds, w, start)
-            if first >= 0 and start < 0.0:
-                end = start
-                for k in range(count):
-                    if ti.static(worlds.program.schedule == Schedule.all) or k == first:
-                        end = ti.max(end, ask(worlds, w, k, start))
-                worlds.boat[w, BoatColumn.channel_free] = end
-                under_way = True
+            under_way = begin_exchange(worlds, w)
         if under_way:
             for k in range(count):
                 due = worlds.exchange[w, k, ExchangeColumn.reply] == Reply.due
                 if due and worlds.exchange[w, k, ExchangeColumn.reply_at] <= 0.0:
                     answer(worlds, w, k)
-            end = worlds.boat[w, BoatColumn.channel_free]
+            end = worlds.tally[w, TallyColumn.channel_free]
             if end <= 0.0:
+                if ti.static(worlds.program.fleet):
+                    pose = fixes.array_pose(worlds, w, ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32))
                 for k in range(count):
                     reply = worlds.exchange[w, k, ExchangeColumn.reply]
                     if reply == Reply.sent or reply == Reply.lost:
                         receive(worlds, pose, w, k, -end)
                 under_way = False
                 going_on = True
-    for k in range(count):
-        fixes.finish(worlds, pose, w, k)
+    for b in range(worlds.boat.shape[1]):
+        if ti.static(worlds.program.fleet):
+            pose = fixes.array_pose(worlds, w, b)
+        for k in range(count):
+            if serving.serves(worlds, w, b, k):
+                fixes.finish(worlds, pose, w, k)

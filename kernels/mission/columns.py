@@ -1,4 +1,4 @@
-"""Columns of the mission's arrays (float32), and what a random draw is for. W worlds, K AUVs, M nodes."""
+"""Columns of the mission's arrays (float32), and what a random draw is for. W worlds, K AUVs, B boats, M nodes."""
 
 from kernels.types import Columns
 
@@ -28,9 +28,6 @@ class Parameter(Columns):
     gnss_time: int  # that correlation time, s
     turn_around: int
     signal_length: int
-    slots: int
-    slot: int
-    slot_length: int
     velocity_walk: int  # white error of an AUV's measured velocity, as variance of the way per second, m²/s
     velocity_bias: int
     bias_memory: int  # e^{−step/correlation time}
@@ -103,6 +100,7 @@ class AuvColumn(Columns):
     heard_x: int  # where it was when the signal of its fix left it, m
     heard_y: int
     fix_flags: int  # bits of `kernels.positioning.usbl`
+    fix_boat: int  # index of the boat that made it
     moved_x: int  # displacement in the last step, m
     moved_y: int
     closed: int  # approach to the target in the last step, or minus the distance to it, m
@@ -116,15 +114,16 @@ class AuvColumn(Columns):
 
 
 class EstimateColumn(Columns):
-    """What the boat knows of an AUV, (W, K, E)."""
+    """What the boats know of an AUV, (W, K, E)."""
 
     x: int  # m
     y: int
-    separation: int  # vertical distance to the boat, m
+    separation: int  # vertical distance to the boat that serves it, m
     covariance_xx: int  # m²
     covariance_xy: int
     covariance_yy: int
     age: int  # of the last fix used when the next one is made, s; without a tracker
+    served_by: int  # index of the boat that serves it, see `kernels.mission.serving`
 
 
 class ExchangeColumn(Columns):
@@ -209,7 +208,7 @@ class NodeColumn(Columns):
 
 
 class BeliefColumn(Columns):
-    """What is known of a node, (W, B, M, C); B = 1 for all AUVs, or K."""
+    """What is known of a node, (W, 1, M, C) for all AUVs, or (W, K, M, C)."""
 
     count: int  # shape of the Gamma distribution of its rate, packets
     exposure: int  # inverse scale of that, s
@@ -227,7 +226,7 @@ class Information(Columns):
 
 
 class BoatColumn(Columns):
-    """State of the boat, and counts of the last step, (W, B)."""
+    """State of a boat, (W, B, F)."""
 
     x: int  # m
     y: int
@@ -243,11 +242,16 @@ class BoatColumn(Columns):
     effort: int  # speed through the water in the last step over the top speed
     gnss_x: int  # error of its own position, m
     gnss_y: int
-    channel_free: int  # when the exchange under way ends, from the end of the step, s
-    cycle_time: int  # time since the first of the boats' slots began, s
-    asked: int  # the AUV asked last
+    asked: int  # the AUV that it asked last
     visits: int  # the AUV that it goes to, −1 for none
     planned: int  # when it planned last, s
+
+
+class TallyColumn(Columns):
+    """State of the channel, and counts of the last step, (W, T)."""
+
+    channel_free: int  # when the exchange under way ends, from the end of the step, s
+    asking: int  # index of the boat that began it, or the last one
     overflowing: int  # nodes that lost packets
     collisions: int  # pairs of AUVs closer than the collision distance
     packets_created: int  # at all nodes

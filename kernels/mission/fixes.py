@@ -1,11 +1,11 @@
-"""The fixes of a mission: what the array on the boat receives of an AUV, and what the boat then knows of it."""
+"""The fixes of a mission: what the array on a boat receives of an AUV, and what the boats then know of it."""
 
 import math
 
 import taichi as ti
 
 from kernels import random
-from kernels.mission import navigation
+from kernels.mission import navigation, serving
 from kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Refraction, Sensor
 from kernels.mission.worlds import address, normals, uniforms
 from kernels.positioning import acoustic_link, rays, tracker, usbl, validation, waveform
@@ -20,6 +20,7 @@ class ArrayPose:
     """The array on its wave, and what is known of it.
 
     Attributes:
+        boat: index of the boat that has it.
         axes: of the array in the world's frame, see `usbl.array_axes`.
         measured: the same as the sensors of attitude and heading have them.
         displaced: error of the array's position, m.
@@ -27,6 +28,7 @@ class ArrayPose:
         effort: speed of the boat through the water over its top speed.
     """
 
+    boat: ti.i32
     axes: mat3
     measured: mat3
     displaced: vec2
@@ -71,28 +73,29 @@ class Fix:
 
 
 @ti.func
-def array_pose(worlds: ti.template(), w) -> ArrayPose:
-    """Pose of the array in this step, the same for all AUVs.
+def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
+    """Pose of the array of boat b in this step, the same for all AUVs.
 
     Errors of mounting, heading, lever arm and speed of sound last for an episode, those of pitch and roll are new in
     each step, that of the boat's position is a Gauss–Markov process.
     """
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
-    slope = p[Parameter.tilt] * vec2(boat[w, BoatColumn.slope_x], boat[w, BoatColumn.slope_y])
+    slope = p[Parameter.tilt] * vec2(boat[w, b, BoatColumn.slope_x], boat[w, b, BoatColumn.slope_y])
     angles = usbl.attitude(slope)
-    noise = normals(worlds, w, Draw.attitude, 0)
-    lasting = random.normals(address(worlds, w, 0, Draw.calibration, 0), worlds.key_low, worlds.key_high)
-    lever = random.normals(address(worlds, w, 0, Draw.lever_arm, 0), worlds.key_low, worlds.key_high)
+    noise = normals(worlds, w, Draw.attitude, b)
+    lasting = random.normals(address(worlds, w, 0, Draw.calibration, b), worlds.key_low, worlds.key_high)
+    lever = random.normals(address(worlds, w, 0, Draw.lever_arm, b), worlds.key_low, worlds.key_high)
     error = p[Parameter.attitude_error] * vec2(noise[0], noise[1])
     error += p[Parameter.alignment_error] * vec2(lasting[0], lasting[1])
-    gnss = vec2(boat[w, BoatColumn.gnss_x], boat[w, BoatColumn.gnss_y])
+    gnss = vec2(boat[w, b, BoatColumn.gnss_x], boat[w, b, BoatColumn.gnss_y])
     return ArrayPose(
+        boat=b,
         axes=usbl.array_axes(angles),
         measured=usbl.turned(usbl.array_axes(angles + error), p[Parameter.heading_error] * lasting[2]),
         displaced=gnss + p[Parameter.lever_arm_error] * vec2(lever[0], lever[1]),
         slowness=1.0 / (1.0 + p[Parameter.sound_speed_error] * lasting[3]),
-        effort=boat[w, BoatColumn.effort],
+        effort=boat[w, b, BoatColumn.effort],
     )
 
 
@@ -128,11 +131,11 @@ def receive(worlds: ti.template(), arrival: Arrival, w, k) -> Tone:
 
 
 @ti.func
-def locate(worlds: ti.template(), w, direction: vec3, slant_range) -> vec3:
+def locate(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slant_range) -> vec3:
     """The offset (m) from the array of what is heard from a direction, by the rays that the receiver reckons with."""
     found = slant_range * direction
     if ti.static(worlds.program.refraction == Refraction.corrected):
-        z = -worlds.boat[w, BoatColumn.elevation]
+        z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
         below = vec3(direction[0], direction[1], -1.0)
         found = rays.follow(worlds.layers, z, below, slant_range, worlds.p[Parameter.sound_speed])
     return found
@@ -164,7 +167,7 @@ def whole_turns(worlds: ti.template(), tone: Tone, length, pose: ArrayPose, expe
             candidate = tone.phase + 2.0 * math.pi * vec2(m, n)
             if ((m + n) & 1) == odd and candidate.norm_sqr() <= kappa * kappa:
                 found = usbl.located(link, k, candidate, candidate, tone.amplitude, pose.measured, length)
-                offset = locate(worlds, w, found.vector, tone.slant_range)
+                offset = locate(worlds, pose, w, found.vector, tone.slant_range)
                 loss = acoustic_link.further_loss(link, k, offset, pose.effort)
                 sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
                 covariance = covariance_at(worlds, pose, k, offset)
@@ -195,7 +198,7 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
     flags = 0
     if ti.static(refraction != Refraction.none):
         c = worlds.p[Parameter.sound_speed]
-        z = -worlds.boat[w, BoatColumn.elevation]
+        z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
         ray = rays.refracted(layers, z, z, offset, c)
         direction = ray.direction
         path = ray.slant_range
@@ -213,33 +216,33 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
         phase, ambiguous = whole_turns(worlds, tone, length, pose, expected, w, k)
     true_phase = link[k, acoustic_link.KAPPA] * vec2(body[0], body[1])
     found = usbl.located(link, k, true_phase, phase, tone.amplitude, pose.measured, length)
-    place = locate(worlds, w, found.vector, tone.slant_range)
+    place = locate(worlds, pose, w, found.vector, tone.slant_range)
     if flags == 0:
         flags = found.flags | usbl.AMBIGUOUS * ambiguous
     return vec4(place[0], place[1], place[2], ti.cast(flags, ti.f32))
 
 
 @ti.func
-def separation(worlds: ti.template(), w):
-    """Height of the AUVs over the boat on its wave, m: negative."""
-    return -(worlds.p[Parameter.separation_boat] + worlds.boat[w, BoatColumn.elevation])
+def separation(worlds: ti.template(), w, b):
+    """Height of the AUVs over boat b on its wave, m: negative."""
+    return -(worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation])
 
 
 @ti.func
-def away(worlds: ti.template(), w, k) -> vec3:
-    """From the boat to where it takes AUV k to be, m."""
-    x = worlds.estimate[w, k, EstimateColumn.x] - worlds.boat[w, BoatColumn.x]
-    y = worlds.estimate[w, k, EstimateColumn.y] - worlds.boat[w, BoatColumn.y]
-    return vec3(x, y, separation(worlds, w))
+def away(worlds: ti.template(), w, b, k) -> vec3:
+    """From boat b to where AUV k is estimated, m."""
+    x = worlds.estimate[w, k, EstimateColumn.x] - worlds.boat[w, b, BoatColumn.x]
+    y = worlds.estimate[w, k, EstimateColumn.y] - worlds.boat[w, b, BoatColumn.y]
+    return vec3(x, y, separation(worlds, w, b))
 
 
 @ti.func
-def boat_before(worlds: ti.template(), w, age) -> vec2:
-    """Where the boat was `age` seconds before the end of the step, m."""
+def boat_before(worlds: ti.template(), w, b, age) -> vec2:
+    """Where boat b was `age` seconds before the end of the step, m."""
     boat = ti.static(worlds.boat)
     share = age / worlds.p[Parameter.step]
-    moved = vec2(boat[w, BoatColumn.moved_x], boat[w, BoatColumn.moved_y])
-    return vec2(boat[w, BoatColumn.x], boat[w, BoatColumn.y]) - share * moved
+    moved = vec2(boat[w, b, BoatColumn.moved_x], boat[w, b, BoatColumn.moved_y])
+    return vec2(boat[w, b, BoatColumn.x], boat[w, b, BoatColumn.y]) - share * moved
 
 
 @ti.func
@@ -252,9 +255,9 @@ def no_fix(worlds: ti.template(), w, k):
 def make_fix(
     worlds: ti.template(), pose: ArrayPose, w, k, here: vec2, there: vec2, expected: Expectation, lost: ti.i32
 ) -> Fix:
-    """Fix AUV k, which was `there` when its signal left, from the boat `here`, m; `lost`: no signal comes."""
+    """Fix AUV k, which was `there` when its signal left, from its boat `here`, m; `lost`: no signal comes."""
     auv = ti.static(worlds.auv)
-    offset = vec3(there[0] - here[0], there[1] - here[1], separation(worlds, w))
+    offset = vec3(there[0] - here[0], there[1] - here[1], separation(worlds, w, pose.boat))
     found = measure(worlds, offset, pose, expected, w, k)
     flags = ti.cast(found[3], ti.i32)
     if lost:
@@ -262,19 +265,23 @@ def make_fix(
     measured = vec3(found[0], found[1], found[2])
     covariance = covariance_at(worlds, pose, k, measured)
     common = usbl.systematic_covariance(worlds.link, k, measured, pose.axes)
+    if ti.static(worlds.program.fleet):
+        # What fixes of one boat have in common differs from boat to boat.
+        covariance += common
     place = here + pose.displaced + vec2(found[0], found[1])
     for c in ti.static(range(2)):
         auv[w, k, AuvColumn.fix_x + c] = place[c]
         auv[w, k, AuvColumn.heard_x + c] = there[c]
     auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
+    auv[w, k, AuvColumn.fix_boat] = ti.cast(pose.boat, ti.f32)
     for c in ti.static(range(3)):
         auv[w, k, AuvColumn.covariance_xx + c] = covariance[c] + common[c]
     return Fix(place=place, covariance=covariance, flags=flags)
 
 
 @ti.func
-def expect(worlds: ti.template(), w, k, here: vec2, age) -> Expectation:
-    """Where the receiver at `here` (m) expects AUV k by its estimate of it, which was made `age` seconds ago."""
+def expect(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
+    """Where boat b, `here` (m), expects AUV k by the estimate of it, which was made `age` seconds ago."""
     estimate = ti.static(worlds.estimate)
     covariance = vec3(0.0)
     for j in ti.static(range(3)):
@@ -283,7 +290,7 @@ def expect(worlds: ti.template(), w, k, here: vec2, age) -> Expectation:
         place=vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y]) - here,
         covariance=covariance,
         reach=worlds.p[Parameter.auv_speed] * age,
-        separation=-separation(worlds, w),
+        separation=-separation(worlds, w, b),
     )
 
 
@@ -297,10 +304,10 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    here = boat_before(worlds, w, p[Parameter.latency])
+    here = boat_before(worlds, w, pose.boat, p[Parameter.latency])
     there = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
-    z = separation(worlds, w)
-    range_now = ti.sqrt((there - boat_before(worlds, w, 0.0)).norm_sqr() + z * z)
+    z = separation(worlds, w, pose.boat)
+    range_now = ti.sqrt((there - boat_before(worlds, w, pose.boat, 0.0)).norm_sqr() + z * z)
     age = p[Parameter.latency] + p[Parameter.propagates] * range_now / p[Parameter.sound_speed]
     then = there - age / p[Parameter.step] * vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
     lost = 0
@@ -308,7 +315,7 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
         u = uniforms(worlds, w, Draw.loss, k)
         lost = ti.cast(u[0] < p[Parameter.packet_loss], ti.i32)
     if ti.static(worlds.program.tracker):
-        expected = expect(worlds, w, k, here, 0.0)
+        expected = expect(worlds, w, pose.boat, k, here, 0.0)
         track = ti.static(worlds.track)
         lag = age * track[w, k, tracker.ADRIFT]
         carried = lag * vec2(track[w, k, tracker.WATER_X], track[w, k, tracker.WATER_Y])
@@ -319,24 +326,33 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
         update_track(worlds, w, k, fix, lag, carried)
         know_track(worlds, w, k)
     else:
-        expected = expect(worlds, w, k, here, worlds.estimate[w, k, EstimateColumn.age])
+        expected = expect(worlds, w, pose.boat, k, here, worlds.estimate[w, k, EstimateColumn.age])
         fix = make_fix(worlds, pose, w, k, here, then, expected, lost)
         know_fix(worlds, w, k, fix, expected, here)
     finish(worlds, pose, w, k)
 
 
 @ti.func
+def take_fixes(worlds: ti.template(), w, b):
+    """Fix the AUVs that boat b serves."""
+    pose = array_pose(worlds, w, b)
+    for k in range(worlds.auv.shape[1]):
+        if serving.serves(worlds, w, b, k):
+            take_fix(worlds, pose, w, k)
+
+
+@ti.func
 def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, lost: ti.i32):
     """Fix AUV k by a reply that left `there` (m) and arrived `age` seconds before the end of the step, or did not."""
-    here = boat_before(worlds, w, age)
+    here = boat_before(worlds, w, pose.boat, age)
     if ti.static(worlds.program.sensor != Sensor.none):
-        expected = expect(worlds, w, k, here, worlds.p[Parameter.step] + age)
+        expected = expect(worlds, w, pose.boat, k, here, worlds.p[Parameter.step] + age)
         fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
         if fix.flags & usbl.DETECTED:  # what the reply carries is there, whatever its fix is worth
             navigation.hear(worlds, w, k)
             update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
     else:
-        expected = expect(worlds, w, k, here, worlds.estimate[w, k, EstimateColumn.age])
+        expected = expect(worlds, w, pose.boat, k, here, worlds.estimate[w, k, EstimateColumn.age])
         fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
         know_fix(worlds, w, k, fix, expected, here)
 
@@ -387,17 +403,17 @@ def know_track(worlds: ti.template(), w, k):
 
 @ti.func
 def finish(worlds: ti.template(), pose: ArrayPose, w, k):
-    """What the boat knows of AUV k at the end of the step, with the errors that fixes have in common."""
+    """What the boats know of AUV k at the end of the step, with the errors that fixes by its boat have in common."""
     estimate = ti.static(worlds.estimate)
     estimate[w, k, EstimateColumn.age] = estimate[w, k, EstimateColumn.age] + worlds.p[Parameter.step]
     if ti.static(worlds.program.sensor != Sensor.none):
         navigation.expect(worlds, w, k)
-    z = separation(worlds, w)
+    z = separation(worlds, w, pose.boat)
     estimate[w, k, EstimateColumn.separation] = -z
     place = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y])
     if ti.static(worlds.program.tracker or worlds.program.sensor != Sensor.none):
         # Both are renewed in each step, without what fixes have in common.
-        common = usbl.systematic_covariance(worlds.link, k, away(worlds, w, k), pose.axes)
+        common = usbl.systematic_covariance(worlds.link, k, away(worlds, w, pose.boat, k), pose.axes)
         for c in ti.static(range(3)):
             estimate[w, k, EstimateColumn.covariance_xx + c] = (
                 estimate[w, k, EstimateColumn.covariance_xx + c] + common[c]
@@ -413,7 +429,7 @@ def begin_estimate(worlds: ti.template(), pose: ArrayPose, w, k):
     A track follows the positions that fixes without noise would show, so the errors that fixes have in common are part
     of it.
     """
-    covariance = usbl.systematic_covariance(worlds.link, k, away(worlds, w, k), pose.axes)
+    covariance = usbl.systematic_covariance(worlds.link, k, away(worlds, w, pose.boat, k), pose.axes)
     covariance += vec3(DEPLOYMENT_VARIANCE, 0.0, DEPLOYMENT_VARIANCE)
     for c in ti.static(range(3)):
         worlds.estimate[w, k, EstimateColumn.covariance_xx + c] = covariance[c]

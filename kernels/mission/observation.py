@@ -9,7 +9,7 @@ import taichi as ti
 
 from kernels.flow import airy, current
 from kernels.mission import navigation
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, Parameter, Sensor
+from kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter, Sensor, TallyColumn
 from kernels.mission.motion import distance_to_target, target_of
 from kernels.types import Level, vec2
 
@@ -73,7 +73,7 @@ def border(worlds: ti.template(), w, k, first):
 @ti.func
 def overflow(worlds: ti.template(), w, k, first):
     """Share of the nodes that overflow."""
-    worlds.observation[w, k, first] = worlds.boat[w, BoatColumn.overflowing] / worlds.node.shape[1]
+    worlds.observation[w, k, first] = worlds.tally[w, TallyColumn.overflowing] / worlds.node.shape[1]
 
 
 @ti.func

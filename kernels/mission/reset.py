@@ -6,7 +6,7 @@ import taichi as ti
 
 from kernels import random
 from kernels.flow.vortex import Vortex
-from kernels.mission import boat, channel, fixes, navigation, observation
+from kernels.mission import boat, channel, fixes, navigation, observation, serving
 from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
 from kernels.mission.motion import distance_between
 from kernels.mission.worlds import address, uniforms
@@ -97,7 +97,7 @@ def begin_estimate(worlds: ti.template(), w, k):
 
 @ti.func
 def begin_episode(worlds: ti.template(), w):
-    """Begin the next episode of world w: place nodes, vortices, AUVs and boat, take a first fix, give targets."""
+    """Begin the next episode of world w: place nodes, vortices, AUVs and boats, take a first fix, give targets."""
     num_auvs = worlds.auv.shape[1]
     worlds.clock[w, 0] = worlds.clock[w, 0] + 1
     worlds.clock[w, 1] = 0
@@ -106,20 +106,26 @@ def begin_episode(worlds: ti.template(), w):
     for k in range(num_auvs):
         place_auv(worlds, w, k)
         begin_estimate(worlds, w, k)
+    for c in range(worlds.tally.shape[1]):
+        worlds.tally[w, c] = 0.0
     boat.place(worlds, w)
-    boat.ride(worlds, w)
-    boat.locate(worlds, w)
-    pose = fixes.array_pose(worlds, w)
-    for k in range(num_auvs):
-        fixes.begin_estimate(worlds, pose, w, k)
-        if ti.static(worlds.program.tracker):
-            navigation.begin_filter(worlds, worlds.track, w, k)
-        if ti.static(worlds.program.sensor != Sensor.none):
-            navigation.begin(worlds, w, k)
-        if ti.static(worlds.program.schedule == Schedule.every_step):
-            fixes.take_fix(worlds, pose, w, k)
     if ti.static(worlds.program.schedule != Schedule.every_step):
-        channel.begin(worlds, pose, w)
+        channel.open_channel(worlds, w)
+    for b in range(worlds.boat.shape[1]):
+        boat.ride(worlds, w, b)
+        boat.locate(worlds, w, b)
+        pose = fixes.array_pose(worlds, w, b)
+        for k in range(num_auvs):
+            if serving.serves(worlds, w, b, k):
+                fixes.begin_estimate(worlds, pose, w, k)
+                if ti.static(worlds.program.tracker):
+                    navigation.begin_filter(worlds, worlds.track, w, k)
+                if ti.static(worlds.program.sensor != Sensor.none):
+                    navigation.begin(worlds, w, k)
+                if ti.static(worlds.program.schedule == Schedule.every_step):
+                    fixes.take_fix(worlds, pose, w, k)
+                else:
+                    channel.begin(worlds, pose, w, k)
     for k in range(num_auvs):
         worlds.program.task.assign(worlds, w, k)
     for k in range(num_auvs):

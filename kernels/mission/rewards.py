@@ -2,7 +2,8 @@
 
 import taichi as ti
 
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter
+from kernels.mission import serving
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter, TallyColumn
 from kernels.mission.motion import distance_between
 from kernels.mission.tasks.task import RewardTerm
 from kernels.types import vec3
@@ -23,7 +24,7 @@ def border(worlds: ti.template(), w, k, weight):
 @ti.func
 def overflow(worlds: ti.template(), w, k, weight):
     """Number of nodes that lost packets in the step."""
-    return weight * worlds.boat[w, BoatColumn.overflowing]
+    return weight * worlds.tally[w, TallyColumn.overflowing]
 
 
 @ti.func
@@ -57,9 +58,10 @@ def power(worlds: ti.template(), w, k, weight):
 
 @ti.func
 def collaboration(worlds: ti.template(), w, k, weight):
-    """l_max / l with the slant distance l to the boat (Eq. 5)."""
-    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, BoatColumn.x]
-    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, BoatColumn.y]
+    """l_max / l with the slant distance l to the boat that serves it (Eq. 5)."""
+    b = serving.server(worlds, w, k)
+    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
+    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
     slant = vec3(dx, dy, worlds.estimate[w, k, EstimateColumn.separation]).norm()
     return weight * worlds.p[Parameter.farthest] / slant
 
@@ -85,7 +87,7 @@ def count_collisions(worlds: ti.template(), w):
             apart = distance_between(worlds, w, j, k)
             if apart < worlds.p[Parameter.collision_distance]:
                 count += 1.0
-    worlds.boat[w, BoatColumn.collisions] = count
+    worlds.tally[w, TallyColumn.collisions] = count
 
 
 @ti.func
@@ -98,7 +100,7 @@ def data(worlds: ti.template(), w, k, weight):
 def lost(worlds: ti.template(), w, k, weight):
     """The AUV's equal share of the data that full buffers lost, Mbit."""
     p = ti.static(worlds.p)
-    megabits = p[Parameter.payload] * worlds.boat[w, BoatColumn.packets_lost] / p[Parameter.buffer]
+    megabits = p[Parameter.payload] * worlds.tally[w, TallyColumn.packets_lost] / p[Parameter.buffer]
     return weight * megabits / worlds.auv.shape[1]
 
 

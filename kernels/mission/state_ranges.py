@@ -18,6 +18,7 @@ from kernels.mission.columns import (
     ForesightColumn,
     NodeColumn,
     Reply,
+    TallyColumn,
 )
 from kernels.positioning import tracker, usbl
 from kernels.types import Columns
@@ -94,7 +95,7 @@ NAMED: dict[str, Range] = {
     "packets_created": AMOUNT,
     "packets_lost": AMOUNT,
     "channel_free": Range(-1e8, 1e8),
-    "cycle_time": Range(0.0, 2e4),
+    **dict.fromkeys(("served_by", "fix_boat", "asking"), Range(0.0, "last_boat", whole=True)),
     "asked": Range(-1.0, "last_auv", whole=True),
     "visits": Range(-1.0, "last_auv", whole=True),
     "speed": Range(0.0, 100.0),
@@ -130,6 +131,7 @@ STATE: State = {
     "belief": _of(BeliefColumn, {}),
     "vortex": _of(Vortex, VORTEX),
     "boat": _of(BoatColumn, {}),
+    "tally": _of(TallyColumn, {}),
     "track": tuple((f"track {column}", VARIANCE) for column in range(tracker.COLUMNS)),
     "own": tuple((f"own track {column}", VARIANCE) for column in range(tracker.COLUMNS)),
     "exchange": _of(ExchangeColumn, {}),
@@ -143,7 +145,7 @@ def resolve(numbers: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Bounds of each array's columns, (2, columns) float64: low, high.
 
     Args:
-        numbers: "width", "length" (m), and the counts "targets", "last_target", "last_auv", "last_kind".
+        numbers: "width", "length" (m), and the counts "targets", "last_target", "last_auv", "last_boat", "last_kind".
     """
 
     def number(bound: float | str) -> float:

@@ -6,7 +6,7 @@ a world's history does not depend on how many others run beside it or on threads
 
 import taichi as ti
 
-from kernels.mission import boat, channel, fixes, motion, navigation, observation, rewards
+from kernels.mission import boat, channel, fixes, motion, navigation, observation, rewards, serving
 from kernels.mission.columns import Schedule, Sensor
 
 
@@ -22,16 +22,17 @@ def advance(worlds: ti.template(), w):
             fixes.predict(worlds, w, k)
         if ti.static(worlds.program.sensor != Sensor.none):
             navigation.reckon(worlds, w, k)
-    boat.set_goal(worlds, w, worlds.program.strategy.goal(worlds, w))
-    boat.move(worlds, w)
-    boat.ride(worlds, w)
-    boat.locate(worlds, w)
-    pose = fixes.array_pose(worlds, w)
+    serving.allot(worlds, w, serving.RELUCTANCE)
+    for b in range(worlds.boat.shape[1]):
+        boat.set_goal(worlds, w, b, worlds.program.strategy.goal(worlds, w, b))
+        boat.move(worlds, w, b)
+        boat.ride(worlds, w, b)
+        boat.locate(worlds, w, b)
     if ti.static(worlds.program.schedule == Schedule.every_step):
-        for k in range(num_auvs):
-            fixes.take_fix(worlds, pose, w, k)
+        for b in range(worlds.boat.shape[1]):
+            fixes.take_fixes(worlds, w, b)
     else:
-        channel.exchange(worlds, pose, w)
+        channel.exchange(worlds, w)
     worlds.program.task.update(worlds, w)
     rewards.count_collisions(worlds, w)
     for k in range(num_auvs):

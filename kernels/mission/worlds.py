@@ -14,8 +14,8 @@ class Strategy(NamedTuple):
     """Taichi functions of a boat strategy.
 
     Attributes:
-        start: (worlds, w) → vec2, where the boat begins, m; the AUVs' estimated positions are then the true ones.
-        goal: (worlds, w) → vec2, where it should be next, m.
+        start: (worlds, w, b) → vec2, where boat b begins, m; the AUVs' estimated positions are then the true ones.
+        goal: (worlds, w, b) → vec2, where it should be next, m.
         foresees: it foresees the AUVs' ways, see `kernels.mission.belief_planner`.
     """
 
@@ -29,7 +29,7 @@ class Program(NamedTuple):
 
     Attributes:
         task: what the AUVs have to do.
-        strategy: of the boat.
+        strategy: of the boats.
         target_rule: a `kernels.mission.target_rules.TargetRule`, which node an AUV heads for next.
         information: of `Information`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
@@ -41,6 +41,7 @@ class Program(NamedTuple):
         sensor: of `Sensor`, what AUVs reckon with.
         tracker: the boat tracks its AUVs.
         turns: phases of a fix can lack whole turns, see `kernels.positioning.validation`.
+        fleet: there is more than one boat.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
         constant_range: number of worlds, or 0, see `kernels.runtime.constant_range`.
     """
@@ -57,12 +58,13 @@ class Program(NamedTuple):
     schedule: int = Schedule.every_step
     sensor: int = Sensor.none
     turns: bool = False
+    fleet: bool = False
     serial: bool = False
     constant_range: int = 0
 
 
 class Worlds(NamedTuple):
-    """Arrays of all worlds, float32 unless said: W worlds, K AUVs, M nodes.
+    """Arrays of all worlds, float32 unless said: W worlds, K AUVs, B boats, M nodes.
 
     Attributes:
         program: what is compiled.
@@ -82,13 +84,14 @@ class Worlds(NamedTuple):
         action: (W, K, 2) in [−1, 1].
         auv: (W, K, A) `AuvColumn`.
         node: (W, M, N) `NodeColumn`.
-        boat: (W, B) `BoatColumn`.
+        boat: (W, B, F) `BoatColumn`.
+        tally: (W, T) `TallyColumn`.
         estimate: (W, K, E) `EstimateColumn`.
         track: (W, K, T) the boat's filters, where it has any, `kernels.positioning.tracker`.
         own: (W, K, T) the AUVs' own, where they have any.
         exchange: (W, K, X) `ExchangeColumn`, where there is a channel.
         foresight: (W, K, F) `ForesightColumn`, where the boat's strategy foresees the AUVs.
-        belief: (W, B, M, C) `BeliefColumn`.
+        belief: (W, 1 or K, M, C) `BeliefColumn`.
         workspace: (W, ≥ 1) numbers that the target rule needs while it chooses.
         observation: (W, K, O).
         reward_terms: (W, K, R) weighted.
@@ -114,6 +117,7 @@ class Worlds(NamedTuple):
     auv: Any
     node: Any
     boat: Any
+    tally: Any
     estimate: Any
     track: Any
     own: Any

@@ -18,7 +18,7 @@ import taichi as ti
 
 from kernels.planning.newton_ascent import ROUNDING, clamp, clip
 from kernels.planning.objectives import log_variance, worst
-from kernels.planning.team import position, squared_separation
+from kernels.planning.team import member, position, squared_separation
 from kernels.types import vec2, vec3
 
 MOST_CUTS = 64
@@ -84,7 +84,7 @@ def balanced(team: ti.template(), code: ti.template(), place: vec2) -> vec3:
     j = 0
     for k in range(team.count):
         z2 = squared_separation(team, k)
-        g = log_variance(team.link, k, code, (place - position(team, k)).norm_sqr() + z2, z2)[0]
+        g = log_variance(team.link, member(team, k), code, (place - position(team, k)).norm_sqr() + z2, z2)[0]
         if g > highest[0]:
             highest = vec2(g, highest[0])
             j = i
@@ -98,11 +98,14 @@ def balanced(team: ti.template(), code: ti.template(), place: vec2) -> vec3:
     share = ti.min(ti.max(share, 0.0), 1.0)
     z2_i = squared_separation(team, i)
     z2_j = squared_separation(team, j)
-    bound = ti.max(log_variance(team.link, i, code, z2_i, z2_i)[0], log_variance(team.link, j, code, z2_j, z2_j)[0])
+    bound = ti.max(
+        log_variance(team.link, member(team, i), code, z2_i, z2_i)[0],
+        log_variance(team.link, member(team, j), code, z2_j, z2_j)[0],
+    )
     for _ in range(BALANCING):
         rest = 1.0 - share
-        g_i = log_variance(team.link, i, code, share * share * apart + z2_i, z2_i)
-        g_j = log_variance(team.link, j, code, rest * rest * apart + z2_j, z2_j)
+        g_i = log_variance(team.link, member(team, i), code, share * share * apart + z2_i, z2_i)
+        g_j = log_variance(team.link, member(team, j), code, rest * rest * apart + z2_j, z2_j)
         bound = ti.max(bound, ti.min(g_i[0], g_j[0]))
         share -= (g_i[0] - g_j[0]) / ti.max(2.0 * apart * (share * g_i[1] + rest * g_j[1]), 1e-30)
         share = ti.min(ti.max(share, 0.0), 1.0)
@@ -135,7 +138,7 @@ def centre_of_gravity(team: ti.template(), code: ti.template(), start: vec2, reg
         for k in range(team.count):
             d = place - position(team, k)
             z2 = squared_separation(team, k)
-            g_k = log_variance(team.link, k, code, d.norm_sqr() + z2, z2)
+            g_k = log_variance(team.link, member(team, k), code, d.norm_sqr() + z2, z2)
             if g_k[0] > g[0]:
                 g = g_k
                 away = d

@@ -25,7 +25,7 @@ The attitude error is common to all fixes of one step; the resulting correlation
 import taichi as ti
 import torch
 
-from kernels.planning.team import Team, position, squared_separation
+from kernels.planning.team import Team, member, position, squared_separation
 from kernels.positioning.acoustic_link import ATTITUDE, DECAY, LEVEL, POWER, REFERENCE
 from kernels.types import array2, array3, vec2, vec3
 
@@ -91,7 +91,7 @@ def information(team: ti.template(), measurement: ti.template(), place: vec2) ->
     for k in range(team.count):
         d = place - position(team, k)
         z2 = squared_separation(team, k)
-        f = log_strength(team.link, k, d.norm_sqr() + z2, z2)
+        f = log_strength(team.link, member(team, k), d.norm_sqr() + z2, z2)
         c = coefficients(measurement, vec3(ti.exp(f[0]), f[1], f[2]), d.norm_sqr(), z2)
         J += vec3(c[0, 0] + c[1, 0] * d[1] * d[1], -c[1, 0] * d[0] * d[1], c[0, 0] + c[1, 0] * d[0] * d[0])
     return J

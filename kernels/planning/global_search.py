@@ -24,7 +24,7 @@ from kernels.planning.cutting_planes import centre_of_gravity
 from kernels.planning.fisher import log_T, mat2x3
 from kernels.planning.newton_ascent import ROUNDING, Region, ascend, clip
 from kernels.planning.objectives import PAPER, A, D, E, log_objective, objective_of
-from kernels.planning.team import Team, check_team, each_auv, mean_position, position, squared_separation
+from kernels.planning.team import Team, check_team, each_auv, mean_position, member, position, squared_separation
 from kernels.positioning.acoustic_link import ATTITUDE
 from kernels.types import array2, array3, vec2, vec3
 
@@ -59,7 +59,7 @@ def is_close_by(team: ti.template(), k, tried: ti.template(), nearest) -> bool:
 def has_plateau(team: ti.template(), k) -> bool:
     """Whether the attitude error outweighs the noise far round AUV k, where its variance is therefore constant."""
     z2 = squared_separation(team, k)
-    return team.link[k, ATTITUDE] * z2 * ti.exp(log_T(team.link, k, z2)) > PLATEAU
+    return team.link[member(team, k), ATTITUDE] * z2 * ti.exp(log_T(team.link, member(team, k), z2)) > PLATEAU
 
 
 @ti.func

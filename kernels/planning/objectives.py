@@ -18,7 +18,7 @@ import torch
 
 from kernels.planning import jet, paper_objective
 from kernels.planning.fisher import FIX, MEASUREMENTS, PHASE, log_strength
-from kernels.planning.team import Team, check_team, position, squared_separation
+from kernels.planning.team import Team, check_team, member, position, squared_separation
 from kernels.types import array2, array3, vec2, vec3, vec6
 
 OBJECTIVES = ("d", "a", "e", "sum", "paper")
@@ -75,7 +75,7 @@ def auv_variance(team: ti.template(), code: ti.template(), k, place: vec2) -> ve
     """`log_variance` of AUV k as a jet of the boat's place."""
     d = place - position(team, k)
     z2 = squared_separation(team, k)
-    return jet.of_squared_distance(log_variance(team.link, k, code, d.norm_sqr() + z2, z2), d[0], d[1])
+    return jet.of_squared_distance(log_variance(team.link, member(team, k), code, d.norm_sqr() + z2, z2), d[0], d[1])
 
 
 @ti.func

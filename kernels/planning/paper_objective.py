@@ -20,7 +20,7 @@ import taichi as ti
 
 from kernels.planning import jet
 from kernels.planning.fisher import PHASE, coefficients, log_signal, log_strength, times_T
-from kernels.planning.team import each_auv, position, squared_separation
+from kernels.planning.team import each_auv, member, position, squared_separation
 from kernels.types import mat3, vec2, vec3, vec6
 
 
@@ -99,9 +99,9 @@ def log_det(team: ti.template(), printed: ti.template(), place: vec2) -> vec6:
         q = (place - position(team, k)).norm_sqr() + z2
         f = vec3(0.0, 0.0, 0.0)
         if ti.static(printed):
-            f = log_signal(team.link, k, q)
+            f = log_signal(team.link, member(team, k), q)
         else:
-            f = log_strength(team.link, k, q, z2)
+            f = log_strength(team.link, member(team, k), q, z2)
         T[k] = f[0]
         L1[k] = f[1]
         L2[k] = f[2]

@@ -24,7 +24,7 @@ import torch
 
 from kernels.planning import fisher
 from kernels.planning.jet import product, ratio
-from kernels.planning.team import Team, squared_separation
+from kernels.planning.team import Team, member, squared_separation
 from kernels.positioning import tracker
 from kernels.types import array2, array3, vec2, vec3
 
@@ -43,10 +43,17 @@ Outlook = ti.types.struct(
 
 
 @ti.func
+def track_place(team: ti.template(), track: ti.template(), k) -> vec2:
+    """Where the track of the team's AUV k is, m."""
+    j = member(team, k)
+    return vec2(track[team.world, j, tracker.X], track[team.world, j, tracker.Y])
+
+
+@ti.func
 def fix_variance(team: ti.template(), k, offset: vec2) -> vec3:
     """First-order jet of the variance per axis of a fix (m²) at the horizontal offset boat − AUV."""
     z2 = squared_separation(team, k)
-    f = fisher.log_strength(team.link, k, offset.norm_sqr() + z2, z2)
+    f = fisher.log_strength(team.link, member(team, k), offset.norm_sqr() + z2, z2)
     variance = ti.exp(-f[0])
     slope = -2.0 * variance * f[1]
     return vec3(variance, slope * offset[0], slope * offset[1])
@@ -64,13 +71,14 @@ def look_ahead(team: ti.template(), track: ti.template(), outlook: Outlook, boat
     noise = vec3(outlook.variance * (1.0 - rho * rho), 0.0, 0.0)
     total = vec3(0.0, 0.0, 0.0)
     for k in range(team.count):
-        m = step * track[w, k, tracker.ADRIFT]
-        velocity = vec2(track[w, k, tracker.WATER_X], track[w, k, tracker.WATER_Y])
-        velocity += track[w, k, tracker.ADRIFT] * vec2(track[w, k, tracker.CURRENT_X], track[w, k, tracker.CURRENT_Y])
-        place = vec2(track[w, k, tracker.X], track[w, k, tracker.Y])
-        a = vec3(0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY]), 0.0, 0.0)
-        b = vec3(0.5 * (track[w, k, tracker.XU] + track[w, k, tracker.YV]), 0.0, 0.0)
-        c = vec3(0.5 * (track[w, k, tracker.UU] + track[w, k, tracker.VV]), 0.0, 0.0)
+        j = member(team, k)
+        m = step * track[w, j, tracker.ADRIFT]
+        velocity = vec2(track[w, j, tracker.WATER_X], track[w, j, tracker.WATER_Y])
+        velocity += track[w, j, tracker.ADRIFT] * vec2(track[w, j, tracker.CURRENT_X], track[w, j, tracker.CURRENT_Y])
+        place = track_place(team, track, k)
+        a = vec3(0.5 * (track[w, j, tracker.XX] + track[w, j, tracker.YY]), 0.0, 0.0)
+        b = vec3(0.5 * (track[w, j, tracker.XU] + track[w, j, tracker.YV]), 0.0, 0.0)
+        c = vec3(0.5 * (track[w, j, tracker.UU] + track[w, j, tracker.VV]), 0.0, 0.0)
         sum_a = vec3(0.0, 0.0, 0.0)
         for h in range(outlook.steps):
             progress = ti.min((h + 1.0) * outlook.top_speed * step / distance, 1.0)
@@ -117,17 +125,16 @@ def plan(team: ti.template(), track: ti.template(), outlook: Outlook, boat: vec2
             boat, the AUVs and their mean.
         size: width and length of the area, m.
     """
-    w = team.world
     count = team.count
     best = inside(goal, size)
     value = look_ahead(team, track, outlook, boat, best)
     middle = vec2(0.0, 0.0)
     for k in range(count):
-        middle += vec2(track[w, k, tracker.X], track[w, k, tracker.Y]) / count
+        middle += track_place(team, track, k) / count
     for start in range(count + 2):
         point = middle
         if start < count:
-            point = vec2(track[w, start, tracker.X], track[w, start, tracker.Y])
+            point = track_place(team, track, start)
         elif start == count:
             point = boat
         point = inside(point, size)

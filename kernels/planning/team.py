@@ -1,6 +1,6 @@
 """The AUVs that one boat plans for."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import taichi as ti
 import torch
@@ -9,6 +9,7 @@ from kernels.types import vec2
 
 MAX_AUVS = 16
 each_auv = ti.types.vector(MAX_AUVS, ti.f32)
+indices = ti.types.vector(MAX_AUVS, ti.i32)
 
 
 class Team(NamedTuple):
@@ -18,25 +19,41 @@ class Team(NamedTuple):
         estimate: (W, K, 3) estimated x, y and vertical separation of every AUV, m.
         link: (K, COLUMNS) of `acoustic_link.link_table`.
         world: the row of `estimate`.
-        count: K, at most the rows of `link` and MAX_AUVS.
+        count: K, at most the rows of `link` and MAX_AUVS; with `members` their number.
+        members: vector of the indices of the AUVs that the boat plans for; None for all of them.
     """
 
     estimate: ti.types.ndarray
     link: ti.types.ndarray
     world: ti.i32
     count: ti.i32
+    members: Any = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether the boat plans for all AUVs of the world."""
+        return self.members is None
+
+
+@ti.func
+def member(team: ti.template(), k) -> ti.i32:
+    """Index in the arrays of the team's AUV k."""
+    index = k
+    if ti.static(not team.whole):
+        index = team.members[k]
+    return index
 
 
 @ti.func
 def position(team: ti.template(), k) -> vec2:
     """Estimated horizontal position of AUV k, m."""
-    return vec2(team.estimate[team.world, k, 0], team.estimate[team.world, k, 1])
+    return vec2(team.estimate[team.world, member(team, k), 0], team.estimate[team.world, member(team, k), 1])
 
 
 @ti.func
 def squared_separation(team: ti.template(), k):
     """z² of AUV k's vertical separation z (m), at least 1 m²: the laws of sound begin at 1 m."""
-    z = team.estimate[team.world, k, 2]
+    z = team.estimate[team.world, member(team, k), 2]
     return ti.max(z * z, 1.0)
 
 

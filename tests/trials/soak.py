@@ -51,7 +51,7 @@ def quantities(world: World) -> Sample:
         "power W": float(auv[..., AuvColumn.power].max()),
         "current m/s": float(world.current().norm(dim=-1).max()),
         "position error m": float(auv[..., AuvColumn.position_error].max()),
-        "elevation m": float(boat[:, BoatColumn.elevation].abs().max()),
+        "elevation m": float(boat[..., BoatColumn.elevation].abs().max()),
         "level of the sea m": float(np.abs(world.sea.elevation()).max()),
         "reward": float(world.reward.abs().max()),
         "outside m": float(max(-auv[..., :2].min(), auv[..., :2].max() - world.scenario.area.width, 0.0)),

@@ -87,7 +87,7 @@ def test_train_keeps_the_checkpoint_before(tmp_path, capsys, monkeypatch):
     def step(self, action):
         done.append(self)
         if self.num_worlds == 4 and len(done) > 12:
-            self.boat[2, 0] = math.nan
+            self.boat[2, 0, 0] = math.nan
         return whole(self, action)
 
     monkeypatch.setattr(World, "step", step)

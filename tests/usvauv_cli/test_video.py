@@ -103,6 +103,8 @@ def synthetic_trace(
         heard_position=position,
         fix_covariance=covariance,
         fix_flags=np.ones(shape, np.uint8),
+        fix_boat=np.zeros(shape, np.int8),
+        served_by=np.zeros(shape, np.int8),
         estimate=position + errors,
         estimate_covariance=covariance,
         own_position=position + errors,
@@ -113,9 +115,9 @@ def synthetic_trace(
         delivered=delivered,
         border=np.zeros(shape, np.int8),
         reward_terms=service_rate[..., None],
-        boat_position=boat,
-        boat_goal=boat + np.array([4.0, 3.0]),
-        boat_surface=np.stack([elevation, 0 * elevation, 0 * elevation], -1),
+        boat_position=boat[:, :, None],
+        boat_goal=boat[:, :, None] + np.array([4.0, 3.0]),
+        boat_surface=np.stack([elevation, 0 * elevation, 0 * elevation], -1)[:, :, None],
         backlog=backlog,
         overflowing=(backlog >= 5000).sum(-1).astype(np.int16),
         collisions=np.zeros((steps, worlds), np.int16),
@@ -244,13 +246,50 @@ class TestPings:
         silent, painter = paint(trace, 3)
         trace.fix_flags[3, 0, 0] = usbl.DETECTED
         heard, _ = paint(trace, 3)
-        boat, auvs = (painter.map.view.pixel(part[3, 0]) for part in (trace.boat_position, trace.auv_position))
+        (boat,), auvs = (painter.map.view.pixel(part[3, 0]) for part in (trace.boat_position, trace.auv_position))
         differs = []
         for auv in auvs[:2]:
             x, y = ((boat + auv) / 2).round().astype(int)
             window = slice(y - 3, y + 4), slice(x - 3, x + 4)
             differs.append((silent[window] != heard[window]).any())
         assert differs == [True, False]
+
+
+def with_second_boat(trace):
+    """The trace with another boat at rest in the south-east, which has made the fixes of AUV 1."""
+    place = np.full_like(trace.boat_position, 0.0) + np.array([170.0, 30.0])
+    return replace(
+        trace,
+        boat_position=np.concatenate([trace.boat_position, place], axis=2),
+        boat_goal=np.concatenate([trace.boat_goal, place + np.array([0.0, 120.0])], axis=2),
+        boat_surface=trace.boat_surface.repeat(2, axis=2),
+        fix_boat=trace.fix_boat + np.array([0, 1] + [0] * (trace.fix_boat.shape[-1] - 2), np.int8),
+    )
+
+
+class TestBoats:
+    def test_every_boat_and_its_goal_are_drawn(self):
+        one = synthetic_trace(steps=4)
+        two = with_second_boat(one)
+        (alone, painter), (both, _) = paint(one, 3), paint(two, 3)
+        for x, y in ((170.0, 30.0), (170.0, 150.0), (170.0, 90.0)):  # boat, goal, the dashes between
+            row, column = place(painter, x, y)
+            window = slice(row - 9, row + 10), slice(column - 9, column + 10)
+            assert (alone[window] != both[window]).any()
+
+    def test_lines_are_from_the_boat_that_heard(self):
+        two = with_second_boat(synthetic_trace(steps=4))
+        two.fix_flags[:] = usbl.SILENT
+        silent, painter = paint(two, 3)
+        two.fix_flags[3, 0, 1] = usbl.DETECTED
+        heard, _ = paint(two, 3)
+        boats, auvs = (painter.map.view.pixel(part[3, 0]) for part in (two.boat_position, two.auv_position))
+        differs = []
+        for boat in boats:
+            x, y = (boat + 0.3 * (auvs[1] - boat)).round().astype(int)
+            window = slice(y - 3, y + 4), slice(x - 3, x + 4)
+            differs.append((silent[window] != heard[window]).any())
+        assert differs == [False, True]
 
 
 class TestMap:
@@ -309,8 +348,8 @@ class TestMap:
             auv_position=np.full((2, 1, 1, 2), 180.0),
             fix=np.full((2, 1, 1, 2), 180.0),
             target=np.zeros((2, 1, 1), np.int16),
-            boat_position=np.full((2, 1, 2), 150.0),
-            boat_goal=np.full((2, 1, 2), 150.0),
+            boat_position=np.full((2, 1, 1, 2), 150.0),
+            boat_goal=np.full((2, 1, 1, 2), 150.0),
         )
         frame, painter = paint(trace, 0)
         aside = round(0.35 * painter.map._node_radius)
@@ -340,7 +379,7 @@ class TestMap:
             target=target,
             service_rate=served,
             backlog=np.full((steps, 1, 2), 100.0),
-            boat_position=np.full((steps, 1, 2), 150.0),
+            boat_position=np.full((steps, 1, 1, 2), 150.0),
         )
         radius = round(0.92 * Painter(trace, (1280, 720)).map._node_radius)
 
@@ -374,8 +413,8 @@ class TestMap:
             target=(np.arange(steps)[:, None, None] // 2).astype(np.int16),
             service_rate=np.zeros((steps, 1, 1)),
             delivered=np.zeros((steps, 1, 1)),
-            boat_position=np.full((steps, 1, 2), 180.0),
-            boat_goal=np.full((steps, 1, 2), 180.0),
+            boat_position=np.full((steps, 1, 1, 2), 180.0),
+            boat_goal=np.full((steps, 1, 1, 2), 180.0),
         )
         legs = [(nodes[0, i] + nodes[0, i + 1]) / 2 for i in range(5)]
         staying = replace(trace, target=np.zeros_like(trace.target))

@@ -95,10 +95,10 @@ def test_the_budget_is_the_error_of_missions(device, slant):
 def test_the_boats_position_changes_slowly(device):
     """Autocorrelation e^(-t/60 s) of what the fixes of an AUV at rest have in common."""
     _, _, world = errors_of_fixes(device, ERRORS["position"], 1)
-    first = world.boat[:, BoatColumn.span("gnss_x", "gnss_y")].clone()
+    first = world.boat[..., BoatColumn.span("gnss_x", "gnss_y")].clone()
     for _ in range(30):
         world.step(torch.zeros(WORLDS, 2, 2, device=device))
-    later = world.boat[:, BoatColumn.span("gnss_x", "gnss_y")]
+    later = world.boat[..., BoatColumn.span("gnss_x", "gnss_y")]
     correlation = torch.corrcoef(torch.stack([first.flatten(), later.flatten()]))[0, 1].item()
     assert correlation == pytest.approx(math.exp(-30 / 60), abs=4 / math.sqrt(2 * WORLDS))
     assert later.std().item() == pytest.approx(0.5, rel=0.05)

@@ -77,7 +77,7 @@ def assert_sound(world: World) -> None:
         assert (xx >= 0).all()
         assert (yy >= 0).all()
         assert (xy * xy <= xx * yy * (1 + 1e-4) + 1e-12).all()
-    travelled = torch.hypot(world.boat[:, BoatColumn.moved_x], world.boat[:, BoatColumn.moved_y])
+    travelled = torch.hypot(world.boat[..., BoatColumn.moved_x], world.boat[..., BoatColumn.moved_y])
     assert travelled.max() < math.hypot(width, length)
 
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from kernels.flow.vortex import Vortex
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World
 
@@ -22,6 +22,7 @@ COLUMNS = {
     "node": NodeColumn.names,
     "vortex": Vortex.names,
     "boat": BoatColumn.names,
+    "tally": TallyColumn.names,
     "estimate": EstimateColumn.names,
 }
 PLACES = {"x", "y", "fix_x", "fix_y", "heard_x", "heard_y", "goal_x", "goal_y"}
@@ -92,7 +93,7 @@ def test_mirrored_worlds_have_mirrored_futures(mirror, usv, edge, seed):
         assert torch.equal(ended, ended_there)
     assert services > 0
     assert (one.auv[..., AuvColumn.span("x", "y")] - deployed).norm(dim=-1).min() > 5
-    assert one.boat[:, BoatColumn.elevation].abs().max() > 0.3
+    assert one.boat[..., BoatColumn.elevation].abs().max() > 0.3
     for name in COLUMNS:
         expected = mirrored(name, getattr(one, name), mirror)
         for index, column in enumerate(COLUMNS[name]):

@@ -45,8 +45,8 @@ class TestRealCurrent:
         scenario = Scenario.load("ideal", [*PLACE, f"water.currents={currents}", "boat.top_speed=0.001"])
         world = World(scenario, 64, seed=1)
         head_for_targets(world, 30)
-        boat = world.boat[:, BoatColumn.span("x", "y")].double().numpy()
-        water = world.boat[:, BoatColumn.span("current_x", "current_y")].numpy()
+        boat = world.boat[:, 0, BoatColumn.span("x", "y")].double().numpy()
+        water = world.boat[:, 0, BoatColumn.span("current_x", "current_y")].numpy()
         auv = world.auv[..., AuvColumn.span("x", "y")].double().numpy()
         for place, depth, found in ((boat, 0.0, water), (auv, 100.0, world.current().numpy())):
             lon, lat = FRAME.to_geographic(place[..., 0], place[..., 1])

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from kernels.flow import airy
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
 from kernels.types import Level
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World
@@ -100,9 +100,9 @@ class TestState:
             world.boat = world.boat.clone()
         with pytest.raises(AttributeError, match="sea"):
             world.sea = None
-        world.boat[:, BoatColumn.x] = 20.0
+        world.boat[..., BoatColumn.x] = 20.0
         world.step(torch.zeros(2, 2, 2))
-        assert (world.boat[:, BoatColumn.x] < 30).all()
+        assert (world.boat[..., BoatColumn.x] < 30).all()
 
     def test_saved_and_restored_bit_for_bit(self, extreme):
         """Also into another world object, and across the end of an episode."""
@@ -196,9 +196,9 @@ class TestStart:
             world.step(torch.rand(64, 2, 2, generator=torch.Generator().manual_seed(0)))
         fields = np.stack(world.sea.velocity(), axis=-1)
         cells = np.array([world.sea.dx, world.sea.dy])
-        boat = world.boat[:, BoatColumn.span("x", "y")].numpy()[:, None]
+        boat = world.boat[..., BoatColumn.span("x", "y")].numpy()
         place = np.concatenate([world.auv[..., AuvColumn.span("x", "y")].numpy(), boat], axis=1)
-        water = world.boat[:, None, BoatColumn.span("current_x", "current_y")].numpy()
+        water = world.boat[..., BoatColumn.span("current_x", "current_y")].numpy()
         found = np.concatenate([world.current().numpy(), water], axis=1)
         p = place / cells - 0.5
         low = np.clip(np.floor(p).astype(int), 0, 48)
@@ -262,24 +262,24 @@ class TestMotion:
         scenario = Scenario.load("ideal", ["boat.top_speed=1.5"])
         world = World(scenario, num_worlds=16, seed=0)
         observation = world.reset()
-        before = world.boat[:, BoatColumn.span("x", "y")].clone()
+        before = world.boat[:, 0, BoatColumn.span("x", "y")].clone()
         for _ in range(100):
             observation, *_ = world.step(steer(observation))
-            moved = (world.boat[:, BoatColumn.span("x", "y")] - before).norm(dim=-1)
+            moved = (world.boat[:, 0, BoatColumn.span("x", "y")] - before).norm(dim=-1)
             assert moved.max() <= 1.5 + 1e-4
-            before = world.boat[:, BoatColumn.span("x", "y")].clone()
+            before = world.boat[:, 0, BoatColumn.span("x", "y")].clone()
 
     def test_hold_stands_still_in_the_current(self, extreme):
         world = World(extreme, num_worlds=8, seed=0, usv="hold:30,170")
         run(world, 50)
         torch.testing.assert_close(
-            world.boat[:, BoatColumn.span("x", "y")], torch.tensor([30.0, 170.0]).expand(8, 2), atol=1e-3, rtol=0
+            world.boat[:, 0, BoatColumn.span("x", "y")], torch.tensor([30.0, 170.0]).expand(8, 2), atol=1e-3, rtol=0
         )
 
     def test_centroid_follows_the_measured_positions(self):
         world = World(Scenario.load("ideal"), num_worlds=8, seed=0, usv="centroid")
         run(world, 50)
-        estimates_before_last_fix = world.boat[:, BoatColumn.span("goal_x", "goal_y")]
+        estimates_before_last_fix = world.boat[:, 0, BoatColumn.span("goal_x", "goal_y")]
         truth = world.auv[..., AuvColumn.span("x", "y")].mean(dim=1)
         assert (estimates_before_last_fix - truth).norm(dim=-1).max() < 4
 
@@ -302,10 +302,10 @@ class TestStorm:
         """Nothing but the storm moves here; the boat drifts with the water of the step before."""
         world = World(Scenario.load("extreme", self.quiet), num_worlds=16, seed=3, usv="hold:60,80")
         run(world, 7)
-        before = world.boat.clone()
-        world.boat[:, BoatColumn.x] = 90.0  # 42 m from where it is to be held
+        before = world.boat[:, 0].clone()
+        world.boat[..., BoatColumn.x] = 90.0  # 42 m from where it is to be held
         world.step(torch.zeros(16, 2, 2))
-        boat = world.boat
+        boat = world.boat[:, 0]
         seen = storm_at(world, boat[:, BoatColumn.span("x", "y")], Level.surface)
         torch.testing.assert_close(boat[:, BoatColumn.span("elevation", "current_y")], seen[:, :5])
         assert seen[:, 0].std() > 0.8
@@ -354,7 +354,7 @@ class TestStorm:
         boat, current = [], []
         for _ in range(world.steps):
             observation, *_ = world.step(steer(observation))
-            boat.append(world.boat.clone())
+            boat.append(world.boat[:, 0].clone())
             current.append(world.current().norm(dim=-1))
         elevation, slope_x, slope_y = torch.stack(boat)[..., BoatColumn.span("elevation", "slope_y")].unbind(-1)
         assert elevation.square().mean().sqrt() == pytest.approx(2.6, abs=0.15)
@@ -425,7 +425,7 @@ class TestTask:
         for _ in range(60):
             world.step(torch.zeros(400, 2, 2))
         assert world.node[..., NodeColumn.backlog].max() == 240
-        assert world.boat[:, BoatColumn.overflowing].min() > 20
+        assert world.tally[:, TallyColumn.overflowing].min() > 20
 
     def test_targets_are_shared_by_no_two_auvs(self, extreme):
         world = World(Scenario.load("extreme", ["auv.count=6"]), num_worlds=32, seed=3)
@@ -474,25 +474,24 @@ class TestReward:
             before = (node - world.auv[..., AuvColumn.span("x", "y")]).norm(dim=-1)
             hovering = world.auv[..., AuvColumn.hover] > 0
             observation, reward, _, _, info = world.step(steer(observation))
-            auv, boat = world.auv, world.boat
+            auv, boat, tally = world.auv, world.boat, world.tally
             closed = torch.where(hovering, 0.0, before - (node - auv[..., AuvColumn.span("x", "y")]).norm(dim=-1))
             apart = (auv[:, 0, 0:2] - auv[:, 1, 0:2]).norm(dim=-1)
-            below = boat[:, None, BoatColumn.elevation] + 100
+            below = boat[..., BoatColumn.elevation] + 100
             slant = torch.sqrt(
-                ((auv[..., AuvColumn.span("x", "y")] - boat[:, None, BoatColumn.span("x", "y")]) ** 2).sum(-1)
-                + below**2
+                ((auv[..., AuvColumn.span("x", "y")] - boat[..., BoatColumn.span("x", "y")]) ** 2).sum(-1) + below**2
             )
             expected = torch.stack(
                 [
                     w.distance * closed,
                     w.border * auv[..., AuvColumn.border],
-                    (w.overflow * boat[:, BoatColumn.overflowing])[:, None].expand(-1, 2),
+                    (w.overflow * tally[:, TallyColumn.overflowing])[:, None].expand(-1, 2),
                     (w.proximity * (12 - apart).clamp_min(0))[:, None].expand(-1, 2),
                     w.service * (auv[..., AuvColumn.service_rate] > 0),
                     w.power * auv[..., AuvColumn.power],
                     w.collaboration * math.hypot(200, 200, 100) / slant,
                     w.data * auv[..., AuvColumn.packets_delivered] * 2e-3,
-                    (w.lost * boat[:, BoatColumn.packets_lost] * 1e-3)[:, None].expand(-1, 2),
+                    (w.lost * tally[:, TallyColumn.packets_lost] * 1e-3)[:, None].expand(-1, 2),
                 ],
                 dim=-1,
             )
@@ -554,7 +553,7 @@ class TestObservation:
         torch.testing.assert_close(o[:, 1, 4:6], (node - own[:, 1]) / diagonal)
         torch.testing.assert_close(o[:, 1, 6:8], own[:, 1] / diagonal)
         torch.testing.assert_close(o[:, 1, 8], world.auv[:, 1, AuvColumn.border])
-        torch.testing.assert_close(o[:, 1, 9], world.boat[:, BoatColumn.overflowing] / 30)
+        torch.testing.assert_close(o[:, 1, 9], world.tally[:, TallyColumn.overflowing] / 30)
         torch.testing.assert_close(o[..., 10], world.current().norm(dim=-1))
         torch.testing.assert_close(o[..., 11:13], world.current())
 

@@ -68,7 +68,7 @@ def make(settings: Settings, folder: Path, results: Path) -> dict[str, EpisodeMe
 def _tracks(trace: Trace) -> dict[str, np.ndarray]:
     """Vehicle → (T, 2) m."""
     auvs = {f"AUV {k + 1}": trace.auv_position[:, 0, k] for k in range(trace.auv_position.shape[2])}
-    return {**auvs, "USV": trace.boat_position[:, 0]}
+    return {**auvs, "USV": trace.boat_position[:, 0, 0]}
 
 
 def _rows(name: str, trace: Trace) -> Iterator[dict[str, Any]]:

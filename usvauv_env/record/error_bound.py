@@ -26,7 +26,8 @@ def variance(trace: Trace) -> np.ndarray:
     scenario = trace.scenario
     link = torch.from_numpy(link_table(Site(scenario))).to(runtime.start().device)
     steps, worlds, auvs = trace.power.shape
-    separation = scenario.auv.depth + trace.boat_surface[..., :1].repeat(auvs, -1)
+    surface = np.take_along_axis(trace.boat_surface[..., 0], trace.served_by.astype(np.intp), axis=-1)
+    separation = scenario.auv.depth + surface
     layout = np.concatenate([trace.auv_position, separation[..., None]], -1).reshape(-1, auvs, 3).astype(np.float32)
     points = torch.from_numpy(layout).to(link.device)
     width, length = scenario.area.width, scenario.area.length

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from kernels.errors import DivergenceError
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
 from kernels.positioning.usbl import DETECTED
 from kernels.types import Level
 from usvauv_env.memory import require
@@ -53,7 +53,7 @@ class Recorder:
 
     def clear(self) -> None:
         """Remove all states."""
-        self._rows = {name: [] for name in ("auv", "boat", "backlog", "terms", "estimate", "own", "vortex")}
+        self._rows = {name: [] for name in ("auv", "boat", "tally", "backlog", "terms", "estimate", "own", "vortex")}
 
     def drop_last(self) -> None:
         """Remove the last state."""
@@ -66,6 +66,7 @@ class Recorder:
         for name, tensor in (
             ("auv", world.auv),
             ("boat", world.boat),
+            ("tally", world.tally),
             ("backlog", world.node[..., NodeColumn.backlog]),
             ("terms", world.reward_terms),
             ("estimate", world.estimate),
@@ -93,7 +94,7 @@ class Recorder:
             worlds: the worlds to take.
         """
         world = self.world
-        vehicles, boats, backlog, terms, known, own, vortex = (
+        vehicles, boats, tally, backlog, terms, known, own, vortex = (
             np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
         )
         nodes = world.node[worlds].cpu().numpy()
@@ -118,6 +119,8 @@ class Recorder:
             heard_position=vehicles[..., AuvColumn.span("heard_x", "heard_y")],
             fix_covariance=vehicles[..., AuvColumn.span("covariance_xx", "covariance_yy")],
             fix_flags=flags,
+            fix_boat=column("fix_boat").astype(np.int8),
+            served_by=known[..., EstimateColumn.served_by].astype(np.int8),
             estimate=known[..., EstimateColumn.span("x", "y")],
             estimate_covariance=known[..., EstimateColumn.span("covariance_xx", "covariance_yy")],
             own_position=own,
@@ -132,10 +135,10 @@ class Recorder:
             boat_goal=boats[..., BoatColumn.span("goal_x", "goal_y")],
             boat_surface=boats[..., BoatColumn.span("elevation", "slope_y")],
             backlog=backlog,
-            overflowing=boats[..., BoatColumn.overflowing].astype(np.int16),
-            collisions=boats[..., BoatColumn.collisions].astype(np.int16),
-            packets_created=boats[..., BoatColumn.packets_created].astype(np.int32),
-            packets_lost=boats[..., BoatColumn.packets_lost].astype(np.int32),
+            overflowing=tally[..., TallyColumn.overflowing].astype(np.int16),
+            collisions=tally[..., TallyColumn.collisions].astype(np.int16),
+            packets_created=tally[..., TallyColumn.packets_created].astype(np.int32),
+            packets_lost=tally[..., TallyColumn.packets_lost].astype(np.int32),
             packets_delivered=column("packets_delivered").astype(np.int32),
             vortex=vortex,
             stream=world.stream(Level.cruise),

@@ -1,7 +1,7 @@
 """Record of a run as plain arrays: the only source of metrics, tables, videos and figures.
 
-T mission steps, W worlds (episodes), K AUVs, M nodes, V vortices, R reward terms. Everything is in SI units, except
-data, which is in Mbit and Mbit/s. Index t of a time series is the state after mission step t.
+T mission steps, W worlds (episodes), K AUVs, B boats, M nodes, V vortices, R reward terms. Everything is in SI units,
+except data, which is in Mbit and Mbit/s. Index t of a time series is the state after mission step t.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "heard_position": ("time", "world", "auv", "axis"),
     "fix_covariance": ("time", "world", "auv", "component"),
     "fix_flags": ("time", "world", "auv"),
+    "fix_boat": ("time", "world", "auv"),
+    "served_by": ("time", "world", "auv"),
     "estimate": ("time", "world", "auv", "axis"),
     "own_position": ("time", "world", "auv", "axis"),
     "estimate_covariance": ("time", "world", "auv", "component"),
@@ -45,9 +47,9 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "delivered": ("time", "world", "auv"),
     "border": ("time", "world", "auv"),
     "reward_terms": ("time", "world", "auv", "reward_term"),
-    "boat_position": ("time", "world", "axis"),
-    "boat_goal": ("time", "world", "axis"),
-    "boat_surface": ("time", "world", "surface_component"),
+    "boat_position": ("time", "world", "boat", "axis"),
+    "boat_goal": ("time", "world", "boat", "axis"),
+    "boat_surface": ("time", "world", "boat", "surface_component"),
     "backlog": ("time", "world", "node"),
     "overflowing": ("time", "world"),
     "collisions": ("time", "world"),
@@ -61,7 +63,7 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
 OPTIONAL = {"stream": (0, 0, 2), "surface": (0, 0, 0)}  # fields that may be empty, and their shape then
 
 INTEGERS = (
-    *("fix_flags", "target", "hovering", "border", "overflowing", "collisions"),
+    *("fix_flags", "fix_boat", "served_by", "target", "hovering", "border", "overflowing", "collisions"),
     *("packets_created", "packets_lost", "packets_delivered"),
 )
 LARGEST = 1e12  # of any number in a trace
@@ -84,7 +86,8 @@ class Trace:
         fix: (T, W, K, 2) measured position, m; NaN where nothing was detected. fix_covariance: (T, W, K, 3) predicted
             xx, xy, yy of its error, m². fix_flags: (T, W, K) bits of `kernels.positioning.usbl`; good where it equals
             DETECTED; the receiver drops a detected one that has a bit of UNUSABLE. heard_position: (T, W, K, 2) where
-            the AUV was when the signal of its last fix left it, m.
+            the AUV was when the signal of its last fix left it, m. fix_boat: (T, W, K) index of the boat that made it.
+        served_by: (T, W, K) index of the boat that serves the AUV, see `kernels.mission.serving`.
         estimate: (T, W, K, 2) where the boat takes the AUV to be: the last usable fix, or the tracker's, m.
             estimate_covariance: (T, W, K, 3) likewise. own_position: (T, W, K, 2) where the AUV takes itself to be, m;
             the estimate if it does not reckon.
@@ -92,7 +95,7 @@ class Trace:
         power: (T, W, K) W. service_rate: (T, W, K) data rate of a service completed in this step, else 0, Mbit/s.
         delivered: (T, W, K) data of that service, Mbit. border: (T, W, K) a move was refused at the border.
         reward_terms: (T, W, K, R) weighted terms; their sum over R is the reward.
-        boat_position, boat_goal: (T, W, 2) m. boat_surface: (T, W, 3) η m and its slopes η_x, η_y.
+        boat_position, boat_goal: (T, W, B, 2) m. boat_surface: (T, W, B, 3) η m and its slopes η_x, η_y.
         backlog: (T, W, M) packets. overflowing: (T, W) nodes that lost packets in this step.
         collisions: (T, W) pairs of AUVs closer than the collision distance.
         packets_created, packets_lost: (T, W) in this step at all nodes and at full buffers. packets_delivered:
@@ -118,6 +121,8 @@ class Trace:
     heard_position: np.ndarray
     fix_covariance: np.ndarray
     fix_flags: np.ndarray
+    fix_boat: np.ndarray
+    served_by: np.ndarray
     estimate: np.ndarray
     estimate_covariance: np.ndarray
     own_position: np.ndarray
@@ -245,6 +250,7 @@ def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_na
         "surface_component": 3,
         "vortex_parameter": 4,
         "auv": scenario.auv.count,
+        "boat": scenario.boat.count,
         "node": scenario.targets,
         "vortex": scenario.current.vortices,
         "reward_term": len(reward_names),
@@ -256,6 +262,8 @@ def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_na
             if size != expected.get(dimension, size) or (size == 0 and dimension in ("time", "world")):
                 wanted = expected.get(dimension, "at least 1")
                 raise TraceError(f"{name} has {size} along {dimension}; expected {wanted}")
-    target = arrays["target"]
-    if not ((target >= 0) & (target < scenario.targets)).all():
-        raise TraceError(f"target is from {target.min()} to {target.max()}; expected 0 to {scenario.targets - 1}")
+    boats = scenario.boat.count
+    for name, count in (("target", scenario.targets), ("fix_boat", boats), ("served_by", boats)):
+        index = arrays[name]
+        if not ((index >= 0) & (index < count)).all():
+            raise TraceError(f"{name} is from {index.min()} to {index.max()}; expected 0 to {count - 1}")

@@ -69,12 +69,14 @@ class MissionMap:
         # Streaks drift at the true speed, up to a quarter of their length a step.
         self._streak_step = min(self._step, 0.25 * self.streaks.tail)
         self._overlay = Overlay(*layout.map)
-        self._boat = self.view.pixel(trace.boat_position[:, 0])
+        self._boats = self.view.pixel(trace.boat_position[:, 0])
         self._auvs = self.view.pixel(trace.auv_position[:, 0])
         self._nodes = self.view.pixel(trace.node_position[0])
         flags = trace.fix_flags[:, 0]
         self._heard = latest((flags & usbl.DETECTED) > 0)
-        self._pinged = pings((flags & usbl.SILENT).min(-1) == 0)
+        heard_by = trace.fix_boat[:, 0, :, None] == np.arange(self._boats.shape[1])
+        asked = ((flags & usbl.SILENT) == 0)[..., None] & heard_by
+        self._pinged = [pings(by_boat) for by_boat in asked.any(axis=1).T]
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         # Stations have no data that could be old.
         self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
@@ -94,14 +96,16 @@ class MissionMap:
         self._draw_links(t)
         self._overlay.blend(picture)
         self._draw_nodes(picture, t)
-        self._draw_boat(picture, t)
+        for boat in range(self._boats.shape[1]):
+            self._draw_boat(picture, t, boat)
         for auv in range(self._auvs.shape[1]):
             self._draw_auv(picture, t, auv)
         self._draw_popups(picture, t)
 
     def _draw_trails(self, t: int) -> None:
         width = self._layout.px(2)
-        self._fade(self._boat, t, style.BOAT, 0.45, width)
+        for boat in range(self._boats.shape[1]):
+            self._fade(self._boats[:, boat], t, style.BOAT, 0.45, width)
         for auv in range(self._auvs.shape[1]):
             self._fade(self._auvs[:, auv], t, style.auv_colour(auv), 0.85, width)
 
@@ -118,15 +122,17 @@ class MissionMap:
             self._overlay.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
 
     def _draw_pings(self, t: int) -> None:
-        """A ring from the boat where it has asked, and lines to the AUVs it has heard."""
-        boat = self._boat[t]
-        share = (t - self._pinged[t]) / PING_FRAMES
-        if self._pinged[t] >= 0 and share < 1:
-            reach = np.hypot(*(self._auvs[t] - boat).T).max()
-            self._overlay.ring(boat, share * reach, style.BOAT, 0.45 * (1 - 0.7 * share), self._layout.px(1.3))
+        """A ring from each boat that has asked, and lines from the boats to the AUVs they have heard."""
+        for boat, pinged in zip(self._boats[t], self._pinged, strict=True):
+            share = (t - pinged[t]) / PING_FRAMES
+            if pinged[t] >= 0 and share < 1:
+                reach = np.hypot(*(self._auvs[t] - boat).T).max()
+                self._overlay.ring(boat, share * reach, style.BOAT, 0.45 * (1 - 0.7 * share), self._layout.px(1.3))
         for auv, position in enumerate(self._auvs[t]):
-            lit = 0.5 * math.exp((self._heard[t, auv] - t) / HEARD_FRAMES)
-            if self._heard[t, auv] >= 0 and lit > 0.03:  # what is drawn later replaces what is there
+            last = self._heard[t, auv]
+            lit = 0.5 * math.exp((last - t) / HEARD_FRAMES)
+            if last >= 0 and lit > 0.03:  # what is drawn later replaces what is there
+                boat = self._boats[t, self._trace.fix_boat[last, 0, auv]]
                 self._overlay.strokes([np.stack([boat, position])], style.auv_colour(auv), lit, self._layout.px(1.2))
 
     def _draw_links(self, t: int) -> None:
@@ -165,13 +171,14 @@ class MissionMap:
         for centre, share, old in zip(self._nodes, self._fill[t], self._age[t], strict=True):
             self._gauges.draw(picture, centre, share, old, pulse)
 
-    def _draw_boat(self, picture: np.ndarray, t: int) -> None:
-        layout, goal = self._layout, self.view.pixel(self._trace.boat_goal[t, 0])
-        if np.hypot(*(goal - self._boat[t])) > 3 * layout.unit:
-            for piece in shapes.dashes(self._boat[t], goal, 3 * layout.unit):
+    def _draw_boat(self, picture: np.ndarray, t: int, boat: int) -> None:
+        layout, goal = self._layout, self.view.pixel(self._trace.boat_goal[t, 0, boat])
+        position = self._boats[t, boat]
+        if np.hypot(*(goal - position)) > 3 * layout.unit:
+            for piece in shapes.dashes(position, goal, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.BOAT, layout.px(1))
         symbols.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
-        symbols.boat(picture, self._boat[t], self._running.boat_heading[t], 34 * layout.unit, layout.zoom)
+        symbols.boat(picture, position, self._running.boat_heading[t, boat], 34 * layout.unit, layout.zoom)
 
     def _draw_auv(self, picture: np.ndarray, t: int, auv: int) -> None:
         layout, position, colour = self._layout, self._auvs[t, auv], style.auv_colour(auv)

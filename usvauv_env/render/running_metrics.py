@@ -14,7 +14,7 @@ MEDIAN_WINDOW = 30.0  # s
 
 @dataclass(frozen=True)
 class RunningMetrics:
-    """Series of world 0, T steps and K AUVs.
+    """Series of world 0, T steps, K AUVs and B boats.
 
     Attributes:
         sdr: (T,) sum of the data rates of all services so far, Mbit/s.
@@ -23,7 +23,7 @@ class RunningMetrics:
         position_error: (T, K) horizontal distance from the true position to the estimate, m.
         error_median: (T, K) its median over the last 30 s.
         off_target: (T,) mean over AUVs of the distance to the target, m. power: (T,) of the AUVs together, W.
-        heading: (T, K) of the AUVs, boat_heading: (T,) of the boat, anticlockwise from east, rad.
+        heading: (T, K) of the AUVs, boat_heading: (T, B) of the boats, anticlockwise from east, rad.
         service_share: (T, K) completed part of the service under way, 0 when travelling.
     """
 
@@ -58,7 +58,7 @@ class RunningMetrics:
             off_target=target_distance(trace)[:, 0].mean(axis=1),
             power=trace.power[:, 0].sum(axis=1),
             heading=_heading(trace.auv_velocity[:, 0], 1e-3),
-            boat_heading=_heading(_smooth(moves[:, None], 5), 0.02 * step)[:, 0],
+            boat_heading=_heading(_smooth(moves, 5), 0.02 * step),
             service_share=_service_share(hovering, rate > 0),
         )
 

@@ -28,7 +28,7 @@ class SidePanel:
         self, still: np.ndarray, trace: Trace, running: RunningMetrics, layout: Layout, view: MapView, speed_up: float
     ) -> None:
         self._still, self._trace, self._running, self._layout = still, trace, running, layout
-        self._elevation = trace.boat_surface[:, 0, 0]
+        self._elevation = trace.boat_surface[:, 0, :, 0]
         self._speed_up = speed_up
         unit, box = layout.unit, layout.panel
         gap, heights = round(7 * unit), self._heights()
@@ -88,9 +88,11 @@ class SidePanel:
         limit = nice_above(max(float(np.abs(self._elevation).max()), 1.0))
         room = within_margins(box, unit, top=28, sides=18, bottom=20, left=42)
         plot = RecordedPlot(self._still, room, -limit, limit, duration, self._layout)
-        write_heading(self._still, unit, box, "Sea surface η under the boat, m")
-        plot.area(self._trace.time, self._elevation, style.mix(style.CARD, style.SEA[3], 0.55))
-        plot.curve(self._trace.time, self._elevation, style.SEA[4])
+        boats = "boat" if self._elevation.shape[1] == 1 else "boats"
+        write_heading(self._still, unit, box, f"Sea surface η under the {boats}, m")
+        plot.area(self._trace.time, self._elevation[:, 0], style.mix(style.CARD, style.SEA[3], 0.55))
+        for elevation in self._elevation.T:
+            plot.curve(self._trace.time, elevation, style.SEA[4])
         plot.finish()
         return plot
 
@@ -134,5 +136,5 @@ class SidePanel:
             plot.draw_cursor(picture, time)
         box = self._heave_plot.box
         corner = box.right, box.top - 10 * unit
-        height = f"{self._elevation[t]:+.2f} m"
+        height = f"{', '.join(f'{elevation:+.2f}' for elevation in self._elevation[t])} m"
         write(picture, height, corner, 12 * unit, style.SEA[4], bold=True, anchor="right")

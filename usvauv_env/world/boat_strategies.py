@@ -26,11 +26,13 @@ class BoatStrategy:
         arguments: what the numbers after its name are, as in "hold:X,Y"; the functions read them from
             `worlds.strategy_arguments`.
         refuse: (scenario, numbers) → why they cannot be used together, or an empty text.
+        repeats: the numbers can also be given for each boat, one boat after the other.
     """
 
     functions: Strategy
     arguments: tuple[str, ...] = ()
     refuse: Callable[[Scenario, Sequence[float]], str] = _no_check
+    repeats: bool = False
 
 
 boat_strategies: Registry[BoatStrategy] = Registry("usv", ScenarioError, BoatStrategy)
@@ -69,9 +71,12 @@ class StrategyChoice:
             numbers = tuple(float(part) for part in rest.split(",")) if strategy.arguments else ()
         except ValueError:
             numbers = None
-        if numbers is None or len(numbers) != len(strategy.arguments) or not all(map(math.isfinite, numbers)):
-            example = f"{name}:{','.join(['100'] * len(strategy.arguments))}"
-            raise ScenarioError(f"{field}: {text!r}: expected {_usage(name)}, for example {example}")
+        counts = {len(strategy.arguments)}
+        if strategy.repeats:
+            counts.add(scenario.boat.count * len(strategy.arguments))
+        if numbers is None or len(numbers) not in counts or not all(map(math.isfinite, numbers)):
+            examples = " or ".join(f"{name}:{','.join(['100'] * count)}" for count in sorted(counts))
+            raise ScenarioError(f"{field}: {text!r}: expected {_usage(name)}, for example {examples}")
         with boat_strategies.calling(name):
             problem = strategy.refuse(scenario, numbers)
         if not isinstance(problem, str):
@@ -103,8 +108,9 @@ def _needs_reckoning(scenario: Scenario, numbers: Sequence[float]) -> str:
 
 
 def _in_area(scenario: Scenario, numbers: Sequence[float]) -> str:
-    x, y = numbers
-    if 0 <= x <= scenario.area.width and 0 <= y <= scenario.area.length:
+    if all(0 <= x <= scenario.area.width for x in numbers[::2]) and all(
+        0 <= y <= scenario.area.length for y in numbers[1::2]
+    ):
         return ""
     return f": the point must lie in the area [0, {scenario.area.width:g}] × [0, {scenario.area.length:g}]"
 
@@ -117,4 +123,4 @@ boat_strategies.register("centroid", BoatStrategy(kernel.CENTROID))  # the mean 
 # Where the AUV is that is least certain of itself; where the AUVs' uncertainty costs least over the minutes to come.
 boat_strategies.register("visit", BoatStrategy(kernel.VISIT, refuse=_needs_reckoning))
 boat_strategies.register("belief", BoatStrategy(kernel.BELIEF, refuse=_needs_reckoning))
-boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area))  # a point of the area, m
+boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area, repeats=True))  # points of the area, m

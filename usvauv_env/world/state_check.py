@@ -20,6 +20,7 @@ PER = {
     "track": "the track of AUV",
     "own": "the own track of AUV",
     "exchange": "the exchange with AUV",
+    "boat": "boat",
 }
 
 
@@ -32,6 +33,7 @@ def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
             "targets": scenario.targets,
             "last_target": scenario.targets - 1,
             "last_auv": scenario.auv.count - 1,
+            "last_boat": scenario.boat.count - 1,
             "last_kind": len(scenario.nodes.arrival_rates) - 1,
         }
     )

@@ -126,6 +126,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
         sensor=getattr(Sensor, s.navigation.sensor),
         turns=validation.turns_possible(link),
+        fleet=s.boat.count > 1,
     )
 
 
@@ -245,9 +246,6 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "gnss_time": s.usbl.gnss_correlation_time,
         "turn_around": s.channel.turn_around,
         "signal_length": s.usbl.pulse_length if s.usbl.signal == "code" else s.usbl.periods / s.usbl.carrier_min,
-        "slots": s.channel.slots,
-        "slot": s.channel.slot,
-        "slot_length": s.channel.slot_length,
         "velocity_walk": s.navigation.velocity_noise**2,
         "velocity_bias": s.navigation.velocity_bias,
         "bias_memory": math.exp(-s.mission.step / s.navigation.bias_correlation_time),

@@ -24,6 +24,7 @@ from kernels.mission.columns import (
     ExchangeColumn,
     ForesightColumn,
     NodeColumn,
+    TallyColumn,
 )
 from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
@@ -49,7 +50,10 @@ ALIGNMENT = 16  # numbers
 NAMED = 8  # of the worlds on a sea, in a message
 ROUNDING = 1e-6  # of a ratio of times
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
-STATE = ("auv", "node", "vortex", "boat", "estimate", "track", "own", "exchange", "foresight", "belief", "observation")
+STATE = (
+    *("auv", "node", "vortex", "boat", "tally", "estimate", "track", "own", "exchange", "foresight", "belief"),
+    "observation",
+)
 
 
 def room(shape: Sequence[int]) -> int:
@@ -77,8 +81,8 @@ class World:
         scenario: what to simulate.
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1.
-        usv: strategy of the boat, in place of the scenario's `boat.strategy`: "fim", "fim-greedy", "fim-horizon",
-            "visit", "belief", "hold:X,Y", "centroid" or a plugin's.
+        usv: strategy of the boats, in place of the scenario's `boat.strategy`: "fim", "fim-greedy", "fim-horizon",
+            "visit", "belief", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid" or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
@@ -133,7 +137,8 @@ class World:
             "auv": (*team, len(AuvColumn.names)),
             "node": (num_worlds, scenario.targets, len(NodeColumn.names)),
             "vortex": (num_worlds, num_vortices, 4),
-            "boat": (num_worlds, len(BoatColumn.names)),
+            "boat": (num_worlds, scenario.boat.count, len(BoatColumn.names)),
+            "tally": (num_worlds, len(TallyColumn.names)),
             "estimate": (*team, len(EstimateColumn.names)),
             "track": (*(team if scenario.tracker.enabled or reckons else (1, 1)), tracker.COLUMNS),
             "own": (*(team if reckons else (1, 1)), tracker.COLUMNS),
@@ -155,7 +160,7 @@ class World:
         self._numbers = self._zeros(numbers)  # together, so that one look finds any fault
         parts = self._numbers.split([room(shape) for shape in shapes.values()])
         views = iter(part[: math.prod(shape)].view(shape) for part, shape in zip(parts, shapes.values(), strict=True))
-        self.auv, self.node, self.vortex, self.boat, self.estimate = (next(views) for _ in range(5))
+        self.auv, self.node, self.vortex, self.boat, self.tally, self.estimate = (next(views) for _ in range(6))
         self.track, self.own, self.exchange, self.foresight, self.belief, *rest = views
         self.observation, self.reward, self.reward_terms = rest
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)

@@ -4,7 +4,7 @@ import taichi as ti
 
 from kernels.flow import regular_grid
 from kernels.mission import poisson_table, rewards
-from kernels.mission.columns import AuvColumn, BoatColumn, Draw, Information, NodeColumn, Parameter
+from kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
 from kernels.mission.motion import distance_to_target, target_of, travel
 from kernels.mission.target_rules import knowledge, share_nodes
 from kernels.mission.tasks.task import Task, tasks
@@ -146,9 +146,9 @@ def fill_nodes(worlds: ti.template(), w):
                     backlog = p[Parameter.buffer]
                     overflowing += 1.0
                 node[w, i, NodeColumn.backlog] = backlog
-    worlds.boat[w, BoatColumn.overflowing] = overflowing
-    worlds.boat[w, BoatColumn.packets_created] = created
-    worlds.boat[w, BoatColumn.packets_lost] = lost
+    worlds.tally[w, TallyColumn.overflowing] = overflowing
+    worlds.tally[w, TallyColumn.packets_created] = created
+    worlds.tally[w, TallyColumn.packets_lost] = lost
 
 
 @ti.func

@@ -124,7 +124,7 @@ class TestMissions:
         world = World(Scenario.load("wide", WIDE), 8, 3, "visit")
         for _ in fly(world, 100):
             pass
-        goal = world.boat[:, BoatColumn.goal_x : BoatColumn.goal_y + 1]
+        goal = world.boat[:, 0, BoatColumn.goal_x : BoatColumn.goal_y + 1]
         away = (world.foresight[..., :2] - goal[:, None]).norm(dim=-1)
         elapsed = world.exchange[..., ExchangeColumn.elapsed]
         chosen = away.argmin(dim=1)

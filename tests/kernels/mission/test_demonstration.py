@@ -136,4 +136,4 @@ def test_vertical_separation_is_the_cruise_depth(depth):
             assert world.auv[w, k, AuvColumn.rate].item() == pytest.approx(1e-3 * snr * math.log2(10), rel=1e-4)
             begun += 1
     assert begun > 5
-    assert (world.estimate[..., 2] - 100 == world.boat[:, None, BoatColumn.elevation]).all()
+    assert (world.estimate[..., 2] - 100 == world.boat[..., BoatColumn.elevation]).all()

@@ -52,8 +52,8 @@ class TestLate:
         place = column(trace, "auv_position")
         moved = np.diff(place, axis=0)
         going = (np.abs(moved).sum(-1) > 0.2) & (trace.border[1:] == 0) & (trace.hovering[1:] == 0)
-        away = place - column(trace, "boat_position")[:, :, None]
-        separation = trace.scenario.auv.depth + column(trace, "boat_surface")[:, :, :1]
+        away = place - column(trace, "boat_position")
+        separation = trace.scenario.auv.depth + column(trace, "boat_surface")[..., 0]
         S = np.sqrt((away**2).sum(-1) + separation**2)
         expected = -(latency + propagates * S / 1500)[1:, ..., None] * moved
         error = (column(trace, "fix") - place)[1:]
@@ -66,7 +66,7 @@ class TestLate:
         calm = ["storm.spectrum=none", "sea.irregular_rms=0", "usbl.propagation=false", "usbl.latency=1"]
         trace = voyage([*LOUD, *calm])
         scenario = trace.scenario
-        away = column(trace, "auv_position") - column(trace, "boat_position")[:, :, None]
+        away = column(trace, "auv_position") - column(trace, "boat_position")
         ago = np.concatenate([away[:-1], np.full((*away.shape[1:-1], 1), -scenario.auv.depth)[None].repeat(39, 0)], -1)
         offset = torch.tensor(ago.reshape(-1, 3), dtype=torch.float32)
         index = torch.arange(2, dtype=torch.int32).repeat(len(offset) // 2)
@@ -89,7 +89,7 @@ class TestAttitude:
     def errors(self, *settings):
         """Fix minus place (T, W, K, 2) without noise or delay, and the vertical separation (T, W, 1), m."""
         trace = voyage(["acoustics.source_level=230", "usbl.propagation=false", *settings])
-        separation = trace.scenario.auv.depth + column(trace, "boat_surface")[:, :, :1]
+        separation = trace.scenario.auv.depth + column(trace, "boat_surface")[..., 0]
         return (column(trace, "estimate") - column(trace, "auv_position"))[1:], separation[1:]
 
     def test_a_known_tilt_leaves_no_error(self):
@@ -235,8 +235,8 @@ class TestTracker:
             world.step(steady(world.observation))
             auv = world.auv.clone()
             adrift = 1 - torch.maximum(auv[..., AuvColumn.hovering], auv[..., AuvColumn.border])
-            separation = (scenario.auv.depth + world.boat[:, BoatColumn.elevation])[:, None]
-            away = auv[..., AuvColumn.span("x", "y")] - world.boat[:, None, BoatColumn.span("x", "y")]
+            separation = scenario.auv.depth + world.boat[..., BoatColumn.elevation]
+            away = auv[..., AuvColumn.span("x", "y")] - world.boat[..., BoatColumn.span("x", "y")]
             age = 0.1 + (away.square().sum(-1) + separation**2).sqrt() / 1500
             heard = auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED > 0  # rejected ones are the filter's to reject
             logged.append(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from kernels.mission.columns import AuvColumn, NodeColumn, TallyColumn
 from usvauv_env import Scenario, World
 from usvauv_env.record.recorder import Recorder
 
@@ -59,12 +59,12 @@ def test_packets_are_conserved(name, overrides):
             recorder.clear()
         world.step(steer(world))
         recorder.add()
-        created = world.boat[:, BoatColumn.packets_created].double()
-        lost = world.boat[:, BoatColumn.packets_lost].double()
+        created = world.tally[:, TallyColumn.packets_created].double()
+        lost = world.tally[:, TallyColumn.packets_lost].double()
         delivered = world.auv[..., AuvColumn.packets_delivered].double().sum(-1)
         now = backlogs(world)
         assert torch.equal(held + created, now + lost + delivered), step
-        assert torch.equal(lost > 0, world.boat[:, BoatColumn.overflowing] > 0)
+        assert torch.equal(lost > 0, world.tally[:, TallyColumn.overflowing] > 0)
         packets = world.node[..., NodeColumn.backlog]
         assert torch.equal(packets, packets.round())
         assert packets.min() >= 0

@@ -42,7 +42,7 @@ def moved(world, by):
 def test_wraps_are_undone(settings):
     """From a corner most directions have phase differences beyond π, and no fix that is used is wrong."""
     trace = voyage([WIDE, *settings], usv="hold:0,0", worlds=8)
-    away = column(trace, "auv_position") - column(trace, "boat_position")[:, :, None]
+    away = column(trace, "auv_position") - column(trace, "boat_position")
     S = np.sqrt((away**2).sum(-1) + 100**2)
     carriers = np.array([15000, 18000]) * 2 * math.pi / 1500 * trace.scenario.usbl.spacing
     assert (np.abs(carriers[:, None] * away / S[..., None]).max(-1) > math.pi).mean() > 0.3

@@ -1,0 +1,378 @@
+"""Several boats: which one serves an AUV, where each begins and goes, and how they share the acoustic channel."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from kernels.mission.columns import (
+    AuvColumn,
+    BoatColumn,
+    EstimateColumn,
+    ExchangeColumn,
+    ForesightColumn,
+    Reply,
+    TallyColumn,
+)
+from kernels.mission.serving import RELUCTANCE
+from kernels.planning import global_search, objectives
+from kernels.positioning import tracker, usbl
+from tests.links import EVERY_STEP
+from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.record.metrics import episode_metrics
+from usvauv_env.record.recorder import record
+from usvauv_env.record.trace import Trace
+
+WIDE = ["area.width=400", "area.length=400"]
+TWO = [*EVERY_STEP, *WIDE, "auv.count=4", "boat.count=2"]
+CHANNEL = [
+    *TWO,
+    "acoustics.path=transponder",
+    "acoustics.source_level=187",
+    "acoustics.bandwidth=4000",
+    "usbl.signal=code",
+]
+APART = "hold:50,200,350,200"
+PLACE = EstimateColumn.span("x", "y")
+CLUSTERS = torch.tensor([[40.0, 100.0], [60.0, 120.0], [340.0, 300.0], [380.0, 280.0]])
+
+
+def world_of(changes, usv, worlds=4, seed=1):
+    world = World(Scenario.load("ideal", changes), worlds, seed, usv)
+    world.reset()
+    return world
+
+
+def step(world, auvs=None):
+    """One step at random commands; then AUVs are put in the places (K, 2) given, of which the boats know."""
+    generator = torch.Generator().manual_seed(int(world.state()["clock"][0, 1]))
+    world.step((2 * torch.rand((world.num_worlds, world.num_auvs, 2), generator=generator) - 1).to(world.device))
+    if auvs is not None:
+        put(world, auvs)
+
+
+def put(world, auvs):
+    for table in (world.auv, world.estimate):
+        table[..., :2] = auvs.to(world.device)
+
+
+def server(world):
+    return world.estimate[..., EstimateColumn.served_by].long()
+
+
+def places(world):
+    return world.boat[..., BoatColumn.span("x", "y")]
+
+
+class TestService:
+    def test_boats_begin_in_the_middle_of_groups(self):
+        """Every boat has AUVs, which are those nearest to it, and begins at their mean."""
+        world = world_of([*TWO, "auv.count=6", "boat.count=3"], "centroid", worlds=300)
+        by, auvs = server(world), world.auv[..., :2]
+        assert torch.equal(by, torch.cdist(auvs, places(world)).argmin(-1))
+        for b in range(3):
+            own = (by == b)[..., None]
+            assert own.any(1).all()
+            mean = (auvs * own).sum(1) / own.sum(1)
+            torch.testing.assert_close(mean, places(world)[:, b], atol=1e-3, rtol=0)
+
+    def test_centroid_ends_at_the_means_of_two_clusters(self):
+        world = world_of(TWO, "centroid")
+        world.boat[:, :, :2] = torch.tensor([[150.0, 50.0], [250.0, 350.0]], device=world.device)
+        put(world, CLUSTERS)
+        for _ in range(60):
+            step(world, CLUSTERS)
+        expected = torch.stack([CLUSTERS[:2].mean(0), CLUSTERS[2:].mean(0)]).expand(4, 2, 2).to(world.device)
+        torch.testing.assert_close(places(world), expected, atol=0.5, rtol=0)
+        assert server(world).tolist() == [[0, 0, 1, 1]] * 4
+
+    def test_an_auv_changes_to_a_boat_that_is_clearly_nearer(self):
+        """It stays with either as long as the other is not nearer by the share of its distance, 300 m apart."""
+        world = world_of(TWO, APART)
+        border = 300 / (2 - RELUCTANCE)
+        for away, expected in (
+            (10, 0),
+            (150, 0),
+            (border - 4, 0),
+            (border + 4, 1),
+            (150, 1),
+            (304 - border, 1),
+            (296 - border, 0),
+        ):
+            auvs = torch.tensor([[50.0 + away, 200.0]]).expand(4, 2)
+            put(world, auvs)
+            step(world, auvs)
+            assert (server(world) == expected).all(), away
+
+    def test_a_boat_without_auvs_stays(self):
+        world = world_of(TWO, "centroid")
+        world.boat[:, :, :2] = torch.tensor([[100.0, 100.0], [390.0, 390.0]], device=world.device)
+        auvs = torch.tensor([[90.0, 100.0], [110.0, 100.0], [100.0, 90.0], [100.0, 110.0]])
+        put(world, auvs)
+        for _ in range(10):
+            step(world, auvs)
+        assert (server(world) == 0).all()
+        expected = torch.tensor([390.0, 390.0], device=world.device).expand(4, 2)
+        torch.testing.assert_close(places(world)[:, 1], expected, atol=0.5, rtol=0)
+
+
+class TestFixes:
+    ERRORS = (
+        *("usbl.gnss_error=3", "usbl.heading_error=0.005", "usbl.alignment_error=0.005", "usbl.attitude_error=0.005"),
+        *("usbl.lever_arm_error=0.5", "reward.collaboration=2"),
+    )
+
+    def test_are_those_of_a_boat_alone_in_its_place(self):
+        """An AUV's fix by the boat that serves it is bit for bit that of a world with this boat only."""
+        both = world_of(TWO, APART, worlds=20)
+        alone = [world_of([*TWO, "boat.count=1"], f"hold:{x},200", worlds=20) for x in (50, 350)]
+        counts = np.zeros(2, int)
+        for _ in range(30):
+            for world in (both, *alone):
+                step(world)
+            assert torch.equal(both.auv[..., AuvColumn.fix_boat].long(), server(both))
+            for b in range(2):
+                own = server(both) == b
+                counts[b] += int(own.sum())
+                for column in (*range(AuvColumn.fix_x, AuvColumn.heard_y + 1), AuvColumn.covariance_xx):
+                    assert torch.equal(both.auv[..., column][own], alone[b].auv[..., column][own])
+        assert (counts > 300).all()
+
+    def test_each_boat_has_errors_of_its_own(self):
+        """Those of the first are the same as of one boat alone; those of the second are drawn apart."""
+        both = world_of([*TWO, *self.ERRORS], APART, worlds=100)
+        alone = world_of([*TWO, *self.ERRORS, "boat.count=1"], "hold:50,200", worlds=100)
+        for _ in range(3):
+            step(both)
+            step(alone)
+        own = server(both) == 0
+        fix = AuvColumn.span("fix_x", "fix_y")
+        assert torch.equal(both.auv[..., fix][own], alone.auv[..., fix][own])
+        gnss = both.boat[..., BoatColumn.span("gnss_x", "gnss_y")]
+        assert torch.equal(gnss[:, 0], alone.boat[:, 0, BoatColumn.span("gnss_x", "gnss_y")])
+        correlation = torch.corrcoef(gnss.transpose(0, 1).reshape(2, -1))[0, 1]
+        assert abs(correlation) < 4 / math.sqrt(200)
+        error = both.auv[..., fix] - both.auv[..., AuvColumn.span("heard_x", "heard_y")]
+        by = gnss.gather(1, server(both)[..., None].expand(-1, -1, 2))
+        assert (error - by).square().mean() < 0.5 * error.square().mean()
+
+    def test_collaboration_is_with_the_boat_that_serves(self):
+        world = world_of([*TWO, *self.ERRORS], APART)
+        step(world)
+        true = torch.cdist(world.auv[..., :2], places(world)).gather(2, server(world)[..., None])[..., 0]
+        slant = torch.hypot(true, world.estimate[..., EstimateColumn.separation])
+        found = world.reward_terms[..., world.reward_names.index("collaboration")]
+        farthest = math.hypot(world.scenario.area.diagonal, world.scenario.auv.depth)
+        torch.testing.assert_close(found, 2 * farthest / slant)
+
+    @pytest.mark.parametrize("changes", [TWO, [*CHANNEL, "channel.schedule=round-robin"]])
+    def test_a_boat_that_serves_nobody_changes_nothing(self, changes):
+        """The second boat is in a corner, the AUVs are all nearer to the first."""
+        central = [*changes, "auv.start_margin=160"]
+        worlds = [
+            world_of([*central, f"boat.count={count}"], usv, worlds=6)
+            for count, usv in ((1, "hold:200,200"), (2, "hold:200,200,0,0"))
+        ]
+        for _ in range(20):
+            for world in worlds:
+                step(world)
+        one, two = worlds
+        assert (server(two) == 0).all()
+        for name in ("auv", "estimate", "exchange", "observation", "reward"):
+            assert torch.equal(getattr(one, name), getattr(two, name)), name
+        assert torch.equal(one.boat[:, 0], two.boat[:, 0])
+
+
+class TestChannel:
+    LONG = (*CHANNEL, "channel.turn_around=1.2")
+    AUVS = torch.tensor([[60.0, 200.0], [330.0, 200.0], [350.0, 180.0], [370.0, 200.0]])
+
+    def test_boats_ask_in_turn_and_one_at_a_time(self):
+        """The one AUV of the first boat has half the exchanges, the three of the other a sixth each."""
+        world = world_of([*self.LONG, "channel.schedule=round-robin"], APART)
+        put(world, self.AUVS)
+        counts, order = torch.zeros(4, 4), []
+        steps = 240
+        for _ in range(steps):
+            step(world, self.AUVS)
+            assert ((world.exchange[..., ExchangeColumn.reply] != Reply.none).sum(1) <= 1).all()
+            heard = (world.auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED) > 0
+            assert (heard.sum(1) <= 1).all()
+            counts += heard.cpu()
+            order += world.auv[0, heard[0], AuvColumn.fix_boat].tolist()
+        # The sound's way, the turn-around and the signal, exchange after exchange: 105 m of slant range on average.
+        lasts = 2 * 103 / 1500 + 1.2 + 0.01
+        total = counts.sum(1)
+        assert (total - steps / lasts).abs().max() < 4
+        torch.testing.assert_close(
+            counts, total[:, None] * torch.tensor([1 / 2, 1 / 6, 1 / 6, 1 / 6]), atol=1.1, rtol=0
+        )
+        assert set(np.diff(order)) == {-1.0, 1.0}
+
+    def test_all_at_once_by_each_boat_in_turn(self):
+        """All AUVs are heard by the boat that has asked; the exchange lasts until the reply of the farthest."""
+        world = world_of([*self.LONG, "channel.schedule=all"], APART)
+        put(world, self.AUVS)
+        order = []
+        for _ in range(100):
+            step(world, self.AUVS)
+            heard = (world.auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED) > 0
+            assert (heard.all(1) == heard.any(1)).all()
+            by = world.auv[..., AuvColumn.fix_boat]
+            assert (by == by[:, :1]).all()
+            if heard[0, 0]:
+                order.append(by[0, 0].item())
+        farthest = math.hypot(320, 100)
+        assert len(order) == pytest.approx(100 / (2 * farthest / 1500 + 1.21), abs=3)
+        assert set(np.diff(order)) == {-1.0, 1.0}
+
+    def test_a_boat_far_from_all_does_not_jump_the_queue(self):
+        """No AUV is located twice in a step: the near boat waits for the next one, and the far one for the near one."""
+        world = world_of([*CHANNEL, "channel.turn_around=0.6", "channel.schedule=all"], APART)
+        auvs = torch.tensor([[40.0, 200.0], [60.0, 200.0], [50.0, 190.0], [50.0, 210.0]])
+        put(world, auvs)
+        order = []
+        for _ in range(40):
+            step(world, auvs)
+            if (world.auv[0, 0, AuvColumn.fix_flags].int() & usbl.DETECTED) > 0:
+                order.append(world.auv[0, 0, AuvColumn.fix_boat].item())
+        assert len(order) > 25
+        assert set(np.diff(order)) == {-1.0, 1.0}
+
+    def test_a_turn_passes_on(self):
+        """The first boat has one near AUV, located once a step: what is left of the second is the other boat's."""
+        world = world_of([*CHANNEL, "channel.turn_around=0.1", "channel.schedule=by-need"], APART)
+        put(world, self.AUVS)
+        for done in range(30):
+            step(world, self.AUVS)
+            heard = (world.auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED) > 0
+            assert heard.all() or done < 2
+        assert (world.tally[:, TallyColumn.channel_free] <= 0.3).all()
+
+
+class TestPlans:
+    def test_fim_plans_for_the_auvs_that_a_boat_serves(self):
+        """The goals are those of the search over these alone."""
+        world = world_of(TWO, "fim", worlds=6)
+        scenario = world.scenario
+        code = objectives.objective_code(scenario.planner.measurement, scenario.planner.objective)
+        for _ in range(5):
+            known, last = world.estimate[..., :3].clone(), world.boat[..., BoatColumn.span("goal_x", "goal_y")].clone()
+            step(world)
+            for w in range(6):
+                for b in range(2):
+                    own = server(world)[w] == b
+                    best = global_search.plan_batch(
+                        world._constants["link"][own].contiguous(),
+                        known[w : w + 1, own].contiguous(),
+                        code=code,
+                        width=400.0,
+                        length=400.0,
+                        start=last[w : w + 1, b].contiguous(),
+                    )
+                    goal = world.boat[w, b, BoatColumn.span("goal_x", "goal_y")]
+                    torch.testing.assert_close(goal, best[0, :2], atol=0.05, rtol=0)
+
+    @pytest.mark.parametrize("usv", ["fim-greedy", "fim-horizon"])
+    def test_other_searches_too(self, usv):
+        """Two clusters far apart have a boat each."""
+        tracked = ["tracker.enabled=true"] if usv == "fim-horizon" else []
+        world = world_of([*TWO, *tracked], usv, worlds=2)
+        world.boat[:, :, :2] = torch.tensor([[100.0, 100.0], [300.0, 300.0]], device=world.device)
+        put(world, CLUSTERS)
+        world.track[..., :2] = CLUSTERS.to(world.device) if tracked else world.track[..., :2]
+        for _ in range(30):
+            step(world, CLUSTERS)
+            if tracked:
+                world.track[..., :2] = CLUSTERS.to(world.device)
+        away = torch.cdist(CLUSTERS.expand(2, 4, 2).to(world.device), places(world)).cpu()
+        assert (away[:, :2, 0] < 40).all()
+        assert (away[:, 2:, 1] < 40).all()
+
+    def test_belief_visits_its_own_auvs(self):
+        """And a state that is brought back has the same future."""
+        changes = [*WIDE, "auv.count=4", "boat.count=2", "channel.schedule=by-need", "nodes.target_rule=tour"]
+        world = World(Scenario.load("ideal", changes), 8, 3, "belief")
+        world.reset()
+        counts = torch.zeros(2)
+        for done in range(40):
+            step(world)
+            index = world.boat[..., BoatColumn.visits].long()
+            foreseen = world.foresight[..., : ForesightColumn.y + 1]
+            place = foreseen.gather(1, index.clamp_min(0)[..., None].expand(-1, -1, 2))
+            goal = world.boat[..., BoatColumn.span("goal_x", "goal_y")]
+            goes = index >= 0
+            own = server(world).gather(1, index.clamp_min(0)) == torch.arange(2, device=world.device)
+            assert (place - goal)[goes & own].abs().max() < 0.1
+            if done > 5:
+                counts += torch.tensor([int((goes & own).sum()), int(goes.sum())])
+        assert counts[1] > 100
+        assert counts[0] > 0.95 * counts[1]
+        state = world.state()
+        for b in range(2):
+            goals = []
+            for share in (1, 30):  # the uncertainty of the AUVs of the other boat
+                world.load_state(state)
+                world.track[..., tracker.XX : tracker.VV + 1][server(world) != b] *= share
+                world.boat[..., BoatColumn.planned] = -1e3  # plan anew
+                step(world)
+                goals.append(world.boat[:, b, BoatColumn.span("goal_x", "goal_y")].clone())
+            assert torch.equal(*goals)
+        world.load_state(state)
+        step(world)
+        after = world.state()
+        world.load_state(state)
+        step(world)
+        assert all(torch.equal(value, after[name]) for name, value in world.state().items())
+        state["estimate"][1, 2, EstimateColumn.served_by] = 2
+        with pytest.raises(
+            ScenarioError, match="served_by of the estimate of AUV 2 is 2: must be a whole number from 0 to 1"
+        ):
+            world.load_state(state)
+
+    def test_fixes_of_two_boats_go_together(self):
+        """Their errors differ, and fixes are rejected no more often for it."""
+        world = World(Scenario.load("extreme", ["auv.count=4", "boat.count=2"]), 60, 5, "centroid")
+        world.reset()
+        detected = rejected = 0
+        for done in range(80):
+            step(world)
+            flags = world.auv[..., AuvColumn.fix_flags].int()
+            if done >= 20:
+                detected += int((flags & usbl.DETECTED > 0).sum())
+                rejected += int((flags & usbl.REJECTED > 0).sum())
+        assert detected > 10000
+        assert rejected < 2e-3 * detected
+        C = world.estimate[..., EstimateColumn.span("covariance_xx", "covariance_yy")].double()
+        e = (world.estimate[..., PLACE] - world.auv[..., :2]).double()
+        det = C[..., 0] * C[..., 2] - C[..., 1] ** 2
+        square = (C[..., 2] * e[..., 0] ** 2 - 2 * C[..., 1] * e[..., 0] * e[..., 1] + C[..., 0] * e[..., 1] ** 2) / det
+        assert square.mean() < 2.4
+
+
+def test_a_trace_has_all_boats(tmp_path):
+    world = World(Scenario.load("ideal", TWO), 3, 1, APART)
+    trace = record(world, lambda observation: torch.zeros_like(observation[..., :2]), "still", steps=5)
+    trace.save(tmp_path / "t.nc")
+    again = Trace.load(tmp_path / "t.nc")
+    assert again.boat_position.shape == (5, 3, 2, 2)
+    assert np.array_equal(again.boat_goal[:, :, 1], np.broadcast_to([350.0, 200.0], (5, 3, 2)))
+    assert np.array_equal(again.served_by[-1], server(world).cpu().numpy())
+    assert np.array_equal(again.fix_boat, again.served_by)
+    assert len(episode_metrics(again)) == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "usv", "words"),
+    [
+        (["boat.count=5"], "fim", r"boat\.count"),
+        (["boat.count=3"], "fim", r"boat\.count = 3: must not be above auv\.count, 2"),
+        (["boat.count=2"], "hold:1,2,3", "expected hold:X,Y, for example hold:100,100 or hold:100,100,100,100"),
+        (["boat.count=2"], "hold:1,2,3,900", "must lie in the area"),
+        ([], "hold:1,2,3,4", "expected hold:X,Y, for example hold:100,100$"),
+    ],
+)
+def test_refusals(changes, usv, words):
+    with pytest.raises(ScenarioError, match=words):
+        World(Scenario.load("ideal", changes), 1, usv=usv)
