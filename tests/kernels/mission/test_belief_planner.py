@@ -141,8 +141,8 @@ class TestMissions:
             data, silence = 0.0, 0.0
             for step, _ in enumerate(fly(world, 600)):
                 if boat == "belief" and step == 0:  # it plans at once, and goes to different AUVs
-                    assert (world.boat[:, BoatColumn.planned] == world.scenario.mission.step).all()
-                    assert len(world.boat[:, BoatColumn.visits].unique()) > 1
+                    assert (world.boat[:, 0, BoatColumn.planned] == world.scenario.mission.step).all()
+                    assert len(world.boat[:, 0, BoatColumn.visits].unique()) > 1
                 data += world.auv[..., AuvColumn.delivered].sum(1).double()
                 silence = torch.maximum(
                     torch.as_tensor(silence), world.exchange[..., ExchangeColumn.elapsed].max(dim=1).values
