@@ -284,7 +284,7 @@ def test_processes_do_what_one_does(tmp_path, whole, monkeypatch):
 
 def test_command_refuses_what_is_no_target(run_usvauv):
     code, _, stderr = run_usvauv("reproduce", "table3", "--out", "a")
-    assert (code, stderr) == (2, "error: table3: must be one of table2, fig3, fig4a, fig4b, all\n")
+    assert (code, stderr) == (2, "error: table3: must be one of table2, fig3, fig4a, fig4b, all, collaboration\n")
 
 
 def test_ctrl_c_ends_all_processes_cleanly(tmp_path):

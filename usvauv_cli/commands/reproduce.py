@@ -11,14 +11,16 @@ from usvauv_cli.commands.options import Plugins, at_least, make_folder
 
 
 def reproduce(
-    target: Annotated[str, typer.Argument(metavar="TARGET", help="table2, fig3, fig4a, fig4b or all.")],
+    target: Annotated[
+        str, typer.Argument(metavar="TARGET", help="table2, fig3, fig4a, fig4b, all of these, or collaboration.")
+    ],
     out: Annotated[Path, typer.Option(help="Folder of everything; the same one goes on.")],
     quick: Annotated[bool, typer.Option("--quick", help="A small version, in minutes.")] = False,
     jobs: Annotated[int | None, typer.Option(help="Pieces of work at a time; default the number of cores.")] = None,
     plugins: Plugins = None,
 ) -> None:
     """Train and evaluate what a table or figure of the paper needs; write CSV, PNG, PDF and a page with the paper's
-    numbers beside ours and every convention named.
+    numbers beside ours and every convention named. `collaboration` compares the boat's strategies where they decide.
 
     What is done is kept in the folder and not done again. Ctrl-C ends it cleanly; the same command goes on.
 

@@ -18,6 +18,7 @@ from usvauv_env.files import atomic_write
 from usvauv_env.scenario import Scenario
 
 PHYSICAL = "extreme"  # our own scenario, set beside the paper's in Fig. 4
+WIDE = "wide"  # and that in which the boat's strategy decides
 HEURISTICS = ("straight", "crab", "random")
 STRATEGIES = ("fim", "hold:100,100", "hold:0,0", "centroid")
 RECORD = "settings.json"
@@ -87,6 +88,7 @@ class Settings:
             (i+1)·episodes − 1 of `test_seed`, heuristics in all of them.
         test_seed: of the worlds tested in, and of Fig. 4(a)'s.
         fix_episodes: of Fig. 4(b), for each seed.
+        wide_episodes: of each strategy of the boat in `wide`, of `test_seed`.
         overrides: changes of every scenario.
     """
 
@@ -98,6 +100,7 @@ class Settings:
     episodes: int = 40
     test_seed: int = 2026
     fix_episodes: int = 10
+    wide_episodes: int = 100
     overrides: tuple[str, ...] = ()
 
     def method(self, key: str) -> Method:
@@ -110,7 +113,9 @@ class Settings:
 
 
 FULL = Settings()
-QUICK = replace(FULL, seeds=(0, 1), steps=60_000, evaluations=4, judged=8, episodes=10, fix_episodes=4)
+QUICK = replace(
+    FULL, seeds=(0, 1), steps=60_000, evaluations=4, judged=8, episodes=10, fix_episodes=4, wide_episodes=12
+)
 
 
 def record(settings: Settings, folder: Path) -> None:
@@ -120,7 +125,7 @@ def record(settings: Settings, folder: Path) -> None:
         UserError: the folder was begun with other ones, or its record cannot be read.
     """
     path = folder / RECORD
-    scenarios = {name: settings.scenario(name).to_dict() for name in (*CONDITIONS.values(), PHYSICAL)}
+    scenarios = {name: settings.scenario(name).to_dict() for name in (*CONDITIONS.values(), PHYSICAL, WIDE)}
     now = json.loads(json.dumps({**asdict(settings), "scenarios": scenarios}))
     if not path.exists():
         with atomic_write(path) as partial:

@@ -11,15 +11,22 @@ from pathlib import Path
 
 import policies
 from kernels.errors import UserError
-from usvauv_cli.reproduction import fig3, fig4a, fig4b, page, pool, settings, table2
+from usvauv_cli.reproduction import collaboration, fig3, fig4a, fig4b, page, pool, settings, table2
 from usvauv_cli.reproduction.runs import Learned
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import Piece
 from usvauv_env.files import atomic_write
 
 FIGURES = ("table2", "fig3", "fig4a", "fig4b")
-TARGETS = (*FIGURES, "all")
-TITLES = {"table2": "Table 2", "fig3": "Fig. 3", "fig4a": "Fig. 4(a)", "fig4b": "Fig. 4(b)"}
+TARGETS = (*FIGURES, "all", collaboration.NAME)
+TITLES = {
+    "table2": "Table 2, made again",
+    "fig3": "Fig. 3, made again",
+    "fig4a": "Fig. 4(a), made again",
+    "fig4b": "Fig. 4(b), made again",
+    "all": "Table 2 and Figures 3 and 4 of the paper, made again",
+    collaboration.NAME: "When the boat decides the mission",
+}
 CLOCK = "time.json"
 
 
@@ -52,18 +59,16 @@ def reproduce(
     with stopwatch(folder, jobs):
         pool.run(pieces, wanted, folder, jobs, say)
         sections = make(names, wanted, folder)
-    sections += [page.conventions_section(wanted), made(pieces, wanted, folder, command)]
+    if target != collaboration.NAME:
+        sections.append(page.conventions_section(wanted))
     path = folder / ("reproduction.md" if target == "all" else f"{target}.md")
-    title = (
-        "Table 2 and Figures 3 and 4 of the paper, made again" if target == "all" else TITLES[target] + ", made again"
-    )
-    page.write(path, title, sections)
+    page.write(path, TITLES[target], [*sections, made(pieces, wanted, folder, command)])
     return path
 
 
 def needed(names: Sequence[str], wanted: Settings) -> list[Piece]:
     """The pieces of work for some targets, each once; a run that one of them wants tested is tested."""
-    makers = {"table2": table2, "fig3": fig3, "fig4a": fig4a, "fig4b": fig4b}
+    makers = {"table2": table2, "fig3": fig3, "fig4a": fig4a, "fig4b": fig4b, collaboration.NAME: collaboration}
     pieces = list(dict.fromkeys(piece for name in names for piece in makers[name].pieces(wanted)))
     tested = {(p.method, p.trained_in, p.seed) for p in pieces if isinstance(p, Learned) and p.tested}
     return [
@@ -95,6 +100,7 @@ def make(names: Sequence[str], wanted: Settings, folder: Path) -> list[str]:
         "fig3": lambda: page.fig3_section(fig3.make(wanted, folder, results), wanted),
         "fig4a": lambda: page.fig4a_section(fig4a.make(wanted, folder, results)),
         "fig4b": lambda: page.fig4b_section(fig4b.make(folder, results), wanted),
+        collaboration.NAME: lambda: page.collaboration_section(collaboration.make(folder, results)),
     }
     return [makers[name]() for name in names]
 
