@@ -19,6 +19,7 @@ from usvauv_env.render.frame_layout import Layout, MapView, Rectangle
 from usvauv_env.render.map import PING_FRAMES, error_axes, pings
 from usvauv_env.render.painter import Painter
 from usvauv_env.render.plots import RecordedPlot
+from usvauv_env.render.reply_field import ReplyField
 from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
 from usvauv_env.render.text import shorten, text_width, write
@@ -108,6 +109,7 @@ def synthetic_trace(
         estimate=position + errors,
         estimate_covariance=covariance,
         own_position=position + errors,
+        foreseen_position=position + errors,
         target=target,
         hovering=hovering,
         power=np.where(hovering, 105.0, 160.0 + 10 * random.standard_normal(shape)),
@@ -290,6 +292,52 @@ class TestBoats:
             window = slice(y - 3, y + 4), slice(x - 3, x + 4)
             differs.append((silent[window] != heard[window]).any())
         assert differs == [False, True]
+
+
+class TestForesight:
+    TRACE = synthetic_trace(steps=3, auvs=2, nodes=2, vortices=0, sea=False)
+
+    def far(self, level: float = 139.0, **changes) -> Trace:
+        """Of `TRACE`, with two AUVs 420 m apart, foreseen where they are; variances 300 and 100 m²."""
+        wide = ["area.width=600", "area.length=600", "channel.data_ratio=18", f"acoustics.source_level={level}"]
+        estimate = np.zeros_like(self.TRACE.estimate)
+        estimate[:, 0] = (90.0, 300.0), (510.0, 300.0)
+        covariance = np.zeros_like(self.TRACE.estimate_covariance)
+        covariance[:, 0, 0, [0, 2]], covariance[:, 0, 1, [0, 2]] = 300.0, 100.0
+        scenario = Scenario.load("extreme", [*wide, "nodes.count=2"])
+        known = {"estimate": estimate, "foreseen_position": estimate, "estimate_covariance": covariance}
+        return replace(self.TRACE, scenario=scenario, **{**known, **changes})
+
+    def test_a_place_is_worth_what_is_heard_there(self):
+        """Beside an AUV its share of the variance, far from both nothing, and where all is heard everything."""
+        view = MapView(Area(width=600, length=600), Rectangle(0, 0, 600, 600))
+        share = ReplyField(self.far(), view).share(2)
+        assert share.shape == (41, 41)
+        assert share[20, 6] == pytest.approx(0.75, abs=0.01)
+        assert share[20, 34] == pytest.approx(0.25, abs=0.01)
+        assert share[0, 0] < 0.05
+        assert ReplyField(self.far(level=190.0), view).share(2).min() > 0.999
+
+    def test_lines_are_round_the_auv_that_is_worth_more(self):
+        view = MapView(Area(width=600, length=600), Rectangle(0, 0, 600, 600))
+        lines = dict(ReplyField(self.far(), view).lines(2))
+        assert not lines[0.8]
+        around = np.concatenate(lines[0.6])
+        middle = (around.min(axis=0) + around.max(axis=0)) / 2
+        assert np.abs(middle - (90, 300)).max() < 20
+
+    def test_where_an_auv_is_foreseen_is_marked(self):
+        shifted = self.far().estimate.copy()
+        shifted[:, 0, 0] += (0.0, 200.0)
+        with_it, painter = paint(self.far(foreseen_position=shifted), 1, (1280, 720))
+        without, _ = paint(self.far(), 1, (1280, 720))
+        row, column = place(painter, 90.0, 500.0, (600.0, 600.0))
+        marked = (
+            with_it[row - 8 : row + 9, column - 8 : column + 9] != without[row - 8 : row + 9, column - 8 : column + 9]
+        )
+        assert marked.any()
+        legend = painter.layout.legend
+        assert (with_it[legend.bottom - 40 : legend.bottom] != without[legend.bottom - 40 : legend.bottom]).any()
 
 
 class TestMap:

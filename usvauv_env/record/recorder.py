@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 
 import numpy as np
@@ -45,15 +46,14 @@ class Recorder:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self._rows: dict[str, list[np.ndarray]] = {}
-        self.clear()
+        self._rows: defaultdict[str, list[np.ndarray]] = defaultdict(list)
 
     def __len__(self) -> int:
         return len(self._rows["auv"])
 
     def clear(self) -> None:
         """Remove all states."""
-        self._rows = {name: [] for name in ("auv", "boat", "tally", "backlog", "terms", "estimate", "own", "vortex")}
+        self._rows.clear()
 
     def drop_last(self) -> None:
         """Remove the last state."""
@@ -71,6 +71,7 @@ class Recorder:
             ("terms", world.reward_terms),
             ("estimate", world.estimate),
             ("own", world.own_position),
+            ("foreseen", world.foreseen_position),
             ("vortex", world.vortex[:, :num_vortices]),
         ):
             self._rows[name].append(tensor.cpu().numpy().copy())
@@ -94,7 +95,7 @@ class Recorder:
             worlds: the worlds to take.
         """
         world = self.world
-        vehicles, boats, tally, backlog, terms, known, own, vortex = (
+        vehicles, boats, tally, backlog, terms, known, own, foreseen, vortex = (
             np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
         )
         nodes = world.node[worlds].cpu().numpy()
@@ -124,6 +125,7 @@ class Recorder:
             estimate=known[..., EstimateColumn.span("x", "y")],
             estimate_covariance=known[..., EstimateColumn.span("covariance_xx", "covariance_yy")],
             own_position=own,
+            foreseen_position=foreseen,
             target=column("target").astype(np.int16),
             hovering=column("hovering").astype(np.int8),
             power=column("power"),

@@ -39,6 +39,7 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "served_by": ("time", "world", "auv"),
     "estimate": ("time", "world", "auv", "axis"),
     "own_position": ("time", "world", "auv", "axis"),
+    "foreseen_position": ("time", "world", "auv", "axis"),
     "estimate_covariance": ("time", "world", "auv", "component"),
     "target": ("time", "world", "auv"),
     "hovering": ("time", "world", "auv"),
@@ -90,7 +91,8 @@ class Trace:
         served_by: (T, W, K) index of the boat that serves the AUV, see `kernels.mission.serving`.
         estimate: (T, W, K, 2) where the boat takes the AUV to be: the last usable fix, or the tracker's, m.
             estimate_covariance: (T, W, K, 3) likewise. own_position: (T, W, K, 2) where the AUV takes itself to be, m;
-            the estimate if it does not reckon.
+            the estimate if it does not reckon. foreseen_position: (T, W, K, 2) where the boat foresees it, m; the
+            estimate where its strategy does not.
         target: (T, W, K) index of the node headed for. hovering: (T, W, K) serving its node during this step.
         power: (T, W, K) W. service_rate: (T, W, K) data rate of a service completed in this step, else 0, Mbit/s.
         delivered: (T, W, K) data of that service, Mbit. border: (T, W, K) a move was refused at the border.
@@ -126,6 +128,7 @@ class Trace:
     estimate: np.ndarray
     estimate_covariance: np.ndarray
     own_position: np.ndarray
+    foreseen_position: np.ndarray
     target: np.ndarray
     hovering: np.ndarray
     power: np.ndarray

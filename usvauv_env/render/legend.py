@@ -89,6 +89,15 @@ def _current(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
         shapes.stroke(picture, ends[1:], style.MUTED, layout.px(1.5))
 
 
+def _foreseen(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    symbols.foreseen(picture, at, 5 * layout.unit, style.auv_colour(0), 1.5 * layout.unit, layout.zoom)
+
+
+def _field(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    for radius, share in ((3, 0.8), (6, 0.55), (9, 0.3)):
+        shapes.ring(picture, at, radius * layout.unit, style.mix(style.CARD, style.FIELD, share), layout.px(1.2))
+
+
 ENTRIES: tuple[tuple[Symbol, str], ...] = (
     (_auv, "underwater vehicle (AUV), last 2 min"),
     (_boat, "boat (USV): finds the AUVs by sound"),
@@ -119,14 +128,19 @@ STATION_ENTRIES: tuple[tuple[Symbol, str], ...] = (
     (_ellipse, "2-σ ellipse: 86 % of errors expected"),
 )
 
+FORESIGHT: tuple[tuple[Symbol, str], ...] = (
+    (_foreseen, "where the boat foresees an AUV"),
+    (_field, "lines: what the boat would learn there"),
+)
+
 ABBREVIATIONS = "SDR: data rates of all services, added up · EC: an AUV's energy per second of travel"
 
 
-def draw_legend(picture: np.ndarray, box: Rectangle, layout: Layout, task: str) -> None:
-    """Two columns of symbols and words, and what the abbreviations stand for."""
+def draw_legend(picture: np.ndarray, box: Rectangle, layout: Layout, task: str, foresees: bool) -> None:
+    """Two columns of symbols and words, and what the abbreviations stand for; `foresees`: the boat foresees AUVs."""
     draw_card(picture, box, layout.unit)
     unit, size = layout.unit, 11 * layout.unit
-    entries = ENTRIES if task == "data-collection" else STATION_ENTRIES
+    entries = (ENTRIES if task == "data-collection" else STATION_ENTRIES) + FORESIGHT * foresees
     rows, widest = len(entries) // 2, max(text_width(words, size) for _, words in entries)
     size *= min(1.0, (box.width / 2 - 48 * unit) / widest)
     position = box.left + 8 * unit, box.bottom - 5 * unit

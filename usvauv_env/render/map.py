@@ -12,6 +12,7 @@ from usvauv_env.record.collection import age
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.frame_layout import Layout, MapView
+from usvauv_env.render.reply_field import ReplyField
 from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
 from usvauv_env.render.shapes import Overlay
@@ -82,6 +83,8 @@ class MissionMap:
         self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
         spacing = np.sqrt(layout.map.width * layout.map.height / len(self._nodes))
         self._node_radius = float(np.clip(spacing / 7, 3.0 * layout.unit, 9.5 * layout.unit))
+        self._foreseen = self.view.pixel(trace.foreseen_position[:, 0])
+        self._field = ReplyField(trace, self.view)
         self._gauges = symbols.NodeGauges(self._node_radius)
         self._hover_radius = max(scenario.auv.hover_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
 
@@ -91,6 +94,8 @@ class MissionMap:
         self._overlay.clear()
         self.streaks.update(self._trace.vortex[t, 0])
         self.streaks.draw(self._overlay, t * self._streak_step, self._layout.px(1.2))
+        self._draw_field(t)
+        self._draw_ellipses(t)
         self._draw_pings(t)
         self._draw_trails(t)
         self._draw_links(t)
@@ -120,6 +125,19 @@ class MissionMap:
             # A trail shorter than TRAIL fades less.
             full = min(1.0, (t - first) * self._step / TRAIL)
             self._overlay.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
+
+    def _draw_field(self, t: int) -> None:
+        """Lines of what replies heard at a place are worth, brighter where it is more; none where all is heard."""
+        for level, lines in self._field.lines(t):
+            self._overlay.strokes(lines, style.FIELD, 0.15 + 0.6 * level, self._layout.px(1.2))
+
+    def _draw_ellipses(self, t: int) -> None:
+        for auv, position in enumerate(self.view.pixel(self._trace.estimate[t, 0])):
+            axes = self.view.vector(error_axes(self._trace.estimate_covariance[t, 0, auv]))
+            if np.abs(axes).max() > 2 * self._layout.unit:
+                outline = shapes.ellipse_points(position, axes)
+                line = np.concatenate([outline, outline[:1]])
+                self._overlay.strokes([line], style.auv_colour(auv), 0.8, self._layout.px(1))
 
     def _draw_pings(self, t: int) -> None:
         """A ring from each boat that has asked, and lines from the boats to the AUVs they have heard."""
@@ -186,11 +204,13 @@ class MissionMap:
             node = self._nodes[self._node_of(t, auv)]
             share = self._running.service_share[t, auv]
             symbols.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
+        foreseen = self._foreseen[t, auv]
+        if np.hypot(*(foreseen - self.view.pixel(self._trace.estimate[t, 0, auv]))) > 5 * layout.unit:
+            for piece in shapes.dashes(foreseen, position, 3 * layout.unit):
+                shapes.stroke(picture, piece, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
+            symbols.foreseen(picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         symbols.auv(picture, position, self._running.heading[t, auv], 29 * layout.unit, colour, layout.zoom)
-        axes = self.view.vector(error_axes(self._trace.estimate_covariance[t, 0, auv]))
         fix = self.view.pixel(self._trace.estimate[t, 0, auv])
-        if np.abs(axes).max() > 2 * layout.unit:
-            shapes.stroke(picture, shapes.ellipse_points(fix, axes), colour, layout.px(1), closed=True)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
             symbols.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         label = position + np.array([14, -12]) * layout.unit

@@ -33,7 +33,8 @@ class Painter:
         self.map = MissionMap(trace, running, self.layout)
         draw_map_axes(self._still, self.map, self.layout, area, view_note(trace.scenario))
         if self.layout.legend:
-            draw_legend(self._still, self.layout.legend, self.layout, trace.scenario.task)
+            foresees = not np.array_equal(trace.foreseen_position, trace.estimate)
+            draw_legend(self._still, self.layout.legend, self.layout, trace.scenario.task, foresees)
         speed_up = fps * trace.scenario.mission.step
         self.panel = SidePanel(self._still, trace, running, self.layout, self.map.view, speed_up)
 

@@ -40,7 +40,9 @@ class SidePanel:
         self._insets = FixInsets(
             trace, running, layout, within_margins(inset_box, unit, top=30, sides=8, bottom=2), view
         )
-        magnified = f"Fixes around the true position, {self._insets.magnification:.0f} × magnified"
+        scale = self._insets.magnification
+        shown = f"{scale:.0f} × magnified" if scale >= 1 else f"{1 / scale:.0f} × smaller than on the map"
+        magnified = f"Fixes around the true position, {shown}"
         write_heading(self._still, unit, inset_box, magnified, f"inner ring {self._insets.ring:g} m")
         self._insets.draw_still(still)
         duration = max(float(trace.time[-1]), trace.scenario.mission.step)

@@ -28,6 +28,7 @@ WHITE = (255, 255, 255)
 OUTLINE = colour("#06121d")
 BOAT = colour("#ffffff")
 BOAT_DECK = colour("#1b4f8a")
+FIELD = colour("#cfe3f5")  # lines of what a place of the boat is worth
 FULL = colour("#ff453a")
 AGE = (colour("#3a5168"), WHITE)  # of a node's data: fresh, old
 GAUGE = (colour("#35d07f"), colour("#ffb020"), FULL)  # backlog of a node: empty, half, full

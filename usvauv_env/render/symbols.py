@@ -94,6 +94,17 @@ def fix(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, widt
     shapes.smooth(image, centre, size + 2 * width, factor, draw)
 
 
+def foreseen(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, width: float, factor: int) -> None:
+    """A hollow square: where a vehicle is expected."""
+    corners = np.array([(-size, -size), (size, -size), (size, size), (-size, size)])
+
+    def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
+        for ink, wide in ((style.OUTLINE, 2 * width), (colour, width)):
+            shapes.stroke(fine, middle + corners * zoom, ink, max(1, round(wide * zoom)), closed=True)
+
+    shapes.smooth(image, centre, 1.5 * size + 2 * width, factor, draw)
+
+
 def badge(image: np.ndarray, text: str, centre: np.ndarray, size: float, colour: Colour) -> None:
     """A short text on a dark pill."""
     half = max(text_width(text, size, bold=True) / 2, 0.3 * size)

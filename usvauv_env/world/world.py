@@ -270,6 +270,16 @@ class World:
         reckons = self.scenario.navigation.sensor != "none"
         return self.own[..., [tracker.X, tracker.Y]] if reckons else self.estimate[..., EstimateColumn.span("x", "y")]
 
+    @property
+    def foreseen_position(self) -> torch.Tensor:
+        """Where the boats foresee each AUV, (W, K, 2), m; by a strategy that does not, where they take it to be."""
+        foresees = self.strategy.strategy.functions.foresees
+        return (
+            self.foresight[..., ForesightColumn.span("x", "y")]
+            if foresees
+            else self.estimate[..., EstimateColumn.span("x", "y")]
+        )
+
     def rewind(self) -> None:
         """Make the next `reset` begin the first episode again, as in a new world of the same seed."""
         self._clock.fill_(-1)

@@ -1,0 +1,54 @@
+"""What a place of the boat is worth: the share of the AUVs' uncertainty that replies heard there would remove.
+
+At a place p it is Σ_k P_k(p) a_k / Σ_k a_k, with a_k the variance of where the boat takes AUV k to be and P_k the
+probability that a reply of it is heard at p from where the boat foresees it, over a calm array (`fix_prediction`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from contourpy import contour_generator
+
+from kernels import runtime
+from usvauv_env.fix_prediction import reception
+from usvauv_env.record.trace import Trace
+from usvauv_env.render.frame_layout import MapView
+from usvauv_env.site.site import Site
+from usvauv_env.world.tables import link_table
+
+LEVELS = (0.2, 0.4, 0.6, 0.8)
+PLACES = 41  # along the longer side
+DISTANCES = 128
+
+
+class ReplyField:
+    """The field of world 0 of a trace."""
+
+    def __init__(self, trace: Trace, view: MapView) -> None:
+        area, auv = trace.scenario.area, trace.scenario.auv
+        spacing = max(area.width, area.length) / (PLACES - 1)
+        self._x, self._y = (np.linspace(0.0, side, round(side / spacing) + 1) for side in (area.width, area.length))
+        self._places = np.stack(np.meshgrid(self._x, self._y), -1)
+        self._view, self._foreseen = view, trace.foreseen_position[:, 0]
+        self._variance = 0.5 * trace.estimate_covariance[:, 0][..., [0, 2]].sum(-1)
+        self._distance = np.linspace(0.0, 1.5 * area.diagonal, DISTANCES)
+        device = runtime.start().device
+        offset = torch.zeros((DISTANCES, 3), device=device)
+        offset[:, 0], offset[:, 2] = torch.from_numpy(self._distance), -auv.depth
+        link = torch.from_numpy(link_table(Site(trace.scenario))).to(device)
+        every = torch.arange(auv.count, dtype=torch.int32, device=device)[:, None].expand(-1, DISTANCES)
+        self._heard = [reception(link, k.contiguous(), offset, torch.zeros_like(offset[:, :2]))[2] for k in every]
+
+    def share(self, t: int) -> np.ndarray:
+        """The field in step t at the places of a grid, (rows, columns), row 0 in the south."""
+        field = np.zeros(self._places.shape[:2])
+        for place, variance, heard in zip(self._foreseen[t], self._variance[t], self._heard, strict=True):
+            away = np.hypot(*(self._places - place).transpose(2, 0, 1))
+            field += variance * np.interp(away, self._distance, heard)
+        return field / max(float(self._variance[t].sum()), 1e-12)
+
+    def lines(self, t: int) -> list[tuple[float, list[np.ndarray]]]:
+        """Each level with its lines (N, 2) in step t, pixels."""
+        contours = contour_generator(self._x, self._y, self.share(t))
+        return [(level, [self._view.pixel(np.asarray(line)) for line in contours.lines(level)]) for level in LEVELS]
