@@ -370,6 +370,9 @@ class Channel(Section):
     turn_around: float = Field(
         0.1, ge=0, le=10, description="time from the interrogation to the transponder's reply, s"
     )
+    interval: float = Field(
+        0.0, ge=0, le=3600, description="least time from the beginning of an exchange to that of the next, s"
+    )
     data_ratio: float = Field(
         0.0,
         ge=0,

@@ -4,7 +4,7 @@ An exchange lasts for the way of the sound to the AUV and back, the transponder'
 signal. The boat asks all AUVs at once, which answer by codes of their own (the exchange then lasts until the farthest
 reply), or one at a time of those that it serves, in turn or the one it knows least of. No AUV is located twice in a
 mission step. Several boats begin exchanges in turn; one that has nobody to ask passes the turn on. The boat that asked
-receives the replies, and all boats share what they bring.
+receives the replies, and all boats share what they bring. From one exchange to the next there can be a least time.
 
 Times count from the end of the present mission step, s; what lies before is negative.
 """
@@ -132,7 +132,8 @@ def receive(worlds: ti.template(), pose: fixes.ArrayPose, w, k, age):
 def begin_step(worlds: ti.template(), w):
     """Count times from the end of the new step; no exchange has ended in it yet."""
     step = worlds.p[Parameter.step]
-    worlds.tally[w, TallyColumn.channel_free] = ti.max(worlds.tally[w, TallyColumn.channel_free] - step, -step)
+    for column in ti.static((TallyColumn.channel_free, TallyColumn.next_ping)):
+        worlds.tally[w, column] = ti.max(worlds.tally[w, column] - step, -step)
     for k in range(worlds.auv.shape[1]):
         worlds.exchange[w, k, ExchangeColumn.reply_at] = worlds.exchange[w, k, ExchangeColumn.reply_at] - step
         worlds.exchange[w, k, ExchangeColumn.over] = 0.0
@@ -144,6 +145,7 @@ def open_channel(worlds: ti.template(), w):
     """When an episode begins the channel is free, and the turn is the first boat's."""
     boats = worlds.boat.shape[1]
     worlds.tally[w, TallyColumn.channel_free] = 0.0
+    worlds.tally[w, TallyColumn.next_ping] = 0.0
     worlds.tally[w, TallyColumn.asking] = ti.cast(boats - 1, ti.f32)
     for b in range(boats):
         worlds.boat[w, b, BoatColumn.asked] = -1.0
@@ -163,7 +165,8 @@ def begin_exchange(worlds: ti.template(), w):
     """The boat whose turn it is begins an exchange as soon as the channel is free; returns whether one begins."""
     boats = worlds.boat.shape[1]
     count = worlds.auv.shape[1]
-    start = ti.max(worlds.tally[w, TallyColumn.channel_free], -worlds.p[Parameter.step])
+    start = ti.max(worlds.tally[w, TallyColumn.channel_free], worlds.tally[w, TallyColumn.next_ping])
+    start = ti.max(start, -worlds.p[Parameter.step])
     last = ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32)
     turns = boats
     if ti.static(worlds.program.schedule == Schedule.all):
@@ -179,6 +182,7 @@ def begin_exchange(worlds: ti.template(), w):
                     if ti.static(worlds.program.schedule == Schedule.all) or k == first:
                         end = ti.max(end, ask(worlds, w, b, k, start))
                 worlds.tally[w, TallyColumn.channel_free] = end
+                worlds.tally[w, TallyColumn.next_ping] = start + worlds.p[Parameter.ping_interval]
                 worlds.tally[w, TallyColumn.asking] = ti.cast(b, ti.f32)
                 begins = True
     return begins

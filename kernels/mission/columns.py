@@ -27,6 +27,7 @@ class Parameter(Columns):
     gnss_memory: int  # e^{−step/correlation time}
     gnss_time: int  # that correlation time, s
     turn_around: int
+    ping_interval: int
     signal_length: int
     velocity_walk: int  # white error of an AUV's measured velocity, as variance of the way per second, m²/s
     velocity_bias: int
@@ -251,6 +252,7 @@ class TallyColumn(Columns):
     """State of the channel, and counts of the last step, (W, T)."""
 
     channel_free: int  # when the exchange under way ends, from the end of the step, s
+    next_ping: int  # when the next one may begin at the earliest, likewise
     asking: int  # index of the boat that began it, or the last one
     overflowing: int  # nodes that lost packets
     collisions: int  # pairs of AUVs closer than the collision distance

@@ -95,6 +95,7 @@ NAMED: dict[str, Range] = {
     "packets_created": AMOUNT,
     "packets_lost": AMOUNT,
     "channel_free": Range(-1e8, 1e8),
+    "next_ping": Range(-1e8, 1e8),
     **dict.fromkeys(("served_by", "fix_boat", "asking"), Range(0.0, "last_boat", whole=True)),
     "asked": Range(-1.0, "last_auv", whole=True),
     "visits": Range(-1.0, "last_auv", whole=True),

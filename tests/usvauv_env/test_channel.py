@@ -83,6 +83,14 @@ class TestTiming:
             count += now
         assert (count.max(1) - count.min(1) <= 1).all()
 
+    def test_pings_keep_their_interval(self):
+        """All at once every 7.5 s, whatever the mission step: a reply comes in every seventh or eighth."""
+        changes = ["auv.count=3", "channel.schedule=all", "channel.interval=7.5"]
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 2, 2, usv="hold:0,0")
+        steps = [step for step, _ in enumerate(sail(world, still(world), 151)) if heard(world)[:, 0].all()]
+        assert len(steps) == 21
+        assert set(np.diff(steps)) == {7, 8}
+
     def test_two_near_auvs_are_heard_every_second(self):
         """At 100 m an exchange takes 0.25 s: the channel is no limit."""
         world = World(Scenario.load("ideal", SOUND), 4, 3)

@@ -22,7 +22,8 @@ def small_trace() -> Trace:
     steps, worlds, auvs, nodes, terms = 4, 1, 2, 1, 2
     sizes = {
         "time": steps, "world": worlds, "auv": auvs, "boat": 1, "node": nodes, "axis": 2, "component": 3,
-        "reward_term": terms, "surface_component": 3, "vortex": 0, "vortex_parameter": 4, "stream_y": 0, "stream_x": 0, "y": 0, "x": 0,
+        "reward_term": terms, "surface_component": 3, "vortex": 0, "vortex_parameter": 4, "stream_y": 0,
+        "stream_x": 0, "y": 0, "x": 0,
     }  # fmt: skip
     arrays = {name: np.zeros([sizes[d] for d in dimensions]) for name, dimensions in DIMENSIONS.items()}
     arrays["surface"] = np.zeros((0, 0, 0))

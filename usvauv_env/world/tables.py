@@ -245,6 +245,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),
         "gnss_time": s.usbl.gnss_correlation_time,
         "turn_around": s.channel.turn_around,
+        "ping_interval": s.channel.interval,
         "signal_length": s.usbl.pulse_length if s.usbl.signal == "code" else s.usbl.periods / s.usbl.carrier_min,
         "velocity_walk": s.navigation.velocity_noise**2,
         "velocity_bias": s.navigation.velocity_bias,
