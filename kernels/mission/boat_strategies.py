@@ -53,6 +53,13 @@ def belief(worlds: ti.template(), w, b) -> vec2:
 
 
 @ti.func
+def agent(worlds: ti.template(), w, b) -> vec2:
+    """The goal that was written into the boat's columns before the step."""
+    foresee(worlds, w, b)
+    return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
+
+
+@ti.func
 def begin_foresight(worlds: ti.template(), w, b) -> vec2:
     """Foresee all AUVs; the boat begins at the mean of its own."""
     for k in range(worlds.estimate.shape[1]):
@@ -149,6 +156,7 @@ def fim_horizon(worlds: ti.template(), w, b) -> vec2:
 
 HOLD = Strategy(start=hold, goal=hold)
 CENTROID = Strategy(start=centroid, goal=centroid)
+AGENT = Strategy(start=begin_foresight, goal=agent, foresees=True)
 VISIT = Strategy(start=begin_foresight, goal=visit, foresees=True)
 BELIEF = Strategy(start=begin_foresight, goal=belief, foresees=True)
 FIM = Strategy(start=fim, goal=fim)

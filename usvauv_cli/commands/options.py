@@ -24,8 +24,8 @@ Overrides = Annotated[
     typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
 ]
 POLICIES = (
-    "Policy: sac-extreme, sac-ideal, sac-wide, straight:SPEED, crab:SPEED, pace:PRICE, clear:PRICE, zermelo:SPEED, keep,"
-    " random, the folder of a checkpoint, or MODULE:CLASS of your own"
+    "Policy: sac-extreme, sac-ideal, sac-wide, straight:SPEED, crab:SPEED, pace:PRICE, clear:PRICE, zermelo:SPEED,"
+    " keep, random, the folder of a checkpoint, or MODULE:CLASS of your own"
 )
 BOATS = "Boat: fim, fim-greedy, fim-horizon (with a tracker), visit, belief, hold:X,Y, centroid"
 Usv = Annotated[str | None, typer.Option(help=f"{BOATS}. Default: the scenario's.")]

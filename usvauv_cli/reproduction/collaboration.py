@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,7 +71,7 @@ class Axis:
     """
 
     name: str
-    points: dict[float, tuple[str, tuple[str, ...]]]
+    points: Mapping[float, tuple[str, tuple[str, ...]]]
     boats: tuple[str, ...] = tuple(STRATEGIES)
 
     def missions(self, value: float, boat: str) -> Missions:
@@ -90,7 +90,7 @@ AXES = (
     Axis("replies understood to, m", {150: NEAR, 200: BASE, 300: _level(145), 850: _level(187)}),
     Axis(
         "time between pings at 200 m, s",
-        {1: BASE} | {s: (f"ping-{s}s", (*BASE[1], f"channel.interval={s}")) for s in (10, 30)},
+        {1.0: BASE} | {s: (f"ping-{s:g}s", (*BASE[1], f"channel.interval={s:g}")) for s in (10.0, 30.0)},
     ),
     Axis(
         "error of an AUV's velocity at 200 m, m/s",
@@ -98,7 +98,7 @@ AXES = (
     ),
     Axis(
         "number of boats at 150 m",
-        {1: NEAR} | {n: (f"{n}-boats", (*NEAR[1], f"boat.count={n}")) for n in (2, 3, 4)},
+        {1.0: NEAR} | {n: (f"{n:g}-boats", (*NEAR[1], f"boat.count={n:g}")) for n in (2.0, 3.0, 4.0)},
         ("centroid", "visit", "belief"),
     ),
 )

@@ -26,7 +26,7 @@ from gymnasium.vector.utils import batch_space
 
 from usvauv_env.faces.camera import FPS, MODES, Camera, check_mode
 from usvauv_env.scenario import Scenario
-from usvauv_env.world.spaces import auv_action_space, auv_observation_space
+from usvauv_env.world.spaces import action_space, auv_observation_space
 from usvauv_env.world.world import World
 
 
@@ -36,8 +36,11 @@ def _observe(world: World, space: gymnasium.Space[Any]) -> np.ndarray:
     return np.clip(world.observation.numpy(force=True), space.low, space.high)
 
 
-def _advance(world: World, action: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Step the world with (W, K, 2) actions; returns truncated (W,) and the info of every world.
+def _advance(
+    world: World, action: np.ndarray, boat_action: np.ndarray | None = None
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Step the world with (W, K, 2) actions and, with the strategy "agent", (W, B, 2) of the boats; returns truncated
+    (W,) and the info of every world.
 
     On the CPU the info is the world's own memory, which the next step overwrites: hand out copies.
     """
@@ -47,7 +50,10 @@ def _advance(world: World, action: np.ndarray) -> tuple[np.ndarray, dict[str, np
         raise ValueError(f"action has shape {action.shape}: must be {expected}")
     if not np.isfinite(action).all():
         raise ValueError("action: all numbers must be finite")
-    _, reward, horizon_ended, truncated, info = world.step(torch.from_numpy(np.clip(action, -1.0, 1.0)))
+    boats = None
+    if boat_action is not None:
+        boats = torch.from_numpy(np.clip(np.asarray(boat_action, np.float32), -1.0, 1.0)).to(world.device)
+    _, reward, horizon_ended, truncated, info = world.step(torch.from_numpy(np.clip(action, -1.0, 1.0)), boats)
     tensors = {"auv_reward": reward, **info, "horizon_ended": horizon_ended}
     return truncated[:, 0].numpy(force=True), {name: tensor.numpy(force=True) for name, tensor in tensors.items()}
 
@@ -98,7 +104,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.world = World(Scenario.of(scenario), 1, _random_seed(self), usv)
         num_auvs = self.world.num_auvs
         self.observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
-        self.action_space = batch_space(auv_action_space(), num_auvs)
+        self.action_space = batch_space(action_space(), num_auvs)
 
     @property
     def reward_names(self) -> tuple[str, ...]:
@@ -124,7 +130,14 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             ValueError: `action` is not (K, 2) or not finite.
         """
-        truncated, info = _advance(self.world, np.asarray(action)[None])
+        return self.step_with_boats(action, None)
+
+    def step_with_boats(
+        self, action: np.ndarray, boat_action: np.ndarray | None
+    ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """As `step`, with actions (B, 2) of the boats where they are agents."""
+        boats = None if boat_action is None else np.asarray(boat_action)[None]
+        truncated, info = _advance(self.world, np.asarray(action)[None], boats)
         if self.render_mode:
             self._camera.add()
         observation = _observe(self.world, self.observation_space)[0]
@@ -185,7 +198,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.world = World(Scenario.of(scenario), num_envs, _random_seed(self), usv)
         num_auvs = self.world.num_auvs
         self.single_observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
-        self.single_action_space = batch_space(auv_action_space(), num_auvs)
+        self.single_action_space = batch_space(action_space(), num_auvs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._begun = False

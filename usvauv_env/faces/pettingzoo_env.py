@@ -1,4 +1,4 @@
-"""PettingZoo face of the world: one mission, each AUV an agent that acts at the same time as the others."""
+"""PettingZoo face of the world: one mission, each AUV an agent that acts at the same time as the others; boats too."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from pettingzoo import ParallelEnv
 from usvauv_env.faces.camera import FPS, MODES
 from usvauv_env.faces.gymnasium_env import DataCollectionEnv
 from usvauv_env.scenario import Scenario
-from usvauv_env.world.spaces import auv_action_space, auv_observation_space
+from usvauv_env.world.boat_agent import AGENT
+from usvauv_env.world.global_state import global_state, size
+from usvauv_env.world.spaces import action_space, auv_observation_space, boat_observation_space
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
@@ -26,6 +28,9 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     reward.service_terminates; the mission goes on). `reset(seed=s)` begins the first episode of
     `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` gives the
     mission so far as a picture, (720, 1280, 3) uint8.
+
+    With usv = "agent" the boats are agents too, "usv_0", …: observation and action of `usvauv_env.world.boat_agent`,
+    reward the mean of the AUVs', an empty info. `state()` is `usvauv_env.world.global_state`, for centralised critics.
     """
 
     metadata = {  # noqa: RUF012 - PettingZoo defines it as a class attribute
@@ -38,10 +43,15 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     def __init__(self, scenario: Scenario | str | Path, usv: str | None, render_mode: str | None) -> None:
         self.render_mode = render_mode
         self._team = DataCollectionEnv(scenario, usv, render_mode)
-        self.possible_agents = [f"auv_{k}" for k in range(self._team.world.num_auvs)]
+        world = self._team.world
+        boats = world.scenario.boat.count if world.strategy.name == AGENT else 0
+        self._auvs, self._boats = [f"auv_{k}" for k in range(world.num_auvs)], [f"usv_{b}" for b in range(boats)]
+        self.possible_agents = self._auvs + self._boats
         self.agents: list[str] = []
-        self._observation_spaces = {a: auv_observation_space(self._team.world.site) for a in self.possible_agents}
-        self._action_spaces = {a: auv_action_space() for a in self.possible_agents}
+        self._observation_spaces = {a: auv_observation_space(world.site) for a in self._auvs}
+        self._observation_spaces |= {a: boat_observation_space(world.site) for a in self._boats}
+        self._action_spaces = {a: action_space() for a in self.possible_agents}
+        self.state_space = Box(-np.inf, np.inf, (size(world.scenario),), np.float32)
 
     def observation_space(self, agent: str) -> Box:
         """What `agent` can observe; the same object each time."""
@@ -72,8 +82,9 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
             raise gymnasium.error.ResetNeeded("no episode is under way: call reset")
         if set(actions) != set(self.agents):
             raise ValueError(f"actions are for {sorted(actions)}: must be for {self.agents}")
-        joint = np.stack([np.asarray(actions[agent]) for agent in self.agents])
-        observation, _, terminated, truncated, info = self._team.step(joint)
+        joint = np.stack([np.asarray(actions[agent]) for agent in self._auvs])
+        boats = np.stack([np.asarray(actions[agent]) for agent in self._boats]) if self._boats else None
+        observation, reward, terminated, truncated, info = self._team.step_with_boats(joint, boats)
         agents = self.agents
         if truncated:
             self.agents = []
@@ -83,11 +94,12 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
                 "measures": info["measures"][k].copy(),
                 "horizon_ended": bool(info["horizon_ended"][k]),
             }
-            for k, agent in enumerate(agents)
-        }
+            for k, agent in enumerate(self._auvs)
+        } | {agent: {} for agent in self._boats}
+        rewards = {agent: float(info["auv_reward"][k]) for k, agent in enumerate(self._auvs)}
         return (
             self._by_agent(observation),
-            {agent: float(info["auv_reward"][k]) for k, agent in enumerate(agents)},
+            rewards | dict.fromkeys(self._boats, reward / len(self._auvs)),
             dict.fromkeys(agents, terminated),
             dict.fromkeys(agents, truncated),
             infos,
@@ -97,8 +109,18 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         """The mission as it is now, (720, 1280, 3) uint8, RGB; None without a render mode."""
         return self._team.render()
 
+    def state(self) -> np.ndarray:
+        """The global state, (S,) float32."""
+        return global_state(self._team.world)[0].numpy(force=True)
+
     def _by_agent(self, observation: np.ndarray) -> dict[str, np.ndarray]:
-        return {agent: observation[k].copy() for k, agent in enumerate(self.possible_agents)}
+        found = {agent: observation[k].copy() for k, agent in enumerate(self._auvs)}
+        if self._boats:
+            known = self._team.world.boat_observation[0].numpy(force=True)
+            for row, agent in zip(known, self._boats, strict=True):
+                space = self._observation_spaces[agent]
+                found[agent] = np.clip(row, space.low, space.high)
+        return found
 
 
 def parallel_env(

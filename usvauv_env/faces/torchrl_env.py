@@ -13,6 +13,12 @@ episode is the root's. Tensors are new each step and stay on the world's device.
     "terminated"                         (W, 1)     bool     always False: nothing ends a mission before its time
     "truncated", "done"                  (W, 1)     bool     the mission's time is over
 
+With the strategy "agent" the B boats are a group of their own, "boats", see `usvauv_env.world.boat_agent`:
+
+    ("boats", "action")                  (W, B, 2)  float32  in [−1, 1]
+    ("boats", "observation")             (W, B, .)  float32  clamped into the spec's bounds
+    ("boats", "reward")                  (W, B, 1)  float32  mean of the AUVs'
+
 The info of a reset is zero. This module needs the extra `torchrl`; nothing else in the package imports it.
 """
 
@@ -24,7 +30,8 @@ from pathlib import Path
 import torch
 
 from usvauv_env.scenario import Scenario
-from usvauv_env.world.spaces import auv_action_space, auv_observation_space
+from usvauv_env.world.boat_agent import AGENT
+from usvauv_env.world.spaces import action_space, auv_observation_space, boat_observation_space
 from usvauv_env.world.world import World
 
 try:
@@ -73,6 +80,9 @@ class DataCollectionTorchRLEnv(EnvBase):
         super().__init__(device=self.world.device, batch_size=(num_worlds,))
         self._usv, self._arch = usv, arch
         self.group_map = {"agents": [f"auv_{k}" for k in range(self.world.num_auvs)]}
+        self._boats = self.world.strategy.name == AGENT
+        if self._boats:
+            self.group_map["boats"] = [f"usv_{b}" for b in range(self.world.scenario.boat.count)]
         self._begun = False
         self._over = torch.zeros(num_worlds, 1, dtype=torch.bool, device=self.device)
         self._make_specs()
@@ -105,7 +115,7 @@ class DataCollectionTorchRLEnv(EnvBase):
             measures=numbers(len(self.measure_names)),
             horizon_ended=flag(*team),
         )
-        action = auv_action_space()
+        action = action_space()
         limits = (torch.from_numpy(bound).to(self.device) for bound in (action.low, action.high))
         root = {"shape": self.batch_size, "device": self.device}
         self.full_observation_spec = Composite(
@@ -116,6 +126,19 @@ class DataCollectionTorchRLEnv(EnvBase):
         ends = {name: flag(world.num_worlds) for name in ("done", "terminated", "truncated")}
         self.full_done_spec = Composite(ends, **root)
         self._no_info = info.zero()
+        if self._boats:
+            boats = (world.num_worlds, world.scenario.boat.count)
+            space = boat_observation_space(world.site)
+            low, high = (
+                torch.from_numpy(bound).to(self.device).expand(*boats, -1) for bound in (space.low, space.high)
+            )
+            self._boat_bounds = low, high
+            for spec, name, what in (
+                (self.full_observation_spec, "observation", Bounded(low, high, device=self.device)),
+                (self.full_action_spec, "action", Bounded(-1.0, 1.0, torch.Size((*boats, 2)), device=self.device)),
+                (self.full_reward_spec, "reward", Unbounded(torch.Size((*boats, 1)), device=self.device)),
+            ):
+                spec["boats"] = Composite({name: what}, shape=boats, device=self.device)
 
     def _reset(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
@@ -141,7 +164,8 @@ class DataCollectionTorchRLEnv(EnvBase):
             raise ValueError(f"action has shape {tuple(action.shape)}: must be {expected}")
         if not torch.isfinite(action).all():
             raise ValueError("action: all numbers must be finite")
-        _, reward, horizon_ended, truncated, details = self.world.step(action.clamp(-1.0, 1.0))
+        boats = tensordict.get(("boats", "action")).clamp(-1.0, 1.0) if self._boats else None
+        _, reward, horizon_ended, truncated, details = self.world.step(action.clamp(-1.0, 1.0), boats)
         self._over = truncated[:, :1].clone()
         info = self._no_info.empty()
         for name, tensor in details.items():
@@ -149,6 +173,8 @@ class DataCollectionTorchRLEnv(EnvBase):
         info.set("horizon_ended", horizon_ended.unsqueeze(-1))
         following = self._tensordict(info)
         following.set(("agents", "reward"), reward.unsqueeze(-1).clone())
+        if self._boats:
+            following.set(("boats", "reward"), reward.mean(1)[:, None, None].repeat(1, self.world.boat.shape[1], 1))
         return following
 
     def _tensordict(self, info: TensorDictBase) -> TensorDict:
@@ -158,7 +184,11 @@ class DataCollectionTorchRLEnv(EnvBase):
         team = {"observation": observation, "info": info}
         agents = TensorDict(team, batch_size=(world.num_worlds, world.num_auvs), device=self.device)
         ends = {"done": self._over.clone(), "truncated": self._over.clone(), "terminated": torch.zeros_like(self._over)}
-        return TensorDict({"agents": agents, **ends}, batch_size=self.batch_size, device=self.device)
+        groups = {"agents": agents}
+        if self._boats:
+            observed = torch.clamp(world.boat_observation, *self._boat_bounds)
+            groups["boats"] = TensorDict({"observation": observed}, observed.shape[:2], device=self.device)
+        return TensorDict({**groups, **ends}, batch_size=self.batch_size, device=self.device)
 
     def _set_seed(self, seed: int | None) -> None:
         world = self.world

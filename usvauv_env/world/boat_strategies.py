@@ -11,6 +11,7 @@ from kernels.mission.worlds import Strategy
 from kernels.planning import receding_horizon
 from kernels.registry import Registry
 from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.world.boat_agent import AGENT
 
 
 def _no_check(scenario: Scenario, numbers: Sequence[float]) -> str:
@@ -123,4 +124,6 @@ boat_strategies.register("centroid", BoatStrategy(kernel.CENTROID))  # the mean 
 # Where the AUV is that is least certain of itself; where the AUVs' uncertainty costs least over the minutes to come.
 boat_strategies.register("visit", BoatStrategy(kernel.VISIT, refuse=_needs_reckoning))
 boat_strategies.register("belief", BoatStrategy(kernel.BELIEF, refuse=_needs_reckoning))
+# Where its actions lead, see `usvauv_env.world.boat_agent`.
+boat_strategies.register(AGENT, BoatStrategy(kernel.AGENT, refuse=_needs_reckoning))
 boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area, repeats=True))  # points of the area, m

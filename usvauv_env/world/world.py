@@ -39,7 +39,8 @@ from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.storm import AirySea
 from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
-from usvauv_env.world import tables
+from usvauv_env.world import boat_agent, tables
+from usvauv_env.world.boat_agent import AGENT
 from usvauv_env.world.boat_strategies import StrategyChoice, boat_strategies
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 from usvauv_env.world.state_check import bounds_of, check_state, first_outside
@@ -82,7 +83,8 @@ class World:
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1.
         usv: strategy of the boats, in place of the scenario's `boat.strategy`: "fim", "fim-greedy", "fim-horizon",
-            "visit", "belief", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid" or a plugin's.
+            "visit", "belief", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid",
+            "agent" (see `step`) or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
@@ -227,15 +229,18 @@ class World:
         return self.observation
 
     def step(
-        self, action: torch.Tensor
+        self, action: torch.Tensor, boat_action: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
         """Advance all worlds by one mission step.
 
         Args:
             action: (num_worlds, num_auvs, 2) in [−1, 1].
+            boat_action: (num_worlds, boats, 2) in [−1, 1], with the strategy "agent" and no other, see
+                `usvauv_env.world.boat_agent`.
 
         Raises:
-            ValueError: an action of another shape, or on a CPU one that is not finite.
+            ValueError: an action of another shape, or on a CPU one that is not finite; a boat's action is missing, or
+                there is one too many.
             DivergenceError: a number of the state is not finite or has run away, on a GPU also after an action that is
                 not finite; there it is raised by the step after.
 
@@ -249,6 +254,11 @@ class World:
             raise ValueError(f"action has shape {tuple(action.shape)}: must be {tuple(self._action.shape)}")
         if runtime.start().torch_on_host and not math.isfinite(action.sum().item()):
             raise ValueError("action: all numbers must be finite")
+        if (boat_action is None) == (self.strategy.name == AGENT):
+            needs = "missing" if boat_action is None else "given"
+            raise ValueError(f"boat_action: {needs}, but the boat's strategy is {self.strategy.name!r}")
+        if boat_action is not None:
+            boat_agent.steer(self, boat_action.detach())
         self._steps_since_sea += 1
         for _ in range(self._sea_updates(self._steps_since_sea) - self._sea_updates(self._steps_since_sea - 1)):
             self._watch.advance()
@@ -274,11 +284,13 @@ class World:
     def foreseen_position(self) -> torch.Tensor:
         """Where the boats foresee each AUV, (W, K, 2), m; by a strategy that does not, where they take it to be."""
         foresees = self.strategy.strategy.functions.foresees
-        return (
-            self.foresight[..., ForesightColumn.span("x", "y")]
-            if foresees
-            else self.estimate[..., EstimateColumn.span("x", "y")]
-        )
+        places, names = (self.foresight, ForesightColumn) if foresees else (self.estimate, EstimateColumn)
+        return places[..., names.span("x", "y")]
+
+    @property
+    def boat_observation(self) -> torch.Tensor:
+        """What the boats observe with the strategy "agent", (W, B, .), see `usvauv_env.world.boat_agent`."""
+        return boat_agent.observe(self)
 
     def rewind(self) -> None:
         """Make the next `reset` begin the first episode again, as in a new world of the same seed."""
