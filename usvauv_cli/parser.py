@@ -20,6 +20,7 @@ from usvauv_cli.commands import (
     sea,
     simulate,
     train,
+    train_boat,
     train_targets,
 )
 
@@ -34,6 +35,7 @@ app = typer.Typer(
 app.command("simulate")(simulate.simulate)
 app.command("train")(train.train)
 app.command("train-targets")(train_targets.train_targets)
+app.command("train-boat")(train_boat.train_boat)
 app.command("eval")(evaluate.evaluate)
 app.command("export")(export.export)
 app.command("reproduce")(reproduce.reproduce)

@@ -286,3 +286,4 @@ class Draw(Columns):
     gnss: int
     navigation: int
     residual: int
+    visit: int

@@ -10,6 +10,11 @@ from kernels.mission.columns import Information, Parameter, Refraction, Schedule
 from kernels.mission.tasks.task import Task
 
 
+def no_workspace(num_auvs: int, num_boats: int) -> int:
+    """No numbers of its own."""
+    return 0
+
+
 class Strategy(NamedTuple):
     """Taichi functions of a boat strategy.
 
@@ -17,11 +22,14 @@ class Strategy(NamedTuple):
         start: (worlds, w, b) → vec2, where boat b begins, m; the AUVs' estimated positions are then the true ones.
         goal: (worlds, w, b) → vec2, where it should be next, m.
         foresees: it foresees the AUVs' ways, see `kernels.mission.belief_planner`.
+        workspace: (number of AUVs, of boats) → how many numbers of its own it needs in each world,
+            `worlds.boat_workspace[w, :]`; what is in them is lost between two calls.
     """
 
     start: Callable[..., Any]
     goal: Callable[..., Any]
     foresees: bool = False
+    workspace: Callable[[int, int], int] = no_workspace
 
 
 class Program(NamedTuple):
@@ -93,6 +101,7 @@ class Worlds(NamedTuple):
         foresight: (W, K, F) `ForesightColumn`, where the boat's strategy foresees the AUVs.
         belief: (W, 1 or K, M, C) `BeliefColumn`.
         workspace: (W, ≥ 1) numbers that the target rule needs while it chooses.
+        boat_workspace: (W, ≥ 1) the same of the boat strategy.
         observation: (W, K, O).
         reward_terms: (W, K, R) weighted.
         reward: (W, K).
@@ -125,6 +134,7 @@ class Worlds(NamedTuple):
     foresight: Any
     belief: Any
     workspace: Any
+    boat_workspace: Any
     observation: Any
     reward_terms: Any
     reward: Any

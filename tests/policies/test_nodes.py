@@ -1,4 +1,4 @@
-"""Training of the learned target rule: decisions, advantages, network, and runs of the command."""
+"""Training of decisions, on the learned target rule: advantages, network, and runs of the command."""
 
 import json
 import math
@@ -16,9 +16,9 @@ import policies
 from kernels.interruption import Interrupted
 from kernels.mission.target_rules import learned, parse
 from kernels.mission.target_rules.learned import FEATURES, Feature
-from policies.nodes import NodeConfig, NodeTrainer
-from policies.nodes.network import Scores, split
-from policies.nodes.trainer import Decisions, advantages, collect
+from policies.decisions import NODES, DecisionConfig, DecisionTrainer
+from policies.decisions.network import Scores, split
+from policies.decisions.trainer import Decisions, advantages
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World
 
@@ -27,29 +27,29 @@ SMALL = (*EVERY_STEP, "auv.count=3", "nodes.count=12", "nodes.arrival_rates=[1,3
 
 def worlds(count, *changes):
     world = World(Scenario.load("ideal", [*SMALL, *changes]), count, 3, "centroid", "learned:untrained")
+    world.rule_numbers[learned.EXPLORE] = 1.0
     return world, policies.acting("straight", world)
 
 
-def numbers(seed=None):
-    network = Scores()
-    if seed is not None:
-        generator = torch.Generator().manual_seed(seed)
-        network.load((0.3 * torch.randn(learned.SIZE, generator=generator)).tolist())
-    return network, torch.tensor([learned.HORIZON, 1.0, *network.weights()])
+def network(seed):
+    generator = torch.Generator().manual_seed(seed)
+    scores = Scores(learned.NETWORK)
+    scores.load((0.3 * torch.randn(learned.NETWORK.weights, generator=generator)).tolist())
+    return scores
 
 
 class TestCollect:
     def test_all_data_are_earned(self):
         """With no discount the decisions of a world earn what it delivers."""
         world, act = worlds(6, "mission.duration=300")
-        decisions = collect(world, act, numbers()[1], 1e12)
+        decisions = NODES.collect(world, act, 1e12)
         earned = torch.zeros(6).index_add(0, decisions.world, decisions.earned)
         assert earned.tolist() == pytest.approx(decisions.total.tolist(), rel=1e-5)
         assert decisions.total.min() > 1
 
     def test_in_order(self):
         world, act = worlds(6, "mission.duration=300")
-        decisions = collect(world, act, numbers()[1], 100.0)
+        decisions = NODES.collect(world, act, 100.0)
         for w in range(6):
             times = decisions.time[decisions.world == w]
             assert times[:3].tolist() == [0, 0, 0]
@@ -60,9 +60,7 @@ class TestCollect:
     def test_discount(self):
         """A service counts exp(−t/T) less, t from the decision to its end."""
         world, act = worlds(1, "mission.duration=200", "auv.count=1")
-        plain, discounted = (
-            collect(world, act, numbers()[1], horizon) for horizon in (1e12, 50.0) if not world.rewind()
-        )
+        plain, discounted = (NODES.collect(world, act, horizon) for horizon in (1e12, 50.0) if not world.rewind())
         lasts = plain.time.diff()
         assert plain.time.tolist() == discounted.time.tolist()
         assert len(lasts) > 3
@@ -80,7 +78,7 @@ class TestAdvantages:
         )
 
     def test_one_step(self):
-        config = NodeConfig(trace=0.0, horizon=20.0)
+        config = DecisionConfig(trace=0.0, horizon=20.0)
         value = torch.tensor([1.0, 3.0, 5.0, 7.0, 9.0])
         wanted = [
             1 + math.exp(-0.5) * 3 - 1,
@@ -93,7 +91,7 @@ class TestAdvantages:
 
     def test_whole_episodes(self):
         """With λ = 1 the values of later decisions cancel: what is left is what comes, less the value."""
-        config = NodeConfig(trace=1.0, horizon=20.0)
+        config = DecisionConfig(trace=1.0, horizon=20.0)
         value = torch.tensor([1.0, 3.0, 5.0, 7.0, 9.0])
         wanted = [1 + math.exp(-0.5) * 6, 6, 4, 8 + math.exp(-1.5) * 16, 16]
         assert (advantages(self.decisions(), value, config) + value).tolist() == pytest.approx(wanted)
@@ -101,25 +99,26 @@ class TestAdvantages:
 
 class TestNetwork:
     def test_kernel_chooses_by_the_same_scores(self):
-        network, given = numbers(seed=8)
-        given[learned.EXPLORE] = 0.0
+        scores = network(seed=8)
         world, act = worlds(16, "mission.duration=200")
-        features, free, chosen = split(collect(world, act, given, 100.0).seen)
-        best = network(features, free).topk(2).values
+        world.rule_numbers[learned.EXPLORE] = 0.0
+        world.rule_numbers[learned.WEIGHTS :] = torch.tensor(scores.weights())
+        features, free, chosen = split(NODES.collect(world, act, 100.0).seen, FEATURES)
+        best = scores(features, free).topk(2).values
         clear = best[:, 0] - best[:, 1] > 1e-3
         assert clear.sum() > 100
-        assert torch.equal(network(features, free).argmax(-1)[clear], chosen[clear])
+        assert torch.equal(scores(features, free).argmax(-1)[clear], chosen[clear])
 
     def test_weights_come_back(self):
-        one, other = numbers(seed=1)[0], Scores()
+        one, other = network(seed=1), Scores(learned.NETWORK)
         other.load(one.weights())
         assert other.weights() == one.weights()
-        assert len(one.weights()) == learned.SIZE
+        assert len(one.weights()) == learned.NETWORK.weights
 
 
 def trained(folder, seed, iterations=2):
     scenario = Scenario.load("ideal", [*SMALL, "mission.duration=150"])
-    trainer = NodeTrainer(scenario, "straight", NodeConfig(iterations, 8, seed))
+    trainer = DecisionTrainer(NODES, scenario, "straight", DecisionConfig(iterations, 8, seed))
     rows = list(trainer.train(folder / f"{seed}.json", {"scenario": "ideal"}))
     return trainer, rows, json.loads((folder / f"{seed}.json").read_text())
 
@@ -144,7 +143,9 @@ def test_evaluation_is_that_of_the_rule(tmp_path):
 
 def test_learns_what_pays():
     """Of six nodes with features drawn at random, one decision a world; it earns the travel time of its node."""
-    trainer = NodeTrainer(Scenario.load("ideal", [*SMALL]), "straight", NodeConfig(worlds=2, learning_rate=1e-2))
+    trainer = DecisionTrainer(
+        NODES, Scenario.load("ideal", [*SMALL]), "straight", DecisionConfig(worlds=2, learning_rate=1e-2)
+    )
     generator = torch.Generator().manual_seed(2)
 
     def draw(count):
@@ -168,7 +169,7 @@ def test_learns_what_pays():
 
 @pytest.mark.slow
 def test_learns_in_survey():
-    trainer = NodeTrainer(Scenario.load("survey"), "clear", NodeConfig(10, 64))
+    trainer = DecisionTrainer(NODES, Scenario.load("survey"), "clear", DecisionConfig(10, 64))
     before = trainer.evaluate()
     for _ in range(10):
         trainer.iterate()
@@ -222,7 +223,7 @@ class TestCommand:
         def stop(*_):
             raise Interrupted(signal.SIGINT)
 
-        monkeypatch.setattr(NodeTrainer, "iterate", stop)
+        monkeypatch.setattr(DecisionTrainer, "iterate", stop)
         code, stdout, _ = run_usvauv("train-targets", *self.SHORT, "--out", "rule.json")
         assert code == 130
         assert stdout == "stopped after 0 of 1 iterations\n"
@@ -239,5 +240,5 @@ class TestCommand:
         stdout, stderr = run.communicate(timeout=60)
         assert run.returncode == 130, stderr
         assert "Mbit in targets.json" in stdout
-        assert len(parse(f"learned:{tmp_path / 'targets.json'}")[1]) == learned.WEIGHTS + learned.SIZE
+        assert len(parse(f"learned:{tmp_path / 'targets.json'}")[1]) == learned.WEIGHTS + learned.NETWORK.weights
         assert [path.name for path in tmp_path.iterdir()] == ["targets.json"]

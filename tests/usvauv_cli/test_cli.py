@@ -34,7 +34,7 @@ def usvauv(*arguments: object, cwd: Path, code: int = 0) -> subprocess.Completed
 def test_help_names_every_command(tmp_path):
     text = usvauv("--help", cwd=tmp_path).stdout
     assert all(command in text for command in ("simulate", "sea", "train", "eval", "reproduce", "plan", "scenarios"))
-    for command in ("simulate", "sea", "train", "train-targets", "eval", "reproduce", "plan"):
+    for command in ("simulate", "sea", "train", "train-targets", "train-boat", "eval", "reproduce", "plan"):
         assert "Example" in usvauv(command, "--help", cwd=tmp_path).stdout
 
 

@@ -10,7 +10,7 @@ from pettingzoo.test import parallel_api_test
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, ForesightColumn
 from kernels.positioning import tracker
 from usvauv_env import Scenario, ScenarioError, World, parallel_env
-from usvauv_env.world.boat_agent import boat_observed
+from usvauv_env.world.boat_agent import boat_observed, observe_boats
 from usvauv_env.world.global_state import global_state, size
 
 TWO = Scenario.load("wide", ["auv.count=3", "boat.count=2", "nodes.count=20", "mission.duration=40"])
@@ -45,7 +45,7 @@ def test_the_observation_is_what_its_table_says(world):
     world.reset()
     for _ in range(30):
         world.step(still(world), torch.ones(4, 2, 2, device=world.device))
-    observation = world.boat_observation.cpu().numpy()
+    observation = observe_boats(world).cpu().numpy()
     assert observation.shape == (4, 2, len(boat_observed(TWO))) == (4, 2, 2 + 2 + 3 * 5)
     boat, foresight, estimate = (
         array.cpu().numpy() for array in (world.boat[..., :2], world.foresight, world.estimate)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from kernels.interruption import Interrupted
+from usvauv_cli.commands.decisions import learn
 from usvauv_cli.commands.options import (
     Arch,
     Overrides,
@@ -50,7 +49,7 @@ def train_targets(
     `usvauv eval survey --policy clear --targets learned:own.json --targets tour`
     """
     import policies
-    from policies.nodes import NodeConfig, NodeTrainer
+    from policies.decisions import NODES, DecisionTrainer
     from policies.training.provenance import provenance
     from usvauv_env import Scenario
 
@@ -59,20 +58,7 @@ def train_targets(
     writable(out)
     setting = Scenario.load(scenario, overrides or ())
     steering = policy or policies.default(setting)
-    trainer = NodeTrainer(setting, steering, NodeConfig(iterations, worlds, seed), usv, arch)
+    config = replace(NODES.settings, iterations=iterations, worlds=worlds, seed=seed)
+    trainer = DecisionTrainer(NODES, setting, steering, config, usv, arch=arch)
     about = {"scenario": setting.name, "information": setting.nodes.information, "policy": steering, **provenance({})}
-    against = ", ".join(f"{rule} {trainer.evaluate_rule(rule):.1f}" for rule in BASELINES)
-    begun = time.monotonic()
-    try:
-        for result in trainer.train(out, about):
-            typer.echo(
-                f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit with nodes drawn, evaluation"
-                f" {result.evaluated:.1f} Mbit, best {trainer.best:.1f} ({against});"
-                f" {(time.monotonic() - begun) * (iterations / result.iteration - 1):.0f} s left"
-            )
-    except Interrupted:
-        typer.echo(f"stopped after {trainer.iteration} of {iterations} iterations")
-        if math.isfinite(trainer.best):
-            typer.echo(f"best {trainer.best:.1f} Mbit in {out}")
-        raise
-    typer.echo(f"best {trainer.best:.1f} Mbit ({against}) in {out}")
+    learn(trainer, BASELINES, out, about)

@@ -5,7 +5,7 @@ Figures and tables stand in `RESULTS` beside the page and are linked relative to
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def number(value: float, digits: int = 2) -> str:
     """A number with a typographic minus sign."""
-    return f"{value:.{digits}f}".replace("-", "−")
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
 def spread(centre: float, deviation: float, digits: int = 2) -> str:
@@ -233,7 +233,7 @@ def collaboration_section(found: Sequence[collaboration.Point]) -> str:
             for p in found
             if p.axis == axis.name
         )
-        parts += [f"## {axis.name.capitalize()}", table(head, rows)]
+        parts += [f"## {axis.name[0].upper()}{axis.name[1:]}", table(head, rows)]
     return "\n\n".join(parts)
 
 
@@ -250,11 +250,13 @@ def conventions_section(settings: Settings) -> str:
     return "\n\n".join(parts)
 
 
-def made_section(command: str, settings: Settings, commits: Iterable[str], taken: Sequence[str]) -> str:
-    """How the page was made."""
+def made_section(command: str, settings: Settings, commits: Collection[str], taken: Sequence[str]) -> str:
+    """How the page was made; `commits` of the training runs, if there were any."""
     seeds = ", ".join(map(str, settings.seeds))
     last = settings.seeds[0], settings.seeds[-1]
     offset = [f"{seed + EVALUATION_SEED_OFFSET}" for seed in last]
+    if not commits:
+        return "\n\n".join(["## How it was made", f"    {command}", "\n".join(f"- {line}" for line in taken)])
     lines = [
         "## How it was made",
         f"    {command}",
@@ -262,7 +264,7 @@ def made_section(command: str, settings: Settings, commits: Iterable[str], taken
         f" of the worlds tested in: {settings.test_seed}.",
         f"- Training: {settings.steps:,} world-steps a run, {settings.evaluations} evaluations of {settings.judged}"
         f" episodes. Tests: {settings.episodes} episodes a run and condition.",
-        f"- Commits: {', '.join(sorted(commits)) or 'nothing was trained'}.",
+        f"- Commits: {', '.join(sorted(commits))}.",
         *(f"- {line}" for line in taken),
     ]
     return "\n\n".join([*lines[:2], "\n".join(lines[2:])])

@@ -13,7 +13,8 @@ from pettingzoo import ParallelEnv
 from usvauv_env.faces.camera import FPS, MODES
 from usvauv_env.faces.gymnasium_env import DataCollectionEnv
 from usvauv_env.scenario import Scenario
-from usvauv_env.world.boat_agent import AGENT
+from usvauv_env.world.boat_agent import observe_boats
+from usvauv_env.world.boat_strategies import AGENT
 from usvauv_env.world.global_state import global_state, size
 from usvauv_env.world.spaces import action_space, auv_observation_space, boat_observation_space
 
@@ -116,7 +117,7 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     def _by_agent(self, observation: np.ndarray) -> dict[str, np.ndarray]:
         found = {agent: observation[k].copy() for k, agent in enumerate(self._auvs)}
         if self._boats:
-            known = self._team.world.boat_observation[0].numpy(force=True)
+            known = observe_boats(self._team.world)[0].numpy(force=True)
             for row, agent in zip(known, self._boats, strict=True):
                 space = self._observation_spaces[agent]
                 found[agent] = np.clip(row, space.low, space.high)

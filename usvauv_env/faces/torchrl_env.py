@@ -30,7 +30,8 @@ from pathlib import Path
 import torch
 
 from usvauv_env.scenario import Scenario
-from usvauv_env.world.boat_agent import AGENT
+from usvauv_env.world.boat_agent import observe_boats
+from usvauv_env.world.boat_strategies import AGENT
 from usvauv_env.world.spaces import action_space, auv_observation_space, boat_observation_space
 from usvauv_env.world.world import World
 
@@ -186,7 +187,7 @@ class DataCollectionTorchRLEnv(EnvBase):
         ends = {"done": self._over.clone(), "truncated": self._over.clone(), "terminated": torch.zeros_like(self._over)}
         groups = {"agents": agents}
         if self._boats:
-            observed = torch.clamp(world.boat_observation, *self._boat_bounds)
+            observed = torch.clamp(observe_boats(world), *self._boat_bounds)
             groups["boats"] = TensorDict({"observation": observed}, observed.shape[:2], device=self.device)
         return TensorDict({**groups, **ends}, batch_size=self.batch_size, device=self.device)
 

@@ -1,7 +1,7 @@
-"""Boats as agents, with the strategy `agent`: what a boat observes, and what its action is.
+"""Boats as agents, with the strategy `agent`: what a boat observes.
 
-Observation of boat b, float32, with D the area's diagonal, K AUVs and B boats: `boat_observed` tabulates it. Action,
-(2,) in [−1, 1]: the boat's velocity through the water over its top speed, the norm clamped to 1.
+Observation of boat b, float32, with D the area's diagonal, K AUVs and B boats: `boat_observed` tabulates it. What a
+boat's action is says `World.step`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from usvauv_env.world.observation import POSITION_BOUND, Quantity
 if TYPE_CHECKING:
     from usvauv_env.world.world import World
 
-AGENT = "agent"  # the strategy
 SILENCE = 300.0  # s, the unit of times
 LONGEST = 10.0  # of these units, beyond which all are alike
 
@@ -42,7 +41,7 @@ def boat_observed(scenario: Scenario) -> list[Quantity]:
     return [Quantity(index, *row) for index, row in enumerate(rows)]
 
 
-def observe(world: World) -> torch.Tensor:
+def observe_boats(world: World) -> torch.Tensor:
     """What all boats observe, (W, B, number of `boat_observed`)."""
     scale = 1.0 / world.scenario.area.diagonal
     own = world.boat[..., BoatColumn.span("x", "y")]
@@ -58,22 +57,3 @@ def observe(world: World) -> torch.Tensor:
     others = (own[:, None] - own[:, :, None]) * scale
     rest = ~torch.eye(boats, dtype=torch.bool, device=own.device)
     return torch.cat([own * scale, others[:, rest].reshape(len(own), boats, -1), each], -1)
-
-
-def steer(world: World, action: torch.Tensor) -> None:
-    """Make the place that a step at the velocity of an action (W, B, 2) leads to each boat's goal.
-
-    Raises:
-        ValueError: an action of another shape, or one that is not finite.
-    """
-    expected = (*world.boat.shape[:2], 2)
-    if action.shape != expected:
-        raise ValueError(f"boat_action has shape {tuple(action.shape)}: must be {expected}")
-    if not torch.isfinite(action).all():
-        raise ValueError("boat_action: all numbers must be finite")
-    boat, step = world.scenario.boat, world.scenario.mission.step
-    velocity = boat.top_speed * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
-    if boat.drifts:
-        velocity = velocity + world.boat[..., BoatColumn.span("current_x", "current_y")]
-    place = world.boat[..., BoatColumn.span("x", "y")] + step * velocity
-    world.boat[..., BoatColumn.span("goal_x", "goal_y")] = place

@@ -7,11 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from kernels.mission import boat_strategies as kernel
+from kernels.mission import learned_visits
 from kernels.mission.worlds import Strategy
 from kernels.planning import receding_horizon
 from kernels.registry import Registry
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.world.boat_agent import AGENT
+
+AGENT = "agent"  # the strategy of boats that act
 
 
 def _no_check(scenario: Scenario, numbers: Sequence[float]) -> str:
@@ -28,12 +30,14 @@ class BoatStrategy:
             `worlds.strategy_arguments`.
         refuse: (scenario, numbers) → why they cannot be used together, or an empty text.
         repeats: the numbers can also be given for each boat, one boat after the other.
+        read: for a strategy whose numbers are in a file: what follows the name → the numbers; raises ValueError.
     """
 
     functions: Strategy
     arguments: tuple[str, ...] = ()
     refuse: Callable[[Scenario, Sequence[float]], str] = _no_check
     repeats: bool = False
+    read: Callable[[str], tuple[float, ...]] | None = None
 
 
 boat_strategies: Registry[BoatStrategy] = Registry("usv", ScenarioError, BoatStrategy)
@@ -62,33 +66,48 @@ class StrategyChoice:
         """
         text = scenario.boat.strategy if given is None else given
         field = "boat.strategy" if given is None else "usv"
-        name, colon, rest = text.partition(":")
-        if name not in boat_strategies or (colon and not boat_strategies[name].arguments):
-            raise ScenarioError(
-                f"{field}: {text!r}: allowed are {', '.join(_usage(known) for known in boat_strategies)}"
-            )
-        strategy = boat_strategies[name]
-        try:
-            numbers = tuple(float(part) for part in rest.split(",")) if strategy.arguments else ()
-        except ValueError:
-            numbers = None
-        counts = {len(strategy.arguments)}
-        if strategy.repeats:
-            counts.add(scenario.boat.count * len(strategy.arguments))
-        if numbers is None or len(numbers) not in counts or not all(map(math.isfinite, numbers)):
-            examples = " or ".join(f"{name}:{','.join(['100'] * count)}" for count in sorted(counts))
-            raise ScenarioError(f"{field}: {text!r}: expected {_usage(name)}, for example {examples}")
+        name, colon, _ = text.partition(":")
+        strategy = boat_strategies.get(name)
+        if strategy is None or (colon and not strategy.arguments and strategy.read is None):
+            raise ScenarioError(f"{field}: {text!r}: allowed are {', '.join(map(_usage, boat_strategies))}")
+        numbers = _numbers_of(field, text, scenario.boat.count)
         with boat_strategies.calling(name):
             problem = strategy.refuse(scenario, numbers)
         if not isinstance(problem, str):
             raise boat_strategies.refuse(name, problem, "a text, empty where nothing is wrong")
         if problem:
             raise ScenarioError(f"{field}: {text!r}{problem}")
+        if strategy.read is not None:
+            return cls(text, strategy, numbers)
         shown = f"{name}:{','.join(f'{number:g}' for number in numbers)}" if numbers else name
         return cls(shown, strategy, numbers)
 
 
+def _numbers_of(field: str, text: str, boats: int) -> tuple[float, ...]:
+    """The numbers of a strategy that was given by a name that is known."""
+    name, _, rest = text.partition(":")
+    strategy = boat_strategies[name]
+    if strategy.read is not None:
+        try:
+            return strategy.read(rest)
+        except ValueError as error:
+            raise ScenarioError(f"{field}: {error}") from None
+    try:
+        numbers = tuple(float(part) for part in rest.split(",")) if strategy.arguments else ()
+    except ValueError:
+        numbers = None
+    counts = {len(strategy.arguments)}
+    if strategy.repeats:
+        counts.add(boats * len(strategy.arguments))
+    if numbers is None or len(numbers) not in counts or not all(map(math.isfinite, numbers)):
+        examples = " or ".join(f"{name}:{','.join(['100'] * count)}" for count in sorted(counts))
+        raise ScenarioError(f"{field}: {text!r}: expected {_usage(name)}, for example {examples}")
+    return numbers
+
+
 def _usage(name: str) -> str:
+    if boat_strategies[name].read is not None:
+        return f"{name}:FILE"
     arguments = boat_strategies[name].arguments
     return f"{name}:{','.join(arguments)}" if arguments else name
 
@@ -124,6 +143,9 @@ boat_strategies.register("centroid", BoatStrategy(kernel.CENTROID))  # the mean 
 # Where the AUV is that is least certain of itself; where the AUVs' uncertainty costs least over the minutes to come.
 boat_strategies.register("visit", BoatStrategy(kernel.VISIT, refuse=_needs_reckoning))
 boat_strategies.register("belief", BoatStrategy(kernel.BELIEF, refuse=_needs_reckoning))
-# Where its actions lead, see `usvauv_env.world.boat_agent`.
+# Where its actions lead, see `World.step`.
 boat_strategies.register(AGENT, BoatStrategy(kernel.AGENT, refuse=_needs_reckoning))
+boat_strategies.register(  # where a network says that trained in such missions
+    "learned", BoatStrategy(kernel.LEARNED, refuse=_needs_reckoning, read=learned_visits.read_weights)
+)
 boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area, repeats=True))  # points of the area, m

@@ -39,9 +39,8 @@ from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.storm import AirySea
 from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
-from usvauv_env.world import boat_agent, tables
-from usvauv_env.world.boat_agent import AGENT
-from usvauv_env.world.boat_strategies import StrategyChoice, boat_strategies
+from usvauv_env.world import tables
+from usvauv_env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 from usvauv_env.world.state_check import bounds_of, check_state, first_outside
 
@@ -83,7 +82,7 @@ class World:
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1.
         usv: strategy of the boats, in place of the scenario's `boat.strategy`: "fim", "fim-greedy", "fim-horizon",
-            "visit", "belief", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid",
+            "visit", "belief", "learned:FILE", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid",
             "agent" (see `step`) or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
@@ -123,6 +122,7 @@ class World:
         self.num_auvs = scenario.auv.count
         self.seed = seed
         self.strategy = StrategyChoice.parse(usv, scenario)
+        self._boat_workspace = max(1, self.strategy.strategy.functions.workspace(self.num_auvs, scenario.boat.count))
         self.reward_names = scenario.task_definition.reward_names
         self.steps = scenario.mission.steps
         self.observation_layout = ObservationLayout.of(scenario)
@@ -157,7 +157,8 @@ class World:
             "reward_terms": (*team, len(self.reward_names)),
         }
         numbers = sum(map(room, shapes.values()))
-        memory = 4.0 * (WORKSPACE * numbers + num_worlds * tables.rule_workspace(scenario))
+        workspaces = tables.rule_workspace(scenario) + self._boat_workspace
+        memory = 4.0 * (WORKSPACE * numbers + num_worlds * workspaces)
         require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
         self._numbers = self._zeros(numbers)  # together, so that one look finds any fault
         parts = self._numbers.split([room(shape) for shape in shapes.values()])
@@ -215,6 +216,16 @@ class World:
         """What the target rule has left in its workspace, (W, ≥ 1)."""
         return self._constants["workspace"]
 
+    @property
+    def strategy_arguments(self) -> torch.Tensor:
+        """Numbers of the boat strategy, (≥ 1,); what is written there holds from the next step on."""
+        return self._constants["strategy_arguments"]
+
+    @property
+    def boat_workspace(self) -> torch.Tensor:
+        """What the boat strategy has left in its workspace, (W, ≥ 1)."""
+        return self._constants["boat_workspace"]
+
     def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
         """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation."""
         if mask is None:
@@ -235,12 +246,12 @@ class World:
 
         Args:
             action: (num_worlds, num_auvs, 2) in [−1, 1].
-            boat_action: (num_worlds, boats, 2) in [−1, 1], with the strategy "agent" and no other, see
-                `usvauv_env.world.boat_agent`.
+            boat_action: (num_worlds, boats, 2) in [−1, 1], with the strategy "agent" and no other: velocity through
+                the water over the boat's top speed, its norm clamped to 1.
 
         Raises:
-            ValueError: an action of another shape, or on a CPU one that is not finite; a boat's action is missing, or
-                there is one too many.
+            ValueError: an action of another shape, or on a CPU one that is not finite.
+            ScenarioError: a boat's action is missing, or there is one and the strategy is not "agent".
             DivergenceError: a number of the state is not finite or has run away, on a GPU also after an action that is
                 not finite; there it is raised by the step after.
 
@@ -256,9 +267,9 @@ class World:
             raise ValueError("action: all numbers must be finite")
         if (boat_action is None) == (self.strategy.name == AGENT):
             needs = "missing" if boat_action is None else "given"
-            raise ValueError(f"boat_action: {needs}, but the boat's strategy is {self.strategy.name!r}")
+            raise ScenarioError(f"boat_action: {needs}, but the boat's strategy is {self.strategy.name!r}")
         if boat_action is not None:
-            boat_agent.steer(self, boat_action.detach())
+            self._steer_boats(boat_action.detach())
         self._steps_since_sea += 1
         for _ in range(self._sea_updates(self._steps_since_sea) - self._sea_updates(self._steps_since_sea - 1)):
             self._watch.advance()
@@ -274,6 +285,20 @@ class World:
         info = {"reward_terms": self.reward_terms, "measures": self.measures()}
         return self.observation, self.reward, horizon_ended, truncated, info
 
+    def _steer_boats(self, action: torch.Tensor) -> None:
+        """Make the place that a step at the velocity of an action (W, B, 2) leads to each boat's goal."""
+        expected = (*self.boat.shape[:2], 2)
+        if action.shape != expected:
+            raise ValueError(f"boat_action has shape {tuple(action.shape)}: must be {expected}")
+        if not torch.isfinite(action).all():
+            raise ValueError("boat_action: all numbers must be finite")
+        boat = self.scenario.boat
+        velocity = boat.top_speed * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
+        if boat.drifts:
+            velocity = velocity + self.boat[..., BoatColumn.span("current_x", "current_y")]
+        place = self.boat[..., BoatColumn.span("x", "y")] + self.scenario.mission.step * velocity
+        self.boat[..., BoatColumn.span("goal_x", "goal_y")] = place
+
     @property
     def own_position(self) -> torch.Tensor:
         """Where each AUV takes itself to be, (W, K, 2), m: by its own filter, or as the boat has it."""
@@ -286,11 +311,6 @@ class World:
         foresees = self.strategy.strategy.functions.foresees
         places, names = (self.foresight, ForesightColumn) if foresees else (self.estimate, EstimateColumn)
         return places[..., names.span("x", "y")]
-
-    @property
-    def boat_observation(self) -> torch.Tensor:
-        """What the boats observe with the strategy "agent", (W, B, .), see `usvauv_env.world.boat_agent`."""
-        return boat_agent.observe(self)
 
     def rewind(self) -> None:
         """Make the next `reset` begin the first episode again, as in a new world of the same seed."""
@@ -427,6 +447,7 @@ class World:
                 constant_range=runtime.constant_range(self.num_worlds),
             ),
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(scenario)),
+            "boat_workspace": self._zeros(self.num_worlds, self._boat_workspace),
             "observation_first": torch.tensor(first, dtype=torch.int32, device=self.device),
             "key_low": key & 0xFFFFFFFF,
             "key_high": key >> 32,

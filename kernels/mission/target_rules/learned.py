@@ -1,35 +1,22 @@
 """A learned rule: a small network corrects what `rollout` expects of each of its candidates.
 
-    score_i = g F_i + w₂ · max(0, W₁ f_i + b₁)
-
-F_i is what comes in by `rollout` if the AUV goes to node i next, less the same of the best candidate, in buffers; f_i
-are the features of the node (`Feature`). The network looks at one node at a time, so it takes any number of nodes and
-AUVs; what it sees of the others are sums over all nodes. Weights come from a file that `usvauv train-targets` writes
-(`policies/nodes`).
-
-While it learns, nodes are drawn with probabilities in proportion to exp(score), and what was seen and chosen is left in
-the workspace.
+The network is that of `kernels.mission.candidate_scores`; its first feature is what comes in by `rollout` if the AUV
+goes to the node next, less the same of the best candidate, in buffers. Weights come from a file that
+`usvauv train-targets` writes (`policies/decisions`).
 """
-
-import json
-from pathlib import Path
 
 import taichi as ti
 import torch
 
+from kernels.mission import candidate_scores
+from kernels.mission.candidate_scores import HEAD, Decision, Network
 from kernels.mission.columns import AuvColumn, BeliefColumn, Draw, EstimateColumn, Information, NodeColumn, Parameter
 from kernels.mission.target_rules import knowledge, rollout
 from kernels.mission.target_rules.rule import TargetRule
 from kernels.mission.target_rules.value import distance, travel_time
-from kernels.mission.worlds import uniforms
 from kernels.types import Columns, vec2
 
-UNTRAINED = "untrained"  # the rule `rollout` with `HORIZON`
-START_GAIN = 60.0  # g; with less, what is drawn while it learns is far worse than the best
 HORIZON = 40.0  # T of the rollouts, s
-HIDDEN = 32
-LARGEST_WEIGHT = 1e3
-LARGEST_FILE = 1_000_000  # bytes
 NEIGHBOURHOOD = 50.0  # m
 TIME = 100.0  # s, the unit of times
 FAR = 3.0  # times, beyond which all are alike
@@ -54,44 +41,20 @@ class Feature(Columns):
     end: int  # exp(−time left)
 
 
-class Decision(Columns):
-    """What is left in the workspace of a decision; the features of all nodes, and whether each was tried, follow."""
-
-    made: int  # 1; whoever reads it makes it 0
-    chosen: int
-
-
 FEATURES = len(Feature.names)
-HEAD = len(Decision.names)
-SIZE = HIDDEN * (FEATURES + 2) + 1
-EXPLORE, WEIGHTS = 1, 2  # places in `rule_numbers` after T: whether nodes are drawn; g, W₁, b₁, w₂
+NETWORK = Network(FEATURES, Feature.future, 60.0, "rule", "train-targets")
+EXPLORE, WEIGHTS = 1, 2  # places in `rule_numbers` after T
 
 
 def read_weights(text: str) -> tuple[float, ...]:
-    """`rule_numbers` for the weights of a JSON file, or for those before training.
-
-    Raises:
-        ValueError: there is no such file, or it does not hold the numbers of this network.
-    """
-    if text == UNTRAINED:
-        return (HORIZON, 0.0, START_GAIN, *(SIZE - 1) * [0.0])
-    weights: list[float] = []
-    path = Path(text)
-    try:
-        if path.is_file() and path.stat().st_size <= LARGEST_FILE:  # a device may never end
-            weights = [float(weight) for weight in json.loads(path.read_text())["weights"]]
-    except (OSError, ValueError, TypeError, KeyError, ArithmeticError, RecursionError):
-        weights = []
-    if len(weights) != SIZE or not all(abs(weight) <= LARGEST_WEIGHT for weight in weights):
-        raise ValueError(f"learned:{text}: no weights of a learned rule; expected a file of `usvauv train-targets`")
-    return (HORIZON, 0.0, *weights)
+    """`rule_numbers` for the weights of a JSON file, or for those before training; raises ValueError."""
+    return (HORIZON, 0.0, *NETWORK.read(text))
 
 
 @ti.func
 def decision(worlds: ti.template(), k):
     """Place in the workspace of the decision of AUV k, after the numbers of the rollouts."""
-    size = HEAD + worlds.node.shape[1] * (FEATURES + 1)
-    return rollout.expected(worlds, worlds.node.shape[1]) + k * size
+    return rollout.expected(worlds, worlds.node.shape[1]) + k * (HEAD + worlds.node.shape[1] * (FEATURES + 1))
 
 
 @ti.func
@@ -200,21 +163,6 @@ def see_future(worlds: ti.template(), w, k):
 
 
 @ti.func
-def score(worlds: ti.template(), w, k, i):
-    """The network's score of node i."""
-    weight = ti.static(worlds.rule_numbers)
-    work = ti.static(worlds.workspace)
-    total = weight[WEIGHTS] * work[w, place(worlds, k, i, Feature.future)]
-    for h in range(HIDDEN):
-        first = WEIGHTS + 1 + h * (FEATURES + 2)
-        hidden = weight[first + FEATURES]
-        for f in ti.static(range(FEATURES)):
-            hidden += weight[first + f] * work[w, place(worlds, k, i, f)]
-        total += weight[first + FEATURES + 1] * ti.max(hidden, 0.0)
-    return total
-
-
-@ti.func
 def learned(worlds: ti.template(), w, k):
     """The candidate with the largest score; while it learns, one drawn by exp(score) (Gumbel's trick)."""
     node = ti.static(worlds.node)
@@ -226,10 +174,11 @@ def learned(worlds: ti.template(), w, k):
     most = -1e30
     for i in range(node.shape[1]):
         if worlds.workspace[w, place(worlds, k, i, FEATURES)] > 0.0:
-            value = score(worlds, w, k, i)
+            value = candidate_scores.score(
+                NETWORK, worlds.rule_numbers, WEIGHTS, worlds.workspace, w, place(worlds, k, i, 0)
+            )
             if worlds.rule_numbers[EXPLORE] > 0.0:
-                u = uniforms(worlds, w, Draw.decision, k * node.shape[1] + i)
-                value -= ti.log(-ti.log(u[0]))
+                value += candidate_scores.gumbel(worlds, w, Draw.decision, k * node.shape[1] + i)
             if value > most:
                 best = i
                 most = value
@@ -248,7 +197,7 @@ def decisions(workspace: torch.Tensor, num_nodes: int, num_auvs: int) -> torch.T
 
 def workspace(num_nodes: int, num_auvs: int) -> int:
     """The numbers of the rollouts, and the decisions of all AUVs."""
-    return rollout.workspace(num_nodes, num_auvs) + num_auvs * (HEAD + num_nodes * (FEATURES + 1))
+    return rollout.workspace(num_nodes, num_auvs) + num_auvs * NETWORK.decision(num_nodes)
 
 
 LEARNED = TargetRule(learned, workspace=workspace, read=read_weights)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import torch
 
+from kernels.mission.candidate_scores import HEAD, HIDDEN, Decision
 from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
 from kernels.mission.target_rules import learned
-from kernels.mission.target_rules.learned import FEATURES, HIDDEN, Feature
+from kernels.mission.target_rules.learned import FEATURES, Feature
 from tests.kernels.mission.test_target_rules import CALM, choices, rollout, run
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World
@@ -19,7 +20,7 @@ UNEQUAL = (*CALM, "nodes.arrival_rates=[1,4,30]")
 
 
 def weights(seed):
-    return np.random.default_rng(seed).normal(size=learned.SIZE) * 0.4
+    return np.random.default_rng(seed).normal(size=learned.NETWORK.weights) * 0.4
 
 
 def rule(tmp_path, numbers):
@@ -100,7 +101,7 @@ def test_sees_and_scores(tmp_path, information):
             else:
                 taken |= {*np.flatnonzero(world.node[w, :, NodeColumn.owner].numpy() != k)}
             features, free = seen(world, w, k, taken, after, float(number))
-            work = learned.decisions(world.rule_workspace, 12, 3)[w, k, learned.HEAD :]
+            work = learned.decisions(world.rule_workspace, 12, 3)[w, k, HEAD:]
             work = work.reshape(12, FEATURES + 1).numpy()
             if information == "full":
                 packets = rollout(scenario, after, w, k, learned.HORIZON)
@@ -135,10 +136,10 @@ def test_draws_follow_the_scores():
     world.rule_numbers[learned.WEIGHTS] = 0.7
     world.reset()
     work = learned.decisions(world.rule_workspace, 12, 3)[:, 0]
-    table = work[:, learned.HEAD :].reshape(4000, 12, FEATURES + 1).double()
+    table = work[:, HEAD:].reshape(4000, 12, FEATURES + 1).double()
     scores = (0.7 * table[..., Feature.future]).masked_fill(table[..., FEATURES] == 0, -math.inf)
     probability = scores.softmax(-1)
-    chosen = work[:, learned.Decision.chosen].long()
+    chosen = work[:, Decision.chosen].long()
     for wanted in (probability.argmax(-1), torch.zeros_like(chosen)):
         p = probability.gather(1, wanted[:, None])[:, 0]
         deviation = (p * (1 - p)).sum().sqrt()
@@ -164,11 +165,11 @@ def test_fewer_nodes_than_auvs(nodes):
         "[]",
         "{}",
         '{"weights": []}',
-        json.dumps({"weights": [0.0] * (learned.SIZE - 1)}),
-        json.dumps({"weights": [0.0] * (learned.SIZE - 1) + ["x"]}),
-        json.dumps({"weights": [0.0] * (learned.SIZE - 1) + [math.nan]}),
-        json.dumps({"weights": [0.0] * (learned.SIZE - 1) + [1e9]}),
-        json.dumps({"weights": [0.0] * (learned.SIZE - 1) + [10**400]}),
+        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1)}),
+        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1) + ["x"]}),
+        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1) + [math.nan]}),
+        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1) + [1e9]}),
+        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1) + [10**400]}),
         "[" * 100_000,
     ],
 )

@@ -1,9 +1,8 @@
-"""Training of the learned target rule by proximal policy optimisation.
+"""Training of decisions between candidates by proximal policy optimisation.
 
 Schulman et al., 2017, arXiv 1707.06347, with generalised advantages (Schulman et al., 2016, arXiv 1506.02438). A
-decision lasts until the next one of any AUV in its world, so the process is semi-Markov (Bradtke and Duff, 1994,
-NeurIPS 7): what comes Δt later counts exp(−Δt/T) less. A decision earns the data of the service that it leads to.
-Counted when they are delivered, they would come after decisions of other AUVs that have no part in them.
+decision lasts until the next one in its world, so the process is semi-Markov (Bradtke and Duff, 1994, NeurIPS 7): what
+comes Δt later counts exp(−Δt/T) less.
 """
 
 from __future__ import annotations
@@ -19,11 +18,10 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from kernels.mission.columns import AuvColumn
-from kernels.mission.target_rules import learned
+from kernels.mission.candidate_scores import UNTRAINED, Network
+from policies.decisions.network import TYPICAL, Scores, Value, split
 from policies.evaluation import EVALUATION_SEED_OFFSET, evaluate
 from policies.loading import acting
-from policies.nodes.network import TYPICAL, Scores, Value, split
 from usvauv_env import Scenario
 from usvauv_env.files import atomic_write
 from usvauv_env.world.world import World
@@ -35,7 +33,7 @@ Act = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)
-class NodeConfig:
+class DecisionConfig:
     """Settings of the training.
 
     Attributes:
@@ -68,10 +66,10 @@ class Decisions:
     """D decisions, in the order of their worlds and times.
 
     Attributes:
-        seen: (D, ·) as the workspace had them.
+        seen: (D, ·) as the worlds left them, see `kernels.mission.candidate_scores`.
         world: (D,) of each.
         time: (D,) s.
-        earned: (D,) data of the service that follows, Mbit, as they count at the time of the decision.
+        earned: (D,) Mbit, as they count at the time of the decision.
         total: (W,) data delivered in the episode, Mbit.
     """
 
@@ -82,38 +80,29 @@ class Decisions:
     total: Tensor
 
 
-def collect(world: World, act: Act, numbers: Tensor, horizon: float) -> Decisions:
-    """The decisions of the next episode of all worlds, with these numbers of the rule; data count exp(−t/horizon)."""
-    world.rule_numbers[:] = numbers
-    work = learned.decisions(world.rule_workspace, world.node.shape[1], world.num_auvs)
-    work[..., learned.Decision.made] = 0
-    observation = world.reset()
-    delivered = world.auv.new_zeros(world.num_worlds)
-    parts: list[tuple[Tensor, ...]] = []
+@dataclass(frozen=True)
+class Learner:
+    """What learns to decide.
 
-    def gather(step: int) -> None:
-        worlds, auvs = work[..., learned.Decision.made].nonzero(as_tuple=True)
-        if len(worlds):
-            time = delivered.new_full((len(worlds),), step * world.scenario.mission.step)
-            parts.append((work[worlds, auvs], worlds, auvs, time, world.auv[worlds, auvs, AuvColumn.delivered]))
-            work[worlds, auvs, learned.Decision.made] = 0
+    Attributes:
+        form: of its network.
+        argument: of `World` that names it, "usv" or "targets".
+        numbers: (world) → the array in which the kernel finds its numbers.
+        before: those before `explore` and the weights.
+        collect: (world, act, horizon) → the decisions of the world's next episode and what they earned, counted
+            exp(−t/horizon) t later.
+        settings: that suit it.
+    """
 
-    gather(0)
-    for step in range(1, world.steps + 1):
-        observation = world.step(act(observation))[0]
-        delivered += world.auv[..., AuvColumn.delivered].sum(-1)
-        gather(step)
-    seen, worlds, auvs, time, done = (torch.cat(part) for part in zip(*parts, strict=True))
-    each = (worlds * world.num_auvs + auvs).argsort(stable=True)  # the decisions of an AUV one after the other
-    same = (worlds[each[1:]] == worlds[each[:-1]]) & (auvs[each[1:]] == auvs[each[:-1]])
-    earned = torch.zeros_like(done)
-    earned[each[:-1]] = same * done[each[1:]] * torch.exp(-(time[each[1:]] - time[each[:-1]]) / horizon)
-    order = worlds.argsort(stable=True)
-    order = order[time[order] < world.steps * world.scenario.mission.step]  # those after the last step come to nothing
-    return Decisions(seen[order], worlds[order], time[order], earned[order], delivered)
+    form: Network
+    argument: str
+    numbers: Callable[[World], Tensor]
+    before: tuple[float, ...]
+    collect: Callable[[World, Act, float], Decisions]
+    settings: DecisionConfig
 
 
-def advantages(decisions: Decisions, value: Tensor, config: NodeConfig) -> Tensor:
+def advantages(decisions: Decisions, value: Tensor, config: DecisionConfig) -> Tensor:
     """Advantage of each decision over its value, Mbit."""
     world, time = decisions.world, decisions.time
     last = torch.ones_like(world, dtype=torch.bool)
@@ -134,8 +123,8 @@ class Progress:
 
     Attributes:
         iteration: done.
-        sampled: mean data of the worlds learned from in the last iteration, where nodes are drawn, Mbit.
-        evaluated: mean data of the evaluation's worlds, where the best node is taken, Mbit.
+        sampled: mean data of the worlds learned from in the last iteration, where candidates are drawn, Mbit.
+        evaluated: mean data of the evaluation's worlds, where the best one is taken, Mbit.
     """
 
     iteration: int
@@ -143,8 +132,8 @@ class Progress:
     evaluated: float
 
 
-class NodeTrainer:
-    """Learns scores of nodes for a scenario.
+class DecisionTrainer:
+    """Learns to decide in a scenario.
 
     Attributes:
         scores: the network.
@@ -154,29 +143,35 @@ class NodeTrainer:
 
     def __init__(
         self,
+        learner: Learner,
         scenario: Scenario,
         steering: str,
-        config: NodeConfig = NodeConfig(),
+        config: DecisionConfig,
         usv: str | None = "centroid",
+        targets: str | None = None,
         arch: str = "auto",
     ) -> None:
-        """Begin with the scores of the rule `rollout`.
+        """Begin with the scores before training.
 
         Args:
-            scenario: any of the task data-collection; its own target rule does not count.
+            learner: what learns.
+            scenario: any of the task data-collection.
             steering: policy of the AUVs, as `policies.load` takes it.
-            config, usv, arch: settings, boat and architecture.
+            config, usv, targets, arch: settings, boat, target rule and architecture; what learns takes the place of
+                boat or target rule.
         """
-        rule = f"learned:{learned.UNTRAINED}"
-        self.world = World(scenario, config.worlds, config.seed, usv, rule, arch=arch)
-        self._evaluated_in = partial(
-            World, scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch
-        )
-        self._evaluation = self._evaluated_in(targets=rule)
-        self.config, self._steering, self._act = config, steering, acting(steering, self.world)
+
+        def worlds(count: int, seed: int, name: str = f"learned:{UNTRAINED}") -> World:
+            chosen = {"usv": usv, "targets": targets, learner.argument: name}
+            return World(scenario, count, seed, chosen["usv"], chosen["targets"], arch=arch)
+
+        self.world = worlds(config.worlds, config.seed)
+        self._evaluated_in = partial(worlds, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET)
+        self._evaluation = self._evaluated_in()
+        self._learner, self.config, self._steering, self._act = learner, config, steering, acting(steering, self.world)
         torch.manual_seed(config.seed)
         device = self.world.device
-        self.scores, self._value = Scores().to(device), Value().to(device)
+        self.scores, self._value = Scores(learner.form).to(device), Value(learner.form.features).to(device)
         self._adam = torch.optim.Adam([*self.scores.parameters(), *self._value.parameters()], config.learning_rate)
         self.iteration, self.best = 0, -math.inf
 
@@ -196,15 +191,16 @@ class NodeTrainer:
 
     def evaluate(self) -> float:
         """Mean data of the evaluation's worlds, the same in every call, Mbit."""
-        self._evaluation.rule_numbers[:] = self._numbers(explore=False)
+        self._set_numbers(self._evaluation, explore=False)
         return evaluate(self._evaluation, self._steering)["delivered_mbit"]
 
-    def evaluate_rule(self, rule: str) -> float:
-        """The same of another target rule, Mbit."""
-        return evaluate(self._evaluated_in(targets=rule), self._steering)["delivered_mbit"]
+    def evaluate_other(self, name: str) -> float:
+        """The same of another target rule or boat strategy, Mbit."""
+        return evaluate(self._evaluated_in(name), self._steering)["delivered_mbit"]
 
-    def _numbers(self, explore: bool) -> Tensor:
-        return torch.tensor([learned.HORIZON, float(explore), *self.scores.weights()], device=self.world.device)
+    def _set_numbers(self, world: World, explore: bool) -> None:
+        numbers = self._learner.numbers(world)
+        numbers[:] = numbers.new_tensor([*self._learner.before, float(explore), *self.scores.weights()])
 
     def iterate(self) -> float:
         """Collect one episode of all worlds and learn from it; returns its mean data, Mbit."""
@@ -212,7 +208,8 @@ class NodeTrainer:
         done = self.iteration / config.iterations
         for group in self._adam.param_groups:
             group["lr"] = config.learning_rate * max(1 - done, 0.05)
-        decisions = collect(self.world, self._act, self._numbers(explore=True), config.horizon)
+        self._set_numbers(self.world, explore=True)
+        decisions = self._learner.collect(self.world, self._act, config.horizon)
         self.learn(decisions, entropy=config.entropy * (1 - done))
         self.iteration += 1
         return decisions.total.mean().item()
@@ -220,7 +217,7 @@ class NodeTrainer:
     def learn(self, decisions: Decisions, entropy: float) -> None:
         """Improve the scores by decisions that they have drawn; `entropy` is the weight of their entropy."""
         config = self.config
-        features, free, chosen = split(decisions.seen)
+        features, free, chosen = split(decisions.seen, self._learner.form.features)
         batches = torch.arange(len(chosen)).split(config.batch)
         with torch.no_grad():
             value = torch.cat([self._value(features[part]) for part in batches])
@@ -243,7 +240,7 @@ class NodeTrainer:
                 self._adam.step()
 
     def _log_probability(self, features: Tensor, free: Tensor, chosen: Tensor) -> tuple[Tensor, Tensor]:
-        """ln of the probabilities of the nodes chosen (D,), and the mean entropy of the choices."""
+        """ln of the probabilities of what was chosen (D,), and the mean entropy of the choices."""
         logarithms = self.scores(features, free).log_softmax(-1)
         entropy = -(logarithms.exp() * logarithms.clamp(min=-50)).sum(-1).mean()
         return logarithms.gather(1, chosen[:, None])[:, 0], entropy
