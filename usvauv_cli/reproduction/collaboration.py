@@ -99,7 +99,7 @@ AXES = (
     Axis(
         "number of boats at 150 m",
         {1.0: NEAR} | {n: (f"{n:g}-boats", (*NEAR[1], f"boat.count={n:g}")) for n in (2.0, 3.0, 4.0)},
-        ("centroid", "visit", "belief"),
+        ("centroid", "fim", "visit", "belief"),
     ),
 )
 PERFECT = Missions(
@@ -186,10 +186,10 @@ def _draw(found: Sequence[Point], place: Path) -> None:
     drawn = figure.titled_figure(
         13.2, 7.6,
         "What the boat's strategy brings in",
-        f"data of 8 AUVs over those with perfect fixes; {found[0].episodes} episodes of `{WIDE}`, the same for all;"
+        f"data of 8 AUVs over those with perfect fixes; {found[0].episodes} episodes of {WIDE}, the same for all;"
         " bars: 95 % of the mean",
     )  # fmt: skip
-    grid = drawn.add_gridspec(2, 2, left=0.06, right=0.985, bottom=0.12, top=0.87, wspace=0.12, hspace=0.4)
+    grid = drawn.add_gridspec(2, 2, left=0.06, right=0.985, bottom=0.12, top=0.85, wspace=0.12, hspace=0.34)
     most = found[0].means["delivered_mbit"] / found[0].share
     panels = [drawn.add_subplot(grid[n // 2, n % 2]) for n in range(len(AXES))]
     for axes, axis in zip(panels, AXES, strict=True):
