@@ -379,26 +379,44 @@ def plan(worlds: ti.template(), w, b) -> vec2:
 
 
 @ti.func
-def go(worlds: ti.template(), w, b) -> vec2:
-    """Boat b's goal: that of the last plan, until it has heard whom it went to, or has arrived, or it is old.
-
-    It is old too where another boat serves that AUV by now. Without an AUV the boat stays where it is.
-    """
-    boat = ti.static(worlds.boat)
-    time = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
-    visited = ti.cast(boat[w, b, BoatColumn.visits], ti.i32)
-    goal = vec2(boat[w, b, BoatColumn.goal_x], boat[w, b, BoatColumn.goal_y])
-    due = time - boat[w, b, BoatColumn.planned] >= PATIENCE
-    if visited != NOBODY and not serving.serves(worlds, w, b, ti.max(visited, 0)):
-        visited = NOBODY
-        due = True
+def aim(worlds: ti.template(), w, b) -> vec2:
+    """Where boat b goes by its last plan: where the AUV that it visits is foreseen, or the place planned, m."""
+    visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
+    goal = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
     if visited != NOBODY:
         goal = foreseen_place(worlds, w, visited)
-        due = due or worlds.exchange[w, visited, ExchangeColumn.elapsed] < 2.0 * worlds.p[Parameter.step]
-    away = goal - vec2(boat[w, b, BoatColumn.x], boat[w, b, BoatColumn.y])
+    return goal
+
+
+@ti.func
+def just_heard(worlds: ti.template(), w, k):
+    """Whether AUV k was heard in the last step."""
+    return worlds.exchange[w, k, ExchangeColumn.elapsed] < 2.0 * worlds.p[Parameter.step]
+
+
+@ti.func
+def is_due(worlds: ti.template(), w, b, patience):
+    """Whether it is time to plan: whom boat b went to is heard, or served by another boat, or it has arrived there.
+
+    Args:
+        patience: longest time between two plans, s; the shortest is `INTERVAL`.
+    """
+    visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
+    over = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step] - worlds.boat[w, b, BoatColumn.planned]
+    due = over >= patience
+    if visited != NOBODY:
+        due = due or just_heard(worlds, w, visited) or not serving.serves(worlds, w, b, visited)
+    away = aim(worlds, w, b) - serving.place_of(worlds, w, b)
     due = due or away.norm() < worlds.p[Parameter.top_speed] * INTERVAL
-    if worlds.clock[w, 1] == 1 or (due and time - boat[w, b, BoatColumn.planned] >= INTERVAL):
-        goal = plan(worlds, w, b)
-    if serving.num_served(worlds, w, b) == 0:
-        goal = serving.place_of(worlds, w, b)
+    return worlds.clock[w, 1] == 1 or (due and over >= INTERVAL)
+
+
+@ti.func
+def go(worlds: ti.template(), w, b) -> vec2:
+    """Boat b's goal: that of the last plan, until a new one is due; without an AUV it stays where it is, m."""
+    goal = serving.place_of(worlds, w, b)
+    if serving.num_served(worlds, w, b) > 0:
+        goal = aim(worlds, w, b)
+        if is_due(worlds, w, b, PATIENCE):
+            goal = plan(worlds, w, b)
     return goal

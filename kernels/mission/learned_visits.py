@@ -13,12 +13,11 @@ import taichi as ti
 import torch
 
 from kernels.mission import belief_planner, candidate_scores, serving
-from kernels.mission.belief_planner import NOBODY
+from kernels.mission.belief_planner import INTERVAL, NOBODY
 from kernels.mission.candidate_scores import HEAD, Decision, Network
 from kernels.mission.columns import BoatColumn, Draw, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
 from kernels.types import Columns, vec2, vec3
 
-SHORTEST = 5.0  # s, between two decisions
 PATIENCE = 30.0  # s, the longest time between them
 SAMPLES = 8  # of an imagined way
 TIME = 100.0  # s, the unit of times
@@ -163,7 +162,7 @@ def see(worlds: ti.template(), w, b, i):
         seen[w, place(worlds, b, i, Feature.silent)] = ti.min(elapsed / TIME, FAR) / FAR
         hovers = worlds.foresight[w, i, ForesightColumn.hovers] > 0.0
         seen[w, place(worlds, b, i, Feature.hovers)] = ti.cast(hovers, ti.f32)
-        kept = on_its_way and not just_heard(worlds, w, i)
+        kept = on_its_way and not belief_planner.just_heard(worlds, w, i)
         seen[w, place(worlds, b, i, Feature.kept)] = ti.cast(kept, ti.f32)
     else:
         seen[w, place(worlds, b, i, Feature.mean)] = 1.0
@@ -179,7 +178,7 @@ def see_way(worlds: ti.template(), w, b, i):
     goal = goal_of(worlds, w, b, i)
     if i < count:
         goal = soon(worlds, w, i, (goal - here).norm() / p[Parameter.top_speed])
-    lasts = ti.max((goal - here).norm() / p[Parameter.top_speed], SHORTEST)
+    lasts = ti.max((goal - here).norm() / p[Parameter.top_speed], INTERVAL)
     trip = lasts
     own = 0.0
     served = 0.0
@@ -264,28 +263,6 @@ def see_all(worlds: ti.template(), w, b):
 
 
 @ti.func
-def just_heard(worlds: ti.template(), w, k):
-    """Whether the boat has heard AUV k in the last step."""
-    return worlds.exchange[w, k, ExchangeColumn.elapsed] < 2.0 * worlds.p[Parameter.step]
-
-
-@ti.func
-def is_due(worlds: ti.template(), w, b):
-    """Whether it is time to decide."""
-    boat = ti.static(worlds.boat)
-    visited = ti.cast(boat[w, b, BoatColumn.visits], ti.i32)
-    goal = vec2(boat[w, b, BoatColumn.goal_x], boat[w, b, BoatColumn.goal_y])
-    over = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step] - boat[w, b, BoatColumn.planned]
-    due = over >= PATIENCE
-    if visited != NOBODY:
-        goal = belief_planner.foreseen_place(worlds, w, visited)
-        due = due or just_heard(worlds, w, visited) or not serving.serves(worlds, w, b, visited)
-    away = goal - vec2(boat[w, b, BoatColumn.x], boat[w, b, BoatColumn.y])
-    due = due or away.norm() < worlds.p[Parameter.top_speed] * SHORTEST
-    return (due and over >= SHORTEST) or worlds.clock[w, 1] == 1
-
-
-@ti.func
 def decide(worlds: ti.template(), w, b):
     """Choose the candidate with the largest score; while the boat learns, one drawn by exp(score)."""
     boat = ti.static(worlds.boat)
@@ -318,18 +295,14 @@ def learned(worlds: ti.template(), w, b) -> vec2:
 
     Without an AUV the boat stays where it is.
     """
-    boat = ti.static(worlds.boat)
     goal = serving.place_of(worlds, w, b)
     for k in range(worlds.estimate.shape[1]):
         if serving.serves(worlds, w, b, k):
             belief_planner.foresee(worlds, w, k)
     if serving.num_served(worlds, w, b) > 0:
-        if is_due(worlds, w, b):
+        if belief_planner.is_due(worlds, w, b, PATIENCE):
             decide(worlds, w, b)
-        visited = ti.cast(boat[w, b, BoatColumn.visits], ti.i32)
-        goal = vec2(boat[w, b, BoatColumn.goal_x], boat[w, b, BoatColumn.goal_y])
-        if visited != NOBODY:
-            goal = belief_planner.foreseen_place(worlds, w, visited)
+        goal = belief_planner.aim(worlds, w, b)
     return goal
 
 

@@ -59,7 +59,7 @@ class TestEarned:
         assert decisions.total.tolist() == pytest.approx(data.tolist(), rel=1e-4)
         assert earned.tolist() == pytest.approx((data.sum() * finds / finds.sum()).tolist(), rel=1e-3)
         assert (finds / 1600).std() > 0.01
-        assert all((decisions.time[decisions.world == w].diff() >= learned_visits.SHORTEST).all() for w in range(8))
+        assert all((decisions.time[decisions.world == w].diff() >= learned_visits.INTERVAL).all() for w in range(8))
 
 
 def test_each_of_several_boats_decides_about_its_own():

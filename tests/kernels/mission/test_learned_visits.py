@@ -176,9 +176,9 @@ class TestChooses:
             heard = auv & (elapsed.gather(1, visited.clamp(min=0)[:, None])[:, 0] < 1.0)
             place = before[:, [BoatColumn.goal_x, BoatColumn.goal_y]]
             place[auv] = world.foresight[auv, visited[auv], :2]
-            arrived = (place - before[:, [BoatColumn.x, BoatColumn.y]]).norm(dim=-1) < SPEED * learned_visits.SHORTEST
+            arrived = (place - before[:, [BoatColumn.x, BoatColumn.y]]).norm(dim=-1) < SPEED * learned_visits.INTERVAL
             over = step - since
-            wanted = (heard | arrived | (over >= learned_visits.PATIENCE)) & (over >= learned_visits.SHORTEST)
+            wanted = (heard | arrived | (over >= learned_visits.PATIENCE)) & (over >= learned_visits.INTERVAL)
             assert torch.equal(decided, wanted | (step == 1))
             reasons["heard"] += int((wanted & heard).sum())
             reasons["arrived"] += int((wanted & arrived).sum())
