@@ -1,12 +1,13 @@
-"""Where the time of a mission step goes, by leaving parts out: `extreme` with everything on, and without each part.
+"""Where the time of a mission step goes, by leaving parts out: a scenario with everything on, and without each part.
 
     python -m benchmarks.step_profile --out docs/step-profile.png
+    python -m benchmarks.step_profile wide --out docs/step-profile-wide.png
 
 A part's time is the difference between a step with it and the step without it, so parts that share work are each
-counted with it, and what no part claims is the rest: fixes, motion, targets, observation, reward. Exchanges cannot be
-left out without dead reckoning, which needs them: they are timed in steps without it. The long waves are timed by
-themselves: all worlds share them. Versions take turns, and of each the best round counts, because other programs can
-only make a round longer.
+counted with it, and what no part claims is the rest: fixes, motion, targets, observation, reward. Dead reckoning cannot
+be left out under plans that need it, nor exchanges under dead reckoning: they are timed in steps without these. The
+long waves are timed by themselves: all worlds share them. Versions take turns, and of each the best round counts,
+because other programs can only make a round longer.
 """
 
 from __future__ import annotations
@@ -24,16 +25,8 @@ from usvauv_env import Scenario, World
 
 BATCHES = (1, 64, 4096)
 UNAIDED = "navigation.sensor=none"
-VERSIONS = {
-    "whole": ("fim", ()),
-    "planning by Fisher information": ("hold:100,100", ()),
-    "dead reckoning and its filters": ("fim", (UNAIDED,)),
-    "exchanges": ("fim", (UNAIDED, "channel.schedule=every-step")),
-    "vortices": ("fim", ("current.count=0", "current.mutual=false", "current.viscosity=0")),
-    "storm waves": ("fim", ("storm.spectrum=none",)),
-    "28 of 30 nodes": ("fim", ("nodes.count=2",)),
-}
-BASE = {"exchanges": "dead reckoning and its filters"}  # of what a version leaves a part out, if not of the whole
+PLAN, RECKONING = "the boat's plan", "dead reckoning and its filters"
+BASE = {RECKONING: PLAN, "exchanges": RECKONING}  # of what a version leaves a part out, if not of the whole
 COLOURS = ("#33658a", "#5c8001", "#c1440e", "#d6a2c8", "#7b3294", "#e0a800", "#9ecae1", "#bbbbbb")
 ROUNDS = 15
 
@@ -47,12 +40,29 @@ def seconds(world: World, work, repeats: int) -> float:
     return (time.perf_counter() - begin) / repeats
 
 
-def measure(worlds: int) -> dict[str, float]:
+def variants(name: str) -> dict[str, tuple[str | None, tuple[str, ...]]]:
+    """What is left out → strategy of the boat, None the scenario's, and changes of the scenario."""
+    scenario = Scenario.load(name)
+    count, centre = scenario.auv.count, f"hold:{scenario.area.width / 2:g},{scenario.area.length / 2:g}"
+    return {
+        "whole": (None, ()),
+        PLAN: (centre, ()),
+        RECKONING: (centre, (UNAIDED,)),
+        "exchanges": (centre, (UNAIDED, "channel.schedule=every-step")),
+        "vortices": (None, ("current.count=0", "current.mutual=false", "current.viscosity=0")),
+        "storm waves": (None, ("storm.spectrum=none",)),
+        f"{scenario.nodes.count - count} of {scenario.nodes.count} nodes": (None, (f"nodes.count={count}",)),
+    }
+
+
+def measure(scenario: str, worlds: int) -> dict[str, float]:
     """Seconds of a step of all worlds, whole and by part."""
     versions = {
-        name: World(Scenario.load("extreme", settings), worlds, usv=usv) for name, (usv, settings) in VERSIONS.items()
+        name: World(Scenario.load(scenario, settings), worlds, usv=usv)
+        for name, (usv, settings) in variants(scenario).items()
     }
-    action = 2 * torch.rand((worlds, 2, 2), generator=torch.Generator().manual_seed(0)) - 1
+    count = versions["whole"].num_auvs
+    action = 2 * torch.rand((worlds, count, 2), generator=torch.Generator().manual_seed(0)) - 1
     move = action.to(versions["whole"].device)
     works = {}
     for name, world in versions.items():
@@ -98,9 +108,14 @@ def draw(result: dict, path: str) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenario", nargs="?", default="extreme")
     parser.add_argument("--out", help="figure to write")
     arguments = parser.parse_args()
-    result = {"machine": describe(), "batches": {worlds: measure(worlds) for worlds in BATCHES}}
+    result = {
+        "machine": describe(),
+        "scenario": arguments.scenario,
+        "batches": {worlds: measure(arguments.scenario, worlds) for worlds in BATCHES},
+    }
     print(json.dumps(result, indent=1))
     if arguments.out:
         draw(result, arguments.out)
