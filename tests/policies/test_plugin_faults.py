@@ -101,12 +101,12 @@ def node_far_beyond(worlds: ti.template(), w, k):
 
 
 @ti.func
-def no_place(worlds: ti.template(), w):
+def no_place(worlds: ti.template(), w, b):
     return vec2(ti.math.nan, 0.0)
 
 
 @ti.func
-def no_vector(worlds: ti.template(), w):
+def no_vector(worlds: ti.template(), w, b):
     return 3.0
 
 
@@ -118,7 +118,7 @@ def no_vector(worlds: ti.template(), w):
             "hold:0,0",
             "^world 0 at 0 s: target of AUV 0 is 1e.08: must be .* from 0 to 29 .*'far' of .*faults",
         ),
-        (no_place, "wrong", r"^world 0 at 0 s: goal_x of the boat is nan.*\(uses usv 'wrong' of .*faults"),
+        (no_place, "wrong", r"^world 0 at 0 s: goal_x of boat 0 is nan.*\(uses usv 'wrong' of .*faults"),
         (no_vector, "wrong", "^usv 'wrong' of .*faults.py: TaichiSyntaxError: .*boat.py.*expected to be a Matrix"),
     ],
 )
