@@ -6,8 +6,6 @@ Missions of `wide` with `belief`, and with `belief` that is told in each step wh
 heads for and how long it hovers. The AUVs know as little of themselves as before. Same worlds for both.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 
