@@ -83,6 +83,7 @@ class MissionMap:
         self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
         spacing = np.sqrt(layout.map.width * layout.map.height / len(self._nodes))
         self._node_radius = float(np.clip(spacing / 7, 3.0 * layout.unit, 9.5 * layout.unit))
+        self._estimated = self.view.pixel(trace.estimate[:, 0])
         self._foreseen = self.view.pixel(trace.foreseen_position[:, 0])
         self._field = ReplyField(trace, self.view)
         self._gauges = symbols.NodeGauges(self._node_radius)
@@ -132,7 +133,7 @@ class MissionMap:
             self._overlay.strokes(lines, style.FIELD, 0.15 + 0.6 * level, self._layout.px(1.2))
 
     def _draw_ellipses(self, t: int) -> None:
-        for auv, position in enumerate(self.view.pixel(self._trace.estimate[t, 0])):
+        for auv, position in enumerate(self._estimated[t]):
             axes = self.view.vector(error_axes(self._trace.estimate_covariance[t, 0, auv]))
             if np.abs(axes).max() > 2 * self._layout.unit:
                 outline = shapes.ellipse_points(position, axes)
@@ -204,13 +205,12 @@ class MissionMap:
             node = self._nodes[self._node_of(t, auv)]
             share = self._running.service_share[t, auv]
             symbols.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
-        foreseen = self._foreseen[t, auv]
-        if np.hypot(*(foreseen - self.view.pixel(self._trace.estimate[t, 0, auv]))) > 5 * layout.unit:
+        fix, foreseen = self._estimated[t, auv], self._foreseen[t, auv]
+        if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
             for piece in shapes.dashes(foreseen, position, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
             symbols.foreseen(picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         symbols.auv(picture, position, self._running.heading[t, auv], 29 * layout.unit, colour, layout.zoom)
-        fix = self.view.pixel(self._trace.estimate[t, 0, auv])
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
             symbols.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         label = position + np.array([14, -12]) * layout.unit
