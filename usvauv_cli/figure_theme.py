@@ -18,8 +18,8 @@ def web(colour: style.Colour) -> str:
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
-TEXT, MUTED, OUTLINE = web(style.TEXT), web(style.MUTED), web(style.OUTLINE)
-BACKGROUND, CARD, LINE = web(style.BACKGROUND), web(style.CARD), web(style.LINE)
+TEXT, MUTED, OUTLINE = web(style.DARK.text), web(style.DARK.muted), web(style.OUTLINE)
+BACKGROUND, CARD, LINE = web(style.DARK.background), web(style.DARK.card), web(style.DARK.line)
 WATER = web(style.SEA[4])
 SEA = LinearSegmentedColormap.from_list("sea", [web(colour) for colour in style.SEA] + ["#c4e4e3"])
 

@@ -71,7 +71,7 @@ class SeaPainter:
         self._storm = scenario.storm.spectrum != "none"
         self._both = self._storm and not getattr(sea.long_waves, "still", False)
 
-        self._still = np.full((layout.height, layout.width, 3), style.BACKGROUND, np.uint8)
+        self._still = np.full((layout.height, layout.width, 3), self.layout.theme.background, np.uint8)
         self._picture = np.empty_like(self._still)
         cells = f"{len(sea.x)} × {len(sea.y)} cells of {sea.spacing[0]:.3g} m"
         draw_map_axes(self._still, self, layout, area, cells)
@@ -89,25 +89,25 @@ class SeaPainter:
         boxes = [Rectangle(box.left, top, box.width, height) for top, height in zip(tops, heights, strict=True)]
         self._title, self._tiles, block_box, section_box, level_box = boxes
         for card in boxes[1:]:
-            draw_card(still, card, unit)
+            draw_card(still, card, layout)
         scenario = sea.scenario
         name, about = f"Sea of “{scenario.name}”", f"{weather(sea)} · seed {sea.seed}"
-        write_title(still, self._title, unit, name, about, self._duration, self._fps * sea.interval)
+        write_title(still, self._title, layout, name, about, self._duration, self._fps * sea.interval)
 
         room = within_margins(block_box, unit, top=26, sides=8, bottom=6)
         self._block = Block(scenario.area, room, layout, sample, self._reach)
-        write_heading(still, unit, block_box, "The surface, seen from the south-east", self._block.note)
+        write_heading(still, layout, block_box, "The surface, seen from the south-east", self._block.note)
         plot_room = {"top": 28, "sides": 18, "bottom": 20, "left": 42}
         room = within_margins(section_box, unit, **plot_room)
         axis = -self._reach, self._reach, self._section.length, layout
         self._section_plot = SectionPlot(still, room, *axis)
         write_heading(
-            still, unit, section_box, "Section along the waves, from A to B, m", "thin: highest and lowest so far"
+            still, layout, section_box, "Section along the waves, from A to B, m", "thin: highest and lowest so far"
         )
         axis = -self._reach, self._reach, self._duration, layout
         self._level_plot = LivePlot(still, within_margins(level_box, unit, **plot_room), *axis)
         parts = "amber: long waves alone" if self._both else ""
-        write_heading(still, unit, level_box, "Elevation in the middle, m", parts)
+        write_heading(still, layout, level_box, "Elevation in the middle, m", parts)
 
     def frame(self, sea: SeaSimulation) -> np.ndarray:
         """Picture (height, width, 3) BGR of the present sea; the next call overwrites it."""
@@ -133,11 +133,11 @@ class SeaPainter:
         self._block.draw(picture, field, relief, self._section)
         self._section_plot.draw(picture, self._section.distance, level, self._bounds)
         box, line = self._section_plot.box, self._section_plot.box.top + 14 * unit
-        write(picture, "A", (box.left + 6 * unit, line), 11 * unit, style.TEXT, bold=True)
-        write(picture, "B", (box.right - 6 * unit, line), 11 * unit, style.TEXT, bold=True, anchor="right")
+        write(picture, "A", (box.left + 6 * unit, line), 11 * unit, self.layout.theme.text, bold=True)
+        write(picture, "B", (box.right - 6 * unit, line), 11 * unit, self.layout.theme.text, bold=True, anchor="right")
         self._frame += 1
         draw_clock(picture, self._title, self.layout, sea.time, self._frame / self._frames)
-        draw_tiles(picture, self._tiles, unit, self.figures(now))
+        draw_tiles(picture, self._tiles, self.layout, self.figures(now))
         return picture
 
     def _measure(self, sea: SeaSimulation, surface: Surface) -> None:
@@ -170,7 +170,7 @@ class SeaPainter:
         box.of(picture)[self._land] = style.LAND
         ends = self.view.pixel(self._section.ends)
         for piece in shapes.dashes(ends[0], ends[1], 6 * layout.unit):
-            shapes.stroke(picture, piece, style.TEXT, layout.px(1.3))
+            shapes.stroke(picture, piece, self.layout.theme.text, layout.px(1.3))
         along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
         tip, side = ends.mean(axis=0) + 9 * layout.unit * along, np.array([-along[1], along[0]])
         head = [tip, *(tip - (13 * along - turn * 6 * side) * layout.unit for turn in (1, -1))]
@@ -180,7 +180,7 @@ class SeaPainter:
         if self.surface.limit == 0.0:
             middle = box.left + box.width / 2, box.top + 0.3 * box.height
             words = "still: this sea has neither long waves nor a storm"
-            write(picture, words, middle, 14 * layout.unit, style.TEXT, anchor="centre")
+            write(picture, words, middle, 14 * layout.unit, self.layout.theme.text, anchor="centre")
 
 
 class SeaVideo:

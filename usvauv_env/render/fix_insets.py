@@ -61,14 +61,14 @@ class FixInsets:
         layout = self._layout
         for auv, centre in enumerate(self._centres):
             self._draw_background(picture, centre, style.auv_colour(auv))
-            symbols.plus(picture, centre, 5 * layout.unit, style.TEXT, layout.px(1))
+            symbols.plus(picture, centre, 5 * layout.unit, style.WHITE, layout.px(1))
 
     def _draw_background(self, picture: np.ndarray, centre: np.ndarray, colour: style.Colour) -> None:
         unit = self._layout.unit
 
         def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
             shapes.disc(fine, middle, self._radius * zoom, style.SEA[0])
-            shapes.ring(fine, middle, self.ring * self._scale * zoom, style.LINE, round(1.2 * unit * zoom))
+            shapes.ring(fine, middle, self.ring * self._scale * zoom, style.DARK.line, round(1.2 * unit * zoom))
             shapes.ring(fine, middle, self._radius * zoom, colour, round(1.8 * unit * zoom))
 
         shapes.smooth(picture, centre, self._radius + 2 * unit, self._layout.zoom, draw)
@@ -87,7 +87,7 @@ class FixInsets:
             distance = np.hypot(outline[:, :1], outline[:, 1:])
             outline *= np.minimum(1.0, self._radius / np.maximum(distance, 1e-9))  # parts outside are drawn on the rim
             shapes.stroke(picture, centre + outline, style.WHITE, layout.px(1.2), closed=True)
-            symbols.plus(picture, centre, 5 * unit, style.TEXT, layout.px(1))
+            symbols.plus(picture, centre, 5 * unit, style.WHITE, layout.px(1))
             estimate = self._error[t, auv] * (self._scale, -self._scale)
             if self._inside(estimate):
                 symbols.fix(picture, centre + estimate, 4.5 * unit, style.WHITE, 1.5 * unit, layout.zoom)
@@ -105,4 +105,4 @@ class FixInsets:
             text = f"AUV {auv + 1}: {self._running.position_error[t, auv]:.2f} m off"
         size = 12.5 * unit * min(1.0, 0.93 * self._across / text_width(text, 12.5 * unit, bold=True))
         below = centre[1] + self._radius + 16 * unit
-        write(picture, text, (centre[0], below), size, style.auv_colour(auv), bold=True, anchor="centre")
+        write(picture, text, (centre[0], below), size, self._layout.theme.auv(auv), bold=True, anchor="centre")

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from usvauv_env.render import style
+from usvauv_env.render.style import Theme
 from usvauv_env.sections import Area
 
 
@@ -46,6 +48,7 @@ class Layout:
             frames is legible; they have no legend.
         map: the operating area. panel: numbers and plots.
         legend: below the map if there is room, else below the panel if there is room, else None.
+        theme: colours around the map.
     """
 
     width: int
@@ -54,9 +57,10 @@ class Layout:
     map: Rectangle
     panel: Rectangle
     legend: Rectangle | None
+    theme: Theme = style.DARK
 
     @classmethod
-    def fit(cls, width: int, height: int, area: Area, with_legend: bool = True) -> Layout:
+    def fit(cls, width: int, height: int, area: Area, with_legend: bool = True, theme: Theme = style.DARK) -> Layout:
         """Divide a frame into the map of an area, true to scale, the panel and, if wanted, the legend."""
         long, short = max(width, height), min(width, height)
         unit = max(min(long / 1280, short / 720), 0.72 * min(1.0, long / 640))
@@ -81,7 +85,7 @@ class Layout:
             panel = panel._replace(height=panel.height - below - gap)
             legend = Rectangle(panel.left, panel.bottom + gap, panel.width, below)
         area_map = Rectangle(left + (room_x - across) // 2, top + spare // 2, across, up)
-        return cls(width, height, unit, area_map, panel, legend)
+        return cls(width, height, unit, area_map, panel, legend, theme)
 
     @property
     def zoom(self) -> int:

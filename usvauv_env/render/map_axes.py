@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from usvauv_env.render import shapes, style
+from usvauv_env.render import shapes
 from usvauv_env.render.frame_layout import Layout, MapView, nice, nice_above
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface, colour_scale
 from usvauv_env.render.text import text_width, write
@@ -27,26 +27,26 @@ def draw_map_axes(picture: np.ndarray, scene: Scene, layout: Layout, area: Area,
     unit, box = layout.unit, layout.map
     corners = [(0, 0), (area.width, 0), (area.width, area.length), (0, area.length)]
     frame = scene.view.pixel(np.array(corners, float)) + np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)]) * unit
-    shapes.stroke(picture, frame, style.LINE, layout.px(1.5), closed=True)
+    shapes.stroke(picture, frame, layout.theme.line, layout.px(1.5), closed=True)
     size, spacing = 11 * unit, nice_above(max(area.width, area.length) / 5)
     for x in np.arange(0, area.width * 1.0001, spacing):
         at = scene.view.pixel(np.array([x, 0]))[0]
-        shapes.stroke(picture, np.array([(at, box.bottom + unit), (at, box.bottom + 5 * unit)]), style.MUTED)
-        write(picture, f"{x:g}", (at, box.bottom + 17 * unit), size, style.MUTED, anchor="centre")
+        shapes.stroke(picture, np.array([(at, box.bottom + unit), (at, box.bottom + 5 * unit)]), layout.theme.muted)
+        write(picture, f"{x:g}", (at, box.bottom + 17 * unit), size, layout.theme.muted, anchor="centre")
     for y in np.arange(0, area.length * 1.0001, spacing):
         at = scene.view.pixel(np.array([0, y]))[1]
-        shapes.stroke(picture, np.array([(box.left - unit, at), (box.left - 5 * unit, at)]), style.MUTED)
-        write(picture, f"{y:g}", (box.left - 8 * unit, at + 0.36 * size), size, style.MUTED, anchor="right")
+        shapes.stroke(picture, np.array([(box.left - unit, at), (box.left - 5 * unit, at)]), layout.theme.muted)
+        write(picture, f"{y:g}", (box.left - 8 * unit, at + 0.36 * size), size, layout.theme.muted, anchor="right")
     below = box.bottom + 32 * unit
     east = "metres east →"
-    write(picture, east, (box.right, below), size, style.MUTED, anchor="right")
+    write(picture, east, (box.right, below), size, layout.theme.muted, anchor="right")
     room = box.width - text_width(east, size) - _scale_bar(picture, scene, layout, below) - 30 * unit
     if text_width(note, size) < room:
         position = box.right - text_width(east, size) - 15 * unit, below
-        write(picture, note, position, size, style.MUTED, anchor="right")
+        write(picture, note, position, size, layout.theme.muted, anchor="right")
     free = box.left - 8 * unit, _scales(picture, scene, layout)
     if text_width("metres north ↑", size) + 12 * unit < free[1] - free[0]:
-        write(picture, "metres north ↑", (free[0], box.top - 8 * unit), size, style.MUTED)
+        write(picture, "metres north ↑", (free[0], box.top - 8 * unit), size, layout.theme.muted)
 
 
 def view_note(scenario: Scenario) -> str:
@@ -61,9 +61,9 @@ def _scale_bar(picture: np.ndarray, scene: Scene, layout: Layout, below: float) 
     bar = length * scene.view.per_metre
     left, level = box.left, below - 4 * unit
     ends = np.array([(left, level - 4 * unit), (left, level), (left + bar, level), (left + bar, level - 4 * unit)])
-    shapes.stroke(picture, ends, style.TEXT, layout.px(1.5))
+    shapes.stroke(picture, ends, layout.theme.text, layout.px(1.5))
     text = f"{length:g} m"
-    write(picture, text, (left + bar + 8 * unit, below), 11 * unit, style.TEXT)
+    write(picture, text, (left + bar + 8 * unit, below), 11 * unit, layout.theme.text)
     return bar + 8 * unit + text_width(text, 11 * unit)
 
 
@@ -74,7 +74,7 @@ def _scales(picture: np.ndarray, scene: Scene, layout: Layout) -> float:
 
     def words(text: str, gap: float) -> None:
         nonlocal right
-        write(picture, text, (right, line), size, style.MUTED, anchor="right")
+        write(picture, text, (right, line), size, layout.theme.muted, anchor="right")
         right -= text_width(text, size) + round(gap * unit)
 
     limit, streaks = scene.surface.limit, scene.streaks
@@ -91,6 +91,6 @@ def _scales(picture: np.ndarray, scene: Scene, layout: Layout) -> float:
     speed = nice(streaks.fastest)
     words(f"current {speed:g} m/s", 6)
     tail, middle = speed * streaks.tail * scene.view.per_metre, line - 4 * unit
-    shapes.stroke(picture, np.array([(right - tail, middle), (right, middle)]), style.MUTED, layout.px(1.5))
-    shapes.stroke(picture, np.array([(right - tail / 2, middle), (right, middle)]), style.TEXT, layout.px(1.5))
+    shapes.stroke(picture, np.array([(right - tail, middle), (right, middle)]), layout.theme.muted, layout.px(1.5))
+    shapes.stroke(picture, np.array([(right - tail / 2, middle), (right, middle)]), layout.theme.text, layout.px(1.5))
     return right - tail

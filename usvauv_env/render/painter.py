@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from usvauv_env.record.trace import Trace
-from usvauv_env.render import style
 from usvauv_env.render.frame_layout import Layout
 from usvauv_env.render.legend import draw_legend
 from usvauv_env.render.map import MissionMap
@@ -28,7 +27,7 @@ class Painter:
         width, height = size
         area, running = trace.scenario.area, RunningMetrics.of(trace)
         self.layout = Layout.fit(width, height, area)
-        self._still = np.full((height, width, 3), style.BACKGROUND, np.uint8)
+        self._still = np.full((height, width, 3), self.layout.theme.background, np.uint8)
         self._picture = np.empty_like(self._still)
         self.map = MissionMap(trace, running, self.layout)
         draw_map_axes(self._still, self.map, self.layout, area, view_note(trace.scenario))

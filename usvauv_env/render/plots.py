@@ -37,8 +37,8 @@ class Plot:
         layout: Layout,
         log: bool = False,
     ) -> None:
+        self.box, self._theme = box, layout.theme
         unit = layout.unit
-        self.box = box
         self._unit, self._log, self._duration, self._values = unit, log, duration, (low, high)
         self._low, self._high = (math.log(low), math.log(high)) if log else (low, high)
         self._still = still
@@ -72,12 +72,12 @@ class Plot:
         box, size, unit, still = self.box, 10.5 * self._unit, self._unit, self._still
         for tick in self._value_ticks():
             row = float(self.y(tick))
-            shapes.stroke(still, np.array([(box.left, row), (box.right, row)]), style.LINE)
-            write(still, f"{tick:g}", (box.left - 5 * unit, row + 0.36 * size), size, style.MUTED, anchor="right")
+            shapes.stroke(still, np.array([(box.left, row), (box.right, row)]), self._theme.line)
+            write(still, f"{tick:g}", (box.left - 5 * unit, row + 0.36 * size), size, self._theme.muted, anchor="right")
         for time, words in self._time_ticks():
             column = float(self.x(time))
-            shapes.stroke(still, np.array([(column, box.bottom), (column, box.bottom + 3 * unit)]), style.LINE)
-            write(still, words, (column, box.bottom + 14 * unit), size, style.MUTED, anchor="centre")
+            shapes.stroke(still, np.array([(column, box.bottom), (column, box.bottom + 3 * unit)]), self._theme.line)
+            write(still, words, (column, box.bottom + 14 * unit), size, self._theme.muted, anchor="centre")
 
     def _time_ticks(self) -> list[tuple[float, str]]:
         """Positions on the time axis and their labels."""
@@ -127,7 +127,7 @@ class RecordedPlot(Plot):
     def draw_cursor(self, picture: np.ndarray, time: float) -> None:
         """Draw a vertical line at a time."""
         column = round(float(self.x(time)))
-        picture[self.box.top : self.box.bottom, column : column + max(1, round(self._unit))] = style.MUTED
+        picture[self.box.top : self.box.bottom, column : column + max(1, round(self._unit))] = self._theme.muted
 
 
 class LivePlot(Plot):
@@ -165,9 +165,11 @@ class SectionPlot(Plot):
         fine, width = self._fine.copy(), self._line_width
         points = self._points(distance, level)
         bottom = [(points[-1, 0], fine.shape[0]), (points[0, 0], fine.shape[0])]
-        shapes.fill(fine, np.concatenate([points, bottom]), style.mix(style.CARD, style.SEA[3], 0.55))
+        shapes.fill(fine, np.concatenate([points, bottom]), style.mix(self._theme.card, style.SEA[3], 0.55))
         for bound in bounds:
-            shapes.stroke(fine, self._points(distance, bound), style.mix(style.CARD, style.MUTED, 0.7), width // 2)
-        shapes.stroke(fine, points, style.SEA[4], width)
+            shapes.stroke(
+                fine, self._points(distance, bound), style.mix(self._theme.card, self._theme.muted, 0.7), width // 2
+            )
+        shapes.stroke(fine, points, self._theme.water, width)
         size = self.box.width, self.box.height
         self.box.of(picture)[:] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)

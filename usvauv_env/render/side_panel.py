@@ -30,20 +30,20 @@ class SidePanel:
         self._still, self._trace, self._running, self._layout = still, trace, running, layout
         self._elevation = trace.boat_surface[:, 0, :, 0]
         self._speed_up = speed_up
-        unit, box = layout.unit, layout.panel
-        gap, heights = round(7 * unit), self._heights()
+        box = layout.panel
+        gap, heights = round(7 * layout.unit), self._heights()
         tops = [box.top + sum(heights[:place]) + place * gap for place in range(len(heights))]
         boxes = [Rectangle(box.left, top, box.width, height) for top, height in zip(tops, heights, strict=True)]
         self._title, self._tiles, inset_box, error_box, heave_box = boxes
         for card in boxes[1:]:
-            draw_card(still, card, unit)
+            draw_card(still, card, layout)
         self._insets = FixInsets(
-            trace, running, layout, within_margins(inset_box, unit, top=30, sides=8, bottom=2), view
+            trace, running, layout, within_margins(inset_box, layout.unit, top=30, sides=8, bottom=2), view
         )
         scale = self._insets.magnification
         shown = f"{scale:.0f} × magnified" if scale >= 1 else f"{1 / scale:.0f} × smaller than on the map"
         magnified = f"Fixes around the true position, {shown}"
-        write_heading(self._still, unit, inset_box, magnified, f"inner ring {self._insets.ring:g} m")
+        write_heading(self._still, layout, inset_box, magnified, f"inner ring {self._insets.ring:g} m")
         self._insets.draw_still(still)
         duration = max(float(trace.time[-1]), trace.scenario.mission.step)
         self._error_plot = self._plot_errors(error_box, duration)
@@ -59,7 +59,8 @@ class SidePanel:
         return [*fixed, insets, errors, rest - insets - errors]
 
     def _plot_errors(self, box: Rectangle, duration: float) -> RecordedPlot:
-        unit, error = self._layout.unit, self._running.position_error
+        layout, error = self._layout, self._running.position_error
+        unit, theme = layout.unit, layout.theme
         low, high = np.quantile(error, (0.03, 0.998))
         low = max(float(low), 1e-9)
         plot = RecordedPlot(
@@ -68,33 +69,34 @@ class SidePanel:
             low,
             max(float(high), 1.5 * low),
             duration,
-            self._layout,
+            layout,
             log=True,
         )
         scenario = self._trace.scenario
         filtered = scenario.tracker.enabled or scenario.navigation.sensor != "none"
         of, dots = ("estimates", "step") if filtered else ("fixes", "fix")
         write_heading(
-            self._still, unit, box, f"Position error of the {of}, m", f"dots: each {dots} · line: median of 30 s"
+            self._still, layout, box, f"Position error of the {of}, m", f"dots: each {dots} · line: median of 30 s"
         )
         time, auvs = self._trace.time, range(error.shape[1])
         for auv in auvs:
-            plot.dots(time, error[:, auv], style.mix(style.CARD, style.auv_colour(auv), 0.45))
+            plot.dots(time, error[:, auv], style.mix(theme.card, theme.auv(auv), 0.45))
         for auv in auvs:
-            plot.curve(time, self._running.error_median[:, auv], style.auv_colour(auv))
+            plot.curve(time, self._running.error_median[:, auv], theme.auv(auv))
         plot.finish()
         return plot
 
     def _plot_heave(self, box: Rectangle, duration: float) -> RecordedPlot:
-        unit = self._layout.unit
+        layout = self._layout
+        unit, theme = layout.unit, layout.theme
         limit = nice_above(max(float(np.abs(self._elevation).max()), 1.0))
         room = within_margins(box, unit, top=28, sides=18, bottom=20, left=42)
-        plot = RecordedPlot(self._still, room, -limit, limit, duration, self._layout)
+        plot = RecordedPlot(self._still, room, -limit, limit, duration, layout)
         boats = "boat" if self._elevation.shape[1] == 1 else "boats"
-        write_heading(self._still, unit, box, f"Sea surface η under the {boats}, m")
-        plot.area(self._trace.time, self._elevation[:, 0], style.mix(style.CARD, style.SEA[3], 0.55))
+        write_heading(self._still, layout, box, f"Sea surface η under the {boats}, m")
+        plot.area(self._trace.time, self._elevation[:, 0], style.mix(theme.card, style.SEA[3], 0.55))
         for elevation in self._elevation.T:
-            plot.curve(self._trace.time, elevation, style.SEA[4])
+            plot.curve(self._trace.time, elevation, theme.water)
         plot.finish()
         return plot
 
@@ -102,7 +104,7 @@ class SidePanel:
         trace = self._trace
         name = f"Scenario “{trace.scenario.name}”"
         run = f"policy {trace.policy} · boat {trace.usv} · seed {trace.seed}"
-        write_title(self._still, self._title, self._layout.unit, name, run, float(trace.time[-1]), self._speed_up)
+        write_title(self._still, self._title, self._layout, name, run, float(trace.time[-1]), self._speed_up)
 
     def figures(self, t: int) -> list[tuple[str, str]]:
         """Contents of the tiles at step t: name with unit, and value."""
@@ -132,11 +134,11 @@ class SidePanel:
         """Draw the moving parts of step t over a copy of the still picture."""
         unit, time = self._layout.unit, float(self._trace.time[t])
         draw_clock(picture, self._title, self._layout, time, (t + 1) / len(self._trace.time))
-        draw_tiles(picture, self._tiles, unit, self.figures(t))
+        draw_tiles(picture, self._tiles, self._layout, self.figures(t))
         self._insets.draw(picture, t)
         for plot in (self._error_plot, self._heave_plot):
             plot.draw_cursor(picture, time)
         box = self._heave_plot.box
         corner = box.right, box.top - 10 * unit
         height = f"{', '.join(f'{elevation:+.2f}' for elevation in self._elevation[t])} m"
-        write(picture, height, corner, 12 * unit, style.SEA[4], bold=True, anchor="right")
+        write(picture, height, corner, 12 * unit, self._layout.theme.water, bold=True, anchor="right")

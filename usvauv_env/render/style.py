@@ -1,8 +1,11 @@
-"""Colours of the video, in OpenCV's order blue, green, red."""
+"""Colours of the video, in OpenCV's order blue, green, red: of the map, and around it by theme."""
 
 from __future__ import annotations
 
 import colorsys
+from dataclasses import dataclass
+
+from usvauv_env.render import palette
 
 Colour = tuple[int, int, int]
 
@@ -19,11 +22,6 @@ def mix(first: Colour, second: Colour, share: float) -> Colour:
     return blue, green, red
 
 
-BACKGROUND = colour("#0b131c")
-CARD = colour("#142130")
-LINE = colour("#2b3f53")
-MUTED = colour("#93a7b9")
-TEXT = colour("#eef3f7")
 WHITE = (255, 255, 255)
 OUTLINE = colour("#06121d")
 BOAT = colour("#ffffff")
@@ -37,16 +35,67 @@ GAUGE = (colour("#35d07f"), colour("#ffb020"), FULL)  # backlog of a node: empty
 SEA = tuple(colour(code) for code in ("#082349", "#0e3963", "#18557f", "#2a7c99", "#64aeb9"))
 LAND = colour("#4a4b40")
 
-# Distinct from the sea and from the nodes' green, amber and red.
-_AUVS = tuple(colour(code) for code in ("#ff6fcf", "#ffe95c", "#b7a0ff", "#7df9ff", "#ff9d66", "#c9f26b"))
+_ON_SEA = tuple(colour(code) for code in palette.CATEGORICAL)
 
 
 def auv_colour(auv: int) -> Colour:
-    """Colour of AUV number `auv`; distinct for at least sixteen."""
-    if auv < len(_AUVS):
-        return _AUVS[auv]
-    red, green, blue = colorsys.hsv_to_rgb((auv * 0.381966) % 1.0, 0.45, 1.0)
+    """Colour of AUV number `auv` on the sea; distinct for at least sixteen."""
+    return _further(auv, _ON_SEA, 1.0)
+
+
+def _further(auv: int, first: tuple[Colour, ...], value: float) -> Colour:
+    """The first colours, and from then on hues of a brightness `value`."""
+    if auv < len(first):
+        return first[auv]
+    red, green, blue = colorsys.hsv_to_rgb((auv * 0.381966) % 1.0, 0.45, value)
     return round(blue * 255), round(green * 255), round(red * 255)
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours around the map.
+
+    Attributes:
+        background, card, line, muted, text: of the frame, of panels, of thin lines, of notes, of text.
+        vehicles: of the first AUVs on cards. brightness: of further ones, 0 to 1.
+        water: line of the sea's elevation on cards.
+    """
+
+    background: Colour
+    card: Colour
+    line: Colour
+    muted: Colour
+    text: Colour
+    vehicles: tuple[Colour, ...]
+    brightness: float
+    water: Colour
+
+    def auv(self, auv: int) -> Colour:
+        """Colour of AUV number `auv` on a card."""
+        return _further(auv, self.vehicles, self.brightness)
+
+
+DARK = Theme(
+    background=colour("#0b131c"),
+    card=colour("#142130"),
+    line=colour("#2b3f53"),
+    muted=colour("#93a7b9"),
+    text=colour("#eef3f7"),
+    vehicles=_ON_SEA,
+    brightness=1.0,
+    water=SEA[4],
+)
+LIGHT = Theme(
+    background=colour("#e9eef2"),
+    card=colour("#ffffff"),
+    line=colour("#cfd9e1"),
+    muted=colour("#52677a"),
+    text=colour("#12202c"),
+    vehicles=tuple(colour(code) for code in palette.CATEGORICAL_ON_WHITE),
+    brightness=0.6,
+    water=SEA[2],
+)
+THEMES = {"dark": DARK, "light": LIGHT}
 
 
 def gauge_colour(fill: float) -> Colour:
