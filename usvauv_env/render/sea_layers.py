@@ -18,6 +18,15 @@ RELIEF_PIXELS = 160  # largest side of the relief as it is shaded, before it is 
 LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # unit vector to the light: east, north, up
 
 
+def elevation_limit(surface: np.ndarray) -> float:
+    """End of the colour scale (m) for a surface (T, Y, X), about its 99th percentile; 0 for a flat sea."""
+    highest = float(np.abs(surface).max()) if surface.size else 0.0
+    if highest < 1e-3:
+        return 0.0
+    usual = float(np.quantile(np.abs(surface[:: max(1, len(surface) // 50)]), 0.99))
+    return nice_above(max(usual, 0.1 * highest), (1, 1.5, 2, 3, 4, 5, 7, 10))
+
+
 class SeaSurface:
     """Elevation as colour, slope as shade.
 
@@ -35,12 +44,9 @@ class SeaSurface:
         self._surface = surface
         self._view = view
         self._pixels = pixels
-        self.limit = 0.0
-        highest = float(np.abs(surface).max()) if surface.size else 0.0
-        if highest < 1e-3:
+        self.limit = elevation_limit(surface)
+        if self.limit == 0.0:
             return
-        usual = float(np.quantile(np.abs(surface[:: max(1, len(surface) // 50)]), 0.99))
-        self.limit = nice_above(max(usual, 0.1 * highest), (1, 1.5, 2, 3, 4, 5, 7, 10))
         # Slopes are exaggerated until steep ones, the 98th percentile, are drawn at about 30°.
         some = surface[:: max(1, len(surface) // 20)].astype(np.float32)
         slopes = [np.hypot(*self._slopes(self._small(field))) for field in some]
@@ -83,13 +89,13 @@ class SeaSurface:
         normal_light = LIGHT[2] - LIGHT[0] * east - LIGHT[1] * north
         shade = normal_light / np.sqrt(1.0 + east * east + north * north) / LIGHT[2]
         index = np.clip((field / self.limit + 1.0) * 127.5, 0, 255).astype(np.uint8)
-        colours = _COLOURS[index] * np.clip(0.3 + 0.7 * shade, 0.4, 1.4)[:, :, None]
+        colours = COLOURS[index] * np.clip(0.3 + 0.7 * shade, 0.4, 1.4)[:, :, None]
         return np.clip(colours, 0, 255).astype(np.uint8)
 
 
 def colour_scale(width: int, height: int) -> np.ndarray:
     """Picture of the colour scale, lowest elevation at the left, (height, width, 3)."""
-    return np.repeat(_COLOURS[np.linspace(0, 255, width).astype(int)][None], height, axis=0).astype(np.uint8)
+    return np.repeat(COLOURS[np.linspace(0, 255, width).astype(int)][None], height, axis=0).astype(np.uint8)
 
 
 def _colour_table() -> np.ndarray:
@@ -98,7 +104,7 @@ def _colour_table() -> np.ndarray:
     return np.stack([np.interp(np.arange(256), stops, channel) for channel in channels], axis=1).astype(np.float32)
 
 
-_COLOURS = _colour_table()
+COLOURS = _colour_table()
 
 
 class CurrentStreaks:

@@ -9,13 +9,13 @@ import numpy as np
 
 from usvauv_env.render.style import Colour
 
-_SHIFT = 4  # OpenCV takes fixed-point coordinates: 1/16 pixel
-_ONE = 1 << _SHIFT
+SHIFT = 4  # OpenCV takes fixed-point coordinates: 1/16 pixel
+_ONE = 1 << SHIFT
 
 
 def fixed(points: np.ndarray) -> np.ndarray:
     """Fixed-point coordinates of points in pixels."""
-    return np.rint(np.asarray(points) * _ONE).astype(np.int32)
+    return np.rint(np.asarray(points) * _ONE).astype(np.int32, order="C")
 
 
 def _fixed_point(point: np.ndarray) -> tuple[int, int]:
@@ -23,11 +23,11 @@ def _fixed_point(point: np.ndarray) -> tuple[int, int]:
 
 
 def disc(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | int) -> None:
-    cv2.circle(image, _fixed_point(centre), round(radius * (1 << _SHIFT)), colour, -1, cv2.LINE_AA, _SHIFT)
+    cv2.circle(image, _fixed_point(centre), round(radius * (1 << SHIFT)), colour, -1, cv2.LINE_AA, SHIFT)
 
 
 def ring(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | int, width: int = 1) -> None:
-    cv2.circle(image, _fixed_point(centre), round(radius * (1 << _SHIFT)), colour, width, cv2.LINE_AA, _SHIFT)
+    cv2.circle(image, _fixed_point(centre), round(radius * (1 << SHIFT)), colour, width, cv2.LINE_AA, SHIFT)
 
 
 def arc(image: np.ndarray, centre: np.ndarray, radius: float, share: float, colour: Colour, width: int) -> None:
@@ -48,12 +48,12 @@ def _turned(centre: np.ndarray, radius: float, share: float) -> np.ndarray:
 
 def stroke(image: np.ndarray, points: np.ndarray, colour: Colour | int, width: int = 1, closed: bool = False) -> None:
     """A line through points (N, 2)."""
-    cv2.polylines(image, [fixed(points)], closed, colour, width, cv2.LINE_AA, _SHIFT)
+    cv2.polylines(image, [fixed(points)], closed, colour, width, cv2.LINE_AA, SHIFT)
 
 
 def fill(image: np.ndarray, points: np.ndarray, colour: Colour | int) -> None:
     """A filled polygon (N, 2)."""
-    cv2.fillPoly(image, [fixed(points)], colour, cv2.LINE_AA, _SHIFT)
+    cv2.fillPoly(image, [fixed(points)], colour, cv2.LINE_AA, SHIFT)
 
 
 def ellipse_points(centre: np.ndarray, axes: np.ndarray, count: int = 48) -> np.ndarray:
@@ -113,14 +113,14 @@ class Overlay:
     def white_lines(self, lines: np.ndarray, opacity: float, width: int) -> None:
         """White lines (N, P, 2), to be drawn first: they set the coverage alone; a cleared layer is white."""
         pieces = list(fixed(lines - self._origin))
-        cv2.polylines(self._cover, pieces, False, round(255 * opacity), width, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(self._cover, pieces, False, round(255 * opacity), width, cv2.LINE_AA, SHIFT)
 
     def strokes(self, lines: list[np.ndarray], colour: Colour, opacity: float, width: int = 1) -> None:
         """Open lines, each (N, 2) pixels of the whole picture."""
         pieces = [fixed(line - self._origin) for line in lines]
         # The colour is wider and not anti-aliased: the edge is that of the coverage.
-        cv2.polylines(self._colour, pieces, False, colour, width + 2, cv2.LINE_8, _SHIFT)
-        cv2.polylines(self._cover, pieces, False, round(255 * opacity), width, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(self._colour, pieces, False, colour, width + 2, cv2.LINE_8, SHIFT)
+        cv2.polylines(self._cover, pieces, False, round(255 * opacity), width, cv2.LINE_AA, SHIFT)
 
     def ring(self, centre: np.ndarray, radius: float, colour: Colour, opacity: float, width: int = 1) -> None:
         ring(self._colour, np.asarray(centre) - self._origin, radius, colour, width + 2)

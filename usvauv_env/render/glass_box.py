@@ -1,0 +1,134 @@
+"""The water below the surface as a box of glass: its light, the grid on its bed, its edges with lengths in metres."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from usvauv_env.render import shapes, style
+from usvauv_env.render.camera import Camera
+from usvauv_env.render.frame_layout import Layout, nice_above
+from usvauv_env.render.scene import Scene
+from usvauv_env.render.text import write
+from usvauv_env.render.wave_sheet import Columns, Sheet
+
+COARSE = 4  # pixels of the picture to one of the water's light
+LIT = np.array(style.colour("#2a86a3"), np.float32)  # water at the surface
+DARK = np.array(style.colour("#07192b"), np.float32)  # water at the bed
+BED = np.array(style.colour("#35596a"), np.float32)
+_BLEND = np.column_stack([LIT - DARK, BED - DARK, DARK])  # of shares of light and bed
+GRID = style.colour("#406a7b")
+GLASS = style.colour("#6fb3c4")
+HORIZON = style.colour("#4d8aa6")
+SHORE = style.colour("#bfe6ee")
+
+
+def _light(camera: Camera, columns: Columns, bed: float, rows: np.ndarray) -> np.ndarray:
+    """Colours (R, C, 3) of the box at rows (R,) of the picture: its bed or far wall, veiled by the water before it."""
+    near, far = columns.near.astype(np.float32), columns.far.astype(np.float32)
+    fall = ((rows - camera.centre[1]) / camera.focal)[:, None].astype(np.float32)  # m of descent to 1 m of distance
+    last = np.minimum(far, np.float32(camera.height - bed) / fall)
+    entry = np.minimum(np.maximum(near, np.float32(camera.height) / fall), last)
+    way = (last - entry) * (1.5 * np.hypot(*columns.ray.T) / camera.distance).astype(np.float32)
+    down, middle = (np.maximum((at * fall - camera.height) / -bed, 0.0) for at in (last, 0.5 * (last + entry)))
+    # The edge between bed and wall is as wide as a pixel of this coarse picture.
+    on_bed = np.clip((down - 1.0) * np.float32(-bed * camera.focal / (COARSE * camera.distance)) + 1.0, 0.0, 1.0)
+    clear = cv2.exp(-way)
+    lit = clear * (1.0 - on_bed) * cv2.exp(-2.2 * down) + (1.0 - clear) * cv2.exp(-2.0 * middle)
+    return cv2.convertScaleAbs(cv2.transform(cv2.merge([lit, clear * on_bed]), _BLEND))
+
+
+def paint_water(picture: np.ndarray, camera: Camera, columns: Columns, bed: float, sheet: Sheet) -> None:
+    """Fill the box from the highest line of the surface to the near edges of the bed, at height `bed`."""
+    foot = camera.centre[1] + camera.focal * (camera.height - bed) / columns.near
+    top = max(int(sheet.horizon.min()), 0)
+    rows = np.arange(top + 0.5 * COARSE - 0.5, foot.max() + COARSE, COARSE)
+    coarse = columns.every(COARSE // 2)
+    small = _light(camera, coarse, bed, rows)
+    large = cv2.resize(small, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)
+    region = picture[top : top + large.shape[0], 2 * columns.first : 2 * columns.first + large.shape[1]]
+    mask = np.zeros(region.shape[:2], np.uint8)
+    outline = np.stack([np.tile(columns.x, 2), np.concatenate([sheet.horizon, foot])], 1)
+    outline[len(foot) :] = outline[: len(foot) - 1 : -1]
+    cv2.fillPoly(mask, [np.rint(outline - (2 * columns.first, top)).astype(np.int32)], 255)
+    cv2.copyTo(large[: region.shape[0], : region.shape[1]], mask, region)
+
+
+class Frame:
+    """Lines and words of the box."""
+
+    def __init__(self, scene: Scene, layout: Layout) -> None:
+        self._scene, self._layout = scene, layout
+        self._half = 0.5 * np.array(scene.sides)
+        spacing = nice_above(max(scene.sides) / 5)
+        depth = -scene.bed / scene.depths
+        self._depths = np.arange(0, depth * 1.0001, nice_above(depth / 4))
+        self._ticks = [np.arange(0, side * 1.0001, spacing) for side in scene.sides]
+
+    def _near(self, camera: Camera) -> np.ndarray:
+        """The area's nearest corner (2,), m."""
+        return -self._half * np.sign(camera.forward)
+
+    def draw_bed(self, picture: np.ndarray, camera: Camera, columns: Columns, sheet: Sheet) -> None:
+        """The grid, and the edge behind the water."""
+        bed, lines = self._scene.bed, []
+        for axis in (0, 1):
+            across = self._half[1 - axis]
+            for tick in self._ticks[axis]:
+                ends = np.full((2, 3), bed)
+                ends[:, axis], ends[:, 1 - axis] = tick - self._half[axis], (-across, across)
+                lines.append(ends)
+        pieces = list(shapes.fixed(camera.pixel(np.array(lines))))
+        cv2.polylines(picture, pieces, False, GRID, 1, cv2.LINE_AA, shapes.SHIFT)
+        far = -self._near(camera)
+        x, foot = camera.pixel(np.array([*far, bed]))
+        top = sheet.horizon[columns.at(x)]
+        shapes.stroke(picture, np.array([(x, top), (x, foot)]), GRID, self._layout.px(1))
+
+    def draw_edges(self, picture: np.ndarray, camera: Camera, columns: Columns, sheet: Sheet) -> None:
+        """The near edges of the glass, and the lines where the surface meets it."""
+        near, bed, width = self._near(camera), self._scene.bed, self._layout.px(1)
+        a, b = (near[0], -near[1]), (-near[0], near[1])
+        shapes.stroke(picture, camera.pixel(np.array([(*a, bed), (*near, bed), (*b, bed)])), GLASS, width)
+        for x, y in (a, near, b):
+            foot = camera.pixel(np.array([x, y, bed]))
+            top = foot[0], sheet.shore[columns.at(foot[0])]
+            shapes.stroke(picture, np.array([foot, top]), GLASS, width)
+        for line, ink in ((sheet.horizon, HORIZON), (sheet.shore, SHORE)):
+            shapes.stroke(picture, np.stack([columns.x, line], 1)[::2], ink, width)
+
+    def write_lengths(self, picture: np.ndarray, camera: Camera) -> None:
+        """Metres along the near edges of the bed, and of depth at the left."""
+        unit, near = self._layout.unit, self._near(camera)
+        size, out = 11 * unit, 0.02 * max(self._scene.sides)
+        for axis in (0, 1):
+            ends = np.tile([*near, self._scene.bed], (2, len(self._ticks[axis]), 1))
+            ends[:, :, axis] = self._ticks[axis] - self._half[axis]
+            ends[1, :, 1 - axis] += math.copysign(out, near[1 - axis])
+            ends = camera.pixel(ends).swapaxes(0, 1)
+            cv2.polylines(picture, list(shapes.fixed(ends)), False, style.MUTED, 1, cv2.LINE_AA, shapes.SHIFT)
+            anchor, gap = ("left", 3 * unit) if ends[0, 1, 0] > ends[0, 0, 0] else ("right", -3 * unit)
+            for tick, (_, (x, y)) in zip(self._ticks[axis], ends, strict=True):
+                write(picture, f"{tick:g}", (x + gap, y + 10 * unit), size, style.MUTED, anchor=anchor)
+        corners = np.array([(near[0], -near[1]), (-near[0], near[1])])
+        left = corners[np.argmin(corners @ camera.right)]
+        for depth in self._depths:
+            x, y = camera.pixel(np.array([*left, -depth * self._scene.depths]))
+            shapes.stroke(picture, np.array([(x, y), (x - 5 * unit, y)]), style.MUTED)
+            words = f"−{depth:g} m" if depth else "0 m"
+            write(picture, words, (x - 8 * unit, y + 4 * unit), size, style.MUTED, anchor="right")
+
+    def draw_compass(self, picture: np.ndarray, camera: Camera) -> None:
+        """An arrow to the north, lying level, at the lower left."""
+        unit = self._layout.unit
+        middle = np.array([34 * unit, picture.shape[0] - 34 * unit])
+        level = np.array([camera.right, camera.forward * -camera.height / camera.distance]) * 20 * unit
+        turns = np.linspace(0.0, 2 * np.pi, 48)
+        shapes.stroke(picture, middle + np.stack([np.cos(turns), np.sin(turns)], 1) @ level.T, style.LINE)
+        arrow = np.array([(0.0, 0.95), (0.26, -0.55), (0.0, -0.3), (-0.26, -0.55)]) @ level.T + middle
+        shapes.fill(picture, arrow[[0, 1, 2]], style.MUTED)
+        shapes.fill(picture, arrow[[0, 2, 3]], style.TEXT)
+        x, y = middle + level @ (0.0, 1.55)
+        write(picture, "N", (x, y + 4 * unit), 11 * unit, style.TEXT, bold=True, anchor="centre")

@@ -1,0 +1,61 @@
+"""Places of a mission in the perspective view's scene, and the scales of its heights and depths."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from usvauv_env.render.frame_layout import nice, nice_above
+from usvauv_env.scenario import Scenario
+
+LEAST_HEIGHT = 0.012  # of the waves' scale over the area's longer side, below which heights are exaggerated
+DEPTHS = (0.3, 0.7)  # of the bed's depth over the longer side, beyond which depths are scaled
+MOST = 100.0  # exaggeration of heights
+
+
+class Scene(NamedTuple):
+    """Scene coordinates are metres from the area's centre at mean sea level: east, north, up.
+
+    Attributes:
+        sides: of the area, m. heights, depths: factors by which they are drawn.
+        bed, auvs, nodes: heights at which they are drawn, m, below 0.
+    """
+
+    sides: tuple[float, float]
+    heights: float
+    depths: float
+    bed: float
+    auvs: float
+    nodes: float
+
+    @classmethod
+    def of(cls, scenario: Scenario, limit: float) -> Scene:
+        """The scene of a scenario whose waves have a colour scale that ends at `limit` m; 0 for none."""
+        area, longer = scenario.area, max(scenario.area.width, scenario.area.length)
+        wanted = LEAST_HEIGHT * longer / limit if limit else 1.0
+        heights = min(nice_above(wanted, (1, 2, 5, 10)), MOST) if wanted > 1 else 1.0
+        deep = max(area.depth, scenario.auv.depth)
+        least, most = DEPTHS[0] * longer / deep, DEPTHS[1] * longer / deep
+        depths = nice_above(least, (1, 2, 5, 10)) if least > 1 else nice(most) if most < 1 else 1.0
+        bed, auvs = -depths * deep, -depths * scenario.auv.depth
+        nodes = auvs if scenario.task == "station-keeping" else bed
+        return cls((area.width, area.length), heights, depths, bed, auvs, nodes)
+
+    def place(self, position: np.ndarray, up: float | np.ndarray) -> np.ndarray:
+        """Scene coordinates (..., 3) of positions (..., 2) in m, at heights as drawn."""
+        flat = np.asarray(position, float) - 0.5 * np.array(self.sides)
+        return np.concatenate([flat, np.broadcast_to(np.asarray(up, float)[..., None], (*flat.shape[:-1], 1))], -1)
+
+    def inside(self, line: np.ndarray) -> list[np.ndarray]:
+        """The pieces of a line (N, 3) of at least two points that lie within the area."""
+        within = np.all(np.abs(line[:, :2]) <= 0.5 * np.array(self.sides) + 1e-6, axis=1)
+        breaks = np.flatnonzero(np.diff(within)) + 1
+        return [piece for piece in np.split(line, breaks)[0 if within[0] else 1 :: 2] if len(piece) > 1]
+
+    @property
+    def note(self) -> str:
+        """What is exaggerated, in words."""
+        parts = [("heights", self.heights), ("depths", self.depths)]
+        told = [f"{name} × {factor:g}" for name, factor in parts if factor != 1]
+        return ", ".join(told) if told else "true to scale"
