@@ -15,6 +15,7 @@ from usvauv_cli.commands import (
     evaluate,
     export,
     plan,
+    replay,
     reproduce,
     scenarios,
     sea,
@@ -33,6 +34,7 @@ app = typer.Typer(
     rich_markup_mode="markdown",
 )
 app.command("simulate")(simulate.simulate)
+app.command("replay")(replay.replay)
 app.command("train")(train.train)
 app.command("train-targets")(train_targets.train_targets)
 app.command("train-boat")(train_boat.train_boat)

@@ -1,9 +1,10 @@
-"""`usvauv simulate`: one mission on a live, finely resolved sea, to a video."""
+"""`usvauv simulate`: one mission on a live, finely resolved sea, or two side by side, to a video."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,10 +18,23 @@ from usvauv_cli.commands.options import (
     Targets,
     Usv,
     at_least,
-    parse_size,
     tell_of_team,
     writable,
 )
+from usvauv_cli.commands.video_options import (
+    At,
+    Fps,
+    Size,
+    Speedup,
+    ThemeOption,
+    VideoOut,
+    ViewOption,
+    video_settings,
+)
+
+if TYPE_CHECKING:
+    from usvauv_env import Scenario, Trace
+    from usvauv_env.record.recorder import Diverged
 
 
 def simulate(
@@ -35,9 +49,20 @@ def simulate(
     duration: Annotated[
         float | None, typer.Option(help="Seconds to simulate, in whole mission steps; default an episode.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="MP4 to write; default usvauv-SCENARIO.mp4.")] = None,
-    size: Annotated[str, typer.Option(metavar="WxH", help="Frame size in pixels.")] = "1280x720",
-    fps: Annotated[int, typer.Option(help="Frames a second; one frame is one mission step.")] = 30,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POLICY|usv=BOAT|targets=RULE",
+            help="Show the same world with another policy, boat or target rule beside it.",
+        ),
+    ] = None,
+    out: VideoOut = None,
+    view: ViewOption = "map",
+    theme: ThemeOption = "dark",
+    size: Size = "1280x720",
+    fps: Fps = 30,
+    speedup: Speedup = None,
+    at: At = None,
     trace: Annotated[Path | None, typer.Option(help="Also save everything that happened, as NetCDF.")] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
@@ -52,41 +77,80 @@ def simulate(
     `usvauv simulate ideal --policy straight:1.5 --usv hold:100,100 --duration 300 --out calm.mp4`
 
     `usvauv simulate --seed 7 --trace storm.nc --set current.count=8`
+
+    `usvauv simulate --view both --theme light --speedup 20 --out storm.webm`
+
+    `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
     import policies
-    from usvauv_cli import console, encoder, report
-    from usvauv_env import Scenario, World
-    from usvauv_env.memory import require
+    from usvauv_cli import console, mission_video, report
+    from usvauv_env import Scenario
     from usvauv_env.record.metrics import episode_metrics
-    from usvauv_env.record.recorder import Diverged, record
 
-    width, height = parse_size(size)
-    at_least("--fps", fps, 1)
-    at_least("--duration", 1.0 if duration is None else duration, 0.1)
-    setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
-    out = writable(out or Path(f"usvauv-{setting.name}.mp4"))
+    setting = Scenario.load(scenario, overrides or ())
+    out = out or Path(f"usvauv-{setting.name}.mp4")
+    settings = video_settings(out, size, fps, speedup, view, theme, at)
     if trace:
         writable(trace, "--trace")
-    require(encoder.video_bytes(width, height), f"--size {size}")  # before the mission is simulated
-    name = policy or policies.default(setting)
-    policies.check(name, setting)
-    tell_of_team(name, setting)
-    world = World(setting, 1, seed, usv, fine_sea=True, arch=arch)
-    act = policies.acting(name, world)
-    steps = round(duration / setting.mission.step) if duration else world.steps
-    problem = None
-    with console.progress("simulating", steps) as advance:
-        try:
-            recorded = record(world, act, name, steps=max(1, steps), surface=True, on_step=lambda _: advance(1))
-        except Diverged as error:
-            recorded, problem = error.trace, error
-    with console.progress("drawing", len(recorded.time)) as advance:
-        encoder.render(recorded, out, (width, height), fps, progress=advance)
+    at_least("--duration", 1.0 if duration is None else duration, 0.1)
+    runs = [Run(policy or policies.default(setting), usv, targets)]
+    if compare:
+        runs.append(runs[0].but(compare))
+    for run in runs:
+        policies.check(run.policy, run.scenario(setting))
+        tell_of_team(run.policy, setting)
+    recorded, problem = [], None
+    for run in runs:
+        shown, problem = simulated(run, setting, seed, duration, arch)
+        recorded.append(shown)
+        if problem:
+            break
+    with console.progress("drawing", mission_video.frames(recorded, out, settings)) as advance:
+        mission_video.render(recorded, out, settings, advance)
     if trace:
-        recorded.save(trace)
-    report.mission_summary(episode_metrics(recorded)[0], recorded)
-    typer.echo(f"video: {out.resolve()}")
+        recorded[0].save(trace)
+    for each in recorded:
+        report.mission_summary(episode_metrics(each)[0], each)
+    typer.echo(f"{'picture' if out.suffix.lower() == mission_video.PICTURE else 'video'}: {out.resolve()}")
     if trace:
         typer.echo(f"trace: {trace.resolve()}")
     if problem:
         raise problem  # what was written shows the steps before
+
+
+@dataclass(frozen=True)
+class Run:
+    """Names of a policy, a boat strategy and a target rule; None for the scenario's."""
+
+    policy: str
+    usv: str | None
+    targets: str | None
+
+    def but(self, text: str) -> Run:
+        """The same with another policy, or with usv=BOAT or targets=RULE."""
+        name, equals, value = text.partition("=")
+        if equals and name in ("usv", "targets"):
+            return replace(self, **{name: value})
+        return replace(self, policy=text)
+
+    def scenario(self, scenario: Scenario) -> Scenario:
+        return scenario.with_targets(self.targets)
+
+
+def simulated(
+    run: Run, scenario: Scenario, seed: int, duration: float | None, arch: str
+) -> tuple[Trace, Diverged | None]:
+    """The record of a mission on a finely resolved sea, and what ended it before its time."""
+    import policies
+    from usvauv_cli import console
+    from usvauv_env import World
+    from usvauv_env.record.recorder import Diverged, record
+
+    world = World(run.scenario(scenario), 1, seed, run.usv, fine_sea=True, arch=arch)
+    act = policies.acting(run.policy, world)
+    steps = max(1, round(duration / world.scenario.mission.step)) if duration else world.steps
+    with console.progress("simulating", steps) as advance:
+        try:
+            return record(world, act, run.policy, steps=steps, surface=True, on_step=lambda _: advance(1)), None
+        except Diverged as error:
+            return error.trace, error

@@ -19,7 +19,8 @@ from usvauv_env.render.map_axes import draw_map_axes
 from usvauv_env.render.panel_elements import (
     draw_card,
     draw_clock,
-    draw_tiles,
+    fill_tiles,
+    name_tiles,
     within_margins,
     write_heading,
     write_title,
@@ -90,6 +91,7 @@ class SeaPainter:
         self._title, self._tiles, block_box, section_box, level_box = boxes
         for card in boxes[1:]:
             draw_card(still, card, layout)
+        name_tiles(still, self._tiles, layout, [name for name, _ in self.figures(0.0)])
         scenario = sea.scenario
         name, about = f"Sea of “{scenario.name}”", f"{weather(sea)} · seed {sea.seed}"
         write_title(still, self._title, layout, name, about, self._duration, self._fps * sea.interval)
@@ -137,7 +139,7 @@ class SeaPainter:
         write(picture, "B", (box.right - 6 * unit, line), 11 * unit, self.layout.theme.text, bold=True, anchor="right")
         self._frame += 1
         draw_clock(picture, self._title, self.layout, sea.time, self._frame / self._frames)
-        draw_tiles(picture, self._tiles, self.layout, self.figures(now))
+        fill_tiles(picture, self._tiles, self.layout, [value for _, value in self.figures(now)])
         return picture
 
     def _measure(self, sea: SeaSimulation, surface: Surface) -> None:

@@ -51,4 +51,4 @@ class Camera:
         states = len(self._recorder) - first
         surface = np.broadcast_to(now, (states, *now.shape))
         trace = self._recorder.trace("agent", surface, first=first, worlds=slice(world, world + 1))
-        return Painter(trace, SIZE, FPS).frame(states - 1)[..., ::-1].copy()
+        return Painter(trace, SIZE, speed_up=FPS * trace.scenario.mission.step).frame(states - 1)[..., ::-1].copy()

@@ -7,7 +7,7 @@ import numpy as np
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.frame_layout import Layout, MapView, Rectangle, nice
-from usvauv_env.render.map import SIGMAS, error_axes
+from usvauv_env.render.map import error_axes
 from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.text import text_width, write
 
@@ -27,7 +27,7 @@ class FixInsets:
         truth = trace.auv_position[:, 0]
         self._fix_error = (trace.fix[:, 0] - trace.heard_position[:, 0]).astype(float)
         self._error = (trace.estimate[:, 0] - truth).astype(float)
-        self._covariance = trace.estimate_covariance[:, 0]
+        self._axes = error_axes(trace.estimate_covariance[:, 0])
         count = self._error.shape[1]
         label = 30 * layout.unit
         rows = min((1, 2, 3), key=lambda rows: -self._diameter(box, count, rows, label))
@@ -39,11 +39,13 @@ class FixInsets:
             np.array([box.left + (k % columns + 0.5) * across, box.top + (k // columns) * down + self._radius])
             for k in range(count)
         ]
-        self._tints = [
-            [style.mix(style.SEA[0], style.auv_colour(auv), 0.2 + 0.6 * (age + 1) / FIXES) for age in range(FIXES)]
-            for auv in range(count)
-        ]
-        longest = SIGMAS * np.sqrt(np.linalg.eigvalsh(self._covariance[..., [[0, 1], [1, 2]]]).max(-1).clip(0))
+        self._tints = np.array(
+            [
+                [style.mix(style.SEA[0], style.auv_colour(auv), 0.2 + 0.6 * (age + 1) / FIXES) for age in range(FIXES)]
+                for auv in range(count)
+            ]
+        )
+        longest = np.linalg.norm(self._axes, axis=-1).max(-1)
         reach = max(
             float(np.quantile(np.nan_to_num(np.linalg.norm(self._fix_error, axis=-1)), 0.96)),
             float(np.quantile(longest, 0.95)),
@@ -79,10 +81,10 @@ class FixInsets:
         first = max(0, t - FIXES + 1)
         for auv, centre in enumerate(self._centres):
             offsets = self._fix_error[first : t + 1, auv] * (self._scale, -self._scale)
-            for age in np.nonzero(self._inside(offsets))[0]:
-                tint = self._tints[auv][FIXES - len(offsets) + age]
-                shapes.disc(picture, centre + offsets[age], 1.5 * unit, tint)
-            axes = error_axes(self._covariance[t, auv]) * (self._scale, -self._scale)
+            shown = self._inside(offsets)
+            tints = self._tints[auv, FIXES - len(offsets) :][shown]
+            shapes.dots(picture, centre + offsets[shown], 1.5 * unit, tints)
+            axes = self._axes[t, auv] * (self._scale, -self._scale)
             outline = shapes.ellipse_points(np.zeros(2), axes)
             distance = np.hypot(outline[:, :1], outline[:, 1:])
             outline *= np.minimum(1.0, self._radius / np.maximum(distance, 1e-9))  # parts outside are drawn on the rim

@@ -35,7 +35,7 @@ class Rectangle(NamedTuple):
 
 
 LEGEND_HEIGHT = 146  # pixels of the design
-SMALLEST_PANEL = 530  # height in pixels of the design; panels below it have no legend
+SMALLEST_PANEL = 430  # height in pixels of the design; panels below it have no legend
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Layout:
     Attributes:
         width, height: of the frame, pixels.
         unit: pixels to one pixel of the design, for text and margins. It has a lower bound, so that text in small
-            frames is legible; they have no legend.
+            frames is legible.
         map: the operating area. panel: numbers and plots.
         legend: below the map if there is room, else below the panel if there is room, else None.
         theme: colours around the map.
@@ -63,7 +63,7 @@ class Layout:
     def fit(cls, width: int, height: int, area: Area, with_legend: bool = True, theme: Theme = style.DARK) -> Layout:
         """Divide a frame into the map of an area, true to scale, the panel and, if wanted, the legend."""
         long, short = max(width, height), min(width, height)
-        unit = max(min(long / 1280, short / 720), 0.72 * min(1.0, long / 640))
+        unit = design_unit(width, height)
         upright = height > width
         box = min(short, round((0.5 if upright else 0.5625) * long))
         margin, gap = round(10 * unit), round(7 * unit)
@@ -95,6 +95,12 @@ class Layout:
     def px(self, size: float) -> int:
         """A line width or gap of the design in whole pixels, at least 1."""
         return max(1, round(size * self.unit))
+
+
+def design_unit(width: int, height: int) -> float:
+    """Pixels of a frame to one pixel of the design; bounded from below, so that text in small frames is legible."""
+    long, short = max(width, height), min(width, height)
+    return max(min(long / 1280, short / 720), 0.72 * min(1.0, long / 640))
 
 
 class MapView:

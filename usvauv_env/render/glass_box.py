@@ -108,17 +108,17 @@ class Frame:
             ends[:, :, axis] = self._ticks[axis] - self._half[axis]
             ends[1, :, 1 - axis] += math.copysign(out, near[1 - axis])
             ends = camera.pixel(ends).swapaxes(0, 1)
-            cv2.polylines(picture, list(shapes.fixed(ends)), False, style.MUTED, 1, cv2.LINE_AA, shapes.SHIFT)
+            cv2.polylines(picture, list(shapes.fixed(ends)), False, style.DARK.muted, 1, cv2.LINE_AA, shapes.SHIFT)
             anchor, gap = ("left", 3 * unit) if ends[0, 1, 0] > ends[0, 0, 0] else ("right", -3 * unit)
             for tick, (_, (x, y)) in zip(self._ticks[axis], ends, strict=True):
-                write(picture, f"{tick:g}", (x + gap, y + 10 * unit), size, style.MUTED, anchor=anchor)
+                write(picture, f"{tick:g}", (x + gap, y + 10 * unit), size, style.DARK.muted, anchor=anchor)
         corners = np.array([(near[0], -near[1]), (-near[0], near[1])])
         left = corners[np.argmin(corners @ camera.right)]
         for depth in self._depths:
             x, y = camera.pixel(np.array([*left, -depth * self._scene.depths]))
-            shapes.stroke(picture, np.array([(x, y), (x - 5 * unit, y)]), style.MUTED)
+            shapes.stroke(picture, np.array([(x, y), (x - 5 * unit, y)]), style.DARK.muted)
             words = f"−{depth:g} m" if depth else "0 m"
-            write(picture, words, (x - 8 * unit, y + 4 * unit), size, style.MUTED, anchor="right")
+            write(picture, words, (x - 8 * unit, y + 4 * unit), size, style.DARK.muted, anchor="right")
 
     def draw_compass(self, picture: np.ndarray, camera: Camera) -> None:
         """An arrow to the north, lying level, at the lower left."""
@@ -126,9 +126,9 @@ class Frame:
         middle = np.array([34 * unit, picture.shape[0] - 34 * unit])
         level = np.array([camera.right, camera.forward * -camera.height / camera.distance]) * 20 * unit
         turns = np.linspace(0.0, 2 * np.pi, 48)
-        shapes.stroke(picture, middle + np.stack([np.cos(turns), np.sin(turns)], 1) @ level.T, style.LINE)
+        shapes.stroke(picture, middle + np.stack([np.cos(turns), np.sin(turns)], 1) @ level.T, style.DARK.line)
         arrow = np.array([(0.0, 0.95), (0.26, -0.55), (0.0, -0.3), (-0.26, -0.55)]) @ level.T + middle
-        shapes.fill(picture, arrow[[0, 1, 2]], style.MUTED)
-        shapes.fill(picture, arrow[[0, 2, 3]], style.TEXT)
+        shapes.fill(picture, arrow[[0, 1, 2]], style.DARK.muted)
+        shapes.fill(picture, arrow[[0, 2, 3]], style.DARK.text)
         x, y = middle + level @ (0.0, 1.55)
-        write(picture, "N", (x, y + 4 * unit), 11 * unit, style.TEXT, bold=True, anchor="centre")
+        write(picture, "N", (x, y + 4 * unit), 11 * unit, style.DARK.text, bold=True, anchor="centre")

@@ -62,6 +62,10 @@ def _node(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
         gauges.draw(picture, at + (np.array([x, 0]) * layout.unit), share)
 
 
+def _station(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
+    symbols.station(picture, at, 6.5 * layout.unit, layout.theme.auv(0), layout.zoom)
+
+
 def _full(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
     symbols.NodeGauges(5.5 * layout.unit).draw(picture, at, 1.0, pulse=0.6)
 
@@ -127,11 +131,11 @@ STATION_ENTRIES: tuple[tuple[Symbol, str], ...] = (
     (_boat, "boat (USV): finds the AUVs by sound"),
     (_ping, "ring: the boat asks where they are"),
     (_heard, "line from the boat: an AUV it heard"),
-    (_target, "way to the station it holds"),
+    (_target, "way back to its station"),
     (_goal, "where the boat plans to go"),
     (_current, "drifting streaks: water current"),
     (_fix, "true place of an AUV, and estimated"),
-    (_node, "station"),
+    (_station, "station that it holds"),
     (_ellipse, "2-σ ellipse: 86 % of errors expected"),
 )
 

@@ -19,20 +19,20 @@ from usvauv_env.render.shapes import Overlay
 from usvauv_env.render.text import text_width, write
 
 TRAIL = 120.0  # s
-TRAIL_PIECES = 10  # of one opacity each
+TRAIL_PIECES = 6  # of one opacity each
 POPUP_FRAMES = 45  # for which the data of a completed service is shown
 PING_FRAMES = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
 HEARD_FRAMES = 6.0  # in which the line to an AUV that was heard fades to 1/e
 OLD = 300.0  # s, age from which on a node's ring is brightest
+REFRESH = 3  # steps from which on streaks and lines of equal worth, which change slowly, are made anew
 NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
 SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
 
 
 def error_axes(covariance: np.ndarray) -> np.ndarray:
-    """Semi-axes (2, 2) of the error ellipse, one a row, m, of a covariance (3,) xx, xy, yy in m²."""
-    xx, xy, yy = np.asarray(covariance, float)
-    variances, directions = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
-    return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[:, None] * directions.T
+    """Semi-axes (..., 2, 2) of error ellipses, one a row, m, of covariances (..., 3) xx, xy, yy in m²."""
+    variances, directions = np.linalg.eigh(np.asarray(covariance, float)[..., [[0, 1], [1, 2]]])
+    return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[..., None] * np.swapaxes(directions, -1, -2)
 
 
 def latest(happened: np.ndarray) -> np.ndarray:
@@ -84,8 +84,11 @@ class MissionMap:
         spacing = np.sqrt(layout.map.width * layout.map.height / len(self._nodes))
         self._node_radius = float(np.clip(spacing / 7, 3.0 * layout.unit, 9.5 * layout.unit))
         self._estimated = self.view.pixel(trace.estimate[:, 0])
+        self._error_axes = self.view.vector(error_axes(trace.estimate_covariance[:, 0]))
         self._foreseen = self.view.pixel(trace.foreseen_position[:, 0])
         self._field = ReplyField(trace, self.view)
+        self._contours: list[tuple[float, list[np.ndarray]]] = []
+        self._made = -REFRESH
         self._gauges = symbols.NodeGauges(self._node_radius)
         self._hover_radius = max(scenario.auv.hover_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
 
@@ -93,7 +96,10 @@ class MissionMap:
         """Draw step t over the map's rectangle."""
         self.surface.paint(picture, t)
         self._overlay.clear()
-        self.streaks.update(self._trace.vortex[t, 0])
+        if not self._made <= t < self._made + REFRESH:
+            self._made = t
+            self.streaks.update(self._trace.vortex[t, 0])
+            self._contours = self._field.lines(t)
         self.streaks.draw(self._overlay, t * self._streak_step, self._layout.px(1.2))
         self._draw_field(t)
         self._draw_ellipses(t)
@@ -129,12 +135,12 @@ class MissionMap:
 
     def _draw_field(self, t: int) -> None:
         """Lines of what replies heard at a place are worth, brighter where it is more; none where all is heard."""
-        for level, lines in self._field.lines(t):
+        for level, lines in self._contours:
             self._overlay.strokes(lines, style.FIELD, 0.15 + 0.6 * level, self._layout.px(1.2))
 
     def _draw_ellipses(self, t: int) -> None:
         for auv, position in enumerate(self._estimated[t]):
-            axes = self.view.vector(error_axes(self._trace.estimate_covariance[t, 0, auv]))
+            axes = self._error_axes[t, auv]
             if np.abs(axes).max() > 2 * self._layout.unit:
                 outline = shapes.ellipse_points(position, axes)
                 line = np.concatenate([outline, outline[:1]])
@@ -186,6 +192,10 @@ class MissionMap:
         return later[:NEXT].tolist()
 
     def _draw_nodes(self, picture: np.ndarray, t: int) -> None:
+        if self._trace.scenario.task == "station-keeping":
+            for auv, centre in enumerate(self._nodes):
+                symbols.station(picture, centre, self._node_radius, style.auv_colour(auv), self._layout.zoom)
+            return
         pulse = 0.5 + 0.5 * math.sin(0.35 * t)
         for centre, share, old in zip(self._nodes, self._fill[t], self._age[t], strict=True):
             self._gauges.draw(picture, centre, share, old, pulse)
@@ -193,10 +203,10 @@ class MissionMap:
     def _draw_boat(self, picture: np.ndarray, t: int, boat: int) -> None:
         layout, goal = self._layout, self.view.pixel(self._trace.boat_goal[t, 0, boat])
         position = self._boats[t, boat]
-        if np.hypot(*(goal - position)) > 3 * layout.unit:
+        if np.hypot(*(goal - position)) > 20 * layout.unit:  # nearer goals are below the boat
             for piece in shapes.dashes(position, goal, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.BOAT, layout.px(1))
-        symbols.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
+            symbols.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
         symbols.boat(picture, position, self._running.boat_heading[t, boat], 34 * layout.unit, layout.zoom)
 
     def _draw_auv(self, picture: np.ndarray, t: int, auv: int) -> None:
@@ -220,6 +230,7 @@ class MissionMap:
         """The data of each AUV's latest service, rising from the node for `POPUP_FRAMES`."""
         unit, box = self._layout.unit, self._layout.map
         first, size = max(0, t - POPUP_FRAMES + 1), 13 * unit
+        taken: list[tuple[float, float, float]] = []
         for auv in range(self._auvs.shape[1]):
             recent = np.flatnonzero(self._trace.delivered[first : t + 1, 0, auv] > 0)
             if not recent.size:
@@ -231,5 +242,8 @@ class MissionMap:
             x, y = self._nodes[self._node_of(done, auv)]
             x = np.clip(x, box.left + half, max(box.right - half, box.left + half))
             y = max(y - self._hover_radius - (5 + 16 * age) * unit, box.top + 1.2 * size)
+            while any(abs(x - at) < half + other and abs(y - row) < 1.15 * size for at, row, other in taken):
+                y += 1.15 * size if y + 2.3 * size < box.bottom else -1.15 * size * (len(taken) + 1)
+            taken.append((x, y, half))
             for shift, ink in ((unit, style.OUTLINE), (0, style.auv_colour(auv))):
                 write(picture, text, (x + shift, y + shift), size, ink, bold=True, anchor="centre", opacity=1 - age**3)

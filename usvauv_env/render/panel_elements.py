@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from usvauv_env.render import shapes, style
 from usvauv_env.render.frame_layout import Layout, Rectangle
 from usvauv_env.render.text import clock, shorten, text_width, write
 
@@ -35,15 +36,23 @@ def draw_clock(picture: np.ndarray, box: Rectangle, layout: Layout, time: float,
     bar[:], bar[:, :done] = theme.line, theme.muted
 
 
-def draw_tiles(picture: np.ndarray, box: Rectangle, layout: Layout, figures: list[tuple[str, str]]) -> None:
-    """Names and values side by side."""
-    unit, theme = layout.unit, layout.theme
-    across = box.width / len(figures)
-    for place, (name, value) in enumerate(figures):
-        left, room = box.left + place * across + 10 * unit, across - 14 * unit
-        write(picture, name, (left, box.top + 17 * unit), _fitting(name, 11 * unit, room), theme.muted)
-        size = _fitting(value, 20 * unit, room, bold=True)
-        write(picture, value, (left, box.top + 42 * unit), size, theme.text, bold=True)
+def name_tiles(still: np.ndarray, box: Rectangle, layout: Layout, names: list[str]) -> None:
+    """Names of tiles side by side, of one size."""
+    unit = layout.unit
+    across = box.width / len(names)
+    size = min(_fitting(name, 11 * unit, across - 14 * unit) for name in names)
+    for place, name in enumerate(names):
+        write(still, name, (box.left + place * across + 10 * unit, box.top + 17 * unit), size, layout.theme.muted)
+
+
+def fill_tiles(picture: np.ndarray, box: Rectangle, layout: Layout, values: list[str]) -> None:
+    """Values below the names."""
+    unit = layout.unit
+    across = box.width / len(values)
+    for place, value in enumerate(values):
+        size = _fitting(value, 20 * unit, across - 14 * unit, bold=True)
+        position = box.left + place * across + 10 * unit, box.top + 42 * unit
+        write(picture, value, position, size, layout.theme.text, bold=True)
 
 
 def _fitting(text: str, size: float, room: float, bold: bool = False) -> float:
@@ -82,3 +91,34 @@ def within_margins(
     return Rectangle(
         box.left + a, box.top + c, max(box.width - a - b, 8), max(box.height - c - round(bottom * unit), 8)
     )
+
+
+class Bars:
+    """A title, and named values side by side, each with a bar from the middle that `scale` fills."""
+
+    def __init__(
+        self, still: np.ndarray, box: Rectangle, layout: Layout, title: tuple[str, str], names: list[str], scale: float
+    ) -> None:
+        unit, theme = layout.unit, layout.theme
+        for line, words in enumerate(title):
+            write(still, words, (box.left + 10 * unit, box.top + (18 + 15 * line) * unit), 11 * unit, theme.muted)
+        start = box.left + max(text_width(words, 11 * unit) for words in title) + 26 * unit
+        across = (box.right - start) / len(names)
+        self._layout, self._scale, self._row = layout, scale, box.top
+        self._left, self._room = [start + place * across for place in range(len(names))], across - 10 * unit
+        self._size = min(_fitting(f"{name} +00.00", 11 * unit, self._room) for name in names)
+        row = box.top + 30 * unit
+        for left, name in zip(self._left, names, strict=True):
+            write(still, name, (left, box.top + 18 * unit), self._size, theme.muted)
+            shapes.stroke(still, np.array([(left, row), (left + self._room, row)]), theme.line, layout.px(2))
+
+    def draw(self, picture: np.ndarray, values: list[float]) -> None:
+        """Draw the values over a copy of the still picture."""
+        layout, unit, room = self._layout, self._layout.unit, self._room
+        for left, value in zip(self._left, values, strict=True):
+            number, row = f"{value:+.2f}".replace("-", "−"), self._row + 30 * unit
+            position = left + room, self._row + 18 * unit
+            write(picture, number, position, self._size, layout.theme.text, anchor="right")
+            middle, length = left + room / 2, room / 2 * min(max(value / self._scale, -1.0), 1.0)
+            ink = style.GAUGE[0] if value > 0 else style.GAUGE[2]
+            shapes.stroke(picture, np.array([(middle, row), (middle + length, row)]), ink, layout.px(4))

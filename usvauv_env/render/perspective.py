@@ -113,7 +113,7 @@ class PerspectiveView:
             shorten(text, size, width - 20 * unit),
             (width - 10 * unit, height - 9 * unit),
             size,
-            style.MUTED,
+            style.DARK.muted,
             anchor="right",
         )
         line, right = round(18 * unit), width - 10 * unit
@@ -121,11 +121,11 @@ class PerspectiveView:
         across, up, gap = round(90 * unit), round(9 * unit), 6 * unit
         if text_width(high + low, size) + across + 2 * gap > right or line > height:
             return
-        write(picture, high, (right, line), size, style.MUTED, anchor="right")
+        write(picture, high, (right, line), size, style.DARK.muted, anchor="right")
         if limit:
             left = round(right - text_width(high, size) - gap) - across
             picture[line - up : line, left : left + across] = colour_scale(across, up)
-            write(picture, low, (left - gap, line), size, style.MUTED, anchor="right")
+            write(picture, low, (left - gap, line), size, style.DARK.muted, anchor="right")
 
     def _draw_nodes(self, picture: np.ndarray, camera: Camera, t: int) -> None:
         away, feet = camera.away(self._nodes), camera.pixel(self._nodes)
@@ -262,7 +262,7 @@ def _backdrop(width: int, height: int) -> np.ndarray:
     """A dark room, a little lighter in the middle."""
     x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
     glow = np.exp(-1.4 * (x * x + (y + 0.25) ** 2))[:, :, None]
-    low, high = np.array(style.BACKGROUND, float), np.array(style.colour("#1d3346"), float)
+    low, high = np.array(style.DARK.background, float), np.array(style.colour("#1d3346"), float)
     grain = np.random.default_rng(0).uniform(-0.5, 0.5, (height, width, 1))  # against bands
     return np.clip(low + (high - low) * glow + grain, 0, 255).round().astype(np.uint8)
 

@@ -50,5 +50,8 @@ class ReplyField:
 
     def lines(self, t: int) -> list[tuple[float, list[np.ndarray]]]:
         """Each level with its lines (N, 2) in step t, pixels."""
-        contours = contour_generator(self._x, self._y, self.share(t))
+        share = self.share(t)
+        if share.min() > LEVELS[-1] or share.max() < LEVELS[0]:
+            return []
+        contours = contour_generator(self._x, self._y, share)
         return [(level, [self._view.pixel(np.asarray(line)) for line in contours.lines(level)]) for level in LEVELS]

@@ -23,6 +23,7 @@ class RunningMetrics:
         position_error: (T, K) horizontal distance from the true position to the estimate, m.
         error_median: (T, K) its median over the last 30 s.
         off_target: (T,) mean over AUVs of the distance to the target, m. power: (T,) of the AUVs together, W.
+        reward: (T, R) terms of the reward a step, summed over AUVs, mean of the last 30 s.
         heading: (T, K) of the AUVs, boat_heading: (T, B) of the boats, anticlockwise from east, rad.
         service_share: (T, K) completed part of the service under way, 0 when travelling.
     """
@@ -36,6 +37,7 @@ class RunningMetrics:
     error_median: np.ndarray
     off_target: np.ndarray
     power: np.ndarray
+    reward: np.ndarray
     heading: np.ndarray
     boat_heading: np.ndarray
     service_share: np.ndarray
@@ -57,10 +59,30 @@ class RunningMetrics:
             error_median=_running_median(error, max(1, round(MEDIAN_WINDOW / step))),
             off_target=target_distance(trace)[:, 0].mean(axis=1),
             power=trace.power[:, 0].sum(axis=1),
+            reward=_smooth(trace.reward_terms[:, 0].sum(axis=1, dtype=float), max(1, round(MEDIAN_WINDOW / step))),
             heading=_heading(trace.auv_velocity[:, 0], 1e-3),
             boat_heading=_heading(_smooth(moves, 5), 0.02 * step),
             service_share=_service_share(hovering, rate > 0),
         )
+
+
+def figures(trace: Trace, running: RunningMetrics, t: int) -> list[tuple[str, float, str]]:
+    """Figures of step t: name with unit, value, and how it is written (a format specification)."""
+    if trace.scenario.task == "station-keeping":
+        return [
+            ("off station, m", running.off_target[t], ".2f"),
+            ("in the mean, m", running.off_target[: t + 1].mean(), ".2f"),
+            ("power now, W", running.power[t], ".0f"),
+            ("EC, W", running.ec[t], ".1f"),
+            ("AUVs too close", trace.collisions[: t + 1, 0].sum(), ".0f"),
+        ]
+    return [
+        ("SDR, Mbit/s", running.sdr[t], ".2f"),
+        ("EC, W", running.ec[t], ".1f"),
+        ("services", running.services[t], ".0f"),
+        ("delivered, Mbit", running.delivered[t], ".1f"),
+        ("full nodes", running.full_now[t], ".0f"),
+    ]
 
 
 def _running_median(series: np.ndarray, window: int) -> np.ndarray:
@@ -72,11 +94,12 @@ def _running_median(series: np.ndarray, window: int) -> np.ndarray:
 
 
 def _smooth(series: np.ndarray, window: int) -> np.ndarray:
-    """Mean of the last `window` rows."""
+    """Mean of the last `window` rows, of fewer at the start."""
     total = np.cumsum(series, axis=0)
     late = total.copy()
     late[window:] -= total[:-window]
-    return late / window
+    count = np.minimum(np.arange(1, len(series) + 1), window)
+    return late / count.reshape(-1, *[1] * (series.ndim - 1))
 
 
 def _heading(velocity: np.ndarray, least: float) -> np.ndarray:

@@ -26,6 +26,21 @@ def disc(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | 
     cv2.circle(image, _fixed_point(centre), round(radius * (1 << SHIFT)), colour, -1, cv2.LINE_AA, SHIFT)
 
 
+def dots(image: np.ndarray, centres: np.ndarray, radius: float, colours: np.ndarray) -> None:
+    """Small discs at points (N, 2) in colours (N, 3); far faster than as many calls of `disc`."""
+    reach = int(radius + 1.5)
+    steps = np.arange(-reach, reach + 1)
+    whole = np.rint(centres).astype(int)
+    columns, rows = whole[:, 0, None, None] + steps, whole[:, 1, None, None] + steps[:, None]
+    away = np.hypot(columns - centres[:, 0, None, None], rows - centres[:, 1, None, None])
+    cover = np.clip(radius + 0.5 - away, 0.0, 1.0)
+    inside = (cover > 0) & (columns >= 0) & (columns < image.shape[1]) & (rows >= 0) & (rows < image.shape[0])
+    number, *_ = np.nonzero(inside)
+    place = np.broadcast_to(rows, inside.shape)[inside], np.broadcast_to(columns, inside.shape)[inside]
+    below = image[place].astype(np.float32)
+    image[place] = below + (colours[number] - below) * cover[inside, None] + 0.5
+
+
 def ring(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | int, width: int = 1) -> None:
     cv2.circle(image, _fixed_point(centre), round(radius * (1 << SHIFT)), colour, width, cv2.LINE_AA, SHIFT)
 

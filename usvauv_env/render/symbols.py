@@ -105,6 +105,17 @@ def foreseen(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour,
     shapes.smooth(image, centre, 1.5 * size + 2 * width, factor, draw)
 
 
+def station(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour, factor: int) -> None:
+    """A place to be held: a disc in a ring."""
+
+    def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
+        shapes.disc(fine, middle, 1.15 * radius * zoom, style.OUTLINE)
+        shapes.ring(fine, middle, 0.9 * radius * zoom, colour, max(1, round(0.22 * radius * zoom)))
+        shapes.disc(fine, middle, 0.35 * radius * zoom, colour)
+
+    shapes.smooth(image, centre, 1.3 * radius, factor, draw)
+
+
 def badge(image: np.ndarray, text: str, centre: np.ndarray, size: float, colour: Colour) -> None:
     """A short text on a dark pill."""
     half = max(text_width(text, size, bold=True) / 2, 0.3 * size)

@@ -1,0 +1,162 @@
+"""Speed of the mission's video: frames a second drawn and encoded, by size, beside an animation by matplotlib.
+
+    python -m benchmarks.video [--json] [--frames 600]
+
+A mission of `extreme` is recorded once. Each size and the animation run in processes of their own. The animation shows
+the sea, the current, boat, AUVs, trails, ellipses, nodes and the plot of errors with artists whose data are
+replaced, each frame drawn whole as `FuncAnimation` does; it is encoded by the same encoder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import policies
+from benchmarks.machine import describe
+from usvauv_cli.encoder import video_file
+from usvauv_cli.mission_video import VideoSettings, render
+from usvauv_env import Scenario, Trace, World
+from usvauv_env.record.metrics import position_error
+from usvauv_env.record.recorder import record
+from usvauv_env.render.painter import VIEWS, Look
+
+SIZES = ("640x360", "1280x720", "1920x1080", "3840x2160")
+BASELINE = "matplotlib"
+ANIMATED = 60  # frames of the animation, which is slow
+
+
+def recorded(frames: int) -> Trace:
+    """A mission of `extreme` on the finely resolved sea."""
+    world = World(Scenario.load("extreme", [f"mission.duration={frames}"]), 1, 0, fine_sea=True)
+    return record(world, policies.acting("clear", world), "clear", surface=True)
+
+
+def peak_memory() -> float:
+    """Largest resident memory of this process so far, MB."""
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1]) / 1e3
+
+
+def drawn(trace: Trace, size: tuple[int, int], view: str, out: Path) -> dict[str, float]:
+    """Frames a second of a view, and peak memory; caches of kernels and letters are warm."""
+    settings = VideoSettings(size, look=Look(view))
+    render([trace], out, VideoSettings(size, speedup=3000.0, look=Look(view)))
+    begin = time.perf_counter()
+    summary = render([trace], out, settings)
+    return {
+        "frames_per_second": summary.frames / (time.perf_counter() - begin),
+        "peak_memory_mb": peak_memory(),
+        "kilobytes_per_frame": summary.bytes / summary.frames / 1e3,
+    }
+
+
+def animated(trace: Trace, size: tuple[int, int], out: Path) -> dict[str, float]:
+    """Frames a second of an animation by matplotlib, with artists updated in place."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Ellipse
+
+    figure = Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100)
+    canvas = FigureCanvasAgg(figure)
+    area, panel = figure.add_axes((0.04, 0.06, 0.5, 0.88)), figure.add_axes((0.6, 0.1, 0.38, 0.8))
+    side, auvs = trace.scenario.area, range(trace.power.shape[2])
+    sea = area.imshow(trace.surface[0], origin="lower", extent=(0, side.width, 0, side.length), cmap="ocean")
+    figure.colorbar(sea, ax=area)
+    grid = np.stack(np.meshgrid(*(np.linspace(0, length, 24) for length in (side.width, side.length))), -1)
+    arrows = area.quiver(grid[..., 0], grid[..., 1], *np.ones((2, 24, 24)), color="w", alpha=0.4)
+    nodes = area.scatter(*trace.node_position[0].T, c=trace.backlog[0, 0], cmap="RdYlGn_r", zorder=2)
+    (boat,) = area.plot([], [], "w^", ms=12)
+    trails = [area.plot([], [], lw=2)[0] for _ in auvs]
+    ellipses = [area.add_patch(Ellipse((0, 0), 1, 1, fill=False, color="w")) for _ in auvs]
+    labels = [area.text(0, 0, f"AUV {auv + 1}", color="w") for auv in auvs]
+    title = figure.suptitle("")
+    error = position_error(trace)[:, 0]
+    panel.set(xlim=(0, trace.time[-1]), ylim=(0.01, error.max()), yscale="log", xlabel="s", ylabel="position error, m")
+    panel.grid()
+    curves = [panel.plot([], [])[0] for _ in auvs]
+    begin = time.perf_counter()
+    frames = min(ANIMATED, len(trace.time))
+    with video_file(out, *size, 30) as append:
+        for t in range(frames):
+            sea.set_data(trace.surface[t])
+            turn = grid[..., None, :] - trace.vortex[t, 0, :, :2]
+            strength = trace.vortex[t, 0, :, 2] / (
+                2 * np.pi * (np.square(turn).sum(-1) + trace.vortex[t, 0, :, 3] ** 2)
+            )
+            arrows.set_UVC(-(strength * turn[..., 1]).sum(-1), (strength * turn[..., 0]).sum(-1))
+            nodes.set_array(trace.backlog[t, 0])
+            boat.set_data(trace.boat_position[t, 0, :, 0], trace.boat_position[t, 0, :, 1])
+            for auv in auvs:
+                trails[auv].set_data(*trace.auv_position[max(0, t - 120) : t + 1, 0, auv].T)
+                curves[auv].set_data(trace.time[: t + 1], error[: t + 1, auv])
+                ellipses[auv].set_center(trace.estimate[t, 0, auv])
+                ellipses[auv].set(width=4 * trace.estimate_covariance[t, 0, auv, 0] ** 0.5)
+                ellipses[auv].set(height=4 * trace.estimate_covariance[t, 0, auv, 2] ** 0.5)
+                labels[auv].set_position(trace.auv_position[t, 0, auv])
+            title.set_text(f"{trace.time[t]:.0f} s, {trace.delivered[: t + 1, 0].sum():.1f} Mbit")
+            canvas.draw()
+            append(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., 2::-1]))
+    return {"frames_per_second": frames / (time.perf_counter() - begin)}
+
+
+def child(trace: Path, size: str, what: str) -> dict[str, float]:
+    """Measure one thing in a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.video", "--trace", str(trace), "--size", size, "--what", what]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    parser.add_argument("--frames", type=int, default=600)
+    parser.add_argument("--trace", type=Path, help="(of a child) the mission")
+    parser.add_argument("--size", default="1280x720", help="(of a child)")
+    parser.add_argument("--what", help="(of a child) a view, or the animation")
+    arguments = parser.parse_args()
+    if arguments.what:
+        width, height = map(int, arguments.size.split("x"))
+        trace, out = Trace.load(arguments.trace), arguments.trace.with_suffix(".mp4")
+        if arguments.what == BASELINE:
+            print(json.dumps(animated(trace, (width, height), out)))
+        else:
+            print(json.dumps(drawn(trace, (width, height), arguments.what, out)))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mission.nc"
+        recorded(arguments.frames).save(path)
+        by_size = {size: child(path, size, "map") for size in SIZES}
+        by_view = {view: child(path, "1280x720", view) for view in VIEWS}
+        baseline = child(path, "1280x720", BASELINE)
+    result = {
+        "machine": describe(),
+        "frames": arguments.frames,
+        "frames_per_second": {size: figures["frames_per_second"] for size, figures in by_size.items()},
+        "peak_memory_mb": {size: figures["peak_memory_mb"] for size, figures in by_size.items()},
+        "views": {view: figures["frames_per_second"] for view, figures in by_view.items()},
+        "matplotlib": baseline["frames_per_second"],
+        "ratio": by_view["map"]["frames_per_second"] / baseline["frames_per_second"],
+    }
+    if arguments.json:
+        print(json.dumps(result))
+        return
+    print(f"{arguments.frames} frames of `extreme`; {result['machine']}")
+    print("| size | frames/s | peak memory MB | kB a frame |")
+    print("| --- | --- | --- | --- |")
+    for size, figures in by_size.items():
+        rate, memory, size_of = figures.values()
+        print(f"| {size} | {rate:.0f} | {memory:.0f} | {size_of:.0f} |")
+    shown = ", ".join(f"{view} {rate:.0f}" for view, rate in result["views"].items())
+    print(f"frames/s by view at 1280x720: {shown}")
+    print(f"an animation by matplotlib: {result['matplotlib']:.1f} frames/s, ratio {result['ratio']:.0f}")
+
+
+if __name__ == "__main__":
+    main()
