@@ -159,6 +159,8 @@ class TestScene:
         assert scene.place(np.array([0.0, 200.0]), -5.0).tolist() == [-100.0, 100.0, -5.0]
         line = np.array([(-150, 0, 0), (-50, 0, 0), (50, 0, 0), (150, 0, 0), (150, 90, 0), (90, 90, 0), (80, 90, 0)])
         assert [piece[:, 0].tolist() for piece in scene.inside(line)] == [[-50, 50], [90, 80]]
+        down = np.column_stack([0 * np.arange(5), 0 * np.arange(5), -40.0 * np.arange(5)])
+        assert [piece[-1, 2] for piece in scene.inside(down)] == [-120.0]
 
     def test_stations_are_where_the_auvs_are(self):
         scene = Scene.of(Scenario.load("station-keeping"), 8.0)
@@ -174,11 +176,10 @@ class TestBodies:
         assert math.atan2(axes[0, 1], axes[0, 0]) == pytest.approx(0.7)
 
     def test_faces_look_outwards(self):
-        """Each face is seen from outside: from far along its normal nothing of the body is before it."""
         for body in (bodies.BOAT, bodies.auv((255, 0, 0))):
-            middle = body.corners[:-8].mean(axis=(0, 1))
-            outwards = ((body.corners.mean(axis=1) - middle) * body.normals).sum(axis=1)
-            assert (outwards[: -8 if body is not bodies.BOAT else None] > -0.02).all()
+            hull = slice(-8) if body is not bodies.BOAT else slice(None)  # an AUV's fins have two sides
+            outwards = (body.corners.mean(axis=1) - body.corners[hull].mean(axis=(0, 1))) * body.normals
+            assert (outwards.sum(axis=1)[hull] > -0.02).all()
 
 
 class TestView:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from usvauv_env.render import shapes, style
-from usvauv_env.render.camera import Camera
+from usvauv_env.render.canvas import Canvas
 from usvauv_env.render.style import Colour
 
 LIGHT = np.array([-0.42, -0.25, 0.87])  # unit vector to the light: east, north, up
@@ -34,13 +34,13 @@ class Body(NamedTuple):
         normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
         return cls(corners, normals / np.linalg.norm(normals, axis=1, keepdims=True), np.array(colours, float))
 
-    def draw(self, picture: np.ndarray, camera: Camera, place: np.ndarray, axes: np.ndarray, length: float) -> None:
+    def draw(self, canvas: Canvas, place: np.ndarray, axes: np.ndarray, length: float) -> None:
         """Draw it around a place (3,) of the scene, `length` m long, with the axes of `turned`."""
         corners = self.corners * length @ axes + place
-        pixels, centre = camera.pixel(corners), camera.pixel(place)
+        pixels, centre = canvas.camera.pixel(corners), canvas.camera.pixel(place)
         (ax, ay), (bx, by) = (pixels[:, 2] - pixels[:, 0]).T, (pixels[:, 3] - pixels[:, 1]).T
         seen = np.flatnonzero(ax * by - ay * bx < 0)  # rows run down
-        seen = seen[np.argsort(-camera.away(corners[seen].mean(axis=1)))]
+        seen = seen[np.argsort(-canvas.camera.away(corners[seen].mean(axis=1)))]
         lit = 0.7 + 0.3 * self.normals[seen] @ (axes @ LIGHT)
         colours = (self.colours[seen] * lit[:, None]).tolist()
 
@@ -50,7 +50,7 @@ class Body(NamedTuple):
             for outline, colour in zip(outlines, colours, strict=True):
                 cv2.fillConvexPoly(fine, outline, colour, cv2.LINE_8, shapes.SHIFT)
 
-        shapes.smooth(picture, centre, float(np.abs(pixels - centre).max()) + 3, FACTOR, paint)
+        shapes.smooth(canvas.picture, centre, float(np.abs(pixels - centre).max()) + 3, FACTOR, paint)
 
 
 def turned(heading: float, slope: np.ndarray) -> np.ndarray:

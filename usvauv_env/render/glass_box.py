@@ -9,6 +9,7 @@ import numpy as np
 
 from usvauv_env.render import shapes, style
 from usvauv_env.render.camera import Camera
+from usvauv_env.render.canvas import Canvas
 from usvauv_env.render.frame_layout import Layout, nice_above
 from usvauv_env.render.scene import Scene
 from usvauv_env.render.text import write
@@ -40,8 +41,9 @@ def _light(camera: Camera, columns: Columns, bed: float, rows: np.ndarray) -> np
     return cv2.convertScaleAbs(cv2.transform(cv2.merge([lit, clear * on_bed]), _BLEND))
 
 
-def paint_water(picture: np.ndarray, camera: Camera, columns: Columns, bed: float, sheet: Sheet) -> None:
+def paint_water(canvas: Canvas, columns: Columns, bed: float, sheet: Sheet) -> None:
     """Fill the box from the highest line of the surface to the near edges of the bed, at height `bed`."""
+    picture, camera = canvas
     foot = camera.centre[1] + camera.focal * (camera.height - bed) / columns.near
     top = max(int(sheet.horizon.min()), 0)
     rows = np.arange(top + 0.5 * COARSE - 0.5, foot.max() + COARSE, COARSE)
@@ -50,9 +52,8 @@ def paint_water(picture: np.ndarray, camera: Camera, columns: Columns, bed: floa
     large = cv2.resize(small, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)
     region = picture[top : top + large.shape[0], 2 * columns.first : 2 * columns.first + large.shape[1]]
     mask = np.zeros(region.shape[:2], np.uint8)
-    outline = np.stack([np.tile(columns.x, 2), np.concatenate([sheet.horizon, foot])], 1)
-    outline[len(foot) :] = outline[: len(foot) - 1 : -1]
-    cv2.fillPoly(mask, [np.rint(outline - (2 * columns.first, top)).astype(np.int32)], 255)
+    above, below = (np.stack([columns.x - 2 * columns.first, line - top], 1) for line in (sheet.horizon, foot))
+    cv2.fillPoly(mask, [np.rint(np.concatenate([above, below[::-1]])).astype(np.int32)], 255)
     cv2.copyTo(large[: region.shape[0], : region.shape[1]], mask, region)
 
 
@@ -71,7 +72,7 @@ class Frame:
         """The area's nearest corner (2,), m."""
         return -self._half * np.sign(camera.forward)
 
-    def draw_bed(self, picture: np.ndarray, camera: Camera, columns: Columns, sheet: Sheet) -> None:
+    def draw_bed(self, canvas: Canvas, columns: Columns, sheet: Sheet) -> None:
         """The grid, and the edge behind the water."""
         bed, lines = self._scene.bed, []
         for axis in (0, 1):
@@ -80,27 +81,24 @@ class Frame:
                 ends = np.full((2, 3), bed)
                 ends[:, axis], ends[:, 1 - axis] = tick - self._half[axis], (-across, across)
                 lines.append(ends)
-        pieces = list(shapes.fixed(camera.pixel(np.array(lines))))
-        cv2.polylines(picture, pieces, False, GRID, 1, cv2.LINE_AA, shapes.SHIFT)
-        far = -self._near(camera)
-        x, foot = camera.pixel(np.array([*far, bed]))
-        top = sheet.horizon[columns.at(x)]
-        shapes.stroke(picture, np.array([(x, top), (x, foot)]), GRID, self._layout.px(1))
+        canvas.pieces(canvas.camera.pixel(np.array(lines)), GRID)
+        x, foot = canvas.camera.pixel(np.array([*-self._near(canvas.camera), bed]))
+        canvas.pieces(np.array([[(x, sheet.horizon[columns.at(x)]), (x, foot)]]), GRID, self._layout.px(1))
 
-    def draw_edges(self, picture: np.ndarray, camera: Camera, columns: Columns, sheet: Sheet) -> None:
+    def draw_edges(self, canvas: Canvas, columns: Columns, sheet: Sheet) -> None:
         """The near edges of the glass, and the lines where the surface meets it."""
-        near, bed, width = self._near(camera), self._scene.bed, self._layout.px(1)
-        a, b = (near[0], -near[1]), (-near[0], near[1])
-        shapes.stroke(picture, camera.pixel(np.array([(*a, bed), (*near, bed), (*b, bed)])), GLASS, width)
-        for x, y in (a, near, b):
-            foot = camera.pixel(np.array([x, y, bed]))
-            top = foot[0], sheet.shore[columns.at(foot[0])]
-            shapes.stroke(picture, np.array([foot, top]), GLASS, width)
+        near, bed, width = self._near(canvas.camera), self._scene.bed, self._layout.px(1)
+        foot = np.array([(near[0], -near[1], bed), (*near, bed), (-near[0], near[1], bed)])
+        canvas.line(foot, GLASS, width)
+        feet = canvas.camera.pixel(foot)
+        tops = [(x, sheet.shore[columns.at(x)]) for x in feet[:, 0]]
+        canvas.pieces(np.stack([feet, tops], 1), GLASS, width)
         for line, ink in ((sheet.horizon, HORIZON), (sheet.shore, SHORE)):
-            shapes.stroke(picture, np.stack([columns.x, line], 1)[::2], ink, width)
+            canvas.pieces(np.stack([columns.x, line], 1)[None, ::2], ink, width)
 
-    def write_lengths(self, picture: np.ndarray, camera: Camera) -> None:
+    def write_lengths(self, canvas: Canvas) -> None:
         """Metres along the near edges of the bed, and of depth at the left."""
+        picture, camera = canvas
         unit, near = self._layout.unit, self._near(camera)
         size, out = 11 * unit, 0.02 * max(self._scene.sides)
         for axis in (0, 1):
@@ -108,7 +106,7 @@ class Frame:
             ends[:, :, axis] = self._ticks[axis] - self._half[axis]
             ends[1, :, 1 - axis] += math.copysign(out, near[1 - axis])
             ends = camera.pixel(ends).swapaxes(0, 1)
-            cv2.polylines(picture, list(shapes.fixed(ends)), False, style.DARK.muted, 1, cv2.LINE_AA, shapes.SHIFT)
+            canvas.pieces(ends, style.DARK.muted)
             anchor, gap = ("left", 3 * unit) if ends[0, 1, 0] > ends[0, 0, 0] else ("right", -3 * unit)
             for tick, (_, (x, y)) in zip(self._ticks[axis], ends, strict=True):
                 write(picture, f"{tick:g}", (x + gap, y + 10 * unit), size, style.DARK.muted, anchor=anchor)
@@ -120,9 +118,9 @@ class Frame:
             words = f"−{depth:g} m" if depth else "0 m"
             write(picture, words, (x - 8 * unit, y + 4 * unit), size, style.DARK.muted, anchor="right")
 
-    def draw_compass(self, picture: np.ndarray, camera: Camera) -> None:
+    def draw_compass(self, canvas: Canvas) -> None:
         """An arrow to the north, lying level, at the lower left."""
-        unit = self._layout.unit
+        unit, (picture, camera) = self._layout.unit, canvas
         middle = np.array([34 * unit, picture.shape[0] - 34 * unit])
         level = np.array([camera.right, camera.forward * -camera.height / camera.distance]) * 20 * unit
         turns = np.linspace(0.0, 2 * np.pi, 48)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
+from usvauv_env.render import style
 from usvauv_env.render.frame_layout import nice, nice_above
+from usvauv_env.render.map import TRAIL
 from usvauv_env.scenario import Scenario
 
 LEAST_HEIGHT = 0.012  # of the waves' scale over the area's longer side, below which heights are exaggerated
 DEPTHS = (0.3, 0.7)  # of the bed's depth over the longer side, beyond which depths are scaled
 MOST = 100.0  # exaggeration of heights
+WATER = style.colour("#123b56")  # to which lines in the water fade
 
 
 class Scene(NamedTuple):
@@ -48,10 +52,17 @@ class Scene(NamedTuple):
         return np.concatenate([flat, np.broadcast_to(np.asarray(up, float)[..., None], (*flat.shape[:-1], 1))], -1)
 
     def inside(self, line: np.ndarray) -> list[np.ndarray]:
-        """The pieces of a line (N, 3) of at least two points that lie within the area."""
-        within = np.all(np.abs(line[:, :2]) <= 0.5 * np.array(self.sides) + 1e-6, axis=1)
+        """The pieces of a line (N, 3) of at least two points that lie within the area and not below the bed."""
+        beyond = np.maximum(np.abs(line[:, :2]) - 0.5 * np.array(self.sides), self.bed - line[:, 2:])
+        within = np.all(beyond < 1e-6, axis=1)
         breaks = np.flatnonzero(np.diff(within)) + 1
         return [piece for piece in np.split(line, breaks)[0 if within[0] else 1 :: 2] if len(piece) > 1]
+
+    def afloat(self, flat: np.ndarray, heights: np.ndarray) -> np.ndarray:
+        """Places (N, 3) on the surface, of heights (Y, X) as drawn, above or below places (N, 2)."""
+        x, y = ((flat / self.sides + 0.5) * heights.shape[::-1] - 0.5).astype(np.float32).T
+        up = cv2.remap(heights, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.column_stack([flat, up.ravel()])
 
     @property
     def note(self) -> str:
@@ -59,3 +70,9 @@ class Scene(NamedTuple):
         parts = [("heights", self.heights), ("depths", self.depths)]
         told = [f"{name} × {factor:g}" for name, factor in parts if factor != 1]
         return ", ".join(told) if told else "true to scale"
+
+
+def track(t: int, step: float) -> np.ndarray:
+    """Steps, at most 60, of a trail that ends at step t, with a mission step in s."""
+    first = max(0, t - round(TRAIL / step))
+    return np.unique(np.linspace(first, t, min(t - first, 60) + 1).astype(int))

@@ -1,10 +1,11 @@
 """A height field in perspective: for each column of the picture, where the sight lines of its pixels meet the surface.
 
 A column of the picture of a level `Camera` is a vertical plane of the scene. The surface is sampled along each such
-plane from the near border of the area to the far one. A sample is visible if it is higher in the picture than all
-before it, so the running minimum of the rows finds what is hidden, and its inverse gives for each pixel the place that
-it shows. All columns are treated at once, at half the picture's resolution. One polygon a cell takes OpenCV many times
-as long; a fixed-point search along the sight lines takes half as long, but does not find what is hidden.
+plane from the near border of the area to the far one. A pixel shows the first sample that is not below it: the samples
+are entered at their rows, the nearest of those at one row remaining, and a running minimum from the top row down finds
+the nearest of all that are as high. All columns are treated at once, at half the picture's resolution. One polygon a
+cell takes OpenCV many times as long; a fixed-point search along the sight lines takes half as long, but does not find
+what is hidden.
 """
 
 from __future__ import annotations
@@ -92,12 +93,12 @@ def look(camera: Camera, columns: Columns, sides: tuple[float, float], field: np
     x, y = distance * ray[:, 0] + start[0], distance * ray[:, 1] + start[1]
     heights = cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     rows = (camera.height - heights) * (inverse * np.float32(camera.focal)) + np.float32(camera.centre[1])
-    highest = np.minimum.accumulate(rows, axis=0)
-    top, bottom = max(int(highest[-1].min()) - 2, 0), min(int(rows[0].max()) + 3, height - 2)
+    horizon = rows.min(axis=0)
+    top, bottom = max(int(horizon.min()) - 2, 0), min(int(rows[0].max()) + 3, height - 2)
     count, across = max((bottom - top) // 2 + 1, 1), len(near)
 
-    # For each pixel the first sample that is not below it: samples are written far to near, so the nearest remains.
-    place = np.clip(np.ceil((highest - (top + 0.5)) * 0.5), 0, count - 1).astype(np.intp)
+    # Written far to near, so that the nearest remains.
+    place = np.clip(np.ceil((rows - (top + 0.5)) * 0.5), 0, count - 1).astype(np.intp)
     place = place * across + np.arange(across)
     first = np.full((count, across), SAMPLES, np.int16)
     numbers = np.arange(SAMPLES - 1, -1, -1, dtype=np.int16)[:, None]
@@ -105,7 +106,7 @@ def look(camera: Camera, columns: Columns, sides: tuple[float, float], field: np
     first = np.minimum.accumulate(first, axis=0)
     covered = cv2.inRange(first, 1, SAMPLES - 1)
 
-    # Between it and the one before, by the row.
+    # Between it and the one before, by the row of the pixel.
     before = np.clip(first - 1, 0, SAMPLES - 2).astype(np.intp) * across + np.arange(across)
     below, above = rows.take(before), rows.reshape(-1)[across:].take(before)
     middle = (top + 0.5 + 2.0 * np.arange(count, dtype=np.float32))[:, None]
@@ -113,4 +114,4 @@ def look(camera: Camera, columns: Columns, sides: tuple[float, float], field: np
     sample = np.clip(first - 1, 0, SAMPLES - 2) + share
     distance = 1.0 / (near + sample * change)
     texel_x, texel_y = distance * ray[:, 0] + start[0], distance * ray[:, 1] + start[1]
-    return Sheet(top, texel_x, texel_y, covered, highest[-1], rows[0])
+    return Sheet(top, texel_x, texel_y, covered, horizon, rows[0])

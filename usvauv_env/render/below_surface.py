@@ -1,0 +1,91 @@
+"""AUVs and nodes in perspective, with where the AUVs came from, where they go and how well they are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from usvauv_env.record.collection import age
+from usvauv_env.record.trace import Trace
+from usvauv_env.render import bodies, shapes, style, symbols
+from usvauv_env.render.camera import Camera
+from usvauv_env.render.canvas import Canvas
+from usvauv_env.render.frame_layout import Layout
+from usvauv_env.render.map import OLD, error_axes
+from usvauv_env.render.running_metrics import RunningMetrics
+from usvauv_env.render.scene import WATER, Scene, track
+
+AUV_LENGTH = 0.06  # as drawn, of the area's longer side
+ZOOMS = (0.85, 1.0, 1.15)  # of nodes by their distance, of which each size has a picture of its own
+
+
+class BelowSurface:
+    """World 0 of a trace.
+
+    Attributes:
+        auvs: (T, K, 3) their places in the scene.
+    """
+
+    def __init__(self, trace: Trace, running: RunningMetrics, scene: Scene, layout: Layout, camera: Camera) -> None:
+        scenario, unit = trace.scenario, layout.unit
+        self._trace, self._running, self._scene, self._layout = trace, running, scene, layout
+        self.auvs = scene.place(trace.auv_position[:, 0], scene.auvs)
+        self._estimated = scene.place(trace.estimate[:, 0], scene.auvs)
+        self._nodes = scene.place(trace.node_position[0], scene.nodes)
+        self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
+        # Stations have no data that could be old.
+        self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
+        spacing = math.sqrt(scene.sides[0] * scene.sides[1] / len(self._nodes)) * camera.focal / camera.distance
+        self._radii = np.clip(spacing / 8, 3.0 * unit, 9.0 * unit) * np.array(ZOOMS)
+        self._gauges = [symbols.NodeGauges(float(radius)) for radius in self._radii]
+        # In the last step of a service the target is already the next node.
+        self._serving, target = trace.hovering[:, 0].astype(bool), trace.target[:, 0]
+        self._target = np.where(self._serving, np.concatenate([target[:1], target[:-1]]), target)
+        self._bodies = [bodies.auv(style.auv_colour(auv)) for auv in range(self.auvs.shape[1])]
+
+    def draw_nodes(self, canvas: Canvas, t: int) -> None:
+        """Gauges on stalks, far to near."""
+        away, feet = canvas.camera.away(self._nodes), canvas.camera.pixel(self._nodes)
+        zoom = np.digitize(canvas.camera.distance / away, (0.93, 1.07))
+        heads = feet - self._radii[zoom][:, None] * (0.0, 1.5)
+        canvas.pieces(np.stack([feet, heads], 1), style.OUTLINE, self._layout.px(2))
+        pulse = 0.5 + 0.5 * math.sin(0.35 * t)
+        for node in np.argsort(-away):
+            gauges = self._gauges[zoom[node]]
+            gauges.draw(canvas.picture, heads[node], self._fill[t, node], self._age[t, node], pulse)
+
+    def draw_auvs(self, canvas: Canvas, t: int) -> None:
+        """All of them, far to near."""
+        for auv in np.argsort(-canvas.camera.away(self.auvs[t])):
+            self._draw_auv(canvas, t, int(auv))
+
+    def draw_numbers(self, canvas: Canvas, t: int) -> None:
+        """The AUVs' numbers, beside them."""
+        for auv, place in enumerate(canvas.camera.pixel(self.auvs[t])):
+            label = place + np.array([14, -13]) * self._layout.unit
+            symbols.badge(canvas.picture, str(auv + 1), label, 11 * self._layout.unit, style.auv_colour(auv))
+
+    def _draw_auv(self, canvas: Canvas, t: int, auv: int) -> None:
+        """Trail, line down to the bed, way to its node, error ellipse, estimate, and the body."""
+        colour, place, layout, size = style.auv_colour(auv), self.auvs[t, auv], self._layout, max(self._scene.sides)
+        dim = style.mix(WATER, colour, 0.6)
+        canvas.trail(self.auvs[track(t, self._trace.scenario.mission.step), auv], colour, WATER, layout.px(2))
+        foot = np.array([*place[:2], self._scene.bed])
+        canvas.line(np.stack([place, foot]), dim)
+        canvas.circle(foot, 0.012 * size, dim)
+        node = self._nodes[self._target[t, auv]]
+        if self._serving[t, auv]:
+            reach = max(self._trace.scenario.auv.hover_radius, 0.04 * size)
+            canvas.circle(node, reach, dim)
+            canvas.circle(node, reach, colour, layout.px(3), self._running.service_share[t, auv])
+        begin, end, fix = canvas.camera.pixel(np.stack([place, node, self._estimated[t, auv]]))
+        canvas.pieces(np.array(shapes.dashes(begin, end, 4 * layout.unit)), dim, layout.px(1.3))
+        axes = error_axes(self._trace.estimate_covariance[t, 0, auv])
+        outline = shapes.ellipse_points(self._estimated[t, auv, :2], axes, 64)[[*range(64), 0]]
+        for line in self._scene.inside(np.column_stack([outline, np.full(len(outline), place[2])])):
+            canvas.line(line, style.mix(colour, style.WHITE, 0.3), layout.px(1.2))
+        if np.hypot(*(fix - begin)) > 5 * layout.unit:
+            symbols.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
+        axes = bodies.turned(self._running.heading[t, auv], np.zeros(2))
+        self._bodies[auv].draw(canvas, place, axes, AUV_LENGTH * size)
