@@ -11,7 +11,7 @@ import pytest
 from kernels.positioning import usbl
 from tests.usvauv_cli.test_video import synthetic_trace, with_second_boat
 from usvauv_env.record.trace import Trace
-from usvauv_env.render import bodies
+from usvauv_env.render import bodies, style
 from usvauv_env.render.camera import SWING_FRAMES, Camera, Swing
 from usvauv_env.render.frame_layout import Layout, Rectangle
 from usvauv_env.render.map import SIGMAS
@@ -306,3 +306,13 @@ class TestView:
         view = view_of(trace)
         place = view.camera(3).pixel(view.scene.place(trace.node_position[0, 4], view.scene.nodes))
         assert differs(shown(trace), shown(replace(trace, backlog=full)), place, 20)
+
+    def test_stations_have_the_colours_of_their_auvs(self):
+        trace = synthetic_trace(steps=4, auvs=3, nodes=3, sea=False)
+        trace = replace(trace, scenario=Scenario.load("station-keeping"), target=np.zeros_like(trace.target))
+        trace = replace(trace, auv_position=0 * trace.auv_position, estimate=0 * trace.estimate)
+        view, picture = view_of(trace), shown(trace)
+        for auv, place in enumerate(view.scene.place(trace.node_position[0], view.scene.nodes)):
+            x, y = np.rint(view.camera(3).pixel(place)).astype(int)
+            above = picture[max(y - 22, 0) : y, x - 8 : x + 9].reshape(-1, 3).astype(int)
+            assert np.abs(above - style.auv_colour(auv)).sum(axis=1).min() < 90

@@ -32,6 +32,7 @@ class BelowSurface:
         self._trace, self._running, self._scene, self._layout = trace, running, scene, layout
         self.auvs = scene.place(trace.auv_position[:, 0], scene.auvs)
         self._estimated = scene.place(trace.estimate[:, 0], scene.auvs)
+        self._error_axes = error_axes(trace.estimate_covariance[:, 0])
         self._nodes = scene.place(trace.node_position[0], scene.nodes)
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         # Stations have no data that could be old.
@@ -45,11 +46,15 @@ class BelowSurface:
         self._bodies = [bodies.auv(style.auv_colour(auv)) for auv in range(self.auvs.shape[1])]
 
     def draw_nodes(self, canvas: Canvas, t: int) -> None:
-        """Gauges on stalks, far to near."""
+        """Gauges on stalks, far to near, or the stations."""
         away, feet = canvas.camera.away(self._nodes), canvas.camera.pixel(self._nodes)
         zoom = np.digitize(canvas.camera.distance / away, (0.93, 1.07))
         heads = feet - self._radii[zoom][:, None] * (0.0, 1.5)
         canvas.pieces(np.stack([feet, heads], 1), style.OUTLINE, self._layout.px(2))
+        if self._trace.scenario.task == "station-keeping":
+            for auv, (head, radius) in enumerate(zip(heads, self._radii[zoom], strict=True)):
+                symbols.station(canvas.picture, head, radius, style.auv_colour(auv), self._layout.zoom)
+            return
         pulse = 0.5 + 0.5 * math.sin(0.35 * t)
         for node in np.argsort(-away):
             gauges = self._gauges[zoom[node]]
@@ -81,8 +86,7 @@ class BelowSurface:
             canvas.circle(node, reach, colour, layout.px(3), self._running.service_share[t, auv])
         begin, end, fix = canvas.camera.pixel(np.stack([place, node, self._estimated[t, auv]]))
         canvas.pieces(np.array(shapes.dashes(begin, end, 4 * layout.unit)), dim, layout.px(1.3))
-        axes = error_axes(self._trace.estimate_covariance[t, 0, auv])
-        outline = shapes.ellipse_points(self._estimated[t, auv, :2], axes, 64)[[*range(64), 0]]
+        outline = shapes.ellipse_points(self._estimated[t, auv, :2], self._error_axes[t, auv], 64)[[*range(64), 0]]
         for line in self._scene.inside(np.column_stack([outline, np.full(len(outline), place[2])])):
             canvas.line(line, style.mix(colour, style.WHITE, 0.3), layout.px(1.2))
         if np.hypot(*(fix - begin)) > 5 * layout.unit:
