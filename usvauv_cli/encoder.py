@@ -37,7 +37,7 @@ class Format:
 
     Attributes:
         name: FFmpeg's, of the container. codec: FFmpeg's name of its encoder. pixels: how the encoder takes a picture.
-        options: of the encoder. container: options of the container.
+        options: of the encoder. container: options of the container. matrix: from colours to yuv420p.
     """
 
     name: str
@@ -45,6 +45,7 @@ class Format:
     pixels: str
     options: dict[str, str]
     container: dict[str, str] = field(default_factory=dict)
+    matrix: Colorspace = Colorspace.ITU709
 
 
 # The fastest preset with entropy coding added is as good, at 1.3 times the size and a third of the time of "veryfast".
@@ -63,7 +64,14 @@ FORMATS = {
         {"deadline": "realtime", "cpu-used": "8", "crf": QUALITY[".webm"], "b": "0", "row-mt": "1", "threads": "2"},
     ),
     ".gif": Format("gif", "gif", "pal8", {}),
-    ".webp": Format("webp", "libwebp_anim", "yuv420p", {"quality": "70", "compression_level": "2"}, {"loop": "0"}),
+    ".webp": Format(
+        "webp",
+        "libwebp_anim",
+        "yuv420p",
+        {"quality": "70", "compression_level": "2"},
+        {"loop": "0"},
+        Colorspace.ITU601,  # WebP has no other
+    ),
 }
 
 
@@ -100,7 +108,8 @@ def video_file(out: Path, width: int, height: int, fps: Fraction | int) -> Itera
     """A video file; the function it gives appends a picture (height, width, 3) BGR, which it copies.
 
     The file appears at its path when it is complete, and not at all after an error or Ctrl-C. Another thread converts
-    and encodes pictures while the next ones are drawn. Colours are those of BT.709, and the file says so.
+    and encodes pictures while the next ones are drawn. Colours are those of BT.709, and the file says so,
+    where its kind leaves the choice.
 
     Args:
         out: its ending is one of `FORMATS`.
@@ -144,7 +153,7 @@ def _add_stream(
     stream = container.add_stream(kind.codec, rate=fps, options=kind.options)
     assert isinstance(stream, av.VideoStream)
     stream.width, stream.height, stream.pix_fmt = width, height, kind.pixels
-    if kind.pixels == "yuv420p":
+    if kind.matrix == Colorspace.ITU709:
         context = stream.codec_context
         context.colorspace = context.color_primaries = context.color_trc = BT709
     return stream
@@ -183,7 +192,7 @@ def _converter(kind: Format, width: int, height: int, fps: Fraction | int) -> _C
 
     def convert(picture: np.ndarray) -> av.VideoFrame:
         frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
-        return converter.reformat(frame, format="yuv420p", dst_colorspace=Colorspace.ITU709)
+        return converter.reformat(frame, format="yuv420p", dst_colorspace=kind.matrix)
 
     return convert
 

@@ -171,7 +171,7 @@ def record(
     """
     steps = steps or world.steps
     require(trace_bytes(world, steps, surface), f"a record of {steps} steps of {world.num_worlds} worlds")
-    recorder, surfaces, problem = Recorder(world), [], None
+    recorder, surfaces, problem = Recorder(world), np.zeros((0, 0, 0), np.float32), None
     observation = world.reset()
     for done in range(1, steps + 1):
         action = act(observation)
@@ -184,10 +184,12 @@ def record(
             break
         recorder.add()
         if surface:
-            surfaces.append(world.surface(SURFACE_PIXELS))
+            now = world.surface(SURFACE_PIXELS)
+            if done == 1:
+                surfaces = np.empty((steps, *now.shape), np.float32)
+            surfaces[done - 1] = now
         on_step(done)
-    elevation = np.stack(surfaces) if surface else np.zeros((0, 0, 0), np.float32)
-    trace = recorder.trace(policy, elevation, start=world.scenario.mission.step)
+    trace = recorder.trace(policy, surfaces[: len(recorder)], start=world.scenario.mission.step)
     if problem:
         raise Diverged(str(problem), trace) from problem
     return trace

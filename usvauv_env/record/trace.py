@@ -228,11 +228,12 @@ def _read(dataset: xarray.Dataset, name: str) -> np.ndarray:
     if variable.dtype.kind not in kinds:
         raise TraceError(f"{name} is of type {variable.dtype}; expected {'whole' if kinds == 'iu' else 'real'} numbers")
     values = reader.load(variable, name)
-    within = abs(values.astype(np.float64)) <= LARGEST
-    if name == "fix":
-        within |= np.isnan(values)
-    if not within.all():
-        raise TraceError(f"{name} holds {values[~within][0]}; expected finite numbers up to {LARGEST:g}")
+    for row in values:  # one by one: the surface is most of a trace
+        within = abs(row.astype(np.float64)) <= LARGEST
+        if name == "fix":
+            within |= np.isnan(row)
+        if not within.all():
+            raise TraceError(f"{name} holds {row[~within][0]}; expected finite numbers up to {LARGEST:g}")
     if name == "time" and not (np.diff(values) > 0).all():
         raise TraceError("time does not rise")
     return values

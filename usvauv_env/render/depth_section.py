@@ -27,7 +27,12 @@ class DepthSection:
         unit, scenario = layout.unit, trace.scenario
         self._box = room = within_margins(box, unit, top=28, sides=12, bottom=8)
         elevation = trace.boat_surface[:, 0, :, 0]
-        above = max(1.0, float(np.abs(elevation).max()), float(np.abs(trace.surface).max(initial=0.0)))
+        above = max(
+            1.0,
+            float(np.abs(elevation).max()),
+            -float(trace.surface.min(initial=0.0)),
+            float(trace.surface.max(initial=0.0)),
+        )
         self._depth = scenario.auv.depth
         below = max(scenario.area.depth, self._depth)
         # Heights of the sea have the upper part of the section, depths below its troughs the rest.

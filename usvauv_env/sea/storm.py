@@ -74,11 +74,17 @@ class AirySea:
         self.wave[:, :, airy.PHASE] = torch.remainder(self._start - self._frequency * time, 1.0)
 
     def elevation(self, sea: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Elevation of one sea on the grid of the points x (X,) and y (Y,), (Y, X) float32, m: one matrix product."""
+        """Elevation of one sea on the grid of the points x (X,) and y (Y,), (Y, X) float32, m.
+
+        cos(α + β) = cos α cos β − sin α sin β: one product of real matrices, which libraries do far faster than one of
+        complex matrices.
+        """
         k, direction = self.k[sea], self.direction[sea]
-        along_x = np.exp(1j * np.outer(k * np.cos(direction), x))
-        along_y = np.exp(1j * (np.outer(y, k * np.sin(direction)) - self.omega[sea] * self.time + self.phase[sea]))
-        return ((along_y * self.amplitude[sea]).astype(np.complex64) @ along_x.astype(np.complex64)).real
+        along_x = np.outer(k * np.cos(direction), x)
+        along_y = np.outer(y, k * np.sin(direction)) - self.omega[sea] * self.time + self.phase[sea]
+        left = np.concatenate([np.cos(along_y), -np.sin(along_y)], 1) * np.tile(self.amplitude[sea], 2)
+        right = np.concatenate([np.cos(along_x), np.sin(along_x)])
+        return left.astype(np.float32) @ right.astype(np.float32)
 
 
 def build_storm(
