@@ -19,6 +19,7 @@ from usvauv_cli.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save,
 from usvauv_cli.objectives import NAMES
 from usvauv_env.positioning import BoatPlace, Landscape, Plan
 from usvauv_env.render import style
+from usvauv_env.render.palette import CATEGORICAL
 
 SIGMAS = 2
 # Upper bounds on a drawn semi-major axis over the shorter side of the area: from the optimum, from any place.
@@ -33,7 +34,6 @@ LINES = {  # meaning of the contour lines, by objective
 HEADING_OUTDENT = 55  # of the legend's headings, pixels
 MAP = 6.0  # longer side of the map, inches
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
-PLACES = ("#ffb020", "#ff6f61", "#c9f26b", "#7df9ff", "#ff9dd6", "#b7a0ff")
 
 
 def magnification(result: Plan) -> float:
@@ -64,7 +64,7 @@ def rms_of(place: BoatPlace) -> str:
 
 def place_colour(i: int) -> str:
     """Colour of compared place number `i`."""
-    return PLACES[i % len(PLACES)]
+    return CATEGORICAL[i % len(CATEGORICAL)]
 
 
 def letter_of(i: int) -> str:

@@ -20,6 +20,7 @@ import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv_env import evaluate
+from usvauv_env.render.palette import CATEGORICAL_ON_WHITE, MARKERS, looks
 
 SCENARIO = "extreme"
 CURVES = {
@@ -28,8 +29,8 @@ CURVES = {
     "clear": (0.0, 20.0, 40.0, 80.0, 120.0, 200.0),
     "zermelo": (1.2, 1.3, 1.4, 1.5, 1.6, 1.8),
 }
-MARKS = {"straight": ("#8c510a", "v"), "crab": ("#e0a800", "^"), "clear": ("#0072b2", "o"), "zermelo": ("#9ecae1", "s")}
-LEARNED_MARKS = "DPX*"
+LOOKS = looks(CURVES, CATEGORICAL_ON_WHITE)
+LEARNED_MARKS = MARKERS[len(CURVES) :]
 FIGURES = ("arps", "delivered_mbit", "lost_mbit", "energy_wh", "joule_per_mbit", "services", "collisions")
 DATA, ENERGY = "delivered_mbit", "energy_wh"
 RESAMPLES = 4000
@@ -65,7 +66,7 @@ def ratio(name: str, table: Table, family: str) -> list[float]:
 def draw(table: Table, learned: list[str], path: Path) -> None:
     picture, panel = plt.subplots(figsize=(7.5, 5), layout="constrained")
     whole = np.arange(len(next(iter(table.values()))[DATA]))[None]
-    for family, (colour, mark) in MARKS.items():
+    for family, (colour, mark) in LOOKS.items():
         x, y = (curve(family, table, key, whole)[:, 0] for key in (ENERGY, DATA))
         label = f"{family} (knows the current everywhere)" if family == "zermelo" else family
         panel.plot(x, y, f"{mark}-", ms=5, lw=1.4, color=colour, label=label)

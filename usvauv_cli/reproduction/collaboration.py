@@ -18,11 +18,13 @@ from usvauv_env import World
 from usvauv_env.record.metrics import COLUMNS, episode_metrics
 from usvauv_env.record.recorder import record
 from usvauv_env.record.table import read_rows, write_rows
+from usvauv_env.render.palette import looks
 
 NAME = "collaboration"
 STEERING = "pace"
 CENTRE = "hold:300,300"
-STRATEGIES = {CENTRE: "#ff6fcf", "centroid": "#c9f26b", "fim": "#ffb020", "visit": "#4f9bd9", "belief": "#7df9ff"}
+STRATEGIES = (CENTRE, "centroid", "fim", "visit", "belief")
+LOOKS = looks(STRATEGIES)
 FIGURES = ("delivered_mbit", "aoi_mean", "own_error_rms", "own_error_p95", "fix_availability", "outage_longest")
 SUMMARY = ("axis", "value", "boat", "episodes", "share", *FIGURES, "mbit95", "belief_more", "belief_more95")
 
@@ -72,7 +74,7 @@ class Axis:
 
     name: str
     points: Mapping[float, tuple[str, tuple[str, ...]]]
-    boats: tuple[str, ...] = tuple(STRATEGIES)
+    boats: tuple[str, ...] = STRATEGIES
 
     def missions(self, value: float, boat: str) -> Missions:
         """The missions of one point."""
@@ -198,7 +200,8 @@ def _draw(found: Sequence[Point], place: Path) -> None:
             own = [p for p in found if (p.axis, p.boat) == (axis.name, boat)]
             x = [places[p.value] + 0.05 * (n - 0.5 * (len(axis.boats) - 1)) for p in own]
             share, bars = [100 * p.share for p in own], [100 * p.interval / most for p in own]
-            axes.errorbar(x, share, bars, color=STRATEGIES[boat], marker="o", ms=4, lw=1.4, capsize=2, label=boat)
+            colour, marker = LOOKS[boat]
+            axes.errorbar(x, share, bars, color=colour, marker=marker, ms=5, lw=1.4, capsize=2, label=boat)
         axes.set(xticks=list(places.values()), xticklabels=[f"{value:g}" for value in places], ylim=(None, 103))
         axes.set_ylabel("of perfect fixes, %")
         figure.style_plot(axes, axis.name)

@@ -71,12 +71,13 @@ def _draw(table: list[dict], settings: Settings, place: Path) -> None:
     for column, (name, words) in enumerate(figure.NAMES.items()):
         axes = drawn.add_subplot(grid[0, column])
         for method in METHODS:
-            colour = figure.METHOD_COLOURS[method]
+            colour, marker = figure.METHOD_LOOKS[method]
             for condition, dash in DASHES.items():
                 steps, mean, low, high = band(table, method, condition, name)
                 label = f"{settings.method(method).title} ({condition})"
                 axes.fill_between(steps / 1000, low, high, color=colour, alpha=0.13, lw=0)
-                axes.plot(steps / 1000, mean, ls=dash, lw=1.8, color=colour, label=label)
+                every = max(1, len(steps) // 6)
+                axes.plot(steps / 1000, mean, marker, ls=dash, lw=1.8, ms=5, markevery=every, color=colour, label=label)
                 printed = paper.TABLE_2[method, condition][name][0]
                 mark = "<" if condition == "ISC" else (4, 0, 0)
                 axes.plot(steps[-1] * 1.03 / 1000, printed, marker=mark, ms=7, mfc="none", color=colour, clip_on=False)

@@ -13,12 +13,13 @@ from usvauv_cli.reproduction.fixes import BOUND, FixErrors, results
 from usvauv_cli.reproduction.settings import PHYSICAL, STRATEGIES, Settings
 from usvauv_cli.reproduction.work import Piece
 from usvauv_env.record.table import read_rows, write_rows
+from usvauv_env.render.palette import looks
 
 NAME = "fig4b"
 SCENARIOS = (paper.CONDITIONS["ESC"], PHYSICAL)
 TIMES = ("scenario", "strategy", "time", "median", "lower_quartile", "upper_quartile")
 SUMMARY = ("scenario", "strategy", "episodes", "median", "low95", "high95", "p95", "paper")
-COLOURS = {"fim": "#ffb020", "hold:100,100": "#7df9ff", "hold:0,0": "#ff6fcf", "centroid": "#c9f26b", BOUND: TEXT}
+LOOKS = looks(STRATEGIES) | {BOUND: (TEXT, "")}
 RESAMPLES = 4000
 
 
@@ -96,14 +97,14 @@ def _draw(over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[L
     panels = (left, drawn.add_subplot(grid[0, 1], sharey=left))
     for axes, scenario in zip(panels, SCENARIOS, strict=True):
         for strategy in (*STRATEGIES, BOUND):
-            rows, colour = over_time[scenario, strategy], COLOURS[strategy]
+            rows, (colour, marker) = over_time[scenario, strategy], LOOKS[strategy]
             time, median = (np.array([float(row[name]) for row in rows]) for name in ("time", "median"))
             if strategy == BOUND:
                 axes.plot(time, median, color=colour, lw=1.2, ls=(0, (4, 2)), label="bound of a single fix", zorder=4)
                 continue
             low, high = (np.array([float(row[name]) for row in rows]) for name in ("lower_quartile", "upper_quartile"))
             axes.fill_between(time, low, high, color=colour, alpha=0.12, lw=0)
-            axes.plot(time, median, color=colour, lw=1.3, label=strategy)
+            axes.plot(time, median, marker, ls="-", ms=5, markevery=0.1, color=colour, lw=1.3, label=strategy)
             if strategy in paper.FIG_4B:
                 axes.axhline(paper.FIG_4B[strategy], color=colour, lw=1.4, ls=":")
         axes.set(yscale="log", xlabel="time, s", xlim=(0, time[-1]))

@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 
 from usvauv_cli import figure_theme
 from usvauv_cli.figure_theme import BACKGROUND, CARD, LINE, MUTED, TEXT
+from usvauv_env.render.palette import looks
 
-METHOD_COLOURS = {"ddpg": "#ffb020", "sac": "#7df9ff", "td3": "#ff6fcf", "baseline": "#c9f26b", "data": "#4f9bd9"}
-HEURISTIC_COLOUR = MUTED
+METHOD_LOOKS = looks(("ddpg", "sac", "td3", "baseline", "data"))
+HEURISTIC_LOOK = (MUTED, "o")
 NAMES = {"sdr": "Sum data rate (SDR), Mbit/s", "ec": "Energy consumption (EC), W", "arps": "Reward per step (ARPS)"}
 
 

@@ -149,8 +149,8 @@ def _draw(table: Sequence[Row], settings: Settings, place: Path) -> None:
     for column, (name, words) in enumerate(figure.NAMES.items()):
         axes = drawn.add_subplot(grid[0, column])
         for y, row in enumerate(shown):
-            colour = figure.METHOD_COLOURS.get(row.key, figure.HEURISTIC_COLOUR)
-            axes.errorbar(row.mean[name], y - 0.14, xerr=row.sd[name], fmt="o", ms=6, lw=1.6, color=colour)
+            colour, marker = figure.METHOD_LOOKS.get(row.key, figure.HEURISTIC_LOOK)
+            axes.errorbar(row.mean[name], y - 0.14, xerr=row.sd[name], fmt=marker, ms=6, lw=1.6, color=colour)
             if name in row.printed:
                 centre, spread = row.printed[name]
                 axes.errorbar(centre, y + 0.2, xerr=spread, fmt="D", ms=5, mfc="none", lw=1.0, color=TEXT, alpha=0.85)
