@@ -90,5 +90,6 @@ def _draw(table: list[dict], settings: Settings, place: Path) -> None:
         above.spines["top"].set_visible(False)
         figure.style_plot(axes, words, title_pad=36)
     handles, labels = axes.get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="lower center", ncols=4, frameon=False, labelcolor=TEXT, fontsize=9.5)
+    looks = {"frameon": False, "labelcolor": TEXT, "fontsize": 9.5, "handlelength": 3.5}
+    drawn.legend(handles, labels, loc="lower center", ncols=4, **looks)
     figure.save(drawn, place)
