@@ -318,6 +318,26 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, run_usvauv, arguments, 
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("arguments", "allowed"),
+    [
+        ("eval --out a.xlsx", "the ending must be .csv"),
+        ("eval --out a", "the ending must be .csv"),
+        ("plan --auv 9,9,9 --out a.gif", "allowed endings are .png, .pdf, .svg"),
+        ("plan --auv 9,9,9 --json a.txt", "the ending must be .json"),
+        ("sea --out a.gif", "allowed endings are .mp4, .nc, .png, .pdf, .svg"),
+        ("export sac-ideal --onnx a.pt", "the ending must be .onnx"),
+        ("train-targets --out a.pt", "the ending must be .json"),
+        ("train-boat --out a.toml", "the ending must be .json"),
+        ("simulate --trace a.csv", "the ending must be .nc"),
+    ],
+)
+def test_an_ending_that_a_command_does_not_write_is_refused_before_the_run(run_usvauv, tmp_path, arguments, allowed):
+    *_, option, name = arguments.split()
+    assert run_usvauv(*arguments.split()) == (2, "", f"error: {option} {name}: {allowed}\n")
+    assert not list(tmp_path.iterdir())
+
+
 def test_bad_input_as_a_process(tmp_path):
     done = usvauv("simulate", "extrem", cwd=tmp_path, code=2)
     assert done.stderr.startswith("error: scenario: 'extrem'")

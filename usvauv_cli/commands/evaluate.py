@@ -71,7 +71,7 @@ def evaluate(
 
     at_least("--episodes", episodes, 1)
     setting = Scenario.load(scenario, overrides or ())
-    writable(out)
+    writable(out, "--out", (".csv",))
     names = list(dict.fromkeys(policy or [policies.default(setting), "straight"]))
     for name in names:
         policies.check(name, setting)

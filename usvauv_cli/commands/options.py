@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -84,16 +85,20 @@ def at_least(option: str, value: float, least: float) -> None:
         raise UserError(f"{option} {value}: must be at least {least}, and finite")
 
 
-def writable(path: Path, option: str = "--out") -> Path:
-    """The path given by an option, checked before long work: a file can be created there.
+def writable(path: Path, option: str, endings: Sequence[str]) -> Path:
+    """The path given by an option, checked before long work: a file of a format that the command has can be created.
 
     Raises:
-        UserError: it is a folder, its folder is missing, or it cannot be written.
+        UserError: it has another ending than those allowed (in lower case), is a folder, its folder is missing, or it
+            cannot be written.
     """
     from usvauv_env.files import OutputError, check_place
 
     if os.path.isdir(path):
         raise UserError(f"{option} {path}: is a folder, expected a file name")
+    if path.suffix.lower() not in endings:
+        allowed = "allowed endings are" if len(endings) > 1 else "the ending must be"
+        raise UserError(f"{option} {path}: {allowed} {', '.join(endings)}")
     if not os.path.isdir(path.parent):
         raise UserError(f"{option} {path}: the folder {path.parent} does not exist")
     try:

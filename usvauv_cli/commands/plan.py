@@ -137,15 +137,13 @@ def plan(
     if out is None and not to_stdout:
         out = Path("plan.png")
     if out:
-        if out.suffix.lower() not in FORMATS:
-            raise UserError(f"--out {out}: allowed endings are {', '.join(FORMATS)}")
+        writable(out, "--out", FORMATS)
         if len(others) > MOST_DRAWN:
             raise UserError(
                 f"--compare: {len(others)} places given, at most {MOST_DRAWN} in a figure; --json - has none"
             )
-        writable(out)
     if json_file and not to_stdout:
-        writable(Path(json_file), "--json")
+        writable(Path(json_file), "--json", (".json",))
 
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
     if hint:

@@ -90,9 +90,7 @@ def sea(
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
-    kind = out.suffix.lower()
-    if kind not in FORMATS:
-        raise UserError(f"--out {out}: allowed endings are {', '.join(FORMATS)}")
+    kind = writable(out, "--out", FORMATS).suffix.lower()
     for option, value in (("--fps", fps), ("--size", size)):
         if value is not None and kind != ".mp4":
             raise UserError(f"{option} {value}: is for a video, and --out {out} is none")
@@ -105,7 +103,6 @@ def sea(
     if interval > duration:
         raise UserError(f"--duration {duration:g}: must not be shorter than --interval, {interval:g} s")
     shape = cells(setting, resolution)
-    writable(out)
     # Real currents are read for as long as the mission lasts.
     longer = setting.mission.model_copy(update={"duration": max(setting.mission.duration, duration)})
     setting = setting.model_copy(update={"mission": longer})

@@ -91,7 +91,7 @@ def simulate(
     out = out or Path(f"usvauv-{setting.name}.mp4")
     settings = video_settings(out, size, fps, speedup, view, theme, at)
     if trace:
-        writable(trace, "--trace")
+        writable(trace, "--trace", (".nc",))
     at_least("--duration", 1.0 if duration is None else duration, 0.1)
     runs = [Run(policy or policies.default(setting), usv, targets)]
     if compare:

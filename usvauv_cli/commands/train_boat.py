@@ -56,7 +56,7 @@ def train_boat(
 
     at_least("--iterations", iterations, 1)
     at_least("--worlds", worlds, 1)
-    writable(out)
+    writable(out, "--out", (".json",))
     setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
     if setting.task_definition.targets != "nodes":
         raise UserError(f"scenario {setting.name!r}: task {setting.task!r} brings in no data to learn from")

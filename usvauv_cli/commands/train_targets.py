@@ -55,7 +55,7 @@ def train_targets(
 
     at_least("--iterations", iterations, 1)
     at_least("--worlds", worlds, 1)
-    writable(out)
+    writable(out, "--out", (".json",))
     setting = Scenario.load(scenario, overrides or ())
     steering = policy or policies.default(setting)
     config = replace(NODES.settings, iterations=iterations, worlds=worlds, seed=seed)

@@ -11,7 +11,7 @@ from kernels.errors import UserError
 from usvauv_cli.commands.options import at_least, parse_size, writable
 
 if TYPE_CHECKING:
-    from usvauv_cli.mission_video import VideoSettings
+    from usvauv_cli.mission_video import ENDINGS, VideoSettings
 
 VideoOut = Annotated[
     Path | None,
@@ -36,7 +36,7 @@ def video_settings(
     Raises:
         UserError: an option has a value that is not allowed, or the file cannot be written.
     """
-    from usvauv_cli.mission_video import VideoSettings
+    from usvauv_cli.mission_video import ENDINGS, VideoSettings
     from usvauv_env.render.painter import VIEWS, Look
     from usvauv_env.render.style import THEMES
 
@@ -50,5 +50,5 @@ def video_settings(
     if theme not in THEMES:
         raise UserError(f"--theme {theme!r}: must be one of {', '.join(THEMES)}")
     settings = VideoSettings(parse_size(size), fps, speedup, Look(view, theme), at)
-    settings.check(writable(out))
+    settings.check(writable(out, "--out", ENDINGS))
     return settings
