@@ -6,80 +6,106 @@ import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import groupby
+from itertools import chain, groupby
 
-from rich.console import Console
+from rich import box
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 
+from usvauv_cli import tables
 from usvauv_cli.console import LINE_EVERY
 from usvauv_env.record.metrics import EpisodeMetrics, values_of
 from usvauv_env.record.trace import Trace
 
+# Column of the CSV → heading, digits after the point.
 SHOWN = {
-    "sdr": "SDR Mbit/s",
-    "ec": "EC W",
-    "arps": "ARPS",
-    "services": "services",
-    "delivered_mbit": "Mbit",
-    "energy_wh": "Wh",
-    "collisions": "collisions",
-    "border": "border",
+    "sdr": ("SDR Mbit/s", 2),
+    "ec": ("EC W", 1),
+    "arps": ("ARPS", 2),
+    "services": ("services", 1),
+    "delivered_mbit": ("Mbit", 1),
+    "energy_wh": ("Wh", 1),
+    "target_distance": ("off target m", 2),
+    "collisions": ("collisions", 2),
+    "border": ("border", 2),
 }
 OF_TASK = {
-    "lost_mbit": "lost Mbit",
-    "aoi_mean": "age s",
-    "aoi_peak": "peak age s",
-    "aoi_largest": "largest age s",
-    "jain": "Jain's index",
-    "joule_per_mbit": "J/Mbit",
+    "lost_mbit": ("lost Mbit", 1),
+    "aoi_mean": ("age s", 0),
+    "aoi_peak": ("peak age s", 0),
+    "aoi_largest": ("largest age s", 0),
+    "jain": ("Jain's index", 3),
+    "joule_per_mbit": ("J/Mbit", 0),
 }
 POSITIONS = {
-    "position_error_median": "median m",
-    "position_error_rms": "rms m",
-    "position_error_p95": "95 % m",
-    "own_error_rms": "own rms m",
-    "fix_error_rms": "fix rms m",
-    "fix_availability": "fixes",
-    "fix_wrapped": "wrapped",
-    "fix_dropped": "dropped",
-    "outage_longest": "outage s",
+    "position_error_median": ("median m", 2),
+    "position_error_rms": ("rms m", 2),
+    "position_error_p95": ("95 % m", 2),
+    "own_error_rms": ("own rms m", 2),
+    "fix_error_rms": ("fix rms m", 2),
+    "fix_availability": ("fixes", 2),
+    "fix_wrapped": ("wrapped", 3),
+    "fix_dropped": ("dropped", 3),
+    "outage_longest": ("outage s", 0),
 }
+# Those shown by default, by task, between ARPS and those of positions; of a plugin's task, all of its own.
+BY_TASK = {"data-collection": ("delivered_mbit", "ec"), "station-keeping": ("target_distance", "ec")}
+LONGEST_NAME = {1: 30, 2: 24, 3: 16}  # by the number of columns with names
 
 
-def metrics_tables(rows: Sequence[EpisodeMetrics]) -> None:
-    """Print mean ± standard deviation over the episodes of each policy and boat strategy.
+def metrics_tables(rows: Sequence[EpisodeMetrics], task: str, wide: bool) -> None:
+    """Print mean ± standard deviation over the episodes of each policy, boat strategy and target rule.
 
-    Three tables: figures of all tasks, those of this task if it has any, and those of positions and fixes.
+    Args:
+        rows: of the episodes.
+        task: of the scenario.
+        wide: all figures in three tables of any width, instead of those that matter most in one that fits.
     """
-    _table(rows, f"{rows[0].scenario}, seed {rows[0].seed}: mean ± standard deviation over episodes", SHOWN)
-    of_task = {name: OF_TASK.get(name, name) for name in rows[0].of_task}
-    if of_task:
-        _table(rows, rows[0].scenario, of_task)
-    _table(rows, f"{rows[0].scenario}: errors of positions, of the AUVs' own, and of fixes", POSITIONS)
+    first, count = rows[0], len({row.episode for row in rows})
+    own = {name: OF_TASK.get(name, (name, 2)) for name in first.of_task}
+    episodes = "1 episode" if count == 1 else f"{count} episodes"
+    about = f"{first.scenario}, seed {first.seed}, {episodes}"
+    varied = ["policy", *(name for name in ("usv", "targets") if len({getattr(row, name) for row in rows}) > 1)]
+    about += "".join(f", {name} {getattr(first, name)}" for name in ("usv", "targets") if name not in varied)
+    print(tables.wrapped(f"{about.removesuffix(', targets ')}: mean ± standard deviation"))
+    if wide:
+        parts = [SHOWN, own, POSITIONS]
+    else:
+        everything = SHOWN | own | POSITIONS
+        middle = BY_TASK.get(task, tuple(own))
+        parts = [{name: everything[name] for name in ("arps", *middle, "position_error_rms", "fix_availability")}]
+    for shown in filter(None, parts):
+        print()
+        _table(rows, varied, shown, tables.UNLIMITED if wide else 0)
+    if not wide:
+        print("\nrms: of the positions' error; fixes: share of seconds with one. More: --wide")
 
 
-def _table(rows: Sequence[EpisodeMetrics], title: str, shown: Mapping[str, str]) -> None:
-    """Figures by the name of their column, under the title given for it."""
-    table = Table(title=title)
-    table.add_column("policy", no_wrap=True)
-    table.add_column("usv", no_wrap=True)
-    several = len({row.targets for row in rows}) > 1
-    if several:
-        table.add_column("targets", no_wrap=True)
-    table.add_column("n", justify="right")
-    for heading in shown.values():
-        table.add_column(heading, justify="right", no_wrap=True)
-    for (policy, usv, rule), group in groupby(rows, key=lambda row: (row.policy, row.usv, row.targets)):
+def _table(
+    rows: Sequence[EpisodeMetrics], varied: Sequence[str], shown: Mapping[str, tuple[str, int]], limit: int
+) -> None:
+    """Figures by the name of their column, then the names that were shortened."""
+    cells: list[list[str]] = []
+    for names, group in groupby(rows, key=lambda row: tuple(getattr(row, name) for name in varied)):
         episodes = list(group)
-        cells = []
-        for name in shown:
-            values = values_of(episodes, name)
-            spread = statistics.stdev(values) if len(values) > 1 else 0.0
-            mean = statistics.fmean(values)
-            cells.append(f"{mean:.2f} ± {spread:.2f}" if math.isfinite(mean) else "–")  # no episode has it
-        table.add_row(policy, usv, *([rule] if several else []), str(len(episodes)), *cells)
-    Console(width=None if Console().is_terminal else 170).print(table)
+        cells.append([*names, *(_spread(values_of(episodes, name), digits) for name, (_, digits) in shown.items())])
+    long = [] if limit else [name for row in cells for name in row[: len(varied)]]
+    short = tables.shortened(long, LONGEST_NAME[len(varied)])
+    headings = [*varied, *(heading for heading, _ in shown.values())]
+    brief_cells = [[short.get(cell, cell) for cell in row] for row in cells]
+    tables.print_table(headings, brief_cells, len(varied), limit)
+    for name, brief in short.items():
+        if name != brief:
+            print(tables.wrapped(f"{brief} = {name}", 2))
+
+
+def _spread(values: Sequence[float], digits: int) -> str:
+    """Mean ± standard deviation; a dash where no episode has the figure."""
+    mean = statistics.fmean(values)
+    if not math.isfinite(mean):
+        return "–"
+    return f"{mean:.{digits}f} ± {statistics.stdev(values) if len(values) > 1 else 0.0:.{digits}f}"
 
 
 def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
@@ -109,22 +135,23 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
             f"  data {of_task['aoi_mean']:.0f} s old in the mean, {of_task['aoi_peak']:.0f} s before a service;"
             f" {of_task['lost_mbit']:.1f} Mbit lost, {of_task['joule_per_mbit']:.0f} J/Mbit"
         )
-    print("\n".join(lines))
+    print("\n".join(tables.wrapped(line, 4) for line in lines))
 
 
 @contextmanager
 def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
     """Show a training run as a live table, outside a terminal as lines; the function it gives takes new figures."""
-    console = Console()
+    console = Console(markup=False, emoji=False)
     title = f"{algorithm} in {scenario}"
     if not console.is_terminal:
-        yield _line_printer(baseline, title)
+        print(tables.wrapped(f"training {title}; evaluation beside {baseline['policy']}, arps {baseline['arps']:.2f}"))
+        yield _print_lines()
         return
     with Live(console=console, refresh_per_second=4) as live:
         yield lambda figures: live.update(training_table(figures, baseline, title))
 
 
-def _line_printer(baseline: dict, title: str) -> Callable[[dict], None]:
+def _print_lines() -> Callable[[dict], None]:
     """Function that prints figures as one line, at most every `LINE_EVERY` seconds and at the end."""
     printed = -LINE_EVERY
 
@@ -134,34 +161,53 @@ def _line_printer(baseline: dict, title: str) -> Callable[[dict], None]:
             return
         printed = figures["seconds"]
         print(
-            f"{title}: {figures['steps']:,} of {figures['total']:,} world-steps, {figures['eta']:.0f} s left;"
-            f" arps {figures['arps']:.2f}, sdr {figures['sdr']:.2f}, ec {figures['ec']:.1f};"
-            f" evaluation at {figures['evaluated_at']:,}: arps {figures['evaluation']['arps']:.2f}"
-            f" ({baseline['policy']} {baseline['arps']:.2f})",
+            f"{_share(figures)}: arps {figures['arps']:.2f}, ec {figures['ec']:.1f};"
+            f" evaluation at {figures['evaluated_at']}: arps {figures['evaluation']['arps']:.2f}",
             flush=True,
         )
 
     return show
 
 
-def training_table(figures: dict, baseline: dict, title: str) -> Table:
-    """The live table: progress, figures of the training worlds, reward by term, evaluation beside the baseline."""
-    done, total = figures["steps"], figures["total"]
-    minutes, seconds = divmod(round(figures["eta"]), 60)
-    table = Table(title=f"training {title}: {done / total:.0%}, {minutes} min {seconds} s left", title_justify="left")
-    table.add_column("what")
-    table.add_column("training worlds", justify="right")
-    table.add_column(f"evaluation at {figures['evaluated_at']:,}", justify="right")
-    table.add_column(baseline["policy"], justify="right")
-    table.add_row("world-steps", f"{done:,} of {total:,}", "", "")
-    table.add_row("world-steps/s", f"{figures['steps_per_second']:,.0f}", "", "")
-    table.add_row("updates", f"{figures['updates']:,}", "", "")
-    evaluation = figures["evaluation"]
-    for name in ("arps", "sdr", "ec", "services", "collisions", "border", "position_error_mean"):
-        now = figures.get("position_error" if name == "position_error_mean" else name)
-        shown = ("" if value is None else f"{value:.2f}" for value in (now, evaluation.get(name), baseline[name]))
-        table.add_row(name, *shown)
+def _share(figures: dict) -> str:
+    """How much of a run is done, and the time left."""
+    hours, seconds = divmod(round(figures["eta"]), 3600)
+    return f"{figures['steps'] / figures['total']:.0%}, {hours}:{seconds // 60:02d}:{seconds % 60:02d} left"
+
+
+TRAINED = {
+    "arps": ("ARPS", "arps"),
+    "sdr": ("SDR, Mbit/s", "sdr"),
+    "ec": ("EC, W", "ec"),
+    "services": ("services", "services"),
+    "collisions": ("collisions", "collisions"),
+    "border": ("refused moves", "border"),
+    "position_error_mean": ("position error, m", "position_error"),
+}  # of an evaluation → in words, of the training worlds
+PAIRS, LONGEST_TERM = 3, 13  # a line, and columns of a name, of reward terms and figures of the learner
+
+
+def training_table(figures: dict, baseline: dict, title: str) -> RenderableType:
+    """The live table: progress, figures of the training worlds beside evaluation and baseline, reward, learner.
+
+    It fits 80 columns and, with up to 15 terms of reward, 22 lines.
+    """
+    steps = f"{figures['steps']:,} of {figures['total']:,} world-steps, {figures['steps_per_second']:,.0f} a second"
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    evaluated = f"evaluation at {figures['evaluated_at']:,}"
+    (brief,) = tables.shortened([baseline["policy"]], 20).values()
+    for heading in ("", "training worlds", evaluated, brief):
+        table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
+    for name, (words, training) in TRAINED.items():
+        values = figures.get(training), figures["evaluation"].get(name), baseline[name]
+        table.add_row(words, *("" if value is None else f"{value:.2f}" for value in values))
+    terms = Table.grid(padding=(0, 1, 0, 0))
+    for place in range(1 + 2 * PAIRS):
+        terms.add_column(justify="left" if not place or place % 2 else "right", no_wrap=True)
     for group in ("reward", "learner"):
-        for name, value in figures[group].items():
-            table.add_row(f"{group}: {name}", f"{value:.3f}", "", "")
-    return table
+        short = tables.shortened(figures[group], LONGEST_TERM)
+        pairs = [(short[name], f"{value:.3g}") for name, value in figures[group].items()]
+        for first in range(0, len(pairs), PAIRS):
+            terms.add_row("" if first else group, *chain.from_iterable(pairs[first : first + PAIRS]))
+    (named,) = tables.shortened([title], 40).values()
+    return Group(f"training {named}: {_share(figures)}", f"{steps}, {figures['updates']:,} updates", table, "", terms)

@@ -97,7 +97,8 @@ class TestCommand:
         train = ("train-boat", *self.SHORT, "--iterations", 1, "--worlds", 2, "--out", "boat.json")
         code, stdout, stderr = run_usvauv(*train)
         assert (code, stderr) == (0, "")
-        assert re.search(r"iteration 1 of 1: .* Mbit .*\(visit [\d.]+, belief [\d.]+\)", stdout)
+        others = r"visit [\d.]+, belief [\d.]+"
+        assert re.match(rf"evaluation, Mbit: {others}\niteration 1 of 1: [\d.]+ Mbit drawn, evaluation [\d.]+,", stdout)
         content = json.loads((tmp_path / "boat.json").read_text())
         assert (content["scenario"], content["targets"], content["settings"]["worlds"]) == ("wide", "tour", 2)
         assert len(content["weights"]) == learned_visits.NETWORK.weights

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,6 +14,8 @@ from pathlib import Path
 import av
 import pytest
 
+import usvauv_env
+from kernels.errors import UserError
 from usvauv_env import Trace, plugins
 from usvauv_env.lock import locked
 from usvauv_env.record.metrics import COLUMNS
@@ -131,18 +134,21 @@ def test_eval_pairs_worlds(tmp_path):
 
 def test_a_figure_that_no_episode_has_is_a_dash(run_usvauv):
     """Two steps are too short for a service, so there are no J/Mbit."""
-    _, stdout, _ = run_usvauv("eval", "ideal", "--policy", "straight", "--episodes", 1, "--set", "mission.duration=2")
+    _, stdout, _ = run_usvauv(
+        "eval", "ideal", "--policy", "straight", "--episodes", 1, "--wide", "--set", "mission.duration=2"
+    )
     assert "–" in stdout
     assert "nan" not in stdout
 
 
 def test_the_error_of_fixes_that_never_came_is_a_dash(tmp_path, run_usvauv):
     lost = ["--set", "mission.duration=10", "--set", "usbl.packet_loss=0.999999"]
-    _, stdout, _ = run_usvauv("eval", "station-keeping", "--policy", "keep", "--episodes", 2, "--out", "m.csv", *lost)
-    (line,) = (line for line in stdout.splitlines() if line.startswith("│ keep") and "–" in line)
-    fix_error, availability, wrapped, dropped, outage = line.rstrip(" │").split("│")[-5:]
-    assert (fix_error.strip(), wrapped.strip(), dropped.strip()) == ("–", "–", "–")
-    assert (availability.split()[0], outage.split()[0]) == ("0.00", "10.00")
+    _, stdout, _ = run_usvauv(
+        "eval", "station-keeping", "--policy", "keep", "--episodes", 2, "--out", "m.csv", "--wide", *lost
+    )
+    (line,) = (line for line in stdout.splitlines() if line.startswith("keep") and "–" in line)
+    fix_error, availability, wrapped, dropped, outage = re.split("  +", line.rstrip())[-5:]
+    assert (fix_error, availability, wrapped, dropped, outage) == ("–", "0.00 ± 0.00", "–", "–", "10 ± 0")
     with (tmp_path / "m.csv").open() as stream:
         row = next(csv.DictReader(stream))
     assert [row[name] for name in ("fix_error_median", "fix_error_rms", "fix_wrapped")] == ["nan"] * 3
@@ -186,7 +192,10 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
         0,
         "warning: --steps 40: nothing will be learned: the first update comes after 40 world-steps (warmup = 40)\n",
     )
-    assert "; evaluation at 4: arps " in said.splitlines()[0]
+    *stages, begun, first, _, _, _ = said.splitlines()
+    assert stages == ["loading torch and Taichi …", "compiling the world …", "evaluating clear …"]
+    assert begun.startswith("training sac in ideal; evaluation beside clear, arps ")
+    assert "; evaluation at 4: arps " in first
     assert ", of the untrained policy (clear " in said.splitlines()[-1]
     assert said.splitlines()[-1].endswith(" in run/best")
     assert (tmp_path / "run" / "best" / "policy.json").exists()
@@ -202,6 +211,19 @@ def test_a_policy_of_another_team_is_told_of(run_usvauv, command):
     assert run_usvauv(*learned) == (2, "", refused)
     assert run_usvauv(command, "--usv", "hold:999,0", "--set", "auv.count=3") == (2, "", refused)
     assert run_usvauv(command, "station-keeping", "--usv", "hold:999,0") == (2, "", refused)
+
+
+def test_train_says_what_it_does_before_what_takes_long(tmp_path, run_usvauv, monkeypatch):
+    without_torch = "import sys; sys.modules['torch'] = None; from usvauv_cli.app import main; main()"
+    done = subprocess.run([sys.executable, "-c", without_torch, "train"], capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout == "loading torch and Taichi …\n"
+
+    def fail(*_: object, **__: object) -> None:
+        raise UserError("no world")
+
+    monkeypatch.setattr(usvauv_env, "World", fail)
+    said = "loading torch and Taichi …\ncompiling the world …\n"
+    assert run_usvauv("train", "--out", "run") == (2, said, "error: no world\n")
 
 
 def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):
@@ -226,8 +248,8 @@ def test_a_second_run_in_a_folder_names_the_first(tmp_path, run_usvauv):
     folder.mkdir()
     with locked(folder):
         for command in (["train"], ["train", "--resume"], ["reproduce", "fig3"]):
-            answer = run_usvauv(*command, "--out", "run")
-            assert answer == (2, "", f"error: run: process {os.getpid()} is writing there\n")
+            code, _, stderr = run_usvauv(*command, "--out", "run")
+            assert (code, stderr) == (2, f"error: run: process {os.getpid()} is writing there\n")
     assert list(folder.iterdir()) == []
 
 

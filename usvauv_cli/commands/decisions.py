@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from kernels.interruption import Interrupted
+from usvauv_cli import tables
 
 if TYPE_CHECKING:
     from policies.decisions import DecisionTrainer
@@ -20,12 +21,13 @@ def learn(trainer: DecisionTrainer, baselines: Sequence[str], out: Path, about: 
     """Train, with a line for each evaluation beside baselines in the same worlds; Ctrl-C keeps the best weights."""
     iterations = trainer.config.iterations
     against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in baselines)
+    typer.echo(tables.wrapped(f"evaluation, Mbit: {against}", 2))
     begun = time.monotonic()
     try:
         for result in trainer.train(out, about):
             typer.echo(
-                f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit with choices drawn,"
-                f" evaluation {result.evaluated:.1f} Mbit, best {trainer.best:.1f} ({against});"
+                f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit drawn,"
+                f" evaluation {result.evaluated:.1f}, best {trainer.best:.1f};"
                 f" {(time.monotonic() - begun) * (iterations / result.iteration - 1):.0f} s left"
             )
     except Interrupted:
@@ -33,4 +35,4 @@ def learn(trainer: DecisionTrainer, baselines: Sequence[str], out: Path, about: 
         if math.isfinite(trainer.best):
             typer.echo(f"best {trainer.best:.1f} Mbit in {out}")
         raise
-    typer.echo(f"best {trainer.best:.1f} Mbit ({against}) in {out}")
+    typer.echo(tables.wrapped(f"best {trainer.best:.1f} Mbit ({against}) in {out}", 2))

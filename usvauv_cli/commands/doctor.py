@@ -97,9 +97,10 @@ def doctor() -> None:
     import torch
 
     from kernels import runtime
+    from usvauv_cli import tables
 
     def show(name: str, text: str) -> None:
-        typer.echo(f"{name:<13} {text}"[:80])
+        typer.echo(tables.wrapped(f"{name:<13} {text}", 14))
 
     broken: list[str] = []
     show("python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")

@@ -43,6 +43,7 @@ def evaluate(
     episodes: Annotated[int, typer.Option(help="Episodes for each combination.")] = 20,
     seed: Seed = 0,
     out: Annotated[Path, typer.Option(help="CSV to write, one row an episode.")] = Path("metrics.csv"),
+    wide: Annotated[bool, typer.Option("--wide", help="All figures, in tables of any width.")] = False,
     arch: Arch = "auto",
     overrides: Overrides = None,
     plugins: Plugins = None,
@@ -100,5 +101,5 @@ def evaluate(
             typer.echo(f"stopped; the {len(rows)} episodes that are complete are in {out}")
         raise
     write_rows(out, list(rows[0].columns()), (row.columns() for row in rows))
-    report.metrics_tables(rows)
+    report.metrics_tables(rows, setting.task, wide)
     typer.echo(f"{len(rows)} episodes written to {out}")

@@ -41,8 +41,13 @@ TARGETS = (
 Targets = Annotated[str | None, typer.Option(help=f"{TARGETS}. Default: the scenario's.")]
 
 
-def _load_plugins(files: list[Path] | None) -> list[Path] | None:
-    """Import the plugins of installed distributions, then those named, before other arguments are processed."""
+def _load_plugins(context: typer.Context, files: list[Path] | None) -> list[Path] | None:
+    """Import the plugins of installed distributions, then those named, before other arguments are processed.
+
+    The first import takes seconds; the command that has a log of its stages says so.
+    """
+    if context.command.name == "train":
+        typer.echo("loading torch and Taichi …")
     from usvauv_env import plugins
 
     plugins.load_installed()

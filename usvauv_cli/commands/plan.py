@@ -12,8 +12,6 @@ from usvauv_cli.commands.options import Arch, Overrides, Plugins, writable
 from usvauv_cli.objectives import MEASUREMENTS, NAMES, OBJECTIVES
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from usvauv_env import Scenario
     from usvauv_env.positioning import BoatPlace, Plan
 
@@ -228,42 +226,32 @@ def expectation(place: BoatPlace) -> str:
     return f"the error of a fix is unbounded{of}" if place.rms is None else f"a fix is {place.rms:.2f} m off (rms{of})"
 
 
-def budget_table(name: str, place: BoatPlace) -> Table:
-    """Table of the errors of a fix of each AUV from a place, by cause."""
-    from rich import box
-    from rich.table import Table
+def print_budget(name: str, place: BoatPlace) -> None:
+    """Print the errors of a fix of each AUV from a place, by cause."""
+    from usvauv_cli import tables
 
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    table.add_column(f"error by cause, {name}, rms m", no_wrap=True)
-    for k in range(len(place.errors)):
-        table.add_column(f"AUV {k + 1}", justify="right", no_wrap=True)
-    for cause, values in place.budget.items():
-        if any(value != 0.0 for value in values):
-            table.add_row(cause, *map(metres, values))
-    return table
+    headings = [f"error by cause, {name}, rms m", *(f"AUV {k}" for k in range(1, len(place.errors) + 1))]
+    causes = [(cause, *map(metres, values)) for cause, values in place.budget.items() if any(values)]
+    tables.print_table(headings, causes)
 
 
 def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
+    from usvauv_cli import tables
     from usvauv_cli.positions import coordinates
     from usvauv_env.fix_prediction import LEAST_GOOD
 
     best = result.optimum
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    headings = ("boat", "x m", "y m", NAMES[result.objective], "rms m", "AUV", "range m", "major m", "minor m")
-    for name in (*headings, "detected", "good"):
-        table.add_column(name, justify="left" if name == "boat" else "right", no_wrap=True)
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]
-    for name, place in places:
-        head = (name, *(number(value, 2) for value in (place.x, place.y, place.log_objective)), metres(place.rms))
-        for k, error in enumerate(place.errors, 1):
-            cells = (str(k), f"{error.range:.1f}", metres(error.major), metres(error.minor))
-            table.add_row(*(head if k == 1 else [""] * 5), *cells, f"{error.detected:.1%}", f"{error.good:.1%}")
-        table.add_section()
+    boats = [
+        (name, *(number(value, 2) for value in (place.x, place.y, place.log_objective)), metres(place.rms))
+        for name, place in places
+    ]
+    fixes = [
+        (name if k == 1 else "", str(k), f"{error.range:.1f}", metres(error.major), metres(error.minor),
+         f"{error.detected:.1%}", f"{error.good:.1%}")
+        for name, place in places for k, error in enumerate(place.errors, 1)
+    ]  # fmt: skip
     where = f"x = {best.x:.2f} m, y = {best.y:.2f} m"
     on_earth = [
         (name, coordinates(place.latitude, place.longitude))
@@ -272,16 +260,20 @@ def print_table(result: Plan) -> None:
     ]
     if on_earth:
         where += f" ({on_earth[0][1]})"
-    typer.echo(f"Boat at {where}: {NAMES[result.objective]} = {number(best.log_objective, 3)}, {expectation(best)}")
+    found = f"Boat at {where}: {NAMES[result.objective]} = {number(best.log_objective, 3)}, {expectation(best)}"
+    typer.echo(tables.wrapped(found, 2))
     array = "level array" if result.slope == (0, 0) else f"array on a slope of {', '.join(map(str, result.slope))}"
-    typer.echo(
-        f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors 1-σ,\n"
-        f"rms of the AUVs that are located, which are those with at least {LEAST_GOOD:.0%} good fixes\n"
+    about = (
+        f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors 1-σ, rms"
+        f" of the AUVs that are located, which are those with at least {LEAST_GOOD:.0%} good fixes"
     )
-    console = Console(width=None if Console().is_terminal else 100)
-    console.print(table)
+    typer.echo(f"{tables.wrapped(about, 2)}\n")
+    tables.print_table(("boat", "x m", "y m", NAMES[result.objective], "rms m"), boats)
+    typer.echo()
+    tables.print_table(("fixes from", "AUV", "range m", "major m", "minor m", "detected", "good"), fixes)
     for name, place in places:
         if name != "centroid":
-            console.print(budget_table(name, place))
+            typer.echo()
+            print_budget(name, place)
     for name, there in on_earth:
         typer.echo(f"{name:9s} {there}")

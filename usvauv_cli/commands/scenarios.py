@@ -18,10 +18,11 @@ def scenarios(
 
     **Example:** `usvauv scenarios extreme --set auv.count=4 > mine.toml`, then `usvauv simulate mine.toml`
     """
+    from usvauv_cli import tables
     from usvauv_env import Scenario
 
     if scenario:
         typer.echo(Scenario.load(scenario, overrides or ()).to_toml(), nl=False)
         return
     for name in Scenario.shipped():
-        typer.echo(f"{name:16} {Scenario.load(name).description}")
+        typer.echo(tables.wrapped(f"{name:16} {Scenario.load(name).description}", 17))

@@ -98,9 +98,11 @@ def train(
         elif (out / "last").exists():
             raise UserError(f"--out {out}: holds a run already; go on with --resume, or choose another folder")
 
+        typer.echo("compiling the world …")
         world = World(setting, config.num_worlds, config.seed, usv, arch=arch)
         evaluation_worlds = World(setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch)
         name = policies.default(setting)
+        typer.echo(f"evaluating {name} …")
         baseline = policies.evaluate(evaluation_worlds, name) | {"policy": name}
         about = provenance(begun) | {"usv": world.strategy.name, "total": total}
         trainer = policies.Trainer(world, config, out, partial(policies.evaluate, evaluation_worlds), about)

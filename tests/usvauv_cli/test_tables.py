@@ -1,0 +1,111 @@
+"""What commands print fits 80 columns, and no number is cut."""
+
+import io
+import re
+
+import pytest
+import torch
+from rich.console import Console
+
+from policies import TrainingConfig
+from policies.algorithms import ALGORITHMS, Batch, Sizes
+from usvauv_cli import report, tables
+from usvauv_env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
+
+LONG = [f"runs/a/very/long/folder/of/many/runs/number-{n}/best" for n in range(12)]
+OF_TASK = ("lost_mbit", "aoi_mean", "aoi_peak", "aoi_largest", "jain", "joule_per_mbit")
+
+
+def episodes(policies, boats, targets):
+    """Two episodes each with figures as wide as −12345.67 ± 1234.56."""
+    rows = []
+    for boat in boats:
+        for rule in targets:
+            for policy in policies:
+                for episode, value in enumerate((-12345.67 - 872.96, -12345.67 + 872.96)):
+                    about = {"scenario": "extreme", "policy": policy, "usv": boat, "targets": rule}
+                    about |= {"seed": 0, "episode": episode, "of_task": dict.fromkeys(OF_TASK, value)}
+                    rows.append(EpisodeMetrics(**(dict.fromkeys(FIGURES, value) | about)))
+    assert set(about) | set(FIGURES) == {*COLUMNS, "of_task"}
+    return rows
+
+
+@pytest.mark.parametrize("policies", [["clear"], ["clear", LONG[0]], LONG], ids=["one", "two", "many"])
+@pytest.mark.parametrize("boats", [["fim"], ["fim", "hold:300,300;100,100;500,500"]])
+@pytest.mark.parametrize("targets", [[""], ["tour", "learned:some/folder/of/mine/targets.json"]])
+@pytest.mark.parametrize("task", ["data-collection", "station-keeping", "mine"])
+def test_tables_of_eval_fit_and_no_number_is_cut(capsys, policies, boats, targets, task):
+    report.metrics_tables(episodes(policies, boats, targets), task, wide=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    text = "\n".join(lines)
+    assert not re.search(r"[\d.±-]…|…[\d.]+ ±", re.sub(r"\S*[a-z:/]\S*", "", text))
+    figures = {"data-collection": 5, "station-keeping": 5, "mine": 3 + len(OF_TASK)}[task]
+    spreads = re.findall(r"-1234[56]\.?\d* ± 123[45]\.?\d*", text)
+    assert len(spreads) == text.count("±") - 1 == figures * len(policies) * len(boats) * len(targets)
+    for name in (*policies, *boats, *targets):
+        assert name in text
+
+
+def test_wide_tables_have_every_figure_in_one_part(capsys):
+    report.metrics_tables(episodes(LONG, ["fim"], ["tour"]), "data-collection", wide=True)
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) > 80
+    assert text.count(LONG[0]) == 3
+    headings = [heading for heading, _ in (report.SHOWN | report.OF_TASK | report.POSITIONS).values()]
+    shown = (re.split("  +", line.strip())[1:] for line in text.splitlines() if line.startswith("policy "))
+    assert [heading for line in shown for heading in line] == headings
+
+
+def test_names_that_are_shortened_stay_different():
+    short = tables.shortened(LONG, 20)
+    assert len(set(short.values())) == len(LONG)
+    assert max(map(len, short.values())) <= 20
+    same_ends = [f"{'a' * 20}{n}{'b' * 20}" for n in range(10)]
+    assert len(set(tables.shortened(same_ends, 12).values())) == 10
+    assert tables.shortened(["straight:1.4"], 12) == {"straight:1.4": "straight:1.4"}
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_terminal_has_its_own_width(monkeypatch):
+    monkeypatch.setattr("sys.stdout", Terminal())
+    monkeypatch.setenv("COLUMNS", "120")
+    assert tables.width() == 120
+    monkeypatch.setattr("sys.stdout", io.StringIO())
+    assert tables.width() == 80
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
+def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
+    learner = learner_figures(algorithm)
+    reward = {f"a-term-of-a-plugin-{n}": -12345.678 * n for n in range(15)}
+    worlds = {"arps": -12345.67, "sdr": 12.34, "ec": 187.21, "services": 123.4, "border": 3.0, "position_error": 12.3}
+    evaluation = dict.fromkeys(report.TRAINED, -12345.67)
+    figures = {
+        **worlds, "steps": 123_456_789, "total": 200_000_000, "eta": 359_999.0, "steps_per_second": 123_456.0,
+        "updates": 12_345_678, "evaluation": evaluation, "evaluated_at": 123_456_789, "reward": reward,
+        "learner": learner,
+    }  # fmt: skip
+    console = Console(width=80, height=24, file=io.StringIO(), markup=False)
+    console.print(report.training_table(figures, evaluation | {"policy": LONG[0]}, f"{algorithm} in {'x' * 60}"))
+    text = console.file.getvalue()
+    lines = text.splitlines()
+    assert len(lines) <= 22
+    assert max(map(len, lines)) <= 80
+    assert text.count("-12345.67") == 1 + 2 * len(report.TRAINED)
+    for name, value in (reward | learner).items():
+        assert f"{value:.3g}" in text, name
+    assert all(name in text for name in learner)
+    for whole in ("62%, 99:59:59 left", "123,456,789 of 200,000,000", "12,345,678 updates"):
+        assert whole in text
+
+
+def learner_figures(algorithm):
+    """The figures of an algorithm's update, each another wide number."""
+    learner = ALGORITHMS[algorithm](Sizes(1, 3, 2), TrainingConfig(hidden=(4,)), torch.Generator())
+    batch = Batch(*(torch.zeros(1, 4, *shape) for shape in ((3,), (2,), (), (), (3,))))
+    return {name: -9876.543 / (n + 1) for n, name in enumerate(learner.update(batch))}
