@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
 from usvauv_env.files import atomic_write
 from usvauv_env.render import style
@@ -31,6 +34,20 @@ def style_axes(axes: Axes, tick_pad: float = 5) -> None:
         axis.label.set(color=MUTED, fontsize=9.5)
     for spine in axes.spines.values():
         spine.set_visible(False)
+
+
+def log_ticks(axis: Axis) -> None:
+    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of ten, written out; finer ones where few are in view."""
+    low, high = axis.get_view_interval()
+    for steps in ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), [n / 10 for n in range(10, 100)]):
+        powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        ticks = [step * 10.0**power for power in powers for step in steps]
+        shown = [tick for tick in ticks if low <= tick <= high]
+        if len(shown) > 2:
+            break
+    axis.set_major_locator(FixedLocator(shown))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_locator(NullLocator())
 
 
 def set_title(axes: Axes, text: str, pad: float | None = None) -> None:

@@ -16,17 +16,22 @@ import numpy as np
 import pytest
 import torch
 import xarray
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from usvauv_cli import app
 from usvauv_cli.commands import sea as sea_command
 from usvauv_cli.commands.sea import sink
+from usvauv_cli.figure_theme import log_ticks
+from usvauv_cli.sea_view import figure
 from usvauv_cli.sea_view.block import Block
-from usvauv_cli.sea_view.figure import spectrum, target_spectrum
 from usvauv_cli.sea_view.section import Section
+from usvauv_cli.sea_view.spectra import measured, spectrum, target_spectrum, wanted
+from usvauv_cli.sea_view.surface import LevelSurface
 from usvauv_cli.sea_view.video import SeaPainter, SeaVideo
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.render import style
-from usvauv_env.render.frame_layout import Layout, Rectangle
+from usvauv_env.render.frame_layout import Layout, MapView, Rectangle
 from usvauv_env.sea.build import build_sea, build_short_waves
 from usvauv_env.sea.storm import cumulative
 from usvauv_env.sea_alone.netcdf import SeaFile
@@ -325,9 +330,30 @@ class TestSectionAndBlock:
         level = section.along((0.01 * x + 0.02 * y).astype(np.float32))
         np.testing.assert_allclose(level[5:-5], (section.points @ (0.01, 0.02))[5:-5], atol=0.03)
 
-    def test_without_a_storm_it_leaves_the_forced_edge(self):
+    def test_without_a_storm_it_follows_the_waves_from_the_forced_edge(self):
         overrides = ["storm.spectrum=none", "sea.forced_edge=north", "area.width=400"]
-        np.testing.assert_allclose(Section(Scenario.load("extreme", overrides)).ends, [(200, 200), (200, 0)], atol=1e-9)
+        section = Section(Scenario.load("extreme", overrides))
+        np.testing.assert_allclose(section.direction, (0, -1), atol=1e-9)
+        np.testing.assert_allclose(section.ends, [(200, 0), (200, 200)], atol=1e-9)
+
+    @pytest.mark.parametrize(
+        ("direction", "words"),
+        [
+            (0.0, "A (west) to B (east)"),
+            (math.pi, "A (west) to B (east)"),
+            (math.pi / 2, "A (south) to B (north)"),
+            (-math.pi / 2, "A (south) to B (north)"),
+            (2.3, "A (north-west) to B (south-east)"),
+            (-2.3, "A (south-west) to B (north-east)"),
+            (-1.5, "A (north) to B (south)"),
+        ],
+    )
+    def test_it_runs_as_the_map_does_whichever_way_the_waves_go(self, direction, words):
+        section = Section(Scenario.load("extreme", [f"storm.direction={direction}"]))
+        (ax, ay), (bx, by) = section.ends
+        assert bx > ax + 1e-6 or (bx == pytest.approx(ax, abs=1e-6) and by > ay)
+        assert section.direction == pytest.approx((math.cos(direction), math.sin(direction)))
+        assert section.words == words
 
     def test_block_shows_a_hill_where_it_is_and_above_the_level(self):
         scenario = Scenario.load("extreme")
@@ -377,8 +403,113 @@ class TestFigure:
         assert 4 * math.sqrt(cumulative(f, target)[-1]) == pytest.approx(6.5)
         for low, high in ((0.07, 0.1), (0.1, 0.13), (0.13, 0.28)):
             band = (frequency >= low) & (frequency < high)
-            wanted = np.interp(np.linspace(low, high, 200), f, target).mean() * (high - low)
-            assert density[band].sum() * frequency[0] == pytest.approx(wanted, rel=0.35)
+            energy = np.interp(np.linspace(low, high, 200), f, target).mean() * (high - low)
+            assert density[band].sum() * frequency[0] == pytest.approx(energy, rel=0.35)
+
+
+class TestMeasured:
+    STEP = 0.5
+
+    def records(self, *waves):
+        """Elevation and slopes (T, P, 3) of waves of amplitude (m), period (s) and direction (rad), along x and y."""
+        place = np.random.default_rng(0).uniform(0, 200, (50, 2))
+        time, records = self.STEP * np.arange(1200), np.zeros((1200, 50, 3))
+        for amplitude, period, direction in waves:
+            k = 0.03 * np.array([math.cos(direction), math.sin(direction)])
+            phase = (place @ k)[None] - 2 * math.pi / period * time[:, None]
+            records += np.stack([np.cos(phase), -k[0] * np.sin(phase), -k[1] * np.sin(phase)], -1) * amplitude
+        return records
+
+    def test_one_wave_has_no_spread(self):
+        found = measured(self.records((1.5, 10.0, 2.0)), self.STEP, 120.0)
+        assert found.height == pytest.approx(4 * 1.5 / math.sqrt(2), rel=0.01)
+        assert found.period == pytest.approx(10.0, rel=0.01)
+        assert found.spread == pytest.approx(0.0, abs=0.02)
+
+    @pytest.mark.parametrize("half", [0.3, 1.0])
+    def test_two_crossing_waves_have_the_spread_of_their_angle(self, half):
+        """The first moment of two directions ±α is cos α; periods differ a little, so that phases do not matter."""
+        crossing = self.records((1.0, 10.0, 0.7 + half), (1.0, 10.2, 0.7 - half))
+        found = measured(crossing, self.STEP, 120.0)
+        assert found.spread == pytest.approx(math.sqrt(2 * (1 - math.cos(half))), rel=0.05)
+
+    @pytest.mark.parametrize("spreading", [2, 10, 50])
+    def test_a_storm_is_as_it_is_wanted(self, spreading):
+        scenario = Scenario.load("extreme", [f"storm.spreading={spreading}"])
+        waves, place = build_short_waves(Site(scenario), 1, 1), np.linspace(10, 190, 8)
+        x, y = (axis.ravel() for axis in np.meshgrid(place, place))
+        k = waves.k[0] * np.array([np.cos(waves.direction[0]), np.sin(waves.direction[0])])  # (2, N)
+        here = waves.amplitude[0] * np.exp(1j * (np.stack([x, y], 1) @ k + waves.phase[0]))
+        turned = np.exp(-1j * np.outer(self.STEP * np.arange(1800), waves.omega[0]))
+        found = measured(
+            np.stack([(turned @ (part * here).T).real for part in (1, 1j * k[0], 1j * k[1])], -1), self.STEP, 132.0
+        )
+        goal = wanted(scenario.storm)
+        assert (goal.height, goal.period) == (6.5, 11.0)
+        for name, tolerance in {"height": 0.1, "period": 0.1, "spread": 0.15}.items():
+            assert getattr(found, name) == pytest.approx(getattr(goal, name), rel=tolerance), name
+
+
+class TestColours:
+    VIEW = MapView(Scenario.load("extreme").area, Rectangle(0, 0, 200, 200))
+
+    def surface(self, level, height):
+        x, t = np.linspace(0, 20, 60), np.linspace(0, 10, 9)
+        sample = (level + height * np.sin(x[None, None] + t[:, None, None])).repeat(60, 1).astype(np.float32)
+        return LevelSurface(sample, self.VIEW, sample), sample
+
+    def test_are_about_the_level_of_a_calm_sea_and_not_steeper_than_decimetres(self):
+        surface, sample = self.surface(5.0, 0.02)
+        assert (surface.level, surface.limit) == (5.0, 0.3)
+        middle = np.abs(surface.relief(np.full_like(sample[0], 5.0)).astype(int) - style.SEA[2]).max()
+        assert middle <= 2  # mid-blue, as the mean level is
+
+    def test_are_about_zero_where_the_level_is_small_beside_the_waves(self):
+        assert self.surface(0.5, 4.0)[0].level == 0.0
+        assert self.surface(2.0, 4.0)[0].level == 2.0
+
+    def test_a_level_sea_says_so(self):
+        assert self.surface(5.0, 0.0)[0].stillness == "level at η = 5 m"
+        assert self.surface(0.0, 0.0)[0].stillness == "still: neither long waves nor a storm"
+        assert self.surface(5.0, 0.02)[0].stillness == ""
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.01, 0.4), (0.08, 0.42), (0.11, 0.19), (1.02, 1.9), (3e-4, 30)])
+def test_a_logarithmic_axis_has_several_ticks(low, high):
+    axes = Figure().add_subplot()
+    axes.set(xscale="log", xlim=(low, high))
+    log_ticks(axes.xaxis)
+    assert len(axes.get_xticks()) >= 3
+    assert low <= min(axes.get_xticks()) < max(axes.get_xticks()) <= high
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [],
+        ["storm.direction=1.2"],
+        ["storm.spectrum=none", "sea.irregular_rms=0.5"],
+        [*STILL, "sea.regular_amplitude=5", "sea.forced_edge=east"],
+    ],
+    ids=["storm", "across", "long waves", "tide"],
+)
+def test_nothing_stands_over_the_curves_of_a_figure(tmp_path, monkeypatch, changes):
+    drawn = []
+    monkeypatch.setattr(figure, "save", lambda made, path: drawn.append(made))
+    options = ["--duration", 12, "--resolution", 10, "--out", "a.png", *sets(changes)]
+    assert run(monkeypatch, tmp_path, *options) == 2  # nothing is saved
+    (made,) = drawn
+    made.canvas.draw()
+    boxes = [axes.get_window_extent() for axes in made.axes]
+    for axes in made.axes:
+        words = [axes._left_title] + ([axes.get_legend()] if axes.get_legend() else [])
+        words = [each.get_window_extent() for each in words if not isinstance(each, Text) or each.get_text()]
+        assert not any(box.shrunk(0.99, 0.98).overlaps(own) for own in words for box in boxes)
+        below = [other.xaxis.label.get_window_extent() for other in made.axes if other.get_xlabel()]
+        assert not any(own.overlaps(label) for own in words for label in below)
+    about = made.texts[2].get_text()
+    assert ("Hs" in about) == ("storm.spectrum=none" not in changes)
+    assert made.texts[0].get_text().endswith("is level at η = 5 m") == ("sea.regular_amplitude=5" in changes)
 
 
 @pytest.mark.parametrize("name", ["a.mp4", "a.nc", "a.png"])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from usvauv_cli import figure_theme
 from usvauv_cli.figure_theme import TEXT
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.fixes import BOUND, FixErrors, results
@@ -114,6 +115,7 @@ def _draw(over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[L
             axes.set_ylabel("horizontal error, m")
         else:
             axes.tick_params(labelleft=False)
+    figure_theme.log_ticks(left.yaxis)
     handles, labels = left.get_legend_handles_labels()
     drawn.legend(handles, labels, loc="lower center", ncols=5, frameon=False, labelcolor=TEXT, fontsize=9.5)
     figure.save(drawn, place)

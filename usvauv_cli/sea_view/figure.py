@@ -11,7 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FormatStrFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 
 from usvauv_cli.figure_theme import (
     BACKGROUND,
@@ -21,28 +21,28 @@ from usvauv_cli.figure_theme import (
     OUTLINE,
     TEXT,
     WATER,
+    log_ticks,
     save,
     set_title,
     style_axes,
     web,
 )
 from usvauv_cli.sea_view.section import Section
-from usvauv_cli.sea_view.video import LONG_WAVES, SHADED, land, thumbnail, weather
+from usvauv_cli.sea_view.spectra import SHORTEST, measured, spectrum, target_spectrum, wanted
+from usvauv_cli.sea_view.surface import SHADED, LevelSurface
+from usvauv_cli.sea_view.video import LONG_WAVES, land, thumbnail, weather
 from usvauv_env.memory import require
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import MapView, Rectangle
-from usvauv_env.render.sea_layers import SeaSurface
 from usvauv_env.render.text import clock
-from usvauv_env.scenario import Scenario
-from usvauv_env.sea.storm import band, cumulative
 from usvauv_env.sea_alone.simulation import SeaSimulation
 
 LEVELS = LinearSegmentedColormap.from_list("levels", [web(colour) for colour in style.SEA])
 MAPS = 4
 PROBES = 12  # points a side at which the spectrum is measured
 SEGMENT = 12.0  # length in peak periods of the segments whose spectra are averaged
-SHORTEST = 16  # least number of records for a spectrum
-RECORD_BYTES = 4096.0  # of memory: a section, the probes, what is drawn of them, and Python's own
+RECORD_BYTES = 12288.0  # of memory: a section, the probes, what is drawn of them, and Python's own
+LEAST_RANGE = 0.1  # m, of the axis of elevations
 USUAL_BYTES = 800_000  # size of a figure; it hardly depends on the sea
 TARGET, AMBER = "#ff9d66", web(LONG_WAVES)
 
@@ -70,13 +70,15 @@ class SeaFigure:
         self._sections: list[np.ndarray] = []
         self._middle: list[tuple[float, float]] = []
         self._probes: list[np.ndarray] = []
+        self._storm: list[np.ndarray] = []  # elevation of the storm's part and its slopes at the probes, (P, 3)
         rows, columns = (
             np.unique(np.linspace(0, count - 1, PROBES + 2).round().astype(int)[1:-1])
             for count in (len(sea.y), len(sea.x))
         )
         probed = np.zeros_like(sea.wet)
         probed[np.ix_(rows, columns)] = True
-        self._at = probed & sea.wet
+        self._at = np.nonzero(probed & sea.wet)
+        self._drawn = sea.scenario.storm.spectrum != "none"
 
     def add(self, sea: SeaSimulation) -> None:
         """Record the present sea."""
@@ -88,8 +90,19 @@ class SeaFigure:
         self._times.append(sea.time)
         self._sections.append(self._section.along(small).astype(np.float32))
         self._probes.append(surface.elevation[self._at])
+        if self._drawn:
+            self._storm.append(self._heave_and_slopes(surface.storm))
         middle = len(sea.y) // 2, len(sea.x) // 2
         self._middle.append((float(surface.elevation[middle]), float(surface.storm[middle])))
+
+    def _heave_and_slopes(self, field: np.ndarray) -> np.ndarray:
+        """Values of a field at the probes, and its slopes towards east and north, (P, 3)."""
+        values = [field[self._at]]
+        for axis, spacing in ((1, self._sea.spacing[0]), (0, self._sea.spacing[1])):
+            low, high = list(self._at), list(self._at)
+            low[axis], high[axis] = np.maximum(low[axis] - 1, 0), np.minimum(high[axis] + 1, field.shape[axis] - 1)
+            values.append((field[tuple(high)] - field[tuple(low)]) / ((high[axis] - low[axis]) * spacing))
+        return np.stack(values, axis=-1)
 
     def expected_bytes(self, records: int) -> int:
         """Estimated size of the file."""
@@ -107,12 +120,13 @@ class SeaFigure:
     def _draw(self) -> None:
         scenario, duration = self._sea.scenario, self._times[-1]
         surface = self._relief()
-        still, limit = surface.limit == 0.0, surface.limit or 1.0
+        still, level = surface.limit == 0.0, surface.level
+        ends = level - (surface.limit or 1.0), level + (surface.limit or 1.0)
         figure = Figure(figsize=(13.6, 9.0), facecolor=BACKGROUND)
         grid = {"left": 0.065, "right": 0.93, "wspace": 0.14}
         top = figure.add_gridspec(1, len(self._maps) + 1, width_ratios=[1] * len(self._maps) + [0.045], **grid)
-        top.update(bottom=0.56, top=0.87)
-        low = figure.add_gridspec(2, 2, left=0.065, right=0.965, bottom=0.075, top=0.475, wspace=0.2, hspace=0.32)
+        top.update(bottom=0.55, top=0.845)
+        low = figure.add_gridspec(2, 2, left=0.065, right=0.965, bottom=0.075, top=0.465, wspace=0.2, hspace=0.32)
         low.set_width_ratios((1.55, 1))
         maps = [figure.add_subplot(top[0, place]) for place in range(len(self._maps))]
         for axes, (time, field) in zip(maps, self._maps, strict=True):
@@ -124,30 +138,50 @@ class SeaFigure:
                 axes.set_yticklabels([])
         maps[0].set_ylabel("y (north), m")
         bar = figure.add_subplot(top[0, -1])
-        shades = ScalarMappable(Normalize(-limit, limit), LEVELS)
+        shades = ScalarMappable(Normalize(*ends), LEVELS)
         figure.colorbar(shades, cax=bar, extend="both").outline.set_visible(False)
         bar.set_title("η, m", color=MUTED, fontsize=9.5, loc="left", pad=8)
-        section, level, spectrum = (figure.add_subplot(low[place]) for place in ((0, 0), (1, 0), (slice(None), 1)))
-        self._draw_section(section, limit)
-        self._draw_level(level)
+        section, middle = (figure.add_subplot(low[row, 0]) for row in (0, 1))
+        right = low[:, 1].get_position(figure)
+        spectrum = figure.add_axes((right.x0, right.y0, right.width, 0.43 - right.y0))
+        self._draw_section(section, ends)
+        self._draw_level(middle, level)
         self._draw_spectrum(spectrum, still)
-        level.set_facecolor(CARD)
+        middle.set_facecolor(CARD)
         spectrum.set_facecolor(CARD)
-        for axes in (*maps, bar, section, level, spectrum):
+        for axes in (*maps, bar, section, middle, spectrum):
             style_axes(axes)
-        title = f"Sea of “{scenario.name}”" + (" is still: neither long waves nor a storm" if still else "")
+        title = f"Sea of “{scenario.name}”" + (f" is {surface.stillness}" if still else "")
         cells = f"{len(self._sea.x)} × {len(self._sea.y)} cells of {self._sea.spacing[0]:.3g} m"
         about = f"{weather(self._sea)} · seed {self._sea.seed} · {clock(duration)} min · {cells}"
         figure.text(0.065, 0.955, title, color=TEXT, fontsize=16, fontweight="bold", va="center")
         figure.text(0.065, 0.92, about, color=MUTED, fontsize=10, va="center")
+        figure.text(0.065, 0.89, self._beside(), color=MUTED, fontsize=10, va="center")
         save(figure, self._out)
 
-    def _relief(self) -> SeaSurface:
+    def _beside(self) -> str:
+        """What was measured of the storm beside what is wanted; empty without a storm."""
+        if not self._drawn:
+            return ""
+        storm, records = self._sea.scenario.storm, np.array(self._storm)
+        if len(records) < SHORTEST or not records.size:
+            return f"too short to measure the storm: below {SHORTEST} records"
+        found = measured(records, self._sea.interval, SEGMENT * storm.peak_period)
+        goal = wanted(storm)
+        return (
+            f"storm as measured (as wanted): Hs {found.height:.2f} m ({goal.height:g} m), Tp {found.period:.1f} s"
+            f" ({goal.period:g} s), directional spread {math.degrees(found.spread):.0f}°"
+            f" ({math.degrees(goal.spread):.0f}°)"
+        )
+
+    def _relief(self) -> LevelSurface:
         """The surface with the colours and shades of the video."""
         area = self._sea.scenario.area
         per_metre = SHADED / max(area.width, area.length)
         whole = Rectangle(0, 0, round(area.width * per_metre), round(area.length * per_metre))
-        return SeaSurface(np.stack([field for _, field in self._maps]), MapView(area, whole), SHADED)
+        return LevelSurface(
+            np.stack([field for _, field in self._maps]), MapView(area, whole), np.array(self._sections)
+        )
 
     def _draw_map(self, axes: Axes, relief: np.ndarray) -> None:
         area, (a, b) = self._sea.scenario.area, self._section.ends
@@ -161,20 +195,23 @@ class SeaFigure:
         axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.yaxis.set_major_locator(MaxNLocator(4))
 
-    def _draw_section(self, axes: Axes, limit: float) -> None:
+    def _draw_section(self, axes: Axes, ends: tuple[float, float]) -> None:
         extent = (0, self._times[-1], 0, self._section.length)
         levels = np.array(self._sections).T
-        axes.imshow(levels, LEVELS, vmin=-limit, vmax=limit, origin="lower", extent=extent, aspect="auto")
-        axes.set_ylabel("A to B, m")
-        set_title(axes, "η along A–B")
+        axes.imshow(levels, LEVELS, vmin=ends[0], vmax=ends[1], origin="lower", extent=extent, aspect="auto")
+        axes.set_ylabel("from A, m")
+        set_title(axes, f"η from {self._section.words}")
 
-    def _draw_level(self, axes: Axes) -> None:
+    def _draw_level(self, axes: Axes, level: float) -> None:
         everything, storm = np.array(self._middle).T
-        axes.axhline(0, color=MUTED, lw=0.6, alpha=0.6)
+        axes.axhline(level, color=MUTED, lw=0.6, alpha=0.6)
         if storm.any() and (everything != storm).any():
             axes.plot(self._times, everything - storm, color=AMBER, lw=1.4, label="long waves alone")
         axes.plot(self._times, everything, color=WATER, lw=1.3, label="all")
         axes.set(xlim=(0, self._times[-1]), xlabel="time, s", ylabel="η, m")
+        low, high = axes.get_ylim()
+        middle, half = (low + high) / 2, max(high - low, LEAST_RANGE) / 2
+        axes.set_ylim(middle - half, middle + half)
         set_title(axes, "η in the middle")
         if len(axes.lines) > 2:
             place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.99), "ncols": 2, "borderpad": 0.2}
@@ -184,63 +221,26 @@ class SeaFigure:
         """Draw the mean spectrum over probes all over the area, and the one that the storm is drawn from."""
         scenario = self._sea.scenario
         axes.set(xlabel="frequency, Hz", ylabel="spectral density of η, m²/Hz")
-        set_title(axes, "Spectrum, mean over the area")
+        set_title(axes, "Spectrum, mean over the area", pad=26)
         if still or len(self._times) < SHORTEST:
             words = "nothing moves" if still else f"too short: below {SHORTEST} records"
             axes.text(0.5, 0.5, words, color=MUTED, ha="center", transform=axes.transAxes)
             axes.set(xticks=[], yticks=[])
             return
         step = self._sea.interval
-        storm = scenario.storm.spectrum != "none"
-        piece = SEGMENT * scenario.storm.peak_period if storm else math.inf
+        piece = SEGMENT * scenario.storm.peak_period if self._drawn else math.inf
         frequency, density = spectrum(np.array(self._probes), step, piece)
         axes.loglog(frequency, density, color=WATER, lw=1.6, label="simulated")
         highest, last = density.max(), frequency[-1]
-        if storm:
+        if self._drawn:
             f, target = target_spectrum(scenario)
             axes.loglog(f, target, color=TARGET, lw=1.6, label=f"target, Hs {scenario.storm.significant_height:g} m")
             highest, last = max(highest, target.max()), min(last, 1.5 * f[-1])
-        if scenario.sea.irregular_rms > 0:
-            ends = 1 / scenario.sea.irregular_period_max, 1 / scenario.sea.irregular_period_min
+        ends = 1 / scenario.sea.irregular_period_max, 1 / scenario.sea.irregular_period_min
+        if scenario.sea.irregular_rms > 0 and ends[1] > frequency[0]:
             axes.axvspan(*ends, color=AMBER, alpha=0.15, lw=0, label="forced long waves")
         axes.set(xlim=(frequency[0], last), ylim=(1e-5 * highest, 2 * highest))
-        low, high = axes.get_xlim()
-        ticks = [step * 10.0**power for power in range(-6, 4) for step in (1, 2, 5)]
-        axes.set_xticks([tick for tick in ticks if low <= tick <= high])
-        axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-        axes.xaxis.set_minor_locator(NullLocator())
+        log_ticks(axes.xaxis)
         axes.grid(color=LINE, lw=0.6)
-        axes.legend(frameon=False, labelcolor=MUTED, fontsize=9, loc="upper right")
-
-
-def spectrum(records: np.ndarray, step: float, piece: float) -> tuple[np.ndarray, np.ndarray]:
-    """One-sided spectral density of records (T, P) by Welch's method, mean over P and over overlapping segments.
-
-    Args:
-        records: taken every `step` s.
-        piece: length of a segment, s; at most the whole record is taken.
-
-    Returns:
-        Frequencies (F,) above 0, Hz, and density (F,), 1/Hz times the records' unit squared.
-    """
-    count = min(len(records), max(SHORTEST, round(piece / step)))
-    starts = np.arange(0, len(records) - count + 1, max(1, count // 2))
-    window = np.hanning(count + 2)[1:-1, None]
-    total = np.zeros(count // 2 + 1)
-    for start in starts:
-        part = records[start : start + count].astype(np.float64)
-        total += (np.abs(np.fft.rfft((part - part.mean(axis=0)) * window, axis=0)) ** 2).mean(axis=1)
-    density = 2 * step / (window**2).sum() * total / len(starts)
-    if count % 2 == 0:
-        density[-1] /= 2  # the Nyquist frequency has no mirror image
-    return np.fft.rfftfreq(count, step)[1:], density[1:]
-
-
-def target_spectrum(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and spectral density (m²/Hz) of the spectrum that the storm is drawn from."""
-    storm = scenario.storm
-    omega, S = band(
-        storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, scenario.area.depth, scenario.sea.gravity
-    )
-    f = omega / (2 * math.pi)
-    return f, S * (storm.significant_height / 4) ** 2 / cumulative(f, S)[-1]
+        place = {"loc": "lower left", "bbox_to_anchor": (-0.01, 0.99), "ncols": 3, "borderpad": 0.2}
+        axes.legend(frameon=False, labelcolor=MUTED, fontsize=9, **place)

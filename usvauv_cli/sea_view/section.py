@@ -12,6 +12,8 @@ from usvauv_env.scenario import Scenario
 POINTS = 241
 INWARDS = {"west": 0.0, "south": math.pi / 2, "east": math.pi, "north": -math.pi / 2}  # from an edge, rad
 
+SIDES = ("south", "south-east", "east", "north-east", "north", "north-west", "west", "south-west")
+
 
 def heading(scenario: Scenario) -> float:
     """Direction of the waves, rad from east towards north: the storm's mean, else inwards from the forced edge."""
@@ -21,22 +23,28 @@ def heading(scenario: Scenario) -> float:
 
 
 class Section:
-    """The line from A, where waves enter, to B.
+    """The line along the waves from A to B, A in the west, or in the south of a line from south to north.
 
     Attributes:
+        direction: unit vector of the waves' travel, (2,).
         ends: A and B, (2, 2) m. length: from A to B, m. distance: of its points from A, (P,) m. points: (P, 2) m.
+        words: where it goes, such as "A (west) to B (east)".
     """
 
     def __init__(self, scenario: Scenario) -> None:
         area, angle = scenario.area, heading(scenario)
         self._size = np.array([area.width, area.length])
-        direction = np.array([math.cos(angle), math.sin(angle)])
+        self.direction = direction = np.array([math.cos(angle), math.sin(angle)])
+        if round(direction[0], 6) < 0 or (round(direction[0], 6) == 0 and direction[1] < 0):
+            direction = -direction
         with np.errstate(divide="ignore"):
             reach = float(np.min(self._size / 2 / np.abs(direction)))
         self.ends = np.stack([self._size / 2 - reach * direction, self._size / 2 + reach * direction])
         self.length = 2 * reach
         self.distance = np.linspace(0, self.length, POINTS)
         self.points = self.ends[0] + self.distance[:, None] * direction
+        sector = round(math.atan2(direction[1], direction[0]) / (math.pi / 4))  # −2 to 2
+        self.words = f"A ({SIDES[(sector + 6) % 8]}) to B ({SIDES[sector + 2]})"
 
     def along(self, field: np.ndarray) -> np.ndarray:
         """Values (P,) of a field (Y, X) over the area, row 0 in the south, at the section's points."""

@@ -13,6 +13,7 @@ import numpy as np
 from usvauv_cli.encoder import even, expected_bytes, one_drawing_thread, video_file
 from usvauv_cli.sea_view.block import Block
 from usvauv_cli.sea_view.section import Section
+from usvauv_cli.sea_view.surface import SHADED, LevelSurface
 from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.frame_layout import Layout, MapView, Rectangle, nice_above
 from usvauv_env.render.map_axes import draw_map_axes
@@ -31,7 +32,6 @@ from usvauv_env.render.shapes import Overlay
 from usvauv_env.render.text import write
 from usvauv_env.sea_alone.simulation import SeaSimulation, Surface
 
-SHADED = 480  # largest side of the surface as it is shaded, pixels
 TRIAL = 12  # pictures by which the size of the file is estimated
 LONG_WAVES = style.colour("#ffb020")
 
@@ -57,7 +57,10 @@ class SeaPainter:
         rows, columns = first.shape
         some = expected[:: max(1, len(expected) // 20)]
         sample = np.stack([first, *(cv2.resize(field, (columns, rows)) for field in some)])
-        self.surface = SeaSurface(sample, self.view, SHADED)
+        surface = LevelSurface(sample, self.view, sample)
+        self.surface: SeaSurface = surface
+        self._stillness = surface.stillness
+        self._level = level = surface.level
         self.streaks = CurrentStreaks(sea.vortices, sea.stream(), area.width, area.length, self.view, layout.unit)
         self._streak_step = min(sea.interval, 0.25 * self.streaks.tail)
         self._overlay = Overlay(*layout.map)
@@ -67,7 +70,7 @@ class SeaPainter:
         self._section = Section(scenario)
         self._bounds = np.stack([np.full(len(self._section.distance), edge) for edge in (math.inf, -math.inf)])
         self._highest, self._lowest, self._squares, self._fastest = -math.inf, math.inf, 0.0, 0.0
-        highest = 1.08 * float(np.abs(expected).max()) if self.surface.limit else 1.0
+        highest = 1.08 * float(np.abs(expected - level).max()) if self.surface.limit else 1.0
         self._reach = nice_above(highest, (1, 1.5, 2, 3, 4, 5, 6, 8, 10))
         self._storm = scenario.storm.spectrum != "none"
         self._both = self._storm and not getattr(sea.long_waves, "still", False)
@@ -75,7 +78,8 @@ class SeaPainter:
         self._still = np.full((layout.height, layout.width, 3), self.layout.theme.background, np.uint8)
         self._picture = np.empty_like(self._still)
         cells = f"{len(sea.x)} × {len(sea.y)} cells of {sea.spacing[0]:.3g} m"
-        draw_map_axes(self._still, self, layout, area, cells)
+        note = f"colours about η = {level:+g} m" if level else cells
+        draw_map_axes(self._still, self, layout, area, note)
         self._draw_still_panel(sea, sample)
 
     def _draw_still_panel(self, sea: SeaSimulation, sample: np.ndarray) -> None:
@@ -97,16 +101,17 @@ class SeaPainter:
         write_title(still, self._title, layout, name, about, self._duration, self._fps * sea.interval)
 
         room = within_margins(block_box, unit, top=26, sides=8, bottom=6)
-        self._block = Block(scenario.area, room, layout, sample, self._reach)
+        self._block = Block(scenario.area, room, layout, sample - self._level, self._reach)
         write_heading(still, layout, block_box, "The surface, seen from the south-east", self._block.note)
         plot_room = {"top": 28, "sides": 18, "bottom": 20, "left": 42}
         room = within_margins(section_box, unit, **plot_room)
-        axis = -self._reach, self._reach, self._section.length, layout
+        values = self._level - self._reach, self._level + self._reach
+        axis = *values, self._section.length, layout
         self._section_plot = SectionPlot(still, room, *axis)
         write_heading(
-            still, layout, section_box, "Section along the waves, from A to B, m", "thin: highest and lowest so far"
+            still, layout, section_box, f"Section from {self._section.words}, m", "thin: highest and lowest so far"
         )
-        axis = -self._reach, self._reach, self._duration, layout
+        axis = *values, self._duration, layout
         self._level_plot = LivePlot(still, within_margins(level_box, unit, **plot_room), *axis)
         parts = "amber: long waves alone" if self._both else ""
         write_heading(still, layout, level_box, "Elevation in the middle, m", parts)
@@ -132,7 +137,7 @@ class SeaPainter:
         if not sea.steady:
             self.streaks.update(sea.vortices)
         self._draw_map(picture, relief)
-        self._block.draw(picture, field, relief, self._section)
+        self._block.draw(picture, field - self._level, relief, self._section)
         self._section_plot.draw(picture, self._section.distance, level, self._bounds)
         box, line = self._section_plot.box, self._section_plot.box.top + 14 * unit
         write(picture, "A", (box.left + 6 * unit, line), 11 * unit, self.layout.theme.text, bold=True)
@@ -146,7 +151,7 @@ class SeaPainter:
         """Update the figures of the tiles."""
         self._highest = max(self._highest, float(surface.elevation.max(where=sea.wet, initial=-math.inf)))
         self._lowest = min(self._lowest, float(surface.elevation.min(where=sea.wet, initial=math.inf)))
-        part = surface.storm if self._storm else surface.elevation
+        part = surface.storm if self._storm else surface.elevation - self._level
         self._squares += float(np.mean(np.square(part), where=sea.wet, dtype=np.float64))
         if self._frame == 0 or not (sea.steady or self._frame % self._fps):  # once a second of the video
             self._fastest = float(np.hypot(*np.moveaxis(sea.current(), -1, 0)).max())
@@ -174,15 +179,15 @@ class SeaPainter:
         for piece in shapes.dashes(ends[0], ends[1], 6 * layout.unit):
             shapes.stroke(picture, piece, self.layout.theme.text, layout.px(1.3))
         along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
-        tip, side = ends.mean(axis=0) + 9 * layout.unit * along, np.array([-along[1], along[0]])
-        head = [tip, *(tip - (13 * along - turn * 6 * side) * layout.unit for turn in (1, -1))]
+        waves = self._section.direction * (1, -1)
+        tip, side = ends.mean(axis=0) + 9 * layout.unit * waves, np.array([-waves[1], waves[0]])
+        head = [tip, *(tip - (13 * waves - turn * 6 * side) * layout.unit for turn in (1, -1))]
         shapes.fill(picture, np.array(head), style.WHITE)
         for name, end, inwards in (("A", ends[0], along), ("B", ends[1], -along)):
             symbols.badge(picture, name, end + 14 * layout.unit * inwards, 12 * layout.unit, style.WHITE)
-        if self.surface.limit == 0.0:
+        if self._stillness:
             middle = box.left + box.width / 2, box.top + 0.3 * box.height
-            words = "still: this sea has neither long waves nor a storm"
-            write(picture, words, middle, 14 * layout.unit, self.layout.theme.text, anchor="centre")
+            write(picture, self._stillness, middle, 14 * layout.unit, self.layout.theme.text, anchor="centre")
 
 
 class SeaVideo:
