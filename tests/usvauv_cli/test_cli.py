@@ -22,6 +22,7 @@ from usvauv_env.record.metrics import COLUMNS
 
 COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()"]
 SHORT = ["--set", "mission.duration=12"]
+LOADING = "loading torch and Taichi …\n"  # first line of `train`
 
 
 def usvauv(*arguments: object, cwd: Path, code: int = 0) -> subprocess.CompletedProcess:
@@ -71,10 +72,11 @@ class TestPlugin:
         (tmp_path / "a.py").write_text("1 / 0")
         command = [command] if isinstance(command, str) else command
         code, stdout, stderr = run_usvauv(*command, "--plugin", "a.py")
-        assert (code, stdout, stderr) == (2, "", "error: plugin a.py: ZeroDivisionError: division by zero\n")
+        assert (code, stderr) == (2, "error: plugin a.py: ZeroDivisionError: division by zero\n")
+        assert stdout == (LOADING if command == ["train"] else "")
 
     def test_that_is_missing_gives_one_line(self, run_usvauv):
-        assert run_usvauv("train", "--plugin", "b.py") == (2, "", "error: plugin b.py: must be a Python file\n")
+        assert run_usvauv("train", "--plugin", "b.py") == (2, LOADING, "error: plugin b.py: must be a Python file\n")
 
     def test_of_an_installed_distribution(self, tmp_path, monkeypatch, run_usvauv):
         (tmp_path / "mine.py").write_text("print('installed')")
@@ -192,7 +194,7 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
         0,
         "warning: --steps 40: nothing will be learned: the first update comes after 40 world-steps (warmup = 40)\n",
     )
-    *stages, begun, first, _, _, _ = said.splitlines()
+    *stages, begun, first, _, _ = said.splitlines()
     assert stages == ["loading torch and Taichi …", "compiling the world …", "evaluating clear …"]
     assert begun.startswith("training sac in ideal; evaluation beside clear, arps ")
     assert "; evaluation at 4: arps " in first
@@ -216,14 +218,13 @@ def test_a_policy_of_another_team_is_told_of(run_usvauv, command):
 def test_train_says_what_it_does_before_what_takes_long(tmp_path, run_usvauv, monkeypatch):
     without_torch = "import sys; sys.modules['torch'] = None; from usvauv_cli.app import main; main()"
     done = subprocess.run([sys.executable, "-c", without_torch, "train"], capture_output=True, text=True, cwd=tmp_path)
-    assert done.stdout == "loading torch and Taichi …\n"
+    assert done.stdout == LOADING
 
     def fail(*_: object, **__: object) -> None:
         raise UserError("no world")
 
     monkeypatch.setattr(usvauv_env, "World", fail)
-    said = "loading torch and Taichi …\ncompiling the world …\n"
-    assert run_usvauv("train", "--out", "run") == (2, said, "error: no world\n")
+    assert run_usvauv("train", "--out", "run") == (2, f"{LOADING}compiling the world …\n", "error: no world\n")
 
 
 def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import torch
 import xarray
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -499,7 +500,7 @@ def test_nothing_stands_over_the_curves_of_a_figure(tmp_path, monkeypatch, chang
     options = ["--duration", 12, "--resolution", 10, "--out", "a.png", *sets(changes)]
     assert run(monkeypatch, tmp_path, *options) == 2  # nothing is saved
     (made,) = drawn
-    made.canvas.draw()
+    FigureCanvasAgg(made).draw()
     boxes = [axes.get_window_extent() for axes in made.axes]
     for axes in made.axes:
         words = [axes._left_title] + ([axes.get_legend()] if axes.get_legend() else [])
