@@ -11,7 +11,7 @@ from kernels.errors import UserError
 from usvauv_cli.commands.options import at_least, parse_size, writable
 
 if TYPE_CHECKING:
-    from usvauv_cli.mission_video import ENDINGS, VideoSettings
+    from usvauv_cli.mission_video import VideoSettings
 
 VideoOut = Annotated[
     Path | None,
