@@ -115,6 +115,31 @@ def test_simulate(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "a.nc"]
 
 
+def test_replay_draws_what_simulate_drew(tmp_path):
+    quick = ["--size", "640x360", "--view", "both", "--theme", "light"]
+    usvauv(
+        *("simulate", "ideal", "--duration", 6, "--out", "a.mp4", "--trace", "a.nc", "--set", "sea.fine_cells=64"),
+        *quick,
+        cwd=tmp_path,
+    )
+    done = usvauv("replay", "a.nc", "--out", "b.mp4", *quick, cwd=tmp_path)
+    assert "6 frames" in done.stdout
+    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+    usvauv("replay", "a.nc", "a.nc", "--at", 3, "--out", "c.png", cwd=tmp_path)
+    assert (tmp_path / "c.png").stat().st_size > 1000
+
+
+def test_simulate_shows_another_boat_in_the_same_world_beside_it(tmp_path):
+    done = usvauv(
+        *("simulate", "ideal", "--duration", 4, "--compare", "usv=hold:10,10", "--out", "a.webm", "--trace", "a.nc"),
+        *("--set", "sea.fine_cells=64"),
+        cwd=tmp_path,
+    )
+    assert "boat fim" in done.stdout
+    assert "boat hold:10,10" in done.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.nc", "a.webm"]
+
+
 def test_eval_pairs_worlds(tmp_path):
     done = usvauv(
         *("eval", "extreme", "--policy", "straight", "--policy", "random", "--usv", "fim", "--usv", "centroid"),
@@ -319,6 +344,16 @@ def test_scenarios(tmp_path):
         (["simulate", "--size", "12x9"], ["--size", "12x9"]),
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),
         (["simulate", "--trace", "missing/a.nc"], ["--trace missing/a.nc", "does not exist"]),
+        (["simulate", "--out", "a.avi"], ["--out a.avi", ".mp4, .webm, .gif, .webp, .png"]),
+        (["simulate", "--view", "front"], ["--view 'front'", "map, sea, both"]),
+        (["simulate", "--theme", "pink"], ["--theme 'pink'", "dark, light"]),
+        (["simulate", "--speedup", "0"], ["--speedup 0", "at least"]),
+        (["simulate", "--at", "3"], ["--at 3", "--out usvauv-extreme.mp4", ".png"]),
+        (["simulate", "--compare", "usv=hold:999,0"], ["hold:999,0", "area"]),
+        (["simulate", "--compare", "clever"], ["clever", "straight"]),
+        (["simulate", "--compare", "targets=best"], ["best"]),
+        (["replay", "missing.nc"], ["missing.nc"]),
+        (["replay", "a.nc", "b.nc", "c.nc"], ["3 traces", "two"]),
         (["simulate", "--arch", "abacus"], ["abacus", "cuda"]),
         (["eval", "--policy", "."], ["policy.json", "missing"]),
         (["eval", "--episodes", "0"], ["--episodes 0", "at least 1"]),

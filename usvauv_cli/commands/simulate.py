@@ -86,6 +86,7 @@ def simulate(
     from usvauv_cli import console, mission_video, report
     from usvauv_env import Scenario
     from usvauv_env.record.metrics import episode_metrics
+    from usvauv_env.world.boat_strategies import StrategyChoice
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
@@ -98,6 +99,7 @@ def simulate(
         runs.append(runs[0].but(compare))
     for run in runs:
         policies.check(run.policy, run.scenario(setting))
+        StrategyChoice.parse(run.usv, setting)
         tell_of_team(run.policy, setting)
     recorded, problem = [], None
     for run in runs:

@@ -91,7 +91,7 @@ class DepthSection:
         outlines = []
         for (x, _), (elevation, slope, _) in zip(self._boats[t], self._trace.boat_surface[t, 0], strict=True):
             angle = math.atan(slope / self._upright)  # as steep as the drawn sea
-            turn = np.array([(math.cos(angle), -math.sin(angle)), (math.sin(angle), -math.cos(angle))])
+            turn = np.array([(math.cos(angle), -math.sin(angle)), (-math.sin(angle), -math.cos(angle))])
             outlines.append(np.array([self._column(x), self._row(elevation)]) + size * HULL @ turn.T)
         return outlines
 

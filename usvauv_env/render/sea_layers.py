@@ -20,7 +20,7 @@ LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # unit vector to the light: e
 
 def elevation_limit(surface: np.ndarray) -> float:
     """End of the colour scale (m) for a surface (T, Y, X), about its 99th percentile; 0 for a flat sea."""
-    highest = float(np.abs(surface).max()) if surface.size else 0.0
+    highest = float(max(surface.max(), -surface.min())) if surface.size else 0.0
     if highest < 1e-3:
         return 0.0
     usual = float(np.quantile(np.abs(surface[:: max(1, len(surface) // 50)]), 0.99))
