@@ -68,7 +68,7 @@ FORMATS = {
         "webp",
         "libwebp_anim",
         "yuv420p",
-        {"quality": "70", "compression_level": "2"},
+        {"quality": "80", "compression_level": "2"},
         {"loop": "0"},
         Colorspace.ITU601,  # WebP has no other
     ),
