@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -27,7 +28,7 @@ def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
 
     commit = git("rev-parse", "HEAD") or "unknown"
     dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
-    now = {"command": " ".join(["usvauv", *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
+    now = {"command": shlex.join(["usvauv", *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
     if files := plugins.loaded():
         now["plugins"] = [str(file) for file in files]
     if not begun:

@@ -47,14 +47,15 @@ def test_simulate_keeps_video_and_trace_of_the_steps_before(tmp_path, capsys, mo
 
 def test_eval_keeps_the_episodes_that_are_complete(tmp_path, capsys, monkeypatch):
     breaking(monkeypatch, 8 + 3, world=1)
-    out = tmp_path / "m.csv"
+    out, report = tmp_path / "m.csv", tmp_path / "report"
     command = ("eval", "extreme", *SCENARIO, "--policy", "straight", "--policy", "crab", "--episodes", 2, "--out", out)
-    code, said, error = run(capsys, monkeypatch, *command)
+    code, said, error = run(capsys, monkeypatch, *command, "--report", report)
     assert code == 2
     assert error.splitlines()[-1].startswith("error: world 1 at 3 s: ")
     with out.open() as stream:
         assert [row["policy"] for row in csv.DictReader(stream)] == ["straight"] * 2
     assert "2 episodes" in said
+    assert list(report.iterdir()) == []
 
 
 def test_sea_keeps_the_records_before(tmp_path, capsys, monkeypatch):

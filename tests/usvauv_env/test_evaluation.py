@@ -52,10 +52,12 @@ def test_each_policy_has_the_episodes_of_the_seed(scenario):
 def test_batches_change_nothing_and_are_told_of(scenario, monkeypatch):
     whole = evaluate(scenario, {"east": East}, episodes=5)
     monkeypatch.setattr(evaluation, "WORLDS_PER_BATCH", 2)
-    batches, steps = [], []
-    rows = evaluate(scenario, {"east": East}, episodes=5, on_step=steps.append, on_batch=batches.append)
+    batches, steps, traces = [], [], []
+    told = {"on_step": steps.append, "on_batch": batches.append, "on_trace": lambda *given: traces.append(given)}
+    rows = evaluate(scenario, {"east": East}, episodes=5, **told)
     assert texts(rows) == texts(whole) == texts(chain(*batches))
     assert [len(batch) for batch in batches] == [2, 2, 1]
+    assert texts(rows) == texts(chain(*(episode_metrics(trace, first) for trace, first in traces)))
     assert steps == [2] * 20 + [1] * 10
 
 

@@ -1,4 +1,4 @@
-"""`usvauv eval`: each policy with each boat strategy on the same seeded worlds, to a CSV and a table."""
+"""`usvauv eval`: each policy with each boat strategy on the same seeded worlds, to a CSV, a table and a page."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from usvauv_cli.commands.options import (
     ScenarioName,
     Seed,
     at_least,
+    make_folder,
     tell_of_team,
     writable,
 )
@@ -44,6 +45,10 @@ def evaluate(
     seed: Seed = 0,
     out: Annotated[Path, typer.Option(help="CSV to write, one row an episode.")] = Path("metrics.csv"),
     wide: Annotated[bool, typer.Option("--wide", help="All figures, in tables of any width.")] = False,
+    report_folder: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="DIR", help="Folder for a page with intervals, figures and a player."),
+    ] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
     plugins: Plugins = None,
@@ -61,10 +66,13 @@ def evaluate(
     `usvauv eval --policy mine:Best --policy straight`
 
     `usvauv eval --policy pace --targets tour --targets rollout`
+
+    `usvauv eval --usv fim --usv centroid --report comparison`, then open *comparison/index.html*
     """
     import policies
     import usvauv_env
     from usvauv_cli import console, report
+    from usvauv_cli.web_report.recordings import Recordings
     from usvauv_env import EpisodeMetrics, Scenario
     from usvauv_env.memory import require
     from usvauv_env.record.table import write_rows
@@ -79,7 +87,11 @@ def evaluate(
         tell_of_team(name, setting)
     strategies = [StrategyChoice.parse(name, setting).name for name in usv or [None]]
     settings = [setting.with_targets(rule) for rule in targets or [None]]
+    if report_folder:
+        make_folder(report_folder, "--report")
+        writable(report_folder / "index.html", "--report", (".html",))
     require(ROW_BYTES * len(names) * len(strategies) * len(settings) * episodes, f"--episodes {episodes}: their rows")
+    recordings = Recordings(len(names) * len(strategies) * len(settings))
     rows: list[EpisodeMetrics] = []
     total = len(names) * len(strategies) * len(settings) * episodes * setting.mission.steps
     try:
@@ -94,6 +106,7 @@ def evaluate(
                     arch=arch,
                     on_step=advance,
                     on_batch=rows.extend,
+                    on_trace=recordings.add,
                 )
     except (KeyboardInterrupt, DivergenceError):
         if rows:
@@ -103,3 +116,7 @@ def evaluate(
     write_rows(out, list(rows[0].columns()), (row.columns() for row in rows))
     report.metrics_tables(rows, setting.task, wide)
     typer.echo(f"{len(rows)} episodes written to {out}")
+    if report_folder:
+        from usvauv_cli.web_report import page
+
+        typer.echo(f"report: {page.write(report_folder, setting, rows, recordings).resolve()}")

@@ -113,8 +113,8 @@ def writable(path: Path, option: str, endings: Sequence[str]) -> Path:
     return path
 
 
-def make_folder(path: Path) -> None:
-    """Create a folder, where it is missing.
+def make_folder(path: Path, option: str = "--out") -> None:
+    """Create the folder given by an option, where it is missing.
 
     Raises:
         UserError: it cannot be created.
@@ -122,7 +122,7 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"--out {path}: cannot be made a folder: {error.strerror}") from None
+        raise UserError(f"{option} {path}: cannot be made a folder: {error.strerror}") from None
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -11,6 +11,7 @@ from torch import Tensor
 from kernels.errors import UserError
 from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv_env.record.recorder import record
+from usvauv_env.record.trace import Trace
 from usvauv_env.scenario import Scenario
 from usvauv_env.world.world import World
 
@@ -41,6 +42,7 @@ def evaluate(
     arch: str = "auto",
     on_step: Callable[[int], None] = lambda world_steps: None,
     on_batch: Callable[[list[EpisodeMetrics]], None] = lambda rows: None,
+    on_trace: Callable[[Trace, int], None] = lambda trace, first: None,
 ) -> list[EpisodeMetrics]:
     """Run each policy on the same seeded worlds; one row for each policy and episode, in this order.
 
@@ -55,6 +57,7 @@ def evaluate(
         seed, usv, targets, arch: as `World` takes them.
         on_step: called after each step with the number of worlds that made it.
         on_batch: called with the rows of each batch when its episodes are complete.
+        on_trace: called before that with the batch's trace and the number of its first episode.
 
     Raises:
         UserError: `episodes` is below 1, or what `Scenario.load`, `World` and `record` raise.
@@ -69,6 +72,7 @@ def evaluate(
             world = World(scenario, worlds, seed, usv, targets, first_world=first, arch=arch)
             trace = record(world, act_of(make(world)), name, on_step=lambda _, n=worlds: on_step(n))
             batch = episode_metrics(trace, first)
+            on_trace(trace, first)
             on_batch(batch)
             rows += batch
     return rows

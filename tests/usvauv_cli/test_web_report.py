@@ -1,0 +1,445 @@
+"""The page of `eval --report`: its numbers, that it needs nothing else, and what it does in a browser."""
+
+import base64
+import html
+import json
+import math
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import policies
+from usvauv_cli.web_report import columns, figures, page, scores
+from usvauv_cli.web_report.player import at_arrows
+from usvauv_cli.web_report.recordings import ERRORS, MOST_SHOWN, Recordings, ellipses, fix_quantiles, thinned
+from usvauv_cli.web_report.scores import Combination, Estimate
+from usvauv_env import Scenario, evaluate
+from usvauv_env.record.collection import age
+from usvauv_env.record.metrics import usable
+from usvauv_env.record.trace import DIMENSIONS
+from usvauv_env.sections import MAX_AUVS, MAX_NODES, MAX_VORTICES
+
+LARGEST = 3_000_000  # bytes of a page
+EPISODES = 3
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+class Made:
+    """An evaluation of two boat strategies, its traces, and its page."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.scenario = Scenario.load("extreme", ["mission.duration=60"])
+        self.rows, self.traces, self.recordings = [], [], Recordings(2)
+        for usv in ("fim", "hold:0,0"):
+            self.rows += evaluate(
+                self.scenario, policies.named("straight"), episodes=EPISODES, seed=4, usv=usv, on_trace=self.take
+            )
+        page.write(folder, self.scenario, self.rows, self.recordings)
+        self.text = (folder / "index.html").read_text(encoding="utf-8")
+
+    def take(self, trace, first):
+        self.traces.append(trace)
+        self.recordings.add(trace, first)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Made:
+    return Made(tmp_path_factory.mktemp("report"))
+
+
+class Elements(HTMLParser):
+    """Every element of a page with its attributes, and the rows of its tables as lists of texts."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.tables: list[list[list[str]]] = []
+        self.cell = False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("th", "td"):
+            self.tables[-1][-1].append("")
+            self.cell = True
+        elif tag == "br" and self.cell:
+            self.tables[-1][-1][-1] += "\n"
+
+    def handle_endtag(self, tag):
+        if tag in ("th", "td"):
+            self.cell = False
+
+    def handle_data(self, data):
+        if self.cell:
+            self.tables[-1][-1][-1] += data
+
+
+def embedded(text: str) -> dict:
+    """The JSON of the player."""
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
+
+
+def decoded(array: dict) -> np.ndarray:
+    numbers = np.frombuffer(base64.b64decode(array["data"]), f"<u{array['bits'] // 8}")
+    return array["low"] + array["step"] * numbers.reshape(array["shape"]).astype(float)
+
+
+class TestScores:
+    @pytest.mark.parametrize("freedom", [*range(1, 40), 199, 200, 9999])
+    def test_quantile_of_t(self, freedom):
+        assert scores.t_quantile(freedom) == pytest.approx(stats.t.ppf(0.975, freedom), rel=1e-10)
+
+    def test_mean_and_interval(self):
+        values = np.random.default_rng(0).normal(3, 2, 11)
+        low, high = stats.t.interval(0.95, 10, values.mean(), stats.sem(values))
+        found = scores.estimate([*values, math.nan])
+        assert found == pytest.approx((values.mean(), (high - low) / 2, 11))
+
+    def test_one_has_no_interval_and_none_no_mean(self):
+        assert scores.estimate([2.0, math.nan]) == pytest.approx((2.0, math.nan, 1), nan_ok=True)
+        assert scores.estimate([math.nan]) == pytest.approx((math.nan, math.nan, 0), nan_ok=True)
+
+    def test_difference_is_paired_by_world(self):
+        """In any order of worlds, over those that have both figures; the interval is that of the paired t-test."""
+        rng = np.random.default_rng(1)
+        first = rng.normal(10, 5, 9)
+        second = first + rng.normal(0.5, 0.2, 9)
+        reference = {world: {"x": value} for world, value in enumerate(first)}
+        own = {world: {"x": second[world]} for world in rng.permutation(9)}
+        reference[2], own[5] = {"x": math.nan}, {"x": math.nan}
+        both = [0, 1, 3, 4, 6, 7, 8]
+        interval = stats.ttest_rel(second[both], first[both]).confidence_interval(0.95)
+        found = scores.difference(own, reference, "x")
+        assert (found.mean - found.half, found.mean + found.half) == pytest.approx(tuple(interval))
+        assert found.n == 7
+
+    @pytest.mark.parametrize(
+        ("value", "sign", "expected"),
+        [
+            (Estimate(68.234, 5.31, 9), False, "68.2 ± 5.3"),
+            (Estimate(-0.384, 0.351, 9), True, "−0.38 ± 0.35"),
+            (Estimate(2924.3, 204.6, 9), False, "2,924 ± 205"),
+            (Estimate(1.25, 0.04, 9), True, "+1.250 ± 0.040"),
+            (Estimate(0.0, 0.0, 9), True, "0"),
+            (Estimate(0.4687, math.nan, 1), False, "0.469"),
+            (Estimate(7.0, math.nan, 1), True, "+7"),
+            (Estimate(math.nan, math.nan, 0), False, "–"),
+        ],
+    )
+    def test_in_words(self, value, sign, expected):
+        assert scores.words(value, sign) == expected
+
+    def test_names_have_the_parts_that_differ(self):
+        assert scores.labels([Combination("a", "fim", ""), Combination("a", "centroid", "")]) == ["fim", "centroid"]
+        assert scores.labels([Combination("a", "fim", "tour")]) == ["a"]
+        both = [Combination("a", "fim", "tour"), Combination("b", "fim", "rate:60")]
+        assert scores.labels(both) == ["a · tour", "b · rate:60"]
+
+
+class TestRecordings:
+    def test_axes_of_ellipses(self):
+        rng = np.random.default_rng(2)
+        factor = rng.normal(size=(50, 2, 2))
+        matrix = factor @ factor.swapaxes(1, 2)
+        major, minor, angle = ellipses(matrix[:, [0, 0, 1], [0, 1, 1]], 1e9).T
+        direction = np.stack([np.cos(angle), np.sin(angle)], -1)
+        across = np.stack([-np.sin(angle), np.cos(angle)], -1)
+        for size, axis in ((major, direction), (minor, across)):
+            assert np.einsum("nij,nj->ni", matrix, axis) == pytest.approx(size[:, None] ** 2 * axis)
+        assert (major >= minor).all()
+
+    def test_quantiles_of_fix_errors(self, made):
+        """Over the fixes of all episodes, to the width of a class."""
+        for trace, recording in zip(made.traces, made.recordings.values(), strict=True):
+            error = np.linalg.norm(trace.fix - trace.heard_position, axis=-1)[usable(trace)]
+            found = fix_quantiles(recording.fixes.sum(axis=0), (0.05, 0.5, 0.95))
+            assert found == pytest.approx(np.quantile(error, [0.05, 0.5, 0.95]), rel=0.08)
+            assert recording.fixes.sum() == len(error)
+        assert np.isnan(fix_quantiles(np.zeros((2, len(ERRORS) - 1)), (0.5,))).all()
+
+    def test_current_at_the_arrows(self):
+        """A bilinear field is met exactly."""
+        x, y = np.meshgrid(np.linspace(0, 90, 7), np.linspace(0, 60, 5))
+        stream = np.stack([0.1 + 0.01 * x + 0.02 * y, 0.003 * x * y], -1)
+        found = at_arrows(stream, 90, 60)
+        assert found.shape == (12, 18, 2)
+        x, y = np.meshgrid((np.arange(18) + 0.5) * 5, (np.arange(12) + 0.5) * 5)
+        assert found == pytest.approx(np.stack([0.1 + 0.01 * x + 0.02 * y, 0.003 * x * y], -1))
+
+
+class TestPage:
+    def test_tables_have_the_scores(self, made):
+        tables = Elements(made.text).tables
+        expected = columns.tables(True, list(made.rows[0].of_task))
+        assert len(tables) == len(expected) == 3
+        fim, hold = ([row.columns() for row in made.rows if row.usv == usv] for usv in ("fim", "hold:0,0"))
+        for table, shown in zip(tables, expected.values(), strict=True):
+            assert [row[0].split("\n") for row in table[1:]] == [
+                ["straight", f"{u} · tour"] for u in ("fim", "hold:0,0")
+            ]
+            for cell, column in zip(table[2][1:], shown, strict=True):
+                if any(math.isnan(row[column.name]) for row in fim + hold):
+                    continue
+                mean, difference = cell.split("\n")
+                own, other = (np.array([row[column.name] for row in rows], float) for rows in (hold, fim))
+                for text, values in ((mean, own), (difference, own - other)):
+                    numbers = [float(part.replace("−", "-").replace(",", "")) for part in text.split(" ± ")]
+                    half = stats.t.ppf(0.975, EPISODES - 1) * stats.sem(values)
+                    exact, digits = [values.mean(), half], len(text.partition(" ")[0].partition(".")[2])
+                    assert numbers == pytest.approx(exact[: len(numbers)], abs=0.501 * 0.1**digits), (column, text)
+                    assert len(numbers) == 2 or half == 0
+
+    def test_bold_is_what_differs_clearly(self, made):
+        """Fixes are worse from the corner in each world; the data collected need not differ."""
+        cells = re.findall(r"<br><span( class=\"clear\")?>([^<]*)</span></td>", made.text)
+        assert len(cells) == sum(len(shown) for shown in columns.tables(True, list(made.rows[0].of_task)).values())
+        for bold, text in cells:
+            mean, _, half = text.replace("−", "-").replace(",", "").partition(" ± ")
+            if half and float(mean) != pytest.approx(float(half)):
+                assert bool(bold) == (abs(float(mean)) > float(half)), text
+        assert {bool(bold) for bold, _ in cells} == {True, False}
+
+    def test_needs_nothing_else(self, made):
+        for tag, attributes in Elements(made.text).found:
+            assert tag not in ("link", "iframe", "object", "embed", "base", "img")
+            for name in ("src", "href", "xlink:href", "action"):
+                target = attributes.get(name) or "#"
+                local = target.removesuffix(".pdf")
+                assert target.startswith("#") or (tag == "a" and (made.folder / f"{local}.pdf").is_file()), target
+        assert "@import" not in made.text
+        assert set(re.findall(r"url\((.)", made.text)) <= {"#"}
+        assert "default-src 'none'" in html.unescape(made.text)
+
+    def test_ids_are_there_and_unique(self, made):
+        found = Elements(made.text).found
+        ids = [attributes["id"] for _, attributes in found if "id" in attributes]
+        assert len(ids) == len(set(ids))
+        named = [attributes.get(name) or "" for _, attributes in found for name in ("href", "xlink:href", "clip-path")]
+        referred = {match[1] for text in named if (match := re.search(r"#([\w-]+)", text))}
+        assert referred
+        assert referred <= set(ids)
+
+    def test_figures_are_described_and_follow_the_theme(self, made):
+        drawn = re.findall(r"<svg viewBox[^>]*role=\"img\".*?</svg>", made.text, re.DOTALL)
+        assert len(drawn) == 4
+        for svg in drawn:
+            title, about = (re.search(rf"<{tag} id=\"([\w-]+)\">([^<]+)</{tag}>", svg) for tag in ("title", "desc"))
+            assert f'aria-labelledby="{title[1]} {about[1]}"' in svg
+            assert re.findall(r"#[0-9a-f]{6}\b", svg) == []
+        assert figures.LIGHT.keys() == figures.DARK.keys()
+        assert len(set(figures.LIGHT.values())) == len(figures.LIGHT)
+
+    def test_says_how_it_was_made(self, made):
+        said = html.unescape(made.text)
+        assert made.scenario.to_toml() in said
+        for words in ("Python 3.", "usvauv ", "taichi 1.7.4", "torch 2", "numpy ", "kernels on", "seed 4;"):
+            assert words in said
+
+    def test_is_the_same_again(self, made, tmp_path):
+        page.write(tmp_path, made.scenario, made.rows, made.recordings)
+        for path in made.folder.iterdir():
+            assert path.read_bytes() == (tmp_path / path.name).read_bytes()
+
+    def test_pdfs_are_a_column_wide_with_their_fonts(self, made):
+        files = sorted(made.folder.glob("*.pdf"))
+        assert [path.stem for path in files] == ["ages", "errors", "front", "trajectories"]
+        for path in files:
+            text = path.read_bytes()
+            assert b"/MediaBox [ 0 0 244.8 " in text
+            assert b"CreationDate" not in text
+            assert b"/Type3" not in text
+            assert text.count(b"/FontFile2") == text.count(b"/Type /FontDescriptor") > 0
+
+
+class TestPlayer:
+    def test_data_are_those_of_the_trace(self, made):
+        """Within half of the step that each array states."""
+        data = embedded(made.text)
+        assert data["area"] == [200, 200]
+        assert [episode["name"] for episode in data["episodes"]] == ["fim", "hold:0,0"]
+        for episode, trace in zip(data["episodes"], made.traces, strict=True):
+            expected = {
+                "time": trace.time,
+                "auv": trace.auv_position[:, 0],
+                "estimate": trace.estimate[:, 0],
+                "target": trace.target[:, 0],
+                "hovering": trace.hovering[:, 0],
+                "boat": trace.boat_position[:, 0],
+                "node": trace.node_position[0],
+                "fill": trace.backlog[:, 0] / 5000,
+                "data": np.cumsum(trace.delivered[:, 0].sum(axis=1)),
+                "energy": np.cumsum(trace.power[:, 0].sum(axis=1)) / 3600,
+            }
+            for name, values in expected.items():
+                step = episode[name]["step"]
+                assert decoded(episode[name]).shape == values.shape
+                assert np.abs(decoded(episode[name]) - values).max() <= 0.5001 * step + 1e-6
+            assert max(episode[name]["step"] for name in ("auv", "estimate", "boat")) < 0.01
+            centre, circulation, core = map(decoded, episode["vortex"])
+            assert np.concatenate([centre, circulation[..., None], core[..., None]], -1) == pytest.approx(
+                trace.vortex[:, 0], abs=0.01
+            )
+
+    def test_a_long_episode_is_thinned_with_its_ends(self, made):
+        trace = made.traces[0]
+        repeated = np.arange(60_000) % len(trace.time)
+        long = replace(
+            trace,
+            time=np.arange(1.0, 60_001),
+            **{
+                name: getattr(trace, name)[repeated]
+                for name in (
+                    *("auv_position", "boat_position", "estimate", "estimate_covariance", "target", "hovering"),
+                    *("vortex", "backlog", "delivered", "power", "service_rate"),
+                )
+            },
+        )
+        episode = thinned(long, 4)
+        assert episode.steps == 60_000
+        assert 1000 < len(episode.time) < 6000
+        assert (episode.time[0], episode.time[-1]) == (1, 60_000)
+        assert np.ptp(np.diff(episode.time)) <= 1
+        assert len(episode.tracks[0]) == 400
+        assert episode.age == pytest.approx(age(long)[:, 0].mean(axis=0))
+
+
+def test_the_largest_page_is_below_its_bound(made, tmp_path):
+    """As many AUVs, boats, nodes and vortices as there can be, many combinations, with names that need escapes."""
+    auvs, boats, nodes, vortices, steps, count = MAX_AUVS, 4, MAX_NODES, MAX_VORTICES, 800, 16
+    rng = np.random.default_rng(3)
+    sizes = {"auv": auvs, "boat": boats, "node": nodes, "vortex": vortices}
+
+    def enlarged(array, axes):
+        shape = [{"time": steps, "world": 1, **sizes}.get(axis, n) for axis, n in zip(axes, array.shape, strict=True)]
+        if array.dtype.kind in "iu":
+            return np.resize(array, shape)
+        return rng.uniform(0, 200, shape).astype(array.dtype)
+
+    trace = replace(made.traces[0], **{n: enlarged(getattr(made.traces[0], n), axes) for n, axes in DIMENSIONS.items()})
+    trace = replace(trace, time=np.arange(1.0, steps + 1))
+    recordings, rows = Recordings(count), []
+    for i in range(count):
+        name = f"</script><b>policy & {i}"
+        recordings.add(replace(trace, policy=name), 0)
+        rows += [replace(made.rows[i % 6], policy=name, usv="fim", episode=episode) for episode in range(1000)]
+    text = page.write(tmp_path, made.scenario, rows, recordings).read_text(encoding="utf-8")
+    assert len(recordings) == MOST_SHOWN
+    assert len(text.encode()) < LARGEST
+    assert f"the first {MOST_SHOWN} of {count} combinations" in " ".join(text.split())
+    assert not any(tag == "b" and attributes for tag, attributes in Elements(text).found)
+    assert "<b>policy" not in text
+    assert len(embedded(text)["episodes"]) == MOST_SHOWN
+    assert 2 < embedded(text)["episodes"][0]["time"]["shape"][0] < steps
+
+
+def test_stations_have_no_figures_of_data(run_usvauv, tmp_path):
+    """And one episode has no intervals."""
+    few = ["--policy", "keep", "--policy", "random", "--episodes", 1, "--set", "mission.duration=8"]
+    code, stdout, _ = run_usvauv("eval", "station-keeping", *few, "--report", "deep/er")
+    assert code == 0
+    folder = tmp_path / "deep" / "er"
+    assert f"report: {folder / 'index.html'}\n" in stdout
+    assert sorted(path.name for path in folder.iterdir()) == ["errors.pdf", "index.html", "trajectories.pdf"]
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    for words in ("Mbit", "Age of data", "±"):
+        assert words not in text.partition("<script>")[0].partition("<h2>How it was made")[0], words
+    assert "off station, m" in text
+
+
+def test_a_figure_that_no_episode_has_is_a_dash(run_usvauv, tmp_path):
+    """Two steps are too short for a service, and fixes that never arrive have no error to draw."""
+    none = ["--set", "mission.duration=2", "--set", "usbl.packet_loss=0.999999", "--episodes", 2]
+    code, _, _ = run_usvauv("eval", "ideal", "--policy", "straight", *none, "--report", "report")
+    assert code == 0
+    assert sorted(path.stem for path in tmp_path.glob("report/*.pdf")) == ["ages", "front", "trajectories"]
+    text = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    _, ages, fixes = Elements(text).tables
+    assert ages[1][-1] == "–"
+    assert fixes[1][5] == "–"
+    assert "nan" not in "".join(cell for row in ages + fixes for cell in row)
+
+
+@pytest.mark.parametrize("block", ["file", "page"])
+def test_a_folder_that_cannot_be_is_refused_before_the_run(run_usvauv, tmp_path, block):
+    if block == "file":
+        (tmp_path / "report").write_text("mine")
+    else:
+        (tmp_path / "report" / "index.html").mkdir(parents=True)
+    code, stdout, stderr = run_usvauv("eval", "--report", "report", "--episodes", 100_000)
+    assert (code, stdout) == (2, "")
+    assert re.fullmatch(r"error: --report report[^\n]*\n", stderr)
+    assert not (tmp_path / "metrics.csv").exists()
+
+
+WATCH = """<script>
+const problems = [];
+addEventListener("error", (event) => problems.push(String(event.message)));
+addEventListener("securitypolicyviolation", (event) => problems.push(`${event.violatedDirective} ${event.blockedURI}`));
+for (const name of ["error", "warn"]) console[name] = (...words) => problems.push(words.join(" "));
+</script>"""
+TRY = """<script>
+addEventListener("load", async () => {
+  const canvas = document.getElementById("map"), slider = document.getElementById("time"), pictures = {};
+  const look = (name) => { pictures[name] = canvas.toDataURL(); };
+  const change = (id, values, kind) => {
+    Object.assign(document.getElementById(id), values);
+    document.getElementById(id).dispatchEvent(new Event(kind));
+  };
+  const scrub = (share) => change("time", { value: +slider.min + share * (slider.max - slider.min) }, "input");
+  scrub(0); look("start");
+  scrub(0.5); look("middle");
+  const said = document.getElementById("readout").value;
+  change("current", { checked: true }, "change"); look("current");
+  change("magnify", { value: 1 }, "change"); look("true size");
+  change("episode", { value: 1 }, "change"); look("other");
+  change("episode", { value: 0 }, "change");
+  change("current", { checked: false }, "change");
+  scrub(0); look("start with true size");
+  const play = document.getElementById("play"), before = +slider.value, words = [play.textContent];
+  play.click(); words.push(play.textContent);
+  await new Promise((resolve) => setTimeout(resolve, 1000));
+  play.click(); words.push(play.textContent);
+  const wide = document.documentElement.scrollWidth, inner = innerWidth;
+  const different = new Set(Object.values(pictures)).size;
+  const answer = { problems, different, said, words, played: slider.value - before, wide, inner };
+  parent.postMessage(JSON.stringify(answer), "*");
+});
+</script>"""
+FRAME = """<!DOCTYPE html><body><pre></pre><script>
+addEventListener("message", (event) => { document.querySelector("pre").textContent = event.data; });
+</script><iframe src="page.html" style="border:0;width:WIDTHpx;height:800px"></iframe>"""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+@pytest.mark.parametrize("width", [360, 390, 1200])
+def test_in_a_browser(made, tmp_path, width):
+    """No problem is reported, the player draws what it is asked for, and nothing is wider than the window."""
+    text = made.text.replace("<head>", f"<head>{WATCH}").replace("</body>", f"{TRY}</body>")
+    (tmp_path / "page.html").write_text(text, encoding="utf-8")
+    (tmp_path / "frame.html").write_text(FRAME.replace("WIDTH", str(width)), encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    window = ["--window-size=1400,900", "--virtual-time-budget=10000", "--dump-dom"]
+    done = subprocess.run(
+        [CHROMIUM, *options, *window, f"file://{tmp_path}/frame.html"],
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    answer = json.loads(html.unescape(re.search(r"<pre>(.*?)</pre>", done.stdout, re.DOTALL)[1]))
+    assert answer["problems"] == []
+    assert answer["different"] == 6
+    assert answer["inner"] == width
+    assert answer["wide"] <= width
+    assert answer["words"] == ["Play", "Pause", "Play"]
+    assert answer["played"] > 0
+    assert re.fullmatch(r"0:30 min · [\d.]+ Wh · [\d.]+ Mbit · estimates off by [\d.]+, [\d.]+ m", answer["said"])

@@ -1,0 +1,4 @@
+"""The page of `usvauv eval --report`: scores with intervals, figures, and a player of one episode, in one HTML file.
+
+`recordings.Recordings` keeps what the page shows of the traces, `page.write` writes the folder.
+"""

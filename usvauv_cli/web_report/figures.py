@@ -1,0 +1,325 @@
+"""Figures of the page, each once as PDF, a column of a paper wide, and once as SVG for a light and a dark page.
+
+A figure is drawn in the colours of `LIGHT`. In the SVG each of them is replaced by a variable of the page's style,
+which has another value where the page is dark. Each colour therefore stands for one thing only.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from usvauv_cli import figure_theme
+from usvauv_cli.web_report.recordings import ERRORS, PERIODS, Recording, fix_quantiles
+from usvauv_cli.web_report.scores import Episodes, score, words
+from usvauv_env.files import atomic_write
+from usvauv_env.scenario import Scenario
+
+COLUMN = 3.4  # width, inches
+AGES = 5  # classes of the age of data
+LIGHT = {
+    "ink": "#17222d",
+    "muted": "#566675",
+    "line": "#d5dde5",
+    "sea": "#edf4f9",
+    "node": "#7d8c99",
+    **{f"age{i}": colour for i, colour in enumerate(("#c6dbef", "#93bfe0", "#5a9bcb", "#2a6ca8", "#0b3d73"))},
+    **{f"series{i}": light for i, (light, _) in enumerate(figure_theme.CATEGORIES)},
+}
+DARK = {
+    "ink": figure_theme.TEXT,
+    "muted": figure_theme.MUTED,
+    "line": figure_theme.LINE,
+    "sea": "#0f2a40",
+    "node": "#8496a6",
+    **{f"age{i}": colour for i, colour in enumerate(("#23496b", "#2f6f9f", "#56a0cc", "#9ccbe8", "#f2fafd"))},
+    **{f"series{i}": dark for i, (_, dark) in enumerate(figure_theme.CATEGORIES)},
+}
+INK, MUTED, LINE, SEA, NODE = (LIGHT[name] for name in ("ink", "muted", "line", "sea", "node"))
+MARKERS = "osD^vPXph*<>"
+DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
+    *("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5))),
+    *((0, (8, 2)), (0, (3, 1, 1, 1, 1, 1))),
+)
+SETTINGS: dict[Any, Any] = {  # matplotlib's own names
+    "font.size": 7.5,
+    "font.family": "DejaVu Sans",
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.6,
+    "axes.titlesize": 7.5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "lines.linewidth": 1.2,
+    "path.simplify": False,
+}
+
+
+def colour(i: int) -> str:
+    """Colour of combination or AUV number `i`."""
+    return figure_theme.category(i)[0]
+
+
+def marker(i: int) -> str:
+    """Marker of combination number `i`."""
+    return MARKERS[i % len(MARKERS)]
+
+
+def dash(i: int) -> str | tuple[int, tuple[float, ...]]:
+    """Dashes of the lines of combination number `i`."""
+    return DASHES[i % len(DASHES)]
+
+
+@contextmanager
+def drawing(name: str) -> Iterator[None]:
+    """Fonts and line widths of the figures; ids in the SVG are those of its name."""
+    with mpl.rc_context({**SETTINGS, "svg.hashsalt": name}):
+        yield
+
+
+def save_pdf(figure: Figure, name: str, folder: Path) -> None:
+    """Write FOLDER/NAME.pdf, with its fonts and without a date."""
+    with drawing(name), atomic_write(folder / f"{name}.pdf") as partial:
+        figure.savefig(partial, format="pdf", transparent=True, metadata={"CreationDate": None})
+
+
+def svg(figure: Figure, name: str, title: str, about: str) -> str:
+    """The figure as an element of a page: colours as variables, ids that begin with its name, title and description."""
+    text = io.StringIO()
+    with drawing(name):
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(text, format="svg", transparent=True, metadata=nothing)
+    drawn = text.getvalue()
+    drawn = drawn[drawn.index("<svg") :]
+    drawn = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", drawn)
+    for role, code in LIGHT.items():
+        drawn = drawn.replace(code, f"var(--{role})")
+    # Hundredths of a point are enough, and equal marks have one style together.
+    drawn = re.sub(r'\b[dxy]="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), drawn)
+    drawn = re.sub(r'(<g\b[^>]*)>((?:\s*<use [^>]* style="([^"]*)"/>)(?:\s*<use [^>]* style="\3"/>)+)', _share, drawn)
+    size = re.search(r'viewBox="[^"]*"', drawn)
+    assert size
+    head = (
+        f'<svg {size[0]} role="img" aria-labelledby="{name}-title {name}-about" '
+        'xmlns:xlink="http://www.w3.org/1999/xlink">'
+        f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-about">{escape(about)}</desc>'
+    )
+    return head + drawn[drawn.index(">") + 1 :].strip()
+
+
+def _share(found: re.Match[str]) -> str:
+    """A group of marks with their common style."""
+    start, marks, style = found.groups()
+    return f'{start} style="{style}">' + marks.replace(f' style="{style}"', "").replace("\n", "")
+
+
+def escape(text: str) -> str:
+    """Text as text of XML."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def new(height: float) -> Figure:
+    """An empty figure of one column and a height in inches."""
+    return Figure(figsize=(COLUMN, height), layout="constrained")
+
+
+def style_axes(axes: Axes, grid: bool = True) -> None:
+    """Muted numbers, and a grid behind what is drawn."""
+    axes.set_axisbelow(True)
+    if grid:
+        axes.grid(color=LINE, lw=0.5)
+    axes.tick_params(which="both", colors=MUTED, length=2, width=0.6)
+
+
+def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
+    """A legend below the plots, a row for two short names or one long one."""
+    longest = max(len(str(handle.get_label())) for handle in handles)
+    columns = max(1, min(len(handles), 62 // (longest + 8)))
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
+
+
+def rows_of_legend(names: Sequence[str]) -> float:
+    """Inches that a legend of names takes."""
+    columns = max(1, min(len(names), 62 // (max(map(len, names)) + 8)))
+    return 0.16 * math.ceil(len(names) / columns) + 0.05
+
+
+def front(names: Sequence[str], scored: Sequence[Episodes], drawn: int) -> Figure:
+    """Data over energy: `drawn` episodes of each combination faint, means with their intervals."""
+    with drawing("front"):
+        figure = new(2.5 + rows_of_legend(names))
+        axes = figure.add_subplot()
+        handles = []
+        for i, (name, episodes) in enumerate(zip(names, scored, strict=True)):
+            energy, data = (score(episodes, column) for column in ("energy_wh", "delivered_mbit"))
+            some = [episodes[world] for world in sorted(episodes)[:drawn]]
+            points = [[row[column] for row in some] for column in ("energy_wh", "delivered_mbit")]
+            axes.plot(*points, marker(i), color=colour(i), ms=2.6, alpha=0.35, mew=0)
+            if energy.n > 1:
+                axes.errorbar(
+                    energy.mean, data.mean, data.half, energy.half, fmt="none", color=colour(i), elinewidth=1.2,
+                    capsize=2, zorder=5 + i,
+                )  # fmt: skip
+            axes.plot(energy.mean, data.mean, marker(i), color=colour(i), ms=6, mec=INK, mew=0.6, zorder=6 + i)
+            handles.append(
+                Line2D([], [], ls="none", marker=marker(i), color=colour(i), ms=5, mec=INK, mew=0.6, label=name)
+            )
+        axes.set(xlabel="energy of all AUVs, Wh", ylabel="data collected, Mbit")
+        style_axes(axes)
+        legend(figure, handles)
+    return figure
+
+
+def about_front(names: Sequence[str], scored: Sequence[Episodes]) -> str:
+    """The means of `front` in words."""
+    return "; ".join(
+        f"{name}: {words(score(episodes, 'delivered_mbit'))} Mbit for {words(score(episodes, 'energy_wh'))} Wh"
+        for name, episodes in zip(names, scored, strict=True)
+    )
+
+
+def errors(names: Sequence[str], recordings: Sequence[Recording], duration: float) -> Figure:
+    """Errors of fixes over time, median and 90 % of the fixes of the first combination, and their distribution.
+
+    Some combination has fixes.
+    """
+    with drawing("errors"):
+        figure = new(3.9 + rows_of_legend(names))
+        over_time, whole = figure.subplots(2, 1)
+        time = (np.arange(PERIODS) + 0.5) / PERIODS * duration
+        handles, reach = [], []
+        for i, (name, recording) in enumerate(zip(names, recordings, strict=True)):
+            low, median, high = fix_quantiles(recording.fixes, (0.05, 0.5, 0.95))
+            if i == 0:
+                over_time.fill_between(time, low, high, color=colour(0), alpha=0.18, lw=0)
+            over_time.plot(time, median, color=colour(i), ls=dash(i))
+            count = recording.fixes.sum(axis=0)
+            if count.any():
+                whole.plot(ERRORS[1:], np.cumsum(count) / count.sum(), color=colour(i), ls=dash(i))
+                reach += list(fix_quantiles(count, (0.0005, 0.9995)))
+            handles.append(Line2D([], [], color=colour(i), ls=dash(i), label=name))
+        over_time.set(xlabel="time, s", ylabel="error of a fix, m", xlim=(0, duration), yscale="log")
+        whole.set(xlabel="error of a fix, m", ylabel="share of fixes below it", ylim=(0, 1.02), xscale="log")
+        whole.set_xlim(min(reach), max(reach))
+        for axes in (over_time, whole):
+            style_axes(axes)
+        legend(figure, handles)
+    return figure
+
+
+def about_errors(names: Sequence[str], recordings: Sequence[Recording]) -> str:
+    """The medians and 95th percentiles of `errors` in words."""
+    said = []
+    for name, recording in zip(names, recordings, strict=True):
+        median, high = fix_quantiles(recording.fixes.sum(axis=0), (0.5, 0.95))
+        said.append(f"{name}: no fixes" if np.isnan(median) else f"{name}: median {median:.2g} m, 95 % {high:.2g} m")
+    return "; ".join(said)
+
+
+def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure, list[Axes]]:
+    """A map of the area for each name, side by side, and `below` inches of room for a legend."""
+    columns = 1 if len(names) == 1 else 2 if len(names) <= 4 else 3
+    rows = math.ceil(len(names) / columns)
+    width, length = scenario.area.width, scenario.area.length
+    side = min((COLUMN - 0.5) / columns - 0.1, 2.9)
+    height = rows * (min(max(side * length / width, 0.4), 2 * side) + 0.22) + 0.42 + below
+    figure = new(height)
+    plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for i, (axes, name) in enumerate(zip(plots, names, strict=False)):
+        axes.set_facecolor(SEA)
+        axes.set(xlim=(0, width), ylim=(0, length), aspect="equal")
+        axes.set_title(shortened(name, 46 // columns), loc="left", pad=3)
+        axes.xaxis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
+        axes.yaxis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
+        if i + columns >= len(names):
+            axes.set_xlabel("x (east), m")
+            axes.tick_params(labelbottom=True)
+        if i % columns == 0:
+            axes.set_ylabel("y (north), m")
+        style_axes(axes, grid=False)
+    for axes in plots[len(names) :]:
+        axes.set_visible(False)
+    return figure, list(plots[: len(names)])
+
+
+def shortened(name: str, most: int) -> str:
+    """A name of at most so many letters."""
+    return name if len(name) <= most else f"{name[: most - 1]}…"
+
+
+def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenario) -> Figure:
+    """Ways of AUVs and boats in world 0, a map for each combination."""
+    with drawing("trajectories"):
+        auvs = recordings[0].episode.auv.shape[1]
+        ways = [Line2D([], [], color=colour(k), ls=dash(k), lw=1, label=f"AUV {k + 1}") for k in range(auvs)]
+        ways.append(Line2D([], [], color=INK, lw=0.9, alpha=0.7, label="boat"))
+        points = (("o", "none", "start"), ("s", INK, "end"))
+        ways += [Line2D([], [], ls="none", marker=m, ms=4, mec=INK, mfc=f, label=name) for m, f, name in points]
+        place = "node" if scenario.task_definition.targets == "nodes" else "station"
+        ways.append(Line2D([], [], ls="none", marker="^", ms=3.5, color=NODE, label=place))
+        figure, plots = maps(names, scenario, rows_of_legend([str(way.get_label()) for way in ways]))
+        for axes, recording in zip(plots, recordings, strict=True):
+            episode = recording.episode
+            axes.plot(*episode.node.T, "^", ms=2.4, color=NODE, mew=0)
+            for k, track in reversed(list(enumerate(episode.tracks))):
+                boat = k >= auvs
+                look = INK if boat else colour(k)
+                axes.plot(*track.T, color=look, lw=0.8, alpha=0.7 if boat else 1, ls="-" if boat else dash(k))
+                axes.plot(*track[0], "o", ms=4, mfc="none", mec=look, mew=0.9, clip_on=False, zorder=5)
+                axes.plot(*track[-1], "s", ms=3.6, color=look, clip_on=False, zorder=5)
+        legend(figure, ways)
+    return figure
+
+
+def ages(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenario) -> Figure:
+    """Mean age of the data of each node in world 0, older ones larger and stronger, a map for each combination."""
+    with drawing("ages"):
+        edges = age_edges(np.concatenate([recording.episode.age for recording in recordings]))
+        sizes = np.linspace(2.6, 7.5, AGES)
+        digits = max(0, -math.floor(math.log10(edges[1] - edges[0])))
+        labels = [f"{low:.{digits}f}–{high:.{digits}f} s" for low, high in pairwise(edges)]
+        marks = [
+            Line2D([], [], ls="none", marker="o", ms=sizes[i], color=LIGHT[f"age{i}"], mec=MUTED, mew=0.4, label=label)
+            for i, label in enumerate(labels)
+        ]
+        figure, plots = maps(names, scenario, rows_of_legend(labels))
+        for axes, recording in zip(plots, recordings, strict=True):
+            old = np.clip(np.searchsorted(edges, recording.episode.age) - 1, 0, AGES - 1)
+            for i in range(AGES):
+                there = recording.episode.node[old == i]
+                axes.plot(*there.T, "o", ms=sizes[i], color=LIGHT[f"age{i}"], mec=MUTED, mew=0.4, zorder=3 + i)
+        legend(figure, marks)
+    return figure
+
+
+def age_edges(age: np.ndarray) -> np.ndarray:
+    """Edges of `AGES` equal classes that hold all ages, at whole multiples of a power of ten, s."""
+    unit = 10.0 ** max(math.floor(math.log10(max(np.ptp(age), 1e-3))) - 1, -3)
+    low = math.floor(age.min() / unit) * unit
+    return low + np.arange(AGES + 1) * math.ceil(max(age.max() - low, unit) / (AGES * unit)) * unit
+
+
+def about_ages(names: Sequence[str], recordings: Sequence[Recording]) -> str:
+    """The ages in words."""
+    return "; ".join(
+        f"{name}: {r.episode.age.min():.0f} to {r.episode.age.max():.0f} s, mean {r.episode.age.mean():.0f} s"
+        for name, r in zip(names, recordings, strict=True)
+    )
