@@ -16,7 +16,7 @@ import pytest
 from scipy import stats
 
 import policies
-from usvauv_cli.web_report import columns, figures, page, scores
+from usvauv_cli.web_report import columns, figure_style, page, scores
 from usvauv_cli.web_report.player import at_arrows
 from usvauv_cli.web_report.recordings import ERRORS, MOST_SHOWN, Recordings, ellipses, fix_quantiles, thinned
 from usvauv_cli.web_report.scores import Combination, Estimate
@@ -238,8 +238,8 @@ class TestPage:
             title, about = (re.search(rf"<{tag} id=\"([\w-]+)\">([^<]+)</{tag}>", svg) for tag in ("title", "desc"))
             assert f'aria-labelledby="{title[1]} {about[1]}"' in svg
             assert re.findall(r"#[0-9a-f]{6}\b", svg) == []
-        assert figures.LIGHT.keys() == figures.DARK.keys()
-        assert len(set(figures.LIGHT.values())) == len(figures.LIGHT)
+        assert figure_style.LIGHT.keys() == figure_style.DARK.keys()
+        assert len(set(figure_style.LIGHT.values())) == len(figure_style.LIGHT)
 
     def test_says_how_it_was_made(self, made):
         said = html.unescape(made.text)

@@ -106,7 +106,7 @@ def evaluate(
                     arch=arch,
                     on_step=advance,
                     on_batch=rows.extend,
-                    on_trace=recordings.add,
+                    on_trace=recordings.add if report_folder else lambda trace, first: None,
                 )
     except (KeyboardInterrupt, DivergenceError):
         if rows:

@@ -1,165 +1,36 @@
-"""Figures of the page, each once as PDF, a column of a paper wide, and once as SVG for a light and a dark page.
-
-A figure is drawn in the colours of `LIGHT`. In the SVG each of them is replaced by a variable of the page's style,
-which has another value where the page is dark. Each colour therefore stands for one thing only.
-"""
+"""Figures of the page: data and energy, errors of fixes, and maps of ways and ages."""
 
 from __future__ import annotations
 
-import io
 import math
-import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from usvauv_cli import figure_theme
-from usvauv_cli.web_report.recordings import ERRORS, PERIODS, Recording, fix_quantiles
-from usvauv_cli.web_report.scores import Episodes, score, words
-from usvauv_env.files import atomic_write
-from usvauv_env.scenario import Scenario
-
-COLUMN = 3.4  # width, inches
-AGES = 5  # classes of the age of data
-LIGHT = {
-    "ink": "#17222d",
-    "muted": "#566675",
-    "line": "#d5dde5",
-    "sea": "#edf4f9",
-    "node": "#7d8c99",
-    **{f"age{i}": colour for i, colour in enumerate(("#c6dbef", "#93bfe0", "#5a9bcb", "#2a6ca8", "#0b3d73"))},
-    **{f"series{i}": light for i, (light, _) in enumerate(figure_theme.CATEGORIES)},
-}
-DARK = {
-    "ink": figure_theme.TEXT,
-    "muted": figure_theme.MUTED,
-    "line": figure_theme.LINE,
-    "sea": "#0f2a40",
-    "node": "#8496a6",
-    **{f"age{i}": colour for i, colour in enumerate(("#23496b", "#2f6f9f", "#56a0cc", "#9ccbe8", "#f2fafd"))},
-    **{f"series{i}": dark for i, (_, dark) in enumerate(figure_theme.CATEGORIES)},
-}
-INK, MUTED, LINE, SEA, NODE = (LIGHT[name] for name in ("ink", "muted", "line", "sea", "node"))
-MARKERS = "osD^vPXph*<>"
-DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
-    *("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5))),
-    *((0, (8, 2)), (0, (3, 1, 1, 1, 1, 1))),
+from usvauv_cli.web_report.figure_style import (
+    AGES,
+    COLUMN,
+    INK,
+    MUTED,
+    NODE,
+    SEA,
+    colour,
+    dash,
+    drawing,
+    legend,
+    marker,
+    new,
+    rows_of_legend,
+    style_axes,
 )
-SETTINGS: dict[Any, Any] = {  # matplotlib's own names
-    "font.size": 7.5,
-    "font.family": "DejaVu Sans",
-    "pdf.fonttype": 42,
-    "svg.fonttype": "none",
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.titlecolor": INK,
-    "axes.edgecolor": MUTED,
-    "axes.linewidth": 0.6,
-    "axes.titlesize": 7.5,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7,
-    "lines.linewidth": 1.2,
-    "path.simplify": False,
-}
-
-
-def colour(i: int) -> str:
-    """Colour of combination or AUV number `i`."""
-    return figure_theme.category(i)[0]
-
-
-def marker(i: int) -> str:
-    """Marker of combination number `i`."""
-    return MARKERS[i % len(MARKERS)]
-
-
-def dash(i: int) -> str | tuple[int, tuple[float, ...]]:
-    """Dashes of the lines of combination number `i`."""
-    return DASHES[i % len(DASHES)]
-
-
-@contextmanager
-def drawing(name: str) -> Iterator[None]:
-    """Fonts and line widths of the figures; ids in the SVG are those of its name."""
-    with mpl.rc_context({**SETTINGS, "svg.hashsalt": name}):
-        yield
-
-
-def save_pdf(figure: Figure, name: str, folder: Path) -> None:
-    """Write FOLDER/NAME.pdf, with its fonts and without a date."""
-    with drawing(name), atomic_write(folder / f"{name}.pdf") as partial:
-        figure.savefig(partial, format="pdf", transparent=True, metadata={"CreationDate": None})
-
-
-def svg(figure: Figure, name: str, title: str, about: str) -> str:
-    """The figure as an element of a page: colours as variables, ids that begin with its name, title and description."""
-    text = io.StringIO()
-    with drawing(name):
-        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        figure.savefig(text, format="svg", transparent=True, metadata=nothing)
-    drawn = text.getvalue()
-    drawn = drawn[drawn.index("<svg") :]
-    drawn = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", drawn)
-    for role, code in LIGHT.items():
-        drawn = drawn.replace(code, f"var(--{role})")
-    # Hundredths of a point are enough, and equal marks have one style together.
-    drawn = re.sub(r'\b[dxy]="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), drawn)
-    drawn = re.sub(r'(<g\b[^>]*)>((?:\s*<use [^>]* style="([^"]*)"/>)(?:\s*<use [^>]* style="\3"/>)+)', _share, drawn)
-    size = re.search(r'viewBox="[^"]*"', drawn)
-    assert size
-    head = (
-        f'<svg {size[0]} role="img" aria-labelledby="{name}-title {name}-about" '
-        'xmlns:xlink="http://www.w3.org/1999/xlink">'
-        f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-about">{escape(about)}</desc>'
-    )
-    return head + drawn[drawn.index(">") + 1 :].strip()
-
-
-def _share(found: re.Match[str]) -> str:
-    """A group of marks with their common style."""
-    start, marks, style = found.groups()
-    return f'{start} style="{style}">' + marks.replace(f' style="{style}"', "").replace("\n", "")
-
-
-def escape(text: str) -> str:
-    """Text as text of XML."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-
-
-def new(height: float) -> Figure:
-    """An empty figure of one column and a height in inches."""
-    return Figure(figsize=(COLUMN, height), layout="constrained")
-
-
-def style_axes(axes: Axes, grid: bool = True) -> None:
-    """Muted numbers, and a grid behind what is drawn."""
-    axes.set_axisbelow(True)
-    if grid:
-        axes.grid(color=LINE, lw=0.5)
-    axes.tick_params(which="both", colors=MUTED, length=2, width=0.6)
-
-
-def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
-    """A legend below the plots, a row for two short names or one long one."""
-    longest = max(len(str(handle.get_label())) for handle in handles)
-    columns = max(1, min(len(handles), 62 // (longest + 8)))
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
-
-
-def rows_of_legend(names: Sequence[str]) -> float:
-    """Inches that a legend of names takes."""
-    columns = max(1, min(len(names), 62 // (max(map(len, names)) + 8)))
-    return 0.16 * math.ceil(len(names) / columns) + 0.05
+from usvauv_cli.web_report.recordings import ERRORS, PERIODS, Recording, collects_data, fix_quantiles
+from usvauv_cli.web_report.scores import Episodes, score, words
+from usvauv_env.scenario import Scenario
 
 
 def front(names: Sequence[str], scored: Sequence[Episodes], drawn: int) -> Figure:
@@ -178,7 +49,8 @@ def front(names: Sequence[str], scored: Sequence[Episodes], drawn: int) -> Figur
                     energy.mean, data.mean, data.half, energy.half, fmt="none", color=colour(i), elinewidth=1.2,
                     capsize=2, zorder=5 + i,
                 )  # fmt: skip
-            axes.plot(energy.mean, data.mean, marker(i), color=colour(i), ms=6, mec=INK, mew=0.6, zorder=6 + i)
+            size = 8 - 3 * i / len(names)  # equal means lie upon each other
+            axes.plot(energy.mean, data.mean, marker(i), color=colour(i), ms=size, mec=INK, mew=0.6, zorder=5 + i)
             handles.append(
                 Line2D([], [], ls="none", marker=marker(i), color=colour(i), ms=5, mec=INK, mew=0.6, label=name)
             )
@@ -273,7 +145,7 @@ def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario
         ways.append(Line2D([], [], color=INK, lw=0.9, alpha=0.7, label="boat"))
         points = (("o", "none", "start"), ("s", INK, "end"))
         ways += [Line2D([], [], ls="none", marker=m, ms=4, mec=INK, mfc=f, label=name) for m, f, name in points]
-        place = "node" if scenario.task_definition.targets == "nodes" else "station"
+        place = "node" if collects_data(scenario) else "station"
         ways.append(Line2D([], [], ls="none", marker="^", ms=3.5, color=NODE, label=place))
         figure, plots = maps(names, scenario, rows_of_legend([str(way.get_label()) for way in ways]))
         for axes, recording in zip(plots, recordings, strict=True):
@@ -293,28 +165,28 @@ def ages(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenar
     """Mean age of the data of each node in world 0, older ones larger and stronger, a map for each combination."""
     with drawing("ages"):
         edges = age_edges(np.concatenate([recording.episode.age for recording in recordings]))
-        sizes = np.linspace(2.6, 7.5, AGES)
+        sizes = np.linspace(2.6, 7.5, len(AGES))
         digits = max(0, -math.floor(math.log10(edges[1] - edges[0])))
         labels = [f"{low:.{digits}f}–{high:.{digits}f} s" for low, high in pairwise(edges)]
         marks = [
-            Line2D([], [], ls="none", marker="o", ms=sizes[i], color=LIGHT[f"age{i}"], mec=MUTED, mew=0.4, label=label)
+            Line2D([], [], ls="none", marker="o", ms=sizes[i], color=AGES[i], mec=MUTED, mew=0.4, label=label)
             for i, label in enumerate(labels)
         ]
         figure, plots = maps(names, scenario, rows_of_legend(labels))
         for axes, recording in zip(plots, recordings, strict=True):
-            old = np.clip(np.searchsorted(edges, recording.episode.age) - 1, 0, AGES - 1)
-            for i in range(AGES):
+            old = np.clip(np.searchsorted(edges, recording.episode.age) - 1, 0, len(AGES) - 1)
+            for i in range(len(AGES)):
                 there = recording.episode.node[old == i]
-                axes.plot(*there.T, "o", ms=sizes[i], color=LIGHT[f"age{i}"], mec=MUTED, mew=0.4, zorder=3 + i)
+                axes.plot(*there.T, "o", ms=sizes[i], color=AGES[i], mec=MUTED, mew=0.4, zorder=3 + i)
         legend(figure, marks)
     return figure
 
 
 def age_edges(age: np.ndarray) -> np.ndarray:
-    """Edges of `AGES` equal classes that hold all ages, at whole multiples of a power of ten, s."""
+    """Edges of as many equal classes as `AGES` that hold all ages, at whole multiples of a power of ten, s."""
     unit = 10.0 ** max(math.floor(math.log10(max(np.ptp(age), 1e-3))) - 1, -3)
     low = math.floor(age.min() / unit) * unit
-    return low + np.arange(AGES + 1) * math.ceil(max(age.max() - low, unit) / (AGES * unit)) * unit
+    return low + np.arange(len(AGES) + 1) * math.ceil(max(age.max() - low, unit) / (len(AGES) * unit)) * unit
 
 
 def about_ages(names: Sequence[str], recordings: Sequence[Recording]) -> str:

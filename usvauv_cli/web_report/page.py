@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 
 from kernels import runtime
 from policies.training.provenance import provenance
-from usvauv_cli.web_report import columns, figures, scores
+from usvauv_cli.web_report import columns, figure_style, figures, scores
 from usvauv_cli.web_report.player import player_data
-from usvauv_cli.web_report.recordings import Recordings
+from usvauv_cli.web_report.recordings import Recordings, collects_data
 from usvauv_cli.web_report.scores import Combination, Episodes
 from usvauv_env.files import atomic_write
 from usvauv_env.record.metrics import EpisodeMetrics
@@ -98,7 +98,8 @@ def _text(name: str) -> str:
 def _variables() -> str:
     """Colours of the light and of the dark page."""
     light, dark = (
-        ";".join(f"--{role}:{code}" for role, code in colours.items()) for colours in (figures.LIGHT, figures.DARK)
+        ";".join(f"--{role}:{code}" for role, code in colours.items())
+        for colours in (figure_style.LIGHT, figure_style.DARK)
     )
     return f":root{{{light}}}\n@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}\n"
 
@@ -112,7 +113,7 @@ def _tables(
     episodes: Mapping[Combination, Episodes], scenario: Scenario, of_task: Collection[str]
 ) -> list[dict[str, Any]]:
     """Tables of scores: title, columns, and rows of a combination and its cells."""
-    nodes = scenario.task_definition.targets == "nodes"
+    nodes = collects_data(scenario)
     return [
         {
             "title": title,
@@ -144,15 +145,15 @@ def _pictures(
     """The figures that the task has, by name; their PDFs are written."""
     names = scores.labels(list(episodes))[: len(recordings)]
     scored, recorded = list(episodes.values())[: len(names)], list(recordings.values())
-    nodes = scenario.task_definition.targets == "nodes"
+    nodes = collects_data(scenario)
     drawn = max(FRONT_EPISODES // len(names), 1)
     duration = scenario.mission.steps * scenario.mission.step
     points = len(recorded[0].episode.tracks[0])
     made: dict[str, Picture] = {}
 
     def add(name: str, figure: Figure, title: str, about: str, caption: str) -> None:
-        figures.save_pdf(figure, name, folder)
-        made[name] = Picture(name, title, Markup(figures.svg(figure, name, title, about)), caption)
+        figure_style.save_pdf(figure, name, folder)
+        made[name] = Picture(name, title, Markup(figure_style.svg(figure, name, title, about)), caption)
 
     if nodes:
         some = f", the first {drawn} of each" if drawn < max(map(len, scored)) else ""

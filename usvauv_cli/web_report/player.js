@@ -52,30 +52,29 @@
     return Array.from({ length: count }, (_, k) => [0, 1].map((axis) => between(array, 2 * count, place, 2 * k + axis)));
   }
 
-  let episode, time = 0, playing = false, last = 0, colours = {}, unit = 1, perMetre = 1, margin = 0;
+  let episode, time = 0, playing = false, last = 0, colours = {}, unit = 1, perMetre = 1, margin = 0, offset = 0;
   const names = ["ink", "muted", "line", "sea", "node", "card", ...Array.from({ length: 7 }, (_, i) => `series${i}`)];
   function readColours() {
     const style = getComputedStyle(document.documentElement);
     colours = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
   }
   const ofAuv = (k) => colours[`series${k % 7}`];
-  const pixel = ([x, y]) => [margin + x * perMetre, margin / 3 + (length - y) * perMetre];
+  const pixel = ([x, y]) => [margin + x * perMetre, margin / 2 + (length - y) * perMetre];
 
   function resize() {
     const ratio = window.devicePixelRatio || 1, across = canvas.clientWidth;
     margin = 34;
-    const most = Math.min(across - margin * 4 / 3, 0.8 * Math.max(window.innerHeight, 480) * width / length);
+    const most = Math.min(across - margin * 3 / 2, 0.8 * Math.max(window.innerHeight, 480) * width / length);
     perMetre = most / width;
-    const tall = length * perMetre + margin * 4 / 3;
+    const tall = length * perMetre + margin * 3 / 2;
     canvas.style.height = `${tall}px`;
     canvas.width = Math.round(across * ratio);
     canvas.height = Math.round(tall * ratio);
-    offset = (across - margin * 4 / 3 - most) / 2;
+    offset = (across - margin * 3 / 2 - most) / 2;
     context.setTransform(ratio, 0, 0, ratio, offset * ratio, 0);
     unit = Math.min(Math.max(most / 500, 0.75), 1.4);
     draw();
   }
-  let offset = 0;
 
   function line(points, colour, thick, dash = [], alpha = 1) {
     context.globalAlpha = alpha;
@@ -109,7 +108,7 @@
       const [at] = pixel([x, 0]);
       line([[at, bottom], [at, top]], colours.line, 1);
       context.textAlign = "center";
-      context.fillText(x.toFixed(0) + (x + step > width ? " m" : ""), at, bottom + 12);
+      context.fillText(x ? x.toFixed(0) : "0 m", at, bottom + 12);
     }
     for (let y = 0; y <= length * 1.0001; y += step) {
       const [, at] = pixel([0, y]);

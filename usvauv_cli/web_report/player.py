@@ -37,7 +37,6 @@ def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Epi
     """Area, and each episode under its name."""
     return {
         "area": [scenario.area.width, scenario.area.length],
-        "hover": scenario.auv.hover_radius,
         "episodes": [
             {
                 "name": name,

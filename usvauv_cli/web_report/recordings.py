@@ -10,6 +10,7 @@ from usvauv_cli.web_report.scores import Combination
 from usvauv_env.record import collection
 from usvauv_env.record.metrics import usable
 from usvauv_env.record.trace import Trace
+from usvauv_env.scenario import Scenario
 
 MOST_SHOWN = 12  # combinations with an episode and a line in the figures
 FRAME_BYTES = 1_000_000  # of the frames of all episodes
@@ -70,7 +71,7 @@ class Recordings(dict[Combination, Recording]):
 
     def add(self, trace: Trace, first: int) -> None:
         """Take what is shown of the trace of worlds from number `first` on."""
-        rule = trace.scenario.nodes.target_rule if trace.scenario.task_definition.targets == "nodes" else ""
+        rule = trace.scenario.nodes.target_rule if collects_data(trace.scenario) else ""
         combination = Combination(trace.policy, trace.usv, rule)
         if combination not in self:
             if len(self) == self.shown:
@@ -86,14 +87,14 @@ class Recordings(dict[Combination, Recording]):
         )
 
 
-def collects_data(trace: Trace) -> bool:
-    """Whether the nodes of a trace have data, whose age and amount mean something."""
-    return trace.scenario.task_definition.targets == "nodes"
+def collects_data(scenario: Scenario) -> bool:
+    """Whether AUVs go to nodes, which have data."""
+    return scenario.task_definition.targets == "nodes"
 
 
 def thinned(trace: Trace, episodes: int) -> Episode:
     """World 0 of a trace, its steps thinned so that as many episodes stay within `FRAME_BYTES`."""
-    area, with_data = trace.scenario.area, collects_data(trace)
+    area, with_data = trace.scenario.area, collects_data(trace.scenario)
     steps, _, auvs = trace.power.shape
     boats, nodes, vortices = trace.boat_position.shape[2], trace.backlog.shape[2], trace.vortex.shape[2]
     size = 2 * (3 + 8 * auvs + 2 * boats + 4 * vortices) + auvs + nodes * with_data  # as `player` encodes them
