@@ -26,16 +26,6 @@ BACKGROUND, CARD, LINE = web(style.DARK.background), web(style.DARK.card), web(s
 WATER = web(style.SEA[4])
 SEA = LinearSegmentedColormap.from_list("sea", [web(colour) for colour in style.SEA] + ["#c4e4e3"])
 
-CATEGORIES = (  # after Okabe and Ito, darker on white and lighter on dark: told apart by the colour-blind
-    ("#0072b2", "#56b4e9"),
-    ("#d55e00", "#ff9a4d"),
-    ("#008a64", "#2fd0a3"),
-    ("#b0468a", "#f0a3d0"),
-    ("#8a6d00", "#f0e442"),
-    ("#4b3f9e", "#b5a8ff"),
-    ("#5a5a5a", "#c8c8c8"),
-)
-
 
 def style_axes(axes: Axes, tick_pad: float = 5) -> None:
     """Muted labels, numbers without tick marks and no frame; `tick_pad` is from the plot to its numbers, points."""
@@ -75,8 +65,3 @@ def save(figure: Figure, path: Path, dpi: float = 150) -> None:
     with atomic_write(path) as partial:
         metadata = {"CreationDate": None} if kind == "pdf" else None
         figure.savefig(partial, dpi=dpi, facecolor=BACKGROUND, format=kind, metadata=metadata)
-
-
-def category(i: int) -> tuple[str, str]:
-    """Colours of thing number `i` on a white and on a dark ground; they repeat after `CATEGORIES`, unlike markers."""
-    return CATEGORIES[i % len(CATEGORIES)]

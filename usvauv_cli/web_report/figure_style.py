@@ -21,6 +21,7 @@ from matplotlib.lines import Line2D
 
 from usvauv_cli import figure_theme
 from usvauv_env.files import atomic_write
+from usvauv_env.render.palette import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
 
 COLUMN = 3.4  # width, inches
 LIGHT = {
@@ -34,7 +35,7 @@ LIGHT = {
     "age2": "#5a9bcb",
     "age3": "#2a6ca8",
     "age4": "#0b3d73",
-    **{f"series{i}": light for i, (light, _) in enumerate(figure_theme.CATEGORIES)},
+    **{f"series{i}": light for i, light in enumerate(CATEGORICAL_ON_WHITE)},
 }
 DARK = {
     "ink": figure_theme.TEXT,
@@ -47,11 +48,10 @@ DARK = {
     "age2": "#56a0cc",
     "age3": "#9ccbe8",
     "age4": "#f2fafd",
-    **{f"series{i}": dark for i, (_, dark) in enumerate(figure_theme.CATEGORIES)},
+    **{f"series{i}": dark for i, dark in enumerate(CATEGORICAL)},
 }
 INK, MUTED, LINE, SEA, NODE = (LIGHT[name] for name in ("ink", "muted", "line", "sea", "node"))
 AGES = [LIGHT[f"age{i}"] for i in range(5)]  # of classes of the age of data
-MARKERS = "osD^vPXph*<>"
 DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
     *("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5))),
     *((0, (8, 2)), (0, (3, 1, 1, 1, 1, 1))),
@@ -77,12 +77,12 @@ SETTINGS: dict[Any, Any] = {  # matplotlib's own names
 
 def colour(i: int) -> str:
     """Colour of combination or AUV number `i`."""
-    return figure_theme.category(i)[0]
+    return CATEGORICAL_ON_WHITE[i % len(CATEGORICAL_ON_WHITE)]
 
 
 def marker(i: int) -> str:
     """Marker of combination number `i`."""
-    return MARKERS[i % len(MARKERS)]
+    return MARKERS[(i + i // len(CATEGORICAL)) % len(MARKERS)]  # another one when colours repeat
 
 
 def dash(i: int) -> str | tuple[int, tuple[float, ...]]:

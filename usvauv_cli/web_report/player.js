@@ -53,12 +53,12 @@
   }
 
   let episode, time = 0, playing = false, last = 0, colours = {}, unit = 1, perMetre = 1, margin = 0, offset = 0;
-  const names = ["ink", "muted", "line", "sea", "node", "card", ...Array.from({ length: 7 }, (_, i) => `series${i}`)];
+  const names = ["ink", "muted", "line", "sea", "node", "card", ...Array.from({ length: data.colours }, (_, i) => `series${i}`)];
   function readColours() {
     const style = getComputedStyle(document.documentElement);
     colours = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
   }
-  const ofAuv = (k) => colours[`series${k % 7}`];
+  const ofAuv = (k) => colours[`series${k % data.colours}`];
   const pixel = ([x, y]) => [margin + x * perMetre, margin / 2 + (length - y) * perMetre];
 
   function resize() {

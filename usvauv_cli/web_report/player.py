@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from usvauv_cli.web_report.recordings import Episode
+from usvauv_env.render.palette import CATEGORICAL
 from usvauv_env.scenario import Scenario
 
 ARROWS = 18  # of the current, along the longer side of the area
@@ -34,8 +35,9 @@ def encoded(values: np.ndarray, bits: int = 16, whole: bool = False) -> dict[str
 
 
 def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Episode]) -> dict[str, Any]:
-    """Area, and each episode under its name."""
+    """Number of colours of AUVs, area, and each episode under its name."""
     return {
+        "colours": len(CATEGORICAL),
         "area": [scenario.area.width, scenario.area.length],
         "episodes": [
             {
