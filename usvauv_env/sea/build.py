@@ -18,7 +18,7 @@ from kernels.shallow_water.nonlinear import NonlinearBoundary, NonlinearShallowW
 from kernels.shallow_water.packing import LANES
 from usvauv_env.memory import require
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.forcing import draw_sea
+from usvauv_env.sea.forcing import BoundaryWave, boundary_wave, draw_sea
 from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.nonlinear_pool import NonlinearSeas
 from usvauv_env.sea.storm import AirySea, build_storm
@@ -130,10 +130,16 @@ def build_sea(site: Site, seed: int, num_seas: int, cells: tuple[int, int] | Non
         sponge_width=sea.sponge_width if sea.sponge_edges else None,
         num_seas=num_seas,
     )
-    waves, eta, u, v = zip(*drawn, strict=True)
-    solver.set_forcing(*(np.stack([getattr(w, name) for w in waves]) for name in ("amplitude", "period", "phase")))
+    _, eta, u, v = zip(*drawn, strict=True)
+    solver.set_forcing(*stacked_forcing(scenario, seed, num_seas, first))
     solver.set_state(np.stack(eta), np.stack(u), np.stack(v))
     return solver
+
+
+def stacked_forcing(scenario: Scenario, seed: int, num_seas: int, first: int = 0) -> BoundaryWave:
+    """Waves at the forced edges of the seas of `build_sea`, each array (num_seas, components)."""
+    waves = [boundary_wave(scenario, seed, first + index) for index in range(num_seas)]
+    return BoundaryWave(*map(np.stack, zip(*waves, strict=True)))
 
 
 def boundaries(scenario: Scenario) -> dict[Side, Boundary]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,7 @@ from usvauv_env.site.site import Site
 RESONANT_GAIN = 10.0  # |1/cos kL| above which a component starts from rest instead of in its steady state
 
 
-@dataclass(frozen=True)
-class BoundaryWave:
+class BoundaryWave(NamedTuple):
     """Elevation Σ a cos(2πt/T + φ) at the forced boundary of one sea: amplitude a (m), period T (s), phase φ (rad)."""
 
     amplitude: np.ndarray
@@ -27,12 +26,22 @@ def draw_sea(
 ) -> tuple[BoundaryWave, np.ndarray, np.ndarray, np.ndarray]:
     """Forcing of one sea, and its start: elevation (ny, nx) and velocities (ny, nx + 1), (ny + 1, nx)."""
     nx, ny = cells
-    wave_seed, start_seed = np.random.SeedSequence(seed, spawn_key=(index,)).spawn(2)
-    wave = draw_boundary_wave(scenario, np.random.Generator(np.random.Philox(wave_seed)))
-    eta = start_elevation(scenario, np.random.Generator(np.random.Philox(start_seed)), nx, ny)
+    wave = boundary_wave(scenario, seed, index)
+    eta = start_elevation(scenario, _streams(seed, index)[1], nx, ny)
     u, v = np.zeros((ny, nx + 1)), np.zeros((ny + 1, nx))
     add_response(scenario, wave, depth, eta, u, v)
     return wave, eta, u, v
+
+
+def _streams(seed: int, index: int) -> list[np.random.Generator]:
+    """Random numbers of one sea: of its forcing, and of its start."""
+    seeds = np.random.SeedSequence(seed, spawn_key=(index,)).spawn(2)
+    return [np.random.Generator(np.random.Philox(own)) for own in seeds]
+
+
+def boundary_wave(scenario: Scenario, seed: int, index: int) -> BoundaryWave:
+    """Forcing of one sea."""
+    return draw_boundary_wave(scenario, _streams(seed, index)[0])
 
 
 def draw_boundary_wave(scenario: Scenario, random: np.random.Generator) -> BoundaryWave:

@@ -40,6 +40,13 @@ class LongWaves(Protocol):
     @property
     def units(self) -> tuple[float, float]: ...
 
+    def set_forcing(self, amplitude: np.ndarray, period: np.ndarray, phase: np.ndarray) -> None:
+        """Prescribe the elevation Σ a cos(2πt/T + φ) along the forced edge, or the wave that comes in there.
+
+        Args:
+            amplitude, period, phase: a (m), T (s) and φ (rad), (num_seas, components).
+        """
+
     def advance(self) -> None:
         """One interval.
 

@@ -46,6 +46,11 @@ class NonlinearSeas:
         """Time of the elevation, s."""
         return self._solvers[0].time
 
+    def set_forcing(self, amplitude: np.ndarray, period: np.ndarray, phase: np.ndarray) -> None:
+        """As `kernels.shallow_water.linear.ShallowWater.set_forcing`, from the next interval on."""
+        for solver, *wave in zip(self._solvers, amplitude, period, phase, strict=True):
+            solver.set_forcing(*wave)
+
     def advance(self) -> None:
         """One interval.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -26,6 +27,12 @@ class Site:
 
     scenario: Scenario
     _depths: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def under(self, scenario: Scenario) -> Site:
+        """This place, with what has been read of it, under a scenario with other parameters of worlds that run."""
+        site = copy.copy(self)
+        object.__setattr__(site, "scenario", scenario)
+        return site
 
     def still_depth(self, cells: tuple[int, int]) -> np.ndarray:
         """Depth of still water at the centres of cells (nx, ny), (ny, nx) float64, m, row 0 in the south.

@@ -14,8 +14,9 @@ from kernels import runtime
 from kernels.device_flag import DeviceFlag
 from kernels.errors import DivergenceError, in_words
 from kernels.flow import current, vortex
+from kernels.flow.vortex import Vortex
 from kernels.launch import Launch
-from kernels.mission import poisson_table
+from kernels.mission import poisson_table, reset
 from kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -34,12 +35,13 @@ from kernels.positioning import tracker
 from kernels.types import Level
 from usvauv_env.memory import require
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells
+from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells, stacked_forcing
 from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.storm import AirySea
 from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
 from usvauv_env.world import tables
+from usvauv_env.world.adjustable import check_adjustable, check_continues
 from usvauv_env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 from usvauv_env.world.state_check import bounds_of, check_state, first_outside
@@ -340,6 +342,70 @@ class World:
             getattr(self, name).copy_(state[name])
         self._clock.copy_(state["clock"])
 
+    def set_parameters(self, scenario: Scenario) -> None:
+        """Go on under a scenario that differs from the present one in the fields `ADJUSTABLE` alone.
+
+        It holds from the next step on, and the state stays. Vortices stay where they are, with the circulations that
+        the beginning of their episode draws from the new bounds. Forced long waves change at their edge and run in from
+        there.
+
+        Raises:
+            ScenarioError: another field differs.
+        """
+        check_adjustable(self.scenario, scenario)
+        redrawn = scenario.current != self.scenario.current
+        for name, value in (("scenario", scenario), ("site", self.site.under(scenario))):
+            object.__setattr__(self, name, value)
+        self._constants = self._upload_tables()
+        if redrawn:
+            self._redraw_circulations()
+        seed, first, count = self._pool(self._sea_episode)
+        self.sea.set_forcing(*stacked_forcing(scenario, seed, count, first))
+        self._storm = build_short_waves(self.site, seed, count, first)
+        self._bind()
+        self._set_clock()
+
+    def _redraw_circulations(self) -> None:
+        tables, clock, drawn = self._constants, self._clock.clone(), self.vortex.clone()
+        clock[:, 1] = 0  # vortices are drawn as an episode begins
+        reset.draw_vortices(
+            tables["p"], tables["fixed_vortex"], tables["key_low"], tables["key_high"], clock.contiguous(), drawn
+        )
+        self.vortex[..., Vortex.Gamma] = drawn[..., Vortex.Gamma]
+
+    def continue_from(self, other: World) -> None:
+        """Go on where `other` is: with its state, bit for bit, but for what another strategy or rule decides.
+
+        An AUV keeps its target until the next one is due. Tours and sectors are those that this world's rule makes of
+        where the nodes are as the episode begins. A boat that foresees AUVs begins with what they have told last.
+
+        Args:
+            other: a world of the same size and seed and of the same scenario, but for the strategy of the boat and
+                `nodes.target_rule`, on the same kind of sea.
+
+        Raises:
+            ScenarioError: it is another kind of world.
+        """
+        check_continues(other.scenario, self.scenario)
+        state = other.state()
+        self._clock[:, 0] = state["clock"][:, 0] - 1
+        self.reset()  # for its tours
+        planned = [NodeColumn.tour, NodeColumn.successor, NodeColumn.owner]
+        state["node"][..., planned] = self.node[..., planned]
+        if self.foresight.shape != other.foresight.shape:
+            state["foresight"] = self._told(state) if self.strategy.strategy.functions.foresees else self.foresight
+        self.load_state(state)
+
+    def _told(self, state: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """Foresight of the AUVs from what they have told last."""
+        foresight, exchange, track = torch.zeros_like(self.foresight), state["exchange"], state["track"]
+        place = track[..., [tracker.X, tracker.Y]]
+        foresight[..., ForesightColumn.span("x", "y")] = place.clamp(torch.zeros_like(self._area), self._area)
+        for column in ("heads_for", "hovers"):
+            foresight[..., getattr(ForesightColumn, column)] = exchange[..., getattr(ExchangeColumn, column)]
+        foresight[..., ForesightColumn.speed] = self.scenario.reference.straight_speed
+        return foresight
+
     def _stop_at_fault(self) -> None:
         """Look at all numbers of the worlds; on a GPU without waiting, at what they were a step ago.
 
@@ -453,20 +519,31 @@ class World:
             "key_high": key >> 32,
         }
 
-    def _begin_sea(self, episode: int) -> None:
-        """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
+    def _pool(self, episode: int) -> tuple[int, int, int]:
+        """Seed of the seas of an episode, index of the first of them, and their number."""
         pool = self.scenario.sea.realisations
-        seed = self.seed + (episode << 64)
         first, count = self._first_world % pool, min(self.num_worlds, pool)
         if first + count > pool:  # around the end of the pool
             first, count = 0, pool
+        return self.seed + (episode << 64), first, count
+
+    def _begin_sea(self, episode: int) -> None:
+        """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
+        seed, first, count = self._pool(episode)
         cells = fine_cells(self.scenario) if self._fine_sea else None
         self._sea = build_sea(self.site, seed, count, cells, first)
         deepest = float(self.site.still_depth((self._sea.nx, self._sea.ny)).max())
         self._watch = SeaWatch(self._sea, deepest, self._sea_of_worlds)
         self._storm = build_short_waves(self.site, seed, count, first)
-        index = (torch.arange(self.num_worlds) + self._first_world) % pool - first
+        index = (torch.arange(self.num_worlds) + self._first_world) % self.scenario.sea.realisations - first
         self._sea_index = index.to(self.device, torch.int32)
+        self._bind()
+        self._steps_since_sea = 0
+        self._sea_episode = episode
+        self._set_clock()
+
+    def _bind(self) -> None:
+        """Compile the mission's kernels, where they are not, for the tables and the sea as they are now."""
         (eta, U, V), (unit_x, unit_y) = self.sea.fields, self.sea.units
         arguments = {
             **self._constants,
@@ -496,9 +573,6 @@ class World:
             if plugins := self._plugins():  # a Taichi function of theirs cannot be compiled
                 raise ScenarioError(f"{plugins}: {in_words(error)}") from error
             raise
-        self._steps_since_sea = 0
-        self._sea_episode = episode
-        self._set_clock()
 
     def _sea_updates(self, steps: int) -> int:
         """Updates of the long waves in some mission steps: as many as bring them to the steps' end or beyond it."""
