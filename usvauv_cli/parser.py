@@ -14,6 +14,7 @@ from usvauv_cli.commands import (
     doctor,
     evaluate,
     export,
+    live,
     plan,
     replay,
     reproduce,
@@ -35,6 +36,7 @@ app = typer.Typer(
 )
 app.command("simulate")(simulate.simulate)
 app.command("replay")(replay.replay)
+app.command("live")(live.live)
 app.command("train")(train.train)
 app.command("train-targets")(train_targets.train_targets)
 app.command("train-boat")(train_boat.train_boat)

@@ -597,12 +597,16 @@ class World:
 
     def surface(self, pixels: int, world: int = 0) -> np.ndarray:
         """Elevation of a world's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
-        index = int(self._sea_index[world])
-        elevation = self.sea.elevation()[index]
+        elevation, x, y = self.long_waves(pixels, world)
+        return elevation + self.storm.elevation(int(self._sea_index[world]), x, y)
+
+    def long_waves(self, pixels: int, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same of the long waves alone, and the middles x (X,) and y (Y,) of what is averaged, m."""
+        elevation = self.sea.elevation()[int(self._sea_index[world])]
         factor = -(-max(elevation.shape) // pixels)
         rows, columns = (size // factor for size in elevation.shape)
         blocks = elevation[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)
         x, y = (
             (np.arange(count) + 0.5) * (factor * cell) for count, cell in ((columns, self.sea.dx), (rows, self.sea.dy))
         )
-        return blocks.mean(axis=(1, 3), dtype=np.float32) + self.storm.elevation(index, x, y)
+        return blocks.mean(axis=(1, 3), dtype=np.float32), x, y

@@ -1,0 +1,297 @@
+"""The panel in the tab: pace and past, sliders and choices, figures, and what is moved in the scene."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from kernels.errors import UserError
+from usvauv_cli.live.history import KEPT
+from usvauv_cli.live.requests import Requests
+from usvauv_cli.live.scene import OPACITY, Scene
+from usvauv_cli.live.session import Session
+from usvauv_cli.live.sliders import SLIDERS
+from usvauv_env.record.metrics import EpisodeMetrics
+from usvauv_env.render.style import auv_colour
+from usvauv_env.render.text import clock
+
+SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "30 ×": 30.0, "as fast as possible": math.inf}
+STATUS_EVERY = 0.25  # s
+FIGURES_EVERY = 1.0  # s, and at most this share of the time is spent on them:
+FIGURES_SHARE = 0.05
+PLOTTED = 300  # states
+COMPILING = "compiling another world, which takes some seconds …"
+NARROW = 0.12  # rad, opening of the map's view, which is nearly parallel
+WIDE = 0.75
+SEEN_THROUGH = 0.35  # opacity of the sea on the map
+LEGEND = """
+**Boat** white; yellow: its goal. **AUVs** at depth; ball and ellipse (2 σ): where the boat takes them to be; lines: to
+the estimate, white to where the AUV takes itself to be, thin to its node. **Nodes** green when empty, red when full.
+**Arrows**: current at cruise depth.
+
+Drag the boat or a node to move it. Shift and click: the nearest node moves there. Ctrl and click: the boat does.
+"""
+
+
+class Controls:
+    """The panel of a session; what is done in the tab waits in `requests` until `serve_requests` does it.
+
+    Args:
+        server: a `viser.ViserServer`.
+        session: what is controlled.
+        scene: of the same server.
+    """
+
+    def __init__(self, server: Any, session: Session, scene: Scene) -> None:
+        self._server, self._session, self._scene = server, session, scene
+        self.requests = Requests()
+        self._next_status = self._next_figures = 0.0
+        self._pictures, self._since, self._since_time = 0, time.perf_counter(), 0.0
+        gui = server.gui
+        gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
+        server.initial_camera.fov = WIDE
+        for name, value in self._view(flat=False).items():
+            setattr(server.initial_camera, "up" if name == "up_direction" else name, value)
+        self._status = gui.add_markdown("")
+        self._add_time(gui)
+        views = gui.add_button_group("View", ("Perspective", "Map"))
+        views.on_click(lambda event: self._look(event.client, views.value == "Map"))
+        with gui.add_folder("Sea and sound"):
+            self._sliders = {name: self._add_slider(gui, name) for name in session.values}
+        with gui.add_folder("Decisions"):
+            self._choices = {
+                label: self._add_choice(gui, label, options, choose, meanwhile)
+                for label, options, choose, meanwhile in (
+                    ("Boat", session.strategies(), session.set_strategy, COMPILING),
+                    ("Targets", session.rules(), session.set_rule, COMPILING),
+                    ("AUVs", session.policies(), session.set_policy, ""),
+                )
+                if options
+            }
+        with gui.add_folder("Figures"):
+            self._table = gui.add_html("")
+            self._plot = self._add_plot(gui)
+        with gui.add_folder("What is shown", expand_by_default=False):
+            gui.add_markdown(LEGEND)
+        self._listen_to_scene()
+
+    def _add_time(self, gui: Any) -> None:
+        session = self._session
+        self._run = gui.add_button("Pause")
+        self._run.on_click(lambda _: self.requests.put("run", self._pause_or_run))
+        speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1 ×")
+
+        def set_speed() -> None:
+            session.speed = SPEEDS[speed.value]
+
+        speed.on_update(lambda _: self.requests.put("speed", set_speed))
+        span = KEPT * session.scenario.mission.step
+        self._back = gui.add_slider(
+            "Past, s", -span, 0.0, session.scenario.mission.step, 0.0, hint="Shows what was; Run goes on from now"
+        )
+
+        def look_back(event: Any) -> None:
+            if event.client is not None:  # not when the panel itself sets it
+                self.requests.put("back", lambda: session.look_back(-self._back.value))
+
+        self._back.on_update(look_back)
+
+    def _add_slider(self, gui: Any, name: str) -> Any:
+        session, slider = self._session, SLIDERS[name]
+        bounds = slider.bounds(session.scenario)
+        assert bounds is not None, name
+        handle = gui.add_slider(slider.label, *bounds, slider.step, session.values[name], hint=slider.hint)
+
+        def change(event: Any) -> None:
+            if event.client is not None:
+                self.requests.put(name, lambda: session.set(name, handle.value))
+
+        handle.on_update(change)
+        return handle
+
+    def _add_choice(
+        self, gui: Any, label: str, options: list[str], choose: Callable[[str], None], meanwhile: str
+    ) -> Any:
+        handle = gui.add_dropdown(label, tuple(options), initial_value=options[0])
+
+        def change(event: Any) -> None:
+            if event.client is not None:
+                self.requests.put(label, lambda: choose(handle.value), meanwhile)
+
+        handle.on_update(change)
+        return handle
+
+    def _add_plot(self, gui: Any) -> Any:
+        from viser import uplot
+
+        colours = [f"#{red:02x}{green:02x}{blue:02x}" for blue, green, red in map(auv_colour, range(self._num_auvs))]
+        axis = uplot.Axis(stroke="#9ab", grid={"stroke": "#345", "width": 1})
+        return gui.add_uplot(
+            (np.zeros(1), *[np.zeros(1)] * self._num_auvs),
+            (
+                uplot.Series(label="s"),
+                *(uplot.Series(label=f"AUV {k + 1}", stroke=colour, width=2) for k, colour in enumerate(colours)),
+            ),
+            title="Error of estimated positions, m",
+            scales={"x": uplot.Scale(time=False)},
+            axes=(axis, axis),
+            height=190,
+        )
+
+    @property
+    def _num_auvs(self) -> int:
+        return self._session.scenario.auv.count
+
+    def _listen_to_scene(self) -> None:
+        session, depth = self._session, self._session.scenario.area.depth
+
+        def put(about: str, move: Callable[..., None], place: np.ndarray | None, *index: int) -> None:
+            if place is not None:
+                self.requests.put(about, lambda: move(float(place[0]), float(place[1]), *index))
+
+        def drag(about: str, move: Callable[..., None], height: float, index: int | None) -> Callable[[Any], None]:
+            def moved(event: Any) -> None:
+                camera, chosen = event.client.camera.position, event.instance_index if index is None else index
+                way = np.array(event.end_position) - camera
+                put(about, move, meeting(camera, way, height), chosen)
+
+            return moved
+
+        for b, boat in enumerate(self._scene.boats):
+            boat.on_drag(drag("boat", session.move_boat, 0.0, b))
+        self._scene.nodes.on_drag(drag("node", session.move_node, -depth, None))
+
+        def click(about: str, move: Callable[..., None], height: float) -> Callable[[Any], None]:
+            return lambda event: put(
+                about, move, meeting(np.array(event.ray_origin), np.array(event.ray_direction), height)
+            )
+
+        self._server.scene.on_click(modifier="shift")(click("node", session.move_node, -depth))
+        self._server.scene.on_click(modifier="cmd/ctrl")(click("boat", session.move_boat, 0.0))
+
+    def _pause_or_run(self) -> None:
+        session = self._session
+        if session.paused or session.ended:
+            session.run()
+            self._back.value = 0.0
+        else:
+            session.pause()
+
+    def _view(self, flat: bool) -> dict[str, Any]:
+        """Where a camera stands for the map or in perspective."""
+        area = self._session.scenario.area
+        middle = np.array([area.width / 2, area.length / 2, 0.0])
+        size = max(area.width, area.length)
+        if flat:
+            above = np.array([0.0, 0.0, 0.62 * size / math.tan(NARROW / 2)])
+            middle[0] += 0.2 * area.width  # leaves room for the panel
+            return {"position": middle + above, "look_at": middle, "up_direction": (0.0, 1.0, 0.0)}
+        middle[2] = -0.42 * min(area.depth, size)
+        away = np.array([-0.8, -1.7, 0.9]) * size
+        middle[:2] += 0.2 * size * np.array([0.88, -0.47])  # leaves room for the panel
+        return {"position": middle + away, "look_at": middle, "up_direction": (0.0, 0.0, 1.0)}
+
+    def _look(self, client: Any, flat: bool) -> None:
+        """Turn the camera of a tab to one of the views; the map shows what is below the sea."""
+        self._scene.sea.opacity = SEEN_THROUGH if flat else OPACITY
+        camera = client.camera
+        size = max(self._session.scenario.area.width, self._session.scenario.area.length)
+        with client.atomic():
+            camera.fov, camera.far = (NARROW if flat else WIDE), 40 * size
+            view = self._view(flat)
+            camera.up_direction = view["up_direction"]
+            camera.position, camera.look_at = view["position"], view["look_at"]
+
+    def serve_requests(self) -> None:
+        """Do what was asked for; what is refused is said in the tab, and the panel shows again what holds."""
+        for request in self.requests.take():
+            if request.meanwhile:
+                self._status.content = f"**{clock(self._session.time)}** {request.meanwhile}"
+            try:
+                request.action()
+            except UserError as error:
+                for client in self._server.get_clients().values():
+                    client.add_notification("Refused", str(error), color="orange", auto_close_seconds=10.0)
+            self._show_what_holds()
+            self._next_status = 0.0
+
+    def _show_what_holds(self) -> None:
+        session = self._session
+        for name, handle in self._sliders.items():
+            handle.value = session.values[name]
+        holding = {
+            "Boat": session.world.strategy.name,
+            "Targets": session.scenario.nodes.target_rule,
+            "AUVs": session.policy,
+        }
+        for label, handle in self._choices.items():
+            handle.value = holding[label]
+
+    def show(self) -> None:
+        """Count a picture; now and then show the pace and the figures."""
+        self._pictures += 1
+        now = time.perf_counter()
+        if now >= self._next_status:
+            self._show_status(now)
+        if now >= self._next_figures:
+            self._show_figures()
+            spent = time.perf_counter() - now
+            self._next_figures = now + max(FIGURES_EVERY, spent / FIGURES_SHARE)
+
+    def _show_status(self, now: float) -> None:
+        session, elapsed = self._session, now - self._since
+        if elapsed > 1.0 or not self._status.content:
+            self._pace = (session.moment.time - self._since_time) / max(elapsed, 1e-6), self._pictures / max(elapsed, 1e-6)
+            self._pictures, self._since, self._since_time = 0, now, session.moment.time
+        duration = session.world.steps * session.scenario.mission.step
+        if session.ended:
+            doing = f"{session.ended}; Run begins the next episode"
+        elif session.back:
+            doing = f"the past, {session.back:g} s before {clock(session.time)}"
+        elif session.paused:
+            doing = "paused"
+        else:
+            doing = f"{self._pace[0]:.3g} × real time"
+        self._status.content = (
+            f"**{clock(session.moment.time)}** of {clock(duration)} · {doing} · {self._pace[1]:.0f} pictures a second"
+        )
+        self._run.label = "Run" if session.paused or session.ended else "Pause"
+        self._next_status = now + STATUS_EVERY
+
+    def _show_figures(self) -> None:
+        figures = self._session.figures()
+        if figures is None:
+            return
+        self._table.content = table(figures)
+        times, errors = self._session.errors(PLOTTED)
+        self._plot.data = (times, *errors.T)
+
+
+def meeting(origin: np.ndarray, direction: np.ndarray, height: float) -> np.ndarray | None:
+    """Where a ray meets a height, (3,), m; None where it does not."""
+    if abs(direction[2]) < 1e-9 or (height - origin[2]) / direction[2] <= 0:
+        return None
+    return origin + (height - origin[2]) / direction[2] * direction
+
+
+def table(figures: EpisodeMetrics) -> str:
+    """The figures that the panel shows, as HTML."""
+    rows = {
+        "SDR": f"{figures.sdr:.1f} Mbit/s",
+        "EC": f"{figures.ec:.0f} W",
+        "Services": f"{figures.services}, {figures.delivered_mbit:.1f} Mbit",
+        "Lost at full nodes": f"{figures.of_task['lost_mbit']:.2f} Mbit" if "lost_mbit" in figures.of_task else "–",
+        "Position error": f"{figures.position_error_median:.1f} m median, {figures.position_error_p95:.1f} m p95",
+        "AUVs' own error": f"{figures.own_error_median:.1f} m median, {figures.own_error_p95:.1f} m p95",
+        "Fixes available": f"{figures.fix_availability:.1%}",
+        "Longest outage": f"{figures.outage_longest:.0f} s",
+    }
+    cells = "".join(
+        f'<tr><td style="opacity:.7;padding-right:1em">{name}</td><td><b>{value}</b></td></tr>'
+        for name, value in rows.items()
+    )
+    return f'<table style="font-size:.85em;margin:.2em 1em">{cells}</table>'

@@ -1,0 +1,274 @@
+"""The scene in the tab: sea, boats, AUVs, nodes, currents, and what is known of the AUVs. x east, y north, z up, m."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from usvauv_cli.live import shapes
+from usvauv_cli.live.history import KEPT, History, Moment
+from usvauv_cli.live.session import Session
+from usvauv_env.render import style
+from usvauv_env.render.map import error_axes
+
+TRAIL = 90  # states
+ELLIPSE = 40  # points
+OPACITY = 0.8  # of the sea, seen from the side
+SYMBOL = 0.045  # length of a boat over the area's longer side
+ARROW = 0.075  # length of an arrow over the same side, where the current is the fastest that is shown
+FASTEST = 1.2  # m/s
+SLOWEST = 0.08  # m/s, below which there is no arrow
+CIRCLE = np.linspace(0, 2 * math.pi, ELLIPSE + 1)
+
+
+def rgb(colour: style.Colour) -> tuple[int, int, int]:
+    """A colour of the videos, which have it blue first."""
+    blue, green, red = colour
+    return red, green, blue
+
+
+class Scene:
+    """Draws moments of a session on a viser server.
+
+    Args:
+        server: a `viser.ViserServer`.
+        session: what is drawn.
+
+    Attributes:
+        sea: handle of its surface. boats: of the boats' hulls. nodes: of the nodes, one instance each.
+    """
+
+    def __init__(self, server: Any, session: Session) -> None:
+        self._server, self._session = server, session
+        scenario = session.scenario
+        self._size = size = max(scenario.area.width, scenario.area.length)
+        self._unit = SYMBOL * size
+        self._depth = scenario.auv.depth
+        self._colours = [np.array(rgb(style.auv_colour(k)), np.uint8) for k in range(scenario.auv.count)]
+        self._shown: Any = None  # the snapshot whose nodes, flow and trails are drawn
+        self._headings = np.zeros(scenario.auv.count), np.zeros(scenario.boat.count)
+        scene = server.scene
+        scene.set_background_image(_gradient())
+        scene.configure_environment_map(None)
+        scene.configure_default_lights(False)
+        scene.add_light_hemisphere("/sky", sky_color=(200, 225, 255), ground_color=(70, 84, 96), intensity=0.9)
+        scene.add_light_directional("/sun", intensity=2.6, position=(-size, 0.4 * size, 0.55 * size))
+        x, y = np.meshgrid(session.grid.x, session.grid.y)
+        self._points = np.stack([x, y, np.zeros_like(x)], axis=-1).astype(np.float32)
+        self.sea = scene.add_mesh_simple(
+            "/sea",
+            self._points.reshape(-1, 3),
+            shapes.field_faces(*x.shape[::-1]),
+            color=(38, 132, 178),
+            opacity=OPACITY,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        self._add_bed()
+        self._add_vehicles()
+
+    def _add_bed(self) -> None:
+        scene, session = self._server.scene, self._session
+        area = session.scenario.area
+        depth = session.world.site.bed[0, :, :, 0]
+        rows, columns = depth.shape
+        x, y = np.meshgrid(np.linspace(0, area.width, columns), np.linspace(0, area.length, rows))
+        bed = np.stack([x, y, -depth], axis=-1).reshape(-1, 3)
+        colour = (46, 62, 76)
+        scene.add_mesh_simple(
+            "/bed", bed, shapes.field_faces(columns, rows), color=colour, side="double", cast_shadow=False
+        )
+        corners = np.array([(0, 0), (area.width, 0), (area.width, area.length), (0, area.length)])
+        floor = np.column_stack([corners, -depth[[0, 0, -1, -1], [0, -1, -1, 0]]])
+        top = np.column_stack([corners, np.zeros(4)])
+        edges = np.stack([top, floor], axis=1), np.stack([floor, np.roll(floor, -1, axis=0)], axis=1)
+        scene.add_line_segments(
+            "/edges", np.concatenate(edges), rgb(style.MUTED), thickness=1.2, thickness_units="screen"
+        )
+        nodes = session.history.latest.node
+        self._bed_depth = depth
+        self._sensor = shapes.sensor()
+        self.nodes = scene.add_batched_meshes_simple(
+            "/nodes",
+            self._sensor.scaled(0.55 * self._unit),
+            self._sensor.faces,
+            np.tile(shapes.turned(0.0), (len(nodes), 1)),
+            self._node_places(nodes),
+            batched_colors=self._node_colours(nodes),
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _add_vehicles(self) -> None:
+        scene, unit = self._server.scene, self._unit
+        torpedo, hull, cabin, ball = shapes.torpedo(), shapes.hull(), shapes.cabin(), shapes.ball()
+        plain: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+        self._auvs, self._labels, self._known = [], [], []
+        for k, colour in enumerate(self._colours):
+            name = f"/auv {k + 1}"
+            self._auvs.append(
+                scene.add_mesh_simple(name, torpedo.scaled(1.3 * unit), torpedo.faces, color=tuple(colour), **plain)
+            )
+            self._labels.append(scene.add_label(f"{name} name", f"AUV {k + 1}", font_screen_scale=0.8))
+            self._known.append(
+                scene.add_mesh_simple(
+                    f"{name} estimate",
+                    ball.scaled(0.4 * unit),
+                    ball.faces,
+                    color=tuple(colour),
+                    opacity=0.55,
+                    **plain,
+                )
+            )
+        self.boats, self._goals = [], []
+        for b in range(self._session.scenario.boat.count):
+            name = f"/boat {b + 1}"
+            white, deck = rgb(style.BOAT), rgb(style.BOAT_DECK)
+            self.boats.append(scene.add_mesh_simple(name, hull.scaled(1.3 * unit), hull.faces, color=white, **plain))
+            scene.add_mesh_simple(f"{name}/cabin", cabin.scaled(1.3 * unit), cabin.faces, color=deck, **plain)
+            self._goals.append(
+                scene.add_mesh_simple(
+                    f"{name} goal", ball.scaled(0.35 * unit), ball.faces, color=(255, 210, 80), **plain
+                )
+            )
+        nothing = np.zeros((1, 2, 3), np.float32)
+        black = np.zeros((1, 2, 3), np.uint8)
+        self._lines = {
+            name: scene.add_line_segments(f"/{name}", nothing, black, thickness=width, thickness_units="screen")
+            for name, width in {"ellipses": 2.0, "errors": 1.5, "courses": 1.0, "goals": 1.5, "trails": 1.5}.items()
+        }
+        self._arrows = scene.add_arrows(
+            "/current",
+            nothing,
+            rgb(style.MUTED),
+            shaft_radius=0.06 * unit,
+            head_radius=0.16 * unit,
+            head_length=0.4 * unit,
+        )
+
+    def show(self, moment: Moment, surface: np.ndarray, history: History) -> None:
+        """Draw a moment with its surface, (Y, X), m."""
+        with self._server.atomic():
+            self._points[:, :, 2] = surface
+            self.sea.vertices = self._points.reshape(-1, 3)
+            self._show_auvs(moment)
+            self._show_boats(moment, surface)
+            if moment.after is not self._shown:
+                self._shown = moment.after
+                self.nodes.batched_positions = self._node_places(moment.after.node)
+                self.nodes.batched_colors = self._node_colours(moment.after.node)
+                self._show_flow(moment.after.flow)
+                self._show_trails(history, moment)
+
+    def _show_auvs(self, moment: Moment) -> None:
+        auv, estimate, own = (moment.mixed(name) for name in ("auv", "estimate", "own"))
+        place = self._at_depth(auv[:, AuvColumn.span("x", "y")])
+        known = self._at_depth(estimate[:, EstimateColumn.span("x", "y")])
+        velocity = moment.after.auv[:, AuvColumn.span("water_x", "water_y")]
+        heading = _headings(velocity, self._headings[0])
+        for k, (body, label, ball) in enumerate(zip(self._auvs, self._labels, self._known, strict=True)):
+            body.position, body.wxyz = place[k], shapes.turned(heading[k])
+            label.position = place[k] + [0, 0, 0.7 * self._unit]
+            ball.position = known[k]
+        covariance = estimate[:, EstimateColumn.span("covariance_xx", "covariance_yy")]
+        rings = []
+        for centre, own_covariance in zip(known, covariance, strict=True):
+            across, along = error_axes(own_covariance)
+            ring = centre[:2] + np.cos(CIRCLE)[:, None] * across + np.sin(CIRCLE)[:, None] * along
+            rings.append(_path(self._at_depth(ring)))
+        self._set("ellipses", np.concatenate(rings), np.repeat(self._colours, ELLIPSE, axis=0))
+        believed = self._at_depth(own)
+        errors = np.concatenate([np.stack([place, known], axis=1), np.stack([place, believed], axis=1)])
+        self._set("errors", errors, np.concatenate([self._colours, np.full((len(place), 3), 255, np.uint8)]))
+        node = self._node_places(moment.after.node)[moment.after.auv[:, AuvColumn.target].astype(int)]
+        self._set("courses", np.stack([place, node], axis=1), self._colours)
+
+    def _show_boats(self, moment: Moment, surface: np.ndarray) -> None:
+        boat, grid = moment.mixed("boat"), self._session.grid
+        goal = moment.after.boat[:, BoatColumn.span("goal_x", "goal_y")]
+        velocity = moment.after.boat[:, BoatColumn.span("moved_x", "moved_y")]
+        heading = _headings(velocity, self._headings[1])
+        lines = []
+        for b, (body, mark) in enumerate(zip(self.boats, self._goals, strict=True)):
+            place = boat[b, BoatColumn.span("x", "y")]
+            height, slope = grid.height(surface, place)
+            body.position = np.array([*place, height])
+            body.wxyz = shapes.tilted(heading[b], slope)
+            mark.position = np.array([*goal[b], grid.height(surface, goal[b])[0]])
+            way = place + np.linspace(0, 1, 13)[:, None] * (goal[b] - place)
+            lines.append(_path(np.array([[*at, grid.height(surface, at)[0] + 0.05 * self._unit] for at in way])))
+        points = np.concatenate(lines)
+        self._set("goals", points, np.full((len(points), 3), (255, 210, 80), np.uint8))
+
+    def _show_flow(self, flow: np.ndarray) -> None:
+        start = self._at_depth(self._session.flow_places().reshape(-1, 2))
+        velocity = flow.reshape(-1, 2)
+        speed = np.linalg.norm(velocity, axis=-1)
+        seen = speed > SLOWEST
+        if not seen.any():
+            seen[0] = True
+        start, velocity, speed = start[seen], velocity[seen], speed[seen, None]
+        reach = ARROW * self._size / FASTEST * velocity * np.minimum(1.0, 1.5 * FASTEST / np.maximum(speed, SLOWEST))
+        end = start + np.column_stack([reach, np.zeros(len(reach))])
+        share = np.clip(speed / FASTEST, 0, 1)
+        colours = (1 - share) * [96, 168, 200] + share * [255, 128, 72]
+        self._arrows.points = np.stack([start, end], axis=1).astype(np.float32)
+        self._arrows.colors = colours.astype(np.uint8)
+
+    def _show_trails(self, history: History, moment: Moment) -> None:
+        past = history.until(moment.before.time, min(TRAIL, KEPT))
+        if len(past) < 2:
+            self._set("trails", np.zeros((1, 2, 3)), np.zeros((1, 3), np.uint8))
+            return
+        auvs = np.stack([snapshot.auv[:, AuvColumn.span("x", "y")] for snapshot in past], axis=1)
+        boats = np.stack([snapshot.boat[:, BoatColumn.span("x", "y")] for snapshot in past], axis=1)
+        paths = [_path(self._at_depth(way)) for way in auvs]
+        paths += [_path(np.column_stack([way, np.full(len(way), 0.2)])) for way in boats]
+        white = np.array([255, 255, 255], np.uint8)
+        colours = np.repeat([*self._colours, *[white] * len(boats)], len(past) - 1, axis=0)
+        self._set("trails", np.concatenate(paths), colours)
+
+    def _set(self, name: str, points: np.ndarray, colours: Any) -> None:
+        """Draw lines anew: points (N, 2, 3), colours (N, 3)."""
+        lines = self._lines[name]
+        lines.points = np.asarray(points, np.float32)
+        lines.colors = np.repeat(np.asarray(colours, np.uint8)[:, None], 2, axis=1)
+
+    def _at_depth(self, places: np.ndarray) -> np.ndarray:
+        """Places (N, 2) at cruise depth, (N, 3)."""
+        return np.column_stack([places, np.full(len(places), -self._depth)])
+
+    def _node_places(self, nodes: np.ndarray) -> np.ndarray:
+        places = nodes[:, NodeColumn.span("x", "y")]
+        area, (rows, columns) = self._session.scenario.area, self._bed_depth.shape
+        i = np.rint(places[:, 0] / area.width * (columns - 1)).astype(int).clip(0, columns - 1)
+        j = np.rint(places[:, 1] / area.length * (rows - 1)).astype(int).clip(0, rows - 1)
+        return np.column_stack([places, -self._bed_depth[j, i]]).astype(np.float32)
+
+    def _node_colours(self, nodes: np.ndarray) -> np.ndarray:
+        fill = nodes[:, NodeColumn.backlog] / self._session.scenario.nodes.buffer
+        return np.array([rgb(style.gauge_colour(float(share))) for share in fill], np.uint8)
+
+
+def _path(points: np.ndarray) -> np.ndarray:
+    """Segments (N − 1, 2, 3) from each point (N, 3) to the next."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def _headings(velocity: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Directions of velocities (N, 2), rad; what hardly moves keeps the last one, (N,), which is written anew."""
+    moving = np.linalg.norm(velocity, axis=-1) > 0.05
+    last[moving] = np.arctan2(velocity[moving, 1], velocity[moving, 0])
+    return last
+
+
+def _gradient() -> np.ndarray:
+    """A sky from dark above to light at the horizon, (rows, columns, 3) uint8."""
+    share = np.linspace(0, 1, 256)[:, None, None] ** 1.5
+    sky = (1 - share) * [14, 24, 38] + share * [60, 88, 112]
+    return np.broadcast_to(sky, (256, 16, 3)).astype(np.uint8)

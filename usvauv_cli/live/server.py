@@ -1,0 +1,96 @@
+"""A viser server for this machine alone, which answers nobody without the token that its address holds."""
+
+from __future__ import annotations
+
+import dataclasses
+import hmac
+import http
+import secrets
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from kernels.errors import UserError
+
+if TYPE_CHECKING:
+    import viser
+
+HOST = "127.0.0.1"
+MOST_PORT = 65535
+
+
+def listen(port: int) -> socket.socket:
+    """A socket that listens on a port of this machine alone; 0 takes a free one.
+
+    Raises:
+        UserError: no such port, or it cannot be had.
+    """
+    if not 0 <= port <= MOST_PORT:
+        raise UserError(f"--port {port}: must be from 0 (a free one) to {MOST_PORT}")
+    try:
+        return socket.create_server((HOST, port))
+    except OSError as error:
+        raise UserError(f"--port {port}: {(error.strerror or str(error)).lower()}; 0 takes a free one") from None
+
+
+@contextmanager
+def serve(listening: socket.socket, title: str) -> Iterator[tuple[viser.ViserServer, str]]:
+    """Run a viser server on a socket; gives it and its address, whose path is the token.
+
+    Pages and websockets are refused (403) unless their path begins with the token. viser itself has no such check and
+    binds all interfaces by default, so it is handed the socket and the check where it starts to serve.
+
+    Raises:
+        UserError: viser is missing, or it has changed so that the check cannot be put before it.
+    """
+    try:
+        import rich
+        import viser
+        import websockets.asyncio.server as websockets_server
+    except ImportError as error:
+        raise UserError(f'live needs the extra live ({error.name} is missing): pip install "usvauv[live]"') from None
+
+    token = secrets.token_urlsafe(24)
+    console = rich.get_console()  # viser prints addresses without the token there, and that it has stopped
+    console.quiet, quiet_before = True, console.quiet
+    plain = websockets_server.serve
+    guarded = _Guarded(plain, listening, token)
+    try:
+        websockets_server.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]
+        try:
+            server = viser.ViserServer(HOST, listening.getsockname()[1], label=title, verbose=False)
+        finally:
+            websockets_server.serve = plain
+        try:
+            if not guarded.used:
+                raise UserError(f"live: viser {viser.__version__} cannot be guarded by a token; 1.1.1 can")
+            yield server, f"http://{HOST}:{server.get_port()}/{token}/"
+        finally:
+            server.stop()
+    finally:
+        console.quiet = quiet_before
+
+
+class _Guarded:
+    """`websockets.asyncio.server.serve` on a given socket, with requests checked before anything else sees them."""
+
+    def __init__(self, serve: Callable[..., Any], listening: socket.socket, token: str) -> None:
+        self._serve, self._listening, self._prefix = serve, listening, f"/{token}"
+        self.used = False
+
+    def __call__(
+        self, handler: Any, host: str, port: int, *, process_request: Callable[..., Any], **options: Any
+    ) -> Any:
+        def checked(connection: Any, request: Any) -> Any:
+            path = request.path.partition("?")[0]
+            own, rest = path[: len(self._prefix)], path[len(self._prefix) :]
+            if not hmac.compare_digest(own.encode(), self._prefix.encode()) or rest[:1] not in ("", "/"):
+                return connection.respond(http.HTTPStatus.FORBIDDEN, "the address lacks its token\n")
+            response = process_request(connection, dataclasses.replace(request, path=rest or "/"))
+            if response is not None:
+                response.headers["Referrer-Policy"] = "no-referrer"  # the path is a secret
+            return response
+
+        self.used = True
+        return self._serve(handler, sock=self._listening, process_request=checked, **options)

@@ -1,0 +1,303 @@
+"""A mission that runs while it is watched: its pace, its past, and what is changed while it runs."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+
+import policies
+from kernels.errors import DivergenceError, UserError
+from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from kernels.mission.target_rules import target_rules
+from usvauv_cli.live.history import History, Moment, Snapshot
+from usvauv_cli.live.sliders import SLIDERS
+from usvauv_cli.live.surface import SurfaceGrid
+from usvauv_env.memory import require
+from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
+from usvauv_env.record.recorder import Recorder, trace_bytes
+from usvauv_env.scenario import Scenario
+from usvauv_env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
+from usvauv_env.world.world import World
+
+BUDGET = 0.025  # s of stepping from one picture to the next
+FLOW_POINTS = 13  # on the longer side of the area
+NO_SURFACE = np.zeros((0, 0, 0), np.float32)
+
+
+class Session:
+    """World 0 of a seed in a scenario, stepped as the time that is shown goes on.
+
+    Args:
+        scenario: what to simulate.
+        seed: as of `World`.
+        usv: strategy of the boats; default the scenario's.
+        policy: of the AUVs, by name.
+        arch: as of `World`.
+
+    Attributes:
+        world: as it is now; another one after `set_strategy` and `set_rule`.
+        grid: points of the surface that is drawn.
+        history: the last states.
+        paused: whether the mission stands still.
+        speed: times real time; infinite: as fast as possible.
+        back: how far before the latest state the shown one lies, s; 0: what is shown goes on.
+        ended: why the mission cannot go on; empty while it can.
+
+    Raises:
+        UserError: as `World`, `policies.load` and `usvauv_env.memory.require`.
+    """
+
+    def __init__(
+        self, scenario: Scenario, seed: int = 0, usv: str | None = None, policy: str | None = None, arch: str = "auto"
+    ) -> None:
+        self.policy = policy or policies.default(scenario)
+        policies.check(self.policy, scenario)
+        strategy = StrategyChoice.parse(usv, scenario).name
+        self._loaded = scenario = changed(scenario, {"boat": {"strategy": strategy}})
+        self._values = {name: slider.value(scenario) for name, slider in SLIDERS.items() if slider.bounds(scenario)}
+        self._arch = arch
+        self.world = World(scenario, 1, seed, fine_sea=True, arch=arch)
+        require(trace_bytes(self.world, self.world.steps), f"a record of {self.world.steps} steps")
+        self._act = policies.acting(self.policy, self.world)
+        self.grid = SurfaceGrid(self.world)
+        area = scenario.area
+        rows, columns = (
+            max(2, round(FLOW_POINTS * size / max(area.width, area.length))) for size in (area.length, area.width)
+        )
+        self._flow = torch.zeros((1, rows, columns, 2), device=self.world.device)
+        self.history, self._recorder = History(), Recorder(self.world)
+        self.speed = 1.0
+        self._figures: EpisodeMetrics | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin the next episode."""
+        self._observation = self.world.reset()
+        self._recorder.clear()
+        self._done, self._shown = 0, 0.0
+        self.paused, self.back, self.ended = False, 0.0, ""
+        self._figures = None
+        self._remember()
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is simulated, with what has been changed."""
+        return self.world.scenario
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Values of the sliders that this scenario has, by name."""
+        return self._values
+
+    @property
+    def time(self) -> float:
+        """Time of the latest state, s."""
+        return self._done * self.scenario.mission.step
+
+    @property
+    def moment(self) -> Moment:
+        """What is shown."""
+        return self.history.at(self.time - self.back if self.back else self._shown)
+
+    def surface(self, moment: Moment) -> np.ndarray:
+        """Elevation of the sea on the points of `grid`, (Y, X), m."""
+        return moment.mixed("long_waves") + self.grid.storm(moment.after.storm, moment.time)
+
+    def run(self) -> None:
+        """Go on from the latest state; after the end of a mission begin the next episode."""
+        if self.ended:
+            self._begin()
+        self.paused, self.back = False, 0.0
+
+    def pause(self) -> None:
+        """Stand still."""
+        self.paused = True
+
+    def look_back(self, seconds: float) -> None:
+        """Stand still and show what was so many seconds before the latest state, as far as it is kept."""
+        self.paused = True
+        self.back = min(max(seconds, 0.0), self.time - self.history.oldest.time)
+
+    def advance(self, elapsed: float) -> None:
+        """Let so much real time pass, s; a slow world gets as far as it comes."""
+        if self.paused or self.ended:
+            return
+        begun, step = time.perf_counter(), self.scenario.mission.step
+        target = self._shown + self.speed * elapsed
+        while self.time < target and not self.ended and time.perf_counter() - begun < BUDGET:
+            self._step()
+        self._shown = self.time if math.isinf(target) else min(target, self.time)
+        if self.world.steps * step <= self._shown:
+            self.ended = "the mission is over"
+
+    def _step(self) -> None:
+        if self._done >= self.world.steps:
+            self.ended = "the mission is over"
+            return
+        try:
+            self._observation = self.world.step(self._act(self._observation))[0]
+        except DivergenceError as error:
+            self.ended = str(error)
+            return
+        self._done += 1
+        self._recorder.add()
+        self._remember()
+
+    def _remember(self) -> None:
+        world = self.world
+        world.current_field(self._flow, torch.ones(1, dtype=torch.bool), self._flow_margin)
+
+        def copied(tensor: torch.Tensor) -> np.ndarray:
+            return tensor[0].cpu().numpy().copy()
+
+        self.history.add(
+            Snapshot(
+                time=self.time,
+                auv=copied(world.auv),
+                boat=copied(world.boat),
+                node=copied(world.node),
+                estimate=copied(world.estimate),
+                own=copied(world.own_position),
+                flow=copied(self._flow),
+                long_waves=self.grid.long_waves(world),
+                storm=world.storm,
+            )
+        )
+
+    @property
+    def _flow_margin(self) -> float:
+        """Distance of the outermost points of the flow from the border, m."""
+        area = self.scenario.area
+        return 0.5 * max(area.width, area.length) / FLOW_POINTS
+
+    def flow_places(self) -> np.ndarray:
+        """Where a snapshot's flow is, (rows, columns, 2), m."""
+        area, margin = self.scenario.area, self._flow_margin
+        rows, columns = self._flow.shape[1:3]
+        x, y = (np.linspace(margin, size - margin, n) for size, n in ((area.width, columns), (area.length, rows)))
+        return np.stack(np.meshgrid(x, y), axis=-1)
+
+    def set(self, name: str, value: float) -> None:
+        """Set a slider by name; holds from the next step on.
+
+        Raises:
+            ScenarioError: the scenario cannot have this value.
+        """
+        self._adjust({**self._values, name: value})
+
+    def _adjust(self, values: dict[str, float]) -> None:
+        scenario = self.scenario
+        for name, value in values.items():
+            scenario = changed(scenario, SLIDERS[name].changes(self._loaded, value))
+        self.world.set_parameters(scenario)
+        self._values = values
+
+    def strategies(self) -> list[str]:
+        """Strategies of the boat that can be chosen here, the present one first."""
+        area = self.scenario.area
+        given = {"hold": f"hold:{area.width / 2:g},{area.length / 2:g}"}
+        names = [given.get(name, name) for name, each in boat_strategies.items() if name != AGENT and not each.read]
+        return _first(self.world.strategy.name, [name for name in names if self._usable(name)])
+
+    def _usable(self, strategy: str) -> bool:
+        try:
+            StrategyChoice.parse(strategy, self.scenario)
+        except UserError:
+            return False
+        return True
+
+    def rules(self) -> list[str]:
+        """Target rules that can be chosen here, the present one first; none in a task without them."""
+        if self.scenario.task_definition.targets != "nodes":
+            return []
+        return _first(self.scenario.nodes.target_rule, [name for name, rule in target_rules.items() if not rule.read])
+
+    def policies(self) -> list[str]:
+        """Policies that can be chosen here, the present one first."""
+        names = []
+        for name in policies.available():
+            try:
+                policies.check(name, self.scenario)
+            except UserError:
+                continue
+            names.append(name)
+        return _first(self.policy, names)
+
+    def set_policy(self, name: str) -> None:
+        """Let another policy act from the next step on.
+
+        Raises:
+            PolicyError: it cannot be used here.
+        """
+        self._act = policies.acting(name, self.world)
+        self.policy = name
+
+    def set_strategy(self, name: str) -> None:
+        """Go on with another strategy of the boat, in a world that takes over the state; see `World.continue_from`.
+
+        Raises:
+            ScenarioError: it cannot be used here; the mission goes on with the present one.
+        """
+        self._go_on_in({"boat": {"strategy": name}})
+
+    def set_rule(self, name: str) -> None:
+        """Go on with another target rule, likewise."""
+        self._go_on_in({"nodes": {"target_rule": name}})
+
+    def _go_on_in(self, changes: Mapping[str, Mapping[str, Any]]) -> None:
+        world = World(changed(self.scenario, changes), 1, self.world.seed, fine_sea=True, arch=self._arch)
+        act = policies.acting(self.policy, world)
+        world.continue_from(self.world)
+        self.world = self._recorder.world = world
+        self._act, self._observation = act, world.observation
+
+    def move_node(self, x: float, y: float, node: int | None = None) -> None:
+        """Put a node, by default the nearest, at a place, m; it keeps its data."""
+        self._move(self.world.node[0], NodeColumn.span("x", "y"), x, y, node)
+
+    def move_boat(self, x: float, y: float, boat: int | None = None) -> None:
+        """Put a boat, by default the nearest, at a place, m; from the next step on it rides the waves there."""
+        self._move(self.world.boat[0], BoatColumn.span("x", "y"), x, y, boat)
+
+    def _move(self, rows: torch.Tensor, columns: slice, x: float, y: float, row: int | None) -> None:
+        area, place = self.scenario.area, torch.tensor([x, y], device=rows.device)
+        place = place.clamp(torch.zeros_like(place), torch.tensor([area.width, area.length], device=rows.device))
+        chosen = int((rows[:, columns] - place).norm(dim=-1).argmin()) if row is None else row
+        rows[chosen, columns] = place
+        self.back, self._shown = 0.0, self.time
+        self._remember()
+
+    def figures(self) -> EpisodeMetrics | None:
+        """Figures of the mission so far, as `usvauv eval` defines them; None before the first step."""
+        if self._done and (self._figures is None or len(self._recorder) != self._figured):
+            trace = self._recorder.trace(self.policy, NO_SURFACE, start=self.scenario.mission.step)
+            self._figures, self._figured = episode_metrics(trace)[0], len(self._recorder)
+        return self._figures
+
+
+    def errors(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Times (T,), s, and errors of the estimated positions (T, K), m, in the last states, at most `count`."""
+        states = self.history.until(self.time, count)
+        times = np.array([state.time for state in states])
+        return times, np.stack([state.auv[:, AuvColumn.position_error] for state in states])
+
+
+def changed(scenario: Scenario, changes: Mapping[str, Mapping[str, Any]]) -> Scenario:
+    """A scenario with other values, section → field → value.
+
+    Raises:
+        ScenarioError: it cannot have them.
+    """
+    data = scenario.to_dict()
+    for section, fields in changes.items():
+        data[section] |= fields
+    return Scenario.from_dict(data, scenario.name)
+
+
+def _first(present: str, names: Sequence[str]) -> list[str]:
+    return [present, *(name for name in names if name != present)]
