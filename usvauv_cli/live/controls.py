@@ -191,7 +191,7 @@ class Controls:
             middle[0] += 0.2 * area.width  # leaves room for the panel
             return {"position": middle + above, "look_at": middle, "up_direction": (0.0, 1.0, 0.0)}
         middle[2] = -0.42 * min(area.depth, size)
-        away = np.array([-0.8, -1.7, 0.9]) * size
+        away = np.array([-0.75, -1.6, 0.9]) * size
         middle[:2] += 0.2 * size * np.array([0.88, -0.47])  # leaves room for the panel
         return {"position": middle + away, "look_at": middle, "up_direction": (0.0, 0.0, 1.0)}
 
@@ -245,7 +245,10 @@ class Controls:
     def _show_status(self, now: float) -> None:
         session, elapsed = self._session, now - self._since
         if elapsed > 1.0 or not self._status.content:
-            self._pace = (session.moment.time - self._since_time) / max(elapsed, 1e-6), self._pictures / max(elapsed, 1e-6)
+            self._pace = (
+                (session.moment.time - self._since_time) / max(elapsed, 1e-6),
+                self._pictures / max(elapsed, 1e-6),
+            )
             self._pictures, self._since, self._since_time = 0, now, session.moment.time
         duration = session.world.steps * session.scenario.mission.step
         if session.ended:
@@ -255,10 +258,8 @@ class Controls:
         elif session.paused:
             doing = "paused"
         else:
-            doing = f"{self._pace[0]:.3g} × real time"
-        self._status.content = (
-            f"**{clock(session.moment.time)}** of {clock(duration)} · {doing} · {self._pace[1]:.0f} pictures a second"
-        )
+            doing = f"{self._pace[0]:.3g} × real time · {self._pace[1]:.0f} pictures a second"
+        self._status.content = f"**{clock(session.moment.time)}** of {clock(duration)} · {doing}"
         self._run.label = "Run" if session.paused or session.ended else "Pause"
         self._next_status = now + STATUS_EVERY
 
@@ -268,7 +269,7 @@ class Controls:
             return
         self._table.content = table(figures)
         times, errors = self._session.errors(PLOTTED)
-        self._plot.data = (times, *errors.T)
+        self._plot.data = (times, *errors)
 
 
 def meeting(origin: np.ndarray, direction: np.ndarray, height: float) -> np.ndarray | None:

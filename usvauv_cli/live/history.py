@@ -13,7 +13,7 @@ from usvauv_env.sea.storm import AirySea
 KEPT = 900  # states
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Snapshot:
     """World 0 at the end of a mission step: K AUVs, B boats, M nodes.
 

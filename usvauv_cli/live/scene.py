@@ -9,7 +9,7 @@ import numpy as np
 
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from usvauv_cli.live import shapes
-from usvauv_cli.live.history import KEPT, History, Moment
+from usvauv_cli.live.history import History, Moment
 from usvauv_cli.live.session import Session
 from usvauv_env.render import style
 from usvauv_env.render.map import error_axes
@@ -154,8 +154,9 @@ class Scene:
     def show(self, moment: Moment, surface: np.ndarray, history: History) -> None:
         """Draw a moment with its surface, (Y, X), m."""
         with self._server.atomic():
-            self._points[:, :, 2] = surface
-            self.sea.vertices = self._points.reshape(-1, 3)
+            points = self._points.copy()  # viser sends it from another thread
+            points[:, :, 2] = surface
+            self.sea.vertices = points.reshape(-1, 3)
             self._show_auvs(moment)
             self._show_boats(moment, surface)
             if moment.after is not self._shown:
@@ -221,7 +222,7 @@ class Scene:
         self._arrows.colors = colours.astype(np.uint8)
 
     def _show_trails(self, history: History, moment: Moment) -> None:
-        past = history.until(moment.before.time, min(TRAIL, KEPT))
+        past = history.until(moment.before.time, TRAIL)
         if len(past) < 2:
             self._set("trails", np.zeros((1, 2, 3)), np.zeros((1, 3), np.uint8))
             return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hmac
 import http
+import os
 import secrets
 import socket
 from collections.abc import Callable, Iterator
@@ -31,7 +32,7 @@ def listen(port: int) -> socket.socket:
     try:
         return socket.create_server((HOST, port))
     except OSError as error:
-        raise UserError(f"--port {port}: {(error.strerror or str(error)).lower()}; 0 takes a free one") from None
+        raise UserError(f"--port {port}: {os.strerror(error.errno or 0).lower()}; 0 takes a free one") from None
 
 
 @contextmanager

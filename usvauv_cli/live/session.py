@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -24,7 +23,7 @@ from usvauv_env.scenario import Scenario
 from usvauv_env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
 from usvauv_env.world.world import World
 
-BUDGET = 0.025  # s of stepping from one picture to the next
+BUDGET = 0.012  # s of stepping from one picture to the next
 FLOW_POINTS = 13  # on the longer side of the area
 NO_SURFACE = np.zeros((0, 0, 0), np.float32)
 
@@ -127,15 +126,14 @@ class Session:
         """Let so much real time pass, s; a slow world gets as far as it comes."""
         if self.paused or self.ended:
             return
-        begun, step = time.perf_counter(), self.scenario.mission.step
+        begun = time.perf_counter()
         target = self._shown + self.speed * elapsed
         while self.time < target and not self.ended and time.perf_counter() - begun < BUDGET:
-            self._step()
-        self._shown = self.time if math.isinf(target) else min(target, self.time)
-        if self.world.steps * step <= self._shown:
-            self.ended = "the mission is over"
+            self.step()
+        self._shown = min(target, self.time)
 
-    def _step(self) -> None:
+    def step(self) -> None:
+        """One mission step, of which the end is shown; none at the end of the mission."""
         if self._done >= self.world.steps:
             self.ended = "the mission is over"
             return
@@ -145,6 +143,7 @@ class Session:
             self.ended = str(error)
             return
         self._done += 1
+        self._shown = self.time
         self._recorder.add()
         self._remember()
 
@@ -279,12 +278,11 @@ class Session:
             self._figures, self._figured = episode_metrics(trace)[0], len(self._recorder)
         return self._figures
 
-
     def errors(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Times (T,), s, and errors of the estimated positions (T, K), m, in the last states, at most `count`."""
+        """Times (T,), s, and errors of the estimated positions (K, T), m, in the last states, at most `count`."""
         states = self.history.until(self.time, count)
         times = np.array([state.time for state in states])
-        return times, np.stack([state.auv[:, AuvColumn.position_error] for state in states])
+        return times, np.stack([state.auv[:, AuvColumn.position_error].astype(float) for state in states], axis=1)
 
 
 def changed(scenario: Scenario, changes: Mapping[str, Mapping[str, Any]]) -> Scenario:

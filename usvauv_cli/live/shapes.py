@@ -1,4 +1,4 @@
-"""Meshes of the vehicles and nodes, of about unit size, bow towards +x, up +z; rotations as quaternions (w, x, y, z)."""
+"""Meshes of vehicles and nodes, of about unit size, bow towards +x, up +z; rotations as quaternions (w, x, y, z)."""
 
 from __future__ import annotations
 
@@ -62,9 +62,7 @@ def hull() -> Shape:
 
 def cabin() -> Shape:
     """What stands on its deck: a cabin and a mast."""
-    return joined(
-        _box((-0.32, -0.13, 0.14), (0.08, 0.13, 0.32)), _box((-0.2, -0.015, 0.32), (-0.17, 0.015, 0.6))
-    )
+    return joined(_box((-0.32, -0.13, 0.14), (0.08, 0.13, 0.32)), _box((-0.2, -0.015, 0.32), (-0.17, 0.015, 0.6)))
 
 
 def torpedo() -> Shape:

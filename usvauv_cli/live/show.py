@@ -7,9 +7,11 @@ from typing import Any
 
 from kernels.interruption import Stop
 from usvauv_cli.live.controls import Controls
+from usvauv_cli.live.history import Moment
 from usvauv_cli.live.scene import Scene
 from usvauv_cli.live.session import Session
 
+LONGEST = 0.25  # s of real time that pass from one picture to the next; more is lost, as while a world is compiled
 INTERVAL = 1 / 30  # s from one picture to the next, at best
 
 
@@ -20,13 +22,16 @@ class Show:
         self.session = session
         self.scene = Scene(server, session)
         self.controls = Controls(server, session, self.scene)
+        self._drawn: Moment | None = None
 
     def picture(self, elapsed: float) -> None:
         """Do what was asked for, let so much real time pass (s), and draw."""
         self.controls.serve_requests()
         self.session.advance(elapsed)
-        moment = self.session.moment
-        self.scene.show(moment, self.session.surface(moment), self.session.history)
+        moment, drawn = self.session.moment, self._drawn
+        if drawn is None or (moment.time, moment.after) != (drawn.time, drawn.after):
+            self.scene.show(moment, self.session.surface(moment), self.session.history)
+            self._drawn = moment
         self.controls.show()
 
     def run(self, stop: Stop) -> None:
@@ -34,6 +39,6 @@ class Show:
         last = time.perf_counter()
         while not stop.asked:
             begun = time.perf_counter()
-            self.picture(min(begun - last, 0.25))  # after a pause for compiling do not catch up
+            self.picture(min(begun - last, LONGEST))
             last = begun
             time.sleep(max(0.0, INTERVAL - (time.perf_counter() - begun)))

@@ -1,0 +1,96 @@
+"""Pictures a second that a tab of `usvauv live` gets, and how fast the mission runs meanwhile.
+
+    python -m benchmarks.live
+
+A session is shown at real time and as fast as possible, each for some seconds. Another process is the tab: it connects
+as one, receives everything and counts the messages that hold a new surface of the sea. It draws nothing, as what
+drawing costs depends on the browser and its graphics.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+import time
+
+from benchmarks.machine import describe, parse
+from usvauv_cli.live.server import listen, serve
+from usvauv_cli.live.session import Session
+from usvauv_cli.live.show import INTERVAL, Show
+from usvauv_env import Scenario
+
+SPEEDS = {"real time": 1.0, "as fast as possible": math.inf}
+WARM_UP = 2.0  # s
+
+TAB = """
+import sys, time
+import viser
+from websockets.sync.client import connect
+address, least, warm_up, seconds = sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4])
+with connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as connection:
+    begun = time.perf_counter()
+    pictures = received = 0
+    while (now := time.perf_counter() - begun) < warm_up + seconds:
+        size = len(connection.recv())
+        if now > warm_up:
+            pictures += size > least
+            received += size
+print(pictures / seconds, received / seconds)
+"""
+
+
+def watched(show: Show, address: str, seconds: float) -> dict[str, float]:
+    """Rates while a tab watches for some seconds."""
+    session = show.session
+    vertices = 12 * len(session.grid.x) * len(session.grid.y)
+    arguments = [address.replace("http", "ws").rstrip("/"), str(vertices), str(WARM_UP), str(seconds)]
+    tab = subprocess.Popen([sys.executable, "-c", TAB, *arguments], stdout=subprocess.PIPE, text=True)
+    begun = last = time.perf_counter()
+    first = session.moment.time
+    while tab.poll() is None:
+        now = time.perf_counter()
+        show.picture(now - last)
+        last = now
+        if session.ended:
+            raise SystemExit(f"{session.ended} before {seconds:g} s have passed")
+        time.sleep(max(0.0, INTERVAL - (time.perf_counter() - now)))
+    assert tab.stdout is not None
+    pictures, received = map(float, tab.stdout.read().split())
+    pace = (session.moment.time - first) / (time.perf_counter() - begun)
+    return {"pictures_per_second": pictures, "megabytes_per_second": received / 1e6, "times_real_time": pace}
+
+
+def measure(scenarios: list[str], seconds: float, arch: str) -> dict:
+    rows = []
+    for name in scenarios:
+        scenario = Scenario.load(name, ["mission.duration=20000"])
+        with listen(0) as listening, serve(listening, name) as (server, address):
+            show = Show(server, Session(scenario, arch=arch))
+            for speed, factor in SPEEDS.items():
+                show.session.speed = factor
+                rows.append({"scenario": name, "speed": speed, **watched(show, address, seconds)})
+    return {"machine": describe(), "rows": rows}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenarios", nargs="*", default=["extreme", "wide"], help="default: extreme wide")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
+    arguments = parse(parser)
+    result = measure(arguments.scenarios, arguments.seconds, arguments.arch)
+    if arguments.json:
+        print(json.dumps(result, indent=1))
+        return
+    print(result["machine"])
+    for row in result["rows"]:
+        print(
+            f"{row['scenario']:8s} {row['speed']:20s} {row['pictures_per_second']:5.1f} pictures/s"
+            f"  {row['megabytes_per_second']:5.2f} MB/s  {row['times_real_time']:6.1f} × real time"
+        )
+
+
+if __name__ == "__main__":
+    main()

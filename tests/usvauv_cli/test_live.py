@@ -1,0 +1,288 @@
+"""The running simulation: its pace and past, what is changed while it runs, and the tab itself."""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from kernels.flow.vortex import Vortex
+from kernels.mission.columns import BoatColumn, NodeColumn
+from usvauv_cli.live import shapes
+from usvauv_cli.live.requests import Requests
+from usvauv_cli.live.session import Session, changed
+from usvauv_cli.live.sliders import SLIDERS
+from usvauv_env.scenario import Scenario, ScenarioError
+
+CHROMIUM = Path("/usr/bin/chromium")
+SMALL = ["sea.fine_cells=32", "mission.duration=60", "current.mutual=false", "current.viscosity=0"]
+
+
+def scenario(*overrides: str) -> Scenario:
+    return Scenario.load("extreme", [*SMALL, *overrides])
+
+
+@pytest.fixture(scope="module")
+def running() -> Session:
+    """A session of a small sea; tests leave it running and not at its end."""
+    return Session(scenario("mission.duration=2000"), seed=3)
+
+
+def stepped(session: Session, steps: int) -> None:
+    for _ in range(steps):
+        session.step()
+
+
+def test_the_time_shown_goes_as_fast_as_asked_for(running):
+    running.run()
+    begun = running.moment.time
+    running.speed = 2.0
+    running.advance(0.25)
+    assert running.moment.time == pytest.approx(begun + 0.5)
+    assert running.time - running.scenario.mission.step < running.moment.time <= running.time
+    running.pause()
+    running.advance(5.0)
+    assert running.moment.time == pytest.approx(begun + 0.5)
+
+
+def test_the_past_is_shown_exactly_and_the_run_goes_on_from_the_latest_state(running):
+    running.run()
+    seen = {}
+    for _ in range(6):
+        stepped(running, 1)
+        seen[running.time] = running.world.auv[0].numpy().copy(), running.world.surface(104)
+    now = running.time
+    running.look_back(4.0)
+    running.advance(10.0)
+    moment = running.moment
+    auv, surface = seen[now - 4.0]
+    assert moment.time == now - 4.0
+    assert np.array_equal(moment.mixed("auv"), auv)
+    inner = slice(1, -1), slice(1, -1)  # the outermost points lie on the border
+    assert running.surface(moment)[inner] == pytest.approx(surface[inner], abs=1e-4)
+    running.look_back(1e9)
+    assert running.moment.time == running.history.oldest.time
+    running.run()
+    assert running.moment.time > now - 4.0
+    stepped(running, 1)
+    assert running.time == now + running.scenario.mission.step
+
+
+def test_a_moment_between_two_steps_lies_between_them(running):
+    running.run()
+    stepped(running, 2)
+    running.look_back(0.25)
+    moment, latest = running.moment, running.history.latest
+    expected = 0.25 * moment.before.auv + 0.75 * latest.auv
+    assert moment.after is latest
+    assert moment.mixed("auv") == pytest.approx(expected, rel=1e-5, abs=1e-5)
+
+
+def test_twice_the_current_is_twice_the_velocity_at_an_auv(running):
+    field = torch.zeros(1, 2, 2, 2)
+
+    def of_vortices() -> torch.Tensor:
+        running.world.current_field(field, torch.ones(1, dtype=torch.bool))
+        with_them = field.clone()
+        kept = running.world.vortex.clone()
+        running.world.vortex[..., Vortex.Gamma] = 0.0
+        running.world.current_field(field, torch.ones(1, dtype=torch.bool))
+        running.world.vortex[:] = kept
+        return with_them - field
+
+    running.set("current", 1.0)
+    once = of_vortices()
+    running.set("current", 2.0)
+    assert once.abs().max() > 0.05
+    assert torch.allclose(of_vortices(), 2 * once, atol=1e-5)
+    running.set("current", 0.0)
+    assert of_vortices().abs().max() == 0.0
+    running.set("current", 1.0)
+    assert torch.equal(of_vortices(), once)
+
+
+def test_sliders_change_the_world_at_once(running):
+    world = running.world
+    link = world._constants["link"].clone()
+    height, level = running.values["storm"], running.values["source_level"]
+    storm = world.storm.elevation(0, np.linspace(0, 200, 50), np.linspace(0, 200, 50))
+    running.set("storm", height / 2)
+    halved = world.storm.elevation(0, np.linspace(0, 200, 50), np.linspace(0, 200, 50))
+    assert halved == pytest.approx(storm / 2, abs=1e-5)
+    running.set("source_level", level + 6)
+    assert not torch.equal(world._constants["link"], link)
+    running.set("ping", 20.0)
+    assert world.scenario.channel.interval == 20.0
+    with pytest.raises(ScenarioError, match="significant_height"):
+        running.set("storm", 25.0)
+    assert running.values["storm"] == height / 2, "a refused value is not kept"
+    for name, value in (("storm", height), ("source_level", level), ("ping", 0.0)):
+        running.set(name, value)
+    assert torch.equal(world._constants["link"], link)
+    stepped(running, 1)
+
+
+def test_long_waves_follow_their_slider(running):
+    running.set("long_waves", 0.0)
+    stepped(running, 1)
+    assert float(running.world.sea._prescribed.abs().max()) == 0.0
+    running.set("long_waves", 2.0)
+    stepped(running, 1)
+    assert float(running.world.sea._prescribed.abs().max()) > 0.1
+
+
+def test_sliders_that_would_change_nothing_are_not_there():
+    calm = Scenario.load("paper-ideal")
+    assert [name for name, slider in SLIDERS.items() if slider.bounds(calm)] == ["source_level"]
+
+
+def test_what_is_moved_is_where_it_was_put(running):
+    running.run()
+    running.move_node(50.0, 60.0, 4)
+    running.move_boat(-20.0, 70.0)
+    assert running.world.node[0, 4, NodeColumn.span("x", "y")].tolist() == [50.0, 60.0]
+    assert running.world.boat[0, 0, BoatColumn.span("x", "y")].tolist() == [0.0, 70.0], "within the area"
+    assert running.history.latest.node[4, : NodeColumn.y + 1].tolist() == [50.0, 60.0]
+    running.move_node(52.0, 60.0)
+    assert running.world.node[0, 4, NodeColumn.x] == 52.0, "the nearest"
+    stepped(running, 1)
+
+
+def test_another_strategy_or_rule_goes_on_with_the_state():
+    session = Session(scenario(), seed=2)
+    stepped(session, 5)
+    session.set("current", 2.0)
+    before = session.world.state()
+    elevation = session.world.sea.elevation()
+    for change in (lambda: session.set_strategy("belief"), lambda: session.set_rule("nearest")):
+        change()
+        after = session.world.state()
+        for name in ("auv", "boat", "vortex", "estimate", "track", "own", "exchange", "clock", "tally"):
+            assert torch.equal(before[name], after[name]), name
+        backlog = [NodeColumn.x, NodeColumn.y, NodeColumn.rate, NodeColumn.backlog]
+        assert torch.equal(before["node"][..., backlog], after["node"][..., backlog])
+        assert np.array_equal(session.world.sea.elevation(), elevation)
+        assert session.values["current"] == 2.0
+        assert session.time == 5.0
+    stepped(session, 3)
+    assert session.world.strategy.name == "belief"
+    assert session.scenario.nodes.target_rule == "nearest"
+    assert session.figures() is not None
+    assert session.figures().usv == "belief"
+    old = session.world
+    with pytest.raises(ScenarioError, match="tracker"):
+        session.set_strategy("fim-horizon")
+    assert session.world is old, "the run goes on"
+
+
+def test_a_run_that_continues_in_the_same_kind_of_world_is_the_same():
+    whole, parted = Session(scenario(), seed=5), Session(scenario(), seed=5)
+    stepped(whole, 4)
+    stepped(parted, 4)
+    parted.set("storm", parted.values["storm"])  # the same: tables are made anew, and nothing changes
+    parted.set_rule(parted.scenario.nodes.target_rule)
+    stepped(whole, 8)
+    stepped(parted, 8)
+    for name, value in whole.world.state().items():
+        assert torch.equal(value, parted.world.state()[name]), name
+
+
+def test_the_end_of_a_mission_waits_for_the_next_episode():
+    session = Session(scenario("mission.duration=4"))
+    session.speed = float("inf")
+    for _ in range(50):
+        session.advance(0.01)
+    assert session.ended
+    assert session.time == 4.0
+    assert session.figures().services >= 0
+    session.run()
+    assert (session.ended, session.time) == ("", 0.0)
+    stepped(session, 1)
+
+
+def test_fields_that_cannot_change_are_refused(running):
+    with pytest.raises(ScenarioError, match=r"current.count = 5: cannot change while worlds run"):
+        running.world.set_parameters(changed(running.scenario, {"current": {"count": 5}}))
+
+
+def test_a_later_request_replaces_an_earlier_one():
+    done = []
+    requests = Requests()
+    requests.put("a", lambda: done.append(1))
+    requests.put("b", lambda: done.append(2))
+    requests.put("a", lambda: done.append(3))
+    for request in requests.take():
+        request.action()
+    assert done == [2, 3]
+    assert requests.take() == []
+
+
+def test_sliders_and_choices_in_a_tab_change_the_world(running):
+    pytest.importorskip("viser")
+    playwright = pytest.importorskip("playwright.sync_api")
+    if not CHROMIUM.exists():
+        pytest.skip(f"there is no {CHROMIUM}")
+    from usvauv_cli.live.server import listen, serve
+    from usvauv_cli.live.show import Show
+
+    asked = []
+
+    def use_tab(address: str) -> None:
+        software = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        with playwright.sync_playwright() as started:
+            browser = started.chromium.launch(executable_path=str(CHROMIUM), args=software)
+            page = browser.new_page(viewport={"width": 900, "height": 1000})
+            page.on("request", lambda request: asked.append(request.url))
+            page.goto(address)
+            page.get_by_text("pictures a second").wait_for(timeout=60_000)
+            page.get_by_role("slider").nth(2).focus()  # after the past and the current
+            for _ in range(5):
+                page.keyboard.press("ArrowRight")
+            page.get_by_role("combobox", name="AUVs").click()
+            page.get_by_role("option", name="straight").click()
+            page.get_by_role("button", name="Pause").click()
+            page.get_by_text("paused").wait_for()
+            browser.close()
+
+    running.run()
+    running.speed = 1.0
+    height = running.values["storm"]
+    before = float(running.world.storm.amplitude.sum())
+    with serve(listen(0), "test") as (server, address), ThreadPoolExecutor() as tabs:
+        show = Show(server, running)
+        tab = tabs.submit(use_tab, address)
+        while not tab.done():
+            show.picture(0.02)
+            time.sleep(0.02)
+        tab.result()
+    assert running.values["storm"] == pytest.approx(height + 0.5)
+    assert float(running.world.storm.amplitude.sum()) == pytest.approx(before * (height + 0.5) / height)
+    assert running.policy == "straight"
+    assert running.paused
+    assert all(url.startswith((address, "data:", "blob:")) for url in asked), "nothing comes from elsewhere"
+
+
+def test_where_a_ray_meets_a_height():
+    from usvauv_cli.live.controls import meeting
+
+    origin, way = np.array([0.0, 0.0, 10.0]), np.array([1.0, 0.0, -2.0])
+    assert meeting(origin, way, 0.0) == pytest.approx([5.0, 0.0, 0.0])
+    assert meeting(origin, -way, 0.0) is None
+    assert meeting(origin, np.array([1.0, 0.0, 0.0]), 0.0) is None
+
+
+def test_a_boat_stands_upright_on_its_slope():
+    slope = np.array([0.3, -0.2])
+    w, x, y, z = shapes.tilted(0.7, slope)
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    normal = np.array([-0.3, 0.2, 1.0])
+    assert rotation[:, 2] == pytest.approx(normal / np.linalg.norm(normal))
+    assert shapes.tilted(0.7, np.zeros(2)) == pytest.approx(shapes.turned(0.7))
