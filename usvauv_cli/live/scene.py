@@ -87,7 +87,7 @@ class Scene:
         top = np.column_stack([corners, np.zeros(4)])
         edges = np.stack([top, floor], axis=1), np.stack([floor, np.roll(floor, -1, axis=0)], axis=1)
         scene.add_line_segments(
-            "/edges", np.concatenate(edges), rgb(style.MUTED), thickness=1.2, thickness_units="screen"
+            "/edges", np.concatenate(edges), rgb(style.DARK.muted), thickness=1.2, thickness_units="screen"
         )
         nodes = session.history.latest.node
         self._bed_depth = depth
@@ -145,7 +145,7 @@ class Scene:
         self._arrows = scene.add_arrows(
             "/current",
             nothing,
-            rgb(style.MUTED),
+            rgb(style.DARK.muted),
             shaft_radius=0.06 * unit,
             head_radius=0.16 * unit,
             head_length=0.4 * unit,
@@ -177,9 +177,9 @@ class Scene:
             label.position = place[k] + [0, 0, 0.7 * self._unit]
             ball.position = known[k]
         covariance = estimate[:, EstimateColumn.span("covariance_xx", "covariance_yy")]
+        axes = error_axes(covariance)
         rings = []
-        for centre, own_covariance in zip(known, covariance, strict=True):
-            across, along = error_axes(own_covariance)
+        for centre, (across, along) in zip(known, axes, strict=True):
             ring = centre[:2] + np.cos(CIRCLE)[:, None] * across + np.sin(CIRCLE)[:, None] * along
             rings.append(_path(self._at_depth(ring)))
         self._set("ellipses", np.concatenate(rings), np.repeat(self._colours, ELLIPSE, axis=0))
@@ -252,6 +252,9 @@ class Scene:
         return np.column_stack([places, -self._bed_depth[j, i]]).astype(np.float32)
 
     def _node_colours(self, nodes: np.ndarray) -> np.ndarray:
+        """By what they hold; stations have the colours of their AUVs."""
+        if self._session.scenario.task_definition.targets == "auvs":
+            return np.stack(self._colours)
         fill = nodes[:, NodeColumn.backlog] / self._session.scenario.nodes.buffer
         return np.array([rgb(style.gauge_colour(float(share))) for share in fill], np.uint8)
 
