@@ -38,7 +38,7 @@ class Program(NamedTuple):
     Attributes:
         task: what the AUVs have to do.
         strategy: of the boats.
-        target_rule: a `kernels.mission.target_rules.TargetRule`, which node an AUV heads for next.
+        target_rule: a `kernels.mission.target_rules.rule.TargetRule`, which node an AUV heads for next.
         information: of `Information`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: what the boat maximises, of `kernels.planning.objectives.objective_code`.

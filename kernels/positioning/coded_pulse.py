@@ -8,6 +8,7 @@ Gaussian noise. The wavefront is a sphere (`waveform.arrivals`). With `water` th
 (`kernels.positioning.reflections`). An echo goes out and back; its reflections come back only.
 
 Receiver. The gate is `gate` chips of 1/B long, its middle within half a chip of the arrival.
+
 1. The filter matched to the AUV's code is sampled at COARSE lags a chip; the lag with the largest energy, summed over
    the hydrophones, is the peak. A parabola through it and its neighbours gives the lag to 1/60 chip.
 2. A parabola through the outputs at the nearest three of FINE lags a chip gives it to 1/30,000 chip.

@@ -10,6 +10,7 @@ is sent from the array's centre.
 Receiver. The gate opens GATE periods before the expected arrival, and the tone arrives within the period that follows
 the expected arrival. A search of the whole record is supposed to have brought the receiver there;
 `docs/positioning.md` says why that search does not fail where a fix is accepted. Then
+
 1. `block_sums` reduces the record to sums of y e^{−2πjνn} over blocks of one period;
 2. `strongest_window` finds the `periods` consecutive blocks with the most energy on the four hydrophones. Their phases
    give the arrival on each hydrophone modulo one period;

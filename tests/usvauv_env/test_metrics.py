@@ -14,7 +14,7 @@ from usvauv_env import Scenario, Trace, TraceError, World
 from usvauv_env.record.metrics import COLUMNS, energy_consumption, episode_metrics, usable
 from usvauv_env.record.recorder import record
 from usvauv_env.record.table import read_rows, write_rows
-from usvauv_env.record.trace import DIMENSIONS
+from usvauv_env.record.trace import VARIABLES
 
 
 def small_trace() -> Trace:
@@ -25,7 +25,7 @@ def small_trace() -> Trace:
         "reward_term": terms, "surface_component": 3, "vortex": 0, "vortex_parameter": 4, "stream_y": 0,
         "stream_x": 0, "y": 0, "x": 0,
     }  # fmt: skip
-    arrays = {name: np.zeros([sizes[d] for d in dimensions]) for name, dimensions in DIMENSIONS.items()}
+    arrays = {name: np.zeros([sizes[d] for d in about.dimensions]) for name, about in VARIABLES.items()}
     arrays["surface"] = np.zeros((0, 0, 0))
     arrays["fix_flags"] = arrays["fix_flags"].astype(np.uint8)
     arrays["time"] = np.array([2.0, 4.0, 6.0, 8.0])
@@ -189,7 +189,7 @@ def test_trace_survives_its_file(tmp_path):
     again = Trace.load(path)
     assert again.scenario == scenario
     assert (again.policy, again.usv, again.seed, again.reward_names) == ("straight", "fim", 1, world.reward_names)
-    for name in DIMENSIONS:
+    for name in VARIABLES:
         np.testing.assert_array_equal(getattr(again, name), getattr(trace, name), err_msg=name)
     for row, as_before in zip(episode_metrics(again), episode_metrics(trace), strict=True):
         assert str(row) == str(as_before)  # numbers in full; NaN equals NaN there

@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5netcdf
 import numpy as np
@@ -24,42 +24,61 @@ from usvauv_env.files import hdf5_file
 from usvauv_env.netcdf import reader
 from usvauv_env.scenario import Scenario, ScenarioError
 
-# Dimensions of each array field; also the order of axes in the file.
-DIMENSIONS: dict[str, tuple[str, ...]] = {
-    "node_position": ("world", "node", "axis"),
-    "node_rate": ("world", "node"),
-    "time": ("time",),
-    "auv_position": ("time", "world", "auv", "axis"),
-    "auv_velocity": ("time", "world", "auv", "axis"),
-    "fix": ("time", "world", "auv", "axis"),
-    "heard_position": ("time", "world", "auv", "axis"),
-    "fix_covariance": ("time", "world", "auv", "component"),
-    "fix_flags": ("time", "world", "auv"),
-    "fix_boat": ("time", "world", "auv"),
-    "served_by": ("time", "world", "auv"),
-    "estimate": ("time", "world", "auv", "axis"),
-    "own_position": ("time", "world", "auv", "axis"),
-    "foreseen_position": ("time", "world", "auv", "axis"),
-    "estimate_covariance": ("time", "world", "auv", "component"),
-    "target": ("time", "world", "auv"),
-    "hovering": ("time", "world", "auv"),
-    "power": ("time", "world", "auv"),
-    "service_rate": ("time", "world", "auv"),
-    "delivered": ("time", "world", "auv"),
-    "border": ("time", "world", "auv"),
-    "reward_terms": ("time", "world", "auv", "reward_term"),
-    "boat_position": ("time", "world", "boat", "axis"),
-    "boat_goal": ("time", "world", "boat", "axis"),
-    "boat_surface": ("time", "world", "boat", "surface_component"),
-    "backlog": ("time", "world", "node"),
-    "overflowing": ("time", "world"),
-    "collisions": ("time", "world"),
-    "packets_created": ("time", "world"),
-    "packets_lost": ("time", "world"),
-    "packets_delivered": ("time", "world", "auv"),
-    "vortex": ("time", "world", "vortex", "vortex_parameter"),
-    "stream": ("stream_y", "stream_x", "axis"),
-    "surface": ("time", "y", "x"),
+
+class Variable(NamedTuple):
+    """An array of a trace: its dimensions, its unit (None where its parts have different ones), what it is."""
+
+    dimensions: tuple[str, ...]
+    units: str | None
+    long_name: str
+
+
+_AUV, _BOAT, _WORLD = ("time", "world", "auv"), ("time", "world", "boat"), ("time", "world")
+
+# Every array field, in the order of the file. Units are spelled as UDUNITS does, Mbit apart.
+VARIABLES: dict[str, Variable] = {
+    "node_position": Variable(("world", "node", "axis"), "m", "position of the nodes"),
+    "node_rate": Variable(("world", "node"), "s-1", "arrival rate λ of a node's packets"),
+    "time": Variable(("time",), "s", "time since the start of the mission, at the end of each step"),
+    "auv_position": Variable((*_AUV, "axis"), "m", "true position"),
+    "auv_velocity": Variable((*_AUV, "axis"), "m s-1", "velocity through the water, 0 while hovering"),
+    "fix": Variable((*_AUV, "axis"), "m", "measured position; NaN where nothing was detected"),
+    "heard_position": Variable((*_AUV, "axis"), "m", "where the AUV was when the signal of its last fix left it"),
+    "fix_covariance": Variable((*_AUV, "component"), "m2", "covariance predicted of the error of a fix"),
+    "fix_flags": Variable(_AUV, "1", "bits of kernels.positioning.usbl; good where DETECTED and nothing else"),
+    "fix_boat": Variable(_AUV, "1", "index of the boat that made the fix"),
+    "served_by": Variable(_AUV, "1", "index of the boat that serves the AUV"),
+    "estimate": Variable(
+        (*_AUV, "axis"), "m", "where the boat takes the AUV to be: its last usable fix, or a filter's"
+    ),
+    "own_position": Variable((*_AUV, "axis"), "m", "where the AUV takes itself to be; else the estimate"),
+    "foreseen_position": Variable(
+        (*_AUV, "axis"), "m", "where the boat foresees the AUV; the estimate where its strategy does not"
+    ),
+    "estimate_covariance": Variable((*_AUV, "component"), "m2", "covariance that the boat gives its estimate"),
+    "target": Variable(_AUV, "1", "index of the node or station headed for"),
+    "hovering": Variable(_AUV, "1", "1 while the AUV serves its node"),
+    "power": Variable(_AUV, "W", "power of the AUV in this step"),
+    "service_rate": Variable(_AUV, "Mbit s-1", "data rate of a service completed in this step, else 0"),
+    "delivered": Variable(_AUV, "Mbit", "data of a service completed in this step, else 0"),
+    "border": Variable(_AUV, "1", "1 where a move was refused at the border"),
+    "reward_terms": Variable((*_AUV, "reward_term"), "1", "weighted terms of the reward, which is their sum"),
+    "boat_position": Variable((*_BOAT, "axis"), "m", "position of the boat"),
+    "boat_goal": Variable((*_BOAT, "axis"), "m", "where the boat heads for"),
+    "boat_surface": Variable((*_BOAT, "surface_component"), None, "elevation under the boat, m, and its two slopes"),
+    "backlog": Variable(("time", "world", "node"), "1", "packets in the node's buffer"),
+    "overflowing": Variable(_WORLD, "1", "nodes that lost packets in this step"),
+    "collisions": Variable(_WORLD, "1", "pairs of AUVs closer than the collision distance"),
+    "packets_created": Variable(_WORLD, "1", "packets created in this step at all nodes"),
+    "packets_lost": Variable(_WORLD, "1", "packets lost in this step at full buffers"),
+    "packets_delivered": Variable(_AUV, "1", "packets of a service completed in this step, else 0"),
+    "vortex": Variable(
+        ("time", "world", "vortex", "vortex_parameter"), None, "centre x0 and y0, m, circulation Γ, m2 s-1, radius δ, m"
+    ),
+    "stream": Variable(
+        ("stream_y", "stream_x", "axis"), "m s-1", "real current at cruise depth at the start, on a grid over the area"
+    ),
+    "surface": Variable(("time", "y", "x"), "m", "elevation of world 0's sea over the area, row 0 in the south"),
 }
 OPTIONAL = {"stream": (0, 0, 2), "surface": (0, 0, 0)}  # fields that may be empty, and their shape then
 
@@ -81,32 +100,8 @@ class Trace:
     Attributes:
         scenario, policy, usv, seed: what was run; world w of seed s is episode w.
         reward_names: names of the R reward terms.
-        node_position: (W, M, 2) m. node_rate: (W, M) arrivals λ, packets/s.
-        time: (T,) s, at the end of each step.
-        auv_position: (T, W, K, 2) true, m. auv_velocity: (T, W, K, 2) through the water, m/s, 0 while hovering.
-        fix: (T, W, K, 2) measured position, m; NaN where nothing was detected. fix_covariance: (T, W, K, 3) predicted
-            xx, xy, yy of its error, m². fix_flags: (T, W, K) bits of `kernels.positioning.usbl`; good where it equals
-            DETECTED; the receiver drops a detected one that has a bit of UNUSABLE. heard_position: (T, W, K, 2) where
-            the AUV was when the signal of its last fix left it, m. fix_boat: (T, W, K) index of the boat that made it.
-        served_by: (T, W, K) index of the boat that serves the AUV, see `kernels.mission.serving`.
-        estimate: (T, W, K, 2) where the boat takes the AUV to be: the last usable fix, or the tracker's, m.
-            estimate_covariance: (T, W, K, 3) likewise. own_position: (T, W, K, 2) where the AUV takes itself to be, m;
-            the estimate if it does not reckon. foreseen_position: (T, W, K, 2) where the boat foresees it, m; the
-            estimate where its strategy does not.
-        target: (T, W, K) index of the node headed for. hovering: (T, W, K) serving its node during this step.
-        power: (T, W, K) W. service_rate: (T, W, K) data rate of a service completed in this step, else 0, Mbit/s.
-        delivered: (T, W, K) data of that service, Mbit. border: (T, W, K) a move was refused at the border.
-        reward_terms: (T, W, K, R) weighted terms; their sum over R is the reward.
-        boat_position, boat_goal: (T, W, B, 2) m. boat_surface: (T, W, B, 3) η m and its slopes η_x, η_y.
-        backlog: (T, W, M) packets. overflowing: (T, W) nodes that lost packets in this step.
-        collisions: (T, W) pairs of AUVs closer than the collision distance.
-        packets_created, packets_lost: (T, W) in this step at all nodes and at full buffers. packets_delivered:
-            (T, W, K) by a service completed in this step. In every step the backlogs of a world grow by what is created
-            less what is lost and delivered, to the packet.
-        vortex: (T, W, V, 4) x0 m, y0 m, Γ m²/s, δ m.
-        stream: (rows, columns, 2) real current at cruise depth at the start (see `kernels.flow.regular_grid`), m/s;
-            empty when there is none.
-        surface: (T, Y, X) elevation of world 0's sea over the area, row 0 in the south, m; empty when not recorded.
+        all others: arrays, see `VARIABLES`; those of `OPTIONAL` may be empty. In every step the backlogs of a world
+            grow by what is created less what is lost and delivered, to the packet.
     """
 
     scenario: Scenario
@@ -156,7 +151,11 @@ class Trace:
             OutputError: the file cannot be written.
         """
         dataset = xarray.Dataset(
-            {name: (dimensions, getattr(self, name)) for name, dimensions in DIMENSIONS.items() if self._has(name)},
+            {
+                name: (about.dimensions, getattr(self, name), _attributes(about))
+                for name, about in VARIABLES.items()
+                if self._has(name)
+            },
             attrs={
                 "title": "usvauv trace",
                 "scenario": json.dumps(self.scenario.to_dict()),
@@ -181,7 +180,7 @@ class Trace:
         try:
             with reader.open_file(path) as dataset:
                 attributes = dataset.attrs
-                arrays = {name: _read(dataset, name) for name in DIMENSIONS if name in dataset or name not in OPTIONAL}
+                arrays = {name: _read(dataset, name) for name in VARIABLES if name in dataset or name not in OPTIONAL}
             for name, shape in OPTIONAL.items():
                 arrays.setdefault(name, np.zeros(shape, np.float32))
             texts = {name: _text(attributes, name) for name in ("scenario", "policy", "usv", "reward_names")}
@@ -212,9 +211,22 @@ class Trace:
         picked = {}
         for field in fields(self):
             value = getattr(self, field.name)
-            axes = DIMENSIONS.get(field.name, ())
+            axes = VARIABLES[field.name].dimensions if field.name in VARIABLES else ()
             picked[field.name] = value.take([world], axis=axes.index("world")) if "world" in axes else value
         return Trace(**picked)
+
+
+def table() -> str:
+    """The variables of a trace's file as a Markdown table."""
+    rows = (
+        f"| `{name}` | {', '.join(about.dimensions)} | {about.units or '–'} | {about.long_name} |"
+        for name, about in VARIABLES.items()
+    )
+    return "\n".join(["| variable | dimensions | unit | meaning |", "| --- | --- | --- | --- |", *rows])
+
+
+def _attributes(about: Variable) -> dict[str, str]:
+    return {"long_name": about.long_name} | ({"units": about.units} if about.units else {})
 
 
 def _read(dataset: xarray.Dataset, name: str) -> np.ndarray:
@@ -222,8 +234,9 @@ def _read(dataset: xarray.Dataset, name: str) -> np.ndarray:
     if name not in dataset:
         raise TraceError(f"has no {name}")
     variable = dataset[name]
-    if variable.dims != DIMENSIONS[name]:
-        raise TraceError(f"{name} has dimensions {variable.dims}; expected {DIMENSIONS[name]}")
+    expected = VARIABLES[name].dimensions
+    if variable.dims != expected:
+        raise TraceError(f"{name} has dimensions {variable.dims}; expected {expected}")
     kinds = "iu" if name in INTEGERS else "f"
     if variable.dtype.kind not in kinds:
         raise TraceError(f"{name} is of type {variable.dtype}; expected {'whole' if kinds == 'iu' else 'real'} numbers")
@@ -262,7 +275,7 @@ def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_na
     for name, values in arrays.items():
         if name in OPTIONAL and values.size == 0:
             continue
-        for dimension, size in zip(DIMENSIONS[name], values.shape, strict=True):
+        for dimension, size in zip(VARIABLES[name].dimensions, values.shape, strict=True):
             if size != expected.get(dimension, size) or (size == 0 and dimension in ("time", "world")):
                 wanted = expected.get(dimension, "at least 1")
                 raise TraceError(f"{name} has {size} along {dimension}; expected {wanted}")

@@ -96,7 +96,9 @@ def add_response(
 
     With s the distance from the opposite boundary, the forced one at s = L, and R = 1 for a wall at s = 0, 0 for a
     boundary that lets waves out:
+
         η = Re B (e^{iks} + R e^{−iks}),   u_s = −Re i g k B (e^{iks} − R e^{−iks})/(iω + r),   g h k² = ω² − i ω r,
+
     B = Z/(e^{ikL} + R e^{−ikL}) where Z = a e^{iφ} is the elevation at the boundary (with R = 1 that is Eq. 7), and
     B = Z e^{−ikL} where it is the incoming wave there. Components with |1/cos kL| above `RESONANT_GAIN` start from
     rest: without drag they never reach the steady state. Over an uneven bed this is the response of the mean depth, and

@@ -590,7 +590,7 @@ class World:
         return torch.from_numpy(np.ascontiguousarray(numbers, np.float32)).to(self.device)
 
     def stream(self, level: int) -> np.ndarray:
-        """Real current on its grid at a `kernels.mission.columns.Level`, (rows, columns, 2), m/s; empty when there is
+        """Real current on its grid at a `kernels.types.Level`, (rows, columns, 2), m/s; empty when there is
         none.
         """
         return self._stream[level].cpu().numpy() if self._flow is not None else np.zeros((0, 0, 2), np.float32)

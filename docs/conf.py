@@ -1,0 +1,52 @@
+"""Sphinx's settings: `sphinx-build -W --keep-going -n docs docs/_build` builds the site.
+
+Written while it builds, and not kept by git: `gallery/` from `examples/gallery/`, `reference/` from the source.
+"""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+project = "usvauv"
+extensions = [
+    "myst_parser",  # Markdown
+    "autoapi.extension",  # docstrings from the source, which is not imported: kernels are shown as they are written
+    "sphinx_gallery.gen_gallery",  # runs the examples
+    "docstrings",
+    "reference_pages",
+]
+exclude_patterns = ["_build", "gallery/*.py", "gallery/*.ipynb"]
+
+html_theme = "furo"
+html_title = "usvauv"
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
+html_copy_source = False
+smartquotes = False  # they would make dashes of the two hyphens of an option
+myst_heading_anchors = 4  # links to headings work as on GitHub
+
+PACKAGES = ("kernels", "usvauv_env", "policies", "usvauv_cli")
+autoapi_dirs = [str(HERE.parent / package) for package in PACKAGES]
+autoapi_ignore = ["*/usvauv_cli/commands/*"]  # they have a page of their own, as they are used
+autoapi_root = "reference/api"
+autoapi_add_toctree_entry = False  # packages.md has them
+autoapi_keep_files = False
+autoapi_options = ["members", "undoc-members", "imported-members", "show-module-summary"]
+autoapi_python_class_content = "both"
+suppress_warnings = ["autoapi.python_import_resolution"]  # of constants that are unpacked from a range
+
+# In docstrings a name of ours in single backticks is a link, and must exist. Annotations are pyright's.
+default_role = "py:obj"
+nitpick_ignore_regex = [("py:(?!obj).*", ".*")]
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples/gallery",
+    "gallery_dirs": "gallery",
+    "filename_pattern": ".*",  # all are run; one that fails ends the build
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "show_signature": False,
+    "min_reported_time": 1,
+}

@@ -1,0 +1,34 @@
+"""
+Boat strategies in the same worlds
+==================================
+
+Eight AUVs out of hearing of one another: what they bring in depends on whom the boat visits.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import policies
+from usvauv_env import Scenario, evaluate
+from usvauv_env.record.metrics import values_of
+
+# %%
+# Episode number e of every strategy takes place in the same world: same sea, nodes, currents and packets. So
+# differences between strategies are taken episode by episode, which is far sharper than comparing two means.
+scenario = Scenario.load("wide", ["mission.duration=600"])
+strategies = ("centroid", "visit")
+rows = {usv: evaluate(scenario, policies.named("clear"), episodes=24, seed=1, usv=usv) for usv in strategies}
+data = {usv: np.array(values_of(rows[usv], "delivered_mbit")) for usv in strategies}
+
+# %%
+# Mean of the paired difference and its 95 % interval.
+difference = data["visit"] - data["centroid"]
+half = 1.96 * difference.std(ddof=1) / np.sqrt(len(difference))
+print(f"visit less centroid: {difference.mean():.1f} ± {half:.1f} Mbit")
+
+figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+axes.plot(strategies, [data[usv] for usv in strategies], color="0.7", lw=0.8)
+axes.plot(strategies, [data[usv].mean() for usv in strategies], "o-", color="tab:blue", lw=2, label="mean")
+axes.set(ylabel="data brought in, Mbit", xlabel="where the boat goes; a grey line is a world")
+axes.legend(frameon=False)
+plt.show()
