@@ -33,9 +33,11 @@ autoapi_ignore = ["*/usvauv_cli/commands/*"]  # they have a page of their own, a
 autoapi_root = "reference/api"
 autoapi_add_toctree_entry = False  # packages.md has them
 autoapi_keep_files = False
-autoapi_options = ["members", "undoc-members", "imported-members", "show-module-summary"]
+autoapi_options = ["members", "undoc-members", "imported-members"]
+add_module_names = False
 autoapi_python_class_content = "both"
-suppress_warnings = ["autoapi.python_import_resolution"]  # of constants that are unpacked from a range
+# Of constants that are unpacked from a range, and of annotations whose name attributes have too.
+suppress_warnings = ["autoapi.python_import_resolution", "ref.python"]
 
 # In docstrings a name of ours in single backticks is a link, and must exist. Annotations are pyright's.
 default_role = "py:obj"
@@ -48,5 +50,6 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_signature": False,
+    "capture_repr": (),  # of the last expression, nothing is shown
     "min_reported_time": 1,
 }

@@ -43,7 +43,7 @@ def _listed(lines: list[str]) -> list[str]:
             entries = section[1] != "Returns"
             listed += ["", f".. rubric:: {section[1].replace('Args', 'Arguments')}", ""]
         elif entries and line[4:5].strip():
-            listed.append(f"* `{head}`: {text}" if colon and "`" not in head else f"* {line[4:]}")
+            listed.append(f"- `{head}`: {text}" if colon and "`" not in head else f"- {line[4:]}")
         else:
             listed.append(f"  {line.strip()}" if entries else line.strip())
     return listed
@@ -51,13 +51,13 @@ def _listed(lines: list[str]) -> list[str]:
 
 def _marked_up(lines: list[str]) -> list[str]:
     """Code in backticks as code or as a link; what else would be markup is escaped."""
-    return re.sub(r"`[^`]*`|[*|_\\]", _markup, "\n".join(lines), flags=re.MULTILINE).split("\n")
+    return re.sub(r"`[^`]*`|\*\*[^*]+\*\*|[*|_\\]", _markup, "\n".join(lines), flags=re.MULTILINE).split("\n")
 
 
 def _markup(found: re.Match[str]) -> str:
     text = found[0]
     if text[0] != "`":
-        return f"\\{text}"
+        return text if len(text) > 1 else f"\\{text}"  # bold stays
     return text if OURS.fullmatch(text[1:-1]) else f"`{text}`"
 
 

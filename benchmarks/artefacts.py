@@ -1,0 +1,170 @@
+"""Every figure and table of the docs anew: what makes which, by the commands that the pages name.
+
+    python -m benchmarks.artefacts --list
+    python -m benchmarks.artefacts --only front --only validation
+
+Without `--only` all are made, one after the other: most take minutes, `reproduction` and `generalisation` hours.
+Pictures are written over those in `docs/`. What a command prints is kept in the folder of `--work` as NAME.txt, for the
+page's tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import av
+
+ROOT = Path(__file__).parents[1]
+USVAUV = (sys.executable, "-c", "from usvauv_cli.app import main; main()")
+
+
+class Artefact(NamedTuple):
+    """What is made by commands, one after the other.
+
+    Attributes:
+        page: in `docs/`, or README.md, that shows it.
+        commands: with WORK for the folder of `--work`.
+        pictures: file in `docs/` → where a command leaves it, with `@N` for frame number N of a video; nothing where it
+            is written in place.
+    """
+
+    page: str
+    commands: tuple[str, ...]
+    pictures: dict[str, str] = {}  # noqa: RUF012 (never changed)
+
+
+def _study(page: str, module: str, *options: str, picture: str = "") -> Artefact:
+    command = " ".join([f"python -m benchmarks.{module}", *options, *([f"--out docs/{picture}"] if picture else [])])
+    return Artefact(page, (command,), {picture: ""} if picture else {})
+
+
+_PAPER = ("table2.png", "table2.csv", "fig3.png", "fig3.csv", "fig4a.png", "fig4b.png", "fig4b.csv")
+_POLICIES = ("sac-extreme", "clear", "pace", "straight", "crab", "zermelo", "random")
+_LEARNED = [(f"--seed {seed}", f"v{seed}.json") for seed in range(3)]
+_LEARNED.append(("--set nodes.information=own-visits", "o.json"))
+
+ARTEFACTS = {
+    "mission": Artefact(
+        "README.md", ("usvauv simulate extreme --out WORK/mission.mp4",), {"mission.png": "mission.mp4@641"}
+    ),
+    "wide": Artefact(
+        "collaboration.md", ("usvauv simulate wide --duration 400 --out WORK/wide.mp4",), {"wide.png": "wide.mp4@331"}
+    ),
+    "collaboration": Artefact(
+        "collaboration.md",
+        ("usvauv reproduce collaboration --out WORK/wide",),
+        {"collaboration.png": "wide/reproduction/collaboration.png"},
+    ),
+    "clairvoyant": _study("collaboration.md", "studies.clairvoyant"),
+    "clairvoyant-64": _study("decisions.md", "studies.clairvoyant", "--episodes 64"),
+    "reproduction": Artefact(
+        "reproduction.md",
+        ("usvauv reproduce all --out WORK/paper",),
+        {f"reproduction/{name}": f"paper/reproduction/{name}" for name in _PAPER},
+    ),
+    "errata": Artefact(
+        "errata.md",
+        (
+            "usvauv eval paper-ideal --set reward.collaboration=0 --policy straight:1.2 --policy straight:1.45"
+            " --policy straight:2.2 --episodes 200 --seed 2026 --out WORK/errata.csv",
+        ),
+    ),
+    "policies": Artefact(
+        "policies.md",
+        (
+            f"usvauv eval extreme --policy {' --policy '.join(_POLICIES)} --episodes 200 --seed 2026"
+            " --out WORK/policies.csv",
+        ),
+    ),
+    "policies-wide": Artefact(
+        "policies.md",
+        (
+            "usvauv eval wide --policy sac-wide --policy clear --policy pace --policy straight --episodes 100"
+            " --seed 2026 --out WORK/policies-wide.csv",
+        ),
+    ),
+    "front": _study("policies.md", "studies.front", picture="front.png"),
+    "algorithms": _study("algorithms.md", "studies.pendulum"),
+    "generalisation": _study(
+        "generalisation.md", "studies.generalisation", "--out WORK/generalisation --steps 200000 --episodes 50"
+    ),
+    "decisions": _study("decisions.md", "studies.decisions"),
+    "decisions-knowledge": _study("decisions.md", "studies.decisions", "--part knowledge"),
+    "decisions-survey": Artefact(
+        "decisions.md",
+        (
+            *(f"usvauv train-targets survey {how} --out WORK/{file}" for how, file in _LEARNED),
+            "python -m benchmarks.studies.decisions --part survey --episodes 200 --learned "
+            + " --learned ".join(f"WORK/{file}" for _, file in _LEARNED),
+        ),
+    ),
+    "fix-error": _study("fix-error.md", "studies.fix_error", picture="fix-error.png"),
+    "refraction": _study("refraction.md", "studies.refraction", picture="refraction.png"),
+    "wide-array": _study("positioning.md", "studies.wide_array"),
+    "fixes": _study("positioning.md", "usbl", "--json"),
+    "validation": Artefact("validation.md", ("python -m tests.cases",)),
+    "sea-rates": _study("performance.md", "sea", "--json"),
+    "world-rates": _study("performance.md", "worlds"),
+    "step-profile": _study("performance.md", "step_profile", picture="step-profile.png"),
+    "step-profile-wide": _study("performance.md", "step_profile", "wide", picture="step-profile-wide.png"),
+    "planner": _study("performance.md", "plan", "--json"),
+    "training": _study("performance.md", "train"),
+    "architectures": Artefact("architectures.md", ("python -m tests.trials.architectures --arch vulkan",)),
+}
+
+
+def make(name: str, work: Path) -> None:
+    """Run the commands of an artefact and put its pictures in their places.
+
+    Raises:
+        CalledProcessError: a command failed.
+    """
+    artefact = ARTEFACTS[name]
+    with (work / f"{name}.txt").open("w", encoding="utf-8") as printed:
+        for command in artefact.commands:
+            program, *arguments = shlex.split(command.replace("WORK", str(work)))
+            start = USVAUV if program == "usvauv" else (sys.executable,)
+            subprocess.run([*start, *arguments], cwd=ROOT, stdout=printed, check=True)
+    for picture, source in artefact.pictures.items():
+        path, _, number = source.partition("@")
+        if number:
+            frame(work / path, int(number), ROOT / "docs" / picture)
+        elif path:
+            (ROOT / "docs" / picture).write_bytes((work / path).read_bytes())
+
+
+def frame(video: Path, number: int, picture: Path) -> None:
+    """Write frame `number` of a video, counted from 1, as a picture."""
+    with av.open(str(video)) as container:
+        for count, image in enumerate(container.decode(video=0), 1):
+            if count == number:
+                image.to_image().save(picture)
+                return
+    raise ValueError(f"{video}: has fewer than {number} frames")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--list", action="store_true", help="print what is made by which command, and make nothing")
+    parser.add_argument("--only", action="append", choices=list(ARTEFACTS), metavar="NAME", help="may be repeated")
+    parser.add_argument("--work", type=Path, default=Path("runs/artefacts"), help="folder of what is not kept in docs/")
+    arguments = parser.parse_args()
+    for name in arguments.only or ARTEFACTS:
+        artefact = ARTEFACTS[name]
+        if arguments.list:
+            print(f"{name}: {', '.join([artefact.page, *artefact.pictures])}")
+            print(*(f"    {command}" for command in artefact.commands), sep="\n")
+            continue
+        print(name, flush=True)
+        work = arguments.work.resolve()
+        work.mkdir(parents=True, exist_ok=True)
+        make(name, work)
+
+
+if __name__ == "__main__":
+    main()
