@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+import xarray
 
 import policies
 from kernels.positioning import usbl
@@ -191,6 +192,14 @@ def test_trace_survives_its_file(tmp_path):
     assert (again.policy, again.usv, again.seed, again.reward_names) == ("straight", "fim", 1, world.reward_names)
     for name in VARIABLES:
         np.testing.assert_array_equal(getattr(again, name), getattr(trace, name), err_msg=name)
+    with xarray.open_dataset(path) as file:
+        for name, variable in file.variables.items():
+            about = VARIABLES[name]
+            assert (variable.attrs["long_name"], variable.attrs.get("units")) == (about.long_name, about.units)
+        for variable in file.variables.values():
+            variable.attrs.clear()  # as earlier versions wrote it
+        file.load().to_netcdf(tmp_path / "older.nc", engine="h5netcdf")
+    np.testing.assert_array_equal(Trace.load(tmp_path / "older.nc").fix, trace.fix)
     for row, as_before in zip(episode_metrics(again), episode_metrics(trace), strict=True):
         assert str(row) == str(as_before)  # numbers in full; NaN equals NaN there
     assert episode_metrics(trace.episode(1))[0].sdr == episode_metrics(trace)[1].sdr

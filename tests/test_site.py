@@ -1,0 +1,66 @@
+"""What the site is made of: fields with their units, commands, docstrings. `.ci/run` builds the site itself."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from docs import reference_pages
+from usvauv_env import Scenario
+from usvauv_env.record import trace
+
+ROOT = Path(__file__).parents[1]
+PURE = {  # numbers without a unit
+    *("storm.gamma", "storm.spreading", "acoustics.water_salinity", "acoustics.ph", "acoustics.shipping"),
+    *("usbl.packet_loss", "reward.border", "reward.overflow", "reward.service", "reward.collaboration"),
+}
+
+
+def test_fields_of_a_scenario_have_rows_with_units():
+    rows = re.findall(r"^\| `([\w.]+)` \| ([^|]*) \| ([^|]*) \|", reference_pages.scenario_fields(), re.MULTILINE)
+    fields = [f"{name}.{field}" for name, section in Scenario() for field in getattr(type(section), "model_fields", ())]
+    assert [name for name, *_ in rows if "." in name] == fields
+    assert {name for name, kind, unit in rows if kind == "number" and not unit} == PURE
+
+
+def test_a_row_of_a_field():
+    page = reference_pages.scenario_fields()
+    assert "| `usbl.carriers` | list of numbers | Hz | 1 to 16 of 100 to 200000 | `[15000.0, 18000.0]` |" in page
+    assert "| `usbl.packet_loss` | number |  | 0 to below 1 | `0.0` |" in page
+    assert '| `acoustics.wind` | number or text | m/s | 0 to 60 or `storm` | `"storm"` |' in page
+    assert "| `auv.depth` | number | m | 0.5 to 11000 | `100.0` | cruise depth |" in page
+
+
+def test_every_command_has_its_options():
+    page = reference_pages.command_line()
+    commands = re.findall(r"^## `usvauv ([\w-]+)`$", page, re.MULTILINE)
+    assert {"simulate", "train", "eval", "plan", "sea", "doctor"} < set(commands)
+    assert page.count("* `--help`") == len(commands)
+
+
+def test_table_of_a_trace_is_the_one_printed():
+    assert trace.table() in (ROOT / "docs" / "trace.md").read_text(encoding="utf-8")
+
+
+def test_docstrings_become_markup():
+    pytest.importorskip("sphinx")
+    pytest.importorskip("astroid")
+    from docs.docstrings import convert
+
+    docstring = """|Γ| of `vortex`, see `kernels.flow.vortex`, a*b.
+
+    η = a_0
+
+Args:
+    x: first,
+        on two lines.
+    `y` alone
+
+Returns:
+    Two: texts."""
+    assert convert(docstring.splitlines()) == [
+        *(r"\\|Γ\\| of ``vortex``, see `kernels.flow.vortex`, a\\*b.".replace("\\\\", "\\"), ""),
+        *("::", "", "    η = a_0", ""),
+        *("", ".. rubric:: Arguments", "", "- ``x``: first,", "  on two lines.", "- ``y`` alone", "  "),
+        *("", ".. rubric:: Returns", "", "Two: texts."),
+    ]
