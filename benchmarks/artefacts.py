@@ -17,8 +17,6 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import av
-
 ROOT = Path(__file__).parents[1]
 USVAUV = (sys.executable, "-c", "from usvauv_cli.app import main; main()")
 
@@ -29,8 +27,7 @@ class Artefact(NamedTuple):
     Attributes:
         page: in `docs/`, or README.md, that shows it.
         commands: with WORK for the folder of `--work`.
-        pictures: file in `docs/` → where a command leaves it, with `@N` for frame number N of a video; nothing where it
-            is written in place.
+        pictures: file in `docs/` → where a command leaves it; nothing where it is written in place.
     """
 
     page: str
@@ -49,11 +46,24 @@ _LEARNED = [(f"--seed {seed}", f"v{seed}.json") for seed in range(3)]
 _LEARNED.append(("--set nodes.information=own-visits", "o.json"))
 
 ARTEFACTS = {
-    "mission": Artefact(
-        "README.md", ("usvauv simulate extreme --out WORK/mission.mp4",), {"mission.png": "mission.mp4@641"}
+    "missions": Artefact(
+        "video.md",
+        (
+            "usvauv simulate --duration 160 --view sea --size 800x500 --fps 15 --out docs/mission.webp",
+            "usvauv simulate --duration 641 --at 641 --out docs/mission.png",
+            "usvauv simulate --duration 300 --at 300 --view both --theme light --out docs/both.png",
+        ),
+        {"mission.webp": "", "mission.png": "", "both.png": ""},
     ),
     "wide": Artefact(
-        "collaboration.md", ("usvauv simulate wide --duration 400 --out WORK/wide.mp4",), {"wide.png": "wide.mp4@331"}
+        "collaboration.md", ("usvauv simulate wide --duration 331 --at 331 --out docs/wide.png",), {"wide.png": ""}
+    ),
+    "report": Artefact(
+        "report.md",
+        (
+            "usvauv eval wide --policy pace --usv fim --usv visit --usv belief --out WORK/report.csv"
+            " --report WORK/comparison",
+        ),
     ),
     "collaboration": Artefact(
         "collaboration.md",
@@ -114,6 +124,8 @@ ARTEFACTS = {
     "step-profile-wide": _study("performance.md", "step_profile", "wide", picture="step-profile-wide.png"),
     "planner": _study("performance.md", "plan", "--json"),
     "training": _study("performance.md", "train"),
+    "video": _study("performance.md", "video"),
+    "live": _study("live.md", "live"),
     "architectures": Artefact("architectures.md", ("python -m tests.trials.architectures --arch vulkan",)),
 }
 
@@ -131,21 +143,8 @@ def make(name: str, work: Path) -> None:
             start = USVAUV if program == "usvauv" else (sys.executable,)
             subprocess.run([*start, *arguments], cwd=ROOT, stdout=printed, check=True)
     for picture, source in artefact.pictures.items():
-        path, _, number = source.partition("@")
-        if number:
-            frame(work / path, int(number), ROOT / "docs" / picture)
-        elif path:
-            (ROOT / "docs" / picture).write_bytes((work / path).read_bytes())
-
-
-def frame(video: Path, number: int, picture: Path) -> None:
-    """Write frame `number` of a video, counted from 1, as a picture."""
-    with av.open(str(video)) as container:
-        for count, image in enumerate(container.decode(video=0), 1):
-            if count == number:
-                image.to_image().save(picture)
-                return
-    raise ValueError(f"{video}: has fewer than {number} frames")
+        if source:
+            (ROOT / "docs" / picture).write_bytes((work / source).read_bytes())
 
 
 def main() -> None:

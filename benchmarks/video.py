@@ -2,9 +2,10 @@
 
     python -m benchmarks.video [--json] [--frames 600]
 
-A mission of `extreme` is recorded once. Each size and the animation run in processes of their own. The animation shows
-the sea, the current, boat, AUVs, trails, ellipses, nodes and the plot of errors with artists whose data are
-replaced, each frame drawn whole as `FuncAnimation` does; it is encoded by the same encoder.
+A mission of `extreme` is recorded once. Each size and the animation run in processes of their own. The animation shows what
+the map and its panel show, in plainer form: sea, current, boat, AUVs, trails, ellipses, nodes, figures, the fixes around each
+AUV, the plot of errors and a section, with artists whose data are replaced. Each frame is drawn whole, as `FuncAnimation` does,
+and encoded by the same encoder.
 """
 
 from __future__ import annotations
@@ -66,7 +67,8 @@ def animated(trace: Trace, size: tuple[int, int], out: Path) -> dict[str, float]
 
     figure = Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100)
     canvas = FigureCanvasAgg(figure)
-    area, panel = figure.add_axes((0.04, 0.06, 0.5, 0.88)), figure.add_axes((0.6, 0.1, 0.38, 0.8))
+    area, panel = figure.add_axes((0.04, 0.06, 0.5, 0.88)), figure.add_axes((0.62, 0.36, 0.36, 0.2))
+    section = figure.add_axes((0.62, 0.08, 0.36, 0.18))
     side, auvs = trace.scenario.area, range(trace.power.shape[2])
     sea = area.imshow(trace.surface[0], origin="lower", extent=(0, side.width, 0, side.length), cmap="ocean")
     figure.colorbar(sea, ax=area)
@@ -82,6 +84,15 @@ def animated(trace: Trace, size: tuple[int, int], out: Path) -> dict[str, float]
     panel.set(xlim=(0, trace.time[-1]), ylim=(0.01, error.max()), yscale="log", xlabel="s", ylabel="position error, m")
     panel.grid()
     curves = [panel.plot([], [])[0] for _ in auvs]
+    insets = [figure.add_axes((0.6 + 0.4 * auv / len(auvs), 0.64, 0.36 / len(auvs), 0.22)) for auv in auvs]
+    fixes = [inset.scatter([], [], s=4) for inset in insets]
+    for inset in insets:
+        inset.set(xlim=(-2, 2), ylim=(-2, 2), aspect="equal")
+    offset = (trace.fix - trace.heard_position)[:, 0]
+    along = np.linspace(0, side.width, trace.surface.shape[2])
+    (water,) = section.plot(along, np.zeros_like(along))
+    (below,) = section.plot([], [], "o")
+    section.set(xlim=(0, side.width), ylim=(-trace.scenario.area.depth, 15))
     begin = time.perf_counter()
     frames = min(ANIMATED, len(trace.time))
     with video_file(out, *size, 30) as append:
@@ -101,6 +112,10 @@ def animated(trace: Trace, size: tuple[int, int], out: Path) -> dict[str, float]
                 ellipses[auv].set(width=4 * trace.estimate_covariance[t, 0, auv, 0] ** 0.5)
                 ellipses[auv].set(height=4 * trace.estimate_covariance[t, 0, auv, 2] ** 0.5)
                 labels[auv].set_position(trace.auv_position[t, 0, auv])
+                fixes[auv].set_offsets(offset[max(0, t - 59) : t + 1, auv])
+            row = int(trace.boat_position[t, 0, 0, 1] / side.length * (trace.surface.shape[1] - 1))
+            water.set_ydata(trace.surface[t, row])
+            below.set_data(trace.auv_position[t, 0, :, 0], np.full(len(auvs), -trace.scenario.auv.depth))
             title.set_text(f"{trace.time[t]:.0f} s, {trace.delivered[: t + 1, 0].sum():.1f} Mbit")
             canvas.draw()
             append(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., 2::-1]))
