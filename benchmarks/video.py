@@ -2,10 +2,10 @@
 
     python -m benchmarks.video [--json] [--frames 600]
 
-A mission of `extreme` is recorded once. Each size and the animation run in processes of their own. The animation shows what
-the map and its panel show, in plainer form: sea, current, boat, AUVs, trails, ellipses, nodes, figures, the fixes around each
-AUV, the plot of errors and a section, with artists whose data are replaced. Each frame is drawn whole, as `FuncAnimation` does,
-and encoded by the same encoder.
+A mission of `extreme` is recorded once. Each size and the animation run in processes of their own. The animation shows
+what the map and its panel show, in plainer form: sea, current, boat, AUVs, trails, ellipses, nodes, figures, the fixes
+around each AUV, the plot of errors and a section, with artists whose data are replaced. Each frame is drawn whole, as
+`FuncAnimation` does, and encoded by the same encoder.
 """
 
 from __future__ import annotations
