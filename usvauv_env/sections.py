@@ -365,7 +365,7 @@ class Channel(Section):
     schedule: Literal["every-step", "all", "round-robin", "by-need"] = Field(
         "every-step",
         description="fixes in each step for nothing; or by exchanges that take their time: with all AUVs at once, in"
-        " turn, or with the one that the boat knows least of",
+        " turn, or by what a reply is expected to tell times how long ago an AUV was asked",
     )
     turn_around: float = Field(
         0.1, ge=0, le=10, description="time from the interrogation to the transponder's reply, s"

@@ -26,10 +26,10 @@ Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
 
 import taichi as ti
 
-from kernels.mission import serving
+from kernels.mission import expected_reply, serving
 from kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
 from kernels.planning.team import each_auv
-from kernels.positioning import acoustic_link, tracker
+from kernels.positioning import tracker
 from kernels.types import vec2, vec3
 
 INTERVAL = 5.0  # s, of a step of the rollout, and the least between two plans
@@ -41,7 +41,6 @@ SLOWEST = 1e-3  # m/s, of a foreseen AUV
 MARGIN = 0.03  # share by which another goal's loss must be below that of going to the least certain AUV
 NOBODY = -1  # the index of a goal that is no AUV
 STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the one foreseen, over the reference speed
-LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
 
 
 @ti.dataclass
@@ -221,28 +220,6 @@ def begin(worlds: ti.template(), w, k):
 
 
 @ti.func
-def reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> vec2:
-    """Probability that a reply of AUV k is heard, and the variance per axis (m²) of its fix.
-
-    Args:
-        offset: from the boat to where the AUV is foreseen, m. effort: the boat's speed over its top speed.
-        spread: variance per axis of that place, m².
-    """
-    link = ti.static(worlds.link)
-    S = offset.norm()
-    loss = acoustic_link.further_loss(link, k, offset, effort)
-    sigma = acoustic_link.phase_deviation(link, k, S, loss)
-    strength = 2.8284271 / sigma  # √(8 E/N0)
-    root = ti.sqrt(strength * strength + 7.0)
-    slope = strength * offset.xy.norm() / (S * S)  # of that root with the horizontal distance, 1/m
-    margin = (root - acoustic_link.detection_threshold(link, k)) / ti.sqrt(1.0 + slope * slope * spread)
-    kept = 1.0 - worlds.p[Parameter.packet_loss]
-    across = sigma * S / link[k, acoustic_link.KAPPA]
-    tilted = link[k, acoustic_link.ATTITUDE] * S * S
-    return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * margin)), across * across + tilted)
-
-
-@ti.func
 def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) -> ti.f32:
     """Mean squared variance of the own positions of the AUVs that a boat serves, per axis (m⁴), over the horizon.
 
@@ -306,7 +283,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
                 offset = vec3(after.place[0] - here[0], after.place[1] - here[1], z)
                 effort = ti.min(distance / reach, 1.0)
                 elapsed[k] += INTERVAL
-                found = reply(worlds, k, offset, effort, s[0] + straying(worlds, elapsed[k]))
+                found = expected_reply.reply(worlds, k, offset, effort, s[0] + straying(worlds, elapsed[k]))
                 if found[0] >= SURE:
                     s = fixed(s, found[1])
                     elapsed[k] = 0.0

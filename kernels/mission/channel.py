@@ -2,16 +2,17 @@
 
 An exchange lasts for the way of the sound to the AUV and back, the transponder's turn-around time and the length of the
 signal. The boat asks all AUVs at once, which answer by codes of their own (the exchange then lasts until the farthest
-reply), or one at a time of those that it serves, in turn or the one it knows least of. No AUV is located twice in a
-mission step. Several boats begin exchanges in turn; one that has nobody to ask passes the turn on. The boat that asked
-receives the replies, and all boats share what they bring. From one exchange to the next there can be a least time.
+reply), or one at a time of those that it serves: in turn, or the one with the largest product of what its reply is
+worth (`expected_reply`) and the time since it was asked. No AUV is located twice in a mission step. Several boats begin
+exchanges in turn; one that has nobody to ask passes the turn on. The boat that asked receives the replies, and all
+boats share what they bring. From one exchange to the next there can be a least time.
 
 Times count from the end of the present mission step, s; what lies before is negative.
 """
 
 import taichi as ti
 
-from kernels.mission import fixes, navigation, serving
+from kernels.mission import expected_reply, fixes, navigation, serving
 from kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -65,7 +66,8 @@ def chosen(worlds: ti.template(), w, b, start):
         k = (last + 1 + n) % count
         value = 0.0  # in turn: the first of them
         if ti.static(worlds.program.schedule == Schedule.by_need):
-            value = navigation.uncertainty(worlds, w, k)
+            waits = start - worlds.exchange[w, k, ExchangeColumn.reply_at]  # else one that does not reply is asked on
+            value = waits * expected_reply.worth(worlds, w, b, k)
         elif ti.static(worlds.program.schedule == Schedule.all):
             value = duration(worlds, w, b, k)[1]
         if value > largest and asks(worlds, w, b, k):

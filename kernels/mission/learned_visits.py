@@ -12,7 +12,7 @@ nodes that they head for, and how probably it hears each of them on the way.
 import taichi as ti
 import torch
 
-from kernels.mission import belief_planner, candidate_scores, serving
+from kernels.mission import belief_planner, candidate_scores, expected_reply, serving
 from kernels.mission.belief_planner import INTERVAL, NOBODY
 from kernels.mission.candidate_scores import HEAD, Decision, Network
 from kernels.mission.columns import BoatColumn, Draw, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
@@ -131,7 +131,7 @@ def heard(worlds: ti.template(), w, b, k, at: vec2, effort, time) -> ti.f32:
     z = -(worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation])
     away = soon(worlds, w, k, time) - at
     strays = belief_planner.straying(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed] + time)
-    return belief_planner.reply(worlds, k, vec3(away[0], away[1], z), effort, own_after(worlds, w, k, time) + strays)[0]
+    return expected_reply.reply(worlds, k, vec3(away[0], away[1], z), effort, own_after(worlds, w, k, time) + strays)[0]
 
 
 @ti.func

@@ -35,13 +35,6 @@ def own_position(worlds: ti.template(), w, k) -> vec2:
 
 
 @ti.func
-def uncertainty(worlds: ti.template(), w, k) -> ti.f32:
-    """Mean square (m²) of the error of where the boat takes AUV k to be, as the boat has it."""
-    estimate = ti.static(worlds.estimate)
-    return estimate[w, k, EstimateColumn.covariance_xx] + estimate[w, k, EstimateColumn.covariance_yy]
-
-
-@ti.func
 def begin_filter(worlds: ti.template(), track: ti.template(), w, k):
     """Begin a filter at the estimate of AUV k, in an unknown current."""
     estimate = ti.static(worlds.estimate)

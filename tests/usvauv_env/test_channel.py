@@ -83,6 +83,15 @@ class TestTiming:
             count += now
         assert (count.max(1) - count.min(1) <= 1).all()
 
+    def test_by_need_does_not_go_on_asking_whom_it_cannot_hear(self):
+        """Most AUVs are out of hearing, and the boat knows least of these: still others are heard nearly as in turn."""
+        changes = [*GROUND, "mission.duration=400", "auv.count=8", "channel.turn_around=0.9"]
+        heard_by = {}
+        for schedule in ("round-robin", "by-need"):
+            world = World(Scenario.load("wide", [*changes, f"channel.schedule={schedule}"]), 6, 3, usv="hold:300,300")
+            heard_by[schedule] = sum(heard(world).sum() for _ in sail(world, policies.acting("straight", world), 300))
+        assert heard_by["by-need"] > 0.6 * heard_by["round-robin"]
+
     def test_pings_keep_their_interval(self):
         """All at once every 7.5 s, whatever the mission step: a reply comes in every seventh or eighth."""
         changes = ["auv.count=3", "channel.schedule=all", "channel.interval=7.5"]
