@@ -15,8 +15,9 @@ from usvauv_env.files import OutputError
 from usvauv_env.record.metrics import episode_metrics
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import style, symbols
+from usvauv_env.render.exchanges import PING_FRAMES, pings
 from usvauv_env.render.frame_layout import Layout, MapView, Rectangle
-from usvauv_env.render.map import PING_FRAMES, error_axes, pings
+from usvauv_env.render.map import error_axes
 from usvauv_env.render.painter import Painter
 from usvauv_env.render.plots import RecordedPlot
 from usvauv_env.render.reply_field import ReplyField

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from kernels.positioning import usbl
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import shapes, style
+from usvauv_env.render.exchanges import Exchanges
 from usvauv_env.render.frame_layout import Layout, Rectangle
 from usvauv_env.render.panel_elements import within_margins, write_heading
 from usvauv_env.render.text import write
 
-HEARD = 6.0  # steps in which the way of a sound fades to 1/e
+FAINTEST = 0.05  # of the way of a sound
 SEA_PART = 0.5  # of the height, for the sea between its highest crest and its deepest trough
 POINTS = 96  # of the line of the surface
 HULL = np.array([(-1.0, 0.45), (1.0, 0.45), (0.62, -0.3), (-0.62, -0.3)])  # half lengths, z up
@@ -46,7 +46,7 @@ class DepthSection:
         nodes = self._column(trace.node_position[0, :, 0])
         self._nodes = np.stack([nodes, np.full(len(nodes), self._bed - 1.0)], 1)
         self._auvs, self._boats = trace.auv_position[:, 0], trace.boat_position[:, 0]
-        self._heard = (trace.fix_flags[:, 0] & usbl.DETECTED) > 0
+        self._exchanges = Exchanges(trace)
         boats = "boat" if self._boats.shape[1] == 1 else "boats"
         write_heading(still, layout, box, f"Section from the south: {boats}, AUVs, nodes")
         self._x = np.linspace(0.0, scenario.area.width, POINTS)
@@ -62,12 +62,10 @@ class DepthSection:
         lines = self._boat_outlines(t)
         places = np.stack([self._column(self._auvs[t, :, 0]), np.full(self._auvs.shape[1], self._row(-self._depth))], 1)
         for auv, place in enumerate(places):
-            recent = np.flatnonzero(self._heard[max(0, t - 3 * round(HEARD)) : t + 1, auv][::-1])
-            if recent.size:
-                boat = self._trace.fix_boat[t - recent[0], 0, auv]
-                share = 0.7 * math.exp(-recent[0] / HEARD)
+            boat, fresh = self._exchanges.heard(t, auv)
+            if fresh > FAINTEST:
                 ends = np.stack([lines[boat].mean(axis=0), place])
-                shapes.stroke(picture, ends, style.mix(self._water, theme.auv(auv), share), layout.px(1.2))
+                shapes.stroke(picture, ends, style.mix(self._water, theme.auv(auv), 0.7 * fresh), layout.px(1.2))
         for outline in lines:
             shapes.fill(picture, outline, theme.text)
             shapes.stroke(picture, outline, style.BOAT_DECK, layout.px(1), closed=True)

@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from kernels.positioning import usbl
 from usvauv_env.record.collection import age
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import shapes, style, symbols
+from usvauv_env.render.exchanges import Exchanges
 from usvauv_env.render.frame_layout import Layout, MapView
 from usvauv_env.render.reply_field import ReplyField
 from usvauv_env.render.running_metrics import RunningMetrics
@@ -21,8 +21,6 @@ from usvauv_env.render.text import text_width, write
 TRAIL = 120.0  # s
 TRAIL_PIECES = 6  # of one opacity each
 POPUP_FRAMES = 45  # for which the data of a completed service is shown
-PING_FRAMES = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
-HEARD_FRAMES = 6.0  # in which the line to an AUV that was heard fades to 1/e
 OLD = 300.0  # s, age from which on a node's ring is brightest
 REFRESH = 3  # steps from which on streaks and lines of equal worth, which change slowly, are made anew
 NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
@@ -33,22 +31,6 @@ def error_axes(covariance: np.ndarray) -> np.ndarray:
     """Semi-axes (..., 2, 2) of error ellipses, one a row, m, of covariances (..., 3) xx, xy, yy in m²."""
     variances, directions = np.linalg.eigh(np.asarray(covariance, float)[..., [[0, 1], [1, 2]]])
     return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[..., None] * np.swapaxes(directions, -1, -2)
-
-
-def latest(happened: np.ndarray) -> np.ndarray:
-    """Row (T, ...) in which something last happened, for each row of flags (T, ...); −1 before the first."""
-    rows = np.arange(len(happened)).reshape(-1, *[1] * (happened.ndim - 1))
-    return np.maximum.accumulate(np.where(happened, rows, -1))
-
-
-def pings(asked: np.ndarray) -> np.ndarray:
-    """Row (T,) in which the ring that is shown began, of flags (T,) of exchanges; −1 before the first."""
-    shown = np.zeros(len(asked), bool)
-    last = -PING_FRAMES
-    for row in np.flatnonzero(asked):
-        if row - last >= PING_FRAMES:
-            shown[row], last = True, row
-    return latest(shown)
 
 
 class MissionMap:
@@ -73,11 +55,7 @@ class MissionMap:
         self._boats = self.view.pixel(trace.boat_position[:, 0])
         self._auvs = self.view.pixel(trace.auv_position[:, 0])
         self._nodes = self.view.pixel(trace.node_position[0])
-        flags = trace.fix_flags[:, 0]
-        self._heard = latest((flags & usbl.DETECTED) > 0)
-        heard_by = trace.fix_boat[:, 0, :, None] == np.arange(self._boats.shape[1])
-        asked = ((flags & usbl.SILENT) == 0)[..., None] & heard_by
-        self._pinged = [pings(by_boat) for by_boat in asked.any(axis=1).T]
+        self._exchanges = Exchanges(trace)
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         # Stations have no data that could be old.
         self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
@@ -148,16 +126,15 @@ class MissionMap:
 
     def _draw_pings(self, t: int) -> None:
         """A ring from each boat that has asked, and lines from the boats to the AUVs they have heard."""
-        for boat, pinged in zip(self._boats[t], self._pinged, strict=True):
-            share = (t - pinged[t]) / PING_FRAMES
-            if pinged[t] >= 0 and share < 1:
+        for boat, share in zip(self._boats[t], self._exchanges.ping(t), strict=True):
+            if share is not None:
                 reach = np.hypot(*(self._auvs[t] - boat).T).max()
                 self._overlay.ring(boat, share * reach, style.BOAT, 0.45 * (1 - 0.7 * share), self._layout.px(1.3))
         for auv, position in enumerate(self._auvs[t]):
-            last = self._heard[t, auv]
-            lit = 0.5 * math.exp((last - t) / HEARD_FRAMES)
-            if last >= 0 and lit > 0.03:  # what is drawn later replaces what is there
-                boat = self._boats[t, self._trace.fix_boat[last, 0, auv]]
+            boat, fresh = self._exchanges.heard(t, auv)
+            lit = 0.5 * fresh
+            if lit > 0.03:  # what is drawn later replaces what is there
+                boat = self._boats[t, boat]
                 self._overlay.strokes([np.stack([boat, position])], style.auv_colour(auv), lit, self._layout.px(1.2))
 
     def _draw_links(self, t: int) -> None:

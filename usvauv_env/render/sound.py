@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from kernels.positioning import usbl
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import style
 from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.map import HEARD_FRAMES, PING_FRAMES, latest, pings
+from usvauv_env.render.exchanges import Exchanges
 from usvauv_env.render.scene import WATER, Scene
 
 FAINTEST = 0.1  # share of its colour to which a line fades
@@ -21,29 +18,26 @@ class Sound:
 
     def __init__(self, trace: Trace, scene: Scene, boats: np.ndarray, auvs: np.ndarray) -> None:
         self._scene, self._boats, self._auvs = scene, boats, auvs
-        self._by = trace.fix_boat[:, 0]
-        flags = trace.fix_flags[:, 0]
-        self._heard = latest((flags & usbl.DETECTED) > 0)
-        asked = (((flags & usbl.SILENT) == 0)[..., None] & (self._by[..., None] == np.arange(boats.shape[1]))).any(1)
-        self._pinged = np.stack([pings(boat) for boat in asked.T], axis=1)
+        self._exchanges = Exchanges(trace)
 
     def _pings(self, t: int) -> list[tuple[np.ndarray, float, float]]:
         """Place (3,) of each boat whose ping runs, its radius in m, and the share of its way."""
         running = []
-        for boat, began in zip(self._boats[t], self._pinged[t], strict=True):
-            share = (t - began) / PING_FRAMES
-            if began >= 0 and 0 < share < 1:
+        for boat, share in zip(self._boats[t], self._exchanges.ping(t), strict=True):
+            if share:
                 reach = np.linalg.norm((self._auvs[t] - boat) / (1.0, 1.0, self._scene.depths), axis=1).max()
                 running.append((boat, float(share * reach), share))
         return running
 
     def draw_below(self, canvas: Canvas, t: int, width: int) -> None:
         """Lines to the AUVs, and two half circles of each ping's sphere, down to the bed."""
-        for auv, (last, place) in enumerate(zip(self._heard[t], self._auvs[t], strict=True)):
-            lit = 0.85 * math.exp((last - t) / HEARD_FRAMES)
-            if last >= 0 and lit > FAINTEST:
-                boat = self._boats[t, self._by[last, auv]]
-                canvas.line(np.stack([boat, place]), style.mix(WATER, style.auv_colour(auv), lit), width)
+        for auv, place in enumerate(self._auvs[t]):
+            boat, fresh = self._exchanges.heard(t, auv)
+            lit = 0.85 * fresh
+            if lit > FAINTEST:
+                canvas.line(
+                    np.stack([self._boats[t, boat], place]), style.mix(WATER, style.auv_colour(auv), lit), width
+                )
         turn = np.linspace(0, np.pi, 40)[:, None]
         for boat, radius, share in self._pings(t):
             ink = style.mix(WATER, style.BOAT, 0.75 * (1 - share))
