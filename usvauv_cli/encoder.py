@@ -24,7 +24,7 @@ from usvauv_env.files import OutputError, atomic_write
 from usvauv_env.memory import require
 
 SMALLEST, LARGEST = 320, 7680  # pixels a side
-FRAME_BYTES = 75.0  # of memory, a pixel of a frame
+FRAME_BYTES = 55.0  # of memory, a pixel of a frame
 KEYFRAMES = 250  # frames from one key frame to the next, the encoder's default
 WAITING = 3  # pictures that are drawn and not encoded yet
 BT709 = 1  # FFmpeg's number of its primaries, transfer function and matrix

@@ -23,7 +23,7 @@ from usvauv_cli.web_report.scores import Combination, Estimate
 from usvauv_env import Scenario, evaluate
 from usvauv_env.record.collection import age
 from usvauv_env.record.metrics import usable
-from usvauv_env.record.trace import DIMENSIONS
+from usvauv_env.record.trace import VARIABLES
 from usvauv_env.sections import MAX_AUVS, MAX_NODES, MAX_VORTICES
 
 LARGEST = 3_000_000  # bytes of a page
@@ -327,7 +327,8 @@ def test_the_largest_page_is_below_its_bound(made, tmp_path):
             return np.resize(array, shape)
         return rng.uniform(0, 200, shape).astype(array.dtype)
 
-    trace = replace(made.traces[0], **{n: enlarged(getattr(made.traces[0], n), axes) for n, axes in DIMENSIONS.items()})
+    first = made.traces[0]
+    trace = replace(first, **{n: enlarged(getattr(first, n), about.dimensions) for n, about in VARIABLES.items()})
     trace = replace(trace, time=np.arange(1.0, steps + 1))
     recordings, rows = Recordings(count), []
     for i in range(count):

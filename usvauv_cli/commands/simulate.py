@@ -99,8 +99,8 @@ def simulate(
         runs.append(runs[0].but(compare))
     for run in runs:
         policies.check(run.policy, run.scenario(setting))
-        StrategyChoice.parse(run.usv, setting)
         tell_of_team(run.policy, setting)
+        StrategyChoice.parse(run.usv, setting)
     recorded, problem = [], None
     for run in runs:
         shown, problem = simulated(run, setting, seed, duration, arch)
