@@ -48,7 +48,7 @@ class Format:
     matrix: Colorspace = Colorspace.ITU709
 
 
-# The fastest preset with entropy coding added is as good, at 1.3 times the size and a third of the time of "veryfast".
+# The fastest preset of H.264, with entropy coding added, which makes files smaller for little time.
 FORMATS = {
     ".mp4": Format(
         "mp4",
