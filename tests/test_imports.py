@@ -1,5 +1,8 @@
 """Packages import downwards only, rooms and modules not in circles, and Taichi is imported by the kernels alone."""
 
+import subprocess
+import sys
+
 from tests.import_graph import PACKAGES, ROOT, circle, imported, mermaid, module_graph, reduced, room_graph, sources
 
 MODULES = module_graph()
@@ -21,6 +24,12 @@ def test_only_kernels_import_taichi():
         if target.partition(".")[0] == "taichi"
     }
     assert importers == {"kernels"}
+
+
+def test_what_reads_no_netcdf_loads_no_library_for_it():
+    code = "import sys, policies, usvauv_env, usvauv_cli.mission_video as _; print({'xarray', 'h5py'} & {*sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.splitlines()[-1] == "set()"
 
 
 def test_no_circle_of_modules():

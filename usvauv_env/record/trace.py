@@ -10,19 +10,18 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import h5netcdf
 import numpy as np
-import xarray
-from xarray.backends import H5NetCDFStore
 
 from kernels.errors import UserError
 from kernels.interruption import deferred
 from usvauv_env import text_files
 from usvauv_env.files import hdf5_file
-from usvauv_env.netcdf import reader
 from usvauv_env.scenario import Scenario, ScenarioError
+
+if TYPE_CHECKING:  # loading these libraries takes a second and 50 MB; most runs read and write no NetCDF
+    import xarray
 
 
 class Variable(NamedTuple):
@@ -150,6 +149,10 @@ class Trace:
         Raises:
             OutputError: the file cannot be written.
         """
+        import h5netcdf
+        import xarray
+        from xarray.backends import H5NetCDFStore
+
         dataset = xarray.Dataset(
             {
                 name: (about.dimensions, getattr(self, name), _attributes(about))
@@ -177,6 +180,8 @@ class Trace:
             TraceError: not such a file: a missing field, another type or size, a number that is not finite or beyond
                 `LARGEST`.
         """
+        from usvauv_env.netcdf import reader
+
         try:
             with reader.open_file(path) as dataset:
                 attributes = dataset.attrs
@@ -231,6 +236,8 @@ def _attributes(about: Variable) -> dict[str, str]:
 
 def _read(dataset: xarray.Dataset, name: str) -> np.ndarray:
     """A field of a trace's file, its values checked one by one."""
+    from usvauv_env.netcdf import reader
+
     if name not in dataset:
         raise TraceError(f"has no {name}")
     variable = dataset[name]

@@ -11,12 +11,14 @@ from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray
 
 from kernels.errors import UserError
-from usvauv_env.netcdf import reader
+
+if TYPE_CHECKING:  # loading it takes a second and 50 MB; most runs read no NetCDF
+    import xarray
 
 AXES = ("time", "depth", "latitude", "longitude")
 VERTICAL_NAMES = ("depth", "depth_below_geoid", "height", "height_above_mean_sea_level", "altitude")
@@ -85,6 +87,8 @@ class Field:
 
     def read(self, axes: dict[str, Axis]) -> np.ndarray:
         """Values at parts of its axes: (time, depth, latitude, longitude) float64, NaN where there are none."""
+        from usvauv_env.netcdf import reader
+
         kinds = [kind for kind in AXES if kind in self.axes and self.axes[kind].dimension]
         window = self.array.isel({axes[kind].dimension: axes[kind].order for kind in kinds})
         window = window.transpose(*(axes[kind].dimension for kind in kinds))
@@ -99,6 +103,8 @@ def open_file(path: str | Path) -> Iterator[xarray.Dataset]:
     Raises:
         OceanError: it cannot be read.
     """
+    from usvauv_env.netcdf import reader
+
     try:
         with reader.open_file(path) as dataset:
             yield dataset
@@ -220,6 +226,8 @@ def _require_numbers(array: xarray.DataArray, where: str) -> None:
 
 
 def _axis(variable: xarray.DataArray, path: str | Path, kind: str, dimension: str) -> Axis:
+    from usvauv_env.netcdf import reader
+
     where = f"{path}: {variable.name}"
     _require_numbers(variable, where)
     if not 1 <= variable.size <= MOST_VALUES[kind]:
@@ -273,6 +281,8 @@ def _decode_depth(raw: np.ndarray, variable: xarray.DataArray, where: str) -> np
 
 
 def _decode_time(raw: np.ndarray, attributes: dict, where: str) -> np.ndarray:
+    import xarray
+
     units, calendar = attributes.get("units"), str(attributes.get("calendar", "standard")).lower()
     if calendar not in CALENDARS:
         raise OceanError(f"{where}: calendar {calendar!r}; allowed: {', '.join(CALENDARS)}")

@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray
 
 from usvauv_env.site.cf import (
     DEEPEST,
@@ -30,6 +29,9 @@ from usvauv_env.site.cf import (
 )
 from usvauv_env.site.interpolation import BLOCK, bilinear, bracket, cell_means, depth_weights, spacing
 from usvauv_env.site.local_frame import LocalFrame
+
+if TYPE_CHECKING:
+    import xarray
 
 DEPTH_NAMES = (
     "sea_floor_depth_below_sea_surface",
