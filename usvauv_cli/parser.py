@@ -21,6 +21,7 @@ from usvauv_cli.commands import (
     scenarios,
     sea,
     simulate,
+    sweep,
     train,
     train_boat,
     train_targets,
@@ -42,6 +43,7 @@ app.command("train-targets")(train_targets.train_targets)
 app.command("train-boat")(train_boat.train_boat)
 app.command("eval")(evaluate.evaluate)
 app.command("export")(export.export)
+app.command("sweep")(sweep.sweep)
 app.command("reproduce")(reproduce.reproduce)
 app.command("plan")(plan.plan)
 app.command("sea")(sea.sea)

@@ -41,6 +41,7 @@ from usvauv_env.sections import (
     Usbl,
     Water,
     known,
+    one_line,
     section,
 )
 
@@ -266,7 +267,7 @@ class Scenario(Section):
         except text_files.TextFileError as error:
             raise ScenarioError(f"{source}: {error}") from None
         except ValidationError as error:
-            raise ScenarioError(_one_line(error, source)) from None
+            raise ScenarioError(one_line(error, source, cls)) from None
 
     def to_dict(self) -> dict[str, Any]:
         """Nested plain values, the inverse of `from_dict`."""
@@ -330,18 +331,3 @@ def _apply(data: dict[str, Any], override: str) -> None:
         if not isinstance(place, dict):
             raise ScenarioError(f"--set {override!r}: {part} is not a section")
     place[parts[-1]] = value
-
-
-def _one_line(error: ValidationError, source: str) -> str:
-    """The first problem of a validation as one line: file, field, what is wrong, the value given."""
-    problem = error.errors()[0]
-    field = ".".join(str(part) for part in problem["loc"])
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "extra_forbidden":
-        section: Any = Scenario
-        for part in problem["loc"][:-1]:
-            section = section.model_fields[part].annotation
-        return f"{source}: {field}: unknown field; allowed here: {', '.join(section.model_fields)}"
-    if problem["type"] == "value_error":
-        return f"{source}: {field}: {message}" if field else f"{source}: {message}"
-    return f"{source}: {field} = {problem['input']!r}: {message[0].lower()}{message[1:]}"

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from datetime import date, datetime
 from typing import Annotated, Any, Literal, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from kernels.mission import target_rules
 from kernels.mission.vehicle import FASTEST
@@ -51,6 +51,21 @@ def known(name: str, names: Collection[str]) -> str:
 
 class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+
+def one_line(error: ValidationError, source: str, model: type[Section]) -> str:
+    """The first problem of a validation as one line: file, field, what is wrong, the value given."""
+    problem = error.errors()[0]
+    field = ".".join(str(part) for part in problem["loc"])
+    message = problem["msg"].removeprefix("Value error, ")
+    if problem["type"] == "extra_forbidden":
+        section: Any = model
+        for part in problem["loc"][:-1]:
+            section = section.model_fields[part].annotation
+        return f"{source}: {field}: unknown field; allowed here: {', '.join(section.model_fields)}"
+    if problem["type"] == "value_error":
+        return f"{source}: {field}: {message}" if field else f"{source}: {message}"
+    return f"{source}: {field} = {problem['input']!r}: {message[0].lower()}{message[1:]}"
 
 
 S = TypeVar("S", bound=Section)

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import queue
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
-from multiprocessing.queues import Queue
-from multiprocessing.synchronize import Event
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
+from kernels import runtime
 from kernels.errors import UserError
-from kernels.interruption import SIGNALS, deferred, in_thread, stoppable
+from kernels.interruption import stoppable
 from usvauv_cli import console
+from usvauv_cli.engines.conduct import conduct, signs_in
+from usvauv_cli.engines.local import Local
+from usvauv_cli.engines.task import Ended, Signs, Stopped, Task, reported
 from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import Piece, Stopped, Work
+from usvauv_cli.reproduction.work import Piece, Work
 from usvauv_env import plugins
 
 FIRST_PIECE = 20.0  # seconds of work by which the time of the whole is estimated
-REPORT = 0.2  # seconds between reports of a process
-
-_work: Work  # of a process of the pool
 
 
 def run(pieces: Sequence[Piece], settings: Settings, folder: Path, jobs: int, say: Callable[[str], None]) -> None:
@@ -88,80 +82,34 @@ def _alone(pieces: Sequence[Piece], settings: Settings, folder: Path, advance: C
 def _together(
     pieces: Sequence[Piece], settings: Settings, folder: Path, jobs: int, advance: Callable[[float], None]
 ) -> None:
-    context = multiprocessing.get_context("spawn")  # a running Taichi does not survive a fork
-    reports, stop = context.Queue(), context.Event()
-    start = (settings, folder, jobs, plugins.loaded(), reports, stop)
-    with ProcessPoolExecutor(jobs, context, _begin, start) as pool:
-        try:
-            with _signals_kept_here():
-                running = [pool.submit(_run, piece) for piece in pieces]
-            while not all(future.done() for future in running):
-                _take(reports, advance, REPORT)
-                for future in running:
-                    if future.done():
-                        future.result()
-        except BrokenProcessPool:
-            raise UserError("a process was ended from outside, perhaps for lack of memory; try --jobs 1") from None
-        finally:
-            stop.set()
-            with deferred():
-                pool.shutdown(cancel_futures=True)
-    _take(reports, advance, REPORT)
+    threads, done = max(1, runtime.available_cores() // jobs), 0.0
+
+    def ended(result: Ended) -> None:
+        if result.how != "done":
+            raise UserError(f"{result.words}; try --jobs 1" if result.how == "lost" else result.words)
+
+    def watch() -> None:
+        nonlocal done
+        now = sum(reported(signs, task.name) or 0.0 for task in tasks)
+        if now > done:
+            advance(now - done)
+            done = now
+
+    with signs_in(folder) as signs:
+        tasks = [
+            Task(str(number), _Run(piece, settings, folder), signs, threads, plugins=tuple(plugins.loaded()))
+            for number, piece in enumerate(pieces)
+        ]
+        conduct(Local(jobs, threads), tasks, signs, ended, watch)
 
 
-def _take(reports: Queue[float], advance: Callable[[float], None], patience: float) -> None:
-    """Pass on all waiting reports; wait up to `patience` seconds for the first."""
-    try:
-        while True:
-            advance(reports.get(timeout=patience))
-            patience = 0.0
-    except queue.Empty:
-        pass
+@dataclass(frozen=True)
+class _Run:
+    """Does a piece in a process of its own."""
 
+    piece: Piece
+    settings: Settings
+    folder: Path
 
-@contextmanager
-def _signals_kept_here() -> Iterator[None]:
-    """Let processes that are started get neither Ctrl-C nor SIGTERM: this one handles them for all."""
-    with deferred():
-        if not hasattr(signal, "pthread_sigmask"):
-            yield
-            return
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-        try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _begin(
-    settings: Settings, folder: Path, jobs: int, plugin_files: Sequence[Path], reports: Queue[float], stop: Event
-) -> None:
-    """Set up a process of the pool, with the plugins of the process that began it."""
-    global _work
-    from kernels import runtime
-
-    threading.excepthook = in_thread
-    plugins.load_installed()
-    for file in plugin_files:
-        plugins.load(file)
-    runtime.start(threads=max(1, runtime.available_cores() // jobs))
-    parent = multiprocessing.parent_process()
-    done, told = 0.0, 0.0
-
-    def advance(units: float) -> None:
-        nonlocal done, told
-        done += units
-        if time.monotonic() - told > REPORT:
-            reports.put(done)
-            done, told = 0.0, time.monotonic()
-
-    _work = Work(settings, folder, advance, lambda: stop.is_set() or parent is None or not parent.is_alive())
-
-
-def _run(piece: Piece) -> None:
-    """Do a piece in a process of the pool until it is done or stopped."""
-    try:
-        if not _work.stopping():
-            piece.run(_work)
-    except Stopped:
-        pass
+    def __call__(self, signs: Signs) -> None:
+        self.piece.run(Work(self.settings, self.folder, signs.advance, signs.stopping))

@@ -18,9 +18,11 @@ import policies
 from policies import checkpoint
 from policies.evaluation import EVALUATION_SEED_OFFSET
 from policies.training.provenance import provenance
+from usvauv_cli.engines import training
+from usvauv_cli.engines.training import EVALUATION_STEP
 from usvauv_cli.reproduction.paper import CONDITIONS
 from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import EVALUATION_STEP, Stopped, Work
+from usvauv_cli.reproduction.work import Work
 from usvauv_env import World
 from usvauv_env.files import writing
 from usvauv_env.lock import locked
@@ -53,23 +55,15 @@ class Learned:
         names = CONDITIONS.values() if self.tested else ()
         return {name: folder / "evaluations" / f"{self.place(folder).name}-in-{name}.csv" for name in names}
 
-    def _trained(self, folder: Path) -> int:
-        """World-steps done."""
-        place = self.place(folder)
-        return policies.read_run(place)[2]["steps"] if (place / "last").exists() else 0
-
     def left(self, settings: Settings, folder: Path) -> float:
-        episode = EVALUATION_STEP * settings.scenario(self.trained_in).mission.steps
+        steps = settings.scenario(self.trained_in).mission.steps
         tests = sum(not path.exists() for path in self.results(folder).values())
-        trained = self._trained(folder)
-        if trained >= settings.steps:
-            return tests * episode
-        evaluations = settings.evaluations + 1 - len(policies.read_history(self.place(folder)))
-        return settings.steps - trained + (evaluations + tests) * episode
+        untrained = training.left(self.place(folder), settings.steps, settings.evaluations, steps)
+        return untrained + tests * EVALUATION_STEP * steps
 
     def run(self, work: Work) -> None:
-        if self._trained(work.folder) < work.settings.steps:
-            place = self.place(work.folder)
+        place = self.place(work.folder)
+        if training.trained(place) < work.settings.steps:
             with writing(place):
                 place.mkdir(parents=True, exist_ok=True)
             with locked(place):
@@ -92,22 +86,7 @@ class Learned:
 
         about = provenance({})
         trainer = policies.Trainer(world, config, place, evaluate, about, settings.evaluations)
-        if (place / "last").exists():
-            trainer.resume()
-        done = trainer.steps
-
-        def watch(figures: Mapping[str, Any]) -> None:
-            nonlocal done
-            work.advance(figures["steps"] - done)
-            done = figures["steps"]
-            trainer.stopped |= work.stopping()
-
-        trainer.train(settings.steps, watch)
-        if trainer.steps < settings.steps:
-            trainer.interruption.raise_if_asked()
-            raise Stopped
-        # From now on the run is only read; its replay would fill the disk.
-        (place / "last" / f"{checkpoint.TRAINING}.safetensors").unlink()
+        training.go_on(trainer, settings.steps, work.advance, work.stopping)
 
     def _test(self, work: Work, name: str, path: Path) -> None:
         settings = work.settings

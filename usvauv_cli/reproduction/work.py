@@ -7,13 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from usvauv_cli.engines.task import Stopped
+from usvauv_cli.engines.training import EVALUATION_STEP
 from usvauv_cli.reproduction.settings import Settings
-
-EVALUATION_STEP = 12  # world-steps of training that take as long as one step of an evaluation's worlds
-
-
-class Stopped(Exception):
-    """Work was stopped on request; its results so far are saved."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,328 @@
+"""`usvauv sweep`: study files, names of runs, nothing lost and nothing twice, failures, what the terminal shows."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from functools import partial
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from safetensors.torch import load_file, save_file
+
+from kernels.errors import UserError
+from usvauv_cli.engines import local
+from usvauv_cli.engines.conduct import ATTEMPTS, conduct, signs_in
+from usvauv_cli.engines.local import Local
+from usvauv_cli.engines.task import Ended, Signs, Stopped, Task
+from usvauv_cli.sweep import summary
+from usvauv_cli.sweep.board import Board
+from usvauv_cli.sweep.study import Evaluation, Run, key_of, plan, read
+from usvauv_env.record.table import read_rows
+
+ROOT = Path(__file__).parents[2]
+COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()"]
+SHORT = 'set = ["mission.duration=12"]'
+MINE = """
+import os, signal
+from pathlib import Path
+
+class Good:
+    def __init__(self, world):
+        self.scale = world.scenario.auv.count * 0.0
+
+    def act(self, observation):
+        return observation[..., :2] * self.scale
+
+class Bad(Good):
+    def act(self, observation):
+        raise RuntimeError("first line\\nthe last line")
+
+class Killed(Good):
+    steps = 0
+
+    def act(self, observation):
+        self.steps += 1
+        if self.steps == 5 and not Path("killed").exists():
+            Path("killed").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().act(observation)
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+class TestFile:
+    @pytest.mark.parametrize(
+        ("text", "line"),
+        [
+            ("", "runs: there are none; expected at least one [[runs]]"),
+            ("run = 1", "run: unknown; allowed here: common, runs, evaluation, resources"),
+            ("runs = 1", "runs = 1: must be [[runs]]"),
+            ("runs = [1]", "runs[0] = 1: must be a table of fields"),
+            ("[[runs]]", "runs[0]: policy = '', algorithm = '': must be one of the two"),
+            (
+                '[[runs]]\npolicy = "clear"\nsteps = 5',
+                "runs[0]: steps = 5: must go with algorithm, not with policy",
+            ),
+            ('[[runs]]\npolicy = "clear"\nseed = -1', "runs[0]: seed = -1: input should be greater than or equal to 0"),
+            ('[[runs]]\npolicy = "clear"\nseeds = 1', "runs[0]: seeds: unknown field; allowed here: name, scenario, "),
+            ('[[runs]]\npolicy = "clear"\nseed = []', "runs[0]: seed = []: must have at least one entry"),
+            ('[[runs]]\npolicy = "cleer"', "runs[0]: policy 'cleer': neither a checkpoint"),
+            ('[[runs]]\npolicy = "clear"\nscenario = "extrem"', "runs[0]: scenario: 'extrem' is neither a file"),
+            ('[[runs]]\npolicy = "clear"\nset = ["auv.count=0"]', "runs[0]: extreme: auv.count = 0: input should"),
+            ('[[runs]]\npolicy = "clear"\nusv = "moon"', "runs[0]: usv: 'moon': allowed are "),
+            ('[[runs]]\npolicy = "clear"\ntargets = "moon"', "runs[0]: targets: nodes.target_rule: "),
+            ('[[runs]]\nalgorithm = "sa"', "runs[0]: training: algorithm = 'sa': must be one of sac, "),
+            ('[[runs]]\nalgorithm = "sac"\nlearn = ["tau=2"]', "runs[0]: training: tau = 2.0: must be from 1e-06"),
+            ("[evaluation]\nepisodes = 0", "evaluation: episodes = 0: input should be greater than or equal to 1"),
+            ('[evaluation]\nscore = "joy"', "evaluation: score: 'joy': allowed are sdr, "),
+            ("[resources]\ngpu = 2", "resources: gpu = 2: input should be less than or equal to 1"),
+            ("runs = ", "not valid TOML: "),
+        ],
+    )
+    def test_is_refused_in_one_line(self, tmp_path, text, line):
+        path = written(tmp_path, text)
+        with pytest.raises(UserError) as refused:
+            read(path)
+        assert str(refused.value).startswith(f"{path}: {line}")
+        assert "\n" not in str(refused.value)
+
+    def test_that_is_missing_is_an_error_of_the_command(self, run_usvauv):
+        assert run_usvauv("sweep", "a.toml") == (2, "", "error: a.toml: is no file\n")
+        assert run_usvauv("sweep", "a.toml", "--ray", "auto", "--slurm", "b")[0] == 2
+
+    def test_makes_every_combination_once(self, tmp_path):
+        text = """
+            [common]
+            scenario = ["ideal", "extreme"]
+            [[runs]]
+            policy = ["clear", "straight"]
+            set = [["mission.duration=12"], ["mission.duration=12", "auv.count=3"]]
+            [[runs]]
+            policy = "clear"
+            set = ["mission.duration=12"]
+            [[runs]]
+            algorithm = "sac"
+            learn = [["tau=0.1"], ["tau=0.2"]]
+            seed = [0, 1, 2]
+        """
+        runs = read(written(tmp_path, text)).runs
+        assert len(runs) == 2 * 2 * 2 + 2 * 2 * 3
+        assert len({planned.key for planned in runs}) == len(runs)
+
+    def test_of_the_examples_is_a_study(self):
+        names = summary.labels(read(ROOT / "examples" / "study.toml").runs)
+        assert Counter(names.values()) == {(m, t): 2 for m in ("clear", "sac") for t in ("ideal", "extreme")}
+
+
+class TestName:
+    def test_does_not_depend_on_the_order_of_keys(self):
+        assert key_of({"a": {"b": 1.0, "c": [1, 2]}, "d": None}) == key_of({"d": None, "a": {"c": [1, 2], "b": 1.0}})
+        assert key_of({"a": [1, 2]}) != key_of({"a": [2, 1]})
+
+    def test_is_that_of_what_decides_the_results(self, tmp_path):
+        def key(evaluation=None, **fields):
+            return plan(Run(policy="clear", **fields), evaluation or Evaluation(), "here").key
+
+        assert key() == key(name="mine", usv="fim", set=("auv.count=2",)) == key(Evaluation(score="ec"))
+        changes = [{"seed": 1}, {"usv": "centroid"}, {"set": ("auv.count=3",)}, {"targets": "sectors"}]
+        assert len({key(), *(key(**change) for change in changes), key(Evaluation(episodes=21))}) == 6
+
+    def test_is_another_when_a_file_changes(self, tmp_path):
+        folder = tmp_path / "mine" / "best"
+        shipped = ROOT / "policies" / "trained" / "sac-extreme"
+        folder.mkdir(parents=True)
+        for file in shipped.iterdir():
+            (folder / file.name).write_bytes(file.read_bytes())
+        before = plan(Run(policy=str(folder.parent)), Evaluation(), "here").key
+        weights = {name: 1.01 * value for name, value in load_file(folder / "policy.safetensors").items()}
+        save_file(weights, folder / "policy.safetensors")
+        assert plan(Run(policy=str(folder.parent)), Evaluation(), "here").key != before
+
+
+def cores_of_process(path: Path, signs: Signs) -> None:
+    import torch
+
+    from kernels import runtime
+
+    threads = [os.environ[local.THREADS], runtime.start().threads, torch.get_num_threads()]
+    time.sleep(0.5)  # so that another process gets the other piece
+    path.write_text(json.dumps([os.getpid(), sorted(os.sched_getaffinity(0)), *threads]))
+
+
+def killed(path: Path, times: int, signs: Signs) -> None:
+    tries = int(path.read_text()) if path.exists() else 0
+    path.write_text(str(tries + 1))
+    if tries < times:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def until_stopped(path: Path, signs: Signs) -> None:
+    path.touch()
+    while not signs.stopping():
+        time.sleep(0.05)
+    raise Stopped
+
+
+def conducted(folder: Path, jobs: int, **pieces) -> dict[str, Ended]:
+    """Results of pieces on the local engine."""
+    results = []
+    with signs_in(folder) as signs:
+        tasks = [Task(name, do, signs, 1, "cpu") for name, do in pieces.items()]
+        conduct(Local(jobs, 1), tasks, signs, results.append)
+    assert sorted(result.name for result in results) == sorted(pieces)
+    return {result.name: result for result in results}
+
+
+class TestLocalEngine:
+    @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system has no such call")
+    def test_keeps_cores_apart(self, tmp_path):
+        cores = sorted(os.sched_getaffinity(0))
+        if len(cores) < 2:
+            pytest.skip("one core")
+        conducted(tmp_path, 2, **{name: partial(cores_of_process, tmp_path / name) for name in "ab"})
+        (one, mine, *threads), (other, theirs, *_) = (json.loads((tmp_path / name).read_text()) for name in "ab")
+        assert one != other
+        assert sorted(mine + theirs) == cores[:2]
+        assert threads == ["1", 1, 1]
+
+    def test_does_again_what_a_killed_process_had_and_nothing_else(self, tmp_path):
+        pieces = {"once": 1, "always": 99, "never": 0}
+        results = conducted(tmp_path, 1, **{n: partial(killed, tmp_path / n, times) for n, times in pieces.items()})
+        assert {name: result.how for name, result in results.items()} == {
+            "once": "done", "always": "lost", "never": "done",
+        }  # fmt: skip
+        tries = {name: int((tmp_path / name).read_text()) for name in pieces}
+        assert tries == {"once": 2, "always": ATTEMPTS, "never": 1}
+
+    def test_stops_when_it_is_interrupted(self, tmp_path):
+        path = tmp_path / "begun"
+
+        def interrupt() -> None:
+            if path.exists():
+                raise KeyboardInterrupt
+
+        with signs_in(tmp_path) as signs:
+            tasks = [Task(name, partial(until_stopped, path), signs, 1, "cpu") for name in "ab"]
+            with pytest.raises(KeyboardInterrupt):
+                conduct(Local(1, 1), tasks, signs, pytest.fail, interrupt)
+
+
+def counted(folder: Path) -> Counter:
+    """Rows of a study's table by run and episode."""
+    return Counter((row["run"], row["episode"]) for row in read_rows(folder / "results.csv"))
+
+
+def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv, monkeypatch):
+    (tmp_path / "mine.py").write_text(MINE)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(tmp_path)]))
+    text = f'[common]\n{SHORT}\n[[runs]]\npolicy = ["mine:Good", "mine:Bad", "mine:Killed"]\n[evaluation]\nepisodes = 3'
+    written(tmp_path, text)
+    code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")
+    assert code == 2
+    assert "Traceback" not in said + complaints
+    assert complaints.startswith("error: 1 of 3 runs failed, see ")
+    (line,) = [line for line in " ".join(said.split()).split("(") if "failed: " in line]
+    assert "mine:Bad in extreme, seed 0: failed: policy 'mine:Bad'" in line
+    assert "the last line" in line
+    assert (tmp_path / "killed").exists()
+    results = sorted((tmp_path / "a" / "runs").glob("*/episodes.csv"))
+    assert len(results) == 2
+    assert len(counted(tmp_path / "a")) == 2 * 3
+    before = {path: path.stat().st_mtime_ns for path in results}
+
+    (tmp_path / "mine.py").write_text(MINE.replace("raise RuntimeError", "return 0 * observation[..., :2]  #"))
+    code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")
+    assert (code, complaints) == (0, "")
+    assert said.startswith("1 of 3 runs to do, 2 are done\n")
+    assert {path: path.stat().st_mtime_ns for path in results} == before
+    assert set(counted(tmp_path / "a").values()) == {1}
+    assert len(counted(tmp_path / "a")) == 3 * 3
+    assert not list((tmp_path / "a" / "runs").glob("*/failure.txt"))
+
+    code, said, _ = run_usvauv("sweep", "study.toml", "--out", "a")
+    assert code == 0
+    assert said.startswith("all 3 runs are done already; nothing is left to do\n")
+    assert max(map(len, said.splitlines())) <= 80
+    assert not (tmp_path / "a" / ".signs").exists()
+
+
+def workers(process: int) -> list[int]:
+    """Child processes that do runs."""
+    found = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    return [int(child) for child in found if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the process")
+def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
+    text = f"""
+        [[runs]]
+        algorithm = "sac"
+        steps = 40000
+        worlds = 8
+        learn = ["hidden=8", "batch=16", "warmup=200"]
+        {SHORT}
+        [evaluation]
+        episodes = 2
+    """
+    written(tmp_path, text)
+    command = [*COMMAND, "sweep", "study.toml", "--out", "a", "--jobs", "1"]
+
+    def start() -> subprocess.Popen:
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        pipe = subprocess.PIPE
+        return subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=pipe, stderr=pipe, text=True)
+
+    def saved() -> int:
+        for path in tmp_path.glob("a/runs/*/last/training.json"):
+            return json.loads(path.read_text())["steps"]
+        return 0
+
+    def wait_for(steps: int) -> None:
+        while saved() < steps:
+            assert running.poll() is None, running.communicate()
+            time.sleep(0.02)
+
+    with start() as running:
+        wait_for(1)
+        running.send_signal(signal.SIGINT)
+        said, complaints = running.communicate(timeout=120)
+    assert (running.returncode, complaints) == (130, "stopped\n")
+    assert "the same command goes on" in said
+    stopped = saved()
+    assert 0 < stopped < 40000
+    assert not list(tmp_path.glob("a/runs/*/episodes.csv"))
+    with start() as running:
+        wait_for(stopped + 1)
+        (worker,) = workers(running.pid)
+        os.kill(worker, signal.SIGKILL)
+        said, complaints = running.communicate(timeout=300)
+    assert (running.returncode, complaints) == (0, "")
+    (about,) = (json.loads(path.read_text()) for path in tmp_path.glob("a/runs/*/last/policy.json"))
+    resumed = [entry["steps"] for entry in about["resumed"]]
+    assert len(resumed) == 2
+    assert resumed[0] == stopped < resumed[1]
+    assert set(counted(tmp_path / "a").values()) == {1}
+    assert len(counted(tmp_path / "a")) == 2
+
+
+def test_the_live_table_fits_a_terminal():
+    runs = [plan(Run(policy="clear", name="a long name " * 4, seed=seed), Evaluation(), "here") for seed in range(40)]
+    board = Board(runs, summary.labels(runs))
+    board.update({planned.key: 0.5 for planned in runs[:30]})
+    console = Console(width=80)
+    with console.capture() as shown:
+        console.print(board.table())
+    lines = shown.get().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert len(lines) <= 20
+    assert lines[0].startswith("0 of 40 done, 30 running, 10 waiting, 0 failed")

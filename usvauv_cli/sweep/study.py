@@ -1,0 +1,215 @@
+"""A study file: which runs, how they are evaluated, what each may take.
+
+Each `[[runs]]` is a run, or, where fields have lists, one for each combination of their entries; `[common]` holds for
+all of them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+import policies
+from kernels.errors import UserError
+from policies.checkpoint import BEST, LAST, POLICY
+from policies.policy import PolicyError
+from usvauv_env import plugins, text_files
+from usvauv_env.record.metrics import FIGURES, task_metrics
+from usvauv_env.scenario import Scenario
+from usvauv_env.sections import Section, known, one_line
+from usvauv_env.world.boat_strategies import StrategyChoice
+
+OF_TRAINING = ("steps", "worlds", "shared", "learn")
+LISTS = ("set", "learn")  # fields that are lists themselves; several of these are a list of lists
+MOST_RUNS = 10_000
+
+
+class Run(Section):
+    """A run: a policy that is named, or an algorithm that learns one."""
+
+    name: str = Field("", description="of the method in tables; default what distinguishes it")
+    scenario: str = Field("extreme", description="shipped name or path of a TOML file")
+    set: tuple[str, ...] = Field((), description="changes of the scenario, SECTION.FIELD=VALUE")
+    policy: str = Field("", description="as `usvauv eval --policy` takes it")
+    algorithm: str = Field("", description="sac, td3 or ddpg: the policy is learned first")
+    steps: int = Field(2_000_000, ge=1, description="world-steps of the training")
+    worlds: int = Field(128, ge=1, description="worlds stepped together in it")
+    shared: bool = Field(False, description="one network for all AUVs")
+    learn: tuple[str, ...] = Field((), description="settings of the learning, NAME=VALUE")
+    usv: str = Field("", description="boat strategy; default the scenario's")
+    targets: str = Field("", description="target rule; default the scenario's")
+    seed: int = Field(0, ge=0, lt=2**31, description="of the training; it is added to that of the evaluation")
+
+    @model_validator(mode="after")
+    def _check(self) -> Run:
+        if bool(self.policy) == bool(self.algorithm):
+            raise ValueError(f"policy = {self.policy!r}, algorithm = {self.algorithm!r}: must be one of the two")
+        given = [name for name in OF_TRAINING if name in self.model_fields_set]
+        if self.policy and given:
+            raise ValueError(f"{given[0]} = {getattr(self, given[0])!r}: must go with algorithm, not with policy")
+        return self
+
+
+class Evaluation(Section):
+    """How each run is evaluated."""
+
+    episodes: int = Field(20, ge=1, le=1_000_000, description="of each run")
+    seed: int = Field(2026, ge=1, le=1_000_000, description="that of the run is added; 0 would be that of its training")
+    score: str = Field("arps", description="figure that the summary compares, a column of `usvauv eval`")
+    better: Literal["higher", "lower"] = Field("higher", description="which score is better")
+
+    @field_validator("score")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        return known(name, (*FIGURES, *task_metrics))
+
+
+class Resources(Section):
+    """What a run may take; an engine gives it that."""
+
+    cores: int = Field(1, ge=1, le=1024, description="CPU cores")
+    memory: float = Field(2.0, ge=0.1, le=100_000, description="memory, GB")
+    gpu: float = Field(0.0, ge=0, le=1, description="share of a graphics card; 0: on the CPU")
+    hours: float = Field(24.0, ge=0.02, le=10_000, description="time limit under Slurm, h")
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A run that was checked.
+
+    Attributes:
+        run: as the study file has it.
+        scenario: with all changes.
+        definition: JSON that decides the results.
+        key: hash of it, the name of the run's folder.
+    """
+
+    run: Run
+    scenario: Scenario
+    definition: dict[str, Any]
+    key: str
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study file says; runs that are there twice are taken once."""
+
+    runs: tuple[Planned, ...]
+    evaluation: Evaluation
+    resources: Resources
+
+
+def read(path: Path) -> Study:
+    """A study from its TOML file.
+
+    Raises:
+        UserError: one line that names the file, the field, its value and what is allowed.
+    """
+    try:
+        data = text_files.read(path, "TOML")
+    except FileNotFoundError:
+        raise UserError(f"{path}: is no file") from None
+    except text_files.TextFileError as error:
+        raise UserError(f"{path}: {error}") from None
+    allowed = {"common": dict, "runs": list, "evaluation": dict, "resources": dict}
+    for name, value in data.items():
+        if name not in allowed:
+            raise UserError(f"{path}: {name}: unknown; allowed here: {', '.join(allowed)}")
+        if not isinstance(value, allowed[name]):
+            raise UserError(f"{path}: {name} = {value!r}: must be {'[[runs]]' if name == 'runs' else f'[{name}]'}")
+    evaluation = _valid(Evaluation, data.get("evaluation", {}), f"{path}: evaluation")
+    resources = _valid(Resources, data.get("resources", {}), f"{path}: resources")
+    planned: dict[str, Planned] = {}
+    for number, entry in enumerate(data.get("runs", [])):
+        source = f"{path}: runs[{number}]"
+        if not isinstance(entry, Mapping):
+            raise UserError(f"{source} = {entry!r}: must be a table of fields")
+        for values in _combinations({**data.get("common", {}), **entry}, source):
+            checked = plan(_valid(Run, values, source), evaluation, source)
+            planned.setdefault(checked.key, checked)
+    if not planned:
+        raise UserError(f"{path}: runs: there are none; expected at least one [[runs]]")
+    return Study(tuple(planned.values()), evaluation, resources)
+
+
+S = TypeVar("S", bound=Section)
+
+
+def _valid(kind: type[S], values: Mapping[str, Any], source: str) -> S:
+    try:
+        return kind.model_validate(values)
+    except ValidationError as error:
+        raise UserError(one_line(error, source, kind)) from None
+
+
+def _combinations(fields: Mapping[str, Any], source: str) -> Iterator[dict[str, Any]]:
+    """Fields with one value each, for each combination."""
+    axes: list[Sequence[Any]] = []
+    for name, value in fields.items():
+        several = isinstance(value, list) and (name not in LISTS or any(isinstance(part, list) for part in value))
+        if several and not value:
+            raise UserError(f"{source}: {name} = []: must have at least one entry")
+        axes.append(value if several else [value])
+    count = 1
+    for axis in axes:
+        count *= len(axis)
+    if count > MOST_RUNS:
+        raise UserError(f"{source}: {count} combinations: must be at most {MOST_RUNS}")
+    for values in product(*axes):
+        yield dict(zip(fields, values, strict=True))
+
+
+def plan(run: Run, evaluation: Evaluation, source: str) -> Planned:
+    """Check a run as far as it can be without a world.
+
+    Raises:
+        UserError: `source` and what is wrong.
+    """
+    try:
+        scenario = Scenario.load(run.scenario, run.set).with_targets(run.targets or None)
+        usv = StrategyChoice.parse(run.usv or None, scenario).name
+        training = None
+        if run.algorithm:
+            config = policies.TrainingConfig(run.algorithm, run.worlds, run.seed, run.shared).changed(run.learn)
+            training = {**asdict(config), "total": run.steps}
+        else:
+            policies.check(run.policy, scenario)
+    except UserError as error:
+        raise UserError(f"{source}: {error}") from None
+    definition = {
+        "scenario": scenario.to_dict(),
+        "policy": run.policy,
+        "training": training,
+        "usv": usv,
+        "seed": run.seed,
+        "evaluation": {"episodes": evaluation.episodes, "seed": evaluation.seed},
+        "files": [_digest(path) for path in _files(run)],
+    }
+    return Planned(run, scenario, definition, key_of(definition))
+
+
+def key_of(definition: Mapping[str, Any]) -> str:
+    """Hash of JSON values; the order of their keys does not matter."""
+    text = json.dumps(definition, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _files(run: Run) -> list[Path]:
+    """Files whose content decides the results beside the scenario: plugins, weights, what was learned."""
+    named = [Path(text.partition(":")[2]) for text in (run.usv, run.targets) if text.startswith("learned:")]
+    weights = [Path(run.policy, *part, f"{POLICY}.safetensors") for part in ((), (BEST,), (LAST,)) if run.policy]
+    return [*plugins.loaded(), *named, *[path for path in weights if path.is_file()][:1]]
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise PolicyError(f"{path}: cannot be read: {error.strerror}") from None
