@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,13 +14,9 @@ from rich.console import Console
 from safetensors.torch import load_file, save_file
 
 from kernels.errors import UserError
-from usvauv_cli.engines import local
-from usvauv_cli.engines.conduct import ATTEMPTS, conduct, signs_in
-from usvauv_cli.engines.local import Local
-from usvauv_cli.engines.task import Ended, Signs, Stopped, Task
 from usvauv_cli.sweep import summary
 from usvauv_cli.sweep.board import Board
-from usvauv_cli.sweep.study import Evaluation, Run, key_of, plan, read
+from usvauv_cli.sweep.study import Evaluation, Resources, Run, key_of, plan, read
 from usvauv_env.record.table import read_rows
 
 ROOT = Path(__file__).parents[2]
@@ -98,7 +93,31 @@ class TestFile:
 
     def test_that_is_missing_is_an_error_of_the_command(self, run_usvauv):
         assert run_usvauv("sweep", "a.toml") == (2, "", "error: a.toml: is no file\n")
-        assert run_usvauv("sweep", "a.toml", "--ray", "auto", "--slurm", "b")[0] == 2
+
+    @pytest.mark.parametrize(
+        ("options", "said"),
+        [
+            ("--ray auto --slurm batch", "--ray, --slurm: must not both be given"),
+            ("--ray auto --jobs 2", "--jobs 2: must go without --ray auto, whose resources decide"),
+            ("--slurm batch", "--slurm batch: Could not detect"),
+            ("--jobs 0", "--jobs 0: must be at least 1, and finite"),
+        ],
+    )
+    def test_options_that_cannot_be_are_refused(self, tmp_path, run_usvauv, options, said):
+        written(tmp_path, '[[runs]]\npolicy = "clear"')
+        if "Could" in said:
+            pytest.importorskip("submitit", reason="needs the extra scale")
+        code, _, complaints = run_usvauv("sweep", "study.toml", *options.split())
+        assert code == 2
+        assert complaints.startswith(f"error: {said}")
+        assert complaints.count("\n") == 1
+        assert list(tmp_path.glob("studies/*/*")) == []
+
+    def test_has_a_page_with_all_fields(self):
+        page = (ROOT / "docs" / "scale.md").read_text(encoding="utf-8")
+        rows = " ".join(line.split("|")[1] for line in page.splitlines() if line.startswith("| `"))
+        fields = [*Run.model_fields, *Evaluation.model_fields, *Resources.model_fields]
+        assert [name for name in fields if f"`{name}`" not in rows] == []
 
     def test_makes_every_combination_once(self, tmp_path):
         text = """
@@ -147,74 +166,6 @@ class TestName:
         weights = {name: 1.01 * value for name, value in load_file(folder / "policy.safetensors").items()}
         save_file(weights, folder / "policy.safetensors")
         assert plan(Run(policy=str(folder.parent)), Evaluation(), "here").key != before
-
-
-def cores_of_process(path: Path, signs: Signs) -> None:
-    import torch
-
-    from kernels import runtime
-
-    threads = [os.environ[local.THREADS], runtime.start().threads, torch.get_num_threads()]
-    time.sleep(0.5)  # so that another process gets the other piece
-    path.write_text(json.dumps([os.getpid(), sorted(os.sched_getaffinity(0)), *threads]))
-
-
-def killed(path: Path, times: int, signs: Signs) -> None:
-    tries = int(path.read_text()) if path.exists() else 0
-    path.write_text(str(tries + 1))
-    if tries < times:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-
-def until_stopped(path: Path, signs: Signs) -> None:
-    path.touch()
-    while not signs.stopping():
-        time.sleep(0.05)
-    raise Stopped
-
-
-def conducted(folder: Path, jobs: int, **pieces) -> dict[str, Ended]:
-    """Results of pieces on the local engine."""
-    results = []
-    with signs_in(folder) as signs:
-        tasks = [Task(name, do, signs, 1, "cpu") for name, do in pieces.items()]
-        conduct(Local(jobs, 1), tasks, signs, results.append)
-    assert sorted(result.name for result in results) == sorted(pieces)
-    return {result.name: result for result in results}
-
-
-class TestLocalEngine:
-    @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system has no such call")
-    def test_keeps_cores_apart(self, tmp_path):
-        cores = sorted(os.sched_getaffinity(0))
-        if len(cores) < 2:
-            pytest.skip("one core")
-        conducted(tmp_path, 2, **{name: partial(cores_of_process, tmp_path / name) for name in "ab"})
-        (one, mine, *threads), (other, theirs, *_) = (json.loads((tmp_path / name).read_text()) for name in "ab")
-        assert one != other
-        assert sorted(mine + theirs) == cores[:2]
-        assert threads == ["1", 1, 1]
-
-    def test_does_again_what_a_killed_process_had_and_nothing_else(self, tmp_path):
-        pieces = {"once": 1, "always": 99, "never": 0}
-        results = conducted(tmp_path, 1, **{n: partial(killed, tmp_path / n, times) for n, times in pieces.items()})
-        assert {name: result.how for name, result in results.items()} == {
-            "once": "done", "always": "lost", "never": "done",
-        }  # fmt: skip
-        tries = {name: int((tmp_path / name).read_text()) for name in pieces}
-        assert tries == {"once": 2, "always": ATTEMPTS, "never": 1}
-
-    def test_stops_when_it_is_interrupted(self, tmp_path):
-        path = tmp_path / "begun"
-
-        def interrupt() -> None:
-            if path.exists():
-                raise KeyboardInterrupt
-
-        with signs_in(tmp_path) as signs:
-            tasks = [Task(name, partial(until_stopped, path), signs, 1, "cpu") for name in "ab"]
-            with pytest.raises(KeyboardInterrupt):
-                conduct(Local(1, 1), tasks, signs, pytest.fail, interrupt)
 
 
 def counted(folder: Path) -> Counter:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from usvauv_cli.engines.conduct import Engine
     from usvauv_cli.sweep.study import Resources
 
+MOST_JOBS = 1000  # of a Slurm array at a time, unless told otherwise
+
 
 def sweep(
     study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="File that names the runs.")],
@@ -25,7 +27,8 @@ def sweep(
         str | None, typer.Option(metavar="PARTITION", help="Run under Slurm, in that partition (or several: a,b).")
     ] = None,
     jobs: Annotated[
-        int | None, typer.Option(help="Runs at a time; default as many as the machine has cores and memory for.")
+        int | None,
+        typer.Option(help="Runs at a time; default as many as there are cores and memory for (Slurm: 1000)."),
     ] = None,
     plugins: Plugins = None,
 ) -> None:
@@ -64,9 +67,19 @@ def sweep(
 def _engine(resources: Resources, folder: Path, ray: str | None, slurm: str | None, jobs: int | None) -> Engine:
     from kernels import runtime
     from usvauv_cli.engines.local import Local
+    from usvauv_cli.engines.on_ray import OnRay
+    from usvauv_cli.engines.on_slurm import OnSlurm
     from usvauv_env import memory
 
+    if ray not in (None, "local") and jobs is not None:
+        raise UserError(f"--jobs {jobs}: must go without --ray {ray}, whose resources decide")
     room = [runtime.available_cores() / resources.cores, memory.available() / (resources.memory * 1e9)]
     if resources.gpu:
         room.append(1 / resources.gpu)
-    return Local(jobs or max(1, int(min(room))), resources.cores)
+    here = jobs or max(1, int(min(room)))
+    needs = resources.cores, resources.memory, resources.gpu
+    if ray is not None:
+        return OnRay(ray, here, *needs)
+    if slurm is not None:
+        return OnSlurm(folder / "slurm", slurm, jobs or MOST_JOBS, *needs, resources.hours)
+    return Local(here, resources.cores)

@@ -1,0 +1,170 @@
+"""The engines: cores kept apart, nothing lost and nothing twice on processes of this machine, Ray and submitit."""
+
+import json
+import os
+import signal
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from kernels.errors import UserError
+from usvauv_cli.engines import local
+from usvauv_cli.engines.conduct import ATTEMPTS, Engine, conduct, signs_in
+from usvauv_cli.engines.local import Local
+from usvauv_cli.engines.on_ray import OnRay
+from usvauv_cli.engines.on_slurm import OnSlurm
+from usvauv_cli.engines.task import Ended, Signs, Stopped, Task
+
+
+def cores_of_process(path: Path, signs: Signs) -> None:
+    import torch
+
+    from kernels import runtime
+
+    threads = [os.environ[local.THREADS], runtime.start().threads, torch.get_num_threads()]
+    time.sleep(0.5)  # so that another process gets the other piece
+    path.write_text(json.dumps([os.getpid(), sorted(os.sched_getaffinity(0)), *threads]))
+
+
+def killed(path: Path, times: int, signs: Signs) -> None:
+    tries = int(path.read_text()) if path.exists() else 0
+    path.write_text(str(tries + 1))
+    if tries < times:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def until_stopped(path: Path, signs: Signs) -> None:
+    path.touch()
+    while not signs.stopping():
+        time.sleep(0.05)
+    raise Stopped
+
+
+def conducted(engine: Engine, folder: Path, watch=lambda: None, **pieces) -> dict[str, Ended]:
+    """Results of pieces on an engine."""
+    results = []
+    with signs_in(folder) as signs:
+        tasks = [Task(name, do, signs, 1, "cpu") for name, do in pieces.items()]
+        conduct(engine, tasks, signs, results.append, watch)
+    assert sorted(result.name for result in results) == sorted(pieces)
+    return {result.name: result for result in results}
+
+
+class TestLocalEngine:
+    @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system has no such call")
+    def test_keeps_cores_apart(self, tmp_path):
+        cores = sorted(os.sched_getaffinity(0))
+        if len(cores) < 2:
+            pytest.skip("one core")
+        conducted(Local(2, 1), tmp_path, **{name: partial(cores_of_process, tmp_path / name) for name in "ab"})
+        (one, mine, *threads), (other, theirs, *_) = (json.loads((tmp_path / name).read_text()) for name in "ab")
+        assert one != other
+        assert sorted(mine + theirs) == cores[:2]
+        assert threads == ["1", 1, 1]
+
+    def test_does_again_what_a_killed_process_had_and_nothing_else(self, tmp_path):
+        pieces = {"once": 1, "always": 99, "never": 0}
+        results = conducted(
+            Local(1, 1), tmp_path, **{n: partial(killed, tmp_path / n, times) for n, times in pieces.items()}
+        )
+        assert {name: result.how for name, result in results.items()} == {
+            "once": "done", "always": "lost", "never": "done",
+        }  # fmt: skip
+        tries = {name: int((tmp_path / name).read_text()) for name in pieces}
+        assert tries == {"once": 2, "always": ATTEMPTS, "never": 1}
+
+    def test_stops_when_it_is_interrupted(self, tmp_path):
+        path = tmp_path / "begun"
+
+        def interrupt() -> None:
+            if path.exists():
+                raise KeyboardInterrupt
+
+        with signs_in(tmp_path) as signs:
+            tasks = [Task(name, partial(until_stopped, path), signs, 1, "cpu") for name in "ab"]
+            with pytest.raises(KeyboardInterrupt):
+                conduct(Local(1, 1), tasks, signs, pytest.fail, interrupt)
+
+
+def failing(signs: Signs) -> None:
+    raise UserError("the last line")
+
+
+class TestSlurmEngine:
+    """On submitit's own executor for one machine: there is no Slurm."""
+
+    def test_gives_results_failures_and_what_is_lost(self, tmp_path):
+        pytest.importorskip("submitit", reason="needs the extra scale")
+        engine = OnSlurm(tmp_path / "slurm", "", 2, 1, 1.0, 0.0, 0.1, cluster="local")
+        pieces = {"fails": failing, "once": partial(killed, tmp_path / "once", 1)}
+        results = conducted(engine, tmp_path, **pieces)
+        assert results == {"fails": Ended("fails", "failed", "the last line"), "once": Ended("once", "done")}
+        assert (tmp_path / "once").read_text() == "2"
+
+    def test_says_that_there_is_no_slurm(self, tmp_path, monkeypatch):
+        pytest.importorskip("submitit", reason="needs the extra scale")
+        monkeypatch.setenv("PATH", "")
+        with pytest.raises(UserError, match="--slurm batch: Could not detect"):
+            OnSlurm(tmp_path / "slurm", "batch", 2, 1, 1.0, 0.0, 0.1)
+
+
+def on_node(folder: Path, name: str, signs: Signs) -> None:
+    """Tells where it is, waits until pieces there may end, and counts that it has."""
+    import ray
+
+    node = ray.get_runtime_context().get_node_id()
+    (folder / f"{name}-{node}").touch()
+    while not (folder / f"go on-{node}").exists():
+        time.sleep(0.05)
+    with (folder / "ended").open("a") as file:
+        print(name, file=file)
+
+
+# Of Ray's own making: pipes and processes of nodes that are gone, and what later versions of libraries change.
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning", "ignore::FutureWarning")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+class TestRayEngine:
+    @pytest.fixture
+    def cluster(self):
+        """A Ray cluster of two nodes with a core each, on this machine."""
+        pytest.importorskip("ray", reason="needs the extra scale")
+        from ray.cluster_utils import Cluster
+
+        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+        yield cluster
+        cluster.shutdown()
+
+    def test_does_again_what_a_removed_node_had_and_nothing_else(self, cluster, tmp_path):
+        node = cluster.add_node(num_cpus=1)
+        cluster.wait_for_nodes()
+        removed = []
+
+        def watch() -> None:
+            begun = {path.name.partition("-")[2] for path in tmp_path.glob("?-*")}
+            if len(begun) == 2 and not removed:
+                assert node.node_id in begun
+                cluster.remove_node(node, allow_graceful=False)
+                removed.append(node)
+                (other,) = begun - {node.node_id}
+                (tmp_path / f"go on-{other}").touch()
+
+        engine = OnRay(cluster.address, 1, 1, 0.5, 0.0)
+        results = conducted(engine, tmp_path, watch, **{n: partial(on_node, tmp_path, n) for n in "abc"})
+        assert {name: result.how for name, result in results.items()} == dict.fromkeys("abc", "done")
+        assert removed
+        assert sorted((tmp_path / "ended").read_text().split()) == ["a", "b", "c"]
+        assert len(list(tmp_path.glob("?-*"))) == 4  # one of them on both nodes
+
+    def test_gives_failures_and_what_is_lost(self, tmp_path):
+        pytest.importorskip("ray", reason="needs the extra scale")
+        pieces = {"fails": failing, "once": partial(killed, tmp_path / "once", 1)}
+        results = conducted(OnRay("local", 1, 1, 0.5, 0.0), tmp_path, **pieces)
+        assert results == {"fails": Ended("fails", "failed", "the last line"), "once": Ended("once", "done")}
+        assert (tmp_path / "once").read_text() == "2"
+
+    def test_says_that_there_is_no_cluster(self):
+        pytest.importorskip("ray", reason="needs the extra scale")
+        with pytest.raises(UserError, match="--ray auto: "):
+            OnRay("auto", 1, 1, 0.5, 0.0)
