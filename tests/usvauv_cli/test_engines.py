@@ -42,6 +42,10 @@ def until_stopped(path: Path, signs: Signs) -> None:
     raise Stopped
 
 
+def in_here(signs: Signs) -> None:
+    assert Path.cwd().name == "here"
+
+
 def conducted(engine: Engine, folder: Path, watch=lambda: None, **pieces) -> dict[str, Ended]:
     """Results of pieces on an engine."""
     results = []
@@ -50,6 +54,15 @@ def conducted(engine: Engine, folder: Path, watch=lambda: None, **pieces) -> dic
         conduct(engine, tasks, signs, results.append, watch)
     assert sorted(result.name for result in results) == sorted(pieces)
     return {result.name: result for result in results}
+
+
+def test_a_task_begins_where_it_was_made(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    task = Task("a", in_here, tmp_path, 1)
+    monkeypatch.chdir(tmp_path)
+    assert task() == Ended("a", "done")
+    assert Path.cwd() == tmp_path / "here"
 
 
 class TestLocalEngine:

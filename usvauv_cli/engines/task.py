@@ -7,11 +7,12 @@ piece is done, SIGNS/stop asks all of them to stop.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -87,6 +88,7 @@ class Task:
         threads: of Taichi's kernels.
         arch: as `kernels.runtime.start` takes it.
         plugins: files to load first.
+        directory: where relative paths begin.
     """
 
     name: str
@@ -95,6 +97,7 @@ class Task:
     threads: int
     arch: str = "auto"
     plugins: tuple[Path, ...] = ()
+    directory: Path = field(default_factory=Path.cwd)
 
     def __call__(self) -> Ended:
         """Do the piece in this process; whatever it raises becomes the answer."""
@@ -106,6 +109,7 @@ class Task:
             if signs.stopping():
                 return Ended(self.name, "stopped")
             signs.advance(0.0)
+            os.chdir(self.directory)
             plugins.load_installed()
             for file in self.plugins:
                 plugins.load(file)
