@@ -55,7 +55,7 @@ class OnRay:
         if not any(all(node.get(name, 0) >= number for name, number in needed.items()) for node in nodes):
             print(f"warning: no node of Ray has {cores} cores, {memory:g} GB and {gpu:g} GPU; runs wait for one")
         resources = {"num_cpus": cores, "num_gpus": gpu, "memory": int(memory * 1e9)}
-        self._call = ray.remote(max_retries=2, **resources)(_call)
+        self._call = ray.remote(max_retries=2, **resources)(Task.__call__)
         self._running: dict[Any, str] = {}
 
     def submit(self, tasks: Sequence[Task]) -> None:
@@ -84,7 +84,3 @@ class OnRay:
     def close(self) -> None:
         with suppress(Exception):
             self._ray.shutdown()
-
-
-def _call(task: Task) -> Ended:
-    return task()

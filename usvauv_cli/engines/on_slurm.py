@@ -68,7 +68,7 @@ class OnSlurm:
 
     def submit(self, tasks: Sequence[Task]) -> None:
         try:
-            jobs = self._executor.map_array(_call, tasks)
+            jobs = self._executor.map_array(Task.__call__, tasks)
         except self._errors.FailedSubmissionError as error:
             raise UserError(f"--slurm: {error}") from None
         self._running |= {task.name: job for task, job in zip(tasks, jobs, strict=True)}
@@ -94,7 +94,3 @@ class OnSlurm:
 
     def close(self) -> None:
         """Nothing is left to be let go."""
-
-
-def _call(task: Task) -> Ended:
-    return task()
