@@ -41,6 +41,7 @@ from usvauv_cli import app, parser, plan_figure, report, sea_view  # noqa: F401 
 from usvauv_cli.reproduction import targets  # noqa: F401
 
 CALL = "from usvauv_cli.app import main; main()"
+STUDY = Path(__file__).with_name("study.toml")
 PLAN = ["plan", "--auv", "60,80,100", "--auv", "150,120,90"]
 SEA = ["sea", "ideal", "--duration", "2", "--resolution", "20", "--interval", "0.25", "--out"]
 COMMANDS = {
@@ -60,6 +61,12 @@ COMMANDS = {
     "eval": [
         *("eval", "ideal", "--policy", "straight", "--episodes", "3", "--set", "mission.duration=30", "--out", "a.csv")
     ],
+    "eval report": [
+        *("eval", "ideal", "--policy", "straight", "--episodes", "3", "--set", "mission.duration=30", "--out", "a.csv"),
+        *("--report", "report"),
+    ],
+    "replay": ["replay", "TRACE", "--size", "320x320", "--out", "a.mp4"],
+    "sweep": ["sweep", str(STUDY), "--jobs", "2", "--out", "."],
     "plan": [*PLAN, "--out", "a.png", "--json", "a.json"],
     "plan to stdout": [*PLAN, "--json", "-"],
     "sea mp4": [*SEA, "a.mp4", "--size", "320x320"],
@@ -71,6 +78,7 @@ COMMANDS = {
     "doctor": ["doctor"],
 }
 FAULTS = ("disk", "limit", "call", "removed", "unwritable", "pipe", "stdout", "SIGINT", "SIGTERM")
+RECORD = ["simulate", "ideal", "--policy", "straight", "--duration", "5", "--at", "5", "--out", "a.png", "--trace"]
 LONGEST = {"reproduce": 40.0}  # seconds after which a case without its fault is ended by SIGTERM; else it ends itself
 TIMEOUT, PATIENCE = 300.0, 180.0  # seconds until a case is ended by SIGTERM, and by SIGKILL
 PROGRESS = re.compile(r"[a-z ]+: \d+%, \d+ s left")
@@ -95,6 +103,10 @@ def whole(path: Path) -> bool:
                 return all(None not in row.values() for row in rows)
             case ".json":
                 json.loads(data)
+            case ".html":
+                return data.rstrip().endswith(b"</html>")
+            case ".pdf":
+                return data.rstrip().endswith(b"%%EOF")
             case ".png":
                 return data.endswith(b"IEND\xaeB`\x82")
             case ".onnx":
@@ -159,9 +171,11 @@ def refuse_a_call(draw: random.Random) -> None:
     setattr(os, name, call)
 
 
-def attempt(folder: Path, command: str, fault: str, draw: random.Random, usual: float) -> tuple[list[str], int]:
+def attempt(
+    folder: Path, command: str, fault: str, draw: random.Random, usual: float, trace: Path
+) -> tuple[list[str], int]:
     """Run one case; returns what was wrong, and the exit code."""
-    arguments = COMMANDS[command]
+    arguments = [str(trace) if part == "TRACE" else part for part in COMMANDS[command]]
     size = round(10 ** draw.uniform(3.0, 6.2))
     if fault == "disk":
         size = max(size, 8192)
@@ -270,6 +284,10 @@ def main() -> None:
     names, usual, tried, bad = chosen.only or list(COMMANDS), {}, Counter(), Counter()
     codes: Counter[tuple[str, int]] = Counter()
     end = time.monotonic() + chosen.seconds
+    trace = Path(tempfile.mkdtemp(prefix="faults-")) / "a.nc"
+    subprocess.run(
+        [sys.executable, "-c", CALL, *RECORD, trace], cwd=trace.parent, stdout=subprocess.DEVNULL, check=True
+    )
     for number in range(chosen.count):
         if time.monotonic() > end:
             break
@@ -280,10 +298,10 @@ def main() -> None:
         begun = time.monotonic()
         try:
             if command not in usual:  # once without a fault, for the time it takes
-                wrong, code = attempt(folder, command, "none", draw, 1e9)
+                wrong, code = attempt(folder, command, "none", draw, 1e9, trace)
                 usual[command], fault = time.monotonic() - begun, "none"
             else:
-                wrong, code = attempt(folder, command, fault, draw, usual[command])
+                wrong, code = attempt(folder, command, fault, draw, usual[command], trace)
         finally:
             if os.path.ismount(folder):
                 subprocess.run(["umount", folder], check=False)
@@ -295,6 +313,7 @@ def main() -> None:
             print(f"{number + 1} tried, {bad.total()} wrong", flush=True)
         if wrong:
             print(f"case {number}: {command}, {fault}: exit {code}: {'; '.join(wrong)}", flush=True)
+    shutil.rmtree(trace.parent)
     for command in names:
         ends = ", ".join(f"{count} × {code}" for (name, code), count in sorted(codes.items()) if name == command)
         print(f"{command}: tried {tried[command]}, wrong {bad[command]}; exit codes {ends}")

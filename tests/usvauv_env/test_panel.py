@@ -122,14 +122,14 @@ def test_legend_of_stations_has_no_data():
 
 
 def test_labels_of_services_keep_apart(monkeypatch):
-    from usvauv_env.render import map as mission_map
+    from usvauv_env.render import popups
     from usvauv_env.render.painter import Painter
 
     trace = synthetic_trace(steps=2, auvs=6)
     shape = trace.delivered.shape
     trace = replace(trace, delivered=np.ones(shape), target=np.zeros(shape, np.int16))  # all at one node
     written = []
-    monkeypatch.setattr(mission_map, "write", lambda *a, **k: written.append((a[1], a[2])))
+    monkeypatch.setattr(popups, "write", lambda *a, **k: written.append((a[1], a[2])))
     Painter(trace, (1280, 720)).map.draw(white(), 1)
     rows = sorted({round(place[1]) for text, place in written if "Mbit" in text})[::2]  # each has a shadow
     assert len(rows) == 6

@@ -263,6 +263,29 @@ class TestView:
             half = SIGMAS * sigma * camera.focal / camera.away(place)
             assert np.ptp(columns) / 2 == pytest.approx(half, abs=3)
 
+    def test_shows_where_an_auv_goes_next_what_it_delivered_and_where_it_is_foreseen(self):
+        trace, steps = calm(), 4
+        target = np.zeros((steps, 1, 2), np.int16)
+        view = view_of(replace(trace, target=target))
+        nodes = view.scene.place(trace.node_position[0], view.scene.nodes)
+        camera = view.camera(1)
+
+        def changed(place: np.ndarray, reach: int, **fields: np.ndarray) -> bool:
+            still = {"target": target, "delivered": np.zeros((steps, 1, 2))}
+            before, after = (shown(replace(trace, **change), 1) for change in (still, still | fields))
+            return differs(before, after, camera.pixel(place), reach)
+
+        later = target.copy()
+        later[2:, 0, 0] = 1
+        assert changed((nodes[0] + nodes[1]) / 2, 3, target=later)
+        delivered = np.zeros((steps, 1, 2))
+        delivered[1, 0, 0] = 1.0
+        assert changed(nodes[0], 60, delivered=delivered)
+        foreseen = trace.estimate.copy()
+        foreseen[1, 0, 0] += 40.0
+        place = view.scene.place(foreseen[1, 0, 0], view.scene.auvs)
+        assert changed(place, 6, foreseen_position=foreseen)
+
     def test_a_flat_sea_is_level(self):
         view = view_of(calm())
         heights, colours = view.surface(0)

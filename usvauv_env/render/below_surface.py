@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from usvauv_env.record.trace import Trace
 from usvauv_env.render import bodies, shapes, style, symbols
 from usvauv_env.render.camera import Camera
 from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.frame_layout import Layout
+from usvauv_env.render.frame_layout import Layout, Rectangle
+from usvauv_env.render.itinerary import Itinerary
 from usvauv_env.render.map import OLD, error_axes
+from usvauv_env.render.popups import Popups
 from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.scene import WATER, Scene, track
 
@@ -31,6 +34,7 @@ class BelowSurface:
         scenario, unit = trace.scenario, layout.unit
         self._trace, self._running, self._scene, self._layout = trace, running, scene, layout
         self.auvs = scene.place(trace.auv_position[:, 0], scene.auvs)
+        self._foreseen = scene.place(trace.foreseen_position[:, 0], scene.auvs)
         self._estimated = scene.place(trace.estimate[:, 0], scene.auvs)
         self._error_axes = error_axes(trace.estimate_covariance[:, 0])
         self._nodes = scene.place(trace.node_position[0], scene.nodes)
@@ -40,9 +44,8 @@ class BelowSurface:
         spacing = math.sqrt(scene.sides[0] * scene.sides[1] / len(self._nodes)) * camera.focal / camera.distance
         self._radii = np.clip(spacing / 8, 3.0 * unit, 9.0 * unit) * np.array(ZOOMS)
         self._gauges = [symbols.NodeGauges(float(radius)) for radius in self._radii]
-        # In the last step of a service the target is already the next node.
-        self._serving, target = trace.hovering[:, 0].astype(bool), trace.target[:, 0]
-        self._target = np.where(self._serving, np.concatenate([target[:1], target[:-1]]), target)
+        self._serving, self._itinerary = trace.hovering[:, 0].astype(bool), Itinerary(trace)
+        self._popups = Popups(trace, self._itinerary, layout.unit)
         self._bodies = [bodies.auv(style.auv_colour(auv)) for auv in range(self.auvs.shape[1])]
 
     def draw_nodes(self, canvas: Canvas, t: int) -> None:
@@ -65,30 +68,40 @@ class BelowSurface:
         for auv in np.argsort(-canvas.camera.away(self.auvs[t])):
             self._draw_auv(canvas, t, int(auv))
 
-    def draw_numbers(self, canvas: Canvas, t: int) -> None:
-        """The AUVs' numbers, beside them."""
+    def draw_words(self, canvas: Canvas, t: int) -> None:
+        """The AUVs' numbers beside them, and the data of their latest services."""
+        height, width = canvas.picture.shape[:2]
+        nodes = canvas.camera.pixel(self._nodes)
+        self._popups.draw(canvas.picture, Rectangle(0, 0, width, height), t, nodes, 3 * float(self._radii[-1]))
         for auv, place in enumerate(canvas.camera.pixel(self.auvs[t])):
             label = place + np.array([14, -13]) * self._layout.unit
             symbols.badge(canvas.picture, str(auv + 1), label, 11 * self._layout.unit, style.auv_colour(auv))
 
     def _draw_auv(self, canvas: Canvas, t: int, auv: int) -> None:
-        """Trail, line down to the bed, way to its node, error ellipse, estimate, and the body."""
+        """Trail, line down to the bed, ways to its next nodes, error ellipse, estimate, and the body."""
         colour, place, layout, size = style.auv_colour(auv), self.auvs[t, auv], self._layout, max(self._scene.sides)
         dim = style.mix(WATER, colour, 0.6)
         canvas.trail(self.auvs[track(t, self._trace.scenario.mission.step), auv], colour, WATER, layout.px(2))
         foot = np.array([*place[:2], self._scene.bed])
         canvas.line(np.stack([place, foot]), dim)
         canvas.circle(foot, 0.012 * size, dim)
-        node = self._nodes[self._target[t, auv]]
+        stops = self._nodes[[self._itinerary.node(t, auv), *self._itinerary.after(t, auv)]]
+        for number, leg in enumerate(pairwise(stops)):
+            canvas.line(np.stack(leg), style.mix(WATER, colour, 0.5 - 0.12 * number), layout.px(1.3))
+        node = stops[0]
         if self._serving[t, auv]:
             reach = max(self._trace.scenario.auv.hover_radius, 0.04 * size)
             canvas.circle(node, reach, dim)
             canvas.circle(node, reach, colour, layout.px(3), self._running.service_share[t, auv])
-        begin, end, fix = canvas.camera.pixel(np.stack([place, node, self._estimated[t, auv]]))
+        ends = np.stack([place, node, self._estimated[t, auv], self._foreseen[t, auv]])
+        begin, end, fix, foreseen = canvas.camera.pixel(ends)
         canvas.pieces(np.array(shapes.dashes(begin, end, 4 * layout.unit)), dim, layout.px(1.3))
         outline = shapes.ellipse_points(self._estimated[t, auv, :2], self._error_axes[t, auv], 64)[[*range(64), 0]]
         for line in self._scene.inside(np.column_stack([outline, np.full(len(outline), place[2])])):
             canvas.line(line, style.mix(colour, style.WHITE, 0.3), layout.px(1.2))
+        if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
+            canvas.pieces(np.array(shapes.dashes(foreseen, begin, 3 * layout.unit)), dim)
+            symbols.foreseen(canvas.picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         if np.hypot(*(fix - begin)) > 5 * layout.unit:
             symbols.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         axes = bodies.turned(self._running.heading[t, auv], np.zeros(2))

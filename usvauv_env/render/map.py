@@ -12,18 +12,17 @@ from usvauv_env.record.trace import Trace
 from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.exchanges import Exchanges
 from usvauv_env.render.frame_layout import Layout, MapView
+from usvauv_env.render.itinerary import Itinerary
+from usvauv_env.render.popups import Popups
 from usvauv_env.render.reply_field import ReplyField
 from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
 from usvauv_env.render.shapes import Overlay
-from usvauv_env.render.text import text_width, write
 
 TRAIL = 120.0  # s
 TRAIL_PIECES = 6  # of one opacity each
-POPUP_FRAMES = 45  # for which the data of a completed service is shown
 OLD = 300.0  # s, age from which on a node's ring is brightest
 REFRESH = 3  # steps from which on streaks and lines of equal worth, which change slowly, are made anew
-NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
 SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
 
 
@@ -55,7 +54,8 @@ class MissionMap:
         self._boats = self.view.pixel(trace.boat_position[:, 0])
         self._auvs = self.view.pixel(trace.auv_position[:, 0])
         self._nodes = self.view.pixel(trace.node_position[0])
-        self._exchanges = Exchanges(trace)
+        self._exchanges, self._itinerary = Exchanges(trace), Itinerary(trace)
+        self._popups = Popups(trace, self._itinerary, layout.unit)
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         # Stations have no data that could be old.
         self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
@@ -90,7 +90,7 @@ class MissionMap:
             self._draw_boat(picture, t, boat)
         for auv in range(self._auvs.shape[1]):
             self._draw_auv(picture, t, auv)
-        self._draw_popups(picture, t)
+        self._popups.draw(picture, self._layout.map, t, self._nodes, self._hover_radius)
 
     def _draw_trails(self, t: int) -> None:
         width = self._layout.px(2)
@@ -142,8 +142,8 @@ class MissionMap:
         unit, phase = self._layout.unit, (t % 24) / 24
         for auv, position in enumerate(self._auvs[t]):
             colour = style.auv_colour(auv)
-            node = self._nodes[self._node_of(t, auv)]
-            stops = self._nodes[[self._node_of(t, auv), *self._next(t, auv)]]
+            node = self._nodes[self._itinerary.node(t, auv)]
+            stops = self._nodes[[self._itinerary.node(t, auv), *self._itinerary.after(t, auv)]]
             for place, leg in enumerate(pairwise(stops)):
                 self._overlay.strokes([np.stack(leg)], colour, 0.55 - 0.12 * place, self._layout.px(1.3))
             if self._trace.hovering[t, 0, auv]:
@@ -153,20 +153,6 @@ class MissionMap:
                 pieces = shapes.dashes(position, node, 5 * unit)
                 if pieces:
                     self._overlay.strokes(pieces, colour, 0.7, self._layout.px(1.3))
-
-    def _decided(self, t: int, auv: int) -> int:
-        """A step with the target of step t: in the last step of a service the target is already the next node."""
-        return t - 1 if self._trace.hovering[t, 0, auv] and t > 0 else t
-
-    def _node_of(self, t: int, auv: int) -> int:
-        """The node an AUV serves or heads for."""
-        return int(self._trace.target[self._decided(t, auv), 0, auv])
-
-    def _next(self, t: int, auv: int) -> list[int]:
-        """The nodes an AUV went to after the one it serves or heads for, at most `NEXT`."""
-        target = self._trace.target[self._decided(t, auv) :, 0, auv]
-        later = target[1:][np.diff(target) != 0]
-        return later[:NEXT].tolist()
 
     def _draw_nodes(self, picture: np.ndarray, t: int) -> None:
         if self._trace.scenario.task == "station-keeping":
@@ -189,7 +175,7 @@ class MissionMap:
     def _draw_auv(self, picture: np.ndarray, t: int, auv: int) -> None:
         layout, position, colour = self._layout, self._auvs[t, auv], style.auv_colour(auv)
         if self._trace.hovering[t, 0, auv]:
-            node = self._nodes[self._node_of(t, auv)]
+            node = self._nodes[self._itinerary.node(t, auv)]
             share = self._running.service_share[t, auv]
             symbols.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
         fix, foreseen = self._estimated[t, auv], self._foreseen[t, auv]
@@ -202,25 +188,3 @@ class MissionMap:
             symbols.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         label = position + np.array([14, -12]) * layout.unit
         symbols.badge(picture, str(auv + 1), label, 11 * layout.unit, colour)
-
-    def _draw_popups(self, picture: np.ndarray, t: int) -> None:
-        """The data of each AUV's latest service, rising from the node for `POPUP_FRAMES`."""
-        unit, box = self._layout.unit, self._layout.map
-        first, size = max(0, t - POPUP_FRAMES + 1), 13 * unit
-        taken: list[tuple[float, float, float]] = []
-        for auv in range(self._auvs.shape[1]):
-            recent = np.flatnonzero(self._trace.delivered[first : t + 1, 0, auv] > 0)
-            if not recent.size:
-                continue
-            done = first + recent[-1]
-            age = (t - done) / POPUP_FRAMES
-            text = f"+{self._trace.delivered[done, 0, auv]:.2f} Mbit"
-            half = text_width(text, size, bold=True) / 2
-            x, y = self._nodes[self._node_of(done, auv)]
-            x = np.clip(x, box.left + half, max(box.right - half, box.left + half))
-            y = max(y - self._hover_radius - (5 + 16 * age) * unit, box.top + 1.2 * size)
-            while any(abs(x - at) < half + other and abs(y - row) < 1.15 * size for at, row, other in taken):
-                y += 1.15 * size if y + 2.3 * size < box.bottom else -1.15 * size * (len(taken) + 1)
-            taken.append((x, y, half))
-            for shift, ink in ((unit, style.OUTLINE), (0, style.auv_colour(auv))):
-                write(picture, text, (x + shift, y + shift), size, ink, bold=True, anchor="centre", opacity=1 - age**3)

@@ -77,7 +77,7 @@ class PerspectiveView:
             self._draw_boat(canvas, t, int(boat), heights)
         self._frame.write_lengths(canvas)
         self._frame.draw_compass(canvas)
-        self._below.draw_numbers(canvas, t)
+        self._below.draw_words(canvas, t)
 
     def _write_still(self, limit: float) -> None:
         """Words and scale that do not move, on the backdrop."""
