@@ -1,8 +1,9 @@
-"""The engines: cores kept apart, nothing lost and nothing twice on processes of this machine, Ray and submitit."""
+"""The engines: cores kept apart, nothing lost and nothing twice on processes of this machine, Ray and Slurm."""
 
 import json
 import os
 import signal
+import subprocess
 import time
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from kernels.errors import UserError
-from usvauv_cli.engines import local
+from tests.usvauv_cli import slurm_here
+from usvauv_cli.engines import local, on_slurm
 from usvauv_cli.engines.conduct import ATTEMPTS, Engine, conduct, signs_in
 from usvauv_cli.engines.local import Local
 from usvauv_cli.engines.on_ray import OnRay
@@ -40,6 +42,18 @@ def until_stopped(path: Path, signs: Signs) -> None:
     while not signs.stopping():
         time.sleep(0.05)
     raise Stopped
+
+
+def waits_at_first(path: Path, signs: Signs) -> None:
+    path.write_text("2" if path.exists() else "1")
+    while path.read_text() == "1":
+        time.sleep(0.05)
+
+
+def alone(busy: Path, signs: Signs) -> None:
+    busy.mkdir()
+    time.sleep(0.3)
+    busy.rmdir()
 
 
 def in_here(signs: Signs) -> None:
@@ -105,22 +119,71 @@ def failing(signs: Signs) -> None:
     raise UserError("the last line")
 
 
-class TestSlurmEngine:
-    """On submitit's own executor for one machine: there is no Slurm."""
+@pytest.fixture(params=["installed", "stand_in"])
+def slurm(request, monkeypatch):
+    """Slurm, and commands of the same names; both forget a job soon."""
+    pytest.importorskip("submitit", reason="needs the extra scale")
+    if request.param == "installed" and not slurm_here.INSTALLED:
+        pytest.skip("needs Slurm's daemons and munge")
+    monkeypatch.setattr(on_slurm, "ASK", 1.0)
+    with getattr(slurm_here, request.param)() as variables:
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        yield
 
-    def test_gives_results_failures_and_what_is_lost(self, tmp_path):
-        pytest.importorskip("submitit", reason="needs the extra scale")
-        engine = OnSlurm(tmp_path / "slurm", "", 2, 1, 1.0, 0.0, 0.1, cluster="local")
+
+class TestSlurmEngine:
+    def engine(self, folder, jobs=2) -> OnSlurm:
+        return OnSlurm(folder / "slurm", "batch", jobs, 1, 1.0, 0.0, 0.1)
+
+    def test_gives_results_failures_and_what_is_lost(self, slurm, tmp_path):
         pieces = {"fails": failing, "once": partial(killed, tmp_path / "once", 1)}
-        results = conducted(engine, tmp_path, **pieces)
+        results = conducted(self.engine(tmp_path), tmp_path, **pieces)
         assert results == {"fails": Ended("fails", "failed", "the last line"), "once": Ended("once", "done")}
         assert (tmp_path / "once").read_text() == "2"
+
+    def test_does_again_what_was_cancelled_by_others(self, slurm, tmp_path):
+        path, cancelled = tmp_path / "begun", []
+
+        def watch() -> None:
+            if path.exists() and not cancelled:
+                command = ["squeue", "--me", "--noheader", "--array", "--format=%i"]
+                cancelled.extend(subprocess.check_output(command, text=True).split())
+                subprocess.check_call(["scancel", *cancelled])
+
+        results = conducted(self.engine(tmp_path), tmp_path, watch, a=partial(waits_at_first, path))
+        assert results == {"a": Ended("a", "done")}
+        assert len(cancelled) == 1
+        assert path.read_text() == "2"
+
+    def test_has_no_more_at_a_time_than_it_may(self, slurm, tmp_path):
+        pieces = {name: partial(alone, tmp_path / "busy") for name in "abc"}
+        results = conducted(self.engine(tmp_path, 1), tmp_path, **pieces)
+        assert {result.how for result in results.values()} == {"done"}
+
+    def test_stops_what_a_command_left_that_was_killed(self, slurm, tmp_path):
+        """The same command makes other signs, and removes those that its jobs look for."""
+        left, path = self.engine(tmp_path), tmp_path / "begun"
+        with signs_in(tmp_path) as signs:
+            left.submit([Task("a", partial(until_stopped, path), signs, 1, "cpu")])
+            assert left.wait(0.1) == []
+            while not path.exists():
+                time.sleep(0.1)
+            with signs_in(tmp_path):
+                assert left.wait(30) == [Ended("a", "stopped")]
+
+    def test_refuses_a_partition_that_is_not_there(self, slurm, tmp_path):
+        engine = OnSlurm(tmp_path / "slurm", "nowhere", 2, 1, 1.0, 0.0, 0.1)
+        with signs_in(tmp_path) as signs, pytest.raises(UserError) as refused:
+            conduct(engine, [Task("a", failing, signs, 1, "cpu")], signs, pytest.fail)
+        assert str(refused.value).startswith("--slurm nowhere: sbatch: error: invalid partition specified")
+        assert "\n" not in str(refused.value)
 
     def test_says_that_there_is_no_slurm(self, tmp_path, monkeypatch):
         pytest.importorskip("submitit", reason="needs the extra scale")
         monkeypatch.setenv("PATH", "")
         with pytest.raises(UserError, match="--slurm batch: Could not detect"):
-            OnSlurm(tmp_path / "slurm", "batch", 2, 1, 1.0, 0.0, 0.1)
+            self.engine(tmp_path)
 
 
 def on_node(folder: Path, name: str, signs: Signs) -> None:

@@ -1,4 +1,6 @@
-"""Many pieces of work on an engine: all of them, until Ctrl-C; those whose process was lost again."""
+"""Many pieces of work on an engine: all of them, until Ctrl-C; those whose process was lost, or that stopped unasked,
+again.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
+from uuid import uuid4
 
 from kernels.interruption import deferred
 from usvauv_cli.engines.task import REPORT, STOP, Ended, Task, reported
 from usvauv_env.files import writing
 
-ATTEMPTS = 3  # at a piece whose process is lost
+ATTEMPTS = 3  # at a piece that does not end by itself
+UNFINISHED = ("lost", "stopped")
 SIGNS = ".signs"
 
 
@@ -39,15 +43,17 @@ class Engine(Protocol):
 
 @contextmanager
 def signs_in(folder: Path) -> Iterator[Path]:
-    """An empty folder for signs below `folder`, which is removed at the end."""
-    signs = folder / SIGNS
+    """A new folder for signs below `folder`, which is removed at the end. Those of others there are removed first, so
+    that what they left running on other machines stops.
+    """
+    signs = folder / SIGNS / uuid4().hex
     with writing(signs):
-        shutil.rmtree(signs, ignore_errors=True)
-        signs.mkdir()
+        shutil.rmtree(signs.parent, ignore_errors=True)
+        signs.mkdir(parents=True)
     try:
         yield signs
     finally:
-        shutil.rmtree(signs, ignore_errors=True)
+        shutil.rmtree(signs.parent, ignore_errors=True)
 
 
 def conduct(
@@ -66,12 +72,12 @@ def conduct(
         ended: called with each result that is final.
         watch: called several times a second.
     """
-    left, lost = {task.name: task for task in tasks}, Counter()
+    left, attempts = {task.name: task for task in tasks}, Counter()
 
     def collect() -> Iterator[Ended]:
         for result in engine.wait(REPORT):
-            lost[result.name] += result.how == "lost"
-            if result.how != "lost" or lost[result.name] == ATTEMPTS:
+            attempts[result.name] += 1
+            if result.how not in UNFINISHED or attempts[result.name] == ATTEMPTS:
                 del left[result.name]
             yield result
 

@@ -1,21 +1,27 @@
-"""Slurm through submitit: the pieces of work are the elements of a job array; extra `scale`.
+"""Slurm through submitit: the pieces of work are the elements of job arrays; extra `scale`.
 
-The nodes share the folder of the results and can import usvauv.
+The nodes share the folder of the results and can import usvauv. Whether a job has ended is asked of `squeue`, because
+`sacct`, which submitit asks, knows nothing where Slurm keeps no accounts.
 """
 
 from __future__ import annotations
 
 import math
+import subprocess
 import time
+from collections import deque
 from collections.abc import Sequence
+from contextlib import redirect_stderr
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from kernels.errors import UserError
+from kernels.errors import UserError, in_words
 from usvauv_cli.engines.local import LOST, THREADS
 from usvauv_cli.engines.task import Ended, Task
 
-LOOK = 0.2  # seconds between two looks at the jobs
+LOOK = 0.2  # seconds between two looks for results
+ASK = 10.0  # seconds between two questions to Slurm; a job without a result that has ended at two of them is lost
 
 
 class OnSlurm:
@@ -24,25 +30,16 @@ class OnSlurm:
     Args:
         folder: of what submitit keeps: scripts, and what jobs print.
         partition: of Slurm.
-        jobs: elements of an array that run at a time.
+        jobs: that Slurm has at a time, running or waiting.
         cores, memory, gpu: of a task: CPU cores, GB, graphics cards (rounded up).
         hours: time limit.
-        cluster: as submitit names it: "slurm", or "local" for processes of this machine.
 
     Raises:
         UserError: submitit or Slurm is missing.
     """
 
     def __init__(
-        self,
-        folder: Path,
-        partition: str,
-        jobs: int,
-        cores: int,
-        memory: float,
-        gpu: float,
-        hours: float,
-        cluster: str = "slurm",
+        self, folder: Path, partition: str, jobs: int, cores: int, memory: float, gpu: float, hours: float
     ) -> None:
         try:
             import submitit
@@ -50,9 +47,9 @@ class OnSlurm:
         except ImportError:
             raise UserError("--slurm: needs the extra 'scale'; install it with: pip install 'usvauv[scale]'") from None
         try:
-            self._executor: Any = submitit.AutoExecutor(folder, cluster)
+            self._executor: Any = submitit.AutoExecutor(folder, "slurm")
         except RuntimeError as error:
-            raise UserError(f"--slurm {partition}: {str(error).splitlines()[0]}") from None
+            raise UserError(f"--slurm {partition}: {error}") from None
         self._executor.update_parameters(
             name="usvauv",
             cpus_per_task=cores,
@@ -61,36 +58,68 @@ class OnSlurm:
             timeout_min=math.ceil(60 * hours),
             slurm_partition=partition,
             slurm_array_parallelism=jobs,
-            **{f"{cluster}_setup": [f"export {THREADS}={cores}"]},
+            slurm_setup=[f"export {THREADS}={cores}"],
         )
-        self._errors = utils
+        self._errors, self._partition, self._jobs = utils, partition, jobs
+        self._waiting: deque[Task] = deque()
         self._running: dict[str, Any] = {}
+        self._ended: set[str] = set()  # of the running ones at the last question
+        self._asked = time.monotonic()
 
     def submit(self, tasks: Sequence[Task]) -> None:
-        try:
-            jobs = self._executor.map_array(Task.__call__, tasks)
-        except self._errors.FailedSubmissionError as error:
-            raise UserError(f"--slurm: {error}") from None
-        self._running |= {task.name: job for task, job in zip(tasks, jobs, strict=True)}
+        self._waiting += tasks
 
     def wait(self, seconds: float) -> list[Ended]:
+        self._begin()
         until = time.monotonic() + seconds
-        while not (ready := [name for name, job in self._running.items() if job.done()]):
-            if time.monotonic() > until:
-                return []
+        while not (results := [*self._results(), *self._lost()]) and time.monotonic() < until:
             time.sleep(LOOK)
-        return [self._result(name) for name in ready]
+        return results
+
+    def _begin(self) -> None:
+        """Submit what there is room for."""
+        room = min(self._jobs - len(self._running), len(self._waiting))
+        if not room:
+            return
+        tasks = [self._waiting.popleft() for _ in range(room)]
+        try:
+            with redirect_stderr(StringIO()):  # which submitit shows and raises
+                jobs = self._executor.map_array(Task.__call__, tasks)
+        except (self._errors.FailedJobError, self._errors.FailedSubmissionError) as error:
+            raise UserError(f"--slurm {self._partition}: {' '.join(str(error).split())}") from None
+        self._running |= {task.name: job for task, job in zip(tasks, jobs, strict=True)}
+
+    def _results(self) -> list[Ended]:
+        return [self._result(name) for name, job in list(self._running.items()) if job.paths.result_pickle.exists()]
 
     def _result(self, name: str) -> Ended:
         try:
             return self._running.pop(name).result()
-        except (self._errors.UncompletedJobError, self._errors.FailedJobError):
-            return Ended(name, "lost", LOST)
+        except self._errors.FailedJobError as error:  # outside of the task, as where usvauv cannot be imported
+            return Ended(name, "failed", in_words(error), str(error))
+
+    def _lost(self) -> list[Ended]:
+        """Those that Slurm no longer has and that left no result."""
+        if time.monotonic() - self._asked < ASK:
+            return []
+        self._asked = time.monotonic()
+        command = ["squeue", "--me", "--noheader", "--array", "--format=%i"]
+        asked = subprocess.run(command, capture_output=True, text=True, check=False)
+        if asked.returncode:  # its controller restarts
+            return []
+        before, there = self._ended, set(asked.stdout.split())
+        self._ended = {name for name, job in self._running.items() if job.job_id not in there}
+        return [self._gone(name) for name in self._ended & before]
+
+    def _gone(self, name: str) -> Ended:
+        said = (self._running.pop(name).stderr() or "").strip()
+        return Ended(name, "lost", said.rpartition("\n")[2] or LOST, said)
 
     def cancel(self, names: Sequence[str]) -> None:
-        for name in names:
-            if name in self._running:
-                self._running.pop(name).cancel()
+        self._waiting = deque(task for task in self._waiting if task.name not in names)
+        jobs = [self._running.pop(name).job_id for name in names if name in self._running]
+        if jobs:
+            subprocess.run(["scancel", *jobs], capture_output=True, check=False)
 
     def close(self) -> None:
         """Nothing is left to be let go."""

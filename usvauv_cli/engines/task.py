@@ -1,7 +1,7 @@
 """A piece of work that runs in some process, and what that process and the one that waits for it tell each other.
 
 They share a folder of signs, on a shared file system if they are on different machines: SIGNS/NAME says how much of a
-piece is done, SIGNS/stop asks all of them to stop.
+piece is done, SIGNS/stop asks all of them to stop, as does its removal.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ class Signs:
                 self._report.write_text(repr(self._done), encoding="ascii")
 
     def stopping(self) -> bool:
-        """Whether to stop: it was asked for, or the process that began this one has ended."""
+        """Whether to stop: it was asked for, or what began this piece has ended, or its command was given again."""
         if not self._asked and time.monotonic() - self._looked > REPORT:
             self._looked = time.monotonic()
             orphaned = self._parent is not None and not self._parent.is_alive()
-            self._asked = orphaned or self._stop.exists()
+            self._asked = orphaned or self._stop.exists() or not self._stop.parent.exists()
         return self._asked
 
 

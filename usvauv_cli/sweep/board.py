@@ -50,7 +50,7 @@ class Board:
         """Tell that a run has ended; the last line of one that failed stays."""
         del self.unfinished[result.name]
         self._shares.pop(result.name, None)
-        bad = result.how in ("failed", "lost")
+        bad = result.how != "done"
         self.failed += bad
         if bad or not self._console.is_terminal:
             method, task = self._names[result.name]

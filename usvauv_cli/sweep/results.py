@@ -80,7 +80,7 @@ def _perform(
     with signs_in(folder.resolve()) as signs, Board(left, names) as board:
 
         def ended(result: Ended) -> None:
-            if result.how in ("failed", "lost"):
+            if result.how != "done":
                 place = performs[result.name].place
                 place.mkdir(parents=True, exist_ok=True)
                 with atomic_write(place / FAILURE) as partial:

@@ -33,7 +33,7 @@ from usvauv_env.record.table import write_rows
 RESULT = "episodes.csv"
 DEFINITION = "run.json"
 FAILURE = "failure.txt"
-PATIENCE = 30.0  # seconds in which a process that was lost may still hold the lock
+PATIENCE = 120.0  # seconds in which a process that was lost may still hold the lock; NFS shows signs after a minute
 
 
 def finished(place: Path) -> bool:
