@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from torch import Tensor
@@ -62,5 +64,11 @@ class Imported(Policy):
         return self._act(observation)
 
 
+def file(name: str) -> Path | None:
+    """The file of the module in MODULE:CLASS, which `find` has imported; None of another name, or where it has none."""
+    path = _file(name.partition(":")[0])
+    return Path(path) if NAME.fullmatch(name) and os.path.isfile(path) else None
+
+
 def _file(module: str) -> str:
-    return getattr(sys.modules[module], "__file__", None) or f"module {module}"
+    return getattr(sys.modules.get(module), "__file__", None) or f"module {module}"

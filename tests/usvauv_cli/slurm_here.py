@@ -1,4 +1,4 @@
-"""Slurm on this machine for tests: its own daemons on one node where they are installed, and a stand-in of its commands."""
+"""Slurm on this machine for tests: its daemons on one node where they are installed, and a stand-in of its commands."""
 
 from __future__ import annotations
 

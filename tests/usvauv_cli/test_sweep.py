@@ -35,7 +35,9 @@ class Good:
 
 class Bad(Good):
     def act(self, observation):
-        raise RuntimeError("first line\\nthe last line")
+        if not Path("repaired").exists():
+            raise RuntimeError("first line\\nthe last line")
+        return super().act(observation)
 
 class Killed(Good):
     steps = 0
@@ -167,6 +169,15 @@ class TestName:
         save_file(weights, folder / "policy.safetensors")
         assert plan(Run(policy=str(folder.parent)), Evaluation(), "here").key != before
 
+    def test_is_another_when_the_file_of_a_class_changes(self, tmp_path, monkeypatch):
+        monkeypatch.syspath_prepend(tmp_path)
+        (tmp_path / "mine_here.py").write_text("class Best: ...\nclass Other: ...\n")
+        before = [plan(Run(policy=f"mine_here:{name}"), Evaluation(), "here").key for name in ("Best", "Other")]
+        assert before[0] != before[1]
+        (tmp_path / "mine_here.py").write_text("class Best: ...\nclass Other: pass\n")
+        after = [plan(Run(policy=f"mine_here:{name}"), Evaluation(), "here").key for name in ("Best", "Other")]
+        assert not set(before) & set(after)
+
 
 def counted(folder: Path) -> Counter:
     """Rows of a study's table by run and episode."""
@@ -191,7 +202,11 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     assert len(counted(tmp_path / "a")) == 2 * 3
     before = {path: path.stat().st_mtime_ns for path in results}
 
-    (tmp_path / "mine.py").write_text(MINE.replace("raise RuntimeError", "return 0 * observation[..., :2]  #"))
+    page = (tmp_path / "a" / "report" / "index.html").read_text(encoding="utf-8")
+    assert "<dt>failed</dt><dd>1<" in page
+    assert "the last line" in page
+
+    (tmp_path / "repaired").touch()
     code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")
     assert (code, complaints) == (0, "")
     assert said.startswith("1 of 3 runs to do, 2 are done\n")
@@ -199,6 +214,7 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     assert set(counted(tmp_path / "a").values()) == {1}
     assert len(counted(tmp_path / "a")) == 3 * 3
     assert not list((tmp_path / "a" / "runs").glob("*/failure.txt"))
+    assert all(json.loads(path.read_text())["seconds"] > 0 for path in (tmp_path / "a" / "runs").glob("*/made.json"))
 
     code, said, _ = run_usvauv("sweep", "study.toml", "--out", "a")
     assert code == 0
@@ -264,6 +280,30 @@ def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
     assert resumed[0] == stopped < resumed[1]
     assert set(counted(tmp_path / "a").values()) == {1}
     assert len(counted(tmp_path / "a")) == 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the system has no such limit")
+def test_a_full_disk_fails_a_run_and_leaves_no_half(tmp_path):
+    """No file of a run can be longer than its definition, in the processes of the first command alone."""
+    written(tmp_path, f'[common]\n{SHORT}\n[[runs]]\npolicy = ["clear", "straight"]\n[evaluation]\nepisodes = 40')
+    command = [*COMMAND, "sweep", "study.toml", "--out", "a", "--jobs", "1"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+
+    def do(full: bool) -> subprocess.CompletedProcess:
+        limit = ["prlimit", "--fsize=8000"] if full else []
+        return subprocess.run(
+            [*limit, *command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=300
+        )
+
+    done = do(True)
+    assert done.returncode == 2
+    print(done.stdout, done.stderr)
+    assert not list(tmp_path.glob("a/runs/*/episodes.csv"))
+    assert not list(tmp_path.glob("a/runs/*/*.partial"))
+    done = do(False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(counted(tmp_path / "a")) == 2 * 40
+    assert not list(tmp_path.glob("a/runs/*/failure.txt"))
 
 
 def test_the_live_table_fits_a_terminal():

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from usvauv_cli.sweep import summary
-from usvauv_cli.sweep.statistics import above, improvement, interquartile_mean, interval, mean, median, normalised
+from usvauv_cli.sweep.statistics import improvement, interquartile_mean, interval, mean, median, normalised, profile
 from usvauv_cli.sweep.study import Evaluation
 
 DRAW = np.random.default_rng(3)
@@ -28,7 +28,13 @@ def test_improvement_is_mann_whitneys():
 
 
 def test_profile_counts_runs():
-    assert above(ONE, 0.3) == pytest.approx(sum(score > 0.3 for task in ONE for score in task) / 30)
+    levels = np.array([-0.2, 0.3])
+    counted = [sum(score > level for task in ONE for score in task) / 30 for level in levels]
+    assert profile(ONE, levels) == pytest.approx(counted)
+    value, low, high = interval(lambda scores: profile(scores, levels), ONE)
+    for i, level in enumerate(levels):
+        alone = interval(lambda scores, level=level: profile(scores, np.array([level]))[..., 0], ONE)
+        assert (value[i], low[i], high[i]) == pytest.approx(tuple(map(float, alone)))
 
 
 def test_mean_and_median_are_over_tasks():
@@ -91,6 +97,15 @@ def test_summary_takes_the_better_direction_and_whole_runs():
     profile = {point["above"]: point["value"] for point in results["profiles"]["a"]}
     assert profile[0.75] == 1.0
     assert profile[0.9] == pytest.approx(2 / 3)
+
+
+def test_of_many_methods_the_best_is_compared_with_the_others():
+    found = {task: {f"m{n}": np.array([n, n + 0.5]) for n in range(summary.COMPARED + 1)} for task in "xy"}
+    results = summary.summary(found, Evaluation())
+    assert [(pair["method"], pair["over"]) for pair in results["improvement"]] == [
+        (f"m{summary.COMPARED}", f"m{n}") for n in range(summary.COMPARED)
+    ]
+    assert {pair["value"] for pair in results["improvement"]} == {1.0}
 
 
 def test_summary_of_tasks_that_methods_do_not_share(capsys):

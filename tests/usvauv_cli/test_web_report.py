@@ -5,10 +5,7 @@ import html
 import json
 import math
 import re
-import shutil
-import subprocess
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +13,7 @@ import pytest
 from scipy import stats
 
 import policies
+from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
 from usvauv_cli.web_report import columns, figure_style, page, scores
 from usvauv_cli.web_report.player import at_arrows
 from usvauv_cli.web_report.recordings import ERRORS, MOST_SHOWN, Recordings, ellipses, fix_quantiles, thinned
@@ -28,7 +26,6 @@ from usvauv_env.sections import MAX_AUVS, MAX_NODES, MAX_VORTICES
 
 LARGEST = 3_000_000  # bytes of a page
 EPISODES = 3
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
 class Made:
@@ -53,37 +50,6 @@ class Made:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Made:
     return Made(tmp_path_factory.mktemp("report"))
-
-
-class Elements(HTMLParser):
-    """Every element of a page with its attributes, and the rows of its tables as lists of texts."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
-        self.tables: list[list[list[str]]] = []
-        self.cell = False
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.found.append((tag, dict(attrs)))
-        if tag == "table":
-            self.tables.append([])
-        elif tag == "tr":
-            self.tables[-1].append([])
-        elif tag in ("th", "td"):
-            self.tables[-1][-1].append("")
-            self.cell = True
-        elif tag == "br" and self.cell:
-            self.tables[-1][-1][-1] += "\n"
-
-    def handle_endtag(self, tag):
-        if tag in ("th", "td"):
-            self.cell = False
-
-    def handle_data(self, data):
-        if self.cell:
-            self.tables[-1][-1][-1] += data
 
 
 def embedded(text: str) -> dict:
@@ -212,32 +178,10 @@ class TestPage:
         assert {bool(bold) for bold, _ in cells} == {True, False}
 
     def test_needs_nothing_else(self, made):
-        for tag, attributes in Elements(made.text).found:
-            assert tag not in ("link", "iframe", "object", "embed", "base", "img")
-            for name in ("src", "href", "xlink:href", "action"):
-                target = attributes.get(name) or "#"
-                local = target.removesuffix(".pdf")
-                assert target.startswith("#") or (tag == "a" and (made.folder / f"{local}.pdf").is_file()), target
-        assert "@import" not in made.text
-        assert set(re.findall(r"url\((.)", made.text)) <= {"#"}
-        assert "default-src 'none'" in html.unescape(made.text)
-
-    def test_ids_are_there_and_unique(self, made):
-        found = Elements(made.text).found
-        ids = [attributes["id"] for _, attributes in found if "id" in attributes]
-        assert len(ids) == len(set(ids))
-        named = [attributes.get(name) or "" for _, attributes in found for name in ("href", "xlink:href", "clip-path")]
-        referred = {match[1] for text in named if (match := re.search(r"#([\w-]+)", text))}
-        assert referred
-        assert referred <= set(ids)
+        check_alone(made.folder)
 
     def test_figures_are_described_and_follow_the_theme(self, made):
-        drawn = re.findall(r"<svg viewBox[^>]*role=\"img\".*?</svg>", made.text, re.DOTALL)
-        assert len(drawn) == 4
-        for svg in drawn:
-            title, about = (re.search(rf"<{tag} id=\"([\w-]+)\">([^<]+)</{tag}>", svg) for tag in ("title", "desc"))
-            assert f'aria-labelledby="{title[1]} {about[1]}"' in svg
-            assert re.findall(r"#[0-9a-f]{6}\b", svg) == []
+        check_figures(made.folder, {"ages", "errors", "front", "trajectories"})
         assert figure_style.LIGHT.keys() == figure_style.DARK.keys()
         assert len(set(figure_style.LIGHT.values())) == len(figure_style.LIGHT)
 
@@ -251,16 +195,6 @@ class TestPage:
         page.write(tmp_path, made.scenario, made.rows, made.recordings)
         for path in made.folder.iterdir():
             assert path.read_bytes() == (tmp_path / path.name).read_bytes()
-
-    def test_pdfs_are_a_column_wide_with_their_fonts(self, made):
-        files = sorted(made.folder.glob("*.pdf"))
-        assert [path.stem for path in files] == ["ages", "errors", "front", "trajectories"]
-        for path in files:
-            text = path.read_bytes()
-            assert b"/MediaBox [ 0 0 244.8 " in text
-            assert b"CreationDate" not in text
-            assert b"/Type3" not in text
-            assert text.count(b"/FontFile2") == text.count(b"/Type /FontDescriptor") > 0
 
 
 class TestPlayer:
@@ -384,14 +318,7 @@ def test_a_folder_that_cannot_be_is_refused_before_the_run(run_usvauv, tmp_path,
     assert not (tmp_path / "metrics.csv").exists()
 
 
-WATCH = """<script>
-const problems = [];
-addEventListener("error", (event) => problems.push(String(event.message)));
-addEventListener("securitypolicyviolation", (event) => problems.push(`${event.violatedDirective} ${event.blockedURI}`));
-for (const name of ["error", "warn"]) console[name] = (...words) => problems.push(words.join(" "));
-</script>"""
-TRY = """<script>
-addEventListener("load", async () => {
+TRY = """
   const canvas = document.getElementById("map"), slider = document.getElementById("time"), pictures = {};
   const look = (name) => { pictures[name] = canvas.toDataURL(); };
   const change = (id, values, kind) => {
@@ -412,35 +339,17 @@ addEventListener("load", async () => {
   play.click(); words.push(play.textContent);
   await new Promise((resolve) => setTimeout(resolve, 1000));
   play.click(); words.push(play.textContent);
-  const wide = document.documentElement.scrollWidth, inner = innerWidth;
   const different = new Set(Object.values(pictures)).size;
-  const answer = { problems, different, said, words, played: slider.value - before, wide, inner };
-  parent.postMessage(JSON.stringify(answer), "*");
-});
-</script>"""
-FRAME = """<!DOCTYPE html><body><pre></pre><script>
-addEventListener("message", (event) => { document.querySelector("pre").textContent = event.data; });
-</script><iframe src="page.html" style="border:0;width:WIDTHpx;height:800px"></iframe>"""
+  return { different, said, words, played: slider.value - before };
+"""
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 @pytest.mark.parametrize("width", [360, 390, 1200])
 def test_in_a_browser(made, tmp_path, width):
     """No problem is reported, the player draws what it is asked for, and nothing is wider than the window."""
-    text = made.text.replace("<head>", f"<head>{WATCH}").replace("</body>", f"{TRY}</body>")
-    (tmp_path / "page.html").write_text(text, encoding="utf-8")
-    (tmp_path / "frame.html").write_text(FRAME.replace("WIDTH", str(width)), encoding="utf-8")
-    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
-    window = ["--window-size=1400,900", "--virtual-time-budget=10000", "--dump-dom"]
-    done = subprocess.run(
-        [CHROMIUM, *options, *window, f"file://{tmp_path}/frame.html"],
-        capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
-    answer = json.loads(html.unescape(re.search(r"<pre>(.*?)</pre>", done.stdout, re.DOTALL)[1]))
-    assert answer["problems"] == []
+    answer = in_browser(made.text, tmp_path, width, TRY)
     assert answer["different"] == 6
-    assert answer["inner"] == width
-    assert answer["wide"] <= width
     assert answer["words"] == ["Play", "Pause", "Play"]
     assert answer["played"] > 0
     assert re.fullmatch(r"0:30 min · [\d.]+ Wh · [\d.]+ Mbit · estimates off by [\d.]+, [\d.]+ m", answer["said"])

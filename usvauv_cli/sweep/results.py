@@ -1,35 +1,34 @@
 """A study from its file to its results: what is left is done, then tables are written.
 
 DIR/runs/HASH/      a run, see `usvauv_cli.sweep.run`
-DIR/results.csv     one row for each run and episode: `FIRST`, then the columns of `usvauv eval`
+DIR/results.csv     one row for each run and episode: `FIRST`, then the columns of `usvauv eval`; also as .parquet
 DIR/summary.json    see `usvauv_cli.sweep.summary`
+DIR/report/         see `usvauv_cli.sweep.report`
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from kernels.errors import UserError
 from usvauv_cli.engines.conduct import Engine, conduct, signs_in
 from usvauv_cli.engines.task import Ended, Task, reported
-from usvauv_cli.sweep import summary
+from usvauv_cli.sweep import report, summary
 from usvauv_cli.sweep.board import Board
 from usvauv_cli.sweep.run import FAILURE, RESULT, Perform, finished
 from usvauv_cli.sweep.study import Planned, Study
 from usvauv_env import plugins
 from usvauv_env.files import atomic_write
 from usvauv_env.lock import locked
+from usvauv_env.record.metrics import EpisodeMetrics
 from usvauv_env.record.table import read_rows, write_rows
 
+TABLE = "results.csv"
 FIRST = ("run", "method", "task", "training_seed")
-
-
-def place_of(folder: Path, planned: Planned) -> Path:
-    """Folder of a run."""
-    return folder / "runs" / planned.key
 
 
 def sweep(study: Study, folder: Path, engine: Callable[[], Engine]) -> None:
@@ -46,7 +45,7 @@ def sweep(study: Study, folder: Path, engine: Callable[[], Engine]) -> None:
     """
     names = summary.labels(study.runs)
     with locked(folder):
-        left = [planned for planned in study.runs if not finished(place_of(folder, planned))]
+        left = [planned for planned in study.runs if not finished(planned.place(folder))]
         if left:
             done = len(study.runs) - len(left)
             print(f"{len(left)} of {len(study.runs)} runs to do" + (f", {done} are done" if done else ""), flush=True)
@@ -54,14 +53,7 @@ def sweep(study: Study, folder: Path, engine: Callable[[], Engine]) -> None:
         else:
             print(f"all {len(study.runs)} runs are done already; nothing is left to do")
             failed = 0
-        rows = [
-            {**dict(zip(FIRST, (planned.key, *names[planned.key], planned.run.seed), strict=True)), **row}
-            for planned in study.runs
-            if finished(place_of(folder, planned))
-            for row in read_rows(place_of(folder, planned) / RESULT)
-        ]
-        if rows:
-            _write(rows, study, folder)
+        write(study, folder, names)
     if failed:
         raise UserError(
             f"{failed} of {len(study.runs)} runs failed, see {folder / 'runs'}/*/{FAILURE}; the same command tries them"
@@ -73,8 +65,7 @@ def _perform(
     study: Study, left: list[Planned], folder: Path, names: summary.Labels, engine: Callable[[], Engine]
 ) -> int:
     """Do runs; returns how many failed."""
-    arch = "cuda" if study.resources.gpu else "cpu"
-    performs = {planned.key: Perform(planned.definition, place_of(folder, planned).resolve()) for planned in left}
+    performs = {planned.key: Perform(planned.definition, planned.place(folder).resolve()) for planned in left}
     work = {key: perform.work for key, perform in performs.items()}
     files = tuple(plugins.loaded())
     with signs_in(folder.resolve()) as signs, Board(left, names) as board:
@@ -91,17 +82,47 @@ def _perform(
             done = {key: reported(signs, key) for key in board.unfinished}
             board.update({key: units / work[key] for key, units in done.items() if units is not None})
 
-        tasks = [Task(key, perform, signs, study.resources.cores, arch, files) for key, perform in performs.items()]
+        tasks = [
+            Task(key, perform, signs, study.resources.cores, study.resources.arch, files)
+            for key, perform in performs.items()
+        ]
         conduct(engine(), tasks, signs, ended, watch)
         return board.failed
 
 
-def _write(rows: list[dict[str, Any]], study: Study, folder: Path) -> None:
-    """Write the tables and print the summary."""
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    write_rows(folder / "results.csv", columns, rows)
-    results = summary.summary(summary.figures(rows, study.evaluation.score), study.evaluation)
+def write(study: Study, folder: Path, names: summary.Labels) -> None:
+    """Write the tables and the page, and print the summary."""
+    done = [planned for planned in study.runs if finished(planned.place(folder))]
+
+    def rows() -> Iterator[dict[str, Any]]:
+        for planned in done:
+            first = dict(zip(FIRST, (planned.key, *names[planned.key], planned.run.seed), strict=True))
+            for row in read_rows(planned.place(folder) / RESULT):
+                yield {**first, **row}
+
+    if done:
+        columns = dict.fromkeys(name for row in rows() for name in row)
+        write_rows(folder / TABLE, list(columns), rows())
+        parquet = _write_parquet(folder / TABLE)
+        print(f"{len(done) * study.evaluation.episodes} episodes written to {folder / TABLE}{parquet}")
+    results = summary.summary(summary.figures(rows(), study.evaluation.score), study.evaluation)
     with atomic_write(folder / "summary.json") as partial:
         partial.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     summary.show(results)
-    print(f"{len(rows)} episodes written to {folder / 'results.csv'}, summary to {folder / 'summary.json'}")
+    print(f"summary: {folder / 'summary.json'}")
+    print(f"report: {report.write(folder, study, names, results)}")
+
+
+def _write_parquet(table: Path) -> str:
+    """The table as Parquet beside it, with numbers as such; returns what is to be said of it."""
+    path = table.with_suffix(".parquet")
+    try:
+        from pyarrow import csv, parquet, string
+    except ImportError:
+        path.unlink(missing_ok=True)
+        return "; there is no Parquet file without pyarrow (extra 'scale')"
+    text = [*FIRST[:3], *(part.name for part in fields(EpisodeMetrics) if part.type == "str")]
+    options = csv.ConvertOptions(column_types=dict.fromkeys(text, string()), strings_can_be_null=False)
+    with atomic_write(path) as partial:
+        parquet.write_table(csv.read_csv(table, convert_options=options), partial)
+    return " and .parquet"

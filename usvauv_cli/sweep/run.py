@@ -4,16 +4,19 @@ HASH/run.json       what defines it
 HASH/last, best, …  the training run, as `usvauv train` keeps it
 HASH/episodes.csv   one row an episode; written last
 HASH/failure.txt    how the last attempt failed
+HASH/made.json      seconds of all attempts, host and version of the last
 """
 
 from __future__ import annotations
 
 import json
+import platform
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +36,7 @@ from usvauv_env.record.table import write_rows
 RESULT = "episodes.csv"
 DEFINITION = "run.json"
 FAILURE = "failure.txt"
+MADE = "made.json"
 PATIENCE = 120.0  # seconds in which a process that was lost may still hold the lock; NFS shows signs after a minute
 
 
@@ -73,9 +77,10 @@ class Perform:
             with atomic_write(place / DEFINITION) as partial_file:
                 partial_file.write_text(json.dumps(self.definition, indent=2) + "\n", encoding="utf-8")
             scenario = Scenario.from_dict(self.definition["scenario"], str(place))
-            if self.definition["training"]:
-                self._train(scenario, signs)
-            self._evaluate(scenario, signs)
+            with _noted(place / MADE):
+                if self.definition["training"]:
+                    self._train(scenario, signs)
+                self._evaluate(scenario, signs)
 
     def _train(self, scenario: Scenario, signs: Signs) -> None:
         clean(self.place)
@@ -116,6 +121,26 @@ class Perform:
         )
         (self.place / FAILURE).unlink(missing_ok=True)
         write_rows(self.place / RESULT, list(rows[0].columns()), (row.columns() for row in rows))
+
+
+@contextmanager
+def _noted(path: Path) -> Iterator[None]:
+    """Write what the block took, added to what is there, whether or not it succeeds."""
+    before, begun = seconds(path.parent) or 0.0, time.monotonic()
+    try:
+        yield
+    finally:
+        took = round(before + time.monotonic() - begun, 1)
+        about = {"seconds": took, "host": platform.node(), "usvauv": metadata.version("usvauv")}
+        with atomic_write(path) as partial_file:
+            partial_file.write_text(json.dumps(about) + "\n", encoding="utf-8")
+
+
+def seconds(place: Path) -> float | None:
+    """What all attempts at the run of a folder took; None if that is not known."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        return float(json.loads((place / MADE).read_text(encoding="utf-8"))["seconds"])
+    return None
 
 
 @contextmanager

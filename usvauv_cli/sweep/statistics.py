@@ -8,7 +8,7 @@ with an array for each task, of one score a run; functions of them reduce the la
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,11 +18,11 @@ REPEATS = 2000  # resamples
 
 
 class Interval(NamedTuple):
-    """A figure and its 95 % interval; NaN where no task has two runs."""
+    """A figure, a number or an array, and its 95 % interval; NaN where no task has two runs."""
 
-    value: float
-    low: float
-    high: float
+    value: Any
+    low: Any
+    high: Any
 
 
 def interquartile_mean(scores: Scores) -> np.ndarray:
@@ -42,9 +42,9 @@ def median(scores: Scores) -> np.ndarray:
     return np.median([task.mean(-1) for task in scores], axis=0)
 
 
-def above(scores: Scores, level: float) -> np.ndarray:
-    """Performance profile: share of runs with a score above τ, mean over tasks."""
-    return np.mean([(task > level).mean(-1) for task in scores], axis=0)
+def profile(scores: Scores, levels: np.ndarray) -> np.ndarray:
+    """Performance profile (…, L): share of runs with a score above each of L levels, mean over tasks."""
+    return np.mean([(task[..., None, :] > levels[:, None]).mean(-1) for task in scores], axis=0)
 
 
 def improvement(scores: Scores, others: Scores) -> np.ndarray:
@@ -60,14 +60,13 @@ def interval(figure: Callable[..., np.ndarray], *methods: Scores, repeats: int =
     """A figure of one or two methods with its percentile interval of the stratified bootstrap: within each task as many
     runs are drawn, with replacement, as there are.
     """
-    value = float(figure(*methods))
+    value = figure(*methods)
     if all(len(task) < 2 for scores in methods for task in scores):
-        return Interval(value, np.nan, np.nan)
+        return Interval(value, value * np.nan, value * np.nan)
     draw = np.random.default_rng(seed)
     resampled = [[task[draw.integers(len(task), size=(repeats, len(task)))] for task in scores] for scores in methods]
     tail = 50 * (1 - LEVEL)
-    low, high = np.percentile(figure(*resampled), [tail, 100 - tail])
-    return Interval(value, float(low), float(high))
+    return Interval(value, *np.percentile(figure(*resampled), [tail, 100 - tail], axis=0))
 
 
 def normalised(tasks: Sequence[Sequence[np.ndarray]]) -> list[list[np.ndarray]]:

@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 import policies
 from kernels.errors import UserError
+from policies import imported
 from policies.checkpoint import BEST, LAST, POLICY
 from policies.policy import PolicyError
 from usvauv_env import plugins, text_files
@@ -79,6 +80,11 @@ class Resources(Section):
     gpu: float = Field(0.0, ge=0, le=1, description="share of a graphics card; 0: on the CPU")
     hours: float = Field(24.0, ge=0.02, le=10_000, description="time limit under Slurm, h")
 
+    @property
+    def arch(self) -> str:
+        """As `kernels.runtime.start` takes it."""
+        return "cuda" if self.gpu else "cpu"
+
 
 @dataclass(frozen=True)
 class Planned:
@@ -96,11 +102,17 @@ class Planned:
     definition: dict[str, Any]
     key: str
 
+    def place(self, folder: Path) -> Path:
+        """Folder of the run in that of a study."""
+        return folder / "runs" / self.key
+
 
 @dataclass(frozen=True)
 class Study:
     """What a study file says; runs that are there twice are taken once."""
 
+    path: Path
+    text: str
     runs: tuple[Planned, ...]
     evaluation: Evaluation
     resources: Resources
@@ -136,7 +148,7 @@ def read(path: Path) -> Study:
             planned.setdefault(checked.key, checked)
     if not planned:
         raise UserError(f"{path}: runs: there are none; expected at least one [[runs]]")
-    return Study(tuple(planned.values()), evaluation, resources)
+    return Study(path, path.read_text(encoding="utf-8"), tuple(planned.values()), evaluation, resources)
 
 
 S = TypeVar("S", bound=Section)
@@ -202,7 +214,11 @@ def key_of(definition: Mapping[str, Any]) -> str:
 
 
 def _files(run: Run) -> list[Path]:
-    """Files whose content decides the results beside the scenario: plugins, weights, what was learned."""
+    """Files whose content decides the results beside the scenario: plugins, weights, what was learned, the file of
+    MODULE:CLASS.
+    """
+    if module := imported.file(run.policy):
+        return [*plugins.loaded(), module]
     named = [Path(text.partition(":")[2]) for text in (run.usv, run.targets) if text.startswith("learned:")]
     weights = [Path(run.policy, *part, f"{POLICY}.safetensors") for part in ((), (BEST,), (LAST,)) if run.policy]
     return [*plugins.loaded(), *named, *[path for path in weights if path.is_file()][:1]]

@@ -14,9 +14,11 @@ from usvauv_cli import tables
 from usvauv_cli.sweep import statistics
 from usvauv_cli.sweep.statistics import Interval, interval
 from usvauv_cli.sweep.study import OF_TRAINING, Evaluation, Planned
+from usvauv_cli.web_report.scores import digits
 
 LEVELS = (0.0, 0.25, 0.5, 0.75, 0.9)  # of the profiles that are printed
-CURVE = tuple(float(level) for level in np.linspace(0, 1, 41))  # of those in the JSON
+COMPARED = 20  # methods of which all pairs are compared
+CURVE = np.linspace(0, 1, 41)  # of those in the JSON
 LONGEST = 24  # columns of a name
 Labels = dict[str, tuple[str, str]]  # key of a run → method, task
 Figures = Mapping[str, Mapping[str, np.ndarray]]  # task → method → mean score of each run
@@ -69,7 +71,8 @@ def summary(found: Figures, evaluation: Evaluation) -> dict[str, Any]:
     """Statistics of a study as JSON values; None stands for what cannot be known.
 
     Aggregates, profiles and probabilities are over the tasks in which every method has a run, with scores scaled as
-    `statistics.normalised` does it.
+    `statistics.normalised` does it. Of more than `COMPARED` methods only the one of highest interquartile mean is
+    compared with the others.
     """
     methods = list(dict.fromkeys(method for task in found.values() for method in task))
     shared = [task for task in found.values() if all(method in task for method in methods)]
@@ -81,41 +84,54 @@ def summary(found: Figures, evaluation: Evaluation) -> dict[str, Any]:
         "median": statistics.median,
         "mean": statistics.mean,
     }
-    curve = {level: partial(statistics.above, level=level) for level in CURVE}
+    pairs = list(combinations(of, 2))
+    if len(of) > COMPARED:
+        best = max(of, key=lambda method: float(statistics.interquartile_mean(of[method])))
+        pairs = [(best, other) for other in of if other != best]
+    curve = partial(statistics.profile, levels=CURVE)
     return {
         **evaluation.model_dump(),
         "tasks": {
-            task: {m: {"runs": len(v), **_json(interval(statistics.mean, [v]))} for m, v in methods_of.items()}
+            task: {m: {"runs": len(v), **as_json(interval(statistics.mean, [v]))} for m, v in methods_of.items()}
             for task, methods_of in found.items()
         },
-        "aggregates": {m: {name: _json(interval(f, s)) for name, f in aggregates.items()} for m, s in of.items()},
-        "profiles": {m: [{"above": t, **_json(interval(f, s))} for t, f in curve.items()] for m, s in of.items()},
+        "aggregates": {m: {name: as_json(interval(f, s)) for name, f in aggregates.items()} for m, s in of.items()},
+        "profiles": {
+            m: [
+                {"above": float(at), **as_json(Interval(*point))}
+                for at, *point in zip(CURVE, *interval(curve, s), strict=True)
+            ]
+            for m, s in of.items()
+        },
         "improvement": [
-            {"method": one, "over": other, **_json(interval(statistics.improvement, of[one], of[other]))}
-            for one, other in combinations(of, 2)
+            {"method": one, "over": other, **as_json(interval(statistics.improvement, of[one], of[other]))}
+            for one, other in pairs
         ],
     }
 
 
-def _json(value: Interval) -> dict[str, float | None]:
-    return {name: None if math.isnan(number) else number for name, number in value._asdict().items()}
+def as_json(value: Interval) -> dict[str, float | None]:
+    """An interval as JSON values."""
+    return {name: None if math.isnan(number) else float(number) for name, number in value._asdict().items()}
 
 
 def show(results: Mapping[str, Any]) -> None:
-    """Print the summary."""
+    """Print the summary, if there is a score."""
+    if not results["tasks"]:
+        return
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))
     short = tables.shortened([*methods, *results["tasks"]], LONGEST)
     score = results["score"]
     print(tables.wrapped(f"{score}, mean over runs, with 95 % intervals of the bootstrap over runs:"))
     rows = [
-        [short[task], short[method], str(about["runs"]), _words(about)]
+        [short[task], short[method], str(about["runs"]), in_words(about)]
         for task, of_methods in results["tasks"].items()
         for method, about in of_methods.items()
     ]
     tables.print_table(["task", "method", "runs", score], rows, 2)
     if len(results["aggregates"]) > 1:
         print("\n" + tables.wrapped("Scores scaled so that in each task the worst run is 0 and the best 1:"))
-        rows = [[short[m], *map(_words, figures_of.values())] for m, figures_of in results["aggregates"].items()]
+        rows = [[short[m], *map(in_words, figures_of.values())] for m, figures_of in results["aggregates"].items()]
         tables.print_table(["method", "IQM", "median", "mean"], rows)
         print("\n" + tables.wrapped("Share of runs above a scaled score (performance profile):"))
         rows = [
@@ -124,7 +140,7 @@ def show(results: Mapping[str, Any]) -> None:
         ]
         tables.print_table(["method", *(f"> {level:g}" for level in LEVELS)], rows)
         print("\n" + tables.wrapped("Probability that a run is better than one of another method:"))
-        rows = [[short[pair["method"]], short[pair["over"]], _words(pair)] for pair in results["improvement"]]
+        rows = [[short[pair["method"]], short[pair["over"]], in_words(pair)] for pair in results["improvement"]]
         tables.print_table(["method", "over", "probability"], rows, 2)
     for name, brief in short.items():
         if name != brief:
@@ -135,7 +151,8 @@ def _at(profile: Sequence[Mapping[str, Any]], level: float) -> Mapping[str, Any]
     return min(profile, key=lambda point: abs(point["above"] - level))
 
 
-def _words(about: Mapping[str, Any]) -> str:
-    """A figure with its interval, to two digits after the point."""
+def in_words(about: Mapping[str, Any]) -> str:
+    """A figure with its interval, of which half has two digits; without one a figure of three."""
     value, low, high = about["value"], about["low"], about["high"]
-    return f"{value:.2f}" if low is None else f"{value:.2f} [{low:.2f}, {high:.2f}]"
+    places = digits(value, math.nan if low is None else (high - low) / 2)
+    return f"{value:.{places}f}" if low is None else f"{value:.{places}f} [{low:.{places}f}, {high:.{places}f}]"

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import json
-import platform
 from collections.abc import Collection, Mapping, Sequence
-from importlib import metadata, resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from kernels import runtime
-from policies.training.provenance import provenance
-from usvauv_cli.web_report import columns, figure_style, figures, scores
+from usvauv_cli.web_report import columns, document, figures, scores
 from usvauv_cli.web_report.player import player_data
 from usvauv_cli.web_report.recordings import Recordings, collects_data
 from usvauv_cli.web_report.scores import Combination, Episodes
-from usvauv_env.files import atomic_write
 from usvauv_env.record.metrics import EpisodeMetrics
 from usvauv_env.scenario import Scenario
 
-PACKAGES = ("usvauv", "taichi", "torch", "numpy")
 FRONT_EPISODES = 2400  # points of episodes in the figure of the front
-NOTHING_EXTERNAL = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
 
 
 class Cell(NamedTuple):
@@ -40,15 +32,6 @@ class Cell(NamedTuple):
     few: int | None
     difference: str
     excludes_zero: bool
-
-
-class Picture(NamedTuple):
-    """A figure of the page."""
-
-    name: str
-    title: str
-    svg: Markup
-    caption: str
 
 
 def write(folder: Path, scenario: Scenario, rows: Sequence[EpisodeMetrics], recordings: Recordings) -> Path:
@@ -67,11 +50,16 @@ def write(folder: Path, scenario: Scenario, rows: Sequence[EpisodeMetrics], reco
         OutputError: a file cannot be written.
     """
     episodes = scores.by_combination(rows)
-    template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    html = template.from_string(_text("page.html")).render(
-        policy=NOTHING_EXTERNAL,
-        style=Markup(_variables() + _text("style.css")),
-        script=Markup(_text("player.js")),
+    return document.write(
+        folder,
+        "web_report/page.html",
+        f"{scenario.name}: evaluation by usvauv",
+        {
+            "summary": "The scenario as TOML; boat strategy and target rule are those of each combination",
+            "text": scenario.to_toml(),
+        },
+        arch=runtime.start().arch,
+        script=Markup(document.text("web_report/player.js")),
         scenario=scenario,
         count=max(len(found) for found in episodes.values()),
         combinations=len(episodes),
@@ -82,26 +70,7 @@ def write(folder: Path, scenario: Scenario, rows: Sequence[EpisodeMetrics], reco
         player=Markup(_json(_player(scenario, recordings))),
         shown=next(iter(recordings.values())).episode,
         omitted=len(episodes) - len(recordings),
-        made=_made(),
-        toml=scenario.to_toml(),
     )
-    page = folder / "index.html"
-    with atomic_write(page) as partial:
-        partial.write_text(html, encoding="utf-8")
-    return page
-
-
-def _text(name: str) -> str:
-    return resources.files("usvauv_cli.web_report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _variables() -> str:
-    """Colours of the light and of the dark page."""
-    light, dark = (
-        ";".join(f"--{role}:{code}" for role, code in colours.items())
-        for colours in (figure_style.LIGHT, figure_style.DARK)
-    )
-    return f":root{{{light}}}\n@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}\n"
 
 
 def _json(data: Any) -> str:
@@ -141,19 +110,18 @@ def _cell(own: Episodes, episodes: Mapping[Combination, Episodes], name: str) ->
 
 def _pictures(
     episodes: Mapping[Combination, Episodes], scenario: Scenario, recordings: Recordings, folder: Path
-) -> dict[str, Picture]:
-    """The figures that the task has, by name; their PDFs are written."""
+) -> list[document.Picture]:
+    """The figures that the task has; their PDFs are written."""
     names = scores.labels(list(episodes))[: len(recordings)]
     scored, recorded = list(episodes.values())[: len(names)], list(recordings.values())
     nodes = collects_data(scenario)
     drawn = max(FRONT_EPISODES // len(names), 1)
     duration = scenario.mission.steps * scenario.mission.step
     points = len(recorded[0].episode.tracks[0])
-    made: dict[str, Picture] = {}
+    made: list[document.Picture] = []
 
-    def add(name: str, figure: Figure, title: str, about: str, caption: str) -> None:
-        figure_style.save_pdf(figure, name, folder)
-        made[name] = Picture(name, title, Markup(figure_style.svg(figure, name, title, about)), caption)
+    def add(*parts: Any) -> None:
+        made.append(document.picture(folder, *parts))
 
     if nodes:
         some = f", the first {drawn} of each" if drawn < max(map(len, scored)) else ""
@@ -197,16 +165,3 @@ def _pictures(
 def _player(scenario: Scenario, recordings: Recordings) -> dict[str, Any]:
     names = scores.labels(list(recordings))
     return player_data(scenario, names, [recording.episode for recording in recordings.values()])
-
-
-def _made() -> dict[str, str]:
-    """How the page was made: name → text."""
-    of_run, running = provenance({}), runtime.start()
-    versions = [f"Python {platform.python_version()}", *(f"{name} {metadata.version(name)}" for name in PACKAGES)]
-    return {
-        "command": of_run["command"],
-        "commit": of_run["commit"],
-        "versions": ", ".join(versions),
-        "platform": f"{platform.platform()}, {runtime.available_cores()} cores, kernels on {running.arch}",
-        **({"plugins": ", ".join(of_run["plugins"])} if "plugins" in of_run else {}),
-    }

@@ -101,8 +101,13 @@ def words(value: Estimate, sign: bool = False) -> str:
     mean, half, _ = value
     if math.isnan(mean):
         return "–"
-    scale = half if half > 0 else abs(mean) / 10
+    places = digits(mean, half)
+    text = f"{mean:{'+' if sign and mean else ''},.{places}f}"
+    return (f"{text} ± {half:,.{places}f}" if half > 0 else text).replace("-", "−")
+
+
+def digits(mean: float, half: float) -> int:
+    """Digits after the point so that half of an interval has two digits; see `words`."""
     whole = not half > 0 and mean == int(mean)
-    digits = 0 if whole else min(max(1 - math.floor(math.log10(scale)), 0), 4)
-    text = f"{mean:{'+' if sign and mean else ''},.{digits}f}"
-    return (f"{text} ± {half:,.{digits}f}" if half > 0 else text).replace("-", "−")
+    scale = half if half > 0 else abs(mean) / 10
+    return 0 if whole else min(max(1 - math.floor(math.log10(scale)), 0), 4)

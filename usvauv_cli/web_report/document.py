@@ -1,0 +1,102 @@
+"""What all pages have: a template filled in, figures in it and as PDF beside it, and how it was made."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from kernels import runtime
+from policies.training.provenance import provenance
+from usvauv_cli.web_report import figure_style
+from usvauv_env.files import atomic_write
+
+PACKAGES = ("usvauv", "taichi", "torch", "numpy")
+NOTHING_EXTERNAL = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
+
+
+class Picture(NamedTuple):
+    """A figure of a page."""
+
+    name: str
+    title: str
+    svg: Markup
+    caption: str
+
+
+def picture(folder: Path, name: str, figure: Figure, title: str, about: str, caption: str) -> Picture:
+    """A figure for the page in a folder, whose PDF is written there; `about` says what it shows to who cannot see it.
+
+    Raises:
+        OutputError: the PDF cannot be written.
+    """
+    figure_style.save_pdf(figure, name, folder)
+    return Picture(name, title, Markup(figure_style.svg(figure, name, title, about)), caption)
+
+
+def write(folder: Path, template: str, title: str, file: Mapping[str, str], arch: str, **fields: Any) -> Path:
+    """Fill a template of this package, such as web_report/page.html, which extends base.html; returns the page.
+
+    Args:
+        folder: of the page, which is there.
+        template: its path in the package.
+        title: of the page.
+        file: "summary" and "text" of the file from which it was made.
+        arch: where the kernels ran.
+        fields: of the template.
+
+    Raises:
+        OutputError: the page cannot be written.
+    """
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=FunctionLoader(text),
+    )
+    html = environment.get_template(template).render(
+        policy=NOTHING_EXTERNAL,
+        style=Markup(_variables() + text("web_report/style.css")),
+        title=title,
+        made=_made(arch),
+        file=file,
+        **fields,
+    )
+    page = folder / "index.html"
+    with atomic_write(page) as partial:
+        partial.write_text(html, encoding="utf-8")
+    return page
+
+
+def text(name: str) -> str:
+    """A file of this package."""
+    return resources.files("usvauv_cli").joinpath(name).read_text(encoding="utf-8")
+
+
+def _variables() -> str:
+    """Colours of the light and of the dark page."""
+    light, dark = (
+        ";".join(f"--{role}:{code}" for role, code in colours.items())
+        for colours in (figure_style.LIGHT, figure_style.DARK)
+    )
+    return f":root{{{light}}}\n@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}\n"
+
+
+def _made(arch: str) -> dict[str, str]:
+    """How the page was made: name → text."""
+    of_run = provenance({})
+    versions = [f"Python {platform.python_version()}", *(f"{name} {metadata.version(name)}" for name in PACKAGES)]
+    return {
+        "command": of_run["command"],
+        "commit": of_run["commit"],
+        "versions": ", ".join(versions),
+        "platform": f"{platform.platform()}, {runtime.available_cores()} cores, kernels on {arch}",
+        **({"plugins": ", ".join(of_run["plugins"])} if "plugins" in of_run else {}),
+    }
