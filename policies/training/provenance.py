@@ -23,7 +23,10 @@ def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
 
     def git(*arguments: str) -> str:
         place = Path(__file__).parent
-        done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=False, cwd=place)
+        try:
+            done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=False, cwd=place)
+        except OSError:  # it is not installed
+            return ""
         return done.stdout.strip() if done.returncode == 0 else ""
 
     commit = git("rev-parse", "HEAD") or "unknown"
