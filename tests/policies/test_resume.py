@@ -14,6 +14,7 @@ import torch
 import policies
 from policies import Trainer, TrainingConfig
 from policies.checkpoint import POLICY, TRAINING, read
+from policies.training.provenance import provenance
 from usvauv_cli import app
 from usvauv_env import Scenario, World
 
@@ -141,3 +142,8 @@ class TestCommand:
         assert about["steps"] == 400
         assert about["command"].startswith("usvauv train extreme --steps 400")
         assert [(again["steps"], again["command"].split()[-1]) for again in about["resumed"]] == [(stop, "--resume")]
+
+
+def test_where_git_is_not_installed_the_commit_is_unknown(monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    assert provenance({})["commit"] == "unknown"

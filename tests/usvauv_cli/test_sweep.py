@@ -291,9 +291,7 @@ def test_a_full_disk_of_one_process_fails_its_run_and_leaves_no_half(tmp_path, r
     """In the process of one of two runs no file can grow beyond a few kilobytes, which are less than its table has."""
     (tmp_path / "mine.py").write_text(MINE)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(tmp_path)]))
-    written(
-        tmp_path, f'[common]\n{SHORT}\n[[runs]]\npolicy = ["mine:Good", "mine:Full"]\n[evaluation]\nepisodes = 40'
-    )
+    written(tmp_path, f'[common]\n{SHORT}\n[[runs]]\npolicy = ["mine:Good", "mine:Full"]\n[evaluation]\nepisodes = 40')
     code, said, _ = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "2")
     assert code == 2
     (failure,) = tmp_path.glob("a/runs/*/failure.txt")

@@ -58,7 +58,9 @@ class OnSlurm:
             timeout_min=math.ceil(60 * hours),
             slurm_partition=partition,
             slurm_array_parallelism=jobs,
-            slurm_setup=[f"export {THREADS}={cores}"],
+            slurm_setup=[
+                f"export {THREADS}={cores} SRUN_CPUS_PER_TASK={cores}"
+            ],  # which srun does not take from sbatch
         )
         self._errors, self._partition, self._jobs = utils, partition, jobs
         self._waiting: deque[Task] = deque()
