@@ -105,6 +105,8 @@ def whole(path: Path) -> bool:
                 json.loads(data)
             case ".html":
                 return data.rstrip().endswith(b"</html>")
+            case ".parquet":
+                return data[:4] == data[-4:] == b"PAR1"
             case ".pdf":
                 return data.rstrip().endswith(b"%%EOF")
             case ".png":
