@@ -10,8 +10,10 @@ import contextlib
 import functools
 import io
 import os
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,7 @@ from kernels.errors import UserError
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
 FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
 ITERATIONS = 16  # of a loop that a thread takes at a time
+LEFT_BEHIND = 60.0  # seconds; Taichi holds the lock of its cache for a few
 LONGEST = 65_535  # iterations of a thread's loops, all together, after which Vulkan in software leaves them
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 
@@ -108,6 +111,7 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
     if arch == "cuda" and not torch.cuda.is_available():
         raise RuntimeUnavailable("arch: 'cuda' was asked for, but torch sees no CUDA device here")
     threads = threads or available_cores()
+    free_cache()
     try:
         # Taichi announces itself, and its Vulkan device complains if there is none.
         with contextlib.redirect_stdout(io.StringIO()), _silent_stderr():
@@ -132,6 +136,18 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
     device = torch.device("cuda" if arch == "cuda" else "cpu")
     _running = Runtime(arch, device, threads)
     return _running
+
+
+def free_cache() -> None:
+    """Remove the lock of the folder of compiled kernels that a killed process left there.
+
+    Taichi waits a quarter of a second for it, then goes on without the folder, as each later process would.
+    """
+    folder = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or impl.default_cfg().offline_cache_file_path
+    lock = Path(folder, "ticache.lock")
+    with contextlib.suppress(OSError):  # most often there is none
+        if time.time() - lock.stat().st_mtime > LEFT_BEHIND:
+            lock.unlink()
 
 
 @contextlib.contextmanager

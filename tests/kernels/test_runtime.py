@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 
 import pytest
 import taichi as ti
@@ -56,6 +57,19 @@ def test_a_missing_device_is_an_error():
     out, err = in_a_child("vulkan", environment=nowhere)
     assert out == []
     assert err[-1].endswith("arch: 'vulkan' was asked for, but Taichi finds no such device here")
+
+
+@pytest.mark.parametrize(("age", "left"), [(2 * runtime.LEFT_BEHIND, False), (runtime.LEFT_BEHIND / 2, True)])
+def test_a_lock_that_a_killed_process_left_is_removed(monkeypatch, tmp_path, age, left):
+    """With it no process would ever read or write compiled kernels again."""
+    monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path))
+    monkeypatch.setattr(runtime, "_running", None)
+    monkeypatch.setattr(runtime.ti, "init", lambda **_: None)
+    lock = tmp_path / "ticache.lock"
+    lock.touch()
+    os.utime(lock, (time.time() - age,) * 2)
+    runtime.start("cpu")
+    assert lock.exists() == left
 
 
 @pytest.mark.parametrize("arch", ["cpu", "cuda", "vulkan", "metal"])
