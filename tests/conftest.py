@@ -1,13 +1,19 @@
 """Fixtures that tests of more than one module use."""
 
+import os
 import sys
 from collections.abc import Generator
 
 import pytest
+import taichi as ti
 import torch
 
 from kernels import runtime
 from usvauv_cli import app
+
+# Read by Taichi at its start, also in child processes. Its repeated passes over a kernel take three quarters of the
+# compiling of a world and save a tenth of a step; `test_golden` checks that they change no bit.
+os.environ.setdefault("TI_ADVANCED_OPTIMIZATION", "0")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -17,6 +23,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--arch") != "auto":
         runtime.start(config.getoption("--arch"))
+
+
+def pytest_sessionfinish() -> None:
+    """Write compiled kernels to Taichi's cache: a worker that still does so ten seconds after its end is killed."""
+    ti.reset()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
