@@ -56,16 +56,16 @@ class Stop:
     """Whether, and by which signal, work was asked to stop; `on_request` is called when it is."""
 
     def __init__(self, on_request: Callable[[], None] = lambda: None) -> None:
-        self._signum: int | None = None
+        self.signum: int | None = None
         self._on_request = on_request
 
     @property
     def asked(self) -> bool:
-        return self._signum is not None
+        return self.signum is not None
 
     def ask(self, signum: int = signal.SIGINT) -> None:
         """Ask the work to stop."""
-        self._signum = signum
+        self.signum = signum
         self._on_request()
 
     def raise_if_asked(self) -> None:
@@ -74,8 +74,8 @@ class Stop:
         Raises:
             Interrupted: `asked`.
         """
-        if self._signum is not None:
-            raise Interrupted(self._signum)
+        if self.signum is not None:
+            raise Interrupted(self.signum)
 
 
 def _handled() -> dict[int, Any]:
@@ -92,8 +92,9 @@ def _set(handlers: Mapping[int, Any]) -> None:
 
 
 @contextmanager
-def stoppable(on_request: Callable[[], None] = lambda: None) -> Iterator[Stop]:
-    """Make Ctrl-C ask the `Stop` instead of raising KeyboardInterrupt; a second one acts as before.
+def stoppable(on_request: Callable[[], None] = lambda: None, patient: bool = False) -> Iterator[Stop]:
+    """Make Ctrl-C ask the `Stop` instead of raising KeyboardInterrupt; a second one acts as before, or, to one who is
+    `patient`, asks again.
 
     The same for SIGTERM where it has a handler; by default it ends the process. Outside the main thread, which alone
     gets signals, only calls of `Stop.ask` have an effect.
@@ -101,7 +102,8 @@ def stoppable(on_request: Callable[[], None] = lambda: None) -> Iterator[Stop]:
     stop, before = Stop(on_request), _handled()
 
     def ask(signum: int, frame: object) -> None:
-        _set(before)
+        if not patient:
+            _set(before)
         stop.ask(signum)
 
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -24,11 +25,19 @@ class Standardizer:
         return cls(torch.zeros(features, device=device), torch.ones(features, device=device))
 
     @classmethod
-    def of(cls, samples: Tensor) -> Standardizer:
-        """Statistics of features (..., F). One that varies by less than `LEAST_DEVIATION` keeps its own scale."""
+    def of(cls, samples: Tensor, over_all: Callable[[Tensor], Tensor] | None = None) -> Standardizer:
+        """Statistics of features (..., F). One that varies by less than `LEAST_DEVIATION` keeps its own scale.
+
+        Args:
+            samples: the features.
+            over_all: mean of a tensor over several processes, each with samples of its own; None: there is one.
+        """
         flat = samples.flatten(0, -2)
-        deviation = flat.std(0, correction=0)
-        return cls(flat.mean(0), torch.where(deviation > LEAST_DEVIATION, deviation, torch.ones_like(deviation)))
+        mean, deviation = flat.mean(0), flat.std(0, correction=0)
+        if over_all is not None:
+            joint = over_all(mean)
+            mean, deviation = joint, over_all(deviation.square() + (mean - joint).square()).sqrt()
+        return cls(mean, torch.where(deviation > LEAST_DEVIATION, deviation, torch.ones_like(deviation)))
 
     def copy_(self, other: Standardizer) -> None:
         """Take over the statistics of another, for everyone who shares this one."""

@@ -1,6 +1,7 @@
 """The `usvauv` command: exit codes, and one line on standard error for whatever ends a command early.
 
 0 done; 2 an error; 128 + n ended by signal n: 130 Ctrl-C, 143 SIGTERM, 141 the reader of standard output is gone.
+Of several processes that torchrun starts the first one alone uses standard output.
 Everything else is imported when signals are handled already, so that Ctrl-C during the imports is no traceback either.
 """
 
@@ -18,6 +19,7 @@ from kernels.errors import UserError
 from kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption, in_thread
 
 FAILED = 2
+LEADS = "WORLD_SIZE" not in os.environ or os.environ.get("RANK", "0") == "0"  # what launchers of several processes set
 TRACEBACK = "USVAUV_TRACEBACK"  # environment variable: show where an unexpected error comes from
 
 
@@ -45,7 +47,7 @@ def main() -> NoReturn:
     interruption.install()
     threading.excepthook, sys.unraisablehook = in_thread, _in_callback
     if sys.stdout:
-        raw = _Output(sys.stdout.fileno(), "w", closefd=False)
+        raw = _Output(sys.stdout.fileno() if LEADS else os.open(os.devnull, os.O_WRONLY), "w", closefd=False)
         stream = io.TextIOWrapper(io.BufferedWriter(raw), sys.stdout.encoding, sys.stdout.errors, None, raw.isatty())
         sys.stdout = sys.__stdout__ = stream  # Taichi compares the two
     code = run(interruption)
@@ -63,7 +65,7 @@ def run(interruption: Interruption | None = None) -> int:
     except BaseException as error:
         signum = SIGPIPE if isinstance(error, BrokenPipeError) else _signal(error, interruption)
         if signum is not None:
-            if signum != SIGPIPE:
+            if signum != SIGPIPE and LEADS:
                 _say("stopped")
             return 128 + signum
         if isinstance(error, SystemExit):

@@ -216,12 +216,18 @@ class ShallowWater(Diagnostics):
         )
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Copies of the packed fields and of the clock; with equal forcing `load_state` restores them bit for bit."""
-        return self._packed().clone(), torch.tensor([self._intervals, self._start, self._at_rest], dtype=torch.float64)
+        """Copies of the packed fields and of the clock; with equal forcing `load_state` restores them bit for bit.
+
+        Without the rows above ny, which depend on the number of threads and are made anew before they are read.
+        """
+        return self._packed()[:, :, : self.ny + 1].clone(), torch.tensor(
+            [self._intervals, self._start, self._at_rest], dtype=torch.float64
+        )
 
     def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
         """Restore what `state` returned."""
-        self._state.copy_(fields)
+        self._state.zero_()
+        self._state[:, :, : self.ny + 1] = fields
         self._intervals, self._start, self._at_rest = int(clock[0]), float(clock[1]), bool(clock[2])
 
     def _packed(self) -> torch.Tensor:

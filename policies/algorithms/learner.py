@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar, Generic, Protocol, TypeVar
 
@@ -69,6 +69,7 @@ class Learner(nn.Module, Generic[Actor]):
     Attributes:
         updates: number of calls of `update`, which counts them.
         period: number of updates after which the operations of an update are the same again.
+        join: what becomes of gradients before a step, see `train_with_others`; None: nothing.
     """
 
     actor: Actor
@@ -82,6 +83,7 @@ class Learner(nn.Module, Generic[Actor]):
         self.generator = generator
         self.updates = 0
         self.optimisers: dict[str, torch.optim.Adam] = {}
+        self.join: Callable[[Sequence[Tensor]], Sequence[Tensor]] | None = None
         self._learn = Recorded.on(generator, self._update_and_average)
 
     @staticmethod
@@ -104,6 +106,14 @@ class Learner(nn.Module, Generic[Actor]):
                 group["lr"] = torch.tensor(self.config.learning_rate, device=self.generator.device)
         self.optimisers[name] = optimiser
 
+    def train_with_others(self, join: Callable[[Sequence[Tensor]], Sequence[Tensor]]) -> None:
+        """Take gradient steps along what `join` makes of the gradients of all processes, the same in each.
+
+        Updates are then not recorded on a CUDA device, because it has not been tried with what processes exchange.
+        """
+        self.join = join
+        self._learn = Recorded(self._update_and_average, None)
+
     def set_learning_rate(self, share: float) -> None:
         """Set the learning rate to a share of that in the settings."""
         for optimiser in self.optimisers.values():
@@ -118,7 +128,10 @@ class Learner(nn.Module, Generic[Actor]):
         """One step of the named optimiser, along the gradient of `loss` with respect to its own parameters only."""
         optimiser = self.optimisers[name]
         parameters = optimiser.param_groups[0]["params"]
-        for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters), strict=True):
+        gradients = torch.autograd.grad(loss, parameters)
+        if self.join is not None:
+            gradients = self.join(gradients)
+        for parameter, gradient in zip(parameters, gradients, strict=True):
             parameter.grad = gradient
         optimiser.step()
 

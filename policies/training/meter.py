@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from policies.training.ranks import ALONE, Ranks
 from policies.training.world import TrainingWorld
 
 
@@ -37,24 +38,28 @@ class Meter:
         self.services += (measures[..., self.world.measure_names.index("service_rate")] > 0).sum()
         self.rows += 1
 
-    def figures(self) -> dict[str, Any]:
-        """Means over the window: arps, sdr, ec, services, border, position_error; "reward", each term for a step and
-        summed over AUVs; "learner", each figure of the updates.
+    def figures(self, ranks: Ranks = ALONE) -> dict[str, Any]:
+        """Means over the window, and over the worlds of all ranks: arps, sdr, ec, services, border, position_error;
+        "reward", each term for a step and summed over AUVs; "learner", each figure of the updates.
         """
         world = self.world
-        world_steps = max(self.rows, 1) * world.num_worlds
+        worlds = torch.tensor(world.num_worlds, dtype=torch.float64, device=world.device)
+        terms, measures, services, worlds = ranks.mean((self.terms, self.measures, self.services.double(), worlds), 1.0)
+        world_steps = max(self.rows, 1) * int(worlds)
         episodes = world_steps / world.steps
         auv_steps = world_steps * world.num_auvs
-        terms = (self.terms / world_steps).tolist()
-        sums = dict(zip(world.measure_names, self.measures.tolist(), strict=True))
+        terms = (terms / world_steps).tolist()
+        sums = dict(zip(world.measure_names, measures.tolist(), strict=True))
         names = self.losses[0] if self.losses else ()
+        losses = [torch.stack([loss[name] for loss in self.losses]).mean() for name in names]
+        losses = ranks.mean(losses, world.num_worlds / int(worlds)) if losses else losses
         return {
             "arps": sum(terms),
             "sdr": sums["service_rate"] / episodes,
             "ec": sums["power"] / max(auv_steps - sums["hovering"], 1.0),
-            "services": int(self.services) / episodes,
+            "services": int(services) / episodes,
             "border": sums["border"] / episodes,
             "position_error": sums["position_error"] / auv_steps,
             "reward": dict(zip(world.reward_names, terms, strict=True)),
-            "learner": {name: float(torch.stack([loss[name] for loss in self.losses]).mean()) for name in names},
+            "learner": dict(zip(names, map(float, losses), strict=True)),
         }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ import torch
 from usvauv_env import plugins
 
 
-def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
+def provenance(begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",)) -> dict[str, Any]:
     """Command, commit, version of torch and plugins, as recorded in a checkpoint so that it can be reproduced.
 
     A resumed run keeps those of its beginning, from the JSON `begun` of its checkpoint; "resumed" lists the world-steps
-    at which it was resumed, and with what.
+    at which it was resumed, and with what. `start` is how the command begins.
     """
 
     def git(*arguments: str) -> str:
@@ -31,7 +31,7 @@ def provenance(begun: Mapping[str, Any]) -> dict[str, Any]:
 
     commit = git("rev-parse", "HEAD") or "unknown"
     dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
-    now = {"command": shlex.join(["usvauv", *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
+    now = {"command": shlex.join([*start, *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
     if files := plugins.loaded():
         now["plugins"] = [str(file) for file in files]
     if not begun:

@@ -58,7 +58,7 @@ def _finite(value: object) -> bool:
 
 
 def check_tensors(
-    tensors: Mapping[str, Tensor], learner: Learner, replay: Replay, size: int, rest: Mapping[str, Tensor]
+    tensors: Mapping[str, Tensor], learner: Learner, replay: Replay, size: int, worlds: int, rest: Mapping[str, Tensor]
 ) -> None:
     """Refuse tensors of learner and replay that a run cannot have; those of the world its own `load_state` checks.
 
@@ -66,6 +66,7 @@ def check_tensors(
         tensors: of the checkpoint.
         learner, replay: of the run that they are for.
         size: rows of the replay in use.
+        worlds: of the replay that was saved.
         rest: further tensors by name, with the shapes and types that they must have.
 
     Raises:
@@ -74,7 +75,8 @@ def check_tensors(
     expected = {name: (tuple(value.shape), value.dtype) for name, value in rest.items()}
     for name, attribute in STORED.items():
         own = getattr(replay, attribute)
-        expected[f"replay.{name}"] = (size, *own.shape[1:]), own.dtype
+        of_worlds = (worlds, *own.shape[2:]) if own.dim() > 1 else ()
+        expected[f"replay.{name}"] = (size, *of_worlds), own.dtype
     own = dict(learner.state_dict())
     expected |= {f"learner.{name}": (tuple(value.shape), value.dtype) for name, value in own.items()}
     moments = {f"learner.{name}": form for name, form in _moments(learner).items()}

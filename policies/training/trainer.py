@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
+from hashlib import blake2b
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,7 @@ from policies.policy import PolicyError
 from policies.standardizer import Standardizer
 from policies.training.meter import Meter
 from policies.training.noise import CorrelatedNoise
+from policies.training.ranks import ALONE, Ranks
 from policies.training.replay import Replay
 from policies.training.saved_run import check_counters, check_tensors, first_not_finite
 from policies.training.tensorboard import scalar_writer
@@ -65,14 +68,18 @@ class Trainer:
     rewards after the service, which are noise to the trip, do not enter its value. With a discount alone the price of
     time depends on the distance to the next reward.
 
+    Several processes, `ranks`, can train one policy. Each steps its share of the worlds, keeps their transitions and
+    draws its share of each batch from them. All take the mean of the gradients, so that their weights stay equal.
+
     Args:
-        world: the worlds to train in, on a seed of their own.
-        config: settings; `config.num_worlds` must be the world's.
+        world: the worlds to train in, on a seed of their own; with ranks this one's share of them.
+        config: settings; `config.num_worlds` must be the world's, with ranks those of all together.
         directory: where `last`, `best` and `tensorboard` are kept; None: nothing is written.
         evaluate: policy → figures with at least "arps", on other worlds than the training ones. Also called before the
             first step. The policy with the highest arps is kept as `best`.
         provenance: recorded in every checkpoint beside the figures, such as command and commit.
         evaluations: number of calls of `evaluate` in a run, beside that of the untrained policy.
+        ranks: the processes that train together; rank 0 evaluates and writes.
 
     Attributes:
         history: every evaluation of the run so far: its figures, with steps and updates; saved with the run.
@@ -81,7 +88,8 @@ class Trainer:
         interruption: of the last `train`: by which signal it was asked to stop.
 
     Raises:
-        PolicyError: `config.num_worlds` is not the world's, or `config.batch` below its number of AUVs.
+        PolicyError: `config.num_worlds` is not the world's, or `config.batch` below its number of AUVs on each rank.
+        RankLost: from every method, when another rank has ended.
     """
 
     def __init__(
@@ -92,12 +100,17 @@ class Trainer:
         evaluate: Evaluate | None = None,
         provenance: Mapping[str, Any] | None = None,
         evaluations: int = EVALUATIONS,
+        ranks: Ranks = ALONE,
     ) -> None:
-        if config.num_worlds != world.num_worlds:
+        self.share = ranks.share(config.num_worlds)
+        if self.share.stop - self.share.start != world.num_worlds:
             raise PolicyError(f"training: num_worlds = {config.num_worlds}, but the world has {world.num_worlds}")
-        if config.shared and config.batch < world.num_auvs:
-            raise PolicyError(f"training: batch = {config.batch}: must be at least {world.num_auvs}, one of each AUV")
-        self.world, self.config = world, config
+        least = ranks.count * (world.num_auvs if config.shared else 1)
+        if config.batch < least:
+            each = "one of each AUV" if ranks.count == 1 else f"one of each AUV on each of {ranks.count} ranks"
+            raise PolicyError(f"training: batch = {config.batch}: must be at least {least}, {each}")
+        self.world, self.config, self.ranks = world, config, ranks
+        self.weight = world.num_worlds / config.num_worlds  # of this rank in a mean over all worlds
         self.directory = None if directory is None else Path(directory)
         self.evaluate = evaluate
         self.provenance = dict(provenance or {})
@@ -110,8 +123,11 @@ class Trainer:
         with ALGORITHMS.calling(config.algorithm):
             self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
             self.learner.averaged  # noqa: B018 - a plugin's may have forgotten `set_actor`
+        if ranks.count > 1:
+            self.learner.train_with_others(partial(ranks.mean, weight=self.weight))
+            ranks.apart(self.generator)
         shape = (world.num_worlds, world.num_auvs, self.frame.features, ACTION_SIZE)
-        self.replay = Replay(config.replay // world.num_worlds, shape, device, config.shared)
+        self.replay = Replay(config.replay // config.num_worlds, shape, device, config.shared)
         self.renewal = config.renewal and not world.scenario.reward.service_terminates
         self._gain = torch.zeros((), dtype=torch.float64, device=device)  # ρ
         self.scale = 1.0  # of the rewards that are learned from
@@ -143,12 +159,15 @@ class Trainer:
     def train(self, steps: int, callback: Callback = lambda figures: None) -> dict[str, Any]:
         """Train until `steps` world-steps are done in all, or until Ctrl-C (then `stopped` is true).
 
+        All ranks call it; rank 0's callback alone is called, and a rank that is to stop stops all.
+
         Returns:
             The last figures, as `callback` got them: steps, total, seconds, eta, steps_per_second, updates, those of
             `Meter.figures`, and evaluation with evaluated_at, the steps that were done then.
 
         Raises:
             DivergenceError: a weight or a state of the worlds is no longer finite; the checkpoints are those before.
+            PolicyError: the weights of the ranks are no longer equal.
         """
         if self.steps == 0:
             self.observation = self.world.reset().clone()
@@ -156,15 +175,16 @@ class Trainer:
             self._evaluate()
         begun, seconds_before, steps_before = time.perf_counter(), self.seconds, self.steps
         figures: dict[str, Any] = {}
-        self.stopped = False
-        with self._writer() as write, stoppable(self.stop) as self.interruption, ThreadPoolExecutor(1) as pool:
-            while self.steps < steps and not self.stopped:
+        self.stopped = stopped = False
+        asked = stoppable(self.stop, patient=self.ranks.count > 1)  # torchrun passes on what a terminal sends to all
+        with self._writer() as write, asked as self.interruption, ThreadPoolExecutor(1) as pool:
+            while self.steps < steps and not stopped:
                 self._advance(pool, steps)
-                done = self.steps >= steps
-                due = self._evaluations_due(steps) > self._evaluations_due(steps, self.steps - self.world.num_worlds)
+                stopped, done = self._asked_to_stop(), self.steps >= steps
+                due = self._evaluations_due(steps) > self._evaluations_due(steps, self.steps - self.config.num_worlds)
                 if due:  # also when stopped, because a resumed run begins after this step
                     self._evaluate()
-                if due or done or self.stopped or self.meter.rows == WINDOW:
+                if due or done or stopped or self.meter.rows == WINDOW:
                     elapsed = time.perf_counter() - begun
                     self.seconds = seconds_before + elapsed
                     rate = (self.steps - steps_before) / elapsed
@@ -175,17 +195,28 @@ class Trainer:
                         "eta": (steps - self.steps) / rate,
                         "steps_per_second": rate,
                         "updates": self.learner.updates,
-                        **self.meter.figures(),
+                        **self.meter.figures(self.ranks),
                         "evaluation": self.evaluation,
                         "evaluated_at": self.history[-1]["steps"] if self.history else None,
                     }
                     self.meter.reset()
                     self._stop_if_not_finite()
-                    write(figures)
-                    callback(figures)
-                if self.directory is not None and (due or done or self.stopped):
+                    self._stop_if_not_equal()
+                    if self.ranks.leads:
+                        write(figures)
+                        callback(figures)
+                    stopped = self._asked_to_stop()
+                if self.directory is not None and (due or done or stopped):
                     self.save()
         return figures
+
+    def _asked_to_stop(self) -> bool:
+        """Whether any rank was asked to stop; then all are, by the same signal if it was one."""
+        stopped, signum = self.ranks.most(self.stopped, self.interruption.signum or 0)
+        if signum and not self.interruption.asked:
+            self.interruption.ask(signum)
+        self.stopped |= bool(stopped)
+        return bool(stopped)
 
     def stop(self) -> None:
         """End `train` after the present step."""
@@ -193,7 +224,7 @@ class Trainer:
 
     def _writer(self) -> AbstractContextManager[Callback]:
         """A function that writes figures for TensorBoard; without a directory it does nothing."""
-        if self.directory is None:
+        if self.directory is None or not self.ranks.leads:
             return nullcontext(lambda figures: None)
         return scalar_writer(self.directory / "tensorboard", self.steps)
 
@@ -222,7 +253,9 @@ class Trainer:
             self.learner.set_learning_rate(1.0 - (1.0 - config.final_rate) * self.steps / total)
             gain = self.scale * self._gain
             for _ in range(config.updates):
-                batch = self.replay.sample(config.batch, config.n_step, config.gamma, self.generator, gain)
+                batch = self.replay.sample(
+                    config.batch // self.ranks.count, config.n_step, config.gamma, self.generator, gain
+                )
                 with ALGORITHMS.calling(config.algorithm):
                     losses = self.learner.learn(batch)
                 if not all(isinstance(value, Tensor) and value.numel() == 1 for value in losses.values()):
@@ -234,12 +267,13 @@ class Trainer:
             self._stop_if_not_finite()
             raise
         if self.renewal:
-            self._gain += GAIN_RATE * (reward.mean().double() - self._gain)
+            (mean,) = self.ranks.mean([reward.mean().double()], self.weight)
+            self._gain += GAIN_RATE * (mean - self._gain)
             horizon_ended = horizon_ended | (info["measures"][..., world.measure_names.index("service_rate")] > 0)
         self.replay.add(features, action, self.scale * reward, horizon_ended)
         self.meter.add(info)
-        self.steps += world.num_worlds
-        if self.steps // world.num_worlds % world.steps == 0:  # truncated, without a look at the device
+        self.steps += config.num_worlds
+        if self.steps // config.num_worlds % world.steps == 0:  # truncated, without a look at the device
             self.replay.finish(self.standardizer(self.frame.encode(observation)))
             observation = world.reset()
         self.observation = observation.clone()
@@ -261,11 +295,16 @@ class Trainer:
         """Take the statistics of features and reward from the replay, once before the first update; rescale the replay
         and `features` by them.
         """
+
+        def over_all(value: Tensor) -> Tensor:
+            return self.ranks.mean([value], self.weight)[0]
+
         rewards = self.replay.reward[: self.replay.size]
-        self.scale = self.config.reward_scale / max(float(rewards.abs().mean()), TINY)
+        self.scale = self.config.reward_scale / max(float(over_all(rewards.abs().mean())), TINY)
         rewards.mul_(self.scale)
         stored = self.replay.observation[: self.replay.size]
-        self.standardizer.copy_(Standardizer.of(stored))  # in place: earlier policies share the updated statistics
+        statistics = Standardizer.of(stored, over_all if self.ranks.count > 1 else None)
+        self.standardizer.copy_(statistics)  # in place: earlier policies share the updated statistics
         stored.copy_(self.standardizer(stored))
         return self.standardizer(features)
 
@@ -302,13 +341,29 @@ class Trainer:
                 + "; the checkpoints are those before"
             )
 
+    def _stop_if_not_equal(self) -> None:
+        """Raise PolicyError if another rank has other weights."""
+        if self.ranks.count == 1:
+            return
+        digest = blake2b(digest_size=7)
+        for value in self.learner.state_dict().values():
+            digest.update(value.contiguous().cpu().numpy())
+        if not self.ranks.agree(int.from_bytes(digest.digest())):
+            raise PolicyError(
+                f"training: ranks have different weights after {self.learner.updates} updates of"
+                f" {self.config.algorithm}: each must change its weights by `gradient_step`, on processors of one kind"
+            )
+
     def save(self) -> None:
-        """Write `last`: the policy, and the state of the run for `resume`.
+        """Write `last`: the policy, and the state of the run for `resume`, the same whatever the number of ranks.
 
         Raises:
             DivergenceError: a weight is not finite; what was saved before stays.
         """
         self._stop_if_not_finite()
+        everyone = self.ranks.to_first(self._own_tensors())
+        if everyone is None:
+            return
         counters = {
             "format": FORMAT,
             "steps": self.steps,
@@ -322,22 +377,39 @@ class Trainer:
             "head": self.replay.head,
             "size": self.replay.size,
         }
-        tensors = {
+        tensors = everyone[0]
+        if len(everyone) > 1:
+            axes = self._axes_of_worlds(tensors)
+            tensors |= {name: torch.cat([own[name] for own in everyone], axis) for name, axis in axes.items()}
+            tensors["generator"] = torch.stack([own["generator"] for own in everyone])
+        tensors |= {f"learner.{name}": value for name, value in self.learner.tensors().items()}
+        parts = {POLICY: self._describe(), TRAINING: (counters, tensors)}
+        checkpoint.write(self._last(), parts)
+
+    def _own_tensors(self) -> dict[str, Tensor]:
+        """What a checkpoint has of this rank, beside the learner."""
+        own = {
             "observation": self.observation,
             "noise": self.noise.value,
             "generator": self.generator.get_state(),
         }
-        for group, values in (
-            ("learner", self.learner.tensors()),
-            ("replay", self.replay.tensors()),
-            ("world", self.world.state()),
-        ):
-            tensors |= {f"{group}.{name}": value for name, value in values.items()}
-        parts = {POLICY: self._describe(), TRAINING: (counters, tensors)}
-        checkpoint.write(self._last(), parts)
+        own |= {f"replay.{name}": value for name, value in self.replay.tensors().items()}
+        return own | {f"world.{name}": value for name, value in self.world.state().items()}
+
+    def _axes_of_worlds(self, names: Iterable[str]) -> dict[str, int]:
+        """Those of the tensors of a checkpoint that have an axis of worlds, and which it is."""
+        common = {"generator", "replay.end", *(f"world.{name}" for name in self.world.common_state)}
+        return {
+            name: int(name.startswith("replay."))
+            for name in names
+            if name not in common and not name.startswith("learner.")
+        }
 
     def resume(self) -> None:
         """Continue the run saved in `directory`; on the CPU the result is that of a run that was never stopped.
+
+        Under another number of ranks the worlds and their transitions are divided anew. What is drawn from then on is
+        other than it would have been.
 
         Raises:
             PolicyError: nothing to resume there, damaged, or of another configuration.
@@ -346,17 +418,31 @@ class Trainer:
         counters, tensors = checkpoint.read(last, TRAINING, self.world.device)
         try:
             check_counters(counters, self.replay)
-            shape = self.world.num_worlds, self.world.num_auvs, self.frame.layout.size
-            rest = {"noise": self.noise.value, "observation": self.noise.value.new_empty(shape)}
-            rest["generator"] = self.generator.get_state()
-            check_tensors(tensors, self.learner, self.replay, counters["size"], rest)
+            worlds, noise = self.config.num_worlds, self.noise.value
+            rest = {
+                "noise": noise.new_empty((worlds, *noise.shape[1:])),
+                "observation": noise.new_empty((worlds, self.world.num_auvs, self.frame.layout.size)),
+                "generator": self.generator.get_state(),
+            }
+            generators = tensors.get("generator", rest["generator"])
+            if generators.dim() == 2:  # one of each rank
+                rest["generator"] = rest["generator"].expand(len(generators), -1)
+            check_tensors(tensors, self.learner, self.replay, counters["size"], worlds, rest)
         except PolicyError as error:
             raise PolicyError(f"{last}: cannot be resumed: {error}") from None
         groups: dict[str, dict[str, Tensor]] = {"learner": {}, "replay": {}, "world": {}}
         try:
+            if self.ranks.count > 1:
+                for name, axis in self._axes_of_worlds(tensors).items():
+                    tensors[name] = tensors[name].movedim(axis, 0)[self.share].movedim(0, axis).contiguous()
             self.observation = tensors.pop("observation")
             self.noise.value = tensors.pop("noise")
-            self.generator.set_state(tensors.pop("generator").cpu())
+            states = tensors.pop("generator").cpu()
+            states = states if states.dim() == 2 else states.unsqueeze(0)
+            as_it_was = len(states) == self.ranks.count
+            self.generator.set_state(states[self.ranks.rank if as_it_was else 0])
+            if not as_it_was:
+                self.ranks.apart(self.generator)
             for name, value in tensors.items():
                 group, _, rest = name.partition(".")
                 groups[group][rest] = value
@@ -369,6 +455,6 @@ class Trainer:
             self.steps, self.seconds = counters["steps"], counters["seconds"]
             self.evaluation, self.history = counters["evaluation"], counters["history"]
             self.best = -math.inf if counters["best"] is None else counters["best"]
-        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+        except (IndexError, KeyError, RuntimeError, TypeError, ValueError) as error:
             raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None
         self.standardizer.copy_(checkpoint.load_policy(last, "training", device=self.world.device).standardizer)

@@ -88,6 +88,8 @@ class World:
             "agent" (see `step`) or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
+        batch: worlds of that larger batch: all their seas are solved here, so that the states of its parts can be
+            joined. Default: those that these worlds sail on.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
         arch: where to run, see `kernels.runtime.start`.
 
@@ -109,6 +111,7 @@ class World:
         targets: str | None = None,
         *,
         first_world: int = 0,
+        batch: int | None = None,
         fine_sea: bool = False,
         arch: str = "auto",
     ) -> None:
@@ -116,6 +119,8 @@ class World:
             raise ScenarioError(f"num_worlds = {num_worlds}: must be from 1 to {MAX_WORLDS}")
         if not 0 <= seed < 1 << 64:
             raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
+        if batch is not None and batch < first_world + num_worlds:
+            raise ScenarioError(f"batch = {batch}: must be at least first_world + num_worlds")
         if fine_sea and num_worlds != 1:
             raise ScenarioError(f"num_worlds = {num_worlds}: a finely resolved sea carries exactly one world")
         self.scenario = scenario = scenario.with_targets(targets)
@@ -130,13 +135,24 @@ class World:
         self.observation_layout = ObservationLayout.of(scenario)
         self.observation_size = self.observation_layout.size
         self.device = runtime.start(arch).device
-        self._first_world = first_world
+        self._first_world, self._batch = first_world, batch
         self._fine_sea = fine_sea
         self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
 
         num_vortices = max(scenario.current.vortices, 1)
         team = (num_worlds, self.num_auvs)
         reckons, exchanges = scenario.navigation.sensor != "none", scenario.channel.schedule != "every-step"
+        in_use = {
+            "track": scenario.tracker.enabled or reckons,
+            "own": reckons,
+            "exchange": exchanges,
+            "foresight": self.strategy.strategy.functions.foresees,
+        }
+        of_auvs = {name: team if used else (1, 1) for name, used in in_use.items()}
+        self.common_state = (
+            *("sea", "sea_clock", "sea_episode"),
+            *(name for name, used in in_use.items() if not used),
+        )
         shapes = {
             "auv": (*team, len(AuvColumn.names)),
             "node": (num_worlds, scenario.targets, len(NodeColumn.names)),
@@ -144,10 +160,10 @@ class World:
             "boat": (num_worlds, scenario.boat.count, len(BoatColumn.names)),
             "tally": (num_worlds, len(TallyColumn.names)),
             "estimate": (*team, len(EstimateColumn.names)),
-            "track": (*(team if scenario.tracker.enabled or reckons else (1, 1)), tracker.COLUMNS),
-            "own": (*(team if reckons else (1, 1)), tracker.COLUMNS),
-            "exchange": (*(team if exchanges else (1, 1)), len(ExchangeColumn.names)),
-            "foresight": (*(team if self.strategy.strategy.functions.foresees else (1, 1)), len(ForesightColumn.names)),
+            "track": (*of_auvs["track"], tracker.COLUMNS),
+            "own": (*of_auvs["own"], tracker.COLUMNS),
+            "exchange": (*of_auvs["exchange"], len(ExchangeColumn.names)),
+            "foresight": (*of_auvs["foresight"], len(ForesightColumn.names)),
             "belief": (
                 num_worlds,
                 self.num_auvs if scenario.nodes.information == "own-visits" else 1,
@@ -522,6 +538,8 @@ class World:
     def _pool(self, episode: int) -> tuple[int, int, int]:
         """Seed of the seas of an episode, index of the first of them, and their number."""
         pool = self.scenario.sea.realisations
+        if self._batch is not None:
+            return self.seed + (episode << 64), 0, min(self._batch, pool)
         first, count = self._first_world % pool, min(self.num_worlds, pool)
         if first + count > pool:  # around the end of the pool
             first, count = 0, pool

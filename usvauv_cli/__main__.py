@@ -1,0 +1,5 @@
+"""`python -m usvauv_cli`: the same as `usvauv`, for launchers that take a module."""
+
+from usvauv_cli.app import main
+
+main()
