@@ -124,6 +124,7 @@ ARTEFACTS = {
     "step-profile-wide": _study("performance.md", "step_profile", "wide", picture="step-profile-wide.png"),
     "planner": _study("performance.md", "plan", "--json"),
     "training": _study("performance.md", "train"),
+    "ranks": _study("scale.md", "ranks"),
     "video": _study("performance.md", "video"),
     "live": _study("live.md", "live"),
     "architectures": Artefact("architectures.md", ("python -m tests.trials.architectures --arch vulkan",)),

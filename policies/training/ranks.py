@@ -129,7 +129,7 @@ class Ranks:
         try:
             yield
         except RuntimeError as error:
-            reason = str(error).strip().splitlines()[0].rpartition("] ")[2].rstrip(". ")
+            reason = str(error).strip().splitlines()[0].rpartition("cc:")[2].partition(" ")[2].partition(". ")[0]
             raise RankLost(
                 f"rank {self.rank} of {self.count}: another rank has ended or cannot be reached ({reason});"
                 " --resume goes on from the last checkpoint"

@@ -440,7 +440,9 @@ class Trainer:
             states = tensors.pop("generator").cpu()
             states = states if states.dim() == 2 else states.unsqueeze(0)
             as_it_was = len(states) == self.ranks.count
-            self.generator.set_state(states[self.ranks.rank if as_it_was else 0])
+            self.generator.set_state(
+                states[self.ranks.rank if as_it_was else 0].clone()
+            )  # of a view it reads other memory
             if not as_it_was:
                 self.ranks.apart(self.generator)
             for name, value in tensors.items():

@@ -94,6 +94,7 @@ def train(
             setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
             config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
             config = config.changed(learn or ())
+            ranks.share(worlds)
             place = out or Path("runs") / f"{setting.name}-{algorithm}-{seed}"
             if not resume:
                 make_folder(place)

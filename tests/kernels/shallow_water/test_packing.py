@@ -98,6 +98,20 @@ class TestSameSea:
             water = max(water, np.abs(launched.elevation()).max())
         assert launched.eta.abs().max() <= water  # nothing grows in the cells outside
 
+    @pytest.mark.cpu("bands")
+    @pytest.mark.parametrize("num_seas", [1, 5])
+    def test_a_state_goes_on_in_another_backend(self, monkeypatch, num_seas):
+        bands = storm(num_seas, OPEN)
+        monkeypatch.setattr(linear, "WavefrontBackend", lambda *arguments: CellwiseBackend(*arguments[:2]))
+        launched = storm(num_seas, OPEN)
+        assert bands.eta.shape[1] > launched.eta.shape[1]  # a row outside, and copies
+        for one, other in ((bands, launched), (launched, bands)):
+            one.advance()
+            other.load_state(*one.state())
+            for solver in (one, other):
+                solver.advance()
+            np.testing.assert_array_equal(one.elevation(), other.elevation())
+
 
 class TestBands:
     @pytest.mark.parametrize(
