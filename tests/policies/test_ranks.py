@@ -22,6 +22,7 @@ from policies.training.ranks import Ranks, joined
 from tests.policies import ranks as program
 from tests.policies.ranks import ALGORITHM_NAMES, STOP, TOTAL, WORLDS
 from tests.policies.test_resume import same
+from usvauv_env import ScenarioError, World
 
 pytestmark = pytest.mark.cpu("processes that share one machine")
 ROOT = Path(__file__).parents[2]
@@ -155,6 +156,8 @@ class TestRun:
         joint = whole.state()
         for name, value in part.state().items():
             assert torch.equal(value, joint[name] if name in part.common_state else joint[name][mine]), name
+        with pytest.raises(ScenarioError, match="batch = 2: must be at least first_world"):
+            World(whole.scenario, 2, first_world=1, batch=2)
 
     def test_the_others_of_a_rank_that_is_killed_say_so(self, run):
         folder, _, last_line = run

@@ -149,7 +149,7 @@ class World:
             "foresight": self.strategy.strategy.functions.foresees,
         }
         of_auvs = {name: team if used else (1, 1) for name, used in in_use.items()}
-        self.common_state = (
+        self.common_state = (  # names in `state` of what is not of single worlds
             *("sea", "sea_clock", "sea_episode"),
             *(name for name, used in in_use.items() if not used),
         )
