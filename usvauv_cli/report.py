@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import chain, groupby
+from itertools import chain
 
 from rich import box
 from rich.console import Console, Group, RenderableType
@@ -15,8 +14,11 @@ from rich.table import Table
 
 from usvauv_cli import tables
 from usvauv_cli.console import LINE_EVERY
-from usvauv_env.record.metrics import EpisodeMetrics, values_of
+from usvauv_cli.evaluation import estimates
+from usvauv_cli.evaluation.comparison import Comparison, labels
+from usvauv_env.record.metrics import EpisodeMetrics
 from usvauv_env.record.trace import Trace
+from usvauv_env.scenario import Scenario
 
 # Column of the CSV → heading, digits after the point.
 SHOWN = {
@@ -54,42 +56,44 @@ BY_TASK = {"data-collection": ("delivered_mbit", "ec"), "station-keeping": ("tar
 LONGEST_NAME = {1: 30, 2: 24, 3: 16}  # by the number of columns with names
 
 
-def metrics_tables(rows: Sequence[EpisodeMetrics], task: str, wide: bool) -> None:
+def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: bool) -> None:
     """Print mean ± standard deviation over the episodes of each policy, boat strategy and target rule.
 
     Args:
-        rows: of the episodes.
-        task: of the scenario.
+        comparison: of the episodes.
+        scenario, seed: what was run.
         wide: all figures in three tables of any width, instead of those that matter most in one that fits.
     """
-    first, count = rows[0], len({row.episode for row in rows})
-    own = {name: OF_TASK.get(name, (name, 2)) for name in first.of_task}
+    first, count = comparison.combinations[0], comparison.episodes
+    own = {name: OF_TASK.get(name, (name, 2)) for name in comparison.of_task}
     episodes = "1 episode" if count == 1 else f"{count} episodes"
-    about = f"{first.scenario}, seed {first.seed}, {episodes}"
-    varied = ["policy", *(name for name in ("usv", "targets") if len({getattr(row, name) for row in rows}) > 1)]
+    about = f"{scenario.name}, seed {seed}, {episodes}"
+    several = comparison.combinations
+    varied = ["policy", *(name for name in ("usv", "targets") if len({getattr(which, name) for which in several}) > 1)]
     about += "".join(f", {name} {getattr(first, name)}" for name in ("usv", "targets") if name not in varied)
     print(tables.wrapped(f"{about.removesuffix(', targets ')}: mean ± standard deviation"))
     if wide:
         parts = [SHOWN, own, POSITIONS]
     else:
         everything = SHOWN | own | POSITIONS
-        middle = BY_TASK.get(task, tuple(own))
+        middle = BY_TASK.get(scenario.task, tuple(own))
         parts = [{name: everything[name] for name in ("arps", *middle, "position_error_rms", "fix_availability")}]
     for shown in filter(None, parts):
         print()
-        _table(rows, varied, shown, tables.UNLIMITED if wide else 0)
+        _table(comparison, varied, shown, tables.UNLIMITED if wide else 0)
     if not wide:
         print("\nrms: of the positions' error; fixes: share of seconds with one. More: --wide")
 
 
-def _table(
-    rows: Sequence[EpisodeMetrics], varied: Sequence[str], shown: Mapping[str, tuple[str, int]], limit: int
-) -> None:
+def _table(comparison: Comparison, varied: Sequence[str], shown: Mapping[str, tuple[str, int]], limit: int) -> None:
     """Figures by the name of their column, then the names that were shortened."""
     cells: list[list[str]] = []
-    for names, group in groupby(rows, key=lambda row: tuple(getattr(row, name) for name in varied)):
-        episodes = list(group)
-        cells.append([*names, *(_spread(values_of(episodes, name), digits) for name, (_, digits) in shown.items())])
+    for which in comparison.combinations:
+        spreads = []
+        for name, (_, digits) in shown.items():
+            mean, deviation = comparison.score(which, name).mean, comparison.deviation(which, name)
+            spreads.append("–" if math.isnan(mean) else f"{mean:.{digits}f} ± {deviation:.{digits}f}")
+        cells.append([*(getattr(which, name) for name in varied), *spreads])
     long = [] if limit else [name for row in cells for name in row[: len(varied)]]
     short = tables.shortened(long, LONGEST_NAME[len(varied)])
     headings = [*varied, *(heading for heading, _ in shown.values())]
@@ -100,12 +104,17 @@ def _table(
             print(tables.wrapped(f"{brief} = {name}", 2))
 
 
-def _spread(values: Sequence[float], digits: int) -> str:
-    """Mean ± standard deviation; a dash where no episode has the figure."""
-    mean = statistics.fmean(values)
-    if not math.isfinite(mean):
-        return "–"
-    return f"{mean:.{digits}f} ± {statistics.stdev(values) if len(values) > 1 else 0.0:.{digits}f}"
+def intervals(comparison: Comparison, name: str) -> list[str]:
+    """A figure of each combination so far, and its difference to the reference, with 95 % intervals, as lines."""
+    names = labels(comparison.combinations)
+    short = tables.shortened(names, LONGEST_NAME[1])
+    lines = [f"{name} of {comparison.episodes} episodes, with 95 % intervals:"]
+    for which, label in zip(comparison.combinations, names, strict=True):
+        line = f"  {short[label]}: {estimates.words(comparison.score(which, name))}"
+        if which != comparison.reference:
+            line += f", difference {estimates.words(comparison.difference(which, name), sign=True)}"
+        lines.append(line)
+    return lines
 
 
 def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:

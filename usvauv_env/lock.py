@@ -1,4 +1,4 @@
-"""One process at a time in a folder."""
+"""One process at a time in a folder, or with a file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def locked(folder: Path) -> Iterator[None]:
     """
     path = folder / NAME
     with writing(folder):
-        file = _open(folder, path)
+        file = open_locked(path, folder)
     try:
         with writing(folder):
             file.seek(0)
@@ -56,8 +56,17 @@ def locked(folder: Path) -> Iterator[None]:
         file.close()
 
 
-def _open(folder: Path, path: Path) -> FileIO:
-    """The lock file, locked."""
+def open_locked(path: Path, place: Path) -> FileIO:
+    """A file, created where it is missing, that nobody else can open with this function before it is closed.
+
+    Args:
+        path: of the file; a process id in it is that of its holder.
+        place: what is locked by it, for the message.
+
+    Raises:
+        OutputError: another process has it.
+        OSError: the system's refusal.
+    """
     while True:
         file = FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o666), "r+")
         try:
@@ -74,6 +83,6 @@ def _open(folder: Path, path: Path) -> FileIO:
             file.close()
             if error.errno not in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
                 raise
-            by = f"process {holder}" if holder else "another process"
-            raise OutputError(f"{folder}: {by} is writing there") from None
+            by = f"process {holder}" if holder.isdigit() else "another process"
+            raise OutputError(f"{place}: {by} is writing there") from None
         file.close()  # its holder has removed it in the meantime

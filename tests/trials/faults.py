@@ -262,6 +262,8 @@ def leftovers(folder: Path, temporary: bool) -> list[str]:
     wrong = []
     for path in folder.rglob("*"):
         hidden = path.name.startswith((".last-", ".best-")) or path.name == ".lock"
+        if path.name == "a.csv.partial":  # of `eval`, for --resume
+            continue
         if (path.name.endswith(".partial") or hidden) and not temporary:
             wrong.append(f"left {path.relative_to(folder)}")
         elif path.is_file() and not re.search(r"/\.(last|best)-", str(path)) and not whole(path):

@@ -52,9 +52,12 @@ def test_eval_keeps_the_episodes_that_are_complete(tmp_path, capsys, monkeypatch
     code, said, error = run(capsys, monkeypatch, *command, "--report", report)
     assert code == 2
     assert error.splitlines()[-1].startswith("error: world 1 at 3 s: ")
-    with out.open() as stream:
+    kept = tmp_path / "m.csv.partial"
+    with kept.open() as stream:
+        stream.readline()
         assert [row["policy"] for row in csv.DictReader(stream)] == ["straight"] * 2
-    assert "2 episodes" in said
+    assert said == f"stopped; 2 complete episodes are in {kept}, which --resume takes up\n"
+    assert not out.exists()
     assert list(report.iterdir()) == []
 
 

@@ -2,6 +2,7 @@
 
 import io
 import re
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -10,6 +11,8 @@ from rich.console import Console
 from policies import TrainingConfig
 from policies.algorithms import ALGORITHMS, Batch, Sizes
 from usvauv_cli import report, tables
+from usvauv_cli.evaluation.comparison import Comparison
+from usvauv_env.record.growing_table import Combination
 from usvauv_env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
 
 LONG = [f"runs/a/very/long/folder/of/many/runs/number-{n}/best" for n in range(12)]
@@ -30,12 +33,22 @@ def episodes(policies, boats, targets):
     return rows
 
 
+def tables_of(rows, task, wide):
+    """Print the tables of rows of a task."""
+    batch = {}
+    for row in rows:
+        batch.setdefault(Combination(row.policy, row.usv, row.targets), []).append(row.columns())
+    comparison = Comparison(list(batch))
+    comparison.add(batch)
+    report.metrics_tables(comparison, SimpleNamespace(name="extreme", task=task), 0, wide)
+
+
 @pytest.mark.parametrize("policies", [["clear"], ["clear", LONG[0]], LONG], ids=["one", "two", "many"])
 @pytest.mark.parametrize("boats", [["fim"], ["fim", "hold:300,300;100,100;500,500"]])
 @pytest.mark.parametrize("targets", [[""], ["tour", "learned:some/folder/of/mine/targets.json"]])
 @pytest.mark.parametrize("task", ["data-collection", "station-keeping", "mine"])
 def test_tables_of_eval_fit_and_no_number_is_cut(capsys, policies, boats, targets, task):
-    report.metrics_tables(episodes(policies, boats, targets), task, wide=False)
+    tables_of(episodes(policies, boats, targets), task, wide=False)
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
     text = "\n".join(lines)
@@ -48,7 +61,7 @@ def test_tables_of_eval_fit_and_no_number_is_cut(capsys, policies, boats, target
 
 
 def test_wide_tables_have_every_figure_in_one_part(capsys):
-    report.metrics_tables(episodes(LONG, ["fim"], ["tour"]), "data-collection", wide=True)
+    tables_of(episodes(LONG, ["fim"], ["tour"]), "data-collection", wide=True)
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) > 80
     assert text.count(LONG[0]) == 3

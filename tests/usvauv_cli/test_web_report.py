@@ -14,18 +14,37 @@ from scipy import stats
 
 import policies
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
-from usvauv_cli.web_report import columns, figure_style, page, scores
+from usvauv_cli.evaluation.comparison import Comparison
+from usvauv_cli.web_report import columns, figure_style, page
 from usvauv_cli.web_report.player import at_arrows
-from usvauv_cli.web_report.recordings import ERRORS, MOST_SHOWN, Recordings, ellipses, fix_quantiles, thinned
-from usvauv_cli.web_report.scores import Combination, Estimate
+from usvauv_cli.web_report.recordings import (
+    ERRORS,
+    MOST_SHOWN,
+    Recordings,
+    ellipses,
+    fix_quantiles,
+    front_episodes,
+    thinned,
+)
 from usvauv_env import Scenario, evaluate
 from usvauv_env.record.collection import age
-from usvauv_env.record.metrics import usable
+from usvauv_env.record.growing_table import Combination
+from usvauv_env.record.metrics import EpisodeMetrics, usable
 from usvauv_env.record.trace import VARIABLES
 from usvauv_env.sections import MAX_AUVS, MAX_NODES, MAX_VORTICES
 
 LARGEST = 3_000_000  # bytes of a page
 EPISODES = 3
+
+
+def compared(rows: list[EpisodeMetrics]) -> Comparison:
+    """The comparison of rows, by combination."""
+    batch: dict[Combination, list] = {}
+    for row in rows:
+        batch.setdefault(Combination(row.policy, row.usv, row.targets), []).append(row.columns())
+    comparison = Comparison(list(batch), kept=front_episodes(len(batch)))
+    comparison.add(batch)
+    return comparison
 
 
 class Made:
@@ -39,7 +58,7 @@ class Made:
             self.rows += evaluate(
                 self.scenario, policies.named("straight"), episodes=EPISODES, seed=4, usv=usv, on_trace=self.take
             )
-        page.write(folder, self.scenario, self.rows, self.recordings)
+        page.write(folder, self.scenario, 4, compared(self.rows), self.recordings)
         self.text = (folder / "index.html").read_text(encoding="utf-8")
 
     def take(self, trace, first):
@@ -60,58 +79,6 @@ def embedded(text: str) -> dict:
 def decoded(array: dict) -> np.ndarray:
     numbers = np.frombuffer(base64.b64decode(array["data"]), f"<u{array['bits'] // 8}")
     return array["low"] + array["step"] * numbers.reshape(array["shape"]).astype(float)
-
-
-class TestScores:
-    @pytest.mark.parametrize("freedom", [*range(1, 40), 199, 200, 9999])
-    def test_quantile_of_t(self, freedom):
-        assert scores.t_quantile(freedom) == pytest.approx(stats.t.ppf(0.975, freedom), rel=1e-10)
-
-    def test_mean_and_interval(self):
-        values = np.random.default_rng(0).normal(3, 2, 11)
-        low, high = stats.t.interval(0.95, 10, values.mean(), stats.sem(values))
-        found = scores.estimate([*values, math.nan])
-        assert found == pytest.approx((values.mean(), (high - low) / 2, 11))
-
-    def test_one_has_no_interval_and_none_no_mean(self):
-        assert scores.estimate([2.0, math.nan]) == pytest.approx((2.0, math.nan, 1), nan_ok=True)
-        assert scores.estimate([math.nan]) == pytest.approx((math.nan, math.nan, 0), nan_ok=True)
-
-    def test_difference_is_paired_by_world(self):
-        """In any order of worlds, over those that have both figures; the interval is that of the paired t-test."""
-        rng = np.random.default_rng(1)
-        first = rng.normal(10, 5, 9)
-        second = first + rng.normal(0.5, 0.2, 9)
-        reference = {world: {"x": value} for world, value in enumerate(first)}
-        own = {world: {"x": second[world]} for world in rng.permutation(9)}
-        reference[2], own[5] = {"x": math.nan}, {"x": math.nan}
-        both = [0, 1, 3, 4, 6, 7, 8]
-        interval = stats.ttest_rel(second[both], first[both]).confidence_interval(0.95)
-        found = scores.difference(own, reference, "x")
-        assert (found.mean - found.half, found.mean + found.half) == pytest.approx(tuple(interval))
-        assert found.n == 7
-
-    @pytest.mark.parametrize(
-        ("value", "sign", "expected"),
-        [
-            (Estimate(68.234, 5.31, 9), False, "68.2 ± 5.3"),
-            (Estimate(-0.384, 0.351, 9), True, "−0.38 ± 0.35"),
-            (Estimate(2924.3, 204.6, 9), False, "2,924 ± 205"),
-            (Estimate(1.25, 0.04, 9), True, "+1.250 ± 0.040"),
-            (Estimate(0.0, 0.0, 9), True, "0"),
-            (Estimate(0.4687, math.nan, 1), False, "0.469"),
-            (Estimate(7.0, math.nan, 1), True, "+7"),
-            (Estimate(math.nan, math.nan, 0), False, "–"),
-        ],
-    )
-    def test_in_words(self, value, sign, expected):
-        assert scores.words(value, sign) == expected
-
-    def test_names_have_the_parts_that_differ(self):
-        assert scores.labels([Combination("a", "fim", ""), Combination("a", "centroid", "")]) == ["fim", "centroid"]
-        assert scores.labels([Combination("a", "fim", "tour")]) == ["a"]
-        both = [Combination("a", "fim", "tour"), Combination("b", "fim", "rate:60")]
-        assert scores.labels(both) == ["a · tour", "b · rate:60"]
 
 
 class TestRecordings:
@@ -192,7 +159,7 @@ class TestPage:
             assert words in said
 
     def test_is_the_same_again(self, made, tmp_path):
-        page.write(tmp_path, made.scenario, made.rows, made.recordings)
+        page.write(tmp_path, made.scenario, 4, compared(made.rows), made.recordings)
         for path in made.folder.iterdir():
             assert path.read_bytes() == (tmp_path / path.name).read_bytes()
 
@@ -269,7 +236,7 @@ def test_the_largest_page_is_below_its_bound(made, tmp_path):
         name = f"</script><b>policy & {i}"
         recordings.add(replace(trace, policy=name), 0)
         rows += [replace(made.rows[i % 6], policy=name, usv="fim", episode=episode) for episode in range(1000)]
-    text = page.write(tmp_path, made.scenario, rows, recordings).read_text(encoding="utf-8")
+    text = page.write(tmp_path, made.scenario, 4, compared(rows), recordings).read_text(encoding="utf-8")
     assert len(recordings) == MOST_SHOWN
     assert len(text.encode()) < LARGEST
     assert f"the first {MOST_SHOWN} of {count} combinations" in " ".join(text.split())

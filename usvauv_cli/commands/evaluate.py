@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from kernels.errors import DivergenceError
+from kernels.errors import UserError
 from usvauv_cli.commands.options import (
     BOATS,
     POLICIES,
@@ -23,8 +23,6 @@ from usvauv_cli.commands.options import (
     tell_of_team,
     writable,
 )
-
-ROW_BYTES = 2000.0  # of memory, of an episode's figures
 
 
 def evaluate(
@@ -44,6 +42,27 @@ def evaluate(
     episodes: Annotated[int, typer.Option(help="Episodes for each combination.")] = 20,
     seed: Seed = 0,
     out: Annotated[Path, typer.Option(help="CSV to write, one row an episode.")] = Path("metrics.csv"),
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with OUT.csv.partial, which the same command left when it stopped.")
+    ] = False,
+    score: Annotated[
+        str, typer.Option(metavar="COLUMN", help="Figure whose interval is shown meanwhile and decides the end.")
+    ] = "arps",
+    against: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Policy, boat or rule; differences are to the first combination that has it. Default: the first.",
+        ),
+    ] = None,
+    until: Annotated[
+        float | None,
+        typer.Option(
+            "--until-halfwidth",
+            metavar="X",
+            help="End when the 95 % intervals of all differences in --score are at most ± X, before --episodes.",
+        ),
+    ] = None,
     wide: Annotated[bool, typer.Option("--wide", help="All figures, in tables of any width.")] = False,
     report_folder: Annotated[
         Path | None,
@@ -54,6 +73,8 @@ def evaluate(
     plugins: Plugins = None,
 ) -> None:
     """Run policies on the same seeded worlds, write one CSV row an episode, print mean ± standard deviation.
+
+    Rows are kept in OUT.csv.partial until all are there, so that `--resume` can go on after Ctrl-C or a crash.
 
     **Examples:**
 
@@ -68,17 +89,24 @@ def evaluate(
     `usvauv eval --policy pace --targets tour --targets rollout`
 
     `usvauv eval --usv fim --usv centroid --report comparison`, then open *comparison/index.html*
+
+    `usvauv eval --policy clear --policy pace --episodes 100000 --until-halfwidth 0.05`
     """
     import policies
-    import usvauv_env
     from usvauv_cli import console, report
-    from usvauv_cli.web_report.recordings import Recordings
-    from usvauv_env import EpisodeMetrics, Scenario
-    from usvauv_env.memory import require
-    from usvauv_env.record.table import write_rows
+    from usvauv_cli.evaluation import batches
+    from usvauv_cli.evaluation.comparison import Comparison
+    from usvauv_cli.evaluation.definition import definition, first_difference
+    from usvauv_cli.web_report.recordings import Recordings, collects_data, front_episodes
+    from usvauv_env import Scenario
+    from usvauv_env.record.evaluation import WORLDS_PER_BATCH, batch_size
+    from usvauv_env.record.growing_table import Combination, GrowingTable
+    from usvauv_env.record.metrics import FIGURES, task_metrics
     from usvauv_env.world.boat_strategies import StrategyChoice
 
     at_least("--episodes", episodes, 1)
+    if until is not None:
+        at_least("--until-halfwidth", until, 0)
     setting = Scenario.load(scenario, overrides or ())
     writable(out, "--out", (".csv",))
     names = list(dict.fromkeys(policy or [policies.default(setting), "straight"]))
@@ -87,36 +115,64 @@ def evaluate(
         tell_of_team(name, setting)
     strategies = [StrategyChoice.parse(name, setting).name for name in usv or [None]]
     settings = [setting.with_targets(rule) for rule in targets or [None]]
+    scenarios = {
+        Combination(name, strategy, chosen.nodes.target_rule if collects_data(chosen) else ""): chosen
+        for strategy, chosen, name in product(strategies, settings, names)
+    }
+    figures = (*FIGURES, *(name for name, metric in task_metrics.items() if metric.task == setting.task))
+    if score not in figures:
+        raise UserError(f"--score {score!r}: must be one of {', '.join(figures)}")
+    reference = next((which for which in scenarios if against in (None, *filter(None, which))), None)
+    if reference is None:
+        parts = dict.fromkeys(part for which in scenarios for part in which if part)
+        raise UserError(f"--against {against!r}: must be one of {', '.join(parts)}")
     if report_folder:
+        if resume:
+            raise UserError("--report: cannot go with --resume: its figures are of missions that are not run again")
         make_folder(report_folder, "--report")
         writable(report_folder / "index.html", "--report", (".html",))
-    require(ROW_BYTES * len(names) * len(strategies) * len(settings) * episodes, f"--episodes {episodes}: their rows")
-    recordings = Recordings(len(names) * len(strategies) * len(settings))
-    rows: list[EpisodeMetrics] = []
-    total = len(names) * len(strategies) * len(settings) * episodes * setting.mission.steps
-    try:
-        with console.progress("evaluating", total) as advance:
-            for strategy, chosen in product(strategies, settings):
-                usvauv_env.evaluate(
-                    chosen,
-                    policies.named(*names),
-                    episodes=episodes,
-                    seed=seed,
-                    usv=strategy,
-                    arch=arch,
-                    on_step=advance,
-                    on_batch=rows.extend,
-                    on_trace=recordings.add if report_folder else lambda trace, first: None,
+    recordings = Recordings(len(scenarios))
+    comparison = Comparison(list(scenarios), reference, front_episodes(len(scenarios)) if report_folder else 0)
+    with GrowingTable(out, resume) as table:
+        decides = definition(setting, scenarios, seed, arch)
+        about = table.about
+        if about is None:
+            size = min(batch_size(chosen, episodes, strategy, arch) for strategy in strategies for chosen in settings)
+            if size < min(WORLDS_PER_BATCH, episodes):
+                typer.echo(f"batches of {size} episodes, which is what fits into memory", err=True)
+            about = {"definition": decides, "batch": size}
+            table.begin(about)
+        elif difference := first_difference(about["definition"], decides):
+            raise UserError(f"{table.path}: is of another command: {difference}")
+        plan = batches.Plan(scenarios, policies.named(*names), episodes, seed, arch)
+        try:
+            with console.progress("evaluating", len(scenarios) * episodes * setting.mission.steps) as advance:
+
+                def enough() -> bool:
+                    advance(0, report.intervals(comparison, score))
+                    return until is not None and comparison.reached(score, until)
+
+                batches.run(
+                    plan,
+                    about["batch"],
+                    table,
+                    comparison,
+                    enough,
+                    advance,
+                    recordings.add if report_folder else lambda trace, first: None,
                 )
-    except (KeyboardInterrupt, DivergenceError):
-        if rows:
-            write_rows(out, list(rows[0].columns()), (row.columns() for row in rows))
-            typer.echo(f"stopped; the {len(rows)} episodes that are complete are in {out}")
-        raise
-    write_rows(out, list(rows[0].columns()), (row.columns() for row in rows))
-    report.metrics_tables(rows, setting.task, wide)
-    typer.echo(f"{len(rows)} episodes written to {out}")
+        except (KeyboardInterrupt, UserError):
+            if table.count:
+                typer.echo(f"stopped; {table.count} complete episodes are in {table.path}, which --resume takes up")
+            raise
+        table.finish()
+    report.metrics_tables(comparison, setting, seed, wide)
+    if until is not None:
+        print("\n".join(report.intervals(comparison, score)))
+        if not comparison.reached(score, until):
+            typer.echo(f"--until-halfwidth {until:g}: not reached in {comparison.episodes} episodes")
+    typer.echo(f"{table.count} episodes written to {out}")
     if report_folder:
         from usvauv_cli.web_report import page
 
-        typer.echo(f"report: {page.write(report_folder, setting, rows, recordings).resolve()}")
+        typer.echo(f"report: {page.write(report_folder, setting, seed, comparison, recordings).resolve()}")

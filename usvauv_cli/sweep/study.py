@@ -18,10 +18,8 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 import policies
 from kernels.errors import UserError
-from policies import imported
-from policies.checkpoint import BEST, LAST, POLICY
-from policies.policy import PolicyError
-from usvauv_env import plugins, text_files
+from usvauv_cli.evaluation.definition import digests
+from usvauv_env import text_files
 from usvauv_env.record.metrics import FIGURES, task_metrics
 from usvauv_env.scenario import Scenario
 from usvauv_env.sections import Section, known, one_line
@@ -202,7 +200,7 @@ def plan(run: Run, evaluation: Evaluation, source: str) -> Planned:
         "usv": usv,
         "seed": run.seed,
         "evaluation": {"episodes": evaluation.episodes, "seed": evaluation.seed},
-        "files": [_digest(path) for path in _files(run)],
+        "files": [digest for _, digest in digests([run.policy], (run.usv, run.targets))],
     }
     return Planned(run, scenario, definition, key_of(definition))
 
@@ -211,21 +209,3 @@ def key_of(definition: Mapping[str, Any]) -> str:
     """Hash of JSON values; the order of their keys does not matter."""
     text = json.dumps(definition, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _files(run: Run) -> list[Path]:
-    """Files whose content decides the results beside the scenario: plugins, weights, what was learned, the file of
-    MODULE:CLASS.
-    """
-    if module := imported.file(run.policy):
-        return [*plugins.loaded(), module]
-    named = [Path(text.partition(":")[2]) for text in (run.usv, run.targets) if text.startswith("learned:")]
-    weights = [Path(run.policy, *part, f"{POLICY}.safetensors") for part in ((), (BEST,), (LAST,)) if run.policy]
-    return [*plugins.loaded(), *named, *[path for path in weights if path.is_file()][:1]]
-
-
-def _digest(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise PolicyError(f"{path}: cannot be read: {error.strerror}") from None

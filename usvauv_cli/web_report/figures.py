@@ -12,6 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from usvauv_cli.evaluation.comparison import Comparison
+from usvauv_cli.evaluation.estimates import words
 from usvauv_cli.web_report.figure_style import (
     AGES,
     COLUMN,
@@ -29,21 +31,20 @@ from usvauv_cli.web_report.figure_style import (
     style_axes,
 )
 from usvauv_cli.web_report.recordings import ERRORS, PERIODS, Recording, collects_data, fix_quantiles
-from usvauv_cli.web_report.scores import Episodes, score, words
 from usvauv_env.scenario import Scenario
 
 
-def front(names: Sequence[str], scored: Sequence[Episodes], drawn: int) -> Figure:
-    """Data over energy: `drawn` episodes of each combination faint, means with their intervals."""
+def front(names: Sequence[str], comparison: Comparison) -> Figure:
+    """Data over energy: the episodes of `points` of each combination faint, means with their intervals."""
     with drawing("front"):
         figure = new(2.5 + rows_of_legend(names))
         axes = figure.add_subplot()
         handles = []
-        for i, (name, episodes) in enumerate(zip(names, scored, strict=True)):
-            energy, data = (score(episodes, column) for column in ("energy_wh", "delivered_mbit"))
-            some = [episodes[world] for world in sorted(episodes)[:drawn]]
-            points = [[row[column] for row in some] for column in ("energy_wh", "delivered_mbit")]
-            axes.plot(*points, marker(i), color=colour(i), ms=2.6, alpha=0.35, mew=0)
+        for i, (name, which) in enumerate(zip(names, comparison.combinations, strict=False)):
+            energy, data = (comparison.score(which, column) for column in ("energy_wh", "delivered_mbit"))
+            axes.plot(
+                *zip(*comparison.points[which], strict=True), marker(i), color=colour(i), ms=2.6, alpha=0.35, mew=0
+            )
             if energy.n > 1:
                 axes.errorbar(
                     energy.mean, data.mean, data.half, energy.half, fmt="none", color=colour(i), elinewidth=1.2,
@@ -60,11 +61,12 @@ def front(names: Sequence[str], scored: Sequence[Episodes], drawn: int) -> Figur
     return figure
 
 
-def about_front(names: Sequence[str], scored: Sequence[Episodes]) -> str:
+def about_front(names: Sequence[str], comparison: Comparison) -> str:
     """The means of `front` in words."""
     return "; ".join(
-        f"{name}: {words(score(episodes, 'delivered_mbit'))} Mbit for {words(score(episodes, 'energy_wh'))} Wh"
-        for name, episodes in zip(names, scored, strict=True)
+        f"{name}: {words(comparison.score(which, 'delivered_mbit'))} Mbit"
+        f" for {words(comparison.score(which, 'energy_wh'))} Wh"
+        for name, which in zip(names, comparison.combinations, strict=False)
     )
 
 

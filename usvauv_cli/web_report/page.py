@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
 from kernels import runtime
-from usvauv_cli.web_report import columns, document, figures, scores
+from usvauv_cli.evaluation import estimates
+from usvauv_cli.evaluation.comparison import Comparison, labels
+from usvauv_cli.web_report import columns, document, figures
 from usvauv_cli.web_report.player import player_data
-from usvauv_cli.web_report.recordings import Recordings, collects_data
-from usvauv_cli.web_report.scores import Combination, Episodes
-from usvauv_env.record.metrics import EpisodeMetrics
+from usvauv_cli.web_report.recordings import Recordings, collects_data, front_episodes
+from usvauv_env.record.growing_table import Combination
 from usvauv_env.scenario import Scenario
-
-FRONT_EPISODES = 2400  # points of episodes in the figure of the front
 
 
 class Cell(NamedTuple):
@@ -34,13 +32,14 @@ class Cell(NamedTuple):
     excludes_zero: bool
 
 
-def write(folder: Path, scenario: Scenario, rows: Sequence[EpisodeMetrics], recordings: Recordings) -> Path:
+def write(folder: Path, scenario: Scenario, seed: int, comparison: Comparison, recordings: Recordings) -> Path:
     """Write the PDFs, then the page; each file appears only when it is complete.
 
     Args:
         folder: which is there.
         scenario: what was run, but for the target rule.
-        rows: of all combinations.
+        seed: of the worlds.
+        comparison: of all combinations, with the points of their first `front_episodes`.
         recordings: of the same evaluation.
 
     Returns:
@@ -49,7 +48,7 @@ def write(folder: Path, scenario: Scenario, rows: Sequence[EpisodeMetrics], reco
     Raises:
         OutputError: a file cannot be written.
     """
-    episodes = scores.by_combination(rows)
+    several = comparison.combinations
     return document.write(
         folder,
         "web_report/page.html",
@@ -61,15 +60,15 @@ def write(folder: Path, scenario: Scenario, rows: Sequence[EpisodeMetrics], reco
         arch=runtime.start().arch,
         script=Markup(document.text("web_report/player.js")),
         scenario=scenario,
-        count=max(len(found) for found in episodes.values()),
-        combinations=len(episodes),
-        seed=rows[0].seed,
-        reference=" · ".join(filter(None, next(iter(episodes)))),
-        tables=_tables(episodes, scenario, list(rows[0].of_task)),
-        pictures=_pictures(episodes, scenario, recordings, folder),
+        count=comparison.episodes,
+        combinations=len(several),
+        seed=seed,
+        reference=" · ".join(filter(None, comparison.reference)),
+        tables=_tables(comparison, scenario),
+        pictures=_pictures(comparison, scenario, recordings, folder),
         player=Markup(_json(_player(scenario, recordings))),
         shown=next(iter(recordings.values())).episode,
-        omitted=len(episodes) - len(recordings),
+        omitted=len(several) - len(recordings),
     )
 
 
@@ -78,9 +77,7 @@ def _json(data: Any) -> str:
     return json.dumps(data, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
 
 
-def _tables(
-    episodes: Mapping[Combination, Episodes], scenario: Scenario, of_task: Collection[str]
-) -> list[dict[str, Any]]:
+def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
     """Tables of scores: title, columns, and rows of a combination and its cells."""
     nodes = collects_data(scenario)
     return [
@@ -88,34 +85,33 @@ def _tables(
             "title": title,
             "columns": found,
             "rows": [
-                {"combination": which, "cells": [_cell(own, episodes, column.name) for column in found]}
-                for which, own in episodes.items()
+                {"combination": which, "cells": [_cell(comparison, which, column.name) for column in found]}
+                for which in comparison.combinations
             ],
         }
-        for title, found in columns.tables(nodes, of_task).items()
+        for title, found in columns.tables(nodes, comparison.of_task).items()
         if found
     ]
 
 
-def _cell(own: Episodes, episodes: Mapping[Combination, Episodes], name: str) -> Cell:
-    reference = next(iter(episodes.values()))
-    score, less = scores.score(own, name), scores.difference(own, reference, name)
+def _cell(comparison: Comparison, which: Combination, name: str) -> Cell:
+    score, less = comparison.score(which, name), comparison.difference(which, name)
     return Cell(
-        scores.words(score),
-        score.n if 0 < score.n < len(own) else None,
-        "" if own is reference else scores.words(less, sign=True),
+        estimates.words(score),
+        score.n if 0 < score.n < comparison.episodes else None,
+        "" if which == comparison.reference else estimates.words(less, sign=True),
         abs(less.mean) > less.half,
     )
 
 
 def _pictures(
-    episodes: Mapping[Combination, Episodes], scenario: Scenario, recordings: Recordings, folder: Path
+    comparison: Comparison, scenario: Scenario, recordings: Recordings, folder: Path
 ) -> list[document.Picture]:
     """The figures that the task has; their PDFs are written."""
-    names = scores.labels(list(episodes))[: len(recordings)]
-    scored, recorded = list(episodes.values())[: len(names)], list(recordings.values())
+    names = labels(comparison.combinations)[: len(recordings)]
+    recorded = list(recordings.values())
     nodes = collects_data(scenario)
-    drawn = max(FRONT_EPISODES // len(names), 1)
+    drawn = front_episodes(len(comparison.combinations))
     duration = scenario.mission.steps * scenario.mission.step
     points = len(recorded[0].episode.tracks[0])
     made: list[document.Picture] = []
@@ -124,12 +120,12 @@ def _pictures(
         made.append(document.picture(folder, *parts))
 
     if nodes:
-        some = f", the first {drawn} of each" if drawn < max(map(len, scored)) else ""
+        some = f", the first {drawn} of each" if drawn < comparison.episodes else ""
         add(
             "front",
-            figures.front(names, scored, drawn),
+            figures.front(names, comparison),
             "Data and energy",
-            figures.about_front(names, scored),
+            figures.about_front(names, comparison),
             f"Small and faint: episodes{some}; large: their means with 95 % intervals. Better is further up and left.",
         )
     if any(recording.fixes.any() for recording in recorded):
@@ -163,5 +159,5 @@ def _pictures(
 
 
 def _player(scenario: Scenario, recordings: Recordings) -> dict[str, Any]:
-    names = scores.labels(list(recordings))
+    names = labels(list(recordings))
     return player_data(scenario, names, [recording.episode for recording in recordings.values()])

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from usvauv_cli.web_report.scores import Combination
 from usvauv_env.record import collection
+from usvauv_env.record.growing_table import Combination
 from usvauv_env.record.metrics import usable
 from usvauv_env.record.trace import Trace
 from usvauv_env.scenario import Scenario
 
 MOST_SHOWN = 12  # combinations with an episode and a line in the figures
+FRONT_EPISODES = 2400  # points of episodes in the figure of the front
 FRAME_BYTES = 1_000_000  # of the frames of all episodes
 TRACK_POINTS = 12_000  # of all tracks of all episodes
 MOST_TRACK = 400  # points of a track
@@ -85,6 +86,11 @@ class Recordings(dict[Combination, Recording]):
             (step * PERIODS // len(trace.time), np.clip(level, 0, len(ERRORS) - 2)),
             1,
         )
+
+
+def front_episodes(combinations: int) -> int:
+    """Number of episodes of each combination that have a point in the figure of the front."""
+    return max(FRONT_EPISODES // min(combinations, MOST_SHOWN), 1)
 
 
 def collects_data(scenario: Scenario) -> bool:

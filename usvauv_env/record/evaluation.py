@@ -9,13 +9,14 @@ from typing import Any, Protocol
 from torch import Tensor
 
 from kernels.errors import UserError
+from usvauv_env import memory
 from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
-from usvauv_env.record.recorder import record
+from usvauv_env.record.recorder import EACH, record, trace_bytes
 from usvauv_env.record.trace import Trace
 from usvauv_env.scenario import Scenario
 from usvauv_env.world.world import World
 
-WORLDS_PER_BATCH = 128
+WORLDS_PER_BATCH = 128  # at most
 
 Act = Callable[[Tensor], Tensor]
 
@@ -47,7 +48,7 @@ def evaluate(
     """Run each policy on the same seeded worlds; one row for each policy and episode, in this order.
 
     Episode e of every policy takes place in world e of the seed, so rows of the same episode are paired. Worlds are
-    stepped in batches of `WORLDS_PER_BATCH`, which changes no figure.
+    stepped in batches, see `batch_size`.
 
     Args:
         scenario: a scenario, or what `Scenario.load` takes.
@@ -65,16 +66,53 @@ def evaluate(
     if episodes < 1:
         raise UserError(f"episodes = {episodes}: must be at least 1")
     scenario = Scenario.of(scenario)
-    rows = []
+    scenario = scenario.with_targets(targets)
+    rows, size = [], batch_size(scenario, episodes, usv, arch)
     for name, make in policies.items():
-        for first in range(0, episodes, WORLDS_PER_BATCH):
-            worlds = min(WORLDS_PER_BATCH, episodes - first)
-            world = World(scenario, worlds, seed, usv, targets, first_world=first, arch=arch)
-            trace = record(world, act_of(make(world)), name, on_step=lambda _, n=worlds: on_step(n))
-            batch = episode_metrics(trace, first)
-            on_trace(trace, first)
+        for first in range(0, episodes, size):
+            worlds = World(scenario, min(size, episodes - first), seed, usv, first_world=first, arch=arch)
+            batch = evaluate_batch(worlds, first, name, make, on_step, on_trace)
             on_batch(batch)
             rows += batch
+    return rows
+
+
+def batch_size(scenario: Scenario, episodes: int, usv: str | None = None, arch: str = "auto") -> int:
+    """Number of worlds that are stepped together: `WORLDS_PER_BATCH`, or a half of it, a quarter … whose records fit
+    into memory, or 1.
+
+    The batch changes no world. What depends on it is a policy that draws numbers for all worlds together, such as
+    `random`, and the last bit of a network's actions.
+
+    Raises:
+        UserError: as `World`.
+    """
+    size = min(WORLDS_PER_BATCH, episodes)
+    world = World(scenario, 1, usv=usv, arch=arch)
+    shared, free = EACH * world.steps, memory.SHARE * memory.available()
+    one = trace_bytes(world, world.steps) - shared
+    while size > 1 and shared + size * one > free:
+        size = (size + 1) // 2
+    return size
+
+
+def evaluate_batch(
+    worlds: World,
+    first: int,
+    name: str,
+    make: MakePolicy,
+    on_step: Callable[[int], None] = lambda world_steps: None,
+    on_trace: Callable[[Trace, int], None] = lambda trace, first: None,
+) -> list[EpisodeMetrics]:
+    """Rows of a policy in one episode of some worlds, of which the first has number `first`; see `evaluate`.
+
+    Raises:
+        UserError: what `record` raises.
+    """
+    count = worlds.num_worlds
+    trace = record(worlds, act_of(make(worlds)), name, on_step=lambda _: on_step(count))
+    rows = episode_metrics(trace, first)
+    on_trace(trace, first)
     return rows
 
 

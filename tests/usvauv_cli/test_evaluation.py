@@ -1,0 +1,248 @@
+"""What `eval` knows while it runs, how it is taken up again, and when it ends before its last episode."""
+
+import csv
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from usvauv_cli import report
+from usvauv_cli.evaluation.comparison import LEAST_EPISODES, Comparison, labels
+from usvauv_cli.evaluation.definition import first_difference
+from usvauv_cli.evaluation.estimates import EXACT, Estimate, Moments, t_quantile, words
+from usvauv_env import World, memory
+from usvauv_env.record import evaluation
+from usvauv_env.record.growing_table import Combination
+from usvauv_env.record.metrics import FIGURES
+from usvauv_env.record.recorder import EACH
+
+ONE, TWO, THREE = (Combination(name, "fim", "tour") for name in ("one", "two", "three"))
+EVAL = ("eval", "ideal", "--policy", "straight", "--policy", "random", "--set", "mission.duration=2", "--seed", 3)
+STEPS = 3 * 2 * 2  # of ten episodes in batches of four: batches, policies, steps of the mission
+
+
+def rows(values):
+    """Rows of the CSV, every figure of which is the same number, as the partial file has them."""
+    return [dict.fromkeys((*FIGURES, "luck"), str(float(value))) for value in values]
+
+
+class TestMoments:
+    @pytest.mark.parametrize("freedom", [*range(1, 40), 199, 200, EXACT, EXACT + 1, 9999, 10**6])
+    def test_quantile_of_t(self, freedom):
+        assert t_quantile(freedom) == pytest.approx(stats.t.ppf(0.975, freedom), rel=1e-10)
+
+    def test_of_parts_are_those_of_the_whole(self):
+        values = np.random.default_rng(0).normal((3, 1e6), (2, 1e-3), (101, 2))
+        values[[0, 5, 40], 0] = math.nan
+        moments = Moments(2)
+        for part in np.split(values, [1, 3, 60]):
+            moments.add(part)
+        for figure, known in enumerate((values[~np.isnan(values[:, 0]), 0], values[:, 1])):
+            low, high = stats.t.interval(0.95, len(known) - 1, known.mean(), stats.sem(known))
+            assert moments.estimate(figure) == pytest.approx((known.mean(), (high - low) / 2, len(known)), rel=1e-6)
+            assert moments.deviation(figure) == pytest.approx(known.std(ddof=1), rel=1e-6)
+
+    def test_one_has_no_interval_none_no_mean_and_equal_ones_no_spread(self):
+        moments = Moments(3)
+        moments.add(np.array([[math.nan, math.nan, 0.1]]))
+        moments.add(np.array([[2.0, math.nan, 0.1], [math.nan, math.nan, 0.1]]))
+        assert moments.estimate(0) == pytest.approx((2.0, math.nan, 1), nan_ok=True)
+        assert moments.estimate(1) == pytest.approx((math.nan, math.nan, 0), nan_ok=True)
+        assert moments.estimate(2) == (0.1, 0.0, 3)
+
+    @pytest.mark.parametrize(
+        ("value", "sign", "expected"),
+        [
+            (Estimate(68.234, 5.31, 9), False, "68.2 ± 5.3"),
+            (Estimate(-0.384, 0.351, 9), True, "−0.38 ± 0.35"),
+            (Estimate(2924.3, 204.6, 9), False, "2,924 ± 205"),
+            (Estimate(1.25, 0.04, 9), True, "+1.250 ± 0.040"),
+            (Estimate(0.0, 0.0, 9), True, "0"),
+            (Estimate(0.4687, math.nan, 1), False, "0.469"),
+            (Estimate(7.0, math.nan, 1), True, "+7"),
+            (Estimate(math.nan, math.nan, 0), False, "–"),
+        ],
+    )
+    def test_in_words(self, value, sign, expected):
+        assert words(value, sign) == expected
+
+
+class TestComparison:
+    def test_difference_is_paired_by_world(self):
+        """Over the worlds that have both figures; the interval is that of the paired t-test."""
+        rng = np.random.default_rng(1)
+        first = rng.normal(10, 5, 90)
+        second = first + rng.normal(0.5, 0.2, 90)
+        first[2], second[5] = math.nan, math.nan
+        comparison = Comparison([TWO, ONE], reference=ONE)
+        for part in np.split(np.arange(90), [40, 41]):
+            comparison.add({TWO: rows(second[part]), ONE: rows(first[part])})
+        both = ~np.isnan(first + second)
+        interval = stats.ttest_rel(second[both], first[both]).confidence_interval(0.95)
+        found = comparison.difference(TWO, "luck")
+        assert (found.mean - found.half, found.mean + found.half) == pytest.approx(tuple(interval))
+        assert found.n == 88
+        assert comparison.half("luck") == found.half
+        assert comparison.reached("luck", found.half)
+        assert not comparison.reached("luck", 0.999 * found.half)
+
+    def test_the_widest_difference_decides_and_few_or_equal_episodes_never(self):
+        rng = np.random.default_rng(2)
+        base, near, far = rng.normal(0, (5, 0.1, 1.0), (LEAST_EPISODES, 3)).T
+        comparison = Comparison([ONE, TWO, THREE])
+        comparison.add({ONE: rows(base[:-1]), TWO: rows((base + near)[:-1]), THREE: rows((base + far)[:-1])})
+        assert not comparison.reached("luck", 1000.0)
+        comparison.add({ONE: rows(base[-1:]), TWO: rows((base + near)[-1:]), THREE: rows((base + far)[-1:])})
+        assert comparison.half("luck") == pytest.approx(stats.sem(far) * stats.t.ppf(0.975, LEAST_EPISODES - 1))
+        equal = Comparison([ONE, TWO])
+        equal.add({ONE: rows(base), TWO: rows(base)})
+        assert not equal.reached("luck", 1000.0)
+        alone = Comparison([ONE])
+        alone.add({ONE: rows(base)})
+        assert alone.half("luck") == alone.score(ONE, "luck").half
+
+    def test_what_is_kept_does_not_grow(self):
+        comparison = Comparison([ONE, TWO], kept=20)
+        batch = {ONE: rows(range(8)), TWO: rows(range(8))}
+        for _ in range(10):
+            comparison.add(batch)
+        tracemalloc.start()
+        try:
+            for _ in range(300):
+                comparison.add(batch)
+            assert tracemalloc.get_traced_memory()[0] < 20_000  # 50 bytes an episode would be 240,000
+        finally:
+            tracemalloc.stop()
+        assert [len(points) for points in comparison.points.values()] == [20, 20]
+        assert comparison.episodes == 8 * 310
+
+    def test_names_have_the_parts_that_differ(self):
+        assert labels([Combination("a", "fim", ""), Combination("a", "centroid", "")]) == ["fim", "centroid"]
+        assert labels([Combination("a", "fim", "tour")]) == ["a"]
+        both = [Combination("a", "fim", "tour"), Combination("b", "fim", "rate:60")]
+        assert labels(both) == ["a · tour", "b · rate:60"]
+
+    def test_intervals_meanwhile(self):
+        comparison = Comparison([ONE, TWO])
+        comparison.add({ONE: rows([1, 2, 3]), TWO: rows([2, 4, 3])})
+        half = stats.t.ppf(0.975, 2) / math.sqrt(3)
+        assert report.intervals(comparison, "arps") == [
+            "arps of 3 episodes, with 95 % intervals:",
+            f"  one: 2.0 ± {half:.1f}",
+            f"  two: 3.0 ± {half:.1f}, difference +1.0 ± {half:.1f}",
+        ]
+
+
+def test_the_first_difference_of_definitions():
+    one = {"seed": 3, "scenario": {"auv": {"count": 2}}, "files": {}}
+    assert first_difference(one, {**one}) == ""
+    assert first_difference(one, one | {"seed": 4}) == "seed = 3, here 4"
+    assert first_difference(one, one | {"scenario": {"auv": {"count": 5}}}) == "scenario.auv.count = 2, here 5"
+    assert first_difference(one, one | {"files": {"a.py": "00"}}) == 'files.a.py = null, here "00"'
+
+
+@pytest.fixture
+def stopping(monkeypatch):
+    """Batches of four; a function that lets Ctrl-C come at a step, None at none, and gives the steps done since."""
+    monkeypatch.setattr(evaluation, "WORLDS_PER_BATCH", 4)
+    whole, done, at = World.step, [], [None]
+
+    def step(self, action):
+        if len(done) == at[0]:
+            raise KeyboardInterrupt
+        done.append(self.num_worlds)
+        return whole(self, action)
+
+    def stop(number):
+        at[0] = number
+        done.clear()
+        return done
+
+    monkeypatch.setattr(World, "step", step)
+    return stop
+
+
+def test_resumed_it_is_bit_for_bit_what_it_would_have_been(tmp_path, run_usvauv, stopping):
+    few = (*EVAL, "--episodes", 10, "--out", "m.csv")
+    out, partial = tmp_path / "m.csv", tmp_path / "m.csv.partial"
+    done = stopping(None)
+    _, tables, _ = run_usvauv(*few)
+    assert (len(done), out.exists(), partial.exists()) == (STEPS, True, False)
+    expected = out.read_bytes()
+    for number in (3, 7, STEPS - 1):
+        out.unlink()
+        stopping(number)
+        code, said, _ = run_usvauv(*few)
+        kept = {1: 4, 3: 12, 5: 18}[number // 2]
+        assert (code, said) == (
+            130,
+            f"stopped; {kept} complete episodes are in m.csv.partial, which --resume takes up\n",
+        )
+        assert not out.exists()
+        done = stopping(None)
+        assert run_usvauv(*few, "--resume")[:2] == (0, tables)
+        assert len(done) == STEPS - number // 2 * 2
+        assert out.read_bytes() == expected
+        assert not partial.exists()
+
+
+def test_only_the_same_command_goes_on(tmp_path, run_usvauv, stopping):
+    stopping(3)
+    run_usvauv(*EVAL, "--episodes", 10, "--out", "m.csv")
+    partial = tmp_path / "m.csv.partial"
+    data = partial.read_bytes()
+    for more, told in (
+        (("--seed", 4), "seed = 3, here 4"),
+        (("--policy", "clear"), 'policies = ["straight", "random"], here ["straight", "random", "clear"]'),
+        (("--usv", "centroid"), 'boats = ["fim"], here ["centroid"]'),
+        (("--set", "auv.count=1"), "scenario.auv.count = 2, here 1"),
+    ):
+        refused = f"error: m.csv.partial: is of another command: {told}\n"
+        assert run_usvauv(*EVAL, *more, "--out", "m.csv", "--resume") == (2, "", refused)
+    code, _, error = run_usvauv(*EVAL, "--out", "m.csv")
+    assert (code, error.count("\n")) == (2, 1)
+    assert "take it up with --resume, or remove it" in error
+    assert partial.read_bytes() == data
+
+
+def test_it_ends_when_differences_are_known_well_enough(tmp_path, run_usvauv, stopping, monkeypatch):
+    """Of pairs that are complete, at the first end of a batch; resumed as well."""
+    monkeypatch.setattr("usvauv_cli.evaluation.comparison.LEAST_EPISODES", 8)
+    asked = (*EVAL, "--episodes", 40, "--score", "energy_wh", "--against", "random", "--out", "m.csv")
+    run_usvauv(*asked)
+    with (tmp_path / "m.csv").open() as stream:
+        every = list(csv.DictReader(stream))
+    energy = {
+        name: [float(row["energy_wh"]) for row in every if row["policy"] == name] for name in ("straight", "random")
+    }
+    less = np.subtract(energy["straight"], energy["random"])
+    halves = {n: stats.t.ppf(0.975, n - 1) * stats.sem(less[:n]) for n in range(8, 41, 4)}
+    bound = 1.0001 * min(halves[n] for n in (8, 12, 16, 20, 24))
+    ends = next(n for n, half in halves.items() if half <= bound)
+    done = stopping(None)
+    _, said, _ = run_usvauv(*asked, "--until-halfwidth", bound)
+    assert len(done) == ends
+    assert f"energy_wh of {ends} episodes, with 95 % intervals:\n  straight: " in said
+    assert "not reached" not in said
+    data = (tmp_path / "m.csv").read_bytes()
+    with (tmp_path / "m.csv").open() as stream:
+        assert list(csv.DictReader(stream)) == [row for row in every if int(row["episode"]) < ends]
+    stopping(ends - 1)
+    assert run_usvauv(*asked, "--until-halfwidth", bound)[0] == 130
+    stopping(None)
+    assert run_usvauv(*asked, "--until-halfwidth", bound, "--resume")[:2] == (0, said)
+    assert (tmp_path / "m.csv").read_bytes() == data
+    _, said, _ = run_usvauv(*EVAL, "--episodes", 4, "--until-halfwidth", 1e-9, "--out", "m.csv")
+    assert "--until-halfwidth 1e-09: not reached in 4 episodes" in said
+
+
+def test_batches_are_halved_until_they_fit_into_memory(run_usvauv, tmp_path, monkeypatch):
+    few = (*EVAL[:4], *EVAL[6:], "--episodes", 7)
+    run_usvauv(*few, "--out", "a.csv")
+    a_third = 0.3 * memory.SHARE * memory.available()
+    monkeypatch.setattr(evaluation, "trace_bytes", lambda world, steps: EACH * steps + a_third * world.num_worlds)
+    code, _, error = run_usvauv(*few, "--out", "b.csv")
+    assert (code, error) == (0, "batches of 2 episodes, which is what fits into memory\n")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

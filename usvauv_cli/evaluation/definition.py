@@ -1,0 +1,75 @@
+"""What decides the results of an evaluation, as JSON."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from kernels import runtime
+from policies import imported
+from policies.checkpoint import BEST, LAST, POLICY
+from policies.policy import PolicyError
+from usvauv_env import plugins
+from usvauv_env.record.growing_table import Combination
+from usvauv_env.scenario import Scenario
+
+
+def definition(scenario: Scenario, combinations: Iterable[Combination], seed: int, arch: str) -> dict[str, Any]:
+    """What tells an evaluation from another but for the number of episodes. Taichi runs from here on.
+
+    Raises:
+        PolicyError: a file of which the results are made cannot be read.
+    """
+    policies, boats, rules = (list(dict.fromkeys(parts)) for parts in zip(*combinations, strict=True))
+    decides = {
+        "scenario": scenario.to_dict(),
+        "policies": policies,
+        "boats": boats,
+        "targets": rules,
+        "seed": seed,
+        "files": {str(path): digest for path, digest in digests(policies, (*boats, *rules))},
+        "kernels on": runtime.start(arch).arch,
+        "version": metadata.version("usvauv"),
+    }
+    return json.loads(json.dumps(decides))
+
+
+def digests(policies: Iterable[str], others: Iterable[str]) -> list[tuple[Path, str]]:
+    """Files, with hashes of their content, that decide results beside a scenario: plugins, learned rules, weights, the
+    files of MODULE:CLASS.
+
+    Args:
+        policies: names.
+        others: names of boat strategies and target rules.
+
+    Raises:
+        PolicyError: one cannot be read.
+    """
+    learned = [Path(name.partition(":")[2]) for name in others if name.startswith("learned:")]
+    of_policies = []
+    for policy in filter(None, policies):
+        weights = [Path(policy, *part, f"{POLICY}.safetensors") for part in ((), (BEST,), (LAST,))]
+        found = [imported.file(policy), *(path for path in weights if path.is_file())]
+        of_policies += [path for path in found if path][:1]
+    return [(path, _digest(path)) for path in (*plugins.loaded(), *learned, *of_policies)]
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise PolicyError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def first_difference(one: Any, other: Any, name: str = "") -> str:
+    """The first value in which two definitions differ, in words; empty: in none."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        for key in dict.fromkeys((*one, *other)):
+            if found := first_difference(one.get(key), other.get(key), f"{name}.{key}".lstrip(".")):
+                return found
+        return ""
+    return "" if one == other else f"{name} = {json.dumps(one)[:200]}, here {json.dumps(other)[:200]}"
