@@ -20,6 +20,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from tests.usvauv_env.ocean_files import cmems, eastward, northward, write
 from usvauv_cli import app
 from usvauv_cli.commands import sea as sea_command
 from usvauv_cli.commands.sea import sink
@@ -37,6 +38,7 @@ from usvauv_env.sea.build import build_sea, build_short_waves
 from usvauv_env.sea.storm import cumulative
 from usvauv_env.sea_alone.netcdf import SeaFile
 from usvauv_env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
+from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.site import Site
 
 STEADY = ["current.mutual=false", "current.viscosity=0"]
@@ -108,7 +110,8 @@ class TestData:
             assert file.attrs["Conventions"] == "CF-1.11"
             assert file.attrs["seed"] == "3"
             assert Scenario.from_dict(tomllib.loads(file.attrs["scenario"])) == scenario
-            assert file.time.attrs["units"].startswith("seconds since ")
+            assert file.time.attrs["units"] == "s"  # no date
+            assert not {"crs", "longitude", "latitude"} & set(file.variables)
             np.testing.assert_allclose(file.time, np.arange(6))
             standard = {
                 name: file[name].attrs["standard_name"] for name in ("elevation", "u", "current_y", "x", "depth")
@@ -138,6 +141,29 @@ class TestData:
             assert "axis" not in file["y"].attrs
             assert file["elevation"].compression == "gzip"
             assert file["elevation"].chunks == (1, 30, 25)
+
+    def test_lies_on_its_own_input(self, tmp_path, monkeypatch):
+        """Read by xarray alone: the current at the file's longitudes, latitudes and times."""
+        currents, frame = write(cmems(), tmp_path / "currents.nc"), LocalFrame(5.01, 60.01)
+        place = ["area.width=4000", "area.length=3000", "water.longitude=5.01", "water.latitude=60.01"]
+        given = [*place, "sea.cell_size=100", f"water.currents={currents}", "water.start=1950-01-01T03:00:00"]
+        out = ("--duration", 4, "--resolution", 500, "--interval", 2, "--out", "a.nc")
+        assert run(monkeypatch, tmp_path, "ideal", *out, *sets(given)) == 0
+        with xarray.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as file:
+            assert file.time.values[2] == np.datetime64("1950-01-01T03:00:04")
+            seconds = (file.time - np.datetime64("1950-01-01")) / np.timedelta64(1, "s")
+            lon, lat = file.longitude, file.latitude
+            expected = frame.to_plane(lon, lat, *(f(lon, lat, 0.494, seconds) for f in (eastward, northward)))
+            for name, component in zip(("current_x", "current_y"), expected, strict=True):
+                assert abs(file[name] - component).max() < 1e-5
+                assert file[name].attrs["grid_mapping"] == "crs"
+            x, y = frame.to_local(lon, lat)
+            assert abs(x - file.x).max() < 1e-6
+            assert abs(y - file.y).max() < 1e-6
+            fields = [name for name in file.data_vars if name not in ("crs", "x_bounds", "y_bounds")]
+            for name in (*fields, *file.coords):
+                assert {"standard_name", "long_name"} <= set(file[name].attrs)
+            assert all("units" in file[name].attrs for name in fields)
 
     def test_a_seed_is_a_sea(self, tmp_path, monkeypatch):
         for name, seed in (("a", 1), ("b", 1), ("c", 2)):

@@ -97,6 +97,7 @@ def synthetic_trace(
         seed=seed,
         reward_names=("service",),
         node_position=node,
+        start="",
         node_rate=rate,
         time=time,
         auv_position=position,
@@ -128,7 +129,8 @@ def synthetic_trace(
         packets_lost=np.zeros((steps, worlds), np.int32),
         packets_delivered=np.zeros(shape, np.int32),
         vortex=np.broadcast_to(vortex, (steps, *vortex.shape)),
-        stream=np.zeros((0, 0, 2)),
+        stream_time=np.zeros(0),
+        stream=np.zeros((0, 0, 0, 2)),
         surface=surface if sea else np.zeros((0, 0, 0), np.float32),
     )
 
@@ -533,12 +535,21 @@ class TestMap:
         assert streaks.fastest == pytest.approx(np.hypot(*self.current(vortex, points).T).max(), rel=0.1)
         if moved:
             vortex = vortex + np.array([30.0, -40.0, 0.0, 10.0])
-            streaks.update(vortex)
+            streaks.update(vortex, self.STREAM)
         places, metres = self.drift(streaks)
         inside = ((places > 0) & (places < 200)).all(axis=1)  # outside, the stream is that of the edge
         close = np.hypot(*(metres - 0.5 * self.current(vortex, places)).T) < 0.05
         assert inside.sum() > 100
         assert close[inside].mean() > 0.97  # the rest ended its life in between
+
+    def test_streaks_follow_the_stream(self):
+        view = MapView(Area(), Rectangle(0, 0, 600, 600))
+        streaks = CurrentStreaks(self.VORTEX[:0], self.STREAM, 200.0, 200.0, view, 1.0)
+        streaks.update(self.VORTEX[:0], -self.STREAM)
+        places, metres = self.drift(streaks)
+        inside = ((places > 0) & (places < 200)).all(axis=1)
+        close = np.hypot(*(metres + 0.5 * self.current(self.VORTEX[:0], places)).T) < 0.05
+        assert close[inside].mean() > 0.97
 
     def test_no_current_no_streaks(self):
         view = MapView(Area(), Rectangle(0, 0, 600, 600))

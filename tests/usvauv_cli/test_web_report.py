@@ -103,11 +103,12 @@ class TestRecordings:
         assert np.isnan(fix_quantiles(np.zeros((2, len(ERRORS) - 1)), (0.5,))).all()
 
     def test_current_at_the_arrows(self):
-        """A bilinear field is met exactly."""
+        """A bilinear field is met exactly, at each of its times."""
         x, y = np.meshgrid(np.linspace(0, 90, 7), np.linspace(0, 60, 5))
         stream = np.stack([0.1 + 0.01 * x + 0.02 * y, 0.003 * x * y], -1)
-        found = at_arrows(stream, 90, 60)
+        first, found = at_arrows(np.stack([0 * stream, stream]), 90, 60)
         assert found.shape == (12, 18, 2)
+        assert not first.any()
         x, y = np.meshgrid((np.arange(18) + 0.5) * 5, (np.arange(12) + 0.5) * 5)
         assert found == pytest.approx(np.stack([0.1 + 0.01 * x + 0.02 * y, 0.003 * x * y], -1))
 

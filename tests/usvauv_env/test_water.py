@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
+import xarray
 
 from kernels.flow import vortex
 from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
@@ -75,12 +76,63 @@ class TestRealCurrent:
         from usvauv_env.record.trace import Trace
 
         world = World(Scenario.load("ideal", [*PLACE, f"water.currents={currents}"]), 1, seed=1)
-        trace = record(world, lambda observation: torch.zeros(1, 2, 2), "none", steps=2)
+        felt = []
+
+        def still(_) -> torch.Tensor:
+            felt.append(world.current()[0].numpy().copy())
+            return torch.zeros(1, 2, 2)
+
+        trace = record(world, still, "none", steps=40)
         trace.save(tmp_path / "trace.nc")
-        again = Trace.load(tmp_path / "trace.nc").stream
-        np.testing.assert_array_equal(again, trace.stream)
-        lon, lat = FRAME.to_geographic(0.0, 0.0)
-        assert again[0, 0, 0] == pytest.approx(eastward(lon, lat, 100.0, 0.0), abs=1e-3)
+        again = Trace.load(tmp_path / "trace.nc")
+        np.testing.assert_array_equal(again.stream, trace.stream)
+        np.testing.assert_array_equal(again.stream_time, trace.stream_time)
+        assert len(trace.stream) == 2
+        for t in (0, 38):  # what an AUV feels between its nodes, at the time
+            where = np.array([trace.auv_position[t, 0]], float)
+            weights = [np.maximum(0, 1 - abs(where[..., i] / side * (n - 1) - np.arange(n)[:, None]))
+                for i, side, n in ((0, 4000, trace.stream.shape[2]), (1, 3000, trace.stream.shape[1]))]  # fmt: skip
+            along = np.einsum("yxa,yk,xk->ka", again.stream_at(t + 1.0), weights[1], weights[0])
+            np.testing.assert_allclose(along, felt[t + 1], atol=2e-6)
+        assert abs(again.stream_at(39.0) - again.stream_at(0.0)).max() > 3e-4
+
+    def test_trace_lies_on_its_own_input(self, currents, tmp_path):
+        """Read by xarray alone: the current at the file's longitudes, latitudes and times."""
+        from usvauv_env.record.recorder import record
+
+        changes = [f"water.currents={currents}", "water.start=1950-01-01T03:00:00"]
+        world = World(Scenario.load("ideal", [*PLACE, *changes]), 2, seed=1)
+        trace = record(world, lambda observation: torch.zeros(2, 2, 2), "none", steps=3, surface=True)
+        trace.save(tmp_path / "trace.nc")
+        assert trace.start == "1950-01-01T03:00:00"
+        with xarray.open_dataset(tmp_path / "trace.nc", engine="h5netcdf") as file:
+            seconds = (file.stream_time - np.datetime64("1950-01-01")) / np.timedelta64(1, "s")
+            lon, lat = file.stream_longitude, file.stream_latitude
+            expected = [f(lon, lat, 100.0, seconds) for f in (eastward, northward)]
+            expected = FRAME.to_plane(lon, lat, *expected)
+            for axis in range(2):
+                assert abs(file.stream[..., axis] - expected[axis]).max() < 1e-6
+            assert file.time.values[-1] == np.datetime64("1950-01-01T03:00:03")
+            x, y = FRAME.to_local(file.auv_longitude, file.auv_latitude)
+            assert abs(x - file.auv_position[..., 0]).max() < 1e-3
+            assert abs(y - file.auv_position[..., 1]).max() < 1e-3
+            assert file.power.coords["auv_longitude"].attrs["units"] == "degrees_east"
+            x, y = FRAME.to_local(file.longitude, file.latitude)
+            assert abs(x - file.x).max() < 1e-6
+            assert file.surface.attrs["grid_mapping"] == "crs"
+            assert all({"long_name", "units"} & set(file[name].attrs) for name in file.variables)
+
+    def test_no_place_and_no_date_without_one(self, tmp_path):
+        from usvauv_env.record.recorder import record
+
+        world = World(Scenario.load("ideal"), 1, seed=1)
+        record(world, lambda observation: torch.zeros(1, 2, 2), "none", steps=3, surface=True).save(tmp_path / "t.nc")
+        with xarray.open_dataset(tmp_path / "t.nc", engine="h5netcdf") as file:
+            assert not [name for name in file.variables if "itude" in name or name == "crs"]
+            assert file.time.values.tolist() == [1, 2, 3]
+            assert file.time.attrs["units"] == "s"
+            assert "standard_name" not in file.time.attrs
+            assert "grid_mapping" not in file.surface.attrs
 
 
 class TestRealBed:

@@ -68,7 +68,8 @@ def sea(
     **.mp4** a video: map with current, the surface from the side, a section along the waves, the level in the middle;
 
     **.nc** CF-1.11 NetCDF for xarray, Panoply or ParaView: *elevation* and the long waves' depth-averaged velocity *u*,
-    *v* over (time, y, x), and the current; x is east, y north, times count from the start;
+    *v* over (time, y, x), and the current; x is east, y north, times count from the start. A
+    scenario with a place and a date has longitudes, latitudes and true times in it;
 
     **.png**, **.pdf**, **.svg** a figure: maps at four times, a section over time, the level in the middle and its
     spectrum.

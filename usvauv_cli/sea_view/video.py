@@ -135,7 +135,7 @@ class SeaPainter:
         picture, unit = self._picture, self.layout.unit
         np.copyto(picture, self._still)
         if not sea.steady:
-            self.streaks.update(sea.vortices)
+            self.streaks.update(sea.vortices, sea.stream())
         self._draw_map(picture, relief)
         self._block.draw(picture, field - self._level, relief, self._section)
         self._section_plot.draw(picture, self._section.distance, level, self._bounds)

@@ -29,9 +29,8 @@
     return cache.get(index);
   }
 
-  // Where a time lies between frames: the frame before, and the share of the way to the next.
-  function placeOf(time) {
-    const times = episode.time.values;
+  // Where a time lies between others: the one before, and the share of the way to the next.
+  function placeOf(time, times) {
     let low = 0, high = times.length - 1;
     if (time >= times[high]) return [high, 0];
     while (high - low > 1) {
@@ -124,13 +123,13 @@
 
   // Lamb–Oseen vortices, Eq. 8, and the current of files at the middle of each cell.
   function drawCurrent([frame]) {
-    const [rows, columns] = episode.stream.shape, [centres, circulation, core] = episode.vortex;
-    const count = centres.shape[1], arrows = [];
+    const [, rows, columns] = episode.stream.shape, [centres, circulation, core] = episode.vortex;
+    const count = centres.shape[1], arrows = [], when = placeOf(time, episode.stream_time.values);
     let fastest = 0;
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
         const x = (column + 0.5) * width / columns, y = (row + 0.5) * length / rows, at = 2 * (row * columns + column);
-        let u = episode.stream.values[at], v = episode.stream.values[at + 1];
+        let [u, v] = [at, at + 1].map((i) => between(episode.stream, 2 * rows * columns, when, i));
         for (let i = frame * count; i < (frame + 1) * count; i++) {
           const dx = x - centres.values[2 * i], dy = y - centres.values[2 * i + 1], r2 = dx * dx + dy * dy + 1e-9;
           const turn = -circulation.values[i] / (2 * Math.PI * r2) * Math.expm1(-r2 / core.values[i] ** 2);
@@ -264,7 +263,7 @@
   }
 
   function draw() {
-    const place = placeOf(time);
+    const place = placeOf(time, episode.time.values);
     context.save();
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, canvas.width, canvas.height);

@@ -50,6 +50,7 @@ def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Epi
                 "hovering": encoded(episode.hovering, bits=8, whole=True),
                 "boat": encoded(episode.boat),
                 "vortex": encoded_vortices(episode.vortex),
+                "stream_time": encoded(episode.stream_time if len(episode.stream_time) else np.zeros(1)),
                 "stream": encoded(at_arrows(episode.stream, scenario.area.width, scenario.area.length)),
                 "node": encoded(episode.node),
                 "fill": encoded(episode.fill, bits=8),
@@ -72,20 +73,20 @@ def encoded_vortices(vortex: np.ndarray) -> list[dict[str, Any]]:
 
 
 def at_arrows(stream: np.ndarray, width: float, length: float) -> np.ndarray:
-    """Velocities (rows, columns, 2) at the arrows, which stand in the middle of equal cells of the area, m/s.
+    """Velocities (times, rows, columns, 2) at the arrows, which stand in the middle of equal cells of the area, m/s.
 
     Args:
-        stream: real current from corner to corner of the area, (≥ 2, ≥ 2, 2); empty: 0.
+        stream: real current from corner to corner of the area, (times, ≥ 2, ≥ 2, 2); empty: 0, at one time.
         width, length: of the area, m.
     """
     columns, rows = (max(2, round(ARROWS * side / max(width, length))) for side in (width, length))
     if not stream.size:
-        return np.zeros((rows, columns, 2))
+        return np.zeros((1, rows, columns, 2))
 
     def between(values: np.ndarray, count: int) -> np.ndarray:
-        place = (np.arange(count) + 0.5) / count * (len(values) - 1)
-        before = np.minimum(place.astype(int), len(values) - 2)
+        place = (np.arange(count) + 0.5) / count * (values.shape[1] - 1)
+        before = np.minimum(place.astype(int), values.shape[1] - 2)
         part = (place - before)[:, None, None]
-        return values[before] * (1 - part) + values[before + 1] * part
+        return values[:, before] * (1 - part) + values[:, before + 1] * part
 
-    return between(between(stream, rows).swapaxes(0, 1), columns).swapaxes(0, 1)
+    return between(between(stream, rows).swapaxes(1, 2), columns).swapaxes(1, 2)

@@ -30,7 +30,7 @@ class Episode:
         auv, estimate: (F, K, 2) true and estimated positions, m. ellipse: (F, K, 3) semi-axes of one standard deviation
             of the estimate, m, at most the longer side of the area, and the angle of the first from east, rad.
         target: (F, K) index of the node headed for. hovering: (F, K).
-        boat: (F, B, 2) m. vortex: (F, V, 4). stream: (rows, columns, 2) m/s, see `Trace`.
+        boat: (F, B, 2) m. vortex: (F, V, 4). stream_time, stream: see `Trace`.
         node: (M, 2) m. fill: (F, M) share of the buffer, (F, 0) where nodes have no data.
         data: (F,) collected so far, Mbit. energy: (F,) spent so far, Wh.
         tracks: of the AUVs, then of the boats, (points, 2) m.
@@ -46,6 +46,7 @@ class Episode:
     hovering: np.ndarray
     boat: np.ndarray
     vortex: np.ndarray
+    stream_time: np.ndarray
     stream: np.ndarray
     node: np.ndarray
     fill: np.ndarray
@@ -118,6 +119,7 @@ def thinned(trace: Trace, episodes: int) -> Episode:
         hovering=trace.hovering[kept, 0],
         boat=trace.boat_position[kept, 0],
         vortex=trace.vortex[kept, 0],
+        stream_time=trace.stream_time,
         stream=trace.stream,
         node=trace.node_position[0],
         fill=trace.backlog[kept, 0] / trace.scenario.nodes.buffer if with_data else np.zeros((len(kept), 0)),

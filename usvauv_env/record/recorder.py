@@ -46,6 +46,7 @@ class Recorder:
 
     def __init__(self, world: World) -> None:
         self.world = world
+        self._start, self._flow = world.site.start, world.site.current
         self._rows: defaultdict[str, list[np.ndarray]] = defaultdict(list)
 
     def __len__(self) -> int:
@@ -111,6 +112,7 @@ class Recorder:
             usv=world.strategy.name,
             seed=world.seed,
             reward_names=world.reward_names,
+            start=self._start,
             node_position=nodes[..., NodeColumn.span("x", "y")].copy(),
             node_rate=nodes[..., NodeColumn.rate].copy(),
             time=start + np.arange(len(vehicles)) * world.scenario.mission.step,
@@ -143,7 +145,8 @@ class Recorder:
             packets_lost=tally[..., TallyColumn.packets_lost].astype(np.int32),
             packets_delivered=column("packets_delivered").astype(np.int32),
             vortex=vortex,
-            stream=world.stream(Level.cruise),
+            stream_time=self._flow.times if self._flow else np.zeros(0),
+            stream=self._flow.velocity[:, Level.cruise] if self._flow else np.zeros((0, 0, 0, 2), np.float32),
             surface=surface,
         )
 

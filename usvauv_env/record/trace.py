@@ -19,6 +19,10 @@ from kernels.interruption import deferred
 from usvauv_env import text_files
 from usvauv_env.files import hdf5_file
 from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.site import georeference
+from usvauv_env.site.interpolation import at_time
+from usvauv_env.site.local_frame import LocalFrame
+from usvauv_env.site.site import Site
 
 if TYPE_CHECKING:  # loading these libraries takes a second and 50 MB; most runs read and write no NetCDF
     import xarray
@@ -74,12 +78,16 @@ VARIABLES: dict[str, Variable] = {
     "vortex": Variable(
         ("time", "world", "vortex", "vortex_parameter"), None, "centre x0 and y0, m, circulation Γ, m2 s-1, radius δ, m"
     ),
+    "stream_time": Variable(("stream_time",), "s", "time since the start of the mission, of the real current"),
     "stream": Variable(
-        ("stream_y", "stream_x", "axis"), "m s-1", "real current at cruise depth at the start, on a grid over the area"
+        ("stream_time", "stream_y", "stream_x", "axis"),
+        "m s-1",
+        "real current at cruise depth on a grid over the area; linear in time",
     ),
     "surface": Variable(("time", "y", "x"), "m", "elevation of world 0's sea over the area, row 0 in the south"),
 }
-OPTIONAL = {"stream": (0, 0, 2), "surface": (0, 0, 0)}  # fields that may be empty, and their shape then
+OPTIONAL = {"stream_time": (0,), "stream": (0, 0, 0, 2), "surface": (0, 0, 0)}  # may be empty, with this shape
+PLACED = ("node", "auv", "boat")  # whose `…_position` also is in longitude and latitude where the area has a place
 
 INTEGERS = (
     *("fix_flags", "fix_boat", "served_by", "target", "hovering", "border", "overflowing", "collisions"),
@@ -99,6 +107,7 @@ class Trace:
     Attributes:
         scenario, policy, usv, seed: what was run; world w of seed s is episode w.
         reward_names: names of the R reward terms.
+        start: date and time at which the mission begins, ISO 8601, UTC; "" where the scenario has none.
         all others: arrays, see `VARIABLES`; those of `OPTIONAL` may be empty. In every step the backlogs of a world
             grow by what is created less what is lost and delivered, to the packet.
     """
@@ -108,6 +117,7 @@ class Trace:
     usv: str
     seed: int
     reward_names: tuple[str, ...]
+    start: str
     node_position: np.ndarray
     node_rate: np.ndarray
     time: np.ndarray
@@ -140,6 +150,7 @@ class Trace:
     packets_lost: np.ndarray
     packets_delivered: np.ndarray
     vortex: np.ndarray
+    stream_time: np.ndarray
     stream: np.ndarray
     surface: np.ndarray
 
@@ -153,13 +164,16 @@ class Trace:
         import xarray
         from xarray.backends import H5NetCDFStore
 
+        frame = Site(self.scenario).frame
         dataset = xarray.Dataset(
             {
-                name: (about.dimensions, getattr(self, name), _attributes(about))
+                name: (about.dimensions, getattr(self, name), self._attributes(name, frame is not None))
                 for name, about in VARIABLES.items()
                 if self._has(name)
             },
+            self._coordinates(frame),
             attrs={
+                "Conventions": "CF-1.11",
                 "title": "usvauv trace",
                 "scenario": json.dumps(self.scenario.to_dict()),
                 "policy": self.policy,
@@ -168,7 +182,14 @@ class Trace:
                 "reward_names": ",".join(self.reward_names),
             },
         )
-        encoding = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars if dataset[name].ndim > 1}
+        if frame and self._has("surface"):
+            dataset[georeference.CRS] = ((), np.int32(0), georeference.grid_mapping(frame))
+        encoding: dict[Any, dict[str, Any]] = {
+            name: {"_FillValue": None} for name in dataset.variables if name != "fix"
+        }
+        for name in dataset.variables:
+            if dataset[name].ndim > 1:
+                encoding.setdefault(name, {}).update(zlib=True, complevel=1)
         with hdf5_file(Path(path)) as file, deferred(), h5netcdf.File(file, "w") as written:
             dataset.dump_to_store(H5NetCDFStore(written), encoding=encoding)
 
@@ -186,6 +207,7 @@ class Trace:
             with reader.open_file(path) as dataset:
                 attributes = dataset.attrs
                 arrays = {name: _read(dataset, name) for name in VARIABLES if name in dataset or name not in OPTIONAL}
+                start = georeference.start_of(dataset["time"].attrs.get("units", ""))
             for name, shape in OPTIONAL.items():
                 arrays.setdefault(name, np.zeros(shape, np.float32))
             texts = {name: _text(attributes, name) for name in ("scenario", "policy", "usv", "reward_names")}
@@ -205,11 +227,54 @@ class Trace:
             usv=texts["usv"],
             seed=int(seed),
             reward_names=names,
+            start=start,
             **arrays,
         )
 
     def _has(self, name: str) -> bool:
         return name not in OPTIONAL or getattr(self, name).size > 0
+
+    def _attributes(self, name: str, placed: bool) -> dict[str, str]:
+        """Attributes of a variable of the file; `placed` where there is a grid mapping."""
+        about = VARIABLES[name]
+        attributes = {"long_name": about.long_name} | ({"units": about.units} if about.units else {})
+        if name in ("time", "stream_time"):
+            attributes |= georeference.clock(self.start, "") | {"long_name": about.long_name}
+        if name == "surface":
+            attributes["standard_name"] = "sea_surface_height_above_mean_sea_level"
+            if placed:
+                attributes["grid_mapping"] = georeference.CRS
+        return attributes
+
+    def _coordinates(self, frame: LocalFrame | None) -> dict[str, Any]:
+        """Coordinates of the grids, and longitudes and latitudes of grids and positions where there is a place."""
+        area, coordinates = self.scenario.area, {}
+
+        def add(prefix: str, dimensions: tuple[str, ...], x: np.ndarray, y: np.ndarray) -> None:
+            if frame:
+                degrees = zip((georeference.LONGITUDE, georeference.LATITUDE), frame.to_geographic(x, y), strict=True)
+                coordinates.update({f"{prefix}{about['long_name']}": (dimensions, at, about) for about, at in degrees})
+
+        if self._has("surface"):
+            rows, columns = self.surface.shape[1:]
+            x, y = ((np.arange(n) + 0.5) * side / n for n, side in ((columns, area.width), (rows, area.length)))
+            coordinates |= {"x": ("x", x, georeference.X), "y": ("y", y, georeference.Y)}
+            add("", ("y", "x"), *np.meshgrid(x, y))
+        if self._has("stream"):  # a grid mapping has one pair of coordinates, which are those of the surface
+            rows, columns = self.stream.shape[1:3]
+            x, y = np.linspace(0, area.width, columns), np.linspace(0, area.length, rows)
+            for name, values, about in (("stream_x", x, georeference.X), ("stream_y", y, georeference.Y)):
+                coordinates[name] = name, values, {key: about[key] for key in ("long_name", "units")}
+            add("stream_", ("stream_y", "stream_x"), *np.meshgrid(x, y))
+        for name in PLACED:
+            position = f"{name}_position"
+            x, y = np.moveaxis(getattr(self, position).astype(np.float64), -1, 0)
+            add(f"{name}_", VARIABLES[position].dimensions[:-1], x, y)
+        return coordinates
+
+    def stream_at(self, t: float) -> np.ndarray:
+        """Real current at cruise depth at a time (s), (rows, columns, 2), m/s; empty where there is none."""
+        return at_time(self.stream_time, self.stream, t) if len(self.stream) else self.stream.reshape(0, 0, 2)
 
     def episode(self, world: int) -> Trace:
         """The same trace for one world only (the world axis stays, with length 1)."""
@@ -228,10 +293,6 @@ def table() -> str:
         for name, about in VARIABLES.items()
     )
     return "\n".join(["| variable | dimensions | unit | meaning |", "| --- | --- | --- | --- |", *rows])
-
-
-def _attributes(about: Variable) -> dict[str, str]:
-    return {"long_name": about.long_name} | ({"units": about.units} if about.units else {})
 
 
 def _read(dataset: xarray.Dataset, name: str) -> np.ndarray:
@@ -254,8 +315,8 @@ def _read(dataset: xarray.Dataset, name: str) -> np.ndarray:
             within |= np.isnan(row)
         if not within.all():
             raise TraceError(f"{name} holds {row[~within][0]}; expected finite numbers up to {LARGEST:g}")
-    if name == "time" and not (np.diff(values) > 0).all():
-        raise TraceError("time does not rise")
+    if name in ("time", "stream_time") and not (np.diff(values) > 0).all():
+        raise TraceError(f"{name} does not rise")
     return values
 
 
@@ -286,6 +347,8 @@ def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_na
             if size != expected.get(dimension, size) or (size == 0 and dimension in ("time", "world")):
                 wanted = expected.get(dimension, "at least 1")
                 raise TraceError(f"{name} has {size} along {dimension}; expected {wanted}")
+    if len(arrays["stream"]) != len(arrays["stream_time"]):
+        raise TraceError("stream and stream_time differ in length")
     boats = scenario.boat.count
     for name, count in (("target", scenario.targets), ("fix_boat", boats), ("served_by", boats)):
         index = arrays[name]

@@ -45,7 +45,7 @@ class MissionMap:
         self.view = MapView(scenario.area, layout.map)
         self.surface = SeaSurface(trace.surface, self.view)
         self.streaks = CurrentStreaks(
-            trace.vortex[0, 0], trace.stream, scenario.area.width, scenario.area.length, self.view, layout.unit
+            trace.vortex[0, 0], trace.stream_at(0.0), scenario.area.width, scenario.area.length, self.view, layout.unit
         )
         self._step = scenario.mission.step
         # Streaks drift at the true speed, up to a quarter of their length a step.
@@ -76,7 +76,7 @@ class MissionMap:
         self._overlay.clear()
         if not self._made <= t < self._made + REFRESH:
             self._made = t
-            self.streaks.update(self._trace.vortex[t, 0])
+            self.streaks.update(self._trace.vortex[t, 0], self._trace.stream_at(float(self._trace.time[t])))
             self._contours = self._field.lines(t)
         self.streaks.draw(self._overlay, t * self._streak_step, self._layout.px(1.2))
         self._draw_field(t)

@@ -130,7 +130,7 @@ class CurrentStreaks:
         jitter = np.random.default_rng(1).uniform(-0.5, 0.5, (up, across, 2))
         grid = np.stack(np.meshgrid(np.arange(across), np.arange(up)), axis=-1)
         self._seeds = ((grid + 0.5 + 0.9 * jitter) / (across, up) * (width, length)).reshape(-1, 2)
-        self._stream = stream if stream.size else np.zeros((1, 1, 2))
+        self._stream = stream
         self._size, self._view = (width, length), view
         self._vortex = vortex
         moved = self._follow(1.0, 1)
@@ -149,9 +149,10 @@ class CurrentStreaks:
     def _follow(self, step: float, count: int) -> np.ndarray:
         """Paths (P, count + 1, 2) from the seeds, m."""
         device = runtime.start().device
+        stream = self._stream if self._stream.size else np.zeros((1, 1, 2))
         vortex, stream, seeds = (
             torch.from_numpy(np.array(array, np.float32)).to(device)
-            for array in (self._vortex[None], self._stream[None], self._seeds)
+            for array in (self._vortex[None], stream[None], self._seeds)
         )
         return particle_paths(vortex, stream, seeds, level=0, size=self._size, step=step, count=count).cpu().numpy()
 
@@ -159,10 +160,11 @@ class CurrentStreaks:
         """Pixels (P, points, 2) of the paths over a whole life."""
         return self._view.pixel(self._follow(self._step, self.LIVES * self.TAIL_POINTS).astype(float))
 
-    def update(self, vortex: np.ndarray) -> None:
-        """Set the vortices (V, 4)."""
-        if self.fastest > 0 and not np.array_equal(vortex, self._vortex):
-            self._vortex = vortex
+    def update(self, vortex: np.ndarray, stream: np.ndarray) -> None:
+        """Set the vortices (V, 4) and the real current (rows, columns, 2)."""
+        same = np.array_equal(vortex, self._vortex) and np.array_equal(stream, self._stream)
+        if self.fastest > 0 and not same:
+            self._vortex, self._stream = vortex, stream
             self._path = self._paths()
 
     def draw(self, overlay: Overlay, time: float, width: int) -> None:

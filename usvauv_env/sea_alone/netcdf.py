@@ -16,11 +16,11 @@ import numpy as np
 from kernels.interruption import deferred
 from usvauv_env.files import hdf5_file
 from usvauv_env.sea_alone.simulation import SeaSimulation
+from usvauv_env.site import georeference
 
 CHUNK = 512  # largest side in cells of a chunk of the file
 ELEVATION = "sea_surface_height_above_mean_sea_level"
 WAYS = "eastward", "northward"  # along x and y
-EPOCH = "seconds since 2000-01-01 00:00:00"  # CF requires a date; it is arbitrary
 
 
 class SeaFile:
@@ -29,11 +29,12 @@ class SeaFile:
     A context manager: the file appears at its path when the context ends, and not at all after an error.
 
     Variables: `elevation`, `u` and `v` of the long waves, (time, y, x); `current_x` and `current_y`, (y, x) where they
-    are steady, else (time, y, x); `depth` (y, x). x points east, y north.
+    are steady, else (time, y, x); `depth` (y, x). x points east, y north. Where the scenario has a place on Earth also
+    `longitude` and `latitude` (y, x) and the grid mapping `crs`; where it has a date, `time` counts from it.
     """
 
     def __init__(self, path: Path, sea: SeaSimulation) -> None:
-        self._records = 0
+        self._records, self._frame = 0, sea.site.frame
         with deferred(), ExitStack() as stack:
             self._disk = stack.enter_context(hdf5_file(path))
             self._file = h5netcdf.File(self._disk, "w")
@@ -89,8 +90,7 @@ class SeaFile:
             history=f"{now}: usvauv {version} sea, scenario {scenario.name}, seed {sea.seed}",
             references="Xu, Xie, Wang, Ding, Zhang: USV–AUV Collaboration Framework for Underwater Tasks under Extreme"
             " Sea Conditions, ICASSP 2025",
-            comment="Simulated. x points east and y north of the area's south-west corner. The date is arbitrary: the"
-            " first time is the start of the simulation.",
+            comment="Simulated. x points east and y north at the area's south-west corner.",
             seed=str(sea.seed),
             scenario=scenario.to_toml(),
         )
@@ -104,19 +104,18 @@ class SeaFile:
         file, (ny, nx) = self._file, (len(sea.y), len(sea.x))
         file.dimensions = {"time": None, "y": ny, "x": nx, "side": 2}
         time = file.create_variable("time", ("time",), np.float64, chunks=(1024,))
-        _label(time, standard_name="time", long_name="time", units=EPOCH, calendar="standard", axis="T")
-        _label(time, units_metadata="leap_seconds: none")
-        for name, centres, spacing, way in zip("xy", (sea.x, sea.y), sea.spacing, WAYS, strict=True):
+        _label(time, **georeference.clock(sea.site.start, "the start of the simulation"))
+        for name, centres, spacing in zip("xy", (sea.x, sea.y), sea.spacing, strict=True):
             axis = file.create_variable(name, (name,), np.float64, data=centres)
-            _label(
-                axis,
-                standard_name=f"projection_{name}_coordinate",
-                long_name=f"{way} distance from the south-west corner",
-                units="m",
-                bounds=f"{name}_bounds",
-            )
+            _label(axis, **(georeference.X if name == "x" else georeference.Y), bounds=f"{name}_bounds")
             sides = np.add.outer(centres, (-spacing / 2, spacing / 2))
             file.create_variable(f"{name}_bounds", (name, "side"), np.float64, data=sides)
+        if self._frame:
+            places = self._frame.to_geographic(*np.meshgrid(sea.x, sea.y))
+            for about, degrees in zip((georeference.LONGITUDE, georeference.LATITUDE), places, strict=True):
+                _label(file.create_variable(about["long_name"], ("y", "x"), np.float64, data=degrees), **about)
+            mapping = file.create_variable(georeference.CRS, (), np.int32, data=0)
+            _label(mapping, **georeference.grid_mapping(self._frame))
         self._add_field("elevation", ELEVATION, "sea surface: long waves and storm", "m", (ny, nx))
         for name, axis, way in zip("uv", "xy", WAYS, strict=True):
             about = f"{way} velocity of the long waves, mean over depth"
@@ -147,10 +146,15 @@ class SeaFile:
         else:
             variable = self._file.create_variable(name, ("y", "x"), np.float32, data=constant, chunks=part, **packed)
         _label(variable, standard_name=standard_name, long_name=long_name, units=units)
+        if self._frame:
+            _label(variable, grid_mapping=georeference.CRS, coordinates="longitude latitude")
 
 
-def _label(target: h5netcdf.File | h5netcdf.Variable, **attributes: str) -> None:
-    """Set attributes as strings of fixed length; ParaView does not read strings of variable length."""
-    for name, text in attributes.items():
-        encoded = text.encode("utf-8")
-        target.attrs[name] = np.array(encoded, h5py.string_dtype("utf-8", len(encoded)))
+def _label(target: h5netcdf.File | h5netcdf.Variable, **attributes: str | float) -> None:
+    """Set attributes, texts as strings of fixed length; ParaView does not read strings of variable length."""
+    for name, value in attributes.items():
+        if isinstance(value, str):
+            encoded = value.encode("utf-8")
+            target.attrs[name] = np.array(encoded, h5py.string_dtype("utf-8", len(encoded)))
+        else:
+            target.attrs[name] = np.float64(value)

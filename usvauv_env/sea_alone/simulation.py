@@ -99,7 +99,7 @@ class SeaSimulation:
         vortices: as of `first_vortices`; none by default.
 
     Attributes:
-        long_waves: the solver. storm: the short waves.
+        site: the place. long_waves: the solver. storm: the short waves.
         x, y: cell centres (nx,) and (ny,), m.
         depth: still-water depth at cell centres, at most 0 on land, (ny, nx), m. wet: where it is above 0.
         steady: whether the current is constant in time.
@@ -121,7 +121,7 @@ class SeaSimulation:
         self.scenario, self.seed, self.interval = scenario, seed, interval
         self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
         paced = scenario.sea.model_copy(update={"update_interval": interval})
-        site = Site(scenario.model_copy(update={"sea": paced}))
+        self.site = site = Site(scenario.model_copy(update={"sea": paced}))
         check_sea(site.scenario, shape, 1, VIEW_BYTES * shape[0] * shape[1])
         self.depth = site.still_depth(shape)
         self.wet = self.depth > 0

@@ -27,7 +27,7 @@ from usvauv_env.site.cf import (
     open_file,
     to_nanoseconds,
 )
-from usvauv_env.site.interpolation import BLOCK, bilinear, bracket, cell_means, depth_weights, spacing
+from usvauv_env.site.interpolation import BLOCK, at_time, bilinear, cell_means, depth_weights, spacing
 from usvauv_env.site.local_frame import LocalFrame
 
 if TYPE_CHECKING:
@@ -83,13 +83,9 @@ class Flow:
         Raises:
             ValueError: t is outside `times`.
         """
-        if len(self.times) == 1:
-            return self.velocity[0]
-        if not self.times[0] - TOLERANCE <= t <= self.times[-1] + TOLERANCE:
+        if len(self.times) > 1 and not self.times[0] - TOLERANCE <= t <= self.times[-1] + TOLERANCE:
             raise ValueError(f"t = {t:g} s; allowed: {self.times[0]:g} to {self.times[-1]:g} s")
-        index, weight = bracket(self.times, t)
-        weight = np.float32(weight)
-        return (1 - weight) * self.velocity[index] + weight * self.velocity[index + 1]
+        return at_time(self.times, self.velocity, t)
 
 
 def read_bathymetry(
@@ -261,25 +257,30 @@ def _mission(source: Field, path: str | Path, start: str | None, duration: float
             raise OceanError(f"{path}: {source.name}: has no time coordinate; start = {start!r} must be left empty")
         return np.zeros(1, int), np.zeros(1), ""
     values = source.axes["time"].values
-    begin = _parse(start) if start else values[0]
+    begin = parse_time(start) if start else values[0]
     seconds = (values - begin) / np.timedelta64(1, "ns") * 1e-9
     if len(values) == 1:
         if abs(seconds[0]) > TOLERANCE:
-            raise OceanError(f"{path}: has one time, {_iso(values[0])}; start = {start!r} must be that or left empty")
-        return np.zeros(1, int), np.zeros(1), _iso(begin)
+            raise OceanError(f"{path}: has one time, {iso(values[0])}; start = {start!r} must be that or left empty")
+        return np.zeros(1, int), np.zeros(1), iso(begin)
     if seconds[0] > TOLERANCE or duration > seconds[-1] + TOLERANCE:
         end = begin + np.timedelta64(round(duration * 1e9), "ns")
         raise OceanError(
-            f"{path}: {source.axes['time'].name}: the mission lasts from {_iso(begin)} to {_iso(end)} "
-            f"and the file from {_iso(values[0])} to {_iso(values[-1])}; it must enclose the mission"
+            f"{path}: {source.axes['time'].name}: the mission lasts from {iso(begin)} to {iso(end)} "
+            f"and the file from {iso(values[0])} to {iso(values[-1])}; it must enclose the mission"
         )
     first = np.searchsorted(seconds, TOLERANCE, "right") - 1
     last = max(np.searchsorted(seconds, duration - TOLERANCE, "left"), first + 1)
     picked = np.arange(first, min(last, len(values) - 1) + 1)
-    return picked, seconds[picked], _iso(begin)
+    return picked, seconds[picked], iso(begin)
 
 
-def _parse(start: str) -> np.datetime64:
+def parse_time(start: str) -> np.datetime64:
+    """A time in ISO 8601, UTC unless it says otherwise, as datetime64[ns].
+
+    Raises:
+        OceanError: it is none.
+    """
     try:
         moment = datetime.fromisoformat(start)
         if moment.tzinfo:
@@ -289,9 +290,9 @@ def _parse(start: str) -> np.datetime64:
     return to_nanoseconds(np.array([moment], "datetime64[us]"), f"start = {start!r}")[0]
 
 
-def _iso(moment: Any) -> str:
-    """A datetime64 as text, to the second."""
-    return str(moment.astype("datetime64[s]"))
+def iso(moment: Any) -> str:
+    """A datetime64 as text, to the microsecond."""
+    return str(moment.astype("datetime64[us]")).removesuffix(".000000")
 
 
 def _nodes(windows: Sequence[dict[str, Axis]], width: float, length: float) -> tuple[np.ndarray, np.ndarray]:
@@ -319,7 +320,7 @@ def _at_levels(source: Field, axes: dict[str, Axis], levels: Sequence[float]) ->
     dry = ~(wet[:, None] & (weights > 0)).any(axis=2)
     if dry.any():
         t, level = np.argwhere(dry)[0]
-        when = f" at {_iso(axes['time'].values[t])}" if "time" in axes else ""
+        when = f" at {iso(axes['time'].values[t])}" if "time" in axes else ""
         raise OceanError(
             f"{source.path}: {source.name}: has no values in the area at a depth of {levels[level]:g} m{when}: "
             "all of it is land or below the bed, or the data have a gap"

@@ -63,6 +63,15 @@ def bilinear(values: np.ndarray, axes: dict[str, Axis], lon: np.ndarray, lat: np
     return (1 - up) * south + up * north
 
 
+def at_time(times: np.ndarray, values: np.ndarray, t: float) -> np.ndarray:
+    """Values (T, …) float32 at rising times (T,) s, linear between them; beyond them those of the nearest time."""
+    if len(times) == 1:
+        return values[0]
+    index, weight = bracket(times, t)
+    weight = np.float32(weight)
+    return (1 - weight) * values[index] + weight * values[index + 1]
+
+
 def bracket(values: np.ndarray, targets: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Index of the value at or below each target and the weight, 0 to 1, of the next."""
     index = np.clip(np.searchsorted(values, targets, "right") - 1, 0, len(values) - 2)

@@ -10,7 +10,7 @@ import numpy as np
 
 from kernels.types import Level
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.site.cf_ocean import Flow, read_bathymetry, read_flow
+from usvauv_env.site.cf_ocean import Flow, iso, parse_time, read_bathymetry, read_flow
 from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 
@@ -115,6 +115,13 @@ class Site:
         except SoundSpeedError as error:
             raise ScenarioError(f"acoustics.{field}: {error}") from None
         return profile
+
+    @cached_property
+    def start(self) -> str:
+        """Date and time at which a mission begins, ISO 8601, UTC; "" where neither scenario nor currents say it."""
+        if self.current is not None:
+            return self.current.start
+        return iso(parse_time(self.scenario.water.start)) if self.scenario.water.start else ""
 
     @property
     def frame(self) -> LocalFrame | None:

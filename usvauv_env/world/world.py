@@ -607,12 +607,6 @@ class World:
     def _upload(self, numbers: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(np.ascontiguousarray(numbers, np.float32)).to(self.device)
 
-    def stream(self, level: int) -> np.ndarray:
-        """Real current on its grid at a `kernels.types.Level`, (rows, columns, 2), m/s; empty when there is
-        none.
-        """
-        return self._stream[level].cpu().numpy() if self._flow is not None else np.zeros((0, 0, 2), np.float32)
-
     def surface(self, pixels: int, world: int = 0) -> np.ndarray:
         """Elevation of a world's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
         elevation, x, y = self.long_waves(pixels, world)
