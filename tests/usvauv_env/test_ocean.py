@@ -132,6 +132,14 @@ class TestCurrents:
         flow = flow_of(cmems(), tmp_path, start="1950-01-01T05:30:00Z", duration=9000.0)
         self.check(flow, begin=19800.0)
 
+    @pytest.mark.parametrize("names", [("uo", "vo"), ("water_u", "water_v"), ("vozocrtx", "vomecrty"), ("u", "v")])
+    def test_known_names(self, tmp_path, names):
+        """Where no variable has a standard_name."""
+        dataset = cmems().rename(uo=names[0], vo=names[1])
+        for name in names:
+            del dataset[name].attrs["standard_name"]
+        self.check(flow_of(dataset, tmp_path))
+
     def test_as_hycom(self, tmp_path):
         """Packed in 16 bits, 0 to 360°, with a land point, and with `tau`, whose units cannot be decoded."""
         west = cmems(lon=LONGITUDES - 10)  # 350.25 to 350.75 once within 0 to 360°

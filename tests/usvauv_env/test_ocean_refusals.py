@@ -65,7 +65,18 @@ def station(dataset):
 
 
 CURRENTS = {  # what is wrong: the change that makes it so, and what the message says of it
-    "no currents": (without("uo", "vo"), r"no variables with the standard_name of a current: eastward_sea_water_vel"),
+    "no currents": (
+        without("uo", "vo"),
+        r"no variables with the standard_name of a current: eastward_sea_water_vel.*, the names uo with vo or water_u",
+    ),
+    "wind by a name of currents": (
+        lambda d: attributes("uo", standard_name="eastward_wind")(attributes("vo", standard_name="northward_wind")(d)),
+        r"no variables with the standard_name of a current",
+    ),
+    "one component by its name": (
+        lambda d: without("vo")(attributes("uo", standard_name=None)(d)),
+        r"no variables with the standard_name of a current",
+    ),
     "one component": (without("vo"), r"has uo but no variable with standard_name northward_sea_water_velocity"),
     "two of a kind": (second("utotal", "uo"), r"uo and utotal both are eastward_sea_water_velocity; the file must"),
     "no units": (attributes("uo", units=None), r"uo: has no units; allowed: m s-1, m/s, "),
@@ -79,7 +90,7 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
         attributes("longitude", standard_name="projection_x_coordinate", units="m"),
         r"uo: dimension 'longitude' has no coordinate that is a longitude, latitude, depth or time by its sta",
     ),
-    "curvilinear": (curvilinear, r"uo: lies on a curvilinear grid \(nav_l.. has dimensions y, x\); allowed: a grid"),
+    "curvilinear": (curvilinear, r"uo: lies on a curvilinear grid \(nav_l.. has dimensions y, x\); .*`cdo remapbil"),
     "stations": (station, r"uo: lon and lat are both coordinates of one dimension; one is allowed"),
     "ensemble": (
         lambda d: d.expand_dims(member=3).rename(member="number"),

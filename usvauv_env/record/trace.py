@@ -184,12 +184,11 @@ class Trace:
         )
         if frame and self._has("surface"):
             dataset[georeference.CRS] = ((), np.int32(0), georeference.grid_mapping(frame))
-        encoding: dict[Any, dict[str, Any]] = {
-            name: {"_FillValue": None} for name in dataset.variables if name != "fix"
+        encoding = {
+            name: ({"zlib": True, "complevel": 1} if variable.ndim > 1 else {})
+            | ({} if name == "fix" else {"_FillValue": None})
+            for name, variable in dataset.variables.items()
         }
-        for name in dataset.variables:
-            if dataset[name].ndim > 1:
-                encoding.setdefault(name, {}).update(zlib=True, complevel=1)
         with hdf5_file(Path(path)) as file, deferred(), h5netcdf.File(file, "w") as written:
             dataset.dump_to_store(H5NetCDFStore(written), encoding=encoding)
 

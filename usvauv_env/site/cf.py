@@ -212,7 +212,8 @@ def _refuse(dataset: xarray.Dataset, where: str, dimension: Hashable) -> None:
         if variable.ndim == 2 and dimension in variable.dims and _kind(dataset[name]) in ("latitude", "longitude"):
             raise OceanError(
                 f"{where}: lies on a curvilinear grid ({name} has dimensions {', '.join(map(str, variable.dims))}); "
-                "allowed: a grid of longitude and latitude lines, so regrid it first"
+                "allowed: a grid of longitude and latitude lines, as `cdo remapbil,GRID in.nc out.nc` or xESMF makes, "
+                "velocities turned to east and north"
             )
     raise OceanError(
         f"{where}: dimension {dimension!r} has no coordinate that is a longitude, latitude, depth or time "

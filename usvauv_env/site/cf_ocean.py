@@ -51,6 +51,12 @@ CURRENT_NAMES = (
     ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
     ("sea_water_x_velocity", "sea_water_y_velocity"),  # east and north too, since `field` refuses any other grid
 )
+WELL_KNOWN_CURRENTS = (  # east and north; only where no variable has one of the names above
+    ("uo", "vo"),  # CMEMS
+    ("water_u", "water_v"),  # HYCOM
+    ("vozocrtx", "vomecrty"),  # NEMO
+    ("u", "v"),
+)
 HIGHEST, FASTEST = 9000.0, 20.0  # m and m/s; larger values are fill values or in other units
 SURFACE_LAYER = 15.0  # m; a file whose first depth is at most this serves up to the surface
 MAX_NODES = 129
@@ -197,8 +203,15 @@ def _current_names(dataset: xarray.Dataset, path: str | Path) -> tuple[str, str]
         if east or north:
             missing = pair[1 if east else 0]
             raise OceanError(f"{path}: has {east or north} but no variable with standard_name {missing}")
-    allowed = " or ".join(" with ".join(pair) for pair in CURRENT_NAMES)
-    raise OceanError(f"{path}: no variables with the standard_name of a current: {allowed}")
+    for pair in WELL_KNOWN_CURRENTS:
+        if all(name in dataset.data_vars and "standard_name" not in dataset[name].attrs for name in pair):
+            return pair
+    allowed, known = (
+        " or ".join(" with ".join(pair) for pair in pairs) for pairs in (CURRENT_NAMES, WELL_KNOWN_CURRENTS)
+    )
+    raise OceanError(
+        f"{path}: no variables with the standard_name of a current: {allowed}; nor, without any, the names {known}"
+    )
 
 
 def _outline(frame: LocalFrame, width: float, length: float) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""What makes arrays on the local plane arrays of a place and a time: CF's grid mapping, longitude and latitude, the clock.
+"""What gives arrays on the local plane a place and a time in a file: CF's grid mapping, coordinates and clock.
 
 The plane of `local_frame` is the orthographic projection of the ellipsoid about the area's south-west corner, EPSG's
 method 9840. Source: https://cfconventions.org, section 5.6 and appendix F; IOGP, "Geomatics guidance note 7-2".
