@@ -167,9 +167,9 @@ def fuzz_learn(r: random.Random, folder: Path) -> None:
 def fuzz_plan(r: random.Random, folder: Path) -> None:
     from usvauv_cli.commands.plan import surface_slope, with_team
     from usvauv_cli.objectives import MEASUREMENTS, OBJECTIVES
-    from usvauv_cli.positions import auv_position, boat_position
     from usvauv_env import Scenario
     from usvauv_env.positioning import solve
+    from usvauv_env.site.positions import auv_position, boat_position
 
     overrides = []
     for field in ("usbl.attitude_error", "usbl.spacing", "acoustics.source_level", "acoustics.bandwidth", "area.width"):

@@ -6,8 +6,9 @@ import math
 import pytest
 
 from kernels.errors import UserError
-from usvauv_cli.positions import angle, auv_position, coordinates, look_geographic
 from usvauv_env import Scenario
+from usvauv_env.site.positions import angle, auv_position, coordinates, look_geographic
+from usvauv_env.world.boat_strategies import StrategyChoice
 
 CORNER = {"water.latitude": 22.51, "water.longitude": 114.02}
 PLACED = Scenario.load("extreme", [f"{name}={value}" for name, value in CORNER.items()])
@@ -23,6 +24,22 @@ def metres(latitude: float, longitude: float) -> tuple[float, float]:
     N, M = a / math.sqrt(1 - e2 * sin**2), a * (1 - e2) / (1 - e2 * sin**2) ** 1.5
     along = math.radians(longitude - CORNER["water.longitude"])
     return N * math.sqrt(1 - sin**2) * along, M * math.radians(latitude - CORNER["water.latitude"])
+
+
+def test_a_boat_holds_a_point_in_degrees():
+    """As a strategy of the command line and of the scenario; for each boat its own."""
+    expected = metres(22.5101, 114.0203)
+    assert StrategyChoice.parse("hold:22.5101N,114.0203E", PLACED).numbers == pytest.approx(expected, abs=1e-2)
+    given = Scenario.load("extreme", [*(f"{name}={value}" for name, value in CORNER.items()), "boat.count=2"])
+    own = given.model_copy(
+        update={"boat": given.boat.model_copy(update={"strategy": "hold:22°30.606'N,114.0203E,22.5111N,114.0205E"})}
+    )
+    both = StrategyChoice.parse(None, own).numbers
+    assert both == pytest.approx([*expected, *metres(22.5111, 114.0205)], abs=1e-2)
+    with pytest.raises(UserError, match=r"usv '22.5101N,114.0203E': the scenario has no place on Earth"):
+        StrategyChoice.parse("hold:22.5101N,114.0203E", PLAIN)
+    with pytest.raises(UserError, match=r"usv '23N,114.0203E': outside the area"):
+        StrategyChoice.parse("hold:23N,114.0203E", PLACED)
 
 
 @pytest.mark.parametrize(

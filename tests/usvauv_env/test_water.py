@@ -79,7 +79,9 @@ class TestRealCurrent:
             east, north = (field(5.05, 60.02, z, 0.0) for field in fields)
             np.testing.assert_allclose(found, np.broadcast_to([east, north], found.shape), atol=within + 1e-3 * speed)
         nearest = spacing * round(depth / spacing)
-        assert math.hypot(*(field(0, 0, nearest, 0) - field(0, 0, depth, 0) for field in fields)) > 2 * (bound + 1e-3 * speed)
+        assert math.hypot(*(field(0, 0, nearest, 0) - field(0, 0, depth, 0) for field in fields)) > 2 * (
+            bound + 1e-3 * speed
+        )
 
     def test_runs_on_at_the_end_of_the_file(self, currents):
         """Masked resets let the sea outlive the mission that the file was checked for."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from usvauv_env import Scenario
     from usvauv_env.positioning import BoatPlace, Plan
 
-FORMATS = (".png", ".pdf", ".svg")
+FORMATS = (".png", ".pdf", ".svg", ".geojson")
 MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
 
 
@@ -62,7 +62,11 @@ def plan(
         ),
     ] = "0,0",
     out: Annotated[
-        Path | None, typer.Option(help="Figure: .png, .pdf or .svg. Default plan.png; none with --json - alone.")
+        Path | None,
+        typer.Option(
+            help="Figure: .png, .pdf or .svg; or .geojson for a map, where the scenario has a place on Earth. Default"
+            " plan.png; none with --json - alone."
+        ),
     ] = None,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE", help="Result as JSON; - is standard output.")
@@ -116,10 +120,10 @@ def plan(
     import json
     from dataclasses import asdict, replace
 
-    from usvauv_cli.positions import DEGREES, auv_position, boat_position, look_geographic
-    from usvauv_env import Scenario
+    from usvauv_env import Scenario, geojson
     from usvauv_env.files import atomic_write
     from usvauv_env.positioning import solve
+    from usvauv_env.site.positions import DEGREES, auv_position, boat_position, look_geographic
 
     setting = Scenario.load(scenario, overrides or ())
     objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)
@@ -136,6 +140,8 @@ def plan(
         out = Path("plan.png")
     if out:
         writable(out, "--out", FORMATS)
+        if out.suffix.lower() == geojson.ENDING:
+            geojson.frame_of(setting)
         if len(others) > MOST_DRAWN:
             raise UserError(
                 f"--compare: {len(others)} places given, at most {MOST_DRAWN} in a figure; --json - has none"
@@ -155,7 +161,9 @@ def plan(
         else:
             with atomic_write(Path(json_file)) as partial:
                 partial.write_text(text + "\n", encoding="utf-8")
-    if out:
+    if out and out.suffix.lower() == geojson.ENDING:
+        geojson.write(out, geojson.of_plan(result, setting))
+    elif out:
         from usvauv_cli import plan_figure
 
         plan_figure.draw(result, landscape, out)
@@ -182,7 +190,7 @@ def surface_slope(text: str) -> tuple[float, float]:
     Raises:
         UserError: it is not.
     """
-    from usvauv_cli.positions import numbers
+    from usvauv_env.site.positions import numbers
 
     x, y = numbers("--slope", text, "SX,SY", "")
     if not (abs(x) <= 1 and abs(y) <= 1):
@@ -238,8 +246,8 @@ def print_budget(name: str, place: BoatPlace) -> None:
 def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
     from usvauv_cli import tables
-    from usvauv_cli.positions import coordinates
     from usvauv_env.fix_prediction import LEAST_GOOD
+    from usvauv_env.site.positions import coordinates
 
     best = result.optimum
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]

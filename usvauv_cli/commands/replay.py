@@ -1,4 +1,4 @@
-"""`usvauv replay`: a recorded mission, or two side by side, drawn again without simulating."""
+"""`usvauv replay`: a recorded mission, or two side by side, drawn again without simulating, or as GeoJSON."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from typing import Annotated
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Plugins
+from usvauv_cli.commands.options import Plugins, writable
 from usvauv_cli.commands.video_options import (
     At,
     Fps,
     Size,
     Speedup,
     ThemeOption,
-    VideoOut,
     ViewOption,
     video_settings,
 )
@@ -27,7 +26,12 @@ def replay(
         typer.Argument(metavar="TRACE.nc [TRACE.nc]", help="Of simulate --trace; two are compared."),
     ],
     episode: Annotated[int, typer.Option(help="Which episode of a trace of several, from 0.")] = 0,
-    out: VideoOut = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Video (.mp4, .webm, .gif, .webp), picture (.png), or .geojson for a map; default TRACE.mp4."
+        ),
+    ] = None,
     view: ViewOption = "map",
     theme: ThemeOption = "dark",
     size: Size = "1280x720",
@@ -36,7 +40,9 @@ def replay(
     at: At = None,
     plugins: Plugins = None,
 ) -> None:
-    """Draw a recorded mission as a video or a picture, without simulating it again.
+    """Draw a recorded mission as a video or a picture, without simulating it again, or write it for a map.
+
+    GeoJSON has the area, the ways with their times, nodes and services, in longitude and latitude.
 
     **Examples:**
 
@@ -45,20 +51,32 @@ def replay(
     `usvauv replay mission.nc --at 120 --out moment.png`
 
     `usvauv replay fim.nc belief.nc --out compared.mp4`
+
+    `usvauv replay mission.nc --out mission.geojson`
     """
     from usvauv_cli import console, mission_video
-    from usvauv_env import Trace
+    from usvauv_env import Trace, geojson
 
-    if len(traces) > 2:
-        raise UserError(f"{len(traces)} traces: at most two can be compared")
     out = out or Path(f"{traces[0].stem}.mp4")
-    settings = video_settings(out, size, fps, speedup, view, theme, at)
+    mapped = out.suffix.lower() == geojson.ENDING
+    if len(traces) > (1 if mapped else 2):
+        raise UserError(
+            f"{len(traces)} traces: {f'--out {out} takes one' if mapped else 'at most two can be compared'}"
+        )
+    if mapped:
+        writable(out, "--out", (geojson.ENDING,))
+    settings = None if mapped else video_settings(out, size, fps, speedup, view, theme, at)
     recorded = [Trace.load(path) for path in traces]
     for path, trace in zip(traces, recorded, strict=True):
         worlds = trace.power.shape[1]
         if not 0 <= episode < worlds:
             raise UserError(f"--episode {episode}: {path} has episodes 0 to {worlds - 1}")
     recorded = [trace.episode(episode) for trace in recorded]
+    if settings is None:
+        features = geojson.of_mission(recorded[0])
+        geojson.write(out, features)
+        typer.echo(f"{len(features)} features: {out.resolve()}")
+        return
     with console.progress("drawing", mission_video.frames(recorded, out, settings)) as advance:
         summary = mission_video.render(recorded, out, settings, advance)
     typer.echo(f"{summary.frames} frames: {summary.path.resolve()}")

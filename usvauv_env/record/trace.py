@@ -20,6 +20,8 @@ from usvauv_env import text_files
 from usvauv_env.files import hdf5_file
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.site import georeference
+from usvauv_env.site.cf import OceanError
+from usvauv_env.site.cf_ocean import parse_time
 from usvauv_env.site.interpolation import at_time
 from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.site import Site
@@ -207,6 +209,8 @@ class Trace:
                 attributes = dataset.attrs
                 arrays = {name: _read(dataset, name) for name in VARIABLES if name in dataset or name not in OPTIONAL}
                 start = georeference.start_of(dataset["time"].attrs.get("units", ""))
+            if start:
+                parse_time(start)
             for name, shape in OPTIONAL.items():
                 arrays.setdefault(name, np.zeros(shape, np.float32))
             texts = {name: _text(attributes, name) for name in ("scenario", "policy", "usv", "reward_names")}
@@ -218,7 +222,7 @@ class Trace:
                 raise TraceError("its attribute seed is not a whole number")
         except reader.NetcdfError as error:
             raise TraceError(str(error)) from None
-        except (TraceError, ScenarioError, text_files.TextFileError) as error:
+        except (TraceError, ScenarioError, OceanError, text_files.TextFileError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
         return cls(
             scenario=scenario,

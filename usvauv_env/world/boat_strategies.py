@@ -12,6 +12,7 @@ from kernels.mission.worlds import Strategy
 from kernels.planning import receding_horizon
 from kernels.registry import Registry
 from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.site.positions import SIDED, position
 
 AGENT = "agent"  # the strategy of boats that act
 
@@ -27,7 +28,7 @@ class BoatStrategy:
     Attributes:
         functions: what it is in Taichi.
         arguments: what the numbers after its name are, as in "hold:X,Y"; the functions read them from
-            `worlds.strategy_arguments`.
+            `worlds.strategy_arguments`. X and Y, m, can be given as latitude and longitude, see `site.positions`.
         refuse: (scenario, numbers) → why they cannot be used together, or an empty text.
         repeats: the numbers can also be given for each boat, one boat after the other.
         read: for a strategy whose numbers are in a file: what follows the name → the numbers; raises ValueError.
@@ -70,7 +71,7 @@ class StrategyChoice:
         strategy = boat_strategies.get(name)
         if strategy is None or (colon and not strategy.arguments and strategy.read is None):
             raise ScenarioError(f"{field}: {text!r}: allowed are {', '.join(map(_usage, boat_strategies))}")
-        numbers = _numbers_of(field, text, scenario.boat.count)
+        numbers = _numbers_of(field, text, scenario)
         with boat_strategies.calling(name):
             problem = strategy.refuse(scenario, numbers)
         if not isinstance(problem, str):
@@ -83,7 +84,7 @@ class StrategyChoice:
         return cls(shown, strategy, numbers)
 
 
-def _numbers_of(field: str, text: str, boats: int) -> tuple[float, ...]:
+def _numbers_of(field: str, text: str, scenario: Scenario) -> tuple[float, ...]:
     """The numbers of a strategy that was given by a name that is known."""
     name, _, rest = text.partition(":")
     strategy = boat_strategies[name]
@@ -92,13 +93,17 @@ def _numbers_of(field: str, text: str, boats: int) -> tuple[float, ...]:
             return strategy.read(rest)
         except ValueError as error:
             raise ScenarioError(f"{field}: {error}") from None
+    parts = rest.split(",")
+    if strategy.arguments == ("X", "Y") and any(map(SIDED.search, parts)):  # points in degrees
+        points = (",".join(parts[first : first + 2]) for first in range(0, len(parts), 2))
+        rest = ",".join(str(side) for point in points for side in position(field, point, "X,Y", scenario))
     try:
         numbers = tuple(float(part) for part in rest.split(",")) if strategy.arguments else ()
     except ValueError:
         numbers = None
     counts = {len(strategy.arguments)}
     if strategy.repeats:
-        counts.add(boats * len(strategy.arguments))
+        counts.add(scenario.boat.count * len(strategy.arguments))
     if numbers is None or len(numbers) not in counts or not all(map(math.isfinite, numbers)):
         examples = " or ".join(f"{name}:{','.join(['100'] * count)}" for count in sorted(counts))
         raise ScenarioError(f"{field}: {text!r}: expected {_usage(name)}, for example {examples}")

@@ -1,4 +1,4 @@
-"""Positions on the command line: x and y in metres, or latitude and longitude where the scenario has a place on Earth.
+"""Positions as a user gives them: x and y in metres, or latitude and longitude where the scenario has a place on Earth.
 
 60,80 are metres, 22.5101N,114.0203E degrees; these may have minutes and seconds of arc, 22°30.5'N or 22°30'30"N.
 """

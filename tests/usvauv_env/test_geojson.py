@@ -1,0 +1,119 @@
+"""Plans and missions as GeoJSON: places by PROJ, times, and what is refused."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pyproj import CRS, Transformer
+
+from tests.usvauv_cli.test_video import synthetic_trace
+from usvauv_cli import app
+from usvauv_env import Scenario, geojson
+from usvauv_env.record.collection import served
+from usvauv_env.site import georeference
+from usvauv_env.site.local_frame import LocalFrame
+
+CORNER = LocalFrame(114.02, 22.51)
+PLACED = {"water": {"longitude": 114.02, "latitude": 22.51}}
+PLANE = Transformer.from_crs(4326, CRS.from_wkt(georeference.grid_mapping(CORNER)["crs_wkt"]), always_xy=True)
+
+
+@pytest.fixture
+def trace():
+    made = synthetic_trace(steps=300, worlds=2)
+    scenario = Scenario.from_dict(made.scenario.to_dict() | PLACED)
+    return replace(made, scenario=scenario, start="2026-11-01T23:59:30")
+
+
+def run(monkeypatch, folder, *arguments: object) -> int:
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "argv", ["usvauv", *map(str, arguments)])
+    return app.run()
+
+
+def kinds(path) -> dict[str, list]:
+    collection = json.loads(path.read_text())
+    assert collection["type"] == "FeatureCollection"
+    found: dict[str, list] = {}
+    for feature in collection["features"]:
+        assert set(feature) == {"type", "geometry", "properties"}
+        found.setdefault(feature["properties"]["kind"], []).append(feature)
+    return found
+
+
+def metres(feature) -> np.ndarray:
+    """Places by PROJ, (…, 2) m."""
+    return np.stack(PLANE.transform(*np.moveaxis(np.array(feature["geometry"]["coordinates"]), -1, 0)), axis=-1)
+
+
+def test_a_mission(trace, tmp_path, monkeypatch):
+    trace.save(tmp_path / "m.nc")
+    assert run(monkeypatch, tmp_path, "replay", "m.nc", "--episode", 1, "--out", "m.geojson") == 0
+    found, only = kinds(tmp_path / "m.geojson"), trace.episode(1)
+    auvs = trace.power.shape[2]
+    assert [len(found[kind]) for kind in ("area", "auv", "boat", "node")] == [1, auvs, 1, trace.backlog.shape[2]]
+    np.testing.assert_allclose(metres(found["area"][0])[0, [0, 2]], [[0, 0], [200, 200]], atol=2e-3)
+    for k, auv in enumerate(found["auv"]):
+        assert auv["geometry"]["type"] == "LineString"
+        assert auv["properties"]["auv"] == k + 1
+        assert auv["properties"]["depth"] == trace.scenario.auv.depth
+        np.testing.assert_allclose(metres(auv), only.auv_position[:, 0, k], atol=2e-3)
+        assert len(auv["properties"]["times"]) == 300
+        assert auv["properties"]["times"][29] == "2026-11-02T00:00:00.000Z"
+    np.testing.assert_allclose(metres(found["boat"][0]), only.boat_position[:, 0, 0], atol=2e-3)
+    for i, node in enumerate(found["node"]):
+        np.testing.assert_allclose(metres(node), only.node_position[0, i], atol=2e-3)
+    step, _, auv, node = served(only)
+    assert len(step) > 2
+    for service, t, k, i in zip(found["service"], step, auv, node, strict=True):
+        about = service["properties"]
+        assert (about["auv"], about["node"]) == (k + 1, i + 1)
+        assert about["delivered_mbit"] == pytest.approx(only.delivered[t, 0, k])
+        assert about["time"] == found["auv"][0]["properties"]["times"][t]
+    brought = sum(each["properties"]["delivered_mbit"] for each in found["node"])
+    assert brought == pytest.approx(only.delivered.sum())
+    assert sum(each["properties"]["services"] for each in found["node"]) == len(step)
+
+
+def test_seconds_without_a_date(trace):
+    line = geojson.of_mission(replace(trace, start=""))[1]
+    assert line["properties"]["times"] == trace.time.tolist()
+
+
+@pytest.mark.parametrize(("corner", "first"), [(359.5, -0.5), (-200.0, 160.0), (180.0, -180.0)])
+def test_longitudes_are_from_180_west_to_180_east(trace, corner, first):
+    water = {"water": {"longitude": corner % 360 if corner < -180 else corner, "latitude": 22.51}}
+    scenario = Scenario.from_dict(trace.scenario.to_dict() | water)
+    ring = geojson.of_mission(replace(trace, scenario=scenario))[0]["geometry"]["coordinates"][0]
+    assert ring[0] == pytest.approx([first, 22.51])
+    assert ring[1][0] > ring[0][0]
+
+
+def test_a_plan(tmp_path, monkeypatch, capsys):
+    place = ("--set", "water.longitude=114.02", "--set", "water.latitude=22.51")
+    auvs = ("--auv", "60,80,100", "--auv", "150,120,90", "--compare", "10,20")
+    assert run(monkeypatch, tmp_path, "plan", *place, *auvs, "--out", "p.geojson", "--json", "p.json") == 0
+    found, plan = kinds(tmp_path / "p.geojson"), json.loads((tmp_path / "p.json").read_text())
+    np.testing.assert_allclose([metres(auv) for auv in found["auv"]], [[60, 80], [150, 120]], atol=2e-3)
+    assert [auv["properties"]["depth"] for auv in found["auv"]] == [100, 90]
+    for kind, given in (("optimum", plan["optimum"]), ("centroid", plan["centroid"]), ("compare", plan["compare"][0])):
+        (feature,) = found[kind]
+        np.testing.assert_allclose(metres(feature), [given["x"], given["y"]], atol=2e-3)
+        assert feature["properties"]["rms"] == given["rms"]
+    assert not (tmp_path / "plan.png").exists()
+
+
+def test_refusals(trace, tmp_path, monkeypatch, capsys):
+    replace(trace, scenario=synthetic_trace(2).scenario).save(tmp_path / "m.nc")
+    for arguments, said in (
+        (("replay", "m.nc", "--out", "a.geojson"), "has no place on Earth; water.latitude"),
+        (("replay", "m.nc", "m.nc", "--out", "a.geojson"), "2 traces: --out a.geojson takes one"),
+        (("plan", "--auv", "60,80,100", "--out", "a.geojson"), "has no place on Earth; water.latitude"),
+    ):
+        assert run(monkeypatch, tmp_path, *arguments) == 2
+        error = capsys.readouterr().err.strip()
+        assert said in error
+        assert "\n" not in error
+    assert not (tmp_path / "a.geojson").exists()
