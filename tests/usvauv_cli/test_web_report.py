@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyproj import CRS, Transformer
 from scipy import stats
 
 import policies
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
 from usvauv_cli.evaluation.comparison import Comparison
-from usvauv_cli.web_report import columns, figure_style, page
+from usvauv_cli.web_report import columns, figure_style, figures, page
 from usvauv_cli.web_report.player import at_arrows
 from usvauv_cli.web_report.recordings import (
     ERRORS,
@@ -32,6 +33,8 @@ from usvauv_env.record.growing_table import Combination
 from usvauv_env.record.metrics import EpisodeMetrics, usable
 from usvauv_env.record.trace import VARIABLES
 from usvauv_env.sections import MAX_AUVS, MAX_NODES, MAX_VORTICES
+from usvauv_env.site import georeference
+from usvauv_env.site.site import Site
 
 LARGEST = 3_000_000  # bytes of a page
 EPISODES = 3
@@ -321,3 +324,40 @@ def test_in_a_browser(made, tmp_path, width):
     assert answer["words"] == ["Play", "Pause", "Play"]
     assert answer["played"] > 0
     assert re.fullmatch(r"0:30 min · [\d.]+ Wh · [\d.]+ Mbit · estimates off by [\d.]+, [\d.]+ m", answer["said"])
+
+
+class TestPlaceOnEarth:
+    """Maps of a scenario with a place, against PROJ."""
+
+    def drawn(self, *changes: str):
+        scenario = Scenario.load("extreme", changes)
+        with figure_style.drawing("map"):
+            return scenario, figures.maps(["one"], scenario, 0.3)[1][0]
+
+    @pytest.mark.parametrize(("longitude", "latitude"), [(114.02, 22.51), (179.95, -80.0), (-0.05, 60.0)])
+    def test_lines_are_parallels_and_meridians(self, longitude, latitude):
+        place = f"water.longitude={longitude}", f"water.latitude={latitude}"
+        scenario, axes = self.drawn(*place, "area.width=20000", "area.length=12000", "sea.cell_size=200")
+        plane = CRS.from_wkt(georeference.grid_mapping(Site(scenario).frame)["crs_wkt"])
+        to_degrees = Transformer.from_crs(plane, 4326, always_xy=True)
+        found = {"longitude": set(), "latitude": set()}
+        for line in axes.lines:
+            x, y = line.get_data()
+            if len(x) > 2:  # the scale bar has two
+                degrees = dict(zip(found, np.array(to_degrees.transform(x, y)), strict=True))
+                (along,) = (kind for kind, values in degrees.items() if np.ptp(values) < 1e-7)
+                found[along].add(round(float(degrees[along].mean()), 6))
+        for kind, ticks in (("longitude", axes.get_xticklabels()), ("latitude", axes.get_yticklabels())):
+            assert found[kind]
+            said = {float(t.get_text()[:-2]) * (-1 if t.get_text()[-1] in "WS" else 1) for t in ticks}
+            assert said <= {value if kind == "latitude" else -180 if value == 180 else value for value in found[kind]}
+
+    def test_scale_bar(self):
+        _, axes = self.drawn("water.longitude=114.02", "water.latitude=22.51")
+        (bar,) = (line for line in axes.lines if len(line.get_xdata()) == 2)
+        assert [text.get_text() for text in axes.texts] == [f"{np.ptp(bar.get_xdata()):g} m"] == ["50 m"]
+
+    def test_metres_without_a_place(self):
+        _, axes = self.drawn()
+        assert not axes.lines
+        assert axes.get_xlabel() == "x (east), m"
