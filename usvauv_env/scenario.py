@@ -146,8 +146,8 @@ class Scenario(Section):
                 "tracker.enabled: goes with channel.schedule = every-step; else navigation.sensor has filters"
             )
         self._check_long_waves()
-        if self.storm.spectrum != "none":
-            self._check_storm()
+        for system in self.storm.systems:
+            self._check_storm(system)
         self._check_vortices()
         samples = self.usbl.periods * self.usbl.sampling_rate / min(*self.usbl.carriers, self.usbl.carrier_min)
         if self.usbl.model == "waveform" and samples > MOST_SAMPLES:
@@ -182,7 +182,7 @@ class Scenario(Section):
                 f"sea.regular_amplitude + 4 √(sea.irregular_rms² + sea.start_rms²) = {self.highest_long_wave:.3g} m:"
                 f" must not be above half of area.depth, {area.depth / 2:g} m"
             )
-        trough = self.highest_long_wave + (self.storm.significant_height if self.storm.spectrum != "none" else 0.0)
+        trough = self.highest_long_wave + self.storm.total_height
         if self.auv.separation == "geometry" and self.auv.depth <= trough:
             raise ValueError(f"auv.depth = {self.auv.depth:g}: must be below the troughs of the waves, {trough:.3g} m")
 
@@ -196,8 +196,8 @@ class Scenario(Section):
                 f" {current.core_radius_min:g} m"
             )
 
-    def _check_storm(self) -> None:
-        g, depth, storm = self.sea.gravity, self.area.depth, self.storm
+    def _check_storm(self, storm: Storm) -> None:
+        g, depth = self.sea.gravity, self.area.depth
         shortest = 2 * math.pi / storm.shortest_wave
         if math.sqrt(g * shortest * math.tanh(shortest * depth)) < 4 * math.pi / storm.peak_period:
             raise ValueError(

@@ -35,6 +35,11 @@ Price = Annotated[float, Field(ge=0, le=LARGEST)]
 Place = Annotated[float, Field(ge=-1e5, le=1e5)]
 Distance = Annotated[float, Field(ge=0, le=20000)]  # the longest side of an area
 Carrier = Annotated[float, Field(ge=LOWEST_TONE, le=HIGHEST_TONE)]
+WaveHeight = Annotated[float, Field(ge=0.001, le=30)]
+WavePeriod = Annotated[float, Field(ge=0.5, le=30)]
+Enhancement = Annotated[float, Field(ge=1, le=20)]
+Direction = Annotated[float, Field(ge=-7, le=7)]
+Spreading = Annotated[float, Field(ge=0, le=1000)]
 Bandwidth = Annotated[float, Field(ge=1, le=1e6)]
 
 
@@ -117,6 +122,9 @@ class Sea(Section):
     fine_cells: int = Field(512, ge=16, le=8192, description="cells along the longer side when simulated live")
     gravity: float = Field(9.81, ge=1, le=30, description="gravitational acceleration g, m/s²")
     drag: float = Field(0.0, ge=0, le=1, description="linear bottom drag rate, 1/s; keeps a resonant basin finite")
+    manning: float = Field(
+        0.0, ge=0, le=0.2, description="Manning's n of the bed, s/m^(1/3), with nonlinear equations; sand 0.02 to 0.03"
+    )
     update_interval: float = Field(
         1.0,
         ge=0.01,
@@ -165,6 +173,8 @@ class Sea(Section):
                 raise ValueError(f"forced_edge, radiating_edges and sponge_edges must not name an edge twice: {side}")
         if self.equations == "nonlinear" and (self.sponge_edges or self.forcing == "incident"):
             raise ValueError('equations = "nonlinear" must go without sponge_edges and with forcing = "elevation"')
+        if self.manning > 0 and self.equations == "linear":
+            raise ValueError(f'manning = {self.manning:g}: needs equations = "nonlinear"; linear ones have drag')
         return self
 
 
@@ -174,17 +184,35 @@ class Storm(Section):
     spectrum: Literal["none", "jonswap", "pm", "tma"] = Field(
         "none", description="JONSWAP, Pierson–Moskowitz, TMA (JONSWAP in water of finite depth), or no short waves"
     )
-    significant_height: float = Field(
-        6.5, ge=0.001, le=30, description="significant height Hs = 4 √m0, m; WMO sea state 7: 6 to 9"
+    significant_height: WaveHeight = Field(6.5, description="significant height Hs = 4 √m0, m; WMO sea state 7: 6 to 9")
+    peak_period: WavePeriod = Field(11.0, description="peak period Tp, s")
+    gamma: Enhancement = Field(2.2, description="peak enhancement γ; Pierson–Moskowitz has 1")
+    direction: Direction = Field(math.pi, description="mean direction of travel, from east towards north, rad")
+    spreading: Spreading = Field(10.0, description="s of the spreading cos^2s(½Δθ)")
+    swells: tuple[tuple[WaveHeight, WavePeriod, Enhancement, Direction, Spreading], ...] = Field(
+        (),
+        max_length=8,
+        description="further wave systems of that spectrum, [[Hs m, Tp s, γ, direction rad, spreading], ...], as above",
     )
-    peak_period: float = Field(11.0, ge=0.5, le=30, description="peak period Tp, s")
-    gamma: float = Field(2.2, ge=1, le=20, description="peak enhancement γ; Pierson–Moskowitz has 1")
-    direction: float = Field(math.pi, ge=-7, le=7, description="mean direction of travel, from east towards north, rad")
-    spreading: float = Field(10.0, ge=0, le=1000, description="s of the spreading cos^2s(½Δθ)")
-    components: int = Field(64, ge=8, le=1024, description="number of component waves in a sea")
+    components: int = Field(64, ge=8, le=1024, description="number of component waves of each system in a sea")
     shortest_wave: float = Field(
         20.0, ge=0.1, le=1000, description="shortest wave length that moves and tilts the boat, m"
     )
+
+    @property
+    def systems(self) -> tuple[Storm, ...]:
+        """The wind sea, then each swell, as storms without swells; none without a spectrum."""
+        if self.spectrum == "none":
+            return ()
+        names = "significant_height", "peak_period", "gamma", "direction", "spreading"
+        alone = self.model_copy(update={"swells": ()})
+        swells = (alone.model_copy(update=dict(zip(names, swell, strict=True))) for swell in self.swells)
+        return alone, *swells
+
+    @property
+    def total_height(self) -> float:
+        """Significant height of all systems together, 4 √Σm0, m; 0 without a spectrum."""
+        return math.hypot(*(system.significant_height for system in self.systems))
 
 
 class Water(Section):

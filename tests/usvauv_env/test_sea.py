@@ -8,7 +8,7 @@ import torch
 
 from kernels.mission.columns import BoatColumn
 from kernels.shallow_water.packing import Packing
-from usvauv_env import Scenario, World
+from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.build import build_sea, coarse_cells, fine_cells
 from usvauv_env.sea.forcing import draw_boundary_wave
 from usvauv_env.site.site import Site
@@ -214,6 +214,16 @@ class TestResolution:
             found = np.abs(coarse.elevation()[0] - between_cells(fine.elevation()[0], (50, 50))).max()
             assert found < bound
         assert found > 0.1 * bound  # the bound is not far too large
+
+    def test_manning_slows_the_nonlinear_sea(self):
+        wave = {"forced_edge": "west", "regular_amplitude": 0.5, "regular_period": 60.0, "equations": "nonlinear"}
+        smooth, rough = (sea_of(scenario(**wave, manning=n), 0, 1, (12, 12)) for n in (0.0, 0.15))
+        for sea in (smooth, rough):
+            for _ in range(20):
+                sea.advance()
+        assert not np.array_equal(smooth.elevation(), rough.elevation())
+        with pytest.raises(ScenarioError, match=r'sea: manning = 0.03: needs equations = "nonlinear"'):
+            Scenario.load("extreme", ["sea.manning=0.03"])
 
     def test_table_1_and_fine_grid_see_the_same_storm(self):
         """With forcing, drag and start: the error against 512² is what Richardson predicts from 25² and 50², a third of

@@ -12,7 +12,17 @@ import typer
 
 from kernels.errors import DivergenceError, UserError
 from kernels.interruption import Stop, stoppable
-from usvauv_cli.commands.options import Arch, Overrides, Plugins, ScenarioName, Seed, at_least, parse_size, writable
+from usvauv_cli.commands.options import (
+    Arch,
+    Overrides,
+    Plugins,
+    ScenarioName,
+    Seed,
+    at_least,
+    parse_size,
+    tell_of_bed,
+    writable,
+)
 
 if TYPE_CHECKING:
     from usvauv_env.sea_alone.simulation import SeaSimulation
@@ -111,6 +121,7 @@ def sea(
     records = round(duration / interval) + 1
     water = SeaSimulation(setting, seed, shape, interval, first_vortices(setting, seed, arch))
     typer.echo(describe(water, records))
+    tell_of_bed(setting)
     if kind == ".mp4":
         typer.echo(
             f"{records / fps:.3g} s of video at {fps} frames a second, {fps * interval:g} × the speed of the sea"

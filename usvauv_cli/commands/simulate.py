@@ -18,6 +18,7 @@ from usvauv_cli.commands.options import (
     Targets,
     Usv,
     at_least,
+    tell_of_bed,
     tell_of_team,
     writable,
 )
@@ -101,6 +102,7 @@ def simulate(
         policies.check(run.policy, run.scenario(setting))
         tell_of_team(run.policy, setting)
         StrategyChoice.parse(run.usv, setting)
+    tell_of_bed(setting)
     recorded, problem = [], None
     for run in runs:
         shown, problem = simulated(run, setting, seed, duration, arch)

@@ -234,7 +234,7 @@ class SeaFigure:
         highest, last = density.max(), frequency[-1]
         if self._drawn:
             f, target = target_spectrum(scenario)
-            axes.loglog(f, target, color=TARGET, lw=1.6, label=f"target, Hs {scenario.storm.significant_height:g} m")
+            axes.loglog(f, target, color=TARGET, lw=1.6, label=f"target, Hs {scenario.storm.total_height:.3g} m")
             highest, last = max(highest, target.max()), min(last, 1.5 * f[-1])
         ends = 1 / scenario.sea.irregular_period_max, 1 / scenario.sea.irregular_period_min
         if scenario.sea.irregular_rms > 0 and ends[1] > frequency[0]:

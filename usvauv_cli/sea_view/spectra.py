@@ -74,15 +74,32 @@ def measured(records: np.ndarray, step: float, piece: float) -> Waves:
 
 
 def wanted(storm: Storm) -> Waves:
-    """What a storm is drawn from; the first moment of cos^2s(½Δθ) is s/(s + 1)."""
-    return Waves(storm.significant_height, storm.peak_period, math.sqrt(2 / (storm.spreading + 1)))
+    """What a storm is drawn from; the first moment of cos^2s(½Δθ) is s/(s + 1).
+
+    Of several systems the period is that of the highest, and the spread that of all directions together.
+    """
+    systems = storm.systems
+    moments = [
+        system.significant_height**2
+        * system.spreading
+        / (system.spreading + 1)
+        * np.array([math.cos(system.direction), math.sin(system.direction)])
+        for system in systems
+    ]
+    length = float(np.hypot(*np.sum(moments, axis=0))) / storm.total_height**2
+    highest = max(systems, key=lambda system: system.significant_height)
+    return Waves(storm.total_height, highest.peak_period, math.sqrt(2 * (1 - length)))
 
 
 def target_spectrum(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (Hz) and spectral density (m²/Hz) of the spectrum that the storm is drawn from."""
-    storm = scenario.storm
-    omega, S = band(
-        storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, scenario.area.depth, scenario.sea.gravity
-    )
-    f = omega / (2 * math.pi)
-    return f, S * (storm.significant_height / 4) ** 2 / cumulative(f, S)[-1]
+    spectra = []
+    for storm in scenario.storm.systems:
+        shape = storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave
+        omega, S = band(*shape, scenario.area.depth, scenario.sea.gravity)
+        f = omega / (2 * math.pi)
+        spectra.append((f, S * (storm.significant_height / 4) ** 2 / cumulative(f, S)[-1]))
+    if len(spectra) == 1:
+        return spectra[0]
+    f = np.unique(np.concatenate([f for f, _ in spectra]))
+    return f, np.sum([np.interp(f, *spectrum, left=0, right=0) for spectrum in spectra], axis=0)

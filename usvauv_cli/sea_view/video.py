@@ -247,6 +247,7 @@ def weather(sea: SeaSimulation) -> str:
     words = []
     if storm.spectrum != "none":
         words.append(f"{names[storm.spectrum]} Hs {storm.significant_height:g} m, Tp {storm.peak_period:g} s")
+        words += [f"swell Hs {height:g} m, Tp {period:g} s" for height, period, *_ in storm.swells]
     if not getattr(sea.long_waves, "still", False):
         words.append("long waves")
     return " and ".join(words) or "still water"

@@ -113,6 +113,7 @@ def build_sea(site: Site, seed: int, num_seas: int, cells: tuple[int, int] | Non
                 interval=sea.update_interval,
                 gravity=sea.gravity,
                 drag=sea.drag,
+                manning=sea.manning,
                 boundaries=cast(dict[Side, NonlinearBoundary], boundaries(scenario)),
             )
             solver.set_forcing(wave.amplitude, wave.period, wave.phase)

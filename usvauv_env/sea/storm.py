@@ -9,6 +9,8 @@ frequency has the spectrum's integral as its mean, and Hs = 4 √m0 is exact in 
 from each of equally likely sectors, and components get them in random order; one direction a frequency keeps the sea
 ergodic. Phases are uniform. Time averages over N such components have the kurtosis 3 − 1.5 Σa⁴/(Σa²)².
 
+Each swell is drawn likewise, from random numbers of its own: the wind sea is the same with and without it.
+
 Sources: Hasselmann et al. (1973), "Measurements of wind-wave growth and swell decay during JONSWAP"; Bouws et al.
 (1985), doi 10.1029/JC090iC01p00975 (TMA); Mitsuyasu et al. (1975), doi
 10.1175/1520-0485(1975)005<0750:OOTDSO>2.0.CO;2 (spreading); Miles and Funke (1989), "A comparison of methods for
@@ -111,9 +113,10 @@ def build_storm(
     Raises:
         ValueError: an unknown spectrum, or a cut-off that leaves less than twice the peak's frequency.
     """
-    count = 0 if storm.spectrum == "none" else storm.components
-    drawn = np.zeros((4, num_seas, count))
-    if count:
+    count, systems = storm.components, storm.systems
+    drawn = np.zeros((4, num_seas, count * len(systems)))
+    for number, storm in enumerate(systems):
+        own_columns = slice(number * count, (number + 1) * count)
         omega, S = band(storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, depth, gravity)
         k = airy.wavenumber(omega, depth, gravity)
         energy, slope = cumulative(omega, S), cumulative(omega, k**2 * S)
@@ -121,11 +124,11 @@ def build_storm(
         strata = np.interp(np.linspace(0, 1, count + 1), weight, energy / energy[-1])
         sectors, probability = spread(storm.spreading)
         for index in range(num_seas):
-            own = np.random.SeedSequence(seed, spawn_key=(first + index, STREAM))
+            own = np.random.SeedSequence(seed, spawn_key=(first + index, STREAM, number)[: 3 if number else 2])
             random = np.random.Generator(np.random.Philox(own))
             quantile = strata[:-1] + np.diff(strata) * random.random(count)
             sector = (random.permutation(count) + random.random(count)) / count
-            drawn[:, index] = (
+            drawn[:, index, own_columns] = (
                 storm.significant_height / 4 * np.sqrt(2 * np.diff(strata)),
                 np.interp(quantile, energy / energy[-1], omega),
                 storm.direction + np.interp(sector, probability, sectors),

@@ -20,13 +20,13 @@ LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 def current_parts(site: Site) -> list[tuple[float, float]]:
     """Variance per axis (m²/s²) and root mean square frequency (rad/s) of each part of the current at the AUVs."""
     scenario = site.scenario
-    current, sea, area, waves = scenario.current, scenario.sea, scenario.area, scenario.storm
+    current, sea, area = scenario.current, scenario.sea, scenario.area
     speed = scenario.reference.straight_speed
     parts = []
     if current.vortices and current.circulation_max > 0:
         limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
         parts.append(current_process.eddies(current.vortices, *limits, area.width * area.length, speed))
-    if waves.spectrum != "none":
+    for waves in scenario.storm.systems:
         shape = waves.spectrum, waves.peak_period, waves.gamma, waves.shortest_wave, area.depth, sea.gravity
         depth = -scenario.auv.depth, area.depth, sea.gravity
         parts.append(current_process.orbital_motion(*band(*shape), waves.significant_height, *depth))
@@ -93,13 +93,15 @@ def current_bound(site: Site) -> float:
     Gaussian.
     """
     scenario = site.scenario
-    current, storm = scenario.current, scenario.storm
+    current = scenario.current
     peak = current.fastest + speed_bound(site)
     if (flow := site.current) is not None:
         peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
-    if storm.spectrum != "none":
+    orbital = []
+    for storm in scenario.storm.systems:
         depth, gravity = site.mean_depth, scenario.sea.gravity
         omega, S = band(storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, depth, gravity)
         C, _ = airy.decay(airy.wavenumber(omega, depth, gravity), -min(scenario.auv.depth, depth), depth)
-        peak += 6 * storm.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S))
+        orbital.append(6 * storm.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S)))
+    peak += math.hypot(*orbital)
     return max(1.001 * peak, LEAST_CURRENT_BOUND)  # 0.1 % covers single precision

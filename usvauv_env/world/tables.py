@@ -85,7 +85,7 @@ def sound_layers(site: Site) -> np.ndarray:
     """The speed of sound for `kernels.positioning.rays`, (N, layered_water.COLUMNS)."""
     s = site.scenario
     profile = site.sound_speed or SoundSpeedProfile.constant(s.acoustics.sound_speed)
-    trough = min(s.storm.significant_height, 0.5 * s.auv.depth)
+    trough = min(s.storm.total_height or s.storm.significant_height, 0.5 * s.auv.depth)
     return profile.thinned((0.0, 0.5 * trough, trough), s.auv.depth, s.area.diagonal, site.mean_depth).layers()
 
 

@@ -24,6 +24,7 @@ STORM = {
     "spreading": 10.0,
     "components": 64,
     "shortest_wave": 20.0,
+    "swells": (),
     "depth": H,
     "gravity": G,
     "levels": (0.0, -100.0),
@@ -278,6 +279,31 @@ class TestSeeds:
         one.set_time(1234.5)
         two.set_time(1234.5)
         assert torch.equal(one.wave, two.wave)
+
+
+class TestSwells:
+    SWELLS = ((2.0, 16.0, 3.3, 0.5, 40.0), (1.0, 14.0, 1.0, -1.0, 5.0))
+
+    def test_wind_sea_is_as_without_them(self):
+        alone, both, n = storm(), storm(swells=self.SWELLS), STORM["components"]
+        for name in ("amplitude", "omega", "direction", "phase"):
+            assert getattr(both, name).shape == (4, 3 * n)
+            np.testing.assert_array_equal(getattr(both, name)[:, :n], getattr(alone, name))
+
+    def test_each_has_its_height_direction_and_period(self):
+        sea, n = storm(swells=self.SWELLS, num_seas=64), STORM["components"]
+        for number, (height, period, gamma, direction, spreading) in enumerate(self.SWELLS, 1):
+            a, omega, theta = (
+                part[:, number * n : (number + 1) * n] for part in (sea.amplitude, sea.omega, sea.direction)
+            )
+            np.testing.assert_allclose(4 * np.sqrt((a**2 / 2).sum(axis=1)), height, rtol=1e-12)
+            along = np.exp(1j * theta).mean()
+            assert np.angle(along) == pytest.approx(direction, abs=0.02)
+            assert abs(along) == pytest.approx(spreading / (spreading + 1), abs=0.01)  # first moment of cos^2s
+            frequency, S = band("jonswap", period, gamma, 20.0, H, G)
+            mean = (frequency * S).sum() / S.sum()
+            assert ((a**2 * omega).sum(axis=1) / (a**2).sum(axis=1)).mean() == pytest.approx(mean, rel=0.01)
+        assert not np.allclose(sea.phase[:, n : 2 * n], sea.phase[:, 2 * n :])
 
 
 @pytest.fixture(scope="module")

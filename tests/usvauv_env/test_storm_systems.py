@@ -1,0 +1,86 @@
+"""Wind sea and swells in all that a scenario makes of them, and where over a bed the storm is wrong."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.usvauv_env.ocean_files import sloping, write
+from usvauv_cli.sea_view.spectra import target_spectrum, wanted
+from usvauv_env import Scenario, ScenarioError
+from usvauv_env.sea.uneven_bed import group_speed, shallowest_right, warning
+from usvauv_env.site.site import Site
+from usvauv_env.world.current_statistics import current_bound, current_parts
+
+SWELL = "storm.swells=[[3.0, 16.0, 3.3, 0.5, 40.0]]"
+ALONE = ["storm.significant_height=3", "storm.peak_period=16", "storm.gamma=3.3", "storm.spreading=40"]
+
+
+def load(*changes: str) -> Scenario:
+    return Scenario.load("extreme", changes)
+
+
+def test_energies_add_up():
+    both, wind_sea, swell = load(SWELL), load(), load(*ALONE)
+    assert both.storm.total_height == pytest.approx(math.hypot(6.5, 3.0))
+    f, S = target_spectrum(both)
+    assert 4 * math.sqrt(np.trapezoid(S, f)) == pytest.approx(math.hypot(6.5, 3.0), rel=1e-4)
+    assert wanted(both.storm).height == both.storm.total_height
+    assert wanted(both.storm).spread > wanted(wind_sea.storm).spread
+    waves = [
+        parts for parts in current_parts(Site(both)) if parts not in current_parts(Site(load("storm.spectrum=none")))
+    ]
+    apart = [current_parts(Site(each)) for each in (wind_sea, swell)]
+    assert all(any(wave in parts for parts in apart) for wave in waves)
+    assert len(waves) == 2
+    still = current_bound(Site(load("storm.spectrum=none"))) / 1.001
+    bounds = [current_bound(Site(each)) / 1.001 - still for each in (both, wind_sea, swell)]
+    assert bounds[0] == pytest.approx(math.hypot(*bounds[1:]), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("storm.swells=[[3.0, 16.0, 3.3, 0.5]]", r"storm.swells.0.4 = .3.0, .*: field required"),
+        ("storm.swells=[[0.0, 16.0, 3.3, 0.5, 10.0]]", "storm.swells.0.0 = 0.0: input should be greater"),
+        (
+            "storm.swells=[[3.0, 4.0, 3.3, 0.5, 10.0]]",
+            "storm.shortest_wave = 20: must have at least twice the frequency",
+        ),
+        ("storm.swells=[[9.0, 7.5, 3.3, 0.5, 10.0]]", "storm.significant_height = 9: must not be above"),
+    ],
+)
+def test_refused(change, said):
+    with pytest.raises(ScenarioError, match=said):
+        load(change)
+
+
+@pytest.mark.parametrize("period", [5.0, 11.0, 25.0])
+def test_group_speed_is_the_slope_of_the_dispersion(period):
+    def frequency(k: float) -> float:
+        return math.sqrt(9.81 * k * math.tanh(k * 30.0))
+
+    low, high = 1e-6, 10.0
+    for _ in range(200):
+        k = (low + high) / 2
+        low, high = (k, high) if frequency(k) < 2 * math.pi / period else (low, k)
+    slope = (frequency(k * 1.0001) - frequency(k * 0.9999)) / (0.0002 * k)
+    assert group_speed(period, 30.0, 9.81) == pytest.approx(slope, rel=1e-6)
+
+
+def test_long_waves_shoal_by_greens_law():
+    """Heights go as h^(−1/4), so 10 % more are at h/1.1⁴."""
+    shallow = ["area.depth=10", "auv.depth=8", "sea.irregular_rms=0", "storm.significant_height=0.01"]
+    limit = shallowest_right(Site(load(*shallow, "storm.peak_period=30")))
+    assert limit == pytest.approx(10 / 1.1**4, rel=0.05)
+    assert shallowest_right(Site(load(*shallow[:3], "storm.significant_height=5.4"))) == pytest.approx(9.0, rel=0.01)
+
+
+def test_says_where_the_storm_is_wrong(tmp_path):
+    bed = write(sloping(), tmp_path / "bed.nc")
+    place = ["water.longitude=5.05", "water.latitude=60.05", "area.width=5000", "area.length=5000", "sea.cell_size=100"]
+    line = warning(Site(load(*place, f"water.bathymetry={bed}")))
+    assert "in water shallower than" in line
+    assert "\n" not in line
+    assert warning(Site(load(*place, f"water.bathymetry={bed}", "storm.spectrum=none"))) == ""
+    assert warning(Site(load())) == ""
