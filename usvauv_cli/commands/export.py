@@ -1,4 +1,4 @@
-"""`usvauv export`: a learned policy as a file that runs elsewhere."""
+"""`usvauv export`: a learned policy as a file that runs elsewhere, or a recorded run as files that other tools open."""
 
 from __future__ import annotations
 
@@ -8,32 +8,76 @@ from typing import Annotated
 import typer
 
 from kernels.errors import UserError
-from usvauv_cli.commands.options import Overrides, Plugins, writable
+from usvauv_cli.commands.options import Overrides, Plugins, make_folder, writable
 
 
 def export(
-    policy: Annotated[str, typer.Argument(metavar="POLICY", help="Trained policy by name, or checkpoint folder.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE", help="With --to a trace, a .nc file; else a trained policy by name or checkpoint folder."
+        ),
+    ],
     scenario: Annotated[
         str | None,
-        typer.Argument(metavar="[SCENARIO]", help="Shipped name or path of a TOML file. Default: as it was trained."),
+        typer.Argument(
+            metavar="[SCENARIO]",
+            help="Of a policy: shipped name or path of a TOML file. Default: as it was trained.",
+        ),
     ] = None,
-    onnx: Annotated[Path | None, typer.Option(help="ONNX file to write; default POLICY.onnx.")] = None,
+    to: Annotated[
+        str | None,
+        typer.Option(metavar="FORMAT", help="Format of a trace: mcap, rrd, parquet or csv."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Of a trace: the file, or the folder of the tables, to write. Default: TRACE.mcap, TRACE.rrd, TRACE."
+        ),
+    ] = None,
+    episode: Annotated[
+        int | None, typer.Option(help="Of a trace of several: the episode in mcap and rrd, from 0. Default: 0.")
+    ] = None,
+    onnx: Annotated[
+        Path | None, typer.Option(help="Of a policy: the ONNX file to write. Default: POLICY.onnx.")
+    ] = None,
     overrides: Overrides = None,
     plugins: Plugins = None,
 ) -> None:
-    """Write a learned policy as ONNX: the world's observation (N, K, O) in, its action (N, K, 2) out, any N.
+    """Write a recorded run for other tools, or a learned policy as ONNX.
 
+    **A trace** of `simulate --trace`, with `--to`: *mcap* is one episode as messages of ROS 2, for Foxglove, RViz
+    and PlotJuggler; *rrd* is one for the Rerun viewer; *parquet* and *csv* are a folder of tables, all episodes in
+    them, for pandas, R, DuckDB and spreadsheets. *mcap* and *parquet* need the extra `export`, *rrd* the extra
+    `rerun`.
+
+    **A policy**, without `--to`: the world's observation (N, K, O) in, its action (N, K, 2) out, any N.
     Everything between the two is inside. What each number is, and how the policy was trained, travels as metadata.
-    It runs in onnxruntime and needs nothing of usvauv.
+    It runs in onnxruntime and needs nothing of usvauv. Writing it needs the extra `onnx`.
 
     **Examples:**
 
-    `usvauv export sac-extreme --onnx boat.onnx`
+    `usvauv export mission.nc --to mcap`
 
-    `usvauv export runs/mine --onnx mine.onnx`
+    `usvauv export missions.nc --to parquet --out tables`
+
+    `usvauv export sac-extreme --onnx boat.onnx`
 
     `usvauv export runs/mine extreme --set auv.speed_max=2.0 --onnx slower.onnx`
     """
+    if to is None:
+        for option, value in (("--out", out), ("--episode", episode)):
+            if value is not None:
+                raise UserError(f"{option} {value}: is for a trace, which needs --to; a policy is written by --onnx")
+        _export_policy(source, scenario, onnx, overrides or ())
+        return
+    for option, value in (("SCENARIO", scenario), ("--onnx", onnx), ("--set", (overrides or [None])[0])):
+        if value is not None:
+            raise UserError(f"{option} {value}: is for a policy; --to writes a trace")
+    _export_trace(Path(source), to, out, episode or 0)
+
+
+def _export_policy(policy: str, scenario: str | None, onnx: Path | None, overrides: list[str] | tuple[()]) -> None:
     import policies
     from policies.export import export as write
     from usvauv_env import Scenario
@@ -41,9 +85,29 @@ def export(
 
     if overrides and scenario is None:
         raise UserError("--set: name the scenario whose fields it changes, after the policy")
-    setting = None if scenario is None else Scenario.load(scenario, overrides or ())
+    setting = None if scenario is None else Scenario.load(scenario, overrides)
     path = writable(onnx or Path(f"{Path(policy).name}.onnx"), "--onnx", (".onnx",))
     player = policies.load_learned(policy, setting)
     write(player, path)
     auvs, size = player.scenario.auv.count, ObservationLayout.of(player.scenario).size
     typer.echo(f"onnx: {path.resolve()}: observation (N, {auvs}, {size}), action (N, {auvs}, 2)")
+
+
+def _export_trace(path: Path, to: str, out: Path | None, episode: int) -> None:
+    from usvauv_env import Trace
+    from usvauv_env.exchange import formats
+
+    if to not in formats.WRITERS:
+        raise UserError(f"--to {to!r}: allowed are {', '.join(formats.WRITERS)}")
+    if to in formats.FOLDERS:
+        target = out or Path(path.stem)
+    else:
+        target = writable(out or Path(f"{path.stem}.{to}"), "--out", (f".{to}",))
+    trace = Trace.load(path)
+    episodes = trace.power.shape[1]
+    if not 0 <= episode < episodes:
+        raise UserError(f"--episode {episode}: {path} has episodes 0 to {episodes - 1}")
+    if to in formats.FOLDERS:
+        make_folder(target)
+    formats.write(trace, to, target, episode)
+    typer.echo(f"{to}: {target.resolve()}")

@@ -1,0 +1,39 @@
+"""The formats in which a trace can be written, by name."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+from kernels.errors import UserError
+from usvauv_env.record.trace import Trace
+
+FOLDERS = ("csv", "parquet")  # formats with a file for each table
+WRITERS = {"csv": "tables", "parquet": "tables", "mcap": "ros2", "rrd": "rerun_recording"}
+NEEDED = {"parquet": ("export", "pyarrow"), "mcap": ("export", "rosbags", "mcap"), "rrd": ("rerun", "rerun")}
+
+
+def write(trace: Trace, form: str, path: Path, world: int = 0) -> None:
+    """Write a trace in a format of `WRITERS`.
+
+    Args:
+        path: the file, of `FOLDERS` an existing folder.
+        world: the episode to write; tables have all.
+
+    Raises:
+        UserError: a library is missing.
+        OutputError: a file cannot be written.
+    """
+    extra, *libraries = NEEDED.get(form, ("",))
+    for library in libraries:
+        try:
+            import_module(library)
+        except ModuleNotFoundError as error:
+            raise UserError(
+                f'--to {form}: needs the extra {extra} ({error.name} is missing): pip install "usvauv[{extra}]"'
+            ) from None
+    writer = import_module(f"usvauv_env.exchange.{WRITERS[form]}")
+    if form in FOLDERS:
+        writer.write(trace, path, form)
+    else:
+        writer.write(trace.episode(world), path)

@@ -1,0 +1,92 @@
+"""Where everything is in a scene with z upwards from the still water, of one episode."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from usvauv_env.record.trace import Trace
+
+
+class Poses(NamedTuple):
+    """T times, K AUVs, B boats, M nodes, N points of the surface; positions x east, y north, z up, m.
+
+    Attributes:
+        auvs, fixes, estimates: (T, K, 3); a fix is NaN where none was made, all are at the AUVs' depth.
+        boats: (T, B, 3), on the waves.
+        nodes: (M, 3), at the area's depth.
+        sea: (T, N, 3), the surface row by row from the south; T = 0 where it was not recorded.
+        auv_turn, boat_turn: quaternions x, y, z, w: (T, K, 4) of an AUV's heading through the water, (T, B, 4) of the
+            slope of the surface under a boat.
+    """
+
+    auvs: np.ndarray
+    fixes: np.ndarray
+    estimates: np.ndarray
+    boats: np.ndarray
+    nodes: np.ndarray
+    sea: np.ndarray
+    auv_turn: np.ndarray
+    boat_turn: np.ndarray
+
+    @classmethod
+    def of(cls, trace: Trace) -> Poses:
+        """The poses in world 0 of a trace."""
+        depth = trace.scenario.auv.depth
+        return cls(
+            auvs=_raised(trace.auv_position[:, 0], -depth),
+            fixes=_raised(trace.fix[:, 0], -depth),
+            estimates=_raised(trace.estimate[:, 0], -depth),
+            boats=_raised(trace.boat_position[:, 0], trace.boat_surface[:, 0, :, 0]),
+            nodes=_raised(trace.node_position[0], -trace.scenario.area.depth),
+            sea=_sea(trace),
+            auv_turn=_headings(trace.auv_velocity[:, 0]),
+            boat_turn=_tilts(trace.boat_surface[:, 0, :, 1:]),
+        )
+
+
+def triangles(trace: Trace) -> np.ndarray:
+    """Triangles (2(Y−1)(X−1), 3) of the surface's points, seen from above anticlockwise; none where there is none."""
+    rows, columns = trace.surface.shape[1:]
+    if not rows:
+        return np.zeros((0, 3), int)
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1, 1)
+    lower, upper = (0, 1, columns + 1), (0, columns + 1, columns)
+    return np.concatenate([corner + lower, corner + upper])
+
+
+def _raised(places: np.ndarray, z: float | np.ndarray) -> np.ndarray:
+    """Positions (…, 2) at heights z, (…, 3)."""
+    return np.concatenate([places, np.broadcast_to(z, places.shape[:-1])[..., None]], axis=-1)
+
+
+def _sea(trace: Trace) -> np.ndarray:
+    steps, rows, columns = trace.surface.shape
+    area = trace.scenario.area
+    x, y = (
+        (np.arange(columns) + 0.5) * area.width / max(columns, 1),
+        (np.arange(rows) + 0.5) * area.length / max(rows, 1),
+    )
+    plane = np.stack(np.meshgrid(x, y), axis=-1)
+    return _raised(np.broadcast_to(plane, (steps, *plane.shape)), trace.surface).reshape(steps, -1, 3)
+
+
+def _headings(velocity: np.ndarray) -> np.ndarray:
+    """Quaternions (T, K, 4) of turns about z towards velocities (T, K, 2); who hovers keeps his heading, first east."""
+    moving = (velocity != 0).any(-1)
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(moving))[:, None], -1), axis=0)
+    held = np.take_along_axis(velocity, np.maximum(last, 0)[..., None], axis=0)
+    half = np.arctan2(held[..., 1], held[..., 0]) / 2
+    nothing = np.zeros_like(half)
+    return np.stack([nothing, nothing, np.sin(half), np.cos(half)], axis=-1)
+
+
+def _tilts(slope: np.ndarray) -> np.ndarray:
+    """Quaternions (T, B, 4) of the least turn from the vertical to the normal of a surface of slopes (T, B, 2)."""
+    x, y = np.moveaxis(slope, -1, 0)
+    length = np.sqrt(1 + x**2 + y**2)
+    turn = np.stack(
+        [y, -x, np.zeros_like(x), 1 + length], axis=-1
+    )  # vertical × normal, 1 + their scalar product, × length
+    return turn / np.linalg.norm(turn, axis=-1, keepdims=True)

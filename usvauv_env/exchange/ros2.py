@@ -1,0 +1,147 @@
+"""A trace as MCAP with messages of ROS 2: Foxglove, PlotJuggler, RViz by `ros2 bag play`, and Rerun open it.
+
+One episode, in the frame "map": x east, y north, z up from the still water, m; stamps are seconds from the mission's
+start. Messages are CDR and travel with their definitions, so that no ROS 2 need be installed to read them.
+
+    /tf                  tf2_msgs/TFMessage                       "map" → "auv_0" …, "usv_0" …
+    /auv_0/pose          geometry_msgs/PoseStamped                the truth, heading through the water
+    /auv_0/velocity      geometry_msgs/TwistStamped               through the water, in "map"
+    /auv_0/fix           geometry_msgs/PoseWithCovarianceStamped  when a reply is detected
+    /auv_0/estimate      geometry_msgs/PoseWithCovarianceStamped  where the boat takes the AUV to be
+    /usv_0/pose          geometry_msgs/PoseStamped                on the waves, as steep as they are
+    /usv_0/goal          geometry_msgs/PointStamped
+    /nodes               sensor_msgs/PointCloud2                  x, y, z and the packets waiting, "backlog"
+    /sea                 sensor_msgs/PointCloud2                  the surface, where the trace has it
+    …/navsat             sensor_msgs/NavSatFix                    beside each pose, if the scenario has a place on Earth
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.writer import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from usvauv_env.exchange.poses import Poses
+from usvauv_env.files import atomic_write
+from usvauv_env.record.trace import Trace
+from usvauv_env.site.site import Site
+
+FRAME = "map"
+FLOAT32 = 7  # sensor_msgs/PointField
+NO_FIX, UNKNOWN = 0, 0  # sensor_msgs/NavSatStatus, NavSatFix: without satellites, of unknown covariance
+UNKNOWN_VARIANCE = 1e6  # m², of what a fix does not measure: RViz cannot draw infinity
+
+
+def write(trace: Trace, path: Path) -> None:
+    """Write the only episode of a trace.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    poses, frame = Poses.of(trace), Site(trace.scenario).frame
+    auvs, boats = poses.auvs.shape[1], poses.boats.shape[1]
+    bodies = [(f"auv_{k}", poses.auvs[:, k], poses.auv_turn[:, k]) for k in range(auvs)]
+    bodies += [(f"usv_{b}", poses.boats[:, b], poses.boat_turn[:, b]) for b in range(boats)]
+    places = {}
+    if frame is not None:
+        places = {name: np.stack([*frame.to_geographic(*at.T[:2]), at[:, 2]], axis=-1) for name, at, _ in bodies}
+    with atomic_write(path) as partial, partial.open("wb") as file:
+        bag = _Bag(file)
+        for t, seconds in enumerate(trace.time):
+            bag.stamp(float(seconds))
+            bag.add("/tf", "tf2_msgs/msg/TFMessage", [bag.transform(name, at[t], turn[t]) for name, at, turn in bodies])
+            for name, at, turn in bodies:
+                bag.add(f"/{name}/pose", "geometry_msgs/msg/PoseStamped", bag.header(), bag.pose(at[t], turn[t]))
+                if name in places:
+                    bag.place(f"/{name}/navsat", places[name][t])
+            for k in range(auvs):
+                bag.velocity(f"/auv_{k}/velocity", trace.auv_velocity[t, 0, k])
+                if np.isfinite(poses.fixes[t, k]).all():
+                    bag.uncertain(f"/auv_{k}/fix", poses.fixes[t, k], trace.fix_covariance[t, 0, k])
+                bag.uncertain(f"/auv_{k}/estimate", poses.estimates[t, k], trace.estimate_covariance[t, 0, k])
+            for b in range(boats):
+                bag.goal(f"/usv_{b}/goal", trace.boat_goal[t, 0, b])
+            bag.cloud("/nodes", np.column_stack([poses.nodes, trace.backlog[t, 0]]), ("x", "y", "z", "backlog"))
+            if len(poses.sea):
+                bag.cloud("/sea", poses.sea[t], ("x", "y", "z"))
+        bag.finish()
+
+
+class _Bag:
+    """Messages of ROS 2 on their way into a file, each at the time that was stamped last."""
+
+    def __init__(self, file: Any) -> None:
+        self._store = get_typestore(Stores.ROS2_HUMBLE)
+        self._writer = Writer(file)
+        self._writer.start(profile="ros2", library="usvauv")
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+
+    def stamp(self, seconds: float) -> None:
+        self._time = round(seconds * 1e9)
+
+    def finish(self) -> None:
+        self._writer.finish()
+
+    def add(self, topic: str, kind: str, *content: Any) -> None:
+        """Append a message."""
+        if kind not in self._schemas:
+            definition, _ = self._store.generate_msgdef(kind, ros_version=2)
+            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition.encode())
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[kind])
+        data = self._store.serialize_cdr(self.message(kind, *content), kind)
+        self._writer.add_message(self._channels[topic], self._time, bytes(data), self._time)
+
+    def message(self, kind: str, *content: Any) -> Any:
+        return self._store.types[kind](*content)
+
+    def header(self) -> Any:
+        seconds, nanoseconds = divmod(self._time, 10**9)
+        return self.message(
+            "std_msgs/msg/Header", self.message("builtin_interfaces/msg/Time", seconds, nanoseconds), FRAME
+        )
+
+    def vector(self, values: Iterable[float], kind: str = "Vector3") -> Any:
+        return self.message(f"geometry_msgs/msg/{kind}", *map(float, values))
+
+    def pose(self, position: np.ndarray, turn: np.ndarray) -> Any:
+        return self.message("geometry_msgs/msg/Pose", self.vector(position, "Point"), self.vector(turn, "Quaternion"))
+
+    def transform(self, child: str, position: np.ndarray, turn: np.ndarray) -> Any:
+        where = self.message("geometry_msgs/msg/Transform", self.vector(position), self.vector(turn, "Quaternion"))
+        return self.message("geometry_msgs/msg/TransformStamped", self.header(), child, where)
+
+    def velocity(self, topic: str, velocity: np.ndarray) -> None:
+        twist = self.message("geometry_msgs/msg/Twist", self.vector((*velocity, 0.0)), self.vector(np.zeros(3)))
+        self.add(topic, "geometry_msgs/msg/TwistStamped", self.header(), twist)
+
+    def goal(self, topic: str, goal: np.ndarray) -> None:
+        self.add(topic, "geometry_msgs/msg/PointStamped", self.header(), self.vector((*goal, 0.0), "Point"))
+
+    def uncertain(self, topic: str, position: np.ndarray, covariance: np.ndarray) -> None:
+        """A position with its covariance xx, xy, yy, m²; the depth is known, the attitude is not."""
+        matrix = np.diag([0.0, 0.0, 0.0, *[UNKNOWN_VARIANCE] * 3])
+        matrix[[0, 0, 1, 1], [0, 1, 0, 1]] = covariance[[0, 1, 1, 2]]
+        pose = self.pose(position, np.array((0.0, 0.0, 0.0, 1.0)))
+        content = self.message("geometry_msgs/msg/PoseWithCovariance", pose, matrix.ravel())
+        self.add(topic, "geometry_msgs/msg/PoseWithCovarianceStamped", self.header(), content)
+
+    def place(self, topic: str, place: np.ndarray) -> None:
+        """A place on Earth: longitude, latitude, degrees, and height above the still water, m."""
+        longitude, latitude, height = map(float, place)
+        status = self.message("sensor_msgs/msg/NavSatStatus", NO_FIX, 0)
+        kind = "sensor_msgs/msg/NavSatFix"
+        self.add(topic, kind, self.header(), status, latitude, longitude, height, np.zeros(9), UNKNOWN)
+
+    def cloud(self, topic: str, points: np.ndarray, names: tuple[str, ...]) -> None:
+        """Points (N, F) with the fields named."""
+        step = 4 * len(names)
+        fields = [self.message("sensor_msgs/msg/PointField", name, 4 * i, FLOAT32, 1) for i, name in enumerate(names)]
+        data = np.frombuffer(np.asarray(points, "<f4").tobytes(), np.uint8)
+        size = 1, len(points), fields, False, step, step * len(points), data, True
+        self.add(topic, "sensor_msgs/msg/PointCloud2", self.header(), *size)

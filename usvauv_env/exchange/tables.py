@@ -1,0 +1,108 @@
+"""A trace as tables: a row for each time, world and thing; also one for each fix and one for each completed service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from usvauv_env.files import atomic_write
+from usvauv_env.record.collection import served
+from usvauv_env.record.trace import VARIABLES, Trace
+
+Table = dict[str, np.ndarray]
+
+ROWS = {
+    "auvs": ("time", "world", "auv"),
+    "boats": ("time", "world", "boat"),
+    "nodes": ("time", "world", "node"),
+    "vortices": ("time", "world", "vortex"),
+    "worlds": ("time", "world"),
+}
+PARTS = {
+    "axis": ("x", "y"),
+    "component": ("xx", "xy", "yy"),
+    "surface_component": ("elevation", "slope_x", "slope_y"),
+    "vortex_parameter": ("x", "y", "circulation", "radius"),
+}
+
+
+def tables(trace: Trace) -> dict[str, Table]:
+    """Columns (N,) of the tables of `ROWS`, of "fixes" and of "services"; all worlds of the trace.
+
+    A column is named after its variable of `usvauv_env.record.trace.VARIABLES`, with the part of it behind: "fix_x".
+    What does not change with time is repeated. "fixes" has a row for each detected reply, "services" one for each
+    completed service.
+    """
+    found = {name: _table(trace, index) for name, index in ROWS.items()}
+    return found | {"fixes": _fixes(trace), "services": _services(trace)}
+
+
+def write(trace: Trace, folder: Path, form: str) -> None:
+    """Write each table as a file NAME.csv or NAME.parquet; what is not there, as a fix where none was made, is empty.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    import pandas as pd
+
+    for name, table in tables(trace).items():
+        frame = pd.DataFrame(table)
+        with atomic_write(folder / f"{name}.{form}") as partial:
+            if form == "csv":
+                frame.to_csv(partial, index=False)
+            else:
+                frame.to_parquet(partial, engine="pyarrow", index=False)
+
+
+def _table(trace: Trace, index: tuple[str, ...]) -> Table:
+    """Every variable whose last dimension, parts apart, is the last one of the index."""
+    shape = tuple(_size(trace, dimension) for dimension in index)
+    places = np.indices(shape).reshape(len(shape), -1)
+    table = {"time": trace.time[places[0]]} | {name: places[i] for i, name in enumerate(index) if i}
+    parts = {**PARTS, "reward_term": trace.reward_names}
+    for name, about in VARIABLES.items():
+        *own, last = about.dimensions
+        values = getattr(trace, name)
+        if last in parts:
+            columns = {f"{name}_{part}": values[..., i] for i, part in enumerate(parts[last])}
+        else:
+            own, columns = [*own, last], {name: values}
+        if own != ["time"] and own[-1] == index[-1]:
+            missing = (None,) * (len(index) - len(own))
+            table |= {column: np.broadcast_to(part[missing], shape).ravel() for column, part in columns.items()}
+    return table
+
+
+def _size(trace: Trace, dimension: str) -> int:
+    """Length of a dimension of the trace's variables."""
+    return next(
+        getattr(trace, name).shape[about.dimensions.index(dimension)]
+        for name, about in VARIABLES.items()
+        if dimension in about.dimensions
+    )
+
+
+def _fixes(trace: Trace) -> Table:
+    """What the boats' USBL put out, in the order of time."""
+    step, world, auv = np.nonzero(np.isfinite(trace.fix).all(-1))
+    (x, y), (xx, xy, yy) = trace.fix[step, world, auv].T, trace.fix_covariance[step, world, auv].T
+    covariance = {"covariance_xx": xx, "covariance_xy": xy, "covariance_yy": yy}
+    depth = np.full(len(x), trace.scenario.auv.depth)
+    boat, flags = trace.fix_boat[step, world, auv], trace.fix_flags[step, world, auv]
+    return _rows(trace, step, world, auv) | {"x": x, "y": y, "depth": depth, **covariance, "boat": boat, "flags": flags}
+
+
+def _services(trace: Trace) -> Table:
+    """The completed services in the order of time."""
+    step, world, auv, node = served(trace)
+    amounts = ("service_rate", "delivered", "packets_delivered")
+    return (
+        _rows(trace, step, world, auv)
+        | {"node": node}
+        | {name: getattr(trace, name)[step, world, auv] for name in amounts}
+    )
+
+
+def _rows(trace: Trace, step: np.ndarray, world: np.ndarray, auv: np.ndarray) -> Table:
+    return {"time": trace.time[step], "world": world, "auv": auv}
