@@ -12,6 +12,7 @@ from usvauv_cli.commands.options import Arch, Overrides, Plugins, writable
 from usvauv_cli.objectives import MEASUREMENTS, NAMES, OBJECTIVES
 
 if TYPE_CHECKING:
+    from usvauv_cli.fix_log.estimate import Estimate
     from usvauv_env import Scenario
     from usvauv_env.positioning import BoatPlace, Plan
 
@@ -26,6 +27,14 @@ def plan(
             metavar="X,Y,Z",
             help="An AUV: east, north and depth (positive down), m; up to 16 times. Where the scenario has a place on"
             " Earth also latitude and longitude, 22.5101N,114.0203E,100 or 22°30.6'N,114°1.2'E,100.",
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Fixes of a USBL instead of --auv: CSV with time, auv, depth and x, y or latitude, longitude; or its"
+            " sentences $PSIMSSB, $PSONLLD, $PTSAG, USBLLONG, with $--GGA and $--HDT of the boat.",
         ),
     ] = None,
     scenario: Annotated[
@@ -91,6 +100,9 @@ def plan(
     `water.longitude` of that corner are set or `water` names a file; then positions can be latitudes and longitudes
     with their sides, and results have both.
 
+    With `--log` each AUV is where the last seven of its fixes say; a table has that and how much its fixes scatter. A
+    log in degrees lays the area around its middle where the scenario has no place on Earth.
+
     **Examples:**
 
     `usvauv plan --auv 60,80,100 --auv 150,120,90 --compare 0,0`
@@ -98,6 +110,8 @@ def plan(
     Your own USBL, a transponder in a 600 m wide area: `usvauv plan --auv 100,80,40 --auv 450,300,180
     --set area.width=600 --set area.length=400 --set area.depth=250 --set acoustics.path=transponder
     --set acoustics.source_level=170 --set usbl.spacing=0.025 --set usbl.attitude_error=0.003`
+
+    From fixes: `usvauv plan --log fixes.csv`, `usvauv plan --log usbl.txt --set area.width=600 --set area.depth=250`
 
     A place on Earth: `usvauv plan --set water.latitude=22.51 --set water.longitude=114.02
     --auv 22.5101N,114.0203E,100 --auv 22.5115N,114.0212E,90`
@@ -111,7 +125,8 @@ def plan(
     *range* (slant, m), *major*, *minor* (1-σ, m), *angle* of the
     major axis (rad, anticlockwise from east), *good* (probability, the product of *detected* and *good_if_detected*),
     *wrapped* (probability, of fixes detected), *direct_ray* (false: the sound speed profile bends it away),
-    *signal_excess* (over the detection threshold, dB); *warnings*: the lines on standard error. *log_objective*,
+    *signal_excess* (over the detection threshold, dB); *warnings*: the lines on standard error; with
+    `--log` *log*, for each AUV *name*, *fixes*, *used*, *x*, *y*, *depth*, *noise* and *accuracy* (m). *log_objective*,
     lengths in m, J the information on all positions: d ln det J; a −ln tr J⁻¹; e ln of J's least eigenvalue; sum ln det
     of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms* where an
     axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms* where no AUV is located;
@@ -125,11 +140,18 @@ def plan(
     from usvauv_env.positioning import solve
     from usvauv_env.site.positions import DEGREES, auv_position, boat_position, look_geographic
 
-    setting = Scenario.load(scenario, overrides or ())
+    setting, estimates, bad = Scenario.load(scenario, overrides or ()), [], []
     objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)
     measurement = choice("--measurement", measurement or setting.planner.measurement, MEASUREMENTS)
     hint = DEGREES if look_geographic(auv or (), setting) else ""
     auvs = [auv_position(text, setting, hint) for text in auv or ()]
+    if log:
+        if auvs:
+            raise UserError("--log: gives the AUVs; leave --auv out")
+        from usvauv_cli.fix_log.estimate import auvs_of_log
+
+        estimates, setting, bad = auvs_of_log(log, setting)
+        auvs = [(found.x, found.y, found.depth) for found in estimates]
     if not auvs:
         raise UserError("--auv: give each AUV as X,Y,Z in metres, Z its depth, for example --auv 60,80,100")
     setting = with_team(setting, auvs)
@@ -152,10 +174,12 @@ def plan(
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
     if hint:
         result = replace(result, warnings=[f"--auv: {hint}", *result.warnings])
+    result = replace(result, warnings=[*bad, *result.warnings])
     for warning in result.warnings:
         typer.echo(f"warning: {warning}", err=True)
     if json_file:
-        text = json.dumps(asdict(result), indent=1, allow_nan=False)
+        fields = asdict(result) | ({"log": [found._asdict() for found in estimates]} if log else {})
+        text = json.dumps(fields, indent=1, allow_nan=False)
         if to_stdout:
             typer.echo(text)
         else:
@@ -168,6 +192,8 @@ def plan(
 
         plan_figure.draw(result, landscape, out)
     if not to_stdout:
+        if log:
+            print_estimates(estimates)
         print_table(result)
         for path in filter(None, (out, json_file)):
             typer.echo(f"written: {Path(path).resolve()}")
@@ -241,6 +267,19 @@ def print_budget(name: str, place: BoatPlace) -> None:
     headings = [f"error by cause, {name}, rms m", *(f"AUV {k}" for k in range(1, len(place.errors) + 1))]
     causes = [(cause, *map(metres, values)) for cause, values in place.budget.items() if any(values)]
     tables.print_table(headings, causes)
+
+
+def print_estimates(estimates: list[Estimate]) -> None:
+    """Print where each AUV is by its fixes, and how much they scatter."""
+    from usvauv_cli import tables
+
+    rows = [
+        (str(k), found.name, str(found.fixes), f"{found.x:.1f}", f"{found.y:.1f}", f"{found.depth:.1f}",
+         metres(found.noise), metres(found.accuracy))
+        for k, found in enumerate(estimates, 1)
+    ]  # fmt: skip
+    tables.print_table(("AUV", "in the log", "fixes", "x m", "y m", "depth m", "noise rms m", "place ± m"), rows)
+    typer.echo()
 
 
 def print_table(result: Plan) -> None:

@@ -1,0 +1,176 @@
+"""A log of fixes as places over time: from CSV, or from the sentences of a USBL system."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from kernels.errors import UserError
+from kernels.positioning.usbl import UNUSABLE
+from usvauv_cli.fix_log import sentences
+from usvauv_cli.fix_log.sentences import BadLine, Boat, Geographic, Heading
+from usvauv_env import Scenario
+from usvauv_env.site.local_frame import LocalFrame
+from usvauv_env.site.site import Site
+
+METRES, DEGREES = ("x", "y"), ("latitude", "longitude")
+DAY = 86400.0
+NAMED = 3  # bad lines that are named
+LARGEST = 2**25  # bytes of a log
+
+
+class Fixes(NamedTuple):
+    """The fixes of one AUV in the order of the log.
+
+    Attributes:
+        name: as in the log.
+        time: (N,), s.
+        places: (N, 2), x and y in the scenario's area, m.
+        depth: (N,), m.
+    """
+
+    name: str
+    time: np.ndarray
+    places: np.ndarray
+    depth: np.ndarray
+
+
+class _Fix(NamedTuple):
+    """A fix in metres, or in degrees with metres to add to it."""
+
+    name: str
+    time: float
+    depth: float
+    offset: tuple[float, float]
+    origin: tuple[float, float] | None = None  # latitude, longitude
+
+
+def read_log(path: Path, scenario: Scenario) -> tuple[list[Fixes], Scenario, list[str]]:
+    """The fixes in a log by AUV, the scenario with a place on Earth, and one line about lines that are bad.
+
+    Where the log has degrees and the scenario no place on Earth, its area is laid around the middle of the fixes.
+
+    Raises:
+        UserError: the file cannot be read, or has no fix.
+    """
+    try:
+        if path.stat().st_size > LARGEST:
+            raise UserError(f"--log {path}: larger than {LARGEST // 2**20} MiB")
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    except OSError as error:
+        raise UserError(f"--log {path}: cannot be read: {error.strerror}") from None
+    bad: list[str] = []
+    header = [name.strip() for name in lines[0].split(",")] if lines else []
+    try:
+        found = list(_rows(header, lines, bad) if "time" in header else _sentences(lines, bad))
+    except UserError as error:
+        raise UserError(f"--log {path}: {error}") from None
+    if not found:
+        reason = f"; line {bad[0]}" if bad else ""
+        raise UserError(f"--log {path}: no fix in it: expected CSV with a header or sentences of a USBL system{reason}")
+    scenario = _placed(found, scenario)
+    frame = Site(scenario).frame
+    by_name: dict[str, list[_Fix]] = {}
+    for fix in found:
+        by_name.setdefault(fix.name, []).append(fix)
+    fixes = [
+        Fixes(
+            name,
+            _unwrapped(np.array([fix.time for fix in own])),
+            np.array([_place(fix, frame) for fix in own]),
+            np.array([fix.depth for fix in own]),
+        )
+        for name, own in by_name.items()
+    ]
+    return fixes, scenario, [_about(path, bad)] if bad else []
+
+
+def _rows(header: list[str], lines: list[str], bad: list[str]) -> Iterator[_Fix]:
+    """Fixes of CSV: time, auv, depth and x, y or latitude, longitude; world and flags as of `usvauv export --to csv`."""
+    where = METRES if set(METRES) <= set(header) else DEGREES
+    missing = [name for name in ("auv", *where, "depth") if name not in header]
+    if missing:
+        needed = "time, auv, depth and x, y or latitude, longitude"
+        raise UserError(f"no column {', '.join(missing)}; it needs {needed}")
+    worlds = set()
+    for number, row in enumerate(csv.DictReader(lines[1:], header), 2):
+        try:
+            first, second, time, depth = (_finite(row[name]) for name in (*where, "time", "depth"))
+            flags = int(row.get("flags") or 0)
+        except (TypeError, ValueError):
+            bad.append(f"{number}: a number is missing or none")
+            continue
+        worlds.add(row.get("world"))
+        if len(worlds) > 1:
+            raise UserError("fixes of several episodes, see its column world; keep one")
+        if flags & UNUSABLE:
+            continue
+        if where is METRES:
+            yield _Fix(row["auv"], time, depth, (first, second))
+        else:
+            yield _Fix(row["auv"], time, depth, (0.0, 0.0), (first, second))
+
+
+def _sentences(lines: list[str], bad: list[str]) -> Iterator[_Fix]:
+    boat, heading = None, None
+    for number, line in enumerate(lines, 1):
+        try:
+            said = sentences.parse(line)
+            if isinstance(said, Boat):
+                boat = said
+            elif isinstance(said, Heading):
+                heading = said.angle
+            elif isinstance(said, Geographic):
+                yield _Fix(said.name, said.time, said.depth, (0.0, 0.0), (said.latitude, said.longitude))
+            elif said is not None:
+                if boat is None or (said.ahead and heading is None):
+                    raise BadLine(f"a fix relative to the boat, and no ${'--HDT' if boat else '--GGA'} before it")
+                offset = said.x, said.y
+                if said.ahead:
+                    sin, cos = math.sin(heading or 0.0), math.cos(heading or 0.0)
+                    offset = cos * said.x + sin * said.y, cos * said.y - sin * said.x
+                yield _Fix(said.name, said.time, said.depth, offset, (boat.latitude, boat.longitude))
+        except BadLine as error:
+            bad.append(f"{number}: {error}")
+
+
+def _placed(fixes: Iterable[_Fix], scenario: Scenario) -> Scenario:
+    """The scenario; if it needs a place on Earth and has none, with its area around the middle of the fixes."""
+    origins = np.array([fix.origin for fix in fixes if fix.origin])
+    if not len(origins) or Site(scenario).frame:
+        return scenario
+    latitude, longitude = np.median(origins, axis=0)
+    area = scenario.area
+    corner = LocalFrame(longitude, latitude).to_geographic(np.array(-area.width / 2), np.array(-area.length / 2))
+    place = {"longitude": float(corner[0]), "latitude": float(corner[1])}
+    return scenario.model_copy(update={"water": scenario.water.model_copy(update=place)})
+
+
+def _place(fix: _Fix, frame: LocalFrame | None) -> tuple[float, float]:
+    if fix.origin is None or frame is None:
+        return fix.offset
+    x, y = frame.to_local(np.array(fix.origin[1]), np.array(fix.origin[0]))
+    return float(x) + fix.offset[0], float(y) + fix.offset[1]
+
+
+def _unwrapped(time: np.ndarray) -> np.ndarray:
+    """Times that go on after midnight."""
+    return time + DAY * np.cumsum(np.diff(time, prepend=time[:1]) < -DAY / 2)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def _about(path: Path, bad: list[str]) -> str:
+    more = f" and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
+    lines = "line" if len(bad) == 1 else "lines"
+    return f"--log {path}: {len(bad)} bad {lines} left out: {'; '.join(bad[:NAMED])}{more}"
