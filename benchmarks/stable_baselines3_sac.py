@@ -8,12 +8,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
+from stable_baselines3 import SAC
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 import policies
-from examples.stable_baselines3_sac import SAC, AuvVecEnv
+from examples.stable_baselines3_sac import REWARD_SCALE
 from policies.frames import FRAMES, Frame
 from usvauv_env import Scenario
+from usvauv_env.faces.sb3_env import AuvVecEnv
 
 DEFAULT_WORLDS = 4
 
@@ -22,7 +24,7 @@ def learner(variant: str, scenario: str, seed: int) -> tuple[SAC, Callable[[torc
     """An untrained model, its action in our worlds without exploration, and the number of AUVs."""
     ours = policies.TrainingConfig()
     worlds = DEFAULT_WORLDS if variant == "sb3_defaults" else ours.num_worlds
-    env = AuvVecEnv(worlds, seed, scenario=scenario)
+    env = AuvVecEnv(scenario, worlds, seed, reward_scale=REWARD_SCALE)
     num_auvs, space = env.num_auvs, env.observation_space
     frame = FRAMES[ours.frame if variant == "sb3_tuned_our_frame" else "world"](Scenario.load(scenario))
     settings: dict[str, Any] = {}

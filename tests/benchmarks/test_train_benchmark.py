@@ -95,11 +95,10 @@ def test_a_run_that_did_not_arrive_bounds_the_ratio():
 def test_stable_baselines3_sees_and_steers_through_our_frame():
     pytest.importorskip("stable_baselines3")
     others = importlib.import_module("benchmarks.stable_baselines3_sac")
-    example = importlib.import_module("examples.stable_baselines3_sac")
     scenario = Scenario.load("extreme", ["mission.duration=2.0"])
     frame = TargetFrame(scenario)
-    plain = example.AuvVecEnv(3, 5, scenario=scenario)
-    framed = others.Framed(example.AuvVecEnv(3, 5, scenario=scenario), frame)
+    plain = others.AuvVecEnv(scenario, 3, 5)
+    framed = others.Framed(others.AuvVecEnv(scenario, 3, 5), frame)
     seen = plain.reset()
     assert np.array_equal(framed.reset(), frame.encode(torch.from_numpy(seen)).numpy())
     steer = np.random.default_rng(0).uniform(-1, 1, (6, 2)).astype(np.float32)

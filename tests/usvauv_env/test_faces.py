@@ -12,7 +12,7 @@ import torch
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
-from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
+from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test, state_test
 from pettingzoo.utils import parallel_to_aec
 
 from tests.links import EVERY_STEP
@@ -72,7 +72,7 @@ class TestAutoreset:
             assert truncated.tolist() == [step == 5] * 3
             assert not terminated.any()
             if step == 6:
-                assert info == {}
+                assert info.keys() == {"auv_reward", "_auv_reward"}
                 np.testing.assert_array_equal(reward, np.zeros(3))
             else:
                 per_auv = first_rewards[step - 1] if step <= 5 else second_rewards[step - 7]
@@ -164,7 +164,10 @@ class TestAutoreset:
 
     @pytest.mark.parametrize("mode", list(AutoresetMode))
     def test_as_gymnasiums_own_vector_env(self, short, mode):
-        """Same types, shapes and info keys as SyncVectorEnv over the single face, and world 0 the same numbers."""
+        """Same types, shapes and info keys as SyncVectorEnv over the single face, and world 0 the same numbers.
+
+        Except that "auv_reward" is there in every step: see `test_rewards_of_auvs_are_in_every_info`.
+        """
         theirs = SyncVectorEnv([lambda: DataCollectionEnv(short)] * 3, autoreset_mode=mode)
         ours = vector_env(short, mode)
         assert ours.single_observation_space == theirs.single_observation_space
@@ -186,11 +189,25 @@ class TestAutoreset:
         alike(ours.reset(seed=7)[0], theirs.reset(seed=7)[0], "reset")
         for step, move in enumerate(actions(12), start=1):
             a, b = ours.step(move), theirs.step(move)
+            for info in (a[4], b[4]):
+                info.pop("auv_reward", None), info.pop("_auv_reward", None)
             for name, x, y in zip(("observation", "reward", "terminated", "truncated", "info"), a, b, strict=True):
                 alike(x, y, f"step {step} {name}")
             if mode is AutoresetMode.DISABLED and a[3].any():
                 mask = {"reset_mask": a[3]}
                 alike(ours.reset(options=mask)[0], theirs.reset(options=mask.copy())[0], f"reset after step {step}")
+
+    @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+    def test_rewards_of_auvs_are_in_every_info(self, short, mode):
+        envs, single = vector_env(short, mode), DataCollectionEnv(short)
+        envs.reset(seed=7)
+        single.reset(seed=7)
+        for step, move in enumerate(actions(2 * STEPS + 1)):
+            _, reward, _, _, info = envs.step(move)
+            assert info["_auv_reward"].all()
+            np.testing.assert_allclose(info["auv_reward"].sum(-1), reward, rtol=1e-5)
+            if step < STEPS:
+                np.testing.assert_array_equal(info["auv_reward"][0], single.step(move[0])[4]["auv_reward"])
 
     @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
     def test_episode_statistics_wrapper(self, short, mode):
@@ -205,6 +222,10 @@ class TestAutoreset:
 
 
 class TestVectorEnv:
+    def test_several_seeds_are_refused(self, short):
+        with pytest.raises(TypeError, match=r"seed = \[1, 2, 3\]: must be one number"):
+            vector_env(short).reset(seed=[1, 2, 3])
+
     @pytest.mark.parametrize(
         ("mask", "error"),
         [
@@ -378,6 +399,17 @@ class TestSingleEnv:
 class TestParallelEnv:
     def test_api(self):
         parallel_api_test(parallel_env(Scenario.load("extreme", ["mission.duration=30"])), num_cycles=100)
+
+    @pytest.mark.filterwarnings("ignore:Environment's .* state space value is:UserWarning")  # nothing bounds a backlog
+    def test_state(self, short):
+        env = parallel_env(short)
+        env.reset(seed=1)
+        state_test(parallel_to_aec(env), parallel_env(short))
+        env.reset(seed=1)
+        before = env.state()
+        assert before.shape == env.state_space.shape
+        env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+        assert not np.array_equal(env.state(), before)
 
     def test_seed(self):
         parallel_seed_test(parallel_env, num_cycles=50)

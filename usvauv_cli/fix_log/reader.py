@@ -91,7 +91,7 @@ def read_log(path: Path, scenario: Scenario) -> tuple[list[Fixes], Scenario, lis
 
 
 def _rows(header: list[str], lines: list[str], bad: list[str]) -> Iterator[_Fix]:
-    """Fixes of CSV: time, auv, depth and x, y or latitude, longitude; world and flags as of `usvauv export --to csv`."""
+    """Fixes of CSV: time, auv, depth and x, y or latitude, longitude; world and flags as `usvauv export` has."""
     where = METRES if set(METRES) <= set(header) else DEGREES
     missing = [name for name in ("auv", *where, "depth") if name not in header]
     if missing:

@@ -153,7 +153,8 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many missions side by side: `gymnasium.make_vec("usvauv/DataCollection-v0", num_envs=512)`.
 
     Sub-environment w is world w of one `World`; the module's table gets a leading axis W. Info follows Gymnasium's
-    vector form: beside each key stands its mask (W,), and worlds that were reset have no info of a step.
+    vector form: beside each key stands its mask (W,), and worlds that were reset have no info of a step, but for
+    "auv_reward", which is there in every step and sums to the reward.
 
     When an episode ends, by `autoreset_mode`:
 
@@ -163,7 +164,8 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         DISABLED    the caller resets, `reset(options={"reset_mask": mask})` only the worlds in the bool mask (W,)
 
     `reset(seed=s)` begins the first episodes of `World(scenario, W, s)`, `reset()` the next ones. Seas start anew when
-    all worlds are reset together. With render_mode "rgb_array" `render()` gives a picture of every world.
+    all worlds are reset together. With render_mode "rgb_array" `render()` gives a picture of every world. Worlds have
+    one seed in common, of which each takes its own random numbers: a list of seeds is refused.
 
     Args:
         num_envs: number of missions W.
@@ -222,9 +224,12 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             Observation (W, K, O), for worlds not reset their present one; an empty info.
 
         Raises:
-            TypeError, ValueError: the mask is not a bool array (W,) with a world chosen, or comes with a seed.
+            TypeError, ValueError: the mask is not a bool array (W,) with a world chosen, or comes with a seed; or there
+                are several seeds.
             ResetNeeded: the first reset must be of all worlds.
         """
+        if seed is not None and not isinstance(seed, int | np.integer):
+            raise TypeError(f"seed = {seed!r}: must be one number; world w of a seed is a mission of its own")
         mask = (options or {}).get("reset_mask")
         if mask is None:
             mask = np.ones(self.num_envs, np.bool_)
@@ -255,7 +260,9 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         if over.all():  # only with NEXT_STEP; stepping worlds that begin anew would be wasted
             self._begin(over)
-            return self._observation(), np.zeros(self.num_envs), np.zeros_like(over), np.zeros_like(over), {}
+            nothing = np.zeros((self.num_envs, self.world.num_auvs), np.float32)
+            info = self._rewards(nothing)
+            return self._observation(), np.zeros(self.num_envs), np.zeros_like(over), np.zeros_like(over), info
 
         truncated, details = _advance(self.world, actions)
         if self.render_mode:
@@ -265,6 +272,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._begin(over)
         truncated &= stepped
         reward = np.where(stepped, _team_reward(details), 0.0)
+        rewards = self._rewards(np.where(stepped[:, None], details["auv_reward"], np.float32(0)))
         observation = self._observation()
         if self.autoreset_mode is AutoresetMode.SAME_STEP and truncated.any():
             info = _masked(details, ~truncated) | self._final(observation, details, truncated)
@@ -273,7 +281,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         else:
             info = _masked(details, stepped)
             self._over = truncated.copy()
-        return observation, reward, np.zeros(self.num_envs, np.bool_), truncated, info
+        return observation, reward, np.zeros(self.num_envs, np.bool_), truncated, info | rewards
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Every mission as it is now, W pictures (720, 1280, 3) uint8, RGB; None without a render mode."""
@@ -287,6 +295,10 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _observation(self) -> np.ndarray:
         return _observe(self.world, self.single_observation_space)
+
+    def _rewards(self, auv_reward: np.ndarray) -> dict[str, np.ndarray]:
+        """The info that every step has, of all worlds."""
+        return {"auv_reward": auv_reward, "_auv_reward": np.ones(self.num_envs, np.bool_)}
 
     def _final(self, observation: np.ndarray, details: dict[str, np.ndarray], over: np.ndarray) -> dict[str, Any]:
         """Gymnasium's info of episodes that were reset in the step that ended them."""
