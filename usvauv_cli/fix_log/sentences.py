@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from functools import reduce
 from typing import NamedTuple
 
@@ -87,9 +88,9 @@ def parse(line: str) -> Sentence | None:
     return _guarded(read, found["body"].split(",")[1:])
 
 
-def _guarded(read: object, fields: list[str]) -> Sentence | None:
+def _guarded(read: Callable[[list[str]], Sentence | None], fields: list[str]) -> Sentence | None:
     try:
-        return read(fields)  # type: ignore[operator]
+        return read(fields)
     except (IndexError, ValueError):
         raise BadLine("a field is missing or not as documented") from None
 
