@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -185,9 +184,8 @@ class TestCommand:
     def test_a_signal_to_one_ends_all_and_saves(self, tmp_path):
         out = tmp_path / "run"
         processes = begin(2, *self.BEGIN, "--steps", 10**6, "--out", out)
-        while not (out / "tensorboard").exists():  # training has begun
-            assert all(process.poll() is None for process in processes), end(processes)
-            time.sleep(0.1)
+        assert processes[0].stdout
+        assert any(" left: " in line for line in processes[0].stdout), end(processes)  # a report, of both
         processes[1].send_signal(signal.SIGTERM)
         (code, said, error), *other = end(processes)
         assert (code, error) == (143, "stopped\n")
