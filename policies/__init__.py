@@ -16,12 +16,13 @@ from policies.evaluation import evaluate
 from policies.learned import LearnedPolicy
 from policies.loading import acting, available, check, default, load, load_learned, named, trained
 from policies.policy import Policy, PolicyError
-from policies.training import Trainer, TrainingWorld
+from policies.training import Seeds, Trainer, TrainingWorld
 
 __all__ = [
     "LearnedPolicy",
     "Policy",
     "PolicyError",
+    "Seeds",
     "Trainer",
     "TrainingConfig",
     "TrainingWorld",

@@ -37,15 +37,16 @@ class CudaRecorder:
     """Records with `torch.cuda.graph` on a stream of its own.
 
     Args:
-        generator: on the device, from which recorded functions draw; each replay draws anew.
+        generators: on the device, from which recorded functions draw; each replay draws anew.
     """
 
-    def __init__(self, generator: torch.Generator) -> None:
-        self._generator = generator
-        self._stream = torch.cuda.Stream(generator.device)
+    def __init__(self, *generators: torch.Generator) -> None:
+        self._generators = generators
+        self._device = generators[0].device
+        self._stream = torch.cuda.Stream(self._device)
 
     def run(self, function: Callable[[], Outputs]) -> Outputs:
-        current = torch.cuda.current_stream(self._generator.device)
+        current = torch.cuda.current_stream(self._device)
         self._stream.wait_stream(current)
         with torch.cuda.stream(self._stream):
             outputs = function()
@@ -56,7 +57,8 @@ class CudaRecorder:
         graph = torch.cuda.CUDAGraph()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # later versions register generators themselves, and say so
-            graph.register_generator_state(self._generator)
+            for generator in self._generators:
+                graph.register_generator_state(generator)
         with torch.cuda.graph(graph, stream=self._stream):
             outputs = function()
         return graph.replay, outputs
@@ -88,10 +90,10 @@ class Recorded:
         self.forget()
 
     @classmethod
-    def on(cls, generator: torch.Generator, function: Function) -> Recorded:
-        """A function whose tensors lie on the device of the generator, from which alone it draws."""
+    def on(cls, generator: torch.Generator, function: Function, *others: torch.Generator) -> Recorded:
+        """A function whose tensors lie on the device of the generator; it draws from it and the others alone."""
         cuda = generator.device.type == "cuda" and torch.cuda.is_available()
-        return cls(function, CudaRecorder(generator) if cuda else None)
+        return cls(function, CudaRecorder(generator, *others) if cuda else None)
 
     def forget(self) -> None:
         """Record anew, after tensors that the function uses were replaced."""

@@ -144,15 +144,17 @@ class Critic(nn.Module):
         return value.view(self.critics, stack, batch)
 
 
-def stack(value: Tensor, shared: bool) -> Tensor:
-    """(W, K, ...) → (K, W, ...) for a network of each AUV, or (1, W K, ...) for one that all share."""
-    if shared:
-        return value.reshape(1, -1, *value.shape[2:])
-    return value.transpose(0, 1).contiguous()
+def stack(value: Tensor, shared: bool, seeds: int = 1) -> Tensor:
+    """(W, K, ...) → (K, W, ...) for a network of each AUV, or (1, W K, ...) for one that all share.
+
+    Of N seeds, each with its own networks and the next W worlds: (N W, K, ...) → (N K, W, ...) or (N, W K, ...).
+    """
+    of_seeds = value.unflatten(0, (seeds, -1))
+    return (of_seeds.flatten(1, 2) if shared else of_seeds.transpose(1, 2).flatten(0, 1)).contiguous()
 
 
-def unstack(value: Tensor, auvs: int) -> Tensor:
-    """The inverse of `stack`: back to (W, K, ...)."""
-    if value.shape[0] == 1:
+def unstack(value: Tensor, auvs: int, seeds: int = 1) -> Tensor:
+    """The inverse of `stack`: back to (N W, K, ...)."""
+    if value.shape[0] == seeds:
         return value.reshape(-1, auvs, *value.shape[2:])
-    return value.transpose(0, 1)
+    return value.unflatten(0, (seeds, -1)).transpose(1, 2).flatten(0, 1)

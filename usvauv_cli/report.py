@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -147,6 +148,30 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
     print("\n".join(tables.wrapped(line, 4) for line in lines))
 
 
+def mean_of(several: Sequence[Mapping]) -> dict:
+    """Mean of each number of records alike, also within records in them; what is no number is the first one's."""
+    first, means = several[0], {}
+    for name, value in first.items():
+        values = [record[name] for record in several]
+        if isinstance(value, Mapping):
+            means[name] = mean_of(values)
+        else:
+            means[name] = statistics.fmean(values) if isinstance(value, float) else value
+    return means
+
+
+def of_seeds(figures: Sequence[dict]) -> dict:
+    """Figures of several runs as those of one: means, and as text the evaluations' score with its deviation."""
+    scores = [own["evaluation"]["arps"] for own in figures]
+    return mean_of(figures) | {"score": mean_and_spread(scores, 2)}
+
+
+def mean_and_spread(values: Sequence[float], digits: int) -> str:
+    """The mean, of several with their standard deviation."""
+    spread = f" ± {statistics.stdev(values):.{digits}f}" if len(values) > 1 else ""
+    return f"{statistics.fmean(values):.{digits}f}{spread}"
+
+
 @contextmanager
 def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
     """Show a training run as a live table, outside a terminal as lines; the function it gives takes new figures."""
@@ -171,11 +196,16 @@ def _print_lines() -> Callable[[dict], None]:
         printed = figures["seconds"]
         print(
             f"{_share(figures)}: arps {figures['arps']:.2f}, ec {figures['ec']:.1f};"
-            f" evaluation at {figures['evaluated_at']}: arps {figures['evaluation']['arps']:.2f}",
+            f" evaluation at {figures['evaluated_at']}: arps {_score(figures)}",
             flush=True,
         )
 
     return show
+
+
+def _score(figures: dict) -> str:
+    """The evaluation's score, of several seeds with its spread."""
+    return figures.get("score", f"{figures['evaluation']['arps']:.2f}")
 
 
 def _share(figures: dict) -> str:
@@ -209,7 +239,10 @@ def training_table(figures: dict, baseline: dict, title: str) -> RenderableType:
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
     for name, (words, training) in TRAINED.items():
         values = figures.get(training), figures["evaluation"].get(name), baseline[name]
-        table.add_row(words, *("" if value is None else f"{value:.2f}" for value in values))
+        cells = ["" if value is None else f"{value:.2f}" for value in values]
+        if name == "arps":
+            cells[1] = _score(figures)
+        table.add_row(words, *cells)
     terms = Table.grid(padding=(0, 1, 0, 0))
     for place in range(1 + 2 * PAIRS):
         terms.add_column(justify="left" if not place or place % 2 else "right", no_wrap=True)

@@ -81,6 +81,7 @@ class Learner(nn.Module, Generic[Actor]):
         self.sizes = sizes
         self.config = config
         self.generator = generator
+        self.generators = (generator,)
         self.updates = 0
         self.optimisers: dict[str, torch.optim.Adam] = {}
         self.join: Callable[[Sequence[Tensor]], Sequence[Tensor]] | None = None
@@ -145,9 +146,15 @@ class Learner(nn.Module, Generic[Actor]):
         """Move the averaged actor towards the actor."""
         lerp_(list(self.averaged.parameters()), list(self.actor.parameters()), 1.0 / AVERAGED)
 
+    def draw_from(self, *generators: torch.Generator) -> None:
+        """Let each generator draw the random numbers of its equal share of the stack."""
+        self.generators = generators
+        self._learn = Recorded.on(generators[0], self._update_and_average, *generators[1:])
+
     def normal(self, shape: torch.Size) -> Tensor:
-        """Standard normal numbers."""
-        return torch.randn(shape, generator=self.generator, device=self.generator.device)
+        """Standard normal numbers; the first axis of `shape` is the stack."""
+        share = (shape[0] // len(self.generators), *shape[1:])
+        return torch.cat([torch.randn(share, generator=own, device=own.device) for own in self.generators])
 
     def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
         """Exploring actions (S, B, A) in [−1, 1] for observations (S, B, F) and standard normal noise (S, B, A)."""

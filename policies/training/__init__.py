@@ -1,9 +1,10 @@
 """Training: the trainer, what it needs of a world, its replay memory, exploration noise and figures.
 
-From outside: `Trainer` and `TrainingWorld`; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
+From outside: `Trainer`, `Seeds` and `TrainingWorld`; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
 """
 
+from policies.training.seeds import Seeds
 from policies.training.trainer import Trainer
 from policies.training.world import TrainingWorld
 
-__all__ = ["Trainer", "TrainingWorld"]
+__all__ = ["Seeds", "Trainer", "TrainingWorld"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import torch
 from torch import Tensor
 
@@ -31,16 +33,19 @@ class Replay:
         shape: W worlds, K AUVs, F features, A action components.
         device: where the memory lives, and where `generator` draws.
         shared: one learner gets the transitions of all AUVs.
+        seeds: number of runs that share it; each has its own learners and an equal share of the worlds.
 
     Raises:
         MemoryNeeded: it does not fit into memory.
     """
 
-    def __init__(self, rows: int, shape: tuple[int, int, int, int], device: torch.device, shared: bool) -> None:
+    def __init__(
+        self, rows: int, shape: tuple[int, int, int, int], device: torch.device, shared: bool, seeds: int = 1
+    ) -> None:
         worlds, auvs, features, actions = shape
         numbers = rows * worlds * auvs * (features + actions + 2)
         require(4.0 * numbers, f"training: replay = {rows * worlds}", device)
-        self.rows, self.worlds, self.shared, self.device = rows, worlds, shared, device
+        self.rows, self.worlds, self.shared, self.seeds, self.device = rows, worlds, shared, seeds, device
         self.observation = torch.zeros((rows, worlds, auvs, features), device=device)
         self.action = torch.zeros((rows, worlds, auvs, actions), device=device)
         self.reward = torch.zeros((rows, worlds, auvs), device=device)
@@ -66,6 +71,15 @@ class Replay:
         self.head = (self.head + 1) % self.rows
         self.size = min(self.size + 1, self.rows)
 
+    def share(self, seed: int) -> Replay:
+        """The replay of one of the seeds, counted from 0, in the same memory."""
+        share = copy.copy(self)
+        share.worlds, share.seeds = self.worlds // self.seeds, 1
+        for attribute in STORED.values():
+            if attribute != "end":  # which all worlds have in common
+                setattr(share, attribute, getattr(self, attribute).narrow(1, seed * share.worlds, share.worlds))
+        return share
+
     def tensors(self) -> dict[str, Tensor]:
         """The rows in use, by name."""
         return {name: getattr(self, attribute)[: self.size] for name, attribute in STORED.items()}
@@ -86,12 +100,23 @@ class Replay:
             generator: source of the draws.
             gain: average reward of a step, which is taken off every reward; a number, or a tensor of one.
         """
-        auvs = self.reward.shape[-1]
-        draws = batch // auvs if self.shared else batch
+        return self.transitions(*self.draw(batch, n, generator), n, gamma, gain)
+
+    def draw(self, batch: int, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Rows and worlds of the steps at which the transitions of `sample` start."""
+        draws = batch // self.reward.shape[-1] if self.shared else batch
         oldest = self.head - self.size
         age = torch.randint(1, self.size - n, (draws,), generator=generator, device=self.device)
         world = torch.randint(self.worlds, (draws,), generator=generator, device=self.device)
-        start = (oldest + age) % self.rows
+        return (oldest + age) % self.rows, world
+
+    def transitions(self, start: Tensor, world: Tensor, n: int, gamma: float, gain: float | Tensor) -> Batch:
+        """The n-step transitions that start in these rows and worlds, those of one seed after those of another.
+
+        Args:
+            gain: as in `sample`, or (draws, 1): of each draw.
+        """
+        auvs = self.reward.shape[-1]
         # Nothing starts at an end row; the step before it takes its place.
         start = (start - self.end[start].long()) % self.rows
 
@@ -118,4 +143,4 @@ class Replay:
 
     def _stack(self, value: Tensor) -> Tensor:
         """(B, K, ...) → (S, B, ...)"""
-        return stack(value, self.shared)
+        return stack(value, self.shared, self.seeds)

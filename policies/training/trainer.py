@@ -19,7 +19,7 @@ from torch import Tensor
 from kernels.errors import DivergenceError
 from kernels.interruption import Stop, stoppable
 from policies import checkpoint
-from policies.algorithms import ALGORITHMS, Sizes
+from policies.algorithms import ALGORITHMS, Batch, Learner, Sizes
 from policies.checkpoint import BEST, FORMAT, LAST, POLICY, TRAINING
 from policies.config import TrainingConfig
 from policies.cuda_graph import Recorded
@@ -52,6 +52,30 @@ def learning_bytes(config: TrainingConfig, sizes: Sizes) -> float:
     weights = sum(a * b for a, b in pairwise(widths))
     features = sizes.observation + sum(config.hidden)
     return sizes.stack * (140.0 * weights + config.batch * (128.0 * features + 64.0 * config.n_step))
+
+
+def explore(learner: Learner, config: TrainingConfig, features: Tensor, noise: Tensor, seeds: int = 1) -> Tensor:
+    """Exploring actions (N W, K, A) of the learners of N seeds.
+
+    Args:
+        features: (N W, K, F), standardised.
+        noise: (N W, K, A).
+    """
+    name, noise = config.algorithm, stack(noise, config.shared, seeds)
+    with ALGORITHMS.calling(name):
+        chosen = learner.explore(stack(features, config.shared, seeds), noise)
+    if chosen.shape != noise.shape:
+        raise ALGORITHMS.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
+    return unstack(chosen, features.shape[1], seeds)
+
+
+def learn(learner: Learner, name: str, batch: Batch) -> dict[str, Tensor]:
+    """One update of a learner of the algorithm of that name; the figures to show, one number each."""
+    with ALGORITHMS.calling(name):
+        losses = learner.learn(batch)
+    if not all(isinstance(value, Tensor) and value.numel() == 1 for value in losses.values()):
+        raise ALGORITHMS.refuse(name, losses, "one number for each name")
+    return losses
 
 
 class Trainer:
@@ -150,6 +174,11 @@ class Trainer:
         """The average reward ρ of a step, as estimated so far."""
         return float(self._gain)
 
+    @property
+    def scaled_gain(self) -> Tensor:
+        """The same for rewards as they are learned from."""
+        return self.scale * self._gain
+
     def policy(self, name: str = "training") -> LearnedPolicy:
         """The policy in training, for the world's scenario; it shares the trainer's networks and changes with them."""
         config = self.config
@@ -169,45 +198,62 @@ class Trainer:
             DivergenceError: a weight or a state of the worlds is no longer finite; the checkpoints are those before.
             PolicyError: the weights of the ranks are no longer equal.
         """
-        if self.steps == 0:
-            self.observation = self.world.reset().clone()
-        if not self.history:
-            self._evaluate()
+        self.begin()
         begun, seconds_before, steps_before = time.perf_counter(), self.seconds, self.steps
         figures: dict[str, Any] = {}
         self.stopped = stopped = False
         asked = stoppable(self.stop, patient=self.ranks.count > 1)  # torchrun passes on what a terminal sends to all
-        with self._writer() as write, asked as self.interruption, ThreadPoolExecutor(1) as pool:
+        with self.writer() as write, asked as self.interruption, ThreadPoolExecutor(1) as pool:
             while self.steps < steps and not stopped:
                 self._advance(pool, steps)
                 stopped, done = self._asked_to_stop(), self.steps >= steps
-                due = self._evaluations_due(steps) > self._evaluations_due(steps, self.steps - self.config.num_worlds)
+                due = self.evaluation_due(steps)
                 if due:  # also when stopped, because a resumed run begins after this step
-                    self._evaluate()
+                    self.evaluate_now()
                 if due or done or stopped or self.meter.rows == WINDOW:
                     elapsed = time.perf_counter() - begun
                     self.seconds = seconds_before + elapsed
-                    rate = (self.steps - steps_before) / elapsed
-                    figures = {
-                        "steps": self.steps,
-                        "total": steps,
-                        "seconds": self.seconds,
-                        "eta": (steps - self.steps) / rate,
-                        "steps_per_second": rate,
-                        "updates": self.learner.updates,
-                        **self.meter.figures(self.ranks),
-                        "evaluation": self.evaluation,
-                        "evaluated_at": self.history[-1]["steps"] if self.history else None,
-                    }
-                    self.meter.reset()
-                    self._stop_if_not_finite()
-                    self._stop_if_not_equal()
+                    figures = self.report(steps, (self.steps - steps_before) / elapsed)
                     if self.ranks.leads:
                         write(figures)
                         callback(figures)
                     stopped = self._asked_to_stop()
                 if self.directory is not None and (due or done or stopped):
                     self.save()
+        return figures
+
+    def begin(self) -> None:
+        """Begin a run that has not begun: reset the worlds, evaluate the untrained policy."""
+        if self.steps == 0:
+            self.observation = self.world.reset().clone()
+        if not self.history:
+            self.evaluate_now()
+
+    def report(self, total: int, rate: float) -> dict[str, Any]:
+        """The figures since the last report, see `train`.
+
+        Args:
+            total: world-steps of the run.
+            rate: world-steps a second.
+
+        Raises:
+            DivergenceError: a weight is not finite.
+            PolicyError: the weights of the ranks are no longer equal.
+        """
+        figures = {
+            "steps": self.steps,
+            "total": total,
+            "seconds": self.seconds,
+            "eta": (total - self.steps) / rate,
+            "steps_per_second": rate,
+            "updates": self.learner.updates,
+            **self.meter.figures(self.ranks),
+            "evaluation": self.evaluation,
+            "evaluated_at": self.history[-1]["steps"] if self.history else None,
+        }
+        self.meter.reset()
+        self.stop_if_not_finite()
+        self._stop_if_not_equal()
         return figures
 
     def _asked_to_stop(self) -> bool:
@@ -222,7 +268,7 @@ class Trainer:
         """End `train` after the present step."""
         self.stopped = True
 
-    def _writer(self) -> AbstractContextManager[Callback]:
+    def writer(self) -> AbstractContextManager[Callback]:
         """A function that writes figures for TensorBoard; without a directory it does nothing."""
         if self.directory is None or not self.ranks.leads:
             return nullcontext(lambda figures: None)
@@ -233,6 +279,10 @@ class Trainer:
             raise PolicyError("training: without a directory nothing is saved and nothing can be resumed")
         return self.directory / LAST
 
+    def evaluation_due(self, total: int) -> bool:
+        """Whether one is due after the step just done, in a run of `total` world-steps."""
+        return self._evaluations_due(total) > self._evaluations_due(total, self.steps - self.config.num_worlds)
+
     def _evaluations_due(self, total: int, steps: int | None = None) -> int:
         """Evaluations that belong to a run of `total` world-steps by the time `steps` are done."""
         return (self.steps if steps is None else steps) * self.evaluations // total
@@ -241,35 +291,28 @@ class Trainer:
         """One step of all worlds, of `total` world-steps in the run, and the updates that go with it."""
         config, world = self.config, self.world
         features = self._encode(self.observation)["features"]
-        learning = self.steps >= config.warmup and self.replay.size > config.n_step + 1
+        learning = self.learning
         if learning and self.learner.updates == 0:
-            features = self._standardize(features)
+            features = self.standardize(features)
         chosen = self._choose(self.observation, features, self.noise.step())
         action = chosen["action"]
         step = pool.submit(world.step, chosen["command"])
         if world.device.type == "cuda":  # which does the updates after the step, and must not see both at a recording
             wait((step,))
         if learning:
-            self.learner.set_learning_rate(1.0 - (1.0 - config.final_rate) * self.steps / total)
-            gain = self.scale * self._gain
+            self.learner.set_learning_rate(self.rate_share(total))
+            gain = self.scaled_gain
             for _ in range(config.updates):
                 batch = self.replay.sample(
                     config.batch // self.ranks.count, config.n_step, config.gamma, self.generator, gain
                 )
-                with ALGORITHMS.calling(config.algorithm):
-                    losses = self.learner.learn(batch)
-                if not all(isinstance(value, Tensor) and value.numel() == 1 for value in losses.values()):
-                    raise ALGORITHMS.refuse(config.algorithm, losses, "one number for each name")
-                self.meter.losses.append(losses)
+                self.meter.losses.append(learn(self.learner, config.algorithm, batch))
         try:
             observation, reward, horizon_ended, _, info = step.result()
         except ValueError:  # most likely an action that is not finite, because a weight is not
-            self._stop_if_not_finite()
+            self.stop_if_not_finite()
             raise
-        if self.renewal:
-            (mean,) = self.ranks.mean([reward.mean().double()], self.weight)
-            self._gain += GAIN_RATE * (mean - self._gain)
-            horizon_ended = horizon_ended | (info["measures"][..., world.measure_names.index("service_rate")] > 0)
+        horizon_ended = self.renew(reward, horizon_ended, info)
         self.replay.add(features, action, self.scale * reward, horizon_ended)
         self.meter.add(info)
         self.steps += config.num_worlds
@@ -278,20 +321,32 @@ class Trainer:
             observation = world.reset()
         self.observation = observation.clone()
 
+    @property
+    def learning(self) -> bool:
+        """Whether the next step comes with updates."""
+        return self.steps >= self.config.warmup and self.replay.size > self.config.n_step + 1
+
+    def rate_share(self, total: int) -> float:
+        """Learning rate of now over the initial one, in a run of `total` world-steps."""
+        return 1.0 - (1.0 - self.config.final_rate) * self.steps / total
+
+    def renew(self, reward: Tensor, horizon_ended: Tensor, info: dict[str, Tensor]) -> Tensor:
+        """Where the value's horizon ends; with renewal also at services, and the average reward learns of `reward`."""
+        if not self.renewal:
+            return horizon_ended
+        (mean,) = self.ranks.mean([reward.mean().double()], self.weight)
+        self._gain += GAIN_RATE * (mean - self._gain)
+        return horizon_ended | (info["measures"][..., self.world.measure_names.index("service_rate")] > 0)
+
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
         return {"features": self.standardizer(self.frame.encode(observation))}
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
         """The network's exploring action (W, K, A), and the world's command for it."""
-        shared, name, noise = self.config.shared, self.config.algorithm, stack(noise, self.config.shared)
-        with ALGORITHMS.calling(name):
-            chosen = self.learner.explore(stack(features, shared), noise)
-        if chosen.shape != noise.shape:
-            raise ALGORITHMS.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
-        action = unstack(chosen, self.world.num_auvs)
+        action = explore(self.learner, self.config, features, noise)
         return {"action": action, "command": self.frame.decode(observation, action)}
 
-    def _standardize(self, features: Tensor) -> Tensor:
+    def standardize(self, features: Tensor) -> Tensor:
         """Take the statistics of features and reward from the replay, once before the first update; rescale the replay
         and `features` by them.
         """
@@ -308,11 +363,11 @@ class Trainer:
         stored.copy_(self.standardizer(stored))
         return self.standardizer(features)
 
-    def _evaluate(self) -> None:
+    def evaluate_now(self) -> None:
         """Evaluate, and keep the policy if it is the best so far."""
         if self.evaluate is None:
             return
-        self._stop_if_not_finite()
+        self.stop_if_not_finite()
         self.evaluation = {name: float(value) for name, value in self.evaluate(self.policy()).items()}
         self.history.append({"steps": self.steps, "updates": self.learner.updates, **self.evaluation})
         if self.evaluation["arps"] > self.best:
@@ -331,7 +386,7 @@ class Trainer:
         }
         return checkpoint.describe(self.policy(), self.config, about)
 
-    def _stop_if_not_finite(self) -> None:
+    def stop_if_not_finite(self) -> None:
         """Raise DivergenceError if a number of the learner is not finite."""
         if (name := first_not_finite(self.learner)) is not None:
             algorithm = ALGORITHMS.described(self.config.algorithm)
@@ -360,7 +415,7 @@ class Trainer:
         Raises:
             DivergenceError: a weight is not finite; what was saved before stays.
         """
-        self._stop_if_not_finite()
+        self.stop_if_not_finite()
         everyone = self.ranks.to_first(self._own_tensors())
         if everyone is None:
             return

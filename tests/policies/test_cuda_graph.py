@@ -117,7 +117,7 @@ def test_a_step_of_training_does_not_wait_for_the_device(monkeypatch, algorithm,
     settings = {"algorithm": algorithm, "frame": frame, "shared": shared, "n_step": 2, "updates": 2, "renewal": True}
     config = TrainingConfig(**{**vars(LEARNING), **settings, "num_worlds": 4, "warmup": 16, "batch": 16})
     trainer = Trainer(Still(scenario(auv={"count": 3}), 4), config)
-    monkeypatch.setattr(trainer, "_standardize", lambda features: features)  # waits, once in a run
+    monkeypatch.setattr(trainer, "standardize", lambda features: features)  # waits, once in a run
     trainer.observation = trainer.world.reset().clone()
     with NothingWaits():
         for _ in range(12):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack, nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,10 +26,14 @@ from usvauv_cli.commands.options import (
 )
 
 if TYPE_CHECKING:
-    from policies import Trainer, TrainingConfig
+    from policies import Seeds, Trainer, TrainingConfig
     from usvauv_env import Scenario
 
+    Run = tuple[Scenario, TrainingConfig, dict[str, Any]]  # a run's scenario, settings, and JSON of where it was saved
+
 STEPS = 2_000_000
+MOST_SEEDS = 1024
+FOLDER = "seed-"  # and the seed: the folder of one of several runs
 
 
 def train(
@@ -42,7 +47,13 @@ def train(
     ] = None,
     worlds: Annotated[int, typer.Option(help="Worlds stepped together.")] = 128,
     seed: Seed = 0,
-    out: Annotated[Path | None, typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED.")] = None,
+    seeds: Annotated[
+        int, typer.Option(help="Runs trained together, which differ in the seed alone: --seed and those after it.")
+    ] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED. Of several seeds: with one each."),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out, as it was begun.")] = False,
     shared: Annotated[bool, typer.Option("--shared", help="One network for all AUVs instead of one each.")] = False,
     learn: Annotated[
@@ -70,10 +81,13 @@ def train(
 
     `usvauv train --out runs/first --resume --steps 1000000`
 
+    `usvauv train ideal --seeds 8 --out runs/eight`
+
     `torchrun --nproc-per-node 2 -m usvauv_cli train --out runs/second`
     """
     import policies
-    from policies.checkpoint import clean
+    from kernels import runtime
+    from policies.checkpoint import LAST, clean
     from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
     from policies.training.provenance import provenance
     from policies.training.ranks import joined
@@ -83,10 +97,14 @@ def train(
 
     with joined(arch) as ranks, ExitStack() as stack:
 
-        def begin() -> tuple[Path, Scenario, TrainingConfig, int, dict[str, Any]]:
-            """What is to be done, where, and how it was begun; the folder is this process's from here on."""
+        def begin() -> tuple[Path, dict[Path, Run], str | None, int]:
+            """The folder, which is this process's from here on, the runs in it by folder, boat strategy and steps."""
             at_least("--steps", STEPS if steps is None else steps, 1)
             at_least("--worlds", worlds, 1)
+            if not 1 <= seeds <= MOST_SEEDS:
+                raise UserError(f"--seeds {seeds}: must be from 1 to {MOST_SEEDS}")
+            if resume and seeds != 1:
+                raise UserError("--seeds: a resumed run keeps the seeds it was begun with")
             if resume and (overrides or learn or targets):
                 raise UserError(
                     "--set, --learn, --targets: a resumed run keeps the scenario and settings it was begun with"
@@ -94,65 +112,108 @@ def train(
             setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
             config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
             config = config.changed(learn or ())
+            last = seed + seeds - 1
+            replace(config, seed=last)  # refuses one that is too large
             ranks.share(worlds)
-            place = out or Path("runs") / f"{setting.name}-{algorithm}-{seed}"
+            name = f"{setting.name}-{algorithm}-{seed if seeds == 1 else f'{seed}-to-{last}'}"
+            place = out or Path("runs") / name
             if not resume:
                 make_folder(place)
             elif not place.is_dir():
                 raise UserError(f"--out {place}: there is no run to resume")
             stack.enter_context(locked(place))
             clean(place)
-            if resume:
-                setting, config, begun = policies.read_run(place)
-                return place, setting, config, steps or begun.get("total", STEPS), begun
-            if (place / "last").exists():
-                raise UserError(f"--out {place}: holds a run already; go on with --resume, or choose another folder")
-            return place, setting, config, steps or STEPS, {}
+            folders = _folders(place)
+            if not resume:
+                if any((folder / LAST).exists() for folder in (place, *folders.values())):
+                    raise UserError(
+                        f"--out {place}: holds a run already; go on with --resume, or choose another folder"
+                    )
+                folders = {own: place / f"{FOLDER}{own}" for own in range(seed, last + 1)} if seeds > 1 else {}
+            if folders and ranks.count > 1:
+                raise UserError("--seeds: several seeds are trained in one process, not by torchrun")
+            for folder in folders.values():
+                make_folder(folder)
+                stack.enter_context(locked(folder))
+                clean(folder)
+            folders = folders or {seed: place}
+            if not resume:
+                runs = {folder: (setting, replace(config, seed=own), {}) for own, folder in folders.items()}
+                return place, runs, usv, steps or STEPS
+            saved = [folder for folder in folders.values() if (folder / LAST).exists()] or folders.values()
+            runs = {folder: policies.read_run(folder) for folder in saved}
+            setting, config, begun = next(iter(runs.values()))
+            for own, folder in folders.items():  # one that a killed process had not saved yet begins as the others did
+                runs.setdefault(folder, (setting, replace(config, seed=own), {}))
+            return place, runs, begun.get("usv", usv), steps or begun.get("total", STEPS)
 
-        place, setting, config, total, begun = ranks.from_first(begin)
-        usv = begun.get("usv", usv)
+        place, runs, boats, total = ranks.from_first(begin)
         typer.echo("compiling the world …")
-        mine = ranks.share(config.num_worlds)
-        batch = config.num_worlds if ranks.count > 1 else None
-        world = World(setting, mine.stop - mine.start, config.seed, usv, first_world=mine.start, batch=batch, arch=arch)
-        name, baseline, evaluate = policies.default(setting), {}, None
+        trainers, baselines = [], []
+        for folder, (setting, config, begun) in runs.items():
+            mine, evaluate = ranks.share(config.num_worlds), None
+            batch = config.num_worlds if ranks.count > 1 else None
+            world = World(
+                setting, mine.stop - mine.start, config.seed, boats, first_world=mine.start, batch=batch, arch=arch
+            )
+            name = policies.default(setting)
+            if ranks.leads:
+                evaluation_worlds = World(
+                    setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, boats, arch=arch
+                )
+                if not baselines:
+                    typer.echo(f"evaluating {name} …")
+                baselines.append(policies.evaluate(evaluation_worlds, name))
+                evaluate = partial(policies.evaluate, evaluation_worlds)
+            about = provenance(begun, ranks.command) | {"usv": world.strategy.name, "total": total}
+            trainers.append(policies.Trainer(world, config, folder, evaluate, about, ranks=ranks))
+            if begun:
+                trainers[-1].resume()
+        together, first, config = place not in runs, trainers[0], trainers[0].config
+        trainer: Trainer | Seeds = first
+        if together:
+            running = runtime.start(arch)
+            trainer = policies.Seeds(trainers, running.threads if running.torch_on_host else 1)
+        name, baseline = policies.default(first.world.scenario), {}
         if ranks.leads:
-            evaluation_worlds = World(
-                setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv, arch=arch
-            )
-            typer.echo(f"evaluating {name} …")
-            baseline = policies.evaluate(evaluation_worlds, name) | {"policy": name}
-            evaluate = partial(policies.evaluate, evaluation_worlds)
-        about = provenance(begun, ranks.command) | {"usv": world.strategy.name, "total": total}
-        trainer = policies.Trainer(world, config, place, evaluate, about, ranks=ranks)
-        if resume:
-            trainer.resume()
-        if ranks.leads and total <= config.before_learning:
-            typer.echo(
-                f"warning: --steps {total}: nothing will be learned: the first update comes after"
-                f" {config.before_learning} world-steps (warmup = {config.warmup})",
-                err=True,
-            )
-        shown = report.training(baseline, config.algorithm, setting.name)
+            baseline = report.mean_of(baselines) | {"policy": name}
+            if total <= config.before_learning:
+                typer.echo(
+                    f"warning: --steps {total}: nothing will be learned: the first update comes after"
+                    f" {config.before_learning} world-steps (warmup = {config.warmup})",
+                    err=True,
+                )
+        title = first.world.scenario.name
+        if together:
+            title += f", seeds {', '.join(str(run.config.seed) for run in trainers)}"
+        shown = report.training(baseline, config.algorithm, title)
         with shown if ranks.leads else nullcontext(lambda figures: None) as show:
             trainer.train(total, partial(_show, show, trainer))
         if ranks.leads:
             if trainer.stopped:
                 again = "".join(f" --plugin {file}" for file in plugins or ())
-                typer.echo(
-                    f"stopped at {trainer.steps} of {total} world-steps; go on with: --out {place} --resume{again}"
-                )
-            learned = max(trainer.history, key=lambda row: row["arps"])["updates"] > 0
+                done = min(run.steps for run in trainers)
+                typer.echo(f"stopped at {done} of {total} world-steps; go on with: --out {place} --resume{again}")
+            learned = all(max(run.history, key=lambda row: row["arps"])["updates"] > 0 for run in trainers)
             typer.echo(
-                f"best arps {trainer.best:.3f}{'' if learned else ', of the untrained policy'}"
-                f" ({name} {baseline['arps']:.3f}) in {place / 'best'}"
+                f"best arps {report.mean_and_spread([run.best for run in trainers], 3)}"
+                f"{'' if learned else ', of the untrained policy'}"
+                f" ({name} {baseline['arps']:.3f}) in {place / (f'{FOLDER}*/best' if together else 'best')}"
             )
     trainer.interruption.raise_if_asked()
 
 
-def _show(show: Callable[[dict], None], trainer: Trainer, figures: dict) -> None:
-    """Show figures; when nobody reads them any more, stop the run, so that it is saved."""
+def _folders(out: Path) -> dict[int, Path]:
+    """The folders of several seeds' runs in `out`, by seed."""
+    found = {path.name.removeprefix(FOLDER): path for path in out.glob(f"{FOLDER}*") if path.is_dir()}
+    return {int(seed): found[seed] for seed in sorted(filter(str.isdecimal, found), key=int)}
+
+
+def _show(show: Callable[[dict], None], trainer: Trainer | Seeds, figures: dict | list[dict]) -> None:
+    """Show figures; when nobody reads them any more, stop, so that what was learned is saved."""
+    from usvauv_cli import report
+
     try:
-        show(figures)
+        show(report.of_seeds(figures) if isinstance(figures, list) else figures)
     except Interrupted as closed:
         trainer.interruption.ask(closed.signum)
