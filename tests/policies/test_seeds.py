@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import signal
 
 import pytest
 import torch
 
-from policies import Seeds, Trainer, TrainingConfig
+from kernels.errors import DivergenceError
+from policies import PolicyError, Seeds, Trainer, TrainingConfig
+from policies.algorithms import ALGORITHMS
+from policies.algorithms.ddpg import DDPG
 from policies.checkpoint import LAST, POLICY, TRAINING, read
+from policies.networks import stack, unstack
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario
 from usvauv_env import Scenario, World
 
@@ -37,7 +43,6 @@ def difference(one, other):
         own, others = value.double(), other[name].double()
         assert own.shape == others.shape
         apart.append(float((own - others).abs().max() / own.abs().max().clamp(min=1e-3)))
-    print("apart", max(apart))
     return max(apart)
 
 
@@ -54,7 +59,6 @@ def same_runs(one, other, tolerance=TOLERANCE):
     for part in (POLICY, TRAINING):
         (about, tensors), (about_other, others) = saved(one, part), saved(other, part)
         assert difference(float_tensors(tensors), float_tensors(others)) <= tolerance
-        assert about.keys() == about_other.keys()
         assert about["steps"] == about_other["steps"]
         assert about["updates"] == about_other["updates"]
         if part == TRAINING:
@@ -113,3 +117,111 @@ class TestOneSeedIsAsAlone:
         for seed in (5, 6):
             run(seed, tmp_path / f"alone-{seed}").train(200)
             same_runs(tmp_path / f"alone-{seed}", tmp_path / f"seed-{seed}")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Folder of runs that were never stopped."""
+    folder = tmp_path_factory.mktemp("whole")
+    Seeds(kept_runs(folder)).train(STEPS)
+    return folder
+
+
+def kept_runs(folder, seeds=SEEDS):
+    return [toy_run(seed, folder / f"seed-{seed}", evaluate=True) for seed in seeds]
+
+
+def stop_at(folder, steps):
+    """Train, with Ctrl-C during the step after which `steps` world-steps are done."""
+    runs = kept_runs(folder)
+    seeds, world, step = Seeds(runs), runs[-1].world, runs[-1].world.step
+
+    def step_and_stop(action):
+        if runs[-1].steps + 8 == steps:
+            signal.raise_signal(signal.SIGINT)
+        return step(action)
+
+    world.step = step_and_stop
+    seeds.train(STEPS)
+    assert seeds.stopped
+    assert [run.steps for run in runs] == [steps] * len(runs)
+
+
+def resumed(folder, seeds=SEEDS):
+    runs = kept_runs(folder, seeds)
+    for run in runs:
+        run.resume()
+    return runs
+
+
+class TestStopped:
+    def test_ctrl_c_saves_all_and_all_go_on(self, whole, tmp_path):
+        stop_at(tmp_path, SHORT.before_learning + 8 * 77)
+        Seeds(resumed(tmp_path)).train(STEPS)
+        for seed in SEEDS:
+            same_runs(whole / f"seed-{seed}", tmp_path / f"seed-{seed}", tolerance=0.0)
+
+    def test_those_left_behind_come_up_first(self, whole, tmp_path):
+        """As after a kill between the first run's checkpoint and the others'."""
+        stop_at(tmp_path, SHORT.before_learning + 8 * 50)
+        ahead, *behind = resumed(tmp_path)
+        steps, seen = SHORT.before_learning + 8 * 90, []
+        ahead.train(STEPS, lambda figures: ahead.stop() if figures["steps"] >= steps else None)
+        ahead = resumed(tmp_path, SEEDS[:1])[0]
+        assert ahead.steps > behind[0].steps
+        Seeds([ahead, *behind]).train(STEPS, lambda figures: seen.append([own["steps"] for own in figures]))
+        assert len(seen[0]) == 2
+        assert len(seen[-1]) == 3
+        assert seen[-1] == [STEPS] * 3
+        for seed in SEEDS:
+            same_runs(whole / f"seed-{seed}", tmp_path / f"seed-{seed}")
+
+    def test_one_of_them_goes_on_alone(self, whole, tmp_path):
+        stop_at(tmp_path, SHORT.before_learning + 8 * 77)
+        alone = resumed(tmp_path, SEEDS[1:2])[0]
+        alone.train(STEPS)
+        same_runs(whole / f"seed-{SEEDS[1]}", tmp_path / f"seed-{SEEDS[1]}")
+
+
+class TestRefused:
+    def test_runs_that_differ_in_more_than_the_seed(self):
+        with pytest.raises(PolicyError, match=r"^training: seeds 0 and 1: settings or scenario differ[^\n]+$"):
+            Seeds([toy_run(0), toy_run(1, learning_rate=1e-4)])
+
+    def test_an_algorithm_with_a_tensor_without_the_axis_of_networks(self, monkeypatch):
+        class Odd(DDPG):
+            def __init__(self, sizes, config, generator):
+                super().__init__(sizes, config, generator)
+                self.register_buffer("mean", torch.zeros(7))
+
+        monkeypatch.setitem(ALGORITHMS._items, "ddpg", Odd)
+        with pytest.raises(PolicyError, match=r"'ddpg' cannot train several seeds together: mean has shape \(7,\)"):
+            Seeds([toy_run(seed, algorithm="ddpg") for seed in SEEDS]).train(STEPS)
+
+    def test_a_run_that_diverges_is_named(self, tmp_path):
+        class Strict(ToyWorld):
+            def step(self, action):
+                if not action.isfinite().all():  # as the real world
+                    raise ValueError("action")
+                return super().step(action)
+
+        runs = [toy_run(seed, tmp_path / str(seed)) for seed in SEEDS]
+        for run in runs:
+            run.world.__class__ = Strict
+        seeds = Seeds(runs)
+        seeds.train(SHORT.before_learning + 8)
+        before = [saved(run.directory)[0]["steps"] for run in runs]
+        next(runs[1].learner.actor.parameters()).data.fill_(math.nan)
+        with pytest.raises(DivergenceError, match=rf"^seed {SEEDS[1]}: training: \S+ is not finite after"):
+            seeds.train(STEPS)
+        assert [saved(run.directory)[0]["steps"] for run in runs] == before
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_networks_of_seeds_follow_one_another(shared):
+    value = torch.arange(2.0 * 5 * 3).view(2 * 5, 3)
+    stacked = stack(value, shared, seeds=2)
+    assert stacked.shape == ((2, 15) if shared else (6, 5))
+    halves = [stack(half, shared) for half in value.chunk(2)]
+    assert torch.equal(stacked, torch.cat(halves))
+    assert torch.equal(unstack(stacked, 3, seeds=2), value)

@@ -1,0 +1,114 @@
+"""`usvauv train --seeds`: a folder for each seed, which all commands take; all are stopped and go on together."""
+
+import functools
+import re
+import signal
+import sys
+
+import pytest
+
+import policies
+from policies import TrainingConfig, checkpoint
+from policies.training import batched
+from tests.policies.test_seeds import same_runs
+from usvauv_cli import app, report
+
+BEGIN = ["train", "ideal", "--worlds", "4", "--set", "mission.duration=12"]
+SMALL = {"hidden": (8, 8), "batch": 16, "n_step": 2, "warmup": 24, "replay": 4000}
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Learning that begins after a few steps."""
+    monkeypatch.setattr(policies, "TrainingConfig", functools.partial(TrainingConfig, **SMALL))
+
+
+def test_each_folder_is_a_run_of_its_own(tmp_path, run_usvauv, quick):
+    code, shown, _ = run_usvauv(*BEGIN, "--steps", 80, "--seed", 3, "--seeds", 2, "--out", "many")
+    assert code == 0
+    assert "training sac in ideal, seeds 3, 4; evaluation beside clear" in shown
+    lines = shown.splitlines()
+    assert re.match(r"100%, 0:00:00 left: arps .* evaluation at 80: arps -?[\d.]+ ± [\d.]+$", lines[-2])
+    assert re.match(r"best arps -?[\d.]+ ± [\d.]+.* \(clear -?[\d.]+\) in many/seed-\*/best$", lines[-1])
+    for seed in (3, 4):
+        assert sorted(path.name for path in (tmp_path / f"many/seed-{seed}").iterdir()) == [
+            "best",
+            "last",
+            "tensorboard",
+        ]
+        assert run_usvauv(*BEGIN, "--steps", 80, "--seed", seed, "--out", f"alone-{seed}")[0] == 0
+        same_runs(tmp_path / f"alone-{seed}", tmp_path / f"many/seed-{seed}")
+    assert run_usvauv("eval", "ideal", "--policy", "many/seed-4", "--episodes", 1, *BEGIN[-2:])[0] == 0
+    assert run_usvauv("train", "--resume", "--out", "many/seed-3", "--steps", 88)[0] == 0
+    assert checkpoint.read_run(tmp_path / "many/seed-3")[2]["steps"] == 88
+    # All go on: the one that is ahead waits for the other.
+    assert run_usvauv("train", "--resume", "--out", "many", "--steps", 96)[0] == 0
+    assert [checkpoint.read_run(tmp_path / f"many/seed-{seed}")[2]["steps"] for seed in (3, 4)] == [96, 96]
+
+
+def test_ctrl_c_then_resume(tmp_path, run_usvauv, quick, monkeypatch):
+    begin = [*BEGIN, "--steps", 80, "--seeds", 2]
+    assert run_usvauv(*begin, "--out", "whole")[0] == 0
+    advance = batched.BatchedRuns.advance
+
+    def advance_and_stop(runs, pool, total):
+        if runs.first.steps == 40:
+            signal.raise_signal(signal.SIGINT)
+        advance(runs, pool, total)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(batched.BatchedRuns, "advance", advance_and_stop)
+        code, shown, _ = run_usvauv(*begin, "--out", "parts")
+    assert code == 130
+    assert "stopped at 44 of 80 world-steps; go on with: --out parts --resume" in shown
+    assert run_usvauv("train", "--out", "parts", "--resume")[0] == 0
+    for seed in (0, 1):
+        same_runs(tmp_path / f"whole/seed-{seed}", tmp_path / f"parts/seed-{seed}", tolerance=0.0)
+
+
+def test_a_run_that_was_not_saved_before_a_kill_begins_anew(tmp_path, run_usvauv, quick):
+    begin = [*BEGIN, "--steps", 80, "--seeds", 2]
+    assert run_usvauv(*begin, "--out", "whole")[0] == 0
+    (tmp_path / "killed").mkdir()
+    (tmp_path / "whole/seed-0").rename(tmp_path / "killed/seed-0")
+    (tmp_path / "killed/seed-1").mkdir()
+    assert run_usvauv("train", "--out", "killed", "--resume")[0] == 0
+    same_runs(tmp_path / "whole/seed-1", tmp_path / "killed/seed-1")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--seeds", "0"], "--seeds 0: must be from 1 to 1024"),
+        (["--seeds", "9999999999"], "--seeds 9999999999: must be from 1 to 1024"),
+        (["--seed", str(2**63 - 1), "--seeds", "2"], f"seed = {2**63}: must be from 0 to 2**63 - 1"),
+        (["--seeds", "2", "--resume"], "--seeds: a resumed run keeps the seeds it was begun with"),
+        (["--seeds", "2", "--out", "held"], "--out held: holds a run already; go on with --resume"),
+        (["--out", "held"], "--out held: holds a run already; go on with --resume"),
+        (["--out", "empty", "--resume"], "empty/seed-5/last: checkpoint is missing policy.json"),
+    ],
+)
+def test_what_is_wrong_is_one_line(tmp_path, monkeypatch, capsys, options, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "held/seed-7/last").mkdir(parents=True)
+    (tmp_path / "empty/seed-5").mkdir(parents=True)
+    monkeypatch.setattr(sys, "argv", ["usvauv", "train", *options])
+    assert app.run() == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_figures_of_seeds_are_means_with_the_spread_of_the_score():
+    figures = [
+        {"arps": arps, "steps": 8, "reward": {"a": arps}, "evaluation": {"arps": 2 * arps, "sdr": 1.0}}
+        for arps in (1.0, 3.0)
+    ]
+    assert report.of_seeds(figures) == {
+        "arps": 2.0,
+        "steps": 8,
+        "reward": {"a": 2.0},
+        "evaluation": {"arps": 4.0, "sdr": 1.0},
+        "score": "4.00 ± 2.83",
+    }
