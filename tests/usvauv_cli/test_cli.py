@@ -320,11 +320,11 @@ def test_an_unexpected_error_is_one_line_that_says_how_to_see_more(run_usvauv, m
         run_usvauv("scenarios", "extreme")
 
 
-def test_scenarios(tmp_path):
-    assert "paper-extreme" in usvauv("scenarios", cwd=tmp_path).stdout
-    text = usvauv("scenarios", "extreme", "--set", "auv.count=4", cwd=tmp_path).stdout
+def test_scenarios(tmp_path, run_usvauv):
+    assert "paper-extreme" in run_usvauv("scenarios")[1]
+    text = run_usvauv("scenarios", "extreme", "--set", "auv.count=4")[1]
     (tmp_path / "mine.toml").write_text(text)
-    assert "count = 4" in usvauv("scenarios", "mine.toml", cwd=tmp_path).stdout
+    assert "count = 4" in run_usvauv("scenarios", "mine.toml")[1]
 
 
 @pytest.mark.parametrize(
