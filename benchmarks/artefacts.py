@@ -124,6 +124,15 @@ ARTEFACTS = {
     "step-profile-wide": _study("performance.md", "step_profile", "wide", picture="step-profile-wide.png"),
     "planner": _study("performance.md", "plan", "--json"),
     "training": _study("performance.md", "train"),
+    "scale": _study("scale.md", "scale"),
+    "stream": _study("scale.md", "stream"),
+    "seeds": Artefact(
+        "scale.md",
+        (
+            "python -m benchmarks.seeds --seeds 8 --pairs 3 --updates 200",
+            "python -m benchmarks.seeds --seeds 8 --pairs 2 --updates 200 --learn batch=64",
+        ),
+    ),
     "ranks": _study("scale.md", "ranks"),
     "video": _study("performance.md", "video"),
     "live": _study("live.md", "live"),
