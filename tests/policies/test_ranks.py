@@ -194,14 +194,26 @@ class TestCommand:
         assert read(out / "last", TRAINING, torch.device("cpu"))[0]["steps"] == int(steps)
         assert other == [(143, "", "")]
 
-    def test_torchrun_and_one_line_of_an_error(self):
+    @pytest.mark.parametrize(
+        ("options", "said"),
+        [
+            (["--worlds", "1"], "worlds = 1: must be at least 2, one for each rank"),
+            (["--seeds", "2"], "--seeds: several seeds are trained in one process, not by torchrun"),
+        ],
+    )
+    def test_torchrun_and_one_line_of_an_error(self, tmp_path, options, said):
         command = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2", "-m", "usvauv_cli", "train"]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         done = subprocess.run(
-            [*command, "--worlds", "1"], env=environment, capture_output=True, text=True, timeout=300, check=False
+            [*command, *options, "--out", str(tmp_path / "run")],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
         )
         assert done.returncode != 0
-        assert done.stderr.count("error: worlds = 1: must be at least 2, one for each rank\n") == 1
+        assert done.stderr.count(f"error: {said}\n") == 1
         assert done.stdout == "loading torch and Taichi …\n"
 
 
