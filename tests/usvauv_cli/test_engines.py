@@ -1,5 +1,6 @@
 """The engines: cores kept apart, nothing lost and nothing twice on processes of this machine, Ray and Slurm."""
 
+import gc
 import json
 import os
 import signal
@@ -202,6 +203,12 @@ def on_node(folder: Path, name: str, signs: Signs) -> None:
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning", "ignore::FutureWarning")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 class TestRayEngine:
+    @pytest.fixture(autouse=True)
+    def leaves_nothing(self):
+        """What Ray leaves is collected here, where its warnings are ignored, not in a later test."""
+        yield
+        gc.collect()
+
     @pytest.fixture
     def cluster(self):
         """A Ray cluster of two nodes with a core each, on this machine."""
