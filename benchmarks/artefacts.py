@@ -129,7 +129,7 @@ ARTEFACTS = {
     "seeds": Artefact(
         "scale.md",
         (
-            "python -m benchmarks.seeds --seeds 8 --pairs 3 --updates 200",
+            "python -m benchmarks.seeds --seeds 8 --pairs 4 --updates 200",
             "python -m benchmarks.seeds --seeds 8 --pairs 2 --updates 200 --learn batch=64",
         ),
     ),

@@ -123,7 +123,7 @@ class Sea(Section):
     gravity: float = Field(9.81, ge=1, le=30, description="gravitational acceleration g, m/s²")
     drag: float = Field(0.0, ge=0, le=1, description="linear bottom drag rate, 1/s; keeps a resonant basin finite")
     manning: float = Field(
-        0.0, ge=0, le=0.2, description="Manning's n of the bed, s/m^(1/3), with nonlinear equations; sand 0.02 to 0.03"
+        0.0, ge=0, le=0.2, description="Manning's n of the bed with nonlinear equations, s/m^(1/3); sand 0.02 to 0.03"
     )
     update_interval: float = Field(
         1.0,

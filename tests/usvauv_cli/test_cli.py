@@ -385,7 +385,7 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, run_usvauv, arguments, 
     [
         ("eval --out a.xlsx", "the ending must be .csv"),
         ("eval --out a", "the ending must be .csv"),
-        ("plan --auv 9,9,9 --out a.gif", "allowed endings are .png, .pdf, .svg"),
+        ("plan --auv 9,9,9 --out a.gif", "allowed endings are .png, .pdf, .svg, .geojson"),
         ("plan --auv 9,9,9 --json a.txt", "the ending must be .json"),
         ("sea --out a.gif", "allowed endings are .mp4, .nc, .png, .pdf, .svg"),
         ("export sac-ideal --onnx a.pt", "the ending must be .onnx"),
