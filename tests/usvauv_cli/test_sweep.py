@@ -189,17 +189,17 @@ def counted(folder: Path) -> Counter:
 
 
 def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv, monkeypatch):
-    (tmp_path / "studied.py").write_text(MINE)
-    monkeypatch.delitem(sys.modules, "studied", raising=False)  # of another test
+    (tmp_path / "own.py").write_text(MINE)
+    monkeypatch.delitem(sys.modules, "own", raising=False)  # of another test
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(tmp_path)]))
-    text = f'[common]\n{SHORT}\n[[runs]]\npolicy = ["studied:Good", "studied:Bad", "studied:Killed"]\n[evaluation]\nepisodes = 3'
+    text = f'[common]\n{SHORT}\n[[runs]]\npolicy = ["own:Good", "own:Bad", "own:Killed"]\n[evaluation]\nepisodes = 3'
     written(tmp_path, text)
     code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")
     assert code == 2
     assert "Traceback" not in said + complaints
     assert complaints.startswith("error: 1 of 3 runs failed, see ")
     (line,) = [line for line in " ".join(said.split()).split("(") if "failed: " in line]
-    assert "studied:Bad in extreme, seed 0: failed: policy 'studied:Bad'" in line
+    assert "own:Bad in extreme, seed 0: failed: policy 'own:Bad'" in line
     assert "the last line" in line
     assert (tmp_path / "killed").exists()
     results = sorted((tmp_path / "a" / "runs").glob("*/episodes.csv"))
@@ -290,10 +290,10 @@ def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no such limit")
 def test_a_full_disk_of_one_process_fails_its_run_and_leaves_no_half(tmp_path, run_usvauv, monkeypatch):
     """In the process of one of two runs no file can grow beyond a few kilobytes, which are less than its table has."""
-    (tmp_path / "studied.py").write_text(MINE)
-    monkeypatch.delitem(sys.modules, "studied", raising=False)  # of another test
+    (tmp_path / "own.py").write_text(MINE)
+    monkeypatch.delitem(sys.modules, "own", raising=False)  # of another test
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(tmp_path)]))
-    written(tmp_path, f'[common]\n{SHORT}\n[[runs]]\npolicy = ["studied:Good", "studied:Full"]\n[evaluation]\nepisodes = 40')
+    written(tmp_path, f'[common]\n{SHORT}\n[[runs]]\npolicy = ["own:Good", "own:Full"]\n[evaluation]\nepisodes = 40')
     code, said, _ = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "2")
     assert code == 2
     (failure,) = tmp_path.glob("a/runs/*/failure.txt")
