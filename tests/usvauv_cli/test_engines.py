@@ -249,5 +249,7 @@ class TestRayEngine:
 
     def test_says_that_there_is_no_cluster(self):
         pytest.importorskip("ray", reason="needs the extra scale")
+        before = signal.getsignal(signal.SIGTERM)
         with pytest.raises(UserError, match="--ray auto: "):
             OnRay("auto", 1, 1, 0.5, 0.0)
+        assert signal.getsignal(signal.SIGTERM) is before

@@ -47,8 +47,9 @@ class OnRay:
             ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **here)
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise UserError(f"--ray {address}: {str(error).splitlines()[0]}") from None
-        for signum, handler in handlers.items():  # Ray takes SIGTERM for itself
-            signal.signal(signum, handler)
+        finally:
+            for signum, handler in handlers.items():  # Ray takes SIGTERM for itself
+                signal.signal(signum, handler)
         self._ray, self._error = ray, RayError
         needed = {"CPU": cores, "GPU": gpu, "memory": memory * 1e9}
         nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
