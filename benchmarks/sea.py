@@ -3,7 +3,8 @@
     python -m benchmarks.sea --json [--largest 8192]
 
 All solve the same linear equations on N × N cells over a flat bed in single precision. "bound" is what streaming the
-three fields once a step allows: measured triad bandwidth over 24 B a cell and step.
+three fields once a step allows: measured triad bandwidth over 24 B a cell and step. Then the nonlinear solver beside
+PyClaw, where it is installed, and a Numba loop on a dam break with a known solution (`benchmarks.dam_break`).
 """
 
 import argparse
@@ -14,6 +15,7 @@ import numpy as np
 import taichi as ti
 import torch
 
+from benchmarks import dam_break
 from benchmarks.machine import best_time, describe, parse
 from kernels import runtime
 from kernels.shallow_water.linear import ShallowWater
@@ -134,6 +136,7 @@ def measure(largest: int) -> dict[str, object]:
         "bound_cell_steps_per_second": bound,
         "table_1_grid_seconds_per_sea": best_time(pool.advance) / 512,
         "sizes": rows,
+        "dam_break": dam_break.measure(),
     }
 
 
@@ -157,6 +160,8 @@ def main() -> None:
             f"{row['cells']:5d}²  G cell-steps/s: {rates}  single/bound {row['single_over_bound']:.2f}"
             f"  many/bound {row['many_over_bound']:.2f}  many/baseline {row['many_over_numba_or_torch']:.2f}"
         )
+    print("radial dam break of PDEBench, M cell-steps per CPU second, CPU time over that of the nonlinear sea:")
+    print("\n".join(dam_break.lines(result["dam_break"])))
 
 
 if __name__ == "__main__":

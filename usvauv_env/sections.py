@@ -171,8 +171,8 @@ class Sea(Section):
         for side in named:
             if named.count(side) > 1:
                 raise ValueError(f"forced_edge, radiating_edges and sponge_edges must not name an edge twice: {side}")
-        if self.equations == "nonlinear" and (self.sponge_edges or self.forcing == "incident"):
-            raise ValueError('equations = "nonlinear" must go without sponge_edges and with forcing = "elevation"')
+        if self.equations == "nonlinear" and self.sponge_edges:
+            raise ValueError('equations = "nonlinear" must go without sponge_edges')
         if self.manning > 0 and self.equations == "linear":
             raise ValueError(f'manning = {self.manning:g}: needs equations = "nonlinear"; linear ones have drag')
         return self

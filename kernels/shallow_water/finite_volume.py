@@ -1,4 +1,4 @@
-"""Time step of the nonlinear solver: second-order finite volumes and Heun's method.
+"""Time step of the nonlinear solver: second-order finite volumes, along x and along y in turn.
 
 The equations are in `kernels.shallow_water.nonlinear`, the fluxes in `kernels.shallow_water.riemann`, layout and
 boundaries in `kernels.shallow_water.ghost_cells`.
@@ -14,33 +14,37 @@ from collections import namedtuple
 import taichi as ti
 
 from kernels import runtime
-from kernels.shallow_water.ghost_cells import fill_ghosts, vector_index
+from kernels.shallow_water.ghost_cells import fill_column_ghosts, fill_row_ghosts, vector_index
 from kernels.shallow_water.packing import LANES, vector, vectors
-from kernels.shallow_water.riemann import flux, half_slopes, lower_face, turned, upper_face
-from kernels.types import array1, columns, index1, index2
+from kernels.shallow_water.riemann import flux, half_slopes, half_step, lower_face, upper_face
+from kernels.types import array1, columns, index1, index2, vec2
 
 doubles1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
 doubles2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
 
-# Time of the interval that is done, the step under way, steps done, time that friction acts, and the elevation at
-# forced boundaries at the beginning and at the end of the step.
-Clock = columns("done", "step", "steps", "friction", "level", "next_level")
+# Time at which the interval begins, how much of it is done, the step under way, that of its sweep along x, steps done,
+# and the prescribed elevation at the beginning and at the end of the sweeps along x and along y.
+Clock = columns("start", "done", "step", "step_x", "steps", "level_x", "next_x", "level_y", "next_y")
 Tide = columns("amplitude", "omega", "phase")  # m, rad/s, rad
-# What a band stores for the next row: half slopes across y (with the velocity along y first), and the flux through the
-# northern face.
-Workspace = columns("eta", "h", "v", "u", "mass", "momentum", "transverse")
 
 # Arguments of `step` that its functions share.
 Basin = namedtuple(
     "Basin",
-    "state cells bed bed_cells workspace speeds clock tide halo boundaries ny W bands dx dy g dry drag manning start "
-    "interval friction",
+    "state cells bed bed_cells fastest clock tide halo boundaries ny W parts pieces dx dy g dry drag manning interval "
+    "friction",
 )
-Fluxes = namedtuple("Fluxes", "west east south north")  # through the faces of a cell
+# A row or (a piece of) a column of vectors that a sweep goes along: axis (0 for x, 1 for y), index of the first vector,
+# from one to the next, their number, and from a vector that is read to where it is written.
+Line = namedtuple("Line", "axis first stride length offset")
 
 ENDLESS = 1e30
 INFINITY = float("inf")
-COURANT = 0.45  # depth stays positive below 1/2
+COURANT = 0.95
+# How many times shorter steps are beside dry land, where puddles would gain energy otherwise, and 1 + ROUGH times the
+# step of the bed at a face over depth and step: halves of a step along x and y that each lose energy need not do so
+# together where water is deeper in the cell than at its faces.
+SHORE, ROUGH = 2.0, 10.0
+MOST_STEPS = 1e9  # of an interval; with more the flow counts as infinitely fast
 
 
 @ti.kernel
@@ -49,48 +53,46 @@ def step(
     cells: array1,
     bed: vectors,
     bed_cells: array1,
-    workspace: vectors,
-    speeds: array1,
+    fastest: array1,
     clock: doubles1,
     tide: doubles2,
     halo: index2,
     boundaries: index1,
     ny: ti.i32,
     W: ti.i32,
-    bands: ti.i32,
+    parts: ti.i32,
+    pieces: ti.i32,
     dx: ti.f32,
     dy: ti.f32,
     g: ti.f32,
     dry: ti.f32,
     drag: ti.f64,
     manning: ti.f32,
-    start: ti.f64,
     interval: ti.f64,
     friction: ti.template(),
     alone: ti.template(),
 ):
-    """The next step of an interval, or only the last half step of friction if the interval is over.
+    """The next step of an interval, or only the last half step along x if the interval is over.
 
     Args:
         state, cells: D (m), u and v (m/s), as vectors and as numbers.
         bed, bed_cells: bed b, m, (ny + 4, W + 4), likewise.
-        workspace: (bands, W, `Workspace`), scratch.
-        speeds: (ny), scratch.
+        fastest: (1), greatest speed of a wave over the size of a cell since the last step began, 1/s.
         clock: `Clock`, s and m.
         tide: (components, `Tide`) of the prescribed elevation.
         halo: (ghosts of a row, `Halo`).
         boundaries: (4), kind of each boundary.
-        bands: parts of the basin, one for a thread. No value depends on them.
+        parts, pieces: parts of all rows, and of each column, one for a thread. No value depends on them.
         dry: depth below which water does not move, m.
         drag, manning: 1/s, s/m^(1/3); read only with `friction`.
-        start, interval: time at which the interval begins, and its length, s.
+        interval: its length, s.
         friction: whether there is any.
         alone: take all steps of the interval in one launch, on one thread.
     """
     basin = ti.static(
         Basin(
-            *(state, cells, bed, bed_cells, workspace, speeds, clock, tide, halo, boundaries),
-            *(ny, W, bands, dx, dy, g, dry, drag, manning, start, interval, friction),
+            *(state, cells, bed, bed_cells, fastest, clock, tide, halo, boundaries),
+            *(ny, W, parts, pieces, dx, dy, g, dry, drag, manning, interval, friction),
         )
     )
     if ti.static(alone):
@@ -105,100 +107,121 @@ def step(
 
 @ti.func
 def take_step(basin: ti.template()):
-    """Heun's method, the second-order strong-stability-preserving one: two Euler steps, and the mean with the start.
+    """Strang's splitting: half a step along x, one along y, half a step along x, the latter together with the next one.
 
-    Friction acts half before and half after it (Strang); the halves of two steps are taken together.
+    Friction acts half before and half after the sweep along y. The sweep along x leads from the state to a copy of it
+    and the one along y back; the last one of an interval stays in the state.
     """
-    for i in range(basin.ny):
-        basin.speeds[i] = greatest_rate(basin, i)
+    clock, ny, W, pieces, friction = ti.static((basin.clock, basin.ny, basin.W, basin.pieces, basin.friction))
+    size = (ny + 4) * (W + 4)
     for _ in range(1):
         next_time_step(basin)
-    if ti.static(basin.friction):
-        for i in range(basin.ny):
-            apply_friction(basin, i, basin.clock[Clock.friction])
-    for stage in ti.static(range(2)):
-        for i in range(basin.ny + 4):
-            if basin.clock[Clock.step] > 0.0:
-                level = ti.cast(basin.clock[Clock.level + stage], ti.f32)
-                fill_ghosts(basin, stage, i, level)
-        ti.loop_config(block_dim=ti.static(runtime.one_task_a_thread()))
-        for band in range(basin.bands):
-            if basin.clock[Clock.step] > 0.0:
-                march(basin, stage, band, ti.cast(basin.clock[Clock.step], ti.f32))
+    ti.loop_config(block_dim=ti.static(runtime.one_task_a_thread()))
+    for part in range(basin.parts):
+        if clock[Clock.step_x] > 0.0:
+            dt = ti.cast(clock[Clock.step_x], ti.f32)
+            tide = vec2(ti.cast(clock[Clock.level_x], ti.f32), ti.cast(clock[Clock.next_x], ti.f32))
+            offset = 3 * size
+            if clock[Clock.step] == 0.0:
+                offset = 0
+            for i in range(ny * part // basin.parts, ny * (part + 1) // basin.parts):
+                fill_row_ghosts(basin, i, dt / basin.dx, tide)
+                first = vector_index(0, i, 0, ny, W)
+                line = ti.static(Line(0, first, 1, W, offset))
+                sweep(basin, line, dt)
+                if ti.static(friction):
+                    if clock[Clock.step] > 0.0:
+                        apply_friction(basin, line, 0.5 * clock[Clock.step])
+    ti.loop_config(block_dim=ti.static(runtime.one_task_a_thread()))
+    for task in range(pieces * W):
+        if clock[Clock.step] > 0.0:
+            j = task % W
+            piece = task // W
+            dt = ti.cast(clock[Clock.step], ti.f32)
+            tide = vec2(ti.cast(clock[Clock.level_y], ti.f32), ti.cast(clock[Clock.next_y], ti.f32))
+            for north in ti.static(range(2)):
+                if piece == north * (pieces - 1):
+                    fill_column_ghosts(basin, j, north, dt / basin.dy, tide)
+            row = ny * piece // pieces
+            first = vector_index(3, row, j, ny, W)
+            stride = W + 4
+            length = ny * (piece + 1) // pieces - row
+            offset = -3 * size
+            line = ti.static(Line(1, first, stride, length, offset))
+            sweep(basin, line, dt)
+            if ti.static(friction):
+                apply_friction(basin, line, 0.5 * clock[Clock.step])
 
 
 @ti.func
-def read_cell(basin: ti.template(), stage: ti.template(), p: ti.i32):
-    """The cells at vector p of the state or the first stage, as a struct of `kernels.shallow_water.riemann`."""
+def read_cell(basin: ti.template(), axis: ti.template(), p: ti.i32):
+    """The cells at vector p, as a struct of `kernels.shallow_water.riemann` with u along the axis.
+
+    Args:
+        basin: see `Basin`.
+        axis: 0 for x, of the state; 1 for y, of its copy.
+        p: index of the vector.
+    """
     size = (basin.ny + 4) * (basin.W + 4)
     zero = vector(0.0)
     D = basin.state[p]
-    b = basin.bed[p - 3 * stage * size]
+    b = basin.bed[p - 3 * axis * size]
     h = D + ti.max(zero - b, zero)
-    return ti.Struct(D=D, b=b, eta=D + ti.max(b, zero), h=h, u=basin.state[p + size], v=basin.state[p + 2 * size])
-
-
-@ti.func
-def greatest_rate(basin: ti.template(), i: ti.i32) -> ti.f32:
-    """Greatest (|u| + c)/Δx + (|v| + c)/Δy of a row, 1/s; infinite where the flow is no longer finite."""
-    zero = vector(0.0)
-    most = zero
-    total = zero
-    for j in range(basin.W):
-        cell = read_cell(basin, 0, vector_index(0, i, j, basin.ny, basin.W))
-        c = ti.sqrt(basin.g * cell.h)
-        rate = (ti.max(cell.u, zero - cell.u) + c) / basin.dx + (ti.max(cell.v, zero - cell.v) + c) / basin.dy
-        most = ti.max(most, rate)
-        total = total + rate
-    result = 0.0
-    for lane in ti.static(range(LANES)):
-        result = ti.max(result, most[lane])
-        if not total[lane] < ENDLESS:  # also true of a NaN, which a maximum passes over
-            result = INFINITY
-    return result
+    u = basin.state[p + (1 + axis) * size]
+    v = basin.state[p + (2 - axis) * size]
+    return ti.Struct(D=D, b=b, eta=D + ti.max(b, zero), h=h, u=u, v=v)
 
 
 @ti.func
 def next_time_step(basin: ti.template()):
     """Close the step before, and choose the next: if speeds stay as they are, equal ones up to the interval's end."""
-    clock, tide = ti.static((basin.clock, basin.tide))
-    rate = 0.0
-    for i in range(basin.ny):
-        rate = ti.max(rate, basin.speeds[i])
+    clock = ti.static(basin.clock)
     before = clock[Clock.step]
     done = clock[Clock.done] + before
     left = basin.interval - done
-    dt = left / ti.max(ti.ceil(left * ti.cast(rate, ti.f64) / COURANT), 1.0)
+    steps = ti.max(ti.ceil(left * ti.cast(basin.fastest[0], ti.f64) / COURANT), 1.0)
+    dt = left / steps
     if left < 1e-9 * basin.interval:
         done = basin.interval
         dt = 0.0 * left
+    elif steps > MOST_STEPS:
+        dt = 0.0 * left
     clock[Clock.done] = done
     clock[Clock.step] = dt
-    clock[Clock.friction] = 0.5 * (before + dt)
+    clock[Clock.step_x] = 0.5 * (before + dt)
     if dt > 0.0:
         clock[Clock.steps] = clock[Clock.steps] + 1.0
-    level = 0.0 * basin.start
-    next_level = 0.0 * basin.start
-    for n in range(tide.shape[0]):
-        angle = tide[n, Tide.omega] * (basin.start + done) + tide[n, Tide.phase]
-        level = level + tide[n, Tide.amplitude] * ti.cos(angle)
-        next_level = next_level + tide[n, Tide.amplitude] * ti.cos(angle + tide[n, Tide.omega] * dt)
-    clock[Clock.level] = level
-    clock[Clock.next_level] = next_level
+        basin.fastest[0] = 0.0
+    clock[Clock.level_x] = prescribed(basin, done - 0.5 * before)
+    clock[Clock.next_x] = prescribed(basin, done + 0.5 * dt)
+    clock[Clock.level_y] = prescribed(basin, done)
+    clock[Clock.next_y] = prescribed(basin, done + dt)
 
 
 @ti.func
-def apply_friction(basin: ti.template(), i: ti.i32, t: ti.f64):
-    """The exact solution of u_t = −r u − g n² |u| u/h^(4/3) at constant depth for a time t, in a row."""
+def prescribed(basin: ti.template(), t: ti.f64) -> ti.f64:
+    """Prescribed elevation at a time of the interval, m."""
+    tide = ti.static(basin.tide)
+    level = 0.0 * t
+    for n in range(tide.shape[0]):
+        angle = tide[n, Tide.omega] * (basin.clock[Clock.start] + t) + tide[n, Tide.phase]
+        level = level + tide[n, Tide.amplitude] * ti.cos(angle)
+    return level
+
+
+@ti.func
+def apply_friction(basin: ti.template(), line: ti.template(), t: ti.f64):
+    """The exact solution of u_t = −r u − g n² |u| u/h^(4/3) at constant depth for a time t, on a line as swept."""
     cells, drag = ti.static((basin.cells, basin.drag))
     drag_factor = ti.cast(ti.exp(-drag * t), ti.f32)
     damped_time = ti.cast(t, ti.f32)  # ∫ e^{−rt} dt
     if drag * t > 1e-6:
         damped_time = ti.cast((1.0 - ti.exp(-drag * t)) / drag, ti.f32)
     size = (basin.ny + 4) * (basin.W + 4) * LANES
-    first = vector_index(0, i, 0, basin.ny, basin.W) * LANES
-    for n in range(first, first + basin.W * LANES):
-        h = ti.max(cells[n] + ti.max(-basin.bed_cells[n], 0.0), basin.dry)
+    for k in range(line.length * LANES):
+        bed = (line.first + k // LANES * line.stride) * LANES + k % LANES - 3 * line.axis * size
+        n = bed + 3 * (1 - line.axis) * size
+        h = ti.max(cells[n] + ti.max(-basin.bed_cells[bed], 0.0), basin.dry)
         u = cells[n + size]
         v = cells[n + 2 * size]
         K = basin.g * basin.manning * basin.manning / ti.pow(h, 4.0 / 3.0)
@@ -208,107 +231,58 @@ def apply_friction(basin: ti.template(), i: ti.i32, t: ti.f64):
 
 
 @ti.func
-def march(basin: ti.template(), stage: ti.template(), band: ti.i32, dt: ti.f32):
-    """One stage in a band of rows: from the state to the first stage, or on from there and to the mean with the state.
-
-    Every face is worked out once: slopes and flux of the western face stay in registers and those of the southern one
-    in the workspace. To begin with, two rows south of the band are passed.
-    """
-    W, ny, dry, g, workspace = ti.static((basin.W, basin.ny, basin.dry, basin.g, basin.workspace))
-    north_row = W + 4
+def sweep(basin: ti.template(), line: ti.template(), dt: ti.f32):
+    """A step along one axis, and the greatest rate of the waves at its faces. See `Line`."""
+    axis, g, dry, stride = ti.static((line.axis, basin.g, basin.dry, line.stride))
     zero = vector(0.0)
-    rx = dt / basin.dx
-    ry = dt / basin.dy
-    first = ny * band // basin.bands
-    for i in range(first - 2, ny * (band + 1) // basin.bands):
-        p = vector_index(3 * stage, i, -1, ny, W)
-        x = half_slopes(read_cell(basin, stage, p - 1), read_cell(basin, stage, p), read_cell(basin, stage, p + 1), dry)
-        west = ti.Struct(mass=zero, left=zero, right=zero, transverse=zero)
-        for j in range(-1, W):
-            p = vector_index(3 * stage, i, j, ny, W)
-            here = read_cell(basin, stage, p)
-            east = ti.Struct(mass=zero, left=zero, right=zero, transverse=zero)
-            next_x = ti.Struct(eta=zero, h=zero, u=zero, v=zero)
-            if i >= first:
-                cell = read_cell(basin, stage, p + 1)
-                next_x = half_slopes(here, cell, read_cell(basin, stage, p + 2), dry)
-                east = flux(upper_face(here, x), lower_face(cell, next_x), g)
-            if j >= 0:
-                k = (band * W + j) * ti.static(len(Workspace.names))
-                here_y = turned(here)
-                cell = turned(read_cell(basin, stage, p + north_row))
-                next_y = half_slopes(here_y, cell, turned(read_cell(basin, stage, p + 2 * north_row)), dry)
-                if i >= first - 1:
-                    y = read_slopes(workspace, k)
-                    north = flux(upper_face(here_y, y), lower_face(cell, next_y), g)
-                    if i >= first:
-                        south = read_flux(workspace, k)
-                        fluxes = ti.static(Fluxes(west, east, south, north))
-                        stepped = euler_step(here, x.eta, y.eta, fluxes, rx, ry, g)
-                        store(basin, stage, vector_index(3 * (1 - stage), i, j, ny, W), here, stepped)
-                    workspace[k + Workspace.mass] = north.mass
-                    workspace[k + Workspace.momentum] = north.right
-                    workspace[k + Workspace.transverse] = north.transverse
-                workspace[k + Workspace.eta] = next_y.eta
-                workspace[k + Workspace.h] = next_y.h
-                workspace[k + Workspace.v] = next_y.u
-                workspace[k + Workspace.u] = next_y.v
-            west = east
-            x = next_x
+    spacing = basin.dx
+    if ti.static(axis == 1):
+        spacing = basin.dy
+    r = dt / spacing
+    p = line.first - stride
+    here = read_cell(basin, axis, p)
+    after = read_cell(basin, axis, p + stride)
+    half = half_slopes(read_cell(basin, axis, p - stride), here, after, dry, r, g)
+    change = half_step(here, half, r, g)
+    west = ti.Struct(mass=zero, left=zero, right=zero, transverse=zero, speed=zero, step=zero)
+    most = zero
+    total = zero
+    for n in range(line.length + 1):
+        beyond = read_cell(basin, axis, p + 2 * stride)
+        next_half = half_slopes(here, after, beyond, dry, r, g)
+        next_change = half_step(after, next_half, r, g)
+        east = flux(upper_face(here, half, change, r, g), lower_face(after, next_half, next_change, r, g), g)
+        flooded = ti.min(half.flooded, next_half.flooded)
+        most = ti.max(most, east.speed * (SHORE + flooded * (1.0 + ROUGH * east.step - SHORE)))
+        total = total + east.speed
+        if n > 0:
+            pull = 2.0 * g * (here.h + change.h) * half.eta
+            q_u = here.h * here.u - r * ((east.left - west.right) + pull)
+            q_v = here.h * here.v - r * (east.transverse - west.transverse)
+            h0 = ti.max(zero - here.b, zero)
+            D = ti.max(here.D - r * (east.mass - west.mass), zero - h0)  # against rounding
+            h = D + h0
+            # q/h, fading to zero in water thinner than `dry` (Kurganov and Petrova 2007).
+            per_depth = 2.0 * h / (h * h + ti.max(h * h, dry * dry + zero))
+            store(basin, axis, p + line.offset, D, q_u * per_depth, q_v * per_depth)
+        west = east
+        here = after
+        after = beyond
+        half = next_half
+        change = next_change
+        p = p + stride
+    result = 0.0
+    for lane in ti.static(range(LANES)):
+        result = ti.max(result, most[lane])
+        if not total[lane] < ENDLESS:  # also true of a NaN, which a maximum passes over
+            result = INFINITY
+    ti.atomic_max(basin.fastest[0], result / spacing)
 
 
 @ti.func
-def read_slopes(workspace: ti.template(), k: ti.i32):
-    """Half slopes across y that the row to the south has stored, as faces across y see them."""
-    return ti.Struct(
-        eta=workspace[k + Workspace.eta],
-        h=workspace[k + Workspace.h],
-        u=workspace[k + Workspace.v],
-        v=workspace[k + Workspace.u],
-    )
-
-
-@ti.func
-def read_flux(workspace: ti.template(), k: ti.i32):
-    """Flux through the southern face of a cell, as the cell north of it feels it."""
-    return ti.Struct(
-        mass=workspace[k + Workspace.mass],
-        right=workspace[k + Workspace.momentum],
-        transverse=workspace[k + Workspace.transverse],
-    )
-
-
-@ti.func
-def euler_step(here, x_eta, y_eta, fluxes: ti.template(), rx: ti.f32, ry: ti.f32, g: ti.f32):
-    """D and the discharges h u, h v of a cell after an Euler step; x_eta, y_eta are the half slopes of its surface."""
-    west, east, south, north = ti.static(fluxes)
-    pull = 2.0 * g * here.h
-    q_x = (here.h * here.u - rx * ((east.left - west.right) + pull * x_eta)) - ry * (
-        north.transverse - south.transverse
-    )
-    q_y = (here.h * here.v - ry * ((north.left - south.right) + pull * y_eta)) - rx * (
-        east.transverse - west.transverse
-    )
-    D = here.D - (rx * (east.mass - west.mass) + ry * (north.mass - south.mass))
-    return ti.Struct(D=D, q_x=q_x, q_y=q_y)
-
-
-@ti.func
-def store(basin: ti.template(), stage: ti.template(), n: ti.i32, here, stepped):
-    """Write the result of a stage to vector n: after the second stage the mean with the state."""
+def store(basin: ti.template(), axis: ti.template(), p: ti.i32, D, u, v):
+    """Write D and the velocities along and across the axis to vector p."""
     size = (basin.ny + 4) * (basin.W + 4)
-    zero = vector(0.0)
-    h0 = ti.max(zero - here.b, zero)
-    D, q_x, q_y = stepped.D, stepped.q_x, stepped.q_y
-    if ti.static(stage == 1):
-        D_0 = basin.state[n]
-        D = 0.5 * (D_0 + D)
-        q_x = 0.5 * ((D_0 + h0) * basin.state[n + size] + q_x)
-        q_y = 0.5 * ((D_0 + h0) * basin.state[n + 2 * size] + q_y)
-    D = ti.max(D, zero - h0)  # against rounding
-    h = D + h0
-    # q/h, fading to zero in water thinner than `dry` (Kurganov and Petrova 2007).
-    per_depth = 2.0 * h / (h * h + ti.max(h * h, basin.dry * basin.dry + zero))
-    basin.state[n] = D
-    basin.state[n + size] = q_x * per_depth
-    basin.state[n + 2 * size] = q_y * per_depth
+    basin.state[p] = D
+    basin.state[p + (1 + axis) * size] = u
+    basin.state[p + (2 - axis) * size] = v

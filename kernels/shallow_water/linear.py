@@ -55,7 +55,8 @@ class ShallowWater(Diagnostics):
         gravity: g, m/s².
         drag: rate r of the linear drag, 1/s; taken half at the old and half at the new time.
         boundaries: kind by side; a side that is missing is a "wall".
-        sponge_width: width of the sponges, m, where there are any. One of the longest wave reflects under 1% up to 45°.
+        sponge_width: width of the sponges, m, where there are any. One of the longest wave reflects under 1% of
+            plane waves up to 45°.
         num_seas: independent seas over the same bed.
 
     Attributes:

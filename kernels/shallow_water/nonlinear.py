@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 import torch
 
 from kernels import runtime
+from kernels.launch import Launch
 from kernels.shallow_water.boundaries import EAST, WEST, Side, complete_kinds
-from kernels.shallow_water.finite_volume import Clock, Workspace, step
-from kernels.shallow_water.ghost_cells import FORCED, RADIATING, WALL
+from kernels.shallow_water.finite_volume import Clock, step
+from kernels.shallow_water.ghost_cells import FORCED, INCIDENT, RADIATING, WALL
 from kernels.shallow_water.packing import LANES
 
-NonlinearBoundary = Literal["wall", "radiating", "forced"]
+NonlinearBoundary = Literal["wall", "radiating", "forced", "incident"]
 
-_KINDS = {"wall": WALL, "radiating": RADIATING, "forced": FORCED}
+_KINDS = {"wall": WALL, "radiating": RADIATING, "forced": FORCED, "incident": INCIDENT}
 
-BAND = 16384  # least cells for which another thread, and a launch for each step, pays
+ALONE = 16384  # fewest cells a thread for which others, and a launch for each step, pay
+FIRST_STEP = 10.0  # how many times shorter than others: a dam that breaks is fastest at first
 
 
 class NonlinearShallowWater:
@@ -30,11 +33,14 @@ class NonlinearShallowWater:
         (h v)_t + (h u v)_x + (h v² + g h²/2)_y = −g h b_y − r h v − g n² |u| v/h^(1/3)
 
     with the depth h = η − b between the surface z = η and the bed z = b; z = 0 is the mean level. Finite volumes on
-    cell averages: limited linear reconstruction of surface, depth and velocity, hydrostatic reconstruction at the
-    faces, HLLC flux, Heun's method in time (`kernels.shallow_water.riemann`, `kernels.shallow_water.finite_volume`).
+    cell averages: limited linear reconstruction of surface, depth and velocity, half a step from these slopes
+    (van Leer's MUSCL–Hancock scheme), hydrostatic reconstruction at the faces, HLLE flux, and Strang's splitting into
+    steps along x and along y (`kernels.shallow_water.riemann`, `kernels.shallow_water.finite_volume`).
     Second order where the flow is smooth; bores have the right speed; lakes at rest stay at rest; depth stays positive
-    and mass is conserved to rounding.
-    Steps are chosen on the device, Δt ((|u| + c)/Δx + (|v| + c)/Δy) ≤ 0.45, where ½ is the limit of positive depth.
+    and mass is conserved to rounding. Steps are chosen on the device: Δt times the speed of the fastest wave over Δx or
+    Δy is 0.95, and less beside dry land and where the bed jumps from cell to cell (`SHORE` and `ROUGH` of
+    `kernels.shallow_water.finite_volume`). Flow that is mirrored stays mirrored to the last bit; x and y exchanged give
+    the same within the error of the splitting.
 
     It costs more than the linear solver and damps short waves, which that one does not: it is for waves that are high
     against the depth, currents that are fast against the celerity, and land that gets wet.
@@ -48,8 +54,9 @@ class NonlinearShallowWater:
         drag: rate r of the linear drag, 1/s.
         manning: Manning's n, s/m^(1/3).
         boundaries: kind by side; a side that is missing is a "wall". Others are "radiating" to a still sea outside
-            (waves leave), or "forced", where the elevation is prescribed (by `set_forcing`) and waves from inside are
-            reflected. Where water leaves faster than waves travel a forced boundary cannot hold its level.
+            (waves leave), "incident" (waves leave, and one whose elevation `set_forcing` prescribes enters), or
+            "forced", where the elevation is prescribed and waves from inside are reflected. Where water leaves faster
+            than waves travel a forced boundary cannot hold its level.
         dry: depth under which water does not move, m. Choose about 1e-5 of the greatest depth; with less the time steps
             are shorter, because thin water runs fast.
 
@@ -94,15 +101,15 @@ class NonlinearShallowWater:
 
         self._columns = W = math.ceil(self.nx / LANES)
         self._first_column = np.arange(LANES) * (self.nx - W) // (LANES - 1)
-        self._bands = max(1, min(running.threads, self.nx * self.ny // BAND, self.ny))
-        if not running.on_cpu:  # a thread a band, of as few rows as are worth the two that it passes beforehand
-            self._bands = max(1, self.ny // 8)
-        self._alone = running.on_cpu and self._bands == 1
+        cells_a_thread = self.nx * self.ny // running.threads
+        self._alone = running.on_cpu and (running.threads == 1 or cells_a_thread < ALONE)
+        self._parts = min(4 * running.threads, self.ny) if running.on_cpu else self.ny
+        # On a CPU there are enough columns for its threads, elsewhere a piece is worth the two rows read beforehand.
+        self._pieces = max(1, min(math.ceil(running.threads / W), self.ny // 4) if running.on_cpu else self.ny // 8)
         numbers = {"dtype": torch.float32, "device": running.device}
         self._state = torch.zeros((2, 3, self.ny + 4, W + 4, LANES), **numbers)
         self._bed = torch.tensor(self._spread(np.pad(self.bed, 2, mode="symmetric"), 2), **numbers).contiguous()
-        self._workspace = torch.zeros((self._bands * W * len(Workspace.names), LANES), **numbers)
-        self._speeds = torch.zeros(self.ny, **numbers)
+        self._fastest = torch.zeros(1, **numbers)
         self._clock = torch.zeros(len(Clock.names), dtype=torch.float64, device=running.device)
         self._halo = torch.tensor(self._halo_table(), dtype=torch.int32, device=running.device)
         codes = [_KINDS[kind] for kind in kinds.values()]
@@ -122,6 +129,7 @@ class NonlinearShallowWater:
         """
         components = np.stack([amplitude, 2 * math.pi / np.asarray(period, np.float64), phase], axis=1)
         self._tide = torch.tensor(components, dtype=torch.float64, device=self._clock.device)
+        self.__dict__.pop("_launch", None)  # it holds the former tide
 
     def set_state(
         self, eta: float | np.ndarray, u: float | np.ndarray = 0.0, v: float | np.ndarray = 0.0, time: float = 0.0
@@ -145,6 +153,9 @@ class NonlinearShallowWater:
         fields = np.where(wet, eta - self._land, -self._sea), np.where(wet, u, 0), np.where(wet, v, 0)
         for packed, field in zip(self._state[0], fields, strict=True):
             packed[2:-2, 2:-2] = torch.as_tensor(self._spread(field, 0))
+        celerity = np.sqrt(self.gravity * (fields[0] + self._sea))
+        fastest = (np.maximum(np.abs(fields[1]), np.abs(fields[2])) + celerity).max() / min(self.dx, self.dy)
+        self._fastest.fill_(FIRST_STEP * float(fastest))
         self._start, self._intervals, self.steps = time, 0, 0
 
     def advance(self) -> None:
@@ -154,54 +165,41 @@ class NonlinearShallowWater:
             FloatingPointError: the flow has become infinitely fast.
         """
         self._clock.zero_()
-        state, bed = self._state.view(-1, LANES), self._bed.view(-1, LANES)
-        arguments = (
-            *(
-                state,
-                state.view(-1),
-                bed,
-                bed.view(-1),
-                self._workspace,
-                self._speeds,
-                self._clock,
-                self._tide,
-                self._halo,
-            ),
-            *(
-                self._boundaries,
-                self.ny,
-                self._columns,
-                self._bands,
-                self.dx,
-                self.dy,
-                self.gravity,
-                self.dry,
-                self.drag,
-            ),
-            *(self.manning, self.time, self.interval, self.drag > 0 or self.manning > 0, self._alone),
-        )
+        self._clock[Clock.start] = self.time
         launches = 1
-        with runtime.vectors_in_registers():
-            while launches > 0:
-                for _ in range(launches):
-                    step(*arguments)
-                runtime.synchronize()
-                done, dt = float(self._clock[Clock.done]), float(self._clock[Clock.step])
-                launches = round((self.interval - done) / dt) if dt > 0 else 0
+        while launches > 0:
+            for _ in range(launches):
+                self._launch()
+            runtime.synchronize()
+            done, dt = float(self._clock[Clock.done]), float(self._clock[Clock.step])
+            launches = math.ceil((self.interval - done) / (2 * dt)) if dt > 0 else 0  # steps may get longer
         if done < self.interval:
             raise FloatingPointError(f"the flow has become infinitely fast, {done} s after {self.time} s")
         self.steps += int(self._clock[Clock.steps])
         self._intervals += 1
 
+    @cached_property
+    def _launch(self) -> Launch:
+        """The next step, or all of an interval."""
+        state, bed = self._state.view(-1, LANES), self._bed.view(-1, LANES)
+        with runtime.vectors_in_registers():
+            return Launch(
+                step,
+                *(state, state.view(-1), bed, bed.view(-1), self._fastest, self._clock, self._tide, self._halo),
+                *(self._boundaries, self.ny, self._columns, self._parts, self._pieces, self.dx, self.dy, self.gravity),
+                *(self.dry, self.drag, self.manning, self.interval, self.drag > 0 or self.manning > 0, self._alone),
+            )
+
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Copies of the fields and of the clock; with equal forcing `load_state` restores them bit for bit."""
-        clock = torch.tensor([self._start, self._intervals, self.steps], dtype=torch.float64)
-        return self._state[0].clone(), clock
+        clock = [self._start, self._intervals, self.steps, float(self._fastest)]
+        return self._state[0].clone(), torch.tensor(clock, dtype=torch.float64)
 
     def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
         """Restore what `state` returned."""
         self._state[0].copy_(fields)
         self._start, self._intervals, self.steps = float(clock[0]), int(clock[1]), int(clock[2])
+        self._fastest.fill_(float(clock[3]))
 
     def elevation(self) -> np.ndarray:
         """Surface at cell centres, m, (ny, nx), f32; on dry land the bed."""

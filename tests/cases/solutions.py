@@ -3,13 +3,14 @@
 SWASHES is Delestre et al. 2013, doi 10.1002/fld.3741 (section numbers of arXiv 1110.0288).
 """
 
+import functools
 import math
 
 import numpy as np
 
 from kernels.shallow_water.nonlinear import NonlinearShallowWater
 from tests.cases.plain import GRAVITY as g
-from tests.cases.plain import centres
+from tests.cases.plain import SIDES, centres
 
 
 def channel(cells: int, length: float, along_y: bool = False, **others) -> NonlinearShallowWater:
@@ -48,29 +49,43 @@ def ritter(x: np.ndarray, t: float, h_L: float) -> tuple[np.ndarray, np.ndarray]
 class RadialDamBreak:
     """Circular dam of 11 m with 10 m of water inside and 1 m outside, after 0.69 s, in a basin of 50 m.
 
-    The reference is h and h u of the equations in r alone, solved here with 2000 cells in f64: MUSCL with minmod,
-    Rusanov's flux, Heun. In shells of volume r Δr the pressure acts as (r_+ p_+ − r_- p_-)/(r Δr) − p/r.
+    The reference is h and h u of the equations in r alone, solved here in f64: MUSCL with the monotonised-central
+    limiter, Rusanov's flux, Heun. In shells of volume r Δr the pressure acts as (r_+ p_+ − r_- p_-)/(r Δr) − p/r.
     """
 
-    radius, inside, outside, time, size = 11.0, 10.0, 1.0, 0.69, 50.0
+    radius, inside, outside, time, size, reach, gravity = 11.0, 10.0, 1.0, 0.69, 50.0, 36.0, g
+    shells = 1800
+    points = 16  # of a cell each way, over which `start` takes the mean
 
     def start(self, n: int) -> np.ndarray:
-        """Cell averages, by 16 × 16 points in a cell."""
-        x = centres(16 * n, self.size) - self.size / 2
-        h = np.where(np.hypot(x, x[:, None]) < self.radius, self.inside, self.outside)
-        return h.reshape(n, 16, n, 16).mean(axis=(1, 3))
+        """Depth at the beginning in n × n cells."""
+        x = centres(self.points * n, self.size) - self.size / 2
+        h = np.where(np.hypot(x, x[:, None]) <= self.radius, self.inside, self.outside)
+        return h.reshape(n, self.points, n, self.points).mean(axis=(1, 3))
 
-    def reference(self) -> tuple[np.ndarray, np.ndarray]:
-        n, length = 2000, 36.0
-        dr = length / n
-        r, faces = centres(n, length), np.arange(n + 1) * dr
-        U = np.stack([np.where(r < self.radius, self.inside, self.outside), np.zeros(n)])
+    def exact(self, n: int) -> np.ndarray:
+        """Depth at the end in n × n cells, the mean over at least 4 × 4 points in each."""
+        points = max(4, 2048 // n)
+        x = centres(points * n, self.size) - self.size / 2
+        depth = np.interp(np.hypot(x, x[:, None]), *self.reference())
+        return depth.reshape(n, points, n, points).mean(axis=(1, 3))
+
+    @classmethod
+    @functools.cache
+    def reference(cls) -> tuple[np.ndarray, np.ndarray]:
+        """Radii and depths at the end."""
+        n, g = cls.shells, cls.gravity
+        dr = cls.reach / n
+        r, faces = centres(n, cls.reach), np.arange(n + 1) * dr
+        U = np.stack([np.where(r < cls.radius, cls.inside, cls.outside), np.zeros(n)])
 
         def tendency(U):
             W = np.stack([U[0], U[1] / U[0]])
             W = np.concatenate([W[:, 1::-1] * [[1], [-1]], W, W[:, -1:], W[:, -1:]], axis=1)
             d = np.diff(W, axis=1)
-            slope = np.where(d[:, 1:] * d[:, :-1] > 0, np.sign(d[:, 1:]) * np.minimum(abs(d[:, 1:]), abs(d[:, :-1])), 0)
+            below, above = abs(d[:, :-1]), abs(d[:, 1:])
+            steepest = np.minimum(2 * np.minimum(below, above), (below + above) / 2)
+            slope = np.where(d[:, 1:] * d[:, :-1] > 0, np.sign(d[:, 1:]) * steepest, 0)
             left, right = (W[:, 1:-1] + slope / 2)[:, :-1], (W[:, 1:-1] - slope / 2)[:, 1:]
             flux = [np.stack([h * u, h * u * u + g * h * h / 2]) for h, u in (left, right)]
             speed = np.maximum(*(abs(u) + np.sqrt(g * h) for h, u in (left, right)))
@@ -81,19 +96,40 @@ class RadialDamBreak:
             return rate, speed.max()
 
         t = 0.0
-        while t < self.time:
+        while t < cls.time:
             rate, speed = tendency(U)
-            dt = min(0.4 * dr / speed, self.time - t)
+            dt = min(0.4 * dr / speed, cls.time - t)
             first = U + dt * rate
             U = (U + first + dt * tendency(first)[0]) / 2
             t += dt
         return r, U[0]
 
+    def solver(self, n: int) -> NonlinearShallowWater:
+        """At the beginning; an interval leads to the end."""
+        solver = NonlinearShallowWater(
+            size=(self.size, self.size),
+            cells=(n, n),
+            bed=-self.outside,
+            interval=self.time,
+            gravity=self.gravity,
+            boundaries=dict.fromkeys(SIDES, "radiating"),
+        )
+        solver.set_state(self.start(n) - self.outside)
+        return solver
+
     def solve(self, n: int) -> NonlinearShallowWater:
-        solver = NonlinearShallowWater(size=(50, 50), cells=(n, n), bed=0.0, interval=self.time)
-        solver.set_state(self.start(n))
+        """At the end."""
+        solver = self.solver(n)
         solver.advance()
         return solver
+
+
+class PDEBench(RadialDamBreak):
+    """The radial dam break of PDEBench (Takamoto et al. 2022, arXiv 2210.07182): a start at points, g = 1 m/s²."""
+
+    radius, inside, outside, time, size, reach, gravity = 0.5, 2.0, 1.0, 1.0, 5.0, 2.5, 1.0
+    shells = 4000
+    points = 1
 
 
 class Thacker:

@@ -98,8 +98,11 @@ def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tenso
             refuse(f"{name} is {value.dtype}: must be {mine.dtype}")
         if name in ("clock", "sea_clock", "sea_episode"):
             least = -1 if name == "clock" else 0
-            wrong = ~((value >= least) & (value <= LATEST)) | (value != value.double().round())
+            wrong = ~((value >= least) & (value <= LATEST))
+            if name != "sea_clock":  # a nonlinear sea's has a rate, too
+                wrong |= value != value.double().round()
             if wrong.any():
-                refuse(f"{name} has {float(value[wrong][0]):g}: must be a whole number from {least} to {LATEST}")
+                kind = "" if name == "sea_clock" else "a whole number "
+                refuse(f"{name} has {float(value[wrong][0]):g}: must be {kind}from {least} to {LATEST}")
         elif (problem := first_outside(name, value, bounds)) is not None:
             refuse(f"world {problem[0]}: {problem[1]}")

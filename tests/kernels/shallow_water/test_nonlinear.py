@@ -19,14 +19,14 @@ from kernels.shallow_water.nonlinear import NonlinearShallowWater
 from tests.cases.case import order, relative_L1
 from tests.cases.plain import GRAVITY as g
 from tests.cases.plain import SIDES, centres
-from tests.cases.solutions import Paraboloid, Plane, RadialDamBreak, channel, ritter, stoker
+from tests.cases.solutions import Paraboloid, PDEBench, Plane, RadialDamBreak, channel, ritter, stoker
 
 
 class TestDamBreak:
     """SWASHES 4.1: a channel of 10 m, 5 mm of water behind the dam, after 6 s."""
 
     @pytest.mark.parametrize("along_y", [False, True])
-    @pytest.mark.parametrize(("h_R", "depth", "discharge"), [(1e-3, 1.7e-3, 1.1e-2), (0.0, 1.6e-3, 1.1e-2)])
+    @pytest.mark.parametrize(("h_R", "depth", "discharge"), [(1e-3, 1.4e-3, 8.6e-3), (0.0, 1.3e-3, 8.8e-3)])
     def test_against_stoker_and_ritter(self, h_R, depth, discharge, along_y):
         n = 400
         x = centres(n, 10) - 5
@@ -53,7 +53,7 @@ class TestDamBreak:
         solver.set_state(np.where(x < 0, 5e-3, 0.0))
         solver.advance()
         front, exact = (x[h > 5e-5].max() for h in (solver.depth()[0], ritter(x, 6, 5e-3)[0]))
-        assert abs(front - exact) < 1.5 * solver.dx
+        assert abs(front - exact) < 0.5 * solver.dx
         tip, exact_tip = x[solver.depth()[0] > 5e-8].max(), 2 * math.sqrt(g * 5e-3) * 6
         assert exact_tip - 16 * solver.dx < tip < exact_tip
 
@@ -71,31 +71,41 @@ class TestDamBreak:
 
 class TestRadialDamBreak:
     def test_symmetric_to_the_last_bit(self):
+        """About both axes; about the diagonal within what the splitting into x and y leaves."""
         solver = RadialDamBreak().solve(60)
         h, (u, v) = solver.depth(), solver.velocity()
-        np.testing.assert_array_equal(h, h.T)
         np.testing.assert_array_equal(h, h[:, ::-1])
-        np.testing.assert_array_equal(u, v.T)
+        np.testing.assert_array_equal(h, h[::-1])
         np.testing.assert_array_equal(u, -u[:, ::-1])
         np.testing.assert_array_equal(u, u[::-1])
+        np.testing.assert_array_equal(v, -v[::-1])
+        assert relative_L1(h, h.T) < 0.004
 
-    @pytest.mark.parametrize(("n", "tolerance"), [(100, 0.017), pytest.param(200, 0.0085, marks=pytest.mark.slow)])
+    @pytest.mark.parametrize(("n", "tolerance"), [(100, 0.015), pytest.param(200, 0.007, marks=pytest.mark.slow)])
     def test_against_one_dimension(self, n, tolerance):
         case = RadialDamBreak()
-        r, h = case.reference()
-        x = centres(4 * n, case.size) - case.size / 2
-        exact = np.interp(np.hypot(x, x[:, None]), r, h).reshape(n, 4, n, 4).mean(axis=(1, 3))
-        assert relative_L1(case.solve(n).depth(), exact) < tolerance
+        assert relative_L1(case.solve(n).depth(), case.exact(n)) < tolerance
+
+    @pytest.mark.parametrize(
+        ("n", "mean", "rms"), [(128, 2.1e-3, 5.7e-3), (256, 1.4e-3, 3.9e-3), (512, 7.0e-4, 2.6e-3)]
+    )
+    def test_as_accurate_as_wave_propagation(self, n, mean, rms):
+        """On PDEBench's case, in as many steps as that scheme; tolerances are PyClaw's errors."""
+        case = PDEBench()
+        solver, exact = case.solve(n), case.exact(n)
+        assert relative_L1(solver.depth(), exact) < mean
+        assert np.linalg.norm(solver.depth() - exact) / np.linalg.norm(exact) < rms
+        assert solver.steps < 0.35 * n
 
 
 class TestThacker:
     @pytest.mark.parametrize(
         ("case", "cells", "tolerances"),
         [
-            (Plane, 100, {0.25: (0.007, 0.006), 1: (0.0093, 0.0175), 3: (0.0162, 0.025)}),
-            (Paraboloid, 100, {0.25: (0.0055, 0.0051), 1: (0.0093, 0.0071), 3: (0.025, 0.0125)}),
-            pytest.param(Plane, 200, {1: (0.0033, 0.005), 3: (0.005, 0.0072)}, marks=pytest.mark.slow),
-            pytest.param(Paraboloid, 200, {1: (0.0027, 0.0052), 3: (0.0065, 0.006)}, marks=pytest.mark.slow),
+            (Plane, 100, {0.25: (0.0075, 0.006), 1: (0.0093, 0.0165), 3: (0.0156, 0.0225)}),
+            (Paraboloid, 100, {0.25: (0.0062, 0.0055), 1: (0.0093, 0.0085), 3: (0.0215, 0.0215)}),
+            pytest.param(Plane, 200, {1: (0.0032, 0.0047), 3: (0.0047, 0.0065)}, marks=pytest.mark.slow),
+            pytest.param(Paraboloid, 200, {1: (0.0027, 0.0045), 3: (0.0057, 0.0076)}, marks=pytest.mark.slow),
         ],
     )
     def test_depth_and_discharge(self, case, cells, tolerances):
@@ -147,7 +157,7 @@ class TestRest:
         bed = -120 + 140 * np.exp(-((x - 100) ** 2 + (x[:, None] - 90) ** 2) / 900)
         bed = bed + 3 * np.random.default_rng(0).normal(size=(n, n))
         solver = NonlinearShallowWater(
-            size=(200, 200), cells=(n, n), bed=bed, interval=2.0, boundaries=dict.fromkeys(SIDES, kind)
+            size=(200, 200), cells=(n, n), bed=bed, interval=5.0, boundaries=dict.fromkeys(SIDES, kind)
         )
         solver.set_forcing(np.array([level]), np.array([1e30]), np.zeros(1))
         solver.set_state(np.maximum(level, bed))
@@ -233,7 +243,7 @@ class TestSmooth:
             fields.append((solver.elevation(), solver.depth() * solver.velocity()[0]))
         for coarse, middle, fine in zip(*fields, strict=True):
             halved = [f.reshape(len(f) // 2, 2, -1, 2).mean(axis=(1, 3)) for f in (middle, fine)]
-            assert order([np.abs(halved[0] - coarse).mean(), np.abs(halved[1] - middle).mean()]) > 1.9
+            assert order([np.abs(halved[0] - coarse).mean(), np.abs(halved[1] - middle).mean()]) > 1.85
 
 
 class TestAgainstLinear:
@@ -286,20 +296,65 @@ class TestBoundaries:
         np.testing.assert_array_equal(whole.depth()[: half.ny, : half.nx], half.depth())
 
     @pytest.mark.parametrize("side", SIDES)
-    @pytest.mark.parametrize(("amplitude", "reflected"), [(1e-3, 1e-4), (2.0, 0.003)])
-    def test_radiating_boundary_lets_waves_out(self, side, amplitude, reflected):
+    @pytest.mark.parametrize(
+        ("kind", "amplitude", "reflected"),
+        [("radiating", 1e-3, 1e-4), ("radiating", 2.0, 0.003), ("incident", 2.0, 0.003)],
+    )
+    def test_open_boundary_lets_waves_out(self, side, kind, amplitude, reflected):
         """A hump of 40 m length on 10 m of water leaves; the rest, as a fraction of its height."""
         n, h = 200, 10.0
         x = centres(n, 200.0)
         x = x if side in ("east", "north") else x[::-1]
         along_y = side in ("south", "north")
         outward = 1 if side in ("east", "north") else -1
-        solver = channel(n, 200.0, along_y, bed=-h, interval=180 / math.sqrt(g * h), boundaries={side: "radiating"})
+        solver = channel(n, 200.0, along_y, bed=-h, interval=180 / math.sqrt(g * h), boundaries={side: kind})
         eta = np.broadcast_to(amplitude * np.exp(-(((x - 100) / 20) ** 2)), (4, n))
         u = outward * 2 * (np.sqrt(g * (h + eta)) - math.sqrt(g * h))  # a simple wave
         solver.set_state(eta.T if along_y else eta, **{"v": u.T} if along_y else {"u": u})
         solver.advance()
         assert np.abs(solver.elevation()).max() < reflected * amplitude
+
+    @pytest.mark.parametrize("kind", ["wall", "radiating", "incident", "forced"])
+    def test_noise_does_not_grow(self, kind):
+        """A minute of small waves a cell long, over a flat bed and one that rises and falls by a third of the depth."""
+        random = np.random.default_rng(0)
+        for roughness in (0.0, 3.0):
+            solver = NonlinearShallowWater(
+                size=(40, 40),
+                cells=(40, 40),
+                bed=-10 + roughness * random.uniform(-1, 1, (40, 40)),
+                interval=60.0,
+                boundaries=dict.fromkeys(SIDES, kind),
+            )
+            solver.set_state(*(1e-3 * random.normal(size=(3, 40, 40))))
+            solver.advance()
+            assert np.abs(solver.elevation()).max() < 1e-3
+
+    @pytest.mark.parametrize("side", SIDES)
+    def test_high_wave_enters_incident_boundary_and_leaves_radiating_one(self, side):
+        """E = a (1 − cos ωt)/2 of a tenth of the depth: a simple wave, η = E(s) at x = (3c(s) − 2c0) (t − s)."""
+        h, a, T, L, t = 10.0, 1.0, 10.0, 100.0, 9.0
+        c0 = math.sqrt(g * h)
+        start = np.linspace(t, 0, 20001)
+        E = a * (1 - np.cos(2 * math.pi / T * start)) / 2
+        at = (3 * np.sqrt(g * (h + E)) - 2 * c0) * (t - start)
+        along_y, opposite = side in ("south", "north"), SIDES[SIDES.index(side) ^ 1]
+        errors = []
+        for n in (50, 100, 200):
+            x = centres(n, L)
+            exact = np.interp(x if side in ("west", "south") else L - x, at, E, right=0.0)
+            boundaries = {side: "incident", opposite: "radiating"}
+            solver = channel(n, L, along_y, bed=-h, interval=t, boundaries=boundaries)
+            solver.set_forcing(np.array([a / 2, -a / 2]), np.array([1e30, T]), np.zeros(2))
+            solver.set_state(0.0)
+            solver.advance()
+            errors.append(np.abs((solver.elevation().T if along_y else solver.elevation())[0] - exact).mean() / a)
+        assert order(errors) > 1.7
+        assert errors[-1] < 5e-4
+        solver.set_forcing(np.zeros(1), np.ones(1), np.zeros(1))  # no more waves: the sea comes to rest
+        for _ in range(4):
+            solver.advance()
+        assert np.abs(solver.elevation()).max() < 2e-3 * a
 
     @pytest.mark.parametrize("side", SIDES)
     def test_forced_boundary_is_second_order(self, side):
@@ -439,7 +494,7 @@ class TestRoughGround:
         """The basin on one thread in one launch, and cut into bands with a launch for each step: the same bits."""
         results = []
         for threads in (1, 2, 3, 7):
-            monkeypatch.setattr(nonlinear, "BAND", 1)
+            monkeypatch.setattr(nonlinear, "ALONE", 1)
             monkeypatch.setattr(runtime, "_running", dataclasses.replace(runtime.start(), threads=threads))
             solver = rough_water(
                 250, 200, manning=0.03, boundaries={"west": "radiating", "north": "forced"}, interval=0.3
@@ -453,7 +508,7 @@ class TestRoughGround:
 
     @pytest.mark.parametrize("manning", [0.0, 0.03])
     def test_turned_and_mirrored_ground_turns_and_mirrors_the_flow(self, manning):
-        """x and y exchanged, and west and east: the same bits in other places, also with other lanes."""
+        """West and east exchanged: the same bits in other places, also with other lanes. x and y exchanged: nearly."""
         given = rough_water()
         eta, (u, v) = given.elevation(), given.velocity()
         eta = np.where(given.depth() > 0, eta, -100.0)
@@ -471,8 +526,8 @@ class TestRoughGround:
             solver.set_state(change(eta), *velocities)
             solver.advance()
             results.append(change(solver.depth()))
-        np.testing.assert_array_equal(results[1], results[0])
         np.testing.assert_array_equal(results[2], results[0])
+        assert relative_L1(results[1], results[0]) < 0.1
 
     def test_state_is_restored(self):
         solver, other = rough_water(), rough_water()
