@@ -40,10 +40,9 @@ Line = namedtuple("Line", "axis first stride length offset")
 ENDLESS = 1e30
 INFINITY = float("inf")
 COURANT = 0.95
-# How many times shorter steps are beside dry land, where puddles would gain energy otherwise, and 1 + ROUGH times the
-# step of the bed at a face over depth and step: halves of a step along x and y that each lose energy need not do so
-# together where water is deeper in the cell than at its faces.
-SHORE, ROUGH = 2.0, 10.0
+# How many times shorter steps are beside dry land, where puddles would gain energy otherwise; and where the bed jumps,
+# 1 + ROUGH · jump/(jump + depth) times: waves over jumps of most of the depth would still gain energy in longer steps.
+SHORE, ROUGH = 2.0, 20.0
 MOST_STEPS = 1e9  # of an interval; with more the flow counts as infinitely fast
 
 
@@ -256,7 +255,7 @@ def sweep(basin: ti.template(), line: ti.template(), dt: ti.f32):
         most = ti.max(most, east.speed * (SHORE + flooded * (1.0 + ROUGH * east.step - SHORE)))
         total = total + east.speed
         if n > 0:
-            pull = 2.0 * g * (here.h + change.h) * half.eta
+            pull = 2.0 * g * (half.passage + change.h) * half.eta
             q_u = here.h * here.u - r * ((east.left - west.right) + pull)
             q_v = here.h * here.v - r * (east.transverse - west.transverse)
             h0 = ti.max(zero - here.b, zero)

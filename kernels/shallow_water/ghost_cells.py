@@ -112,10 +112,11 @@ def fill_open(basin: ti.template(), ghost: ti.template(), kind: ti.i32, tide: ve
     """Radiating, incident and forced: a state by the Riemann invariants that leave and that enter.
 
     With c0 of the still sea, c1 under the prescribed elevation and outward velocity u: u + 2 (c − c0) = R leaves, of
-    surface and velocity continued linearly from the two cells inside where both are flooded. u − 2 (c − c0) enters: 0
-    from a still sea; −4 (c1 − c0) of a simple wave in still water; R − 4 (c1 − c0) where the boundary has that
-    elevation. What is in a ghost arrives at the boundary later, so it has the elevation, and the R, of then. Water
-    passes a forced boundary at most with the speed of waves: faster water would need other conditions.
+    surface and velocity continued from the two cells inside where both are flooded: linearly, but less the more the bed
+    rises or falls between them. u − 2 (c − c0) enters: 0 from a still sea; −4 (c1 − c0) of a simple wave in still
+    water; R − 4 (c1 − c0) where the boundary has that elevation. What is in a ghost arrives at the boundary later, so
+    it has the elevation, and the R, of then. Water passes a forced boundary at most with the speed of waves: faster
+    water would need other conditions.
     """
     cells, bed, g = ti.static((basin.cells, basin.bed_cells, basin.g))
     b = bed[ghost.at - ghost.bed_offset]
@@ -131,11 +132,13 @@ def fill_open(basin: ti.template(), ghost: ti.template(), kind: ti.i32, tide: ve
     leaving = u_1 + 2.0 * celerity_difference(cells[ghost.first], 0.0, ti.max(-b_1, 0.0), g)
     returning = leaving
     if ti.min(eta_1, eta_2) > ti.max(b_1, b_2) + basin.dry:
-        layer = ti.cast(ghost.layer, ti.f32)
-        eta = ti.max(eta_1 + layer * (eta_1 - eta_2) - land, -h0)
-        leaving = u_1 + layer * (u_1 - u_2) + 2.0 * celerity_difference(eta, 0.0, h0, g)
-        eta = ti.max(eta_1 + (layer - 1.0) * (eta_2 - eta_1) - land, -h0)
-        returning = u_1 + (layer - 1.0) * (u_2 - u_1) + 2.0 * celerity_difference(eta, 0.0, h0, g)
+        even = ti.max(1.0 - ti.abs(b_1 - b_2) / ti.max(h0, basin.dry), 0.0)
+        outward = even * ti.cast(ghost.layer, ti.f32)
+        inward = even * (ti.cast(ghost.layer, ti.f32) - 1.0)
+        eta = ti.max(eta_1 + outward * (eta_1 - eta_2) - land, -h0)
+        leaving = u_1 + outward * (u_1 - u_2) + 2.0 * celerity_difference(eta, 0.0, h0, g)
+        eta = ti.max(eta_1 + inward * (eta_2 - eta_1) - land, -h0)
+        returning = u_1 + inward * (u_2 - u_1) + 2.0 * celerity_difference(eta, 0.0, h0, g)
     if kind != FORCED:
         returning = 0.0
 

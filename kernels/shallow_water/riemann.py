@@ -13,6 +13,7 @@ through this face in the step (m²/s).
 import taichi as ti
 
 TINY = 1e-30  # makes 0/0 a 0
+SMOOTH = 0.2  # second difference of the bed over depth up to which a bed is curved and does not jump
 
 
 @ti.func
@@ -53,7 +54,9 @@ def half_slopes(below, here, above, dry: ti.f32, r: ti.f32, g: ti.f32):
         g: gravity, m/s².
 
     Returns:
-        half slopes `eta`, `h`, `u` and `v`, and whether the cell is `flooded`, 1 or 0.
+        half slopes `eta`, `h`, `u` and `v`; whether the cell is `flooded`, 1 or 0; mean `passage` of the depths through
+        which water passes its two faces, and half their difference, `widening`. These are h and its half slope where
+        the bed is smooth; where it jumps the higher bed counts, as in `flux`.
     """
     zero = 0.0 * here.D
     one = 1.0 + zero
@@ -64,16 +67,24 @@ def half_slopes(below, here, above, dry: ti.f32, r: ti.f32, g: ti.f32):
     theta = ti.select(flooded > zero, 1.0 / ti.max(courant, one - courant), 0.5 + zero)
     moves = ti.select(here.h > dry + zero, one, zero)
     eta = moves * half_slope(here.eta - below.eta, above.eta - here.eta, theta)
-    depth = eta - half_slope(here.b - below.b, above.b - here.b, theta)
-    depth = ti.max(ti.min(depth, here.h), zero - here.h)
+    bed = half_slope(here.b - below.b, above.b - here.b, theta)
+    depth = ti.max(ti.min(eta - bed, here.h), zero - here.h)
+    bend = 0.5 * ti.max(ti.min(above.b + below.b - 2.0 * here.b, SMOOTH * here.h), zero)
+    passage_above = ti.max((here.eta + eta) - ti.max(here.b + bed, above.b - bed - bend), zero)
+    passage_below = ti.max((here.eta - eta) - ti.max(here.b - bed, below.b + bed - bend), zero)
+    passage = ti.min(0.5 * (passage_above + passage_below), here.h)
+    widening = ti.max(ti.min(0.5 * (passage_above - passage_below), here.h), zero - here.h)
     u = flooded * half_slope(here.u - below.u, above.u - here.u, theta)
     v = flooded * half_slope(here.v - below.v, above.v - here.v, one)
-    return ti.Struct(eta=eta, h=depth, u=u, v=v, flooded=flooded)
+    return ti.Struct(eta=eta, h=depth, u=u, v=v, flooded=flooded, passage=passage, widening=widening)
 
 
 @ti.func
 def half_step(cell, half, r: ti.f32, g: ti.f32):
     """Changes of depth (and surface) `h`, `u` and `v` of a cell in half a step, from its slopes alone (Hancock's).
+
+    Mass and force of the gravity are those of the depths through which water passes the faces: else waves over a bed
+    that jumps from cell to cell would gain energy in each step, as with Euler's method.
 
     Args:
         cell: the cell.
@@ -83,8 +94,8 @@ def half_step(cell, half, r: ti.f32, g: ti.f32):
     """
     zero = 0.0 * cell.h
     return ti.Struct(
-        h=zero - r * (cell.u * half.h + cell.h * half.u),
-        u=zero - r * (cell.u * half.u + g * half.eta),
+        h=zero - r * (cell.u * half.widening + half.passage * half.u),
+        u=zero - r * (cell.u * half.u + g * half.eta * (half.passage / (cell.h + TINY))),
         v=zero - r * (cell.u * half.v),
     )
 
