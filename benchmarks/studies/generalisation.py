@@ -3,9 +3,9 @@
     python -m benchmarks.studies.generalisation --out runs/generalisation
 
 Trains SAC with shared parameters and default settings under each of `TRAINED`, and tests what each run ends with under
-`TESTED`, in the same worlds as `clear`. Runs that are finished in the folder are not
-trained again. Cells are the mean of arps less that of `clear`, with the 95 % interval of the paired difference, and the
-data collected as a share of that of `clear`.
+`TESTED`, in the same worlds as `clear`. Runs that are in the folder go on where they were saved last. Cells are the
+mean of arps less that of `clear`, with the 95 % interval of the paired difference, and the data collected as a share of
+that of `clear`.
 """
 
 from __future__ import annotations
@@ -13,13 +13,20 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
+from kernels import runtime
+from kernels.errors import UserError
 from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv_cli.engines import training
+from usvauv_cli.engines.conduct import conduct, signs_in
+from usvauv_cli.engines.local import Local
+from usvauv_cli.engines.task import Ended, Signs, Task
 from usvauv_env import EpisodeMetrics, Scenario, World, evaluate
 
 PROFILE = "observation.current=profile"
@@ -57,19 +64,42 @@ ABLATIONS = {
 }
 
 
-def train(name: str, steps: int, folder: Path) -> Path:
-    """Train, unless the run is finished already; returns the folder of its last policy."""
-    place = folder / name.replace(" ", "-")
-    if not (place / "last").exists() or policies.read_run(place)[2]["steps"] < steps:
-        base, changes = TRAINED[name]
+@dataclass(frozen=True)
+class Training:
+    """A training run in a process of its own, which goes on where it was saved last."""
+
+    name: str
+    steps: int
+    place: Path
+
+    def __call__(self, signs: Signs) -> None:
+        base, changes = TRAINED[self.name]
         scenario = Scenario.load(base, changes)
         config = policies.TrainingConfig(shared=True, seed=1)
         world = World(scenario, config.num_worlds, config.seed)
         evaluation_worlds = World(scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET)
-        trainer = policies.Trainer(world, config, place, partial(policies.evaluate, evaluation_worlds))
-        print(f"training: {name}", file=sys.stderr, flush=True)
-        trainer.train(steps)
-    return place / "last"
+        trainer = policies.Trainer(world, config, self.place, partial(policies.evaluate, evaluation_worlds))
+        training.go_on(trainer, self.steps, signs.advance, signs.stopping)
+
+
+def train(steps: int, folder: Path, jobs: int) -> dict[str, Path]:
+    """Train what is not finished already, `jobs` at a time; returns the folder of each last policy."""
+    places = {name: folder / name.replace(" ", "-") for name in TRAINED}
+    threads = max(1, runtime.available_cores() // jobs)
+
+    def ended(result: Ended) -> None:
+        if result.how != "done":
+            raise UserError(f"{result.name}: {result.words}")
+        print(f"trained: {result.name}", file=sys.stderr, flush=True)
+
+    with signs_in(folder) as signs:
+        tasks = [
+            Task(name, Training(name, steps, place), signs, threads)
+            for name, place in places.items()
+            if training.trained(place) < steps
+        ]
+        conduct(Local(jobs, threads), tasks, signs, ended)
+    return {name: place / "last" for name, place in places.items()}
 
 
 def test(name: str | Path, test_in: tuple[str, Sequence[str], str], episodes: int, seed: int) -> list[EpisodeMetrics]:
@@ -102,10 +132,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder of the training runs")
     parser.add_argument("--steps", type=int, default=400_000, help="world-steps of a training run")
+    parser.add_argument("--jobs", type=int, default=runtime.available_cores(), help="runs trained at a time")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=2026)
     arguments = parser.parse_args()
-    places = {name: train(name, arguments.steps, arguments.out) for name in TRAINED}
+    places = train(arguments.steps, arguments.out, arguments.jobs)
     print(f"{describe()}; {arguments.episodes} episodes a cell, seed {arguments.seed}\n")
     matrix(places, arguments.episodes, arguments.seed)
     print()
