@@ -67,7 +67,7 @@ class Scenario(Section):
     mission: Mission = section(Mission, "clock of the mission")
     sea: Sea = section(Sea, "sea surface: shallow-water equations (Eq. 6)")
     storm: Storm = section(Storm, "short waves upon it: a directional Airy sea")
-    water: Water = section(Water, "real bed and currents from files")
+    water: Water = section(Water, "real bed, currents and waves from files")
     current: Current = section(Current, "current: Lamb–Oseen vortices (Eq. 8)")
     acoustics: Acoustics = section(Acoustics, "sonar equation of the positioning link")
     usbl: Usbl = section(Usbl, "ultra-short baseline positioning (Eq. 1)")
@@ -146,8 +146,8 @@ class Scenario(Section):
                 "tracker.enabled: goes with channel.schedule = every-step; else navigation.sensor has filters"
             )
         self._check_long_waves()
-        for system in self.storm.systems:
-            self._check_storm(system)
+        if not self.water.waves:
+            self._check_storm()
         self._check_vortices()
         samples = self.usbl.periods * self.usbl.sampling_rate / min(*self.usbl.carriers, self.usbl.carrier_min)
         if self.usbl.model == "waveform" and samples > MOST_SAMPLES:
@@ -182,7 +182,15 @@ class Scenario(Section):
                 f"sea.regular_amplitude + 4 √(sea.irregular_rms² + sea.start_rms²) = {self.highest_long_wave:.3g} m:"
                 f" must not be above half of area.depth, {area.depth / 2:g} m"
             )
-        trough = self.highest_long_wave + self.storm.total_height
+        self.check_troughs(0.0 if self.water.waves else self.storm.total_height)
+
+    def check_troughs(self, height: float) -> None:
+        """Refuse AUVs in the troughs of long waves and of short ones of a significant height, m.
+
+        Raises:
+            ValueError: they are.
+        """
+        trough = self.highest_long_wave + height
         if self.auv.separation == "geometry" and self.auv.depth <= trough:
             raise ValueError(f"auv.depth = {self.auv.depth:g}: must be below the troughs of the waves, {trough:.3g} m")
 
@@ -196,20 +204,26 @@ class Scenario(Section):
                 f" {current.core_radius_min:g} m"
             )
 
-    def _check_storm(self, storm: Storm) -> None:
-        g, depth = self.sea.gravity, self.area.depth
-        shortest = 2 * math.pi / storm.shortest_wave
-        if math.sqrt(g * shortest * math.tanh(shortest * depth)) < 4 * math.pi / storm.peak_period:
-            raise ValueError(
-                f"storm.shortest_wave = {storm.shortest_wave:g}: must have at least twice the frequency of"
-                " storm.peak_period"
-            )
-        highest = min(0.1 * g * storm.peak_period**2 / (2 * math.pi), 0.6 * depth)  # beyond that waves break
-        if storm.significant_height > highest:
-            raise ValueError(
-                f"storm.significant_height = {storm.significant_height:g}: must not be above {highest:.3g} m, where"
-                " such waves break"
-            )
+    def _check_storm(self) -> None:
+        shortest = 2 * math.pi / self.storm.shortest_wave
+        highest = math.sqrt(self.sea.gravity * shortest * math.tanh(shortest * self.area.depth))
+        for system in self.storm.systems:
+            if highest < 4 * math.pi / system.peak_period:
+                raise ValueError(
+                    f"storm.shortest_wave = {self.storm.shortest_wave:g}: must have at least twice the frequency of"
+                    " storm.peak_period"
+                )
+            self.check_breaking("storm.significant_height", system.significant_height, system.peak_period)
+
+    def check_breaking(self, name: str, height: float, peak_period: float) -> None:
+        """Refuse waves that would break; `name` says whose height it is.
+
+        Raises:
+            ValueError: they would.
+        """
+        highest = min(0.1 * self.sea.gravity * peak_period**2 / (2 * math.pi), 0.6 * self.area.depth)
+        if height > highest:
+            raise ValueError(f"{name} = {height:g}: must not be above {highest:.3g} m, where such waves break")
 
     @property
     def task_definition(self) -> Task:

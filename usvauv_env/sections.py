@@ -216,10 +216,13 @@ class Storm(Section):
 
 
 class Water(Section):
-    """The real bed and the real currents, read from CF-NetCDF files (`usvauv_env.site.cf_ocean`)."""
+    """The real bed, currents and waves, read from NetCDF files (`usvauv_env.site`)."""
 
     bathymetry: str = Field("", description="file with the depth of the bed; empty: flat at area.depth")
     currents: str = Field("", description="file with currents, added to the vortices; empty: none")
+    waves: str = Field(
+        "", description="file with wave spectra or partitions, in place of the storm's systems; empty: none"
+    )
     longitude: float = Field(
         0.0, ge=-180, le=360, description="longitude of the area's south-west corner, degrees east"
     )

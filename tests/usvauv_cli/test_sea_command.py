@@ -348,7 +348,7 @@ class TestVideo:
 
 class TestSectionAndBlock:
     def test_section_runs_with_the_waves(self):
-        section = Section(Scenario.load("extreme", ["area.width=400", "storm.direction=0.3"]))
+        section = Section(Site(Scenario.load("extreme", ["area.width=400", "storm.direction=0.3"])))
         way = section.ends[1] - section.ends[0]
         assert math.atan2(way[1], way[0]) == pytest.approx(0.3)
         assert section.ends.mean(axis=0) == pytest.approx([200, 100])
@@ -359,7 +359,7 @@ class TestSectionAndBlock:
 
     def test_without_a_storm_it_follows_the_waves_from_the_forced_edge(self):
         overrides = ["storm.spectrum=none", "sea.forced_edge=north", "area.width=400"]
-        section = Section(Scenario.load("extreme", overrides))
+        section = Section(Site(Scenario.load("extreme", overrides)))
         np.testing.assert_allclose(section.direction, (0, -1), atol=1e-9)
         np.testing.assert_allclose(section.ends, [(200, 0), (200, 200)], atol=1e-9)
 
@@ -376,7 +376,7 @@ class TestSectionAndBlock:
         ],
     )
     def test_it_runs_as_the_map_does_whichever_way_the_waves_go(self, direction, words):
-        section = Section(Scenario.load("extreme", [f"storm.direction={direction}"]))
+        section = Section(Site(Scenario.load("extreme", [f"storm.direction={direction}"])))
         (ax, ay), (bx, by) = section.ends
         assert bx > ax + 1e-6 or (bx == pytest.approx(ax, abs=1e-6) and by > ay)
         assert section.direction == pytest.approx((math.cos(direction), math.sin(direction)))
@@ -391,7 +391,7 @@ class TestSectionAndBlock:
         relief = np.full((100, 100, 3), 60, np.uint8)
         relief[38:41, 29:32] = (0, 0, 255)  # its top; the north is on top
         picture = np.zeros((300, 600, 3), np.uint8)
-        block.draw(picture, hill, relief, Section(scenario))
+        block.draw(picture, hill, relief, Section(Site(scenario)))
         red = np.argwhere((picture[..., 2] > 200) & (picture[..., 0] < 60))
         top, foot = block._project(np.array([(61.0 - 100, 121.0 - 100)] * 2), np.array([12.0, 0.0]))
         assert red.mean(axis=0)[::-1] == pytest.approx(top, abs=2)
@@ -426,7 +426,7 @@ class TestFigure:
             records.append(sea.surface().elevation.ravel())
             sea.advance()
         frequency, density = spectrum(np.array(records), 0.5, 130.0)
-        f, target = target_spectrum(scenario)
+        f, target = target_spectrum(sea.site)
         assert 4 * math.sqrt(cumulative(f, target)[-1]) == pytest.approx(6.5)
         for low, high in ((0.07, 0.1), (0.1, 0.13), (0.13, 0.28)):
             band = (frequency >= low) & (frequency < high)
@@ -471,7 +471,7 @@ class TestMeasured:
         found = measured(
             np.stack([(turned @ (part * here).T).real for part in (1, 1j * k[0], 1j * k[1])], -1), self.STEP, 132.0
         )
-        goal = wanted(scenario.storm)
+        goal = wanted(scenario.storm.systems)
         assert (goal.height, goal.period) == (6.5, 11.0)
         for name, tolerance in {"height": 0.1, "period": 0.1, "spread": 0.15}.items():
             assert getattr(found, name) == pytest.approx(getattr(goal, name), rel=tolerance), name

@@ -23,10 +23,10 @@ def load(*changes: str) -> Scenario:
 def test_energies_add_up():
     both, wind_sea, swell = load(SWELL), load(), load(*ALONE)
     assert both.storm.total_height == pytest.approx(math.hypot(6.5, 3.0))
-    f, S = target_spectrum(both)
+    f, S = target_spectrum(Site(both))
     assert 4 * math.sqrt(np.trapezoid(S, f)) == pytest.approx(math.hypot(6.5, 3.0), rel=1e-4)
-    assert wanted(both.storm).height == both.storm.total_height
-    assert wanted(both.storm).spread > wanted(wind_sea.storm).spread
+    assert wanted(both.storm.systems).height == both.storm.total_height
+    assert wanted(both.storm.systems).spread > wanted(wind_sea.storm.systems).spread
     waves = [
         parts for parts in current_parts(Site(both)) if parts not in current_parts(Site(load("storm.spectrum=none")))
     ]

@@ -210,7 +210,7 @@ class TestRealBed:
         node = world.node[world_index, auv[:, AuvColumn.target].astype(int)].double().numpy()
         away = np.hypot(*(node[:, [NodeColumn.x, NodeColumn.y]] - auv[:, [AuvColumn.x, AuvColumn.y]]).T)
         depth = bed_depth(*frame.to_geographic(node[:, NodeColumn.x], node[:, NodeColumn.y]))
-        level, nodes = data_level(scenario), scenario.nodes
+        level, nodes = data_level(Site(scenario)), scenario.nodes
         for distance, below, rate in zip(away, depth - 100, auv[:, AuvColumn.rate], strict=True):
             snr = level - sonar_equation.transmission_loss(math.hypot(distance, below), nodes.frequency)
             assert rate == pytest.approx(1e-6 * sonar_equation.shannon_rate(nodes.bandwidth, snr, 0), rel=1e-3)

@@ -20,6 +20,7 @@ from usvauv_cli.commands.options import (
     Seed,
     at_least,
     make_folder,
+    tell_of_bed,
     tell_of_team,
     writable,
 )
@@ -131,6 +132,7 @@ def evaluate(
             raise UserError("--report: cannot go with --resume: its figures are of missions that are not run again")
         make_folder(report_folder, "--report")
         writable(report_folder / "index.html", "--report", (".html",))
+    tell_of_bed(setting)
     recordings = Recordings(len(scenarios))
     comparison = Comparison(list(scenarios), reference, front_episodes(len(scenarios)) if report_folder else 0)
     with GrowingTable(out, resume) as table:

@@ -48,7 +48,7 @@ def _current_changes(scenario: Scenario, factor: float) -> Changes:
 
 def _storm_bounds(scenario: Scenario) -> tuple[float, float] | None:
     storm = scenario.storm
-    if storm.spectrum == "none":
+    if storm.spectrum == "none" or scenario.water.waves:
         return None
     breaking = 0.1 * scenario.sea.gravity * storm.peak_period**2 / (2 * math.pi)
     room = scenario.auv.depth - scenario.highest_long_wave

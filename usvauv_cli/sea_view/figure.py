@@ -35,6 +35,7 @@ from usvauv_env.memory import require
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import MapView, Rectangle
 from usvauv_env.render.text import clock
+from usvauv_env.sea.storm import total_height, wave_systems
 from usvauv_env.sea_alone.simulation import SeaSimulation
 
 LEVELS = LinearSegmentedColormap.from_list("levels", [web(colour) for colour in style.SEA])
@@ -62,7 +63,7 @@ class SeaFigure:
     def __init__(self, out: Path, sea: SeaSimulation, records: int) -> None:
         require(RECORD_BYTES * records, f"a figure of {records} records, by --duration and --interval")
         self._out, self._sea = out, sea
-        self._section = Section(sea.scenario)
+        self._section = Section(sea.site)
         self._wanted = {round(place) for place in np.linspace(0, records - 1, MAPS)}
         self._maps: list[tuple[float, np.ndarray]] = []
         self._last: tuple[float, np.ndarray]
@@ -78,7 +79,7 @@ class SeaFigure:
         probed = np.zeros_like(sea.wet)
         probed[np.ix_(rows, columns)] = True
         self._at = np.nonzero(probed & sea.wet)
-        self._drawn = sea.scenario.storm.spectrum != "none"
+        self._systems = wave_systems(sea.site)
 
     def add(self, sea: SeaSimulation) -> None:
         """Record the present sea."""
@@ -90,7 +91,7 @@ class SeaFigure:
         self._times.append(sea.time)
         self._sections.append(self._section.along(small).astype(np.float32))
         self._probes.append(surface.elevation[self._at])
-        if self._drawn:
+        if self._systems:
             self._storm.append(self._heave_and_slopes(surface.storm))
         middle = len(sea.y) // 2, len(sea.x) // 2
         self._middle.append((float(surface.elevation[middle]), float(surface.storm[middle])))
@@ -161,16 +162,16 @@ class SeaFigure:
 
     def _beside(self) -> str:
         """What was measured of the storm beside what is wanted; empty without a storm."""
-        if not self._drawn:
+        if not self._systems:
             return ""
-        storm, records = self._sea.scenario.storm, np.array(self._storm)
+        records = np.array(self._storm)
         if len(records) < SHORTEST or not records.size:
             return f"too short to measure the storm: below {SHORTEST} records"
-        found = measured(records, self._sea.interval, SEGMENT * storm.peak_period)
-        goal = wanted(storm)
+        found = measured(records, self._sea.interval, SEGMENT * self._systems[0].peak_period)
+        goal = wanted(self._systems)
         return (
-            f"storm as measured (as wanted): Hs {found.height:.2f} m ({goal.height:g} m), Tp {found.period:.1f} s"
-            f" ({goal.period:g} s), directional spread {math.degrees(found.spread):.0f}°"
+            f"storm as measured (as wanted): Hs {found.height:.2f} m ({goal.height:.3g} m), Tp {found.period:.1f} s"
+            f" ({goal.period:.3g} s), directional spread {math.degrees(found.spread):.0f}°"
             f" ({math.degrees(goal.spread):.0f}°)"
         )
 
@@ -228,13 +229,13 @@ class SeaFigure:
             axes.set(xticks=[], yticks=[])
             return
         step = self._sea.interval
-        piece = SEGMENT * scenario.storm.peak_period if self._drawn else math.inf
+        piece = SEGMENT * self._systems[0].peak_period if self._systems else math.inf
         frequency, density = spectrum(np.array(self._probes), step, piece)
         axes.loglog(frequency, density, color=WATER, lw=1.6, label="simulated")
         highest, last = density.max(), frequency[-1]
-        if self._drawn:
-            f, target = target_spectrum(scenario)
-            axes.loglog(f, target, color=TARGET, lw=1.6, label=f"target, Hs {scenario.storm.total_height:.3g} m")
+        if self._systems:
+            f, target = target_spectrum(self._sea.site)
+            axes.loglog(f, target, color=TARGET, lw=1.6, label=f"target, Hs {total_height(self._systems):.3g} m")
             highest, last = max(highest, target.max()), min(last, 1.5 * f[-1])
         ends = 1 / scenario.sea.irregular_period_max, 1 / scenario.sea.irregular_period_min
         if scenario.sea.irregular_rms > 0 and ends[1] > frequency[0]:

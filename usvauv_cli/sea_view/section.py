@@ -7,7 +7,8 @@ import math
 import cv2
 import numpy as np
 
-from usvauv_env.scenario import Scenario
+from usvauv_env.sea.storm import wave_systems
+from usvauv_env.site.site import Site
 
 POINTS = 241
 INWARDS = {"west": 0.0, "south": math.pi / 2, "east": math.pi, "north": -math.pi / 2}  # from an edge, rad
@@ -15,11 +16,11 @@ INWARDS = {"west": 0.0, "south": math.pi / 2, "east": math.pi, "north": -math.pi
 SIDES = ("south", "south-east", "east", "north-east", "north", "north-west", "west", "south-west")
 
 
-def heading(scenario: Scenario) -> float:
-    """Direction of the waves, rad from east towards north: the storm's mean, else inwards from the forced edge."""
-    if scenario.storm.spectrum != "none":
-        return scenario.storm.direction
-    return INWARDS.get(scenario.sea.forced_edge, 0.0)
+def heading(site: Site) -> float:
+    """Direction of the waves, rad from east towards north: the wind sea's mean, else inwards from the forced edge."""
+    if systems := wave_systems(site):
+        return systems[0].direction
+    return INWARDS.get(site.scenario.sea.forced_edge, 0.0)
 
 
 class Section:
@@ -31,8 +32,8 @@ class Section:
         words: where it goes, such as "A (west) to B (east)".
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        area, angle = scenario.area, heading(scenario)
+    def __init__(self, site: Site) -> None:
+        area, angle = site.scenario.area, heading(site)
         self._size = np.array([area.width, area.length])
         self.direction = direction = np.array([math.cos(angle), math.sin(angle)])
         if round(direction[0], 6) < 0 or (round(direction[0], 6) == 0 and direction[1] < 0):

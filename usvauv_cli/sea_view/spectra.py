@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from usvauv_env.scenario import Scenario
-from usvauv_env.sea.storm import band, cumulative
-from usvauv_env.sections import Storm
+from usvauv_env.sea.storm import System, cumulative, density, moment, total_height, wave_systems
+from usvauv_env.site.site import Site
 
 SHORTEST = 16  # least number of records for a spectrum
 
@@ -73,32 +73,24 @@ def measured(records: np.ndarray, step: float, piece: float) -> Waves:
     return Waves(4 * float(records[..., 0].std()), float(period), math.sqrt(2 * max(0.0, 1 - float(length))))
 
 
-def wanted(storm: Storm) -> Waves:
-    """What a storm is drawn from; the first moment of cos^2s(½Δθ) is s/(s + 1).
+def wanted(systems: Sequence[System]) -> Waves:
+    """What short waves are drawn from.
 
     Of several systems the period is that of the highest, and the spread that of all directions together.
     """
-    systems = storm.systems
-    moments = [
-        system.significant_height**2
-        * system.spreading
-        / (system.spreading + 1)
-        * np.array([math.cos(system.direction), math.sin(system.direction)])
-        for system in systems
-    ]
-    length = float(np.hypot(*np.sum(moments, axis=0))) / storm.total_height**2
+    height = total_height(systems)
+    length = abs(sum(system.significant_height**2 * moment(system) for system in systems)) / height**2
     highest = max(systems, key=lambda system: system.significant_height)
-    return Waves(storm.total_height, highest.peak_period, math.sqrt(2 * (1 - length)))
+    return Waves(height, highest.peak_period, math.sqrt(2 * (1 - length)))
 
 
-def target_spectrum(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and spectral density (m²/Hz) of the spectrum that the storm is drawn from."""
-    spectra = []
-    for storm in scenario.storm.systems:
-        shape = storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave
-        omega, S = band(*shape, scenario.area.depth, scenario.sea.gravity)
+def target_spectrum(site: Site) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (Hz) and spectral density (m²/Hz) of the spectrum that the short waves of a site are drawn from."""
+    scenario, spectra = site.scenario, []
+    for system in wave_systems(site):
+        omega, S = density(system, scenario.storm.shortest_wave, scenario.area.depth, scenario.sea.gravity)
         f = omega / (2 * math.pi)
-        spectra.append((f, S * (storm.significant_height / 4) ** 2 / cumulative(f, S)[-1]))
+        spectra.append((f, S * (system.significant_height / 4) ** 2 / cumulative(f, S)[-1]))
     if len(spectra) == 1:
         return spectra[0]
     f = np.unique(np.concatenate([f for f, _ in spectra]))

@@ -30,6 +30,7 @@ from usvauv_env.render.plots import LivePlot, SectionPlot
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
 from usvauv_env.render.shapes import Overlay
 from usvauv_env.render.text import write
+from usvauv_env.sea.storm import wave_systems
 from usvauv_env.sea_alone.simulation import SeaSimulation, Surface
 
 TRIAL = 12  # pictures by which the size of the file is estimated
@@ -48,7 +49,7 @@ class SeaPainter:
     """
 
     def __init__(self, sea: SeaSimulation, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int) -> None:
-        scenario, area = sea.scenario, sea.scenario.area
+        area = sea.scenario.area
         self.layout = layout = Layout.fit(*size, area, with_legend=False)
         self._frames, self._frame, self._fps = frames, 0, fps
         self._duration = max(frames - 1, 1) * sea.interval
@@ -67,12 +68,12 @@ class SeaPainter:
         self._land = land(sea, layout.map.width, layout.map.height)
         shaded = self.surface.relief(first).shape
         self._shaded_land = land(sea, shaded[1], shaded[0])
-        self._section = Section(scenario)
+        self._section = Section(sea.site)
         self._bounds = np.stack([np.full(len(self._section.distance), edge) for edge in (math.inf, -math.inf)])
         self._highest, self._lowest, self._squares, self._fastest = -math.inf, math.inf, 0.0, 0.0
         highest = 1.08 * float(np.abs(expected - level).max()) if self.surface.limit else 1.0
         self._reach = nice_above(highest, (1, 1.5, 2, 3, 4, 5, 6, 8, 10))
-        self._storm = scenario.storm.spectrum != "none"
+        self._storm = bool(wave_systems(sea.site))
         self._both = self._storm and not getattr(sea.long_waves, "still", False)
 
         self._still = np.full((layout.height, layout.width, 3), self.layout.theme.background, np.uint8)
@@ -245,7 +246,12 @@ def weather(sea: SeaSimulation) -> str:
     """The forcing of the sea in a few words."""
     storm, names = sea.scenario.storm, {"jonswap": "JONSWAP", "pm": "Pierson–Moskowitz", "tma": "TMA"}
     words = []
-    if storm.spectrum != "none":
+    if (waves := sea.site.waves) is not None:
+        words += [
+            f"{Path(waves.path).name} Hs {system.significant_height:.3g} m, Tp {system.peak_period:.3g} s"
+            for system in wave_systems(sea.site)
+        ]
+    elif storm.spectrum != "none":
         words.append(f"{names[storm.spectrum]} Hs {storm.significant_height:g} m, Tp {storm.peak_period:g} s")
         words += [f"swell Hs {height:g} m, Tp {period:g} s" for height, period, *_ in storm.swells]
     if not getattr(sea.long_waves, "still", False):

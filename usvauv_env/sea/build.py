@@ -21,7 +21,7 @@ from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.forcing import BoundaryWave, boundary_wave, draw_sea
 from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.nonlinear_pool import NonlinearSeas
-from usvauv_env.sea.storm import AirySea, build_storm
+from usvauv_env.sea.storm import AirySea, build_storm, wave_systems
 from usvauv_env.site.site import Site
 
 MOST_SUBSTEPS = 1_000_000
@@ -159,6 +159,7 @@ def build_short_waves(site: Site, seed: int, num_seas: int, first: int = 0) -> A
     levels = 0.0, -min(scenario.auv.depth, depth)
     return build_storm(
         scenario.storm,
+        wave_systems(site),
         depth=depth,
         gravity=scenario.sea.gravity,
         levels=levels,

@@ -11,6 +11,10 @@ ergodic. Phases are uniform. Time averages over N such components have the kurto
 
 Each swell is drawn likewise, from random numbers of its own: the wind sea is the same with and without it.
 
+A spectrum E(ω, θ) of a file is one system. Component k has a direction drawn at its own frequency, at the quantile
+u + k φ mod 1, φ the golden ratio. These lie evenly in any range of frequencies, so that swell and wind sea each keep
+their mean direction and spread.
+
 Sources: Hasselmann et al. (1973), "Measurements of wind-wave growth and swell decay during JONSWAP"; Bouws et al.
 (1985), doi 10.1029/JC090iC01p00975 (TMA); Mitsuyasu et al. (1975), doi
 10.1175/1520-0485(1975)005<0750:OOTDSO>2.0.CO;2 (spreading); Miles and Funke (1989), "A comparison of methods for
@@ -20,18 +24,27 @@ synthesis of directional seas", J. Offshore Mech. Arct. Eng. 111 (one direction 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
 
 from kernels import runtime
 from kernels.flow import airy
+from usvauv_env.scenario import ScenarioError
 from usvauv_env.sections import Storm
+from usvauv_env.site.site import Site
+from usvauv_env.site.waves import Partition, WaveSpectrum
+
+System = Storm | WaveSpectrum  # each with significant_height (m), peak_period (s) and direction of travel (rad)
 
 STREAM = 2  # spawn key of the storm among the random numbers of a sea
 SHAPES = ("none", "jonswap", "pm", "tma")
 FINE = 8192  # points at which spectrum and spreading are tabulated
+GOLDEN = (math.sqrt(5) - 1) / 2
+LEFT_OUT = 0.1  # most of a file's energy that may lie in waves below storm.shortest_wave
+SMALLEST = 0.01  # share of the height below which a partition of a file is left out
+NARROWEST = 1000.0  # spreading, as the field of a scenario has it
 
 
 class AirySea:
@@ -89,8 +102,93 @@ class AirySea:
         return left.astype(np.float32) @ right.astype(np.float32)
 
 
+def wave_systems(site: Site) -> tuple[System, ...]:
+    """The short waves of a site: wind sea and swells of the scenario or of its file, or the spectrum of its file.
+
+    Waves of a file that are shorter than `storm.shortest_wave` are left out, and the others have their energy.
+
+    Raises:
+        OceanError: the file does not serve.
+        ScenarioError: too much of its energy lies in waves that are too short, its waves break, or the AUVs are in
+            their troughs.
+    """
+    scenario, waves = site.scenario, site.waves
+    if waves is None:
+        return scenario.storm.systems
+    storm, gravity = scenario.storm, scenario.sea.gravity
+    highest = cut_off(storm.shortest_wave, min(scenario.area.depth, site.mean_depth), gravity)
+    if waves.spectrum is not None:
+        f, S = waves.spectrum.frequencies, waves.spectrum.by_frequency
+        kept = np.linspace(f[0], max(min(f[-1], highest / (2 * math.pi)), f[0]), FINE)
+        share = float(cumulative(kept, np.interp(kept, f, S))[-1] / cumulative(f, S)[-1])
+        systems: tuple[System, ...] = (waves.spectrum,)
+    else:
+        every = [_as_storm(part, storm) for part in waves.partitions]
+        least = SMALLEST * total_height(every)
+        large = [each for each in every if each.significant_height >= least]
+        long = [each for each in large if highest >= 4 * math.pi / each.peak_period]
+        share = (total_height(long) / total_height(large)) ** 2
+        scale = 1 / math.sqrt(share) if share else 1.0
+        systems = tuple(
+            each.model_copy(update={"significant_height": scale * each.significant_height}) for each in long
+        )
+    if share < 1 - LEFT_OUT:
+        raise ScenarioError(
+            f"storm.shortest_wave = {storm.shortest_wave:g}: leaves out {1 - share:.0%} of the energy of"
+            f" {waves.path}; at most {LEFT_OUT:.0%}"
+        )
+    try:
+        for system in systems:
+            period = system.peak_period if isinstance(system, Storm) else math.inf
+            scenario.check_breaking(f"{waves.path}: significant height", system.significant_height, period)
+        scenario.check_troughs(total_height(systems))
+    except ValueError as error:
+        raise ScenarioError(str(error)) from None
+    return systems
+
+
+def total_height(systems: Sequence[System]) -> float:
+    """Significant height of all systems together, 4 √Σm0, m."""
+    return math.hypot(*(system.significant_height for system in systems))
+
+
+def moment(system: System) -> complex:
+    """First moment of the directions of travel, r₁ exp(iθ); s/(s + 1) is that of cos^2s(½Δθ)."""
+    if isinstance(system, WaveSpectrum):
+        return system.moment
+    length = system.spreading / (system.spreading + 1)
+    return complex(length * math.cos(system.direction), length * math.sin(system.direction))
+
+
+def _as_storm(part: Partition, storm: Storm) -> Storm:
+    """A partition as a wave system with the shape of a scenario's, JONSWAP where it has none.
+
+    The spread √(2(1 − r₁)) gives the spreading s by r₁ = s/(s + 1), and T₋₁,₀ the peak's period by the shape without a
+    cut-off.
+    """
+    shape = "jonswap" if storm.spectrum == "none" else storm.spectrum
+    period = part.period
+    if part.mean_period:
+        omega, S = band("pm" if shape == "pm" else "jonswap", 2 * math.pi, storm.gamma, 1e-3, 1e4, 1.0)
+        period *= float(cumulative(omega, S)[-1] / cumulative(omega, S / omega)[-1])
+    spreading = storm.spreading
+    if part.spread is not None:
+        spreading = min(2 / max(part.spread, 1e-3) ** 2 - 1, NARROWEST)
+    return storm.model_copy(
+        update={
+            "spectrum": shape,
+            "significant_height": part.height,
+            "peak_period": period,
+            "direction": part.direction,
+            "spreading": spreading,
+            "swells": (),
+        }
+    )
+
+
 def build_storm(
     storm: Storm,
+    systems: Sequence[System],
     *,
     depth: float,
     gravity: float,
@@ -102,9 +200,10 @@ def build_storm(
     """Seas `first` to `first` + `num_seas` − 1 of a seed at t = 0; each depends on (seed, its index) alone.
 
     Args:
-        storm: spectrum and its parameters. Hs = 4 √m0 is that of the waves above `shortest_wave`, where the spectrum is
-            cut off: the variance of the slope grows as the logarithm of 1/`shortest_wave`. Tp is for "tma" that of the
-            JONSWAP spectrum it is made from; "pm" takes γ = 1.
+        storm: number of components, and `shortest_wave`, where spectra are cut off: the variance of the slope grows as
+            the logarithm of 1/`shortest_wave`.
+        systems: spectra and their parameters. Hs = 4 √m0 is that of the waves above `shortest_wave`. Tp is for "tma"
+            that of the JONSWAP spectrum it is made from; "pm" takes γ = 1.
         depth, gravity, levels: as for `AirySea`.
         seed: any non-negative integer below 2¹²⁸.
         num_seas: number of seas.
@@ -113,28 +212,65 @@ def build_storm(
     Raises:
         ValueError: an unknown spectrum, or a cut-off that leaves less than twice the peak's frequency.
     """
-    count, systems = storm.components, storm.systems
+    count = storm.components
     drawn = np.zeros((4, num_seas, count * len(systems)))
-    for number, storm in enumerate(systems):
+    for number, system in enumerate(systems):
         own_columns = slice(number * count, (number + 1) * count)
-        omega, S = band(storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, depth, gravity)
+        omega, S = density(system, storm.shortest_wave, depth, gravity)
         k = airy.wavenumber(omega, depth, gravity)
         energy, slope = cumulative(omega, S), cumulative(omega, k**2 * S)
         weight = (energy / energy[-1] + slope / slope[-1]) / 2
         strata = np.interp(np.linspace(0, 1, count + 1), weight, energy / energy[-1])
-        sectors, probability = spread(storm.spreading)
+        directions = _directions(system)
         for index in range(num_seas):
             own = np.random.SeedSequence(seed, spawn_key=(first + index, STREAM, number)[: 3 if number else 2])
             random = np.random.Generator(np.random.Philox(own))
             quantile = strata[:-1] + np.diff(strata) * random.random(count)
-            sector = (random.permutation(count) + random.random(count)) / count
+            frequency = np.interp(quantile, energy / energy[-1], omega)
             drawn[:, index, own_columns] = (
-                storm.significant_height / 4 * np.sqrt(2 * np.diff(strata)),
-                np.interp(quantile, energy / energy[-1], omega),
-                storm.direction + np.interp(sector, probability, sectors),
+                system.significant_height / 4 * np.sqrt(2 * np.diff(strata)),
+                frequency,
+                directions(frequency, random),
                 2 * math.pi * random.random(count),
             )
     return AirySea(*drawn, depth=depth, gravity=gravity, levels=levels)
+
+
+def _directions(system: System) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
+    """Draws directions of travel (N,) rad of component waves of rising frequencies ω (N,) rad/s."""
+    if isinstance(system, Storm):
+        sectors, probability = spread(system.spreading)
+
+        def alike(omega: np.ndarray, random: np.random.Generator) -> np.ndarray:
+            count = len(omega)
+            sector = (random.permutation(count) + random.random(count)) / count
+            return system.direction + np.interp(sector, probability, sectors)
+
+        return alike
+    edges = system.directions[0] + system.step * (np.arange(len(system.directions) + 1) - 0.5)
+
+    def by_frequency(omega: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        f, quantile = omega / (2 * math.pi), (random.random() + GOLDEN * np.arange(len(omega))) % 1.0
+        rows = np.stack([np.interp(f, system.frequencies, column) for column in system.density.T], axis=1)
+        sums = np.pad(rows.cumsum(axis=1), ((0, 0), (1, 0)))
+        return np.array([np.interp(u * row[-1], row, edges) for u, row in zip(quantile, sums, strict=True)])
+
+    return by_frequency
+
+
+def cut_off(shortest_wave: float, depth: float, gravity: float) -> float:
+    """Frequency ω of the shortest wave, rad/s."""
+    shortest = 2 * math.pi / shortest_wave
+    return math.sqrt(gravity * shortest * math.tanh(shortest * depth))
+
+
+def density(system: System, shortest_wave: float, depth: float, gravity: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies ω (rad/s) up to the cut-off's and S(ω) up to a factor, each (FINE,); errors as for `build_storm`."""
+    if isinstance(system, Storm):
+        return band(system.spectrum, system.peak_period, system.gamma, shortest_wave, depth, gravity)
+    f = system.frequencies
+    omega = 2 * math.pi * np.linspace(f[0], min(f[-1], cut_off(shortest_wave, depth, gravity) / (2 * math.pi)), FINE)
+    return omega, np.interp(omega / (2 * math.pi), f, system.by_frequency)
 
 
 def band(
@@ -147,8 +283,7 @@ def band(
     """
     if spectrum not in SHAPES[1:]:
         raise ValueError(f"spectrum: {spectrum!r} is not one of {', '.join(SHAPES)}")
-    peak, shortest = 2 * math.pi / peak_period, 2 * math.pi / shortest_wave
-    highest = math.sqrt(gravity * shortest * math.tanh(shortest * depth))
+    peak, highest = 2 * math.pi / peak_period, cut_off(shortest_wave, depth, gravity)
     if highest < 2 * peak:
         raise ValueError(f"shortest_wave: {shortest_wave:g} m leaves less than twice the frequency of the peak")
     omega = np.linspace(peak / 2, highest, FINE)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from kernels.flow import airy
+from usvauv_env.sea.storm import total_height, wave_systems
 from usvauv_env.site.site import Site
 
 CELLS = 128  # along the longer side, at which the bed is looked at
@@ -29,9 +30,9 @@ def shallowest_right(site: Site) -> float:
     and so is a sea higher than `BREAKING` times the depth.
     """
     scenario, mean = site.scenario, site.mean_depth
-    storm, g = scenario.storm, scenario.sea.gravity
-    deepest = storm.total_height / BREAKING
-    for system in storm.systems:
+    systems, g = wave_systems(site), scenario.sea.gravity
+    deepest = total_height(systems) / BREAKING
+    for system in systems:
         there = group_speed(system.peak_period, mean, g)
         for depth in np.linspace(mean, 0.0, DEPTHS, endpoint=False)[1:]:
             if abs(math.sqrt(there / group_speed(system.peak_period, float(depth), g)) - 1) > WRONG:
@@ -43,7 +44,7 @@ def shallowest_right(site: Site) -> float:
 def warning(site: Site) -> str:
     """A line that says where the storm is wrong; empty where it is not, or where bed or sea are flat."""
     scenario = site.scenario
-    if not (scenario.water.bathymetry and scenario.storm.systems):
+    if not (scenario.water.bathymetry and wave_systems(site)):
         return ""
     size = max(scenario.area.width, scenario.area.length) / CELLS
     cells = max(3, round(scenario.area.width / size)), max(3, round(scenario.area.length / size))

@@ -130,20 +130,20 @@ def field(dataset: xarray.Dataset, path: str | Path, name: str, units: dict[str,
         OceanError: wrong units, a missing, unordered or unknown coordinate, a curvilinear grid.
     """
     array = dataset[name]
-    _require_numbers(array, f"{path}: {name}")
-    factor = _factor(array, f"{path}: {name}", units)
+    require_numbers(array, f"{path}: {name}")
+    factor = factor_of(array, f"{path}: {name}", units)
     coordinates: list[tuple[str, str, str]] = []  # kind, name, dimension
     for dimension in array.dims:
-        along = _along(dataset, array, dimension)
+        along = coordinates_along(dataset, array, dimension)
         if along:
             coordinates += along
         elif array.sizes[dimension] == 1:
             array = array.isel({dimension: 0}, drop=True)
         else:
-            _refuse(dataset, f"{path}: {name}", dimension)
+            refuse_dimension(dataset, f"{path}: {name}", dimension)
     # A file cut at one depth or time may keep it as a single number.
     known = {kind for kind, _, _ in coordinates}
-    single = ((_kind(variable), str(other)) for other, variable in array.coords.items() if variable.ndim == 0)
+    single = ((kind_of(variable), str(other)) for other, variable in array.coords.items() if variable.ndim == 0)
     coordinates += [(kind, other, "") for kind, other in single if kind and kind not in known]
     axes: dict[str, Axis] = {}
     for kind, coordinate, dimension in coordinates:
@@ -151,7 +151,7 @@ def field(dataset: xarray.Dataset, path: str | Path, name: str, units: dict[str,
             if (other.dimension and other.dimension == dimension) or axes.get(kind) is other:
                 both = f"{other.name} and {coordinate}"
                 raise OceanError(f"{path}: {name}: {both} are both coordinates of one dimension; one is allowed")
-        axes[kind] = _axis(dataset[coordinate], path, kind, dimension)
+        axes[kind] = read_axis(dataset[coordinate], path, kind, dimension)
     for kind in ("latitude", "longitude"):
         if kind not in axes:
             raise OceanError(
@@ -165,7 +165,12 @@ def field(dataset: xarray.Dataset, path: str | Path, name: str, units: dict[str,
     return Field(str(path), name, array, factor, axes)
 
 
-def _factor(array: xarray.DataArray, where: str, units: dict[str, float]) -> float:
+def factor_of(array: xarray.DataArray, where: str, units: dict[str, float]) -> float:
+    """Factor to SI of a variable by its units.
+
+    Raises:
+        OceanError: no units, or others than those allowed.
+    """
     given = array.attrs.get("units")
     if given is None:
         raise OceanError(f"{where}: has no units; allowed: {', '.join(units)}")
@@ -175,7 +180,7 @@ def _factor(array: xarray.DataArray, where: str, units: dict[str, float]) -> flo
     return factor
 
 
-def _kind(variable: xarray.DataArray) -> str | None:
+def kind_of(variable: xarray.DataArray) -> str | None:
     """Kind of a coordinate, one of `AXES`, by its standard_name, units, positive and axis attributes."""
     attributes = variable.attrs
     standard_name, axis = attributes.get("standard_name"), attributes.get("axis")
@@ -198,18 +203,20 @@ def _kind(variable: xarray.DataArray) -> str | None:
     return None
 
 
-def _along(dataset: xarray.Dataset, array: xarray.DataArray, dimension: Hashable) -> list[tuple[str, str, str]]:
+def coordinates_along(
+    dataset: xarray.Dataset, array: xarray.DataArray, dimension: Hashable
+) -> list[tuple[str, str, str]]:
     """Coordinates of one dimension as (kind, name, dimension): its own, or else others that lie on it alone."""
-    if dimension in dataset.variables and (kind := _kind(dataset[dimension])):
+    if dimension in dataset.variables and (kind := kind_of(dataset[dimension])):
         return [(kind, str(dimension), str(dimension))]
     on_it = [dataset[name] for name, variable in dataset.variables.items() if variable.dims == (dimension,)]
-    return [(kind, str(other.name), str(dimension)) for other in on_it if (kind := _kind(other))]
+    return [(kind, str(other.name), str(dimension)) for other in on_it if (kind := kind_of(other))]
 
 
-def _refuse(dataset: xarray.Dataset, where: str, dimension: Hashable) -> None:
+def refuse_dimension(dataset: xarray.Dataset, where: str, dimension: Hashable) -> None:
     """Raise the error for a dimension without a known coordinate."""
     for name, variable in dataset.variables.items():
-        if variable.ndim == 2 and dimension in variable.dims and _kind(dataset[name]) in ("latitude", "longitude"):
+        if variable.ndim == 2 and dimension in variable.dims and kind_of(dataset[name]) in ("latitude", "longitude"):
             raise OceanError(
                 f"{where}: lies on a curvilinear grid ({name} has dimensions {', '.join(map(str, variable.dims))}); "
                 "allowed: a grid of longitude and latitude lines, as `cdo remapbil,GRID in.nc out.nc` or xESMF makes, "
@@ -221,16 +228,22 @@ def _refuse(dataset: xarray.Dataset, where: str, dimension: Hashable) -> None:
     )
 
 
-def _require_numbers(array: xarray.DataArray, where: str) -> None:
+def require_numbers(array: xarray.DataArray, where: str) -> None:
+    """Refuse a variable of text or other things."""
     if array.dtype.kind not in "iuf":
         raise OceanError(f"{where}: is not numeric but {array.dtype}")
 
 
-def _axis(variable: xarray.DataArray, path: str | Path, kind: str, dimension: str) -> Axis:
+def read_axis(variable: xarray.DataArray, path: str | Path, kind: str, dimension: str) -> Axis:
+    """A coordinate of a kind of `AXES`, read and checked.
+
+    Raises:
+        OceanError: values that are missing, not in order or out of range; wrong units.
+    """
     from usvauv_env.netcdf import reader
 
     where = f"{path}: {variable.name}"
-    _require_numbers(variable, where)
+    require_numbers(variable, where)
     if not 1 <= variable.size <= MOST_VALUES[kind]:
         raise OceanError(f"{where}: has {variable.size} values; allowed: 1 to {MOST_VALUES[kind]}")
     raw = np.atleast_1d(reader.load(variable, where).astype(np.float64))
@@ -273,7 +286,7 @@ def _decode_depth(raw: np.ndarray, variable: xarray.DataArray, where: str) -> np
         positive = {"depth": "down", "depth_below_geoid": "down", "": "missing"}.get(standard_name, "up")
     if (positive := str(positive).lower()) not in ("up", "down"):
         raise OceanError(f"{where}: its attribute positive is {positive!r}; allowed: 'up', 'down'")
-    values = raw * _factor(variable, where, METRES) * (1 if positive == "down" else -1)
+    values = raw * factor_of(variable, where, METRES) * (1 if positive == "down" else -1)
     if values.min() < 0:
         raise OceanError(f"{where}: {raw[values.argmin()]:g} with positive {positive!r} is above the surface")
     if values.max() > DEEPEST:

@@ -160,7 +160,7 @@ def read_flow(
     """
     with open_file(path) as dataset:
         east, north = (field(dataset, path, name, METRES_PER_SECOND) for name in _current_names(dataset, path))
-        picked, times, begin = _mission(east, path, start, duration)
+        picked, times, begin = mission_times(east, path, start, duration)
         clocks = [part.axes["time"].values if "time" in part.axes else [] for part in (east, north)]
         if not np.array_equal(clocks[0], clocks[1]):
             raise OceanError(f"{path}: {east.name} and {north.name} are given at different times")
@@ -263,7 +263,9 @@ def _layers(source: Field, path: str | Path, levels: Sequence[float]) -> dict[st
     return {"depth": axis.part(needed)}
 
 
-def _mission(source: Field, path: str | Path, start: str | None, duration: float) -> tuple[np.ndarray, np.ndarray, str]:
+def mission_times(
+    source: Field, path: str | Path, start: str | None, duration: float
+) -> tuple[np.ndarray, np.ndarray, str]:
     """Positions on the time axis that enclose the mission, their seconds since its start, and that start."""
     if "time" not in source.axes:
         if start:

@@ -1,4 +1,4 @@
-"""The place of a scenario: its bed, real current and speed of sound, from the scenario's files and tables."""
+"""The place of a scenario: its bed, real current, waves and speed of sound, from the scenario's files and tables."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.site.cf_ocean import Flow, iso, parse_time, read_bathymetry, read_flow
 from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
+from usvauv_env.site.wave_files import read_waves
+from usvauv_env.site.waves import Waves
 
 BED_CELLS = 256  # along the longer side of the area, of the bed that nodes lie on
 
@@ -89,6 +91,15 @@ class Site:
         return read_flow(water.currents, self._frame, area.width, area.length, levels, water.start, duration)
 
     @cached_property
+    def waves(self) -> Waves | None:
+        """The waves of the scenario's file at the start of a mission, or None without one."""
+        area, water = self.scenario.area, self.scenario.water
+        if not water.waves:
+            return None
+        start = self.current.start if self.current is not None else water.start
+        return read_waves(water.waves, self._frame, area.width, area.length, start)
+
+    @cached_property
     def sound_speed(self) -> SoundSpeedProfile | None:
         """Speed of sound against depth, or None where it is a constant.
 
@@ -118,16 +129,18 @@ class Site:
 
     @cached_property
     def start(self) -> str:
-        """Date and time at which a mission begins, ISO 8601, UTC; "" where neither scenario nor currents say it."""
+        """Date and time at which a mission begins, ISO 8601, UTC; "" where neither scenario nor files say it."""
         if self.current is not None:
             return self.current.start
-        return iso(parse_time(self.scenario.water.start)) if self.scenario.water.start else ""
+        if self.scenario.water.start:
+            return iso(parse_time(self.scenario.water.start))
+        return self.waves.start if self.waves is not None else ""
 
     @property
     def frame(self) -> LocalFrame | None:
         """The area's plane on the Earth; None where the scenario names no place: no file, and the default corner."""
         water = self.scenario.water
-        named = water.bathymetry or water.currents or water.longitude or water.latitude
+        named = water.bathymetry or water.currents or water.waves or water.longitude or water.latitude
         return self._frame if named else None
 
     @property

@@ -11,7 +11,7 @@ from kernels.positioning import acoustic_link, current_process
 from kernels.types import Level
 from usvauv_env.scenario import Scenario
 from usvauv_env.sea.forcing import speed_bound
-from usvauv_env.sea.storm import band
+from usvauv_env.sea.storm import density, wave_systems
 from usvauv_env.site.site import Site
 
 LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
@@ -26,10 +26,10 @@ def current_parts(site: Site) -> list[tuple[float, float]]:
     if current.vortices and current.circulation_max > 0:
         limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
         parts.append(current_process.eddies(current.vortices, *limits, area.width * area.length, speed))
-    for waves in scenario.storm.systems:
-        shape = waves.spectrum, waves.peak_period, waves.gamma, waves.shortest_wave, area.depth, sea.gravity
+    for waves in wave_systems(site):
+        spectrum = density(waves, scenario.storm.shortest_wave, area.depth, sea.gravity)
         depth = -scenario.auv.depth, area.depth, sea.gravity
-        parts.append(current_process.orbital_motion(*band(*shape), waves.significant_height, *depth))
+        parts.append(current_process.orbital_motion(*spectrum, waves.significant_height, *depth))
     if sea.start_rms > 0:
         clock = sea.gravity, sea.drag, scenario.mission.duration
         parts.append(current_process.standing_waves(sea.start_rms, sea.start_modes, area.width, area.depth, *clock))
@@ -98,10 +98,10 @@ def current_bound(site: Site) -> float:
     if (flow := site.current) is not None:
         peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
     orbital = []
-    for storm in scenario.storm.systems:
+    for waves in wave_systems(site):
         depth, gravity = site.mean_depth, scenario.sea.gravity
-        omega, S = band(storm.spectrum, storm.peak_period, storm.gamma, storm.shortest_wave, depth, gravity)
+        omega, S = density(waves, scenario.storm.shortest_wave, depth, gravity)
         C, _ = airy.decay(airy.wavenumber(omega, depth, gravity), -min(scenario.auv.depth, depth), depth)
-        orbital.append(6 * storm.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S)))
+        orbital.append(6 * waves.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S)))
     peak += math.hypot(*orbital)
     return max(1.001 * peak, LEAST_CURRENT_BOUND)  # 0.1 % covers single precision

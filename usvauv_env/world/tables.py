@@ -19,6 +19,7 @@ from kernels.positioning.acoustic_link import link_table as link_constants
 from kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws, boat_noise, rain_noise, total_level
 from kernels.positioning.sea_wind import wind_of_developed_sea
 from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv_env.sea.storm import total_height, wave_systems
 from usvauv_env.site.site import Site
 from usvauv_env.site.sound_speed import SoundSpeedProfile
 from usvauv_env.world.boat_strategies import BoatStrategy
@@ -48,10 +49,16 @@ def noise_law(scenario: Scenario) -> NoiseLaw:
     return law
 
 
-def wind(scenario: Scenario) -> float:
-    """Wind speed over the sea, m/s."""
+def wind(site: Site) -> float:
+    """Wind speed over the sea, m/s.
+
+    "storm" is the wind of a file of waves, where it has it, or else that of a developed sea as high as the wind sea.
+    """
+    scenario = site.scenario
     if scenario.acoustics.wind != "storm":
         return scenario.acoustics.wind
+    if (waves := site.waves) is not None:
+        return waves.wind if waves.wind is not None else wind_of_developed_sea(waves.wind_sea_height)
     storm = scenario.storm
     return wind_of_developed_sea(storm.significant_height) if storm.spectrum != "none" else 0.0
 
@@ -63,21 +70,23 @@ def absorption(scenario: Scenario, frequency: float) -> float:
     return absorption_laws[acoustics.absorption](frequency, water)
 
 
-def data_level(scenario: Scenario) -> float:
+def data_level(site: Site) -> float:
     """SNR of the data link at 1 m without loss, dB."""
+    scenario = site.scenario
     nodes, noise = scenario.nodes, scenario.acoustics
-    density = noise_law(scenario)(nodes.frequency, noise.shipping, wind(scenario))
+    density = noise_law(scenario)(nodes.frequency, noise.shipping, wind(site))
     level = sonar_equation.noise_level(density, nodes.bandwidth)
     return sonar_equation.acoustic_source_level(nodes.source_power) - level
 
 
-def reference_rate(scenario: Scenario) -> float:
+def reference_rate(site: Site) -> float:
     """Rate of the data link at the hover radius over the mean bed, Mbit/s."""
+    scenario = site.scenario
     auv, nodes = scenario.auv, scenario.nodes
     separation = auv.depth if auv.separation == "demonstration" else scenario.area.depth - auv.depth
     slant = math.hypot(separation, auv.hover_radius)
     loss = sonar_equation.path_loss(slant, scenario.acoustics.spreading, absorption(scenario, nodes.frequency))
-    snr = data_level(scenario) - loss
+    snr = data_level(site) - loss
     return max(1e-6 * sonar_equation.shannon_rate(nodes.bandwidth, snr, nodes.rate_law == "demonstration"), LEAST_RATE)
 
 
@@ -85,7 +94,7 @@ def sound_layers(site: Site) -> np.ndarray:
     """The speed of sound for `kernels.positioning.rays`, (N, layered_water.COLUMNS)."""
     s = site.scenario
     profile = site.sound_speed or SoundSpeedProfile.constant(s.acoustics.sound_speed)
-    trough = min(s.storm.total_height or s.storm.significant_height, 0.5 * s.auv.depth)
+    trough = min(total_height(wave_systems(site)) or s.storm.significant_height, 0.5 * s.auv.depth)
     return profile.thinned((0.0, 0.5 * trough, trough), s.auv.depth, s.area.diagonal, site.mean_depth).layers()
 
 
@@ -189,7 +198,7 @@ def link_table(site: Site) -> np.ndarray:
         spreading=s.acoustics.spreading,
         ambient_noise=noise_law(s),
         shipping=s.acoustics.shipping,
-        wind=wind(s),
+        wind=wind(site),
         absorption=partial(absorption, s),
         bandwidth=s.acoustics.bandwidth,
         noise_law=s.acoustics.noise_law,
@@ -281,7 +290,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "buffer": s.nodes.buffer,
         "start_backlog": s.nodes.start_backlog,
         "payload": s.nodes.payload,
-        "data_level": data_level(s),
+        "data_level": data_level(site),
         "data_absorption": absorption(s, s.nodes.frequency),
         "spreading": s.acoustics.spreading,
         "data_bandwidth": s.nodes.bandwidth,
@@ -293,8 +302,8 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "rate_mean": np.mean(s.nodes.arrival_rates),
         "rate_variance": np.var(s.nodes.arrival_rates),
         "reference_speed": s.reference.straight_speed,
-        "reference_rate": reference_rate(s),
-        "service_time": SERVICE_FILL * s.nodes.payload / reference_rate(s),
+        "reference_rate": reference_rate(site),
+        "service_time": SERVICE_FILL * s.nodes.payload / reference_rate(site),
         "duration": s.mission.duration,
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)

@@ -36,7 +36,7 @@ STORM = {
 def storm(**changes) -> AirySea:
     about = {**STORM, **changes}
     section = Storm.model_construct(**{name: about.pop(name) for name in Storm.model_fields})  # also what it refuses
-    return build_storm(section, **about)
+    return build_storm(section, section.systems, **about)
 
 
 def single(a=1.0, omega=0.6, direction=0.0, phase=0.0, depth=H, levels=(0.0,)) -> AirySea:

@@ -65,7 +65,7 @@ class TestForesight:
     def test_an_auv_out_of_hearing_is_foreseen_along_its_tour(self):
         """From the AUV's last reply on, its foreseen way is that of NumPy along the successors."""
         world = World(Scenario.load("wide", WIDE), 4, 3, "visit")
-        service = SERVICE_FILL * world.scenario.nodes.payload / reference_rate(world.scenario)
+        service = SERVICE_FILL * world.scenario.nodes.payload / reference_rate(world.site)
         before = None
         silent = 0
         for _ in fly(world, 150):

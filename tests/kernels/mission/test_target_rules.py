@@ -17,6 +17,7 @@ from kernels.types import array2
 from tests.kernels.mission.test_packets import steer
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.site.site import Site
 from usvauv_env.world.tables import reference_rate
 
 
@@ -91,7 +92,7 @@ def rollout(scenario: Scenario, seen: Seen, w: int, k: int, discount: float = 90
 
     All of the 12 nodes are tried.
     """
-    speed, link = scenario.reference.straight_speed, reference_rate(scenario)
+    speed, link = scenario.reference.straight_speed, reference_rate(Site(scenario))
     nodes, team = range(scenario.nodes.count), range(scenario.auv.count)
 
     def after(first: int) -> float:
