@@ -69,10 +69,13 @@ COMMANDS = {
     "sweep": ["sweep", str(STUDY), "--jobs", "2", "--out", "."],
     "plan": [*PLAN, "--out", "a.png", "--json", "a.json"],
     "plan to stdout": [*PLAN, "--json", "-"],
+    "plan log": ["plan", "--log", "LOG", "--out", "a.png", "--json", "a.json"],
     "sea mp4": [*SEA, "a.mp4", "--size", "320x320"],
     "sea nc": [*SEA, "a.nc"],
     "sea png": [*SEA, "a.png"],
     "export": ["export", "sac-ideal", "--onnx", "a.onnx"],
+    **{f"export {to}": ["export", "TRACE", "--to", to, "--out", f"a.{to}"] for to in ("mcap", "rrd")},
+    **{f"export {to}": ["export", "TRACE", "--to", to, "--out", "tables"] for to in ("parquet", "csv")},
     "reproduce": ["reproduce", "fig3", "--quick", "--jobs", "2", "--out", "."],
     "scenarios": ["scenarios", "extreme"],
     "doctor": ["doctor"],
@@ -83,6 +86,7 @@ LONGEST = {"reproduce": 40.0}  # seconds after which a case without its fault is
 TIMEOUT, PATIENCE = 300.0, 180.0  # seconds until a case is ended by SIGTERM, and by SIGKILL
 PROGRESS = re.compile(r"[a-z ]+: \d+%, \d+ s left")
 BEFORE = b"earlier"
+LOG = ["time,auv,x,y,depth", *(f"{t},{auv},{60 + 40 * auv},{80 + t},{90 + t % 2}" for t in range(9) for auv in (1, 2))]
 
 
 def whole(path: Path) -> bool:
@@ -107,6 +111,10 @@ def whole(path: Path) -> bool:
                 return data.rstrip().endswith(b"</html>")
             case ".parquet":
                 return data[:4] == data[-4:] == b"PAR1"
+            case ".mcap":
+                return data[:8] == data[-8:] == b"\x89MCAP0\r\n"
+            case ".rrd":
+                return data[:4] == b"RRF2" and b"RRF2" in data[-64:]
             case ".pdf":
                 return data.rstrip().endswith(b"%%EOF")
             case ".png":
@@ -177,7 +185,8 @@ def attempt(
     folder: Path, command: str, fault: str, draw: random.Random, usual: float, trace: Path
 ) -> tuple[list[str], int]:
     """Run one case; returns what was wrong, and the exit code."""
-    arguments = [str(trace) if part == "TRACE" else part for part in COMMANDS[command]]
+    inputs = {"TRACE": trace, "LOG": trace.with_name("log.csv")}
+    arguments = [str(inputs.get(part, part)) for part in COMMANDS[command]]
     size = round(10 ** draw.uniform(3.0, 6.2))
     if fault == "disk":
         size = max(size, 8192)
@@ -292,6 +301,7 @@ def main() -> None:
     subprocess.run(
         [sys.executable, "-c", CALL, *RECORD, trace], cwd=trace.parent, stdout=subprocess.DEVNULL, check=True
     )
+    trace.with_name("log.csv").write_text("\n".join(LOG) + "\n")
     for number in range(chosen.count):
         if time.monotonic() > end:
             break

@@ -7,17 +7,20 @@ import pytest
 
 from kernels.positioning.sea_wind import wind_of_developed_sea
 from tests.usvauv_env.ocean_files import cmems, write
-from tests.usvauv_env.wave_files import era5, fields, partitions, scenario_of, waves_of, ww3
+from tests.usvauv_env.wave_files import era5, fields, partitions, scenario_of, spectrum_of, waves_of, ww3
 from usvauv_cli.sea_view.section import heading
 from usvauv_cli.sea_view.spectra import target_spectrum, wanted
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.build import build_short_waves
 from usvauv_env.sea.storm import band, cumulative, total_height, wave_systems
+from usvauv_env.sections import Storm
+from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.site import Site
+from usvauv_env.site.waves import WaveSpectrum
 from usvauv_env.world.current_statistics import current_bound, current_parts
 from usvauv_env.world.tables import wind
 
-STORM = (5.0, 11.0, 90.0, 10)  # Hs, Tp, travels towards the east, s
+WIND_SEA = (5.0, 11.0, 90.0, 10)  # Hs, Tp, travels towards the east, s
 SWELL = (2.0, 16.0, 210.0, 40)  # towards the south-south-west
 ERA5_PARTS = ("shww", "mpww", "mdww", "dwww", "shts", "mpts", "mdts", "dwps")
 ERA5_UNITS = ("m", "s", "degrees", "radians") * 2
@@ -26,6 +29,17 @@ ERA5_UNITS = ("m", "s", "degrees", "radians") * 2
 def spread_of(s: float) -> float:
     """√(2(1 − r₁)) of cos^2s(½Δθ), rad."""
     return math.sqrt(2 / (s + 1))
+
+
+def only_spectrum(site: Site) -> WaveSpectrum:
+    (spectrum,) = wave_systems(site)
+    assert isinstance(spectrum, WaveSpectrum)
+    return spectrum
+
+
+def storms(site: Site) -> list[Storm]:
+    systems = wave_systems(site)
+    return [system for system in systems if isinstance(system, Storm)]
 
 
 def turn(a: float, b: float) -> float:
@@ -44,19 +58,19 @@ class TestSpectra:
     )
     @pytest.mark.parametrize("make", [ww3, era5, lambda *systems: ww3(*systems, comes_from=True)])
     def test_waves_travel_where_they_should(self, make, towards, expected, tmp_path):
-        spectrum = waves_of(make((4.0, 10.0, towards, 20)), tmp_path).spectrum
+        spectrum = spectrum_of(make((4.0, 10.0, towards, 20)), tmp_path)
         assert (math.cos(spectrum.direction), math.sin(spectrum.direction)) == pytest.approx(expected, abs=1e-3)
 
     def test_a_direction_called_from_means_the_opposite(self, tmp_path):
-        dataset = ww3(STORM)
-        there = waves_of(dataset, tmp_path).spectrum
+        dataset = ww3(WIND_SEA)
+        there = spectrum_of(dataset, tmp_path)
         dataset["direction"].attrs["standard_name"] = "sea_surface_wave_from_direction"
-        assert turn(waves_of(dataset, tmp_path).spectrum.direction, there.direction) == pytest.approx(180)
+        assert turn(spectrum_of(dataset, tmp_path).direction, there.direction) == pytest.approx(180)
 
     @pytest.mark.parametrize("make", [ww3, era5])
-    @pytest.mark.parametrize("systems", [[STORM], [STORM, SWELL]])
+    @pytest.mark.parametrize("systems", [[WIND_SEA], [WIND_SEA, SWELL]])
     def test_height_period_direction_and_spread(self, make, systems, tmp_path):
-        spectrum = waves_of(make(*systems), tmp_path).spectrum
+        spectrum = spectrum_of(make(*systems), tmp_path)
         assert spectrum.significant_height == pytest.approx(math.hypot(*(each[0] for each in systems)), rel=0.01)
         assert spectrum.peak_period == pytest.approx(11.0, rel=0.06)
         moment = sum(each[0] ** 2 * each[3] / (each[3] + 1) * np.exp(1j * travel(each[2])) for each in systems) / sum(
@@ -67,42 +81,40 @@ class TestSpectra:
         assert math.sqrt(2 * (1 - abs(spectrum.moment))) == pytest.approx(spread, abs=math.radians(1.0))
 
     def test_density_per_degree(self, tmp_path):
-        dataset = ww3(STORM)
+        dataset = ww3(WIND_SEA)
         dataset["efth"] = dataset["efth"] * math.pi / 180
         dataset["efth"].attrs["units"] = "m2 s degree-1"
-        assert waves_of(dataset, tmp_path).spectrum.significant_height == pytest.approx(5.0, rel=0.01)
+        assert spectrum_of(dataset, tmp_path).significant_height == pytest.approx(5.0, rel=0.01)
 
     def test_linear_in_time(self, tmp_path):
         """Energy doubles in three hours from 2014-08-23."""
-        dataset = ww3(STORM, growth=1.0)
+        dataset = ww3(WIND_SEA, growth=1.0)
         for start, energy in (("", 1.0), ("2014-08-23T00:45:00", 1.25), ("2014-08-23T03:00:00", 2.0)):
-            waves = waves_of(dataset, tmp_path, start)
-            assert waves.spectrum.significant_height == pytest.approx(5.0 * math.sqrt(energy), rel=0.01)
-            assert waves.start == (start or "2014-08-23T00:00:00")
+            height = spectrum_of(dataset, tmp_path, start).significant_height
+            assert height == pytest.approx(5.0 * math.sqrt(energy), rel=0.01)
+            assert waves_of(dataset, tmp_path, start).start == (start or "2014-08-23T00:00:00")
 
     def test_nearest_station(self, tmp_path):
-        dataset = ww3(STORM, stations=((4.8, 60.0), (5.01, 60.02), (5.3, 60.3)))
+        dataset = ww3(WIND_SEA, stations=((4.8, 60.0), (5.01, 60.02), (5.3, 60.3)))
         dataset["efth"][:, 0] *= 4.0
         dataset["efth"][:, 2] *= 9.0
-        assert waves_of(dataset, tmp_path).spectrum.significant_height == pytest.approx(5.0, rel=0.01)
+        assert spectrum_of(dataset, tmp_path).significant_height == pytest.approx(5.0, rel=0.01)
 
     def test_linear_on_a_grid_and_land_left_out(self, tmp_path):
         """The area's middle is at 5.018° E, 60.009° N; energies a factor 4 higher at 5.5° E."""
-        dataset = era5(STORM)
+        dataset = era5(WIND_SEA)
         share = (5.0179 - 5.0) / 0.5
         dataset["d2fd"] = dataset["d2fd"].copy()
         dataset["d2fd"][..., 2] += math.log10(4.0)
-        high = waves_of(dataset, tmp_path).spectrum.significant_height
+        high = spectrum_of(dataset, tmp_path).significant_height
         assert (high / 5.0) ** 2 == pytest.approx(1 + 3 * share, rel=0.01)
         dataset["d2fd"][..., :2] = np.nan
-        assert waves_of(dataset, tmp_path).spectrum.significant_height == pytest.approx(10.0, rel=0.01)
+        assert spectrum_of(dataset, tmp_path).significant_height == pytest.approx(10.0, rel=0.01)
 
     def test_longitudes_from_zero_and_across_the_seam(self, tmp_path):
-        from usvauv_env.site.local_frame import LocalFrame
-
-        dataset = era5(STORM, lon=tuple(np.arange(0, 360, 0.5)), lat=(60.5, 60.0))
+        dataset = era5(WIND_SEA, lon=tuple(np.arange(0, 360, 0.5)), lat=(60.5, 60.0))
         for longitude in (-0.2, 359.9, 5.0):
-            spectrum = waves_of(dataset, tmp_path, frame=LocalFrame(longitude, 60.0)).spectrum
+            spectrum = spectrum_of(dataset, tmp_path, frame=LocalFrame(longitude, 60.0))
             assert spectrum.significant_height == pytest.approx(5.0, rel=0.01)
 
 
@@ -110,7 +122,7 @@ class TestPartitions:
     def test_wavewatch(self, tmp_path):
         """Directions that waves come from: a wind sea from the west travels east."""
         dataset = partitions((4.0, 9.0, 270.0, 30.0), (2.0, 15.0, 0.0, 12.0), (np.nan, np.nan, np.nan, np.nan))
-        systems = wave_systems(Site(scenario_of(dataset, tmp_path, "storm.gamma=3.3")))
+        systems = storms(Site(scenario_of(dataset, tmp_path, "storm.gamma=3.3")))
         assert [(each.significant_height, each.peak_period) for each in systems] == [(4.0, 9.0), (2.0, 15.0)]
         assert turn(systems[0].direction, 0.0) < 1e-9
         assert turn(systems[1].direction, -math.pi / 2) < 1e-9
@@ -121,7 +133,7 @@ class TestPartitions:
     def test_era5(self, tmp_path):
         """Mean periods T₋₁,₀ become those of peaks: JONSWAP with γ = 3.3 has Tp = 1.1 T₋₁,₀."""
         dataset = fields(ERA5_PARTS, ERA5_UNITS, (3.0, 8.0, 225.0, 0.5, 2.0, 12.0, 315.0, 0.3))
-        sea, swell = wave_systems(Site(scenario_of(dataset, tmp_path, "storm.gamma=3.3")))
+        sea, swell = storms(Site(scenario_of(dataset, tmp_path, "storm.gamma=3.3")))
         assert (sea.significant_height, swell.significant_height) == (3.0, 2.0)
         assert sea.peak_period / 8.0 == pytest.approx(1.107, abs=0.005)
         omega, S = band("jonswap", sea.peak_period, 3.3, 0.1, 5000.0, 9.81)
@@ -137,7 +149,7 @@ class TestPartitions:
         names = (*ERA5_PARTS, *more, *second)
         values = (3.0, 8.0, 225.0, 0.5, 2.5, 12.0, 315.0, 0.3, 2.0, 13.0, 0.0, 1.5, 11.0, 90.0)
         dataset = fields(names, (*ERA5_UNITS, "m", "s", "degrees", "m", "s", "degrees"), values)
-        systems = wave_systems(Site(scenario_of(dataset, tmp_path)))
+        systems = storms(Site(scenario_of(dataset, tmp_path)))
         assert [each.significant_height for each in systems] == [3.0, 2.0, 1.5]
         assert turn(systems[2].direction, math.pi) < 1e-9
         assert systems[1].spreading == 10.0  # the scenario's, as the file has none
@@ -147,7 +159,9 @@ class TestPartitions:
         systems = wave_systems(Site(scenario_of(partitions(small, (4.0, 12.0, 270.0, 20.0)), tmp_path)))
         assert len(systems) == 1
         assert total_height(systems) == pytest.approx(math.hypot(0.9, 4.0))
-        with pytest.raises(ScenarioError, match="storm.shortest_wave = 20: leaves out 17% of the energy of .*waves.nc"):
+        with pytest.raises(
+            ScenarioError, match=r"storm.shortest_wave = 20: leaves out 17% of the energy of .*waves.nc"
+        ):
             wave_systems(Site(scenario_of(partitions((1.8, 3.0, 270.0, 30.0), (4.0, 12.0, 0.0, 20.0)), tmp_path)))
 
     def test_nearest_point_that_is_not_land(self, tmp_path):
@@ -167,10 +181,10 @@ class TestDrawn:
     """Tolerances of `docs/real-water.md`: of one sea with 64 components, beside the sums over the file."""
 
     @pytest.mark.parametrize("make", [ww3, era5])
-    @pytest.mark.parametrize("systems", [[STORM], [STORM, SWELL], [(1.0, 8.0, 0.0, 4), (2.5, 14.0, 120.0, 60)]])
+    @pytest.mark.parametrize("systems", [[WIND_SEA], [WIND_SEA, SWELL], [(1.0, 8.0, 0.0, 4), (2.5, 14.0, 120.0, 60)]])
     def test_seas_have_the_files_statistics(self, make, systems, tmp_path):
         site = Site(scenario_of(make(*systems), tmp_path, "storm.shortest_wave=5"))
-        (spectrum,) = wave_systems(site)
+        spectrum = only_spectrum(site)
         f, S = spectrum.frequencies, spectrum.by_frequency
         drawn = build_short_waves(site, 3, 16)
         assert drawn.amplitude.shape == (16, 64)
@@ -189,8 +203,8 @@ class TestDrawn:
     @pytest.mark.parametrize("make", [ww3, era5])
     def test_the_mean_over_seas_is_the_file(self, make, tmp_path):
         """Energy and first moment of the directions in each band, m0 to 1 %."""
-        site = Site(scenario_of(make(STORM, SWELL), tmp_path, "storm.shortest_wave=5"))
-        (spectrum,) = wave_systems(site)
+        site = Site(scenario_of(make(WIND_SEA, SWELL), tmp_path, "storm.shortest_wave=5"))
+        spectrum = only_spectrum(site)
         drawn = build_short_waves(site, 1, 256)
         energy, f = drawn.amplitude**2 / 2, drawn.omega / (2 * math.pi)
         fine = np.linspace(spectrum.frequencies[0], spectrum.frequencies[-1], 20001)
@@ -207,7 +221,7 @@ class TestDrawn:
         assert energy.sum() / 256 == pytest.approx((spectrum.significant_height / 4) ** 2, rel=1e-6)
 
     def test_bins_near_the_peak_keep_its_period(self, tmp_path):
-        site = Site(scenario_of(ww3(STORM), tmp_path))
+        site = Site(scenario_of(ww3(WIND_SEA), tmp_path))
         drawn = build_short_waves(site, 1, 64)
         edges = 0.035 * 1.1 ** (np.arange(32) - 0.5)
         counts, _ = np.histogram(drawn.omega / (2 * math.pi), edges, weights=drawn.amplitude**2)
@@ -222,15 +236,15 @@ class TestDrawn:
     def test_waves_that_break_or_reach_the_auvs(self, tmp_path):
         shallow = ["area.depth=6", "auv.depth=5", "sea.irregular_rms=0", "sea.start_rms=0", "storm.shortest_wave=5"]
         with pytest.raises(ScenarioError, match=r"waves.nc: significant height = 5.0\d*: must not be above 3.6 m"):
-            wave_systems(Site(scenario_of(ww3(STORM), tmp_path, *shallow)))
-        with pytest.raises(ScenarioError, match="auv.depth = 3: must be below the troughs"):
+            wave_systems(Site(scenario_of(ww3(WIND_SEA), tmp_path, *shallow)))
+        with pytest.raises(ScenarioError, match=r"auv.depth = 3: must be below the troughs"):
             wave_systems(Site(scenario_of(ww3((3.4, 9.0, 0.0, 10)), tmp_path, *shallow, "auv.depth=3")))
 
 
 class TestInAScenario:
     def test_all_that_depends_on_the_waves(self, tmp_path):
-        site = Site(scenario_of(ww3(STORM), tmp_path, "storm.significant_height=1"))
-        (spectrum,) = wave_systems(site)
+        site = Site(scenario_of(ww3(WIND_SEA), tmp_path, "storm.significant_height=1"))
+        spectrum = only_spectrum(site)
         f, S = target_spectrum(site)
         assert 4 * math.sqrt(cumulative(f, S)[-1]) == pytest.approx(spectrum.significant_height)
         goal = wanted(wave_systems(site))
@@ -256,9 +270,9 @@ class TestInAScenario:
 
     def test_wind(self, tmp_path):
         """The file's own, or that of a developed sea: of the wind sea where partitions tell, else of all waves."""
-        assert wind(Site(scenario_of(ww3(STORM), tmp_path))) == pytest.approx(12.0)
-        assert wind(Site(scenario_of(ww3(STORM), tmp_path, "acoustics.wind=7"))) == 7.0
-        spectrum = Site(scenario_of(era5(STORM, SWELL), tmp_path))
+        assert wind(Site(scenario_of(ww3(WIND_SEA), tmp_path))) == pytest.approx(12.0)
+        assert wind(Site(scenario_of(ww3(WIND_SEA), tmp_path, "acoustics.wind=7"))) == 7.0
+        spectrum = Site(scenario_of(era5(WIND_SEA, SWELL), tmp_path))
         assert wind(spectrum) == pytest.approx(wind_of_developed_sea(math.hypot(5.0, 2.0)), rel=0.01)
         parts = Site(scenario_of(partitions((4.0, 9.0, 270.0, 30.0), (2.0, 15.0, 0.0, 12.0)), tmp_path))
         assert wind(parts) == pytest.approx(wind_of_developed_sea(4.0))
@@ -270,13 +284,13 @@ class TestInAScenario:
         currents = write(cmems(), tmp_path / "currents.nc")
         days = (-14610.0, -14609.0)
         scenario = scenario_of(
-            ww3(STORM, days=days, growth=1.0), tmp_path, f"water.currents={currents}", "water.longitude=5.02"
+            ww3(WIND_SEA, days=days, growth=1.0), tmp_path, f"water.currents={currents}", "water.longitude=5.02"
         )
-        assert Site(scenario).waves.start == "1950-01-01T00:00:00"
+        assert Site(scenario).start == "1950-01-01T00:00:00"
         assert total_height(wave_systems(Site(scenario))) == pytest.approx(5.0, rel=0.01)
 
     def test_a_world_sails_on_it(self, tmp_path):
-        scenario = scenario_of(ww3(STORM), tmp_path, "sea.irregular_rms=0", "sea.start_rms=0", "sea.realisations=1")
+        scenario = scenario_of(ww3(WIND_SEA), tmp_path, "sea.irregular_rms=0", "sea.start_rms=0", "sea.realisations=1")
         world = World(scenario, num_worlds=1, seed=1)
         place = np.linspace(0, 200, 60)
         squares = []

@@ -8,6 +8,7 @@ import xarray
 from usvauv_env import Scenario
 from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.wave_files import read_waves
+from usvauv_env.site.waves import WaveSpectrum
 
 FRAME = LocalFrame(5.0, 60.0)
 SIZE = 2000.0
@@ -133,6 +134,12 @@ def waves_of(dataset, tmp_path, start="", frame=FRAME):
     path = tmp_path / "waves.nc"
     dataset.to_netcdf(path, engine="h5netcdf")
     return read_waves(path, frame, SIZE, SIZE, start)
+
+
+def spectrum_of(dataset, tmp_path, start="", frame=FRAME) -> WaveSpectrum:
+    spectrum = waves_of(dataset, tmp_path, start, frame).spectrum
+    assert spectrum is not None
+    return spectrum
 
 
 def scenario_of(dataset, tmp_path, *changes) -> Scenario:

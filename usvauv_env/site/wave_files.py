@@ -91,7 +91,7 @@ def _read_spectrum(dataset: xarray.Dataset, source: Source) -> WaveSpectrum:
         elif missing.any():
             i, j = np.argwhere(missing)[0]
             raise OceanError(
-                f"{source.where}: a value is missing at {frequency[i]:.4g} Hz, direction {j}; all must be given"
+                f"{source.where}: a value is missing at {frequency[i]:.3g} Hz, direction {j}; all must be given"
             )
         if not (values.min() >= 0 and values.max() * factor <= DENSEST):
             wrong = values.min() if not values.min() >= 0 else values.max()
@@ -134,11 +134,16 @@ def _coordinate(dataset: xarray.Dataset, source: Source, kind: str) -> tuple[xar
     return dataset[name], np.atleast_1d(reader.load(dataset[name], where).astype(np.float64)), where
 
 
+def _some(values: np.ndarray) -> str:
+    """The first and the last of some values."""
+    return ", ".join(f"{value:.4g}" for value in values[:3]) + (f", ..., {values[-1]:.4g}" if len(values) > 3 else "")
+
+
 def _frequencies(dataset: xarray.Dataset, source: Source) -> np.ndarray:
     variable, values, where = _coordinate(dataset, source, "frequency")
     values = values * factor_of(variable, where, HERTZ)
     if len(values) < 3 or not (np.diff(values) > 0).all() or not 0 < values[0] < values[-1] <= 10:
-        raise OceanError(f"{where}: {np.array2string(values, threshold=4)}; allowed: three or more, rising, 0 to 10 Hz")
+        raise OceanError(f"{where}: {_some(values)}; allowed: three or more, rising, 0 to 10 Hz")
     return values
 
 
@@ -148,9 +153,7 @@ def _directions(dataset: xarray.Dataset, source: Source) -> np.ndarray:
     steps = np.diff(np.sort(angles % (2 * math.pi)), append=np.min(angles % (2 * math.pi)) + 2 * math.pi)
     even = 2 * math.pi / len(angles)
     if len(angles) < 4 or not abs(steps - even).max() <= UNEVEN * even:
-        raise OceanError(
-            f"{where}: {np.array2string(values, threshold=4)}; allowed: four or more in even steps round the circle"
-        )
+        raise OceanError(f"{where}: {_some(values)}; allowed: four or more in even steps round the circle")
     return travel(angles, _comes_from(variable, where))
 
 
@@ -173,9 +176,7 @@ def _numbered(dataset: xarray.Dataset, source: Source, most: int, kind: str) -> 
     right = 3 <= count <= most if kind == "frequency" else count == ERA5_DIRECTIONS
     if not right or not np.array_equal(values, np.arange(count) + 1):
         allowed = f"up to {most}" if kind == "frequency" else f"{ERA5_DIRECTIONS}"
-        raise OceanError(
-            f"{where}: {np.array2string(values, threshold=4)}; allowed: ERA5's numbers 1, 2, ..., {allowed}"
-        )
+        raise OceanError(f"{where}: {_some(values)}; allowed: ERA5's numbers 1, 2, ..., {allowed}")
     if kind == "frequency":
         return ERA5_FREQUENCY * ERA5_RATIO ** (values - 1)
     return travel((values - 0.5) * 2 * math.pi / ERA5_DIRECTIONS, comes_from=False)
