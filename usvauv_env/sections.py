@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from datetime import date, datetime
 from typing import Annotated, Any, Literal, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, field_validator, model_validator
 
 from kernels.mission import target_rules
 from kernels.mission.vehicle import FASTEST
@@ -30,9 +30,11 @@ FASTEST_WATER = 20.0  # m/s; the fastest tidal streams reach 11
 LOWEST_TONE, HIGHEST_TONE = 100.0, 2e5  # Hz; below and above the laws of absorption and noise mean nothing
 MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at a second each
 
+FARTHEST = 1e5  # m, of a place from the area's corner, east and north
+
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Price = Annotated[float, Field(ge=0, le=LARGEST)]
-Place = Annotated[float, Field(ge=-1e5, le=1e5)]
+Place = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 Distance = Annotated[float, Field(ge=0, le=20000)]  # the longest side of an area
 Carrier = Annotated[float, Field(ge=LOWEST_TONE, le=HIGHEST_TONE)]
 WaveHeight = Annotated[float, Field(ge=0.001, le=30)]
@@ -40,6 +42,10 @@ WavePeriod = Annotated[float, Field(ge=0.5, le=30)]
 Enhancement = Annotated[float, Field(ge=1, le=20)]
 Direction = Annotated[float, Field(ge=-7, le=7)]
 Spreading = Annotated[float, Field(ge=0, le=1000)]
+Centre = Annotated[
+    Annotated[tuple[Place, Place], Tag("metres")] | Annotated[str, Tag("degrees")],
+    Discriminator(lambda value: "degrees" if isinstance(value, str) else "metres"),
+]
 Bandwidth = Annotated[float, Field(ge=1, le=1e6)]
 
 
@@ -239,8 +245,10 @@ class Water(Section):
 class Current(Section):
     """Superposed Lamb–Oseen vortices (Eq. 8)."""
 
-    centres: tuple[tuple[Place, Place], ...] = Field(
-        (), max_length=MAX_VORTICES, description="fixed vortex centres [[x, y], ...], m; empty: drawn anew each episode"
+    centres: tuple[Centre, ...] = Field(
+        (),
+        max_length=MAX_VORTICES,
+        description='fixed vortex centres [[x, y], ...], m, or ["22.51N,114.02E", ...]; empty: drawn anew each episode',
     )
     count: int = Field(0, ge=0, le=MAX_VORTICES, description="number of vortices drawn when no centres are given")
     circulation_min: float = Field(0.0, ge=0, le=1e5, description="smallest |Γ|, m²/s")

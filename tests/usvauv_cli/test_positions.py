@@ -9,6 +9,7 @@ from kernels.errors import UserError
 from usvauv_env import Scenario
 from usvauv_env.site.positions import angle, auv_position, coordinates, look_geographic
 from usvauv_env.world.boat_strategies import StrategyChoice
+from usvauv_env.world.tables import fixed_vortices
 
 CORNER = {"water.latitude": 22.51, "water.longitude": 114.02}
 PLACED = Scenario.load("extreme", [f"{name}={value}" for name, value in CORNER.items()])
@@ -192,3 +193,31 @@ class TestResult:
         result = json.loads(plan("--auv", "32.501N,117.499W,100", *west, "--json", "-")[1])
         assert result["auvs"][0]["longitude"] == pytest.approx(-117.499)
         assert coordinates(-33.5, -70.25) == "33.500000S,70.250000W"
+
+
+@pytest.mark.parametrize("text", ["22.5101N,114.0203E", "22.5101N,114.0303E"])
+def test_centres_of_vortices(text, tmp_path):
+    """As `hold` has them, also outside the area, where `hold` refuses them; a file keeps them as they are given."""
+    centres = f'current.centres=["{text}", [60, 80]]'
+    scenario = Scenario.load("extreme", [*(f"{name}={value}" for name, value in CORNER.items()), centres])
+    expected = metres(22.5101, float(text[9:17]))
+    assert fixed_vortices(scenario)[:, :2].ravel() == pytest.approx([*expected, 60.0, 80.0], abs=0.05)
+    path = tmp_path / "mine.toml"
+    path.write_text(scenario.to_toml(), encoding="utf-8")
+    assert Scenario.load(path) == scenario
+
+
+@pytest.mark.parametrize(
+    ("centre", "placed", "said"),
+    [
+        ("22.51N,114.03E", False, "current.centres '22.51N,114.03E': the scenario has no place on Earth"),
+        ("22.51N", True, "current.centres '22.51N': expected 22.5101N,114.0203E$"),
+        ("22.51,114.03", True, "current.centres '22.51,114.03': '22.51' is no latitude"),
+        ("24.51N,114.03E", True, "current.centres '24.51N,114.03E': is 221 km from the area's corner; at most 100 km"),
+        ("22.51N,66W", True, "current.centres '22.51N,66W': is .* km from the area's corner; at most 100 km"),
+    ],
+)
+def test_centres_refused(centre, placed, said):
+    place = [f"{name}={value}" for name, value in CORNER.items()] if placed else []
+    with pytest.raises(UserError, match=said):
+        fixed_vortices(Scenario.load("extreme", [*place, f'current.centres=["{centre}"]']))

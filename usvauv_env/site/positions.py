@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from kernels.errors import UserError
 from usvauv_env.scenario import Scenario
+from usvauv_env.sections import FARTHEST
 from usvauv_env.site.site import Site
 
 ANGLE = re.compile(r"(\d+(?:\.\d+)?)°?(?:(\d+(?:\.\d+)?)['′’](?:(\d+(?:\.\d+)?)[\"″”])?)?([NSEW])")
@@ -71,18 +73,8 @@ def position(option: str, text: str, form: str, scenario: Scenario, hint: str = 
         x, y, *rest = numbers(option, text, form)
         inside = True
     else:
-        frame = Site(scenario).frame
-        if frame is None:
-            raise UserError(
-                f"{option} {text!r}: the scenario has no place on Earth; water.latitude and water.longitude give it,"
-                " the area's south-west corner in degrees"
-            )
-        if len(parts) != len(form.split(",")):
-            raise UserError(f"{option} {text!r}: expected {form.replace('X,Y', '22.5101N,114.0203E')}, Z in metres")
-        latitude, longitude = angle(option, text, parts[0], "NS"), angle(option, text, parts[1], "EW")
+        x, y, inside = _on_plane(option, text, parts, form, scenario)
         rest = numbers(option, ",".join(parts[2:]), form[4:]) if parts[2:] else []
-        x, y = (float(side) for side in frame.to_local(np.array(longitude), np.array(latitude)))
-        inside = np.cos(np.radians(longitude - frame.longitude)) > 0  # the other side of the Earth projects there too
     area = scenario.area
     if not (inside and 0 <= x <= area.width and 0 <= y <= area.length):
         raise UserError(
@@ -90,6 +82,42 @@ def position(option: str, text: str, form: str, scenario: Scenario, hint: str = 
             f" --set area.width=… and area.length=… change it{hint and '; '}{hint}"
         )
     return [x, y, *rest]
+
+
+def _on_plane(option: str, text: str, parts: Sequence[str], form: str, scenario: Scenario) -> tuple[float, float, bool]:
+    """x and y, m, of the latitude and longitude that the parts of a text begin with, and whether they are on this side
+    of the Earth: the other side projects there too.
+
+    Raises:
+        UserError: no such position, or a scenario without a place on Earth.
+    """
+    frame = Site(scenario).frame
+    if frame is None:
+        raise UserError(
+            f"{option} {text!r}: the scenario has no place on Earth; water.latitude and water.longitude give it,"
+            " the area's south-west corner in degrees"
+        )
+    if len(parts) != len(form.split(",")):
+        unit = ", Z in metres" if "Z" in form else ""
+        raise UserError(f"{option} {text!r}: expected {form.replace('X,Y', '22.5101N,114.0203E')}{unit}")
+    latitude, longitude = angle(option, text, parts[0], "NS"), angle(option, text, parts[1], "EW")
+    x, y = (float(side) for side in frame.to_local(np.array(longitude), np.array(latitude)))
+    return x, y, bool(np.cos(np.radians(longitude - frame.longitude)) > 0)
+
+
+def far_position(field: str, text: str, scenario: Scenario) -> tuple[float, float]:
+    """x and y, m, of a latitude and longitude that may lie outside the area, up to `FARTHEST`.
+
+    Raises:
+        UserError: it does not, is none, or the scenario has no place on Earth.
+    """
+    x, y, inside = _on_plane(field, text, text.split(","), "X,Y", scenario)
+    if not inside or max(abs(x), abs(y)) > FARTHEST:
+        raise UserError(
+            f"{field} {text!r}: is {math.hypot(x, y) / 1000:.0f} km from the area's corner; at most"
+            f" {FARTHEST / 1000:g} km east and north of it are allowed"
+        )
+    return x, y
 
 
 def auv_position(text: str, scenario: Scenario, hint: str = "") -> tuple[float, float, float]:

@@ -20,6 +20,7 @@ from kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws, boat
 from kernels.positioning.sea_wind import wind_of_developed_sea
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.storm import total_height, wave_systems
+from usvauv_env.site.positions import far_position
 from usvauv_env.site.site import Site
 from usvauv_env.site.sound_speed import SoundSpeedProfile
 from usvauv_env.world.boat_strategies import BoatStrategy
@@ -310,10 +311,15 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
 
 
 def fixed_vortices(scenario: Scenario) -> np.ndarray:
-    """Vortices at given centres, (V, 4), of mean circulation and core radius; one of no circulation for none."""
+    """Vortices at given centres, (V, 4), of mean circulation and core radius; one of no circulation for none.
+
+    Raises:
+        UserError: a centre in degrees is none, or too far away.
+    """
     current = scenario.current
     table = np.tile(np.array([0.0, 0.0, 0.0, 1.0], np.float32), (max(current.vortices, 1), 1))
     for row, centre in zip(table, current.centres, strict=False):
         circulation = 0.5 * (current.circulation_min + current.circulation_max)
-        row[:] = (*centre, circulation, 0.5 * (current.core_radius_min + current.core_radius_max))
+        x, y = far_position("current.centres", centre, scenario) if isinstance(centre, str) else centre
+        row[:] = (x, y, circulation, 0.5 * (current.core_radius_min + current.core_radius_max))
     return table
