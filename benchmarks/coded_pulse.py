@@ -13,6 +13,7 @@ import torch
 from benchmarks.machine import batch, best_time
 from kernels import runtime
 from kernels.positioning import acoustic_link, coded_pulse, codes, waveform
+from kernels.positioning.reflections import SEDIMENTS
 
 CARRIER = 25000.0
 BANDWIDTH = 8000.0
@@ -23,7 +24,7 @@ SOUND_SPEED = 1500.0
 OFFSET = (70.0, -45.0, -104.0)
 ENERGIES = (300.0, 100.0, 30.0, 15.0, 10.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
 DETECTION = 36.0  # energy over N0, four hydrophones together
-# AUV (m), array's depth (m), standard deviation of the surface (m), array's height over the bottom (m; 0: none), and
+# AUV (m), array's depth (m), standard deviation of the surface (m), array's height over the bottom (m; 0: far), and
 # the turns of the reflection's phase by which the boundary is moved.
 WATERS = (
     ((70.0, -45.0, -104.0), 3.0, 0.002, 0.0, 60),
@@ -33,7 +34,7 @@ WATERS = (
     ((390.0, -100.0, -20.0), 3.0, 0.1, 0.0, 4),
     ((390.0, -100.0, -20.0), 0.5, 0.2, 0.0, 1),
 )
-BOTTOM = 0.3  # amplitude, 10 dB loss
+FAR = 1e5  # m, a bottom that is not heard
 
 
 class Case:
@@ -142,8 +143,8 @@ def measure_reflections(count: int) -> list[dict[str, object]]:
     rows = []
     for offset, array_depth, roughness, height, turns in WATERS:
         case = Case(count, offset, 0.0)
-        boundaries = (array_depth, 1e5, roughness, 0.0) if height == 0 else (0.0, height, 1e3, BOTTOM)
-        water = torch.tensor([boundaries]).repeat(count, 1)
+        boundaries = (array_depth, FAR, roughness) if height == 0 else (0.0, height, 1e3)
+        water = torch.tensor([(*boundaries, *SEDIMENTS["sand"])]).repeat(count, 1)
         plane = array_depth if height == 0 else -height
         length = math.hypot(offset[0], offset[1], 2 * plane - offset[2])
         turn = SOUND_SPEED / CARRIER / 2 * length / abs(2 * plane - offset[2])

@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from kernels.errors import UserError
 from kernels.mission.tasks.task import Task, tasks
+from kernels.positioning.codes import FEWEST_CHIPS
 from usvauv_env import text_files
 from usvauv_env.sections import (
     Acoustics,
@@ -46,6 +47,7 @@ from usvauv_env.sections import (
 )
 
 MOST_SAMPLES = 100_000  # of a tone that is received sample by sample; about 10 ms a fix
+MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 
 
 class ScenarioError(UserError, ValueError):
@@ -149,13 +151,41 @@ class Scenario(Section):
         if not self.water.waves:
             self._check_storm()
         self._check_vortices()
-        samples = self.usbl.periods * self.usbl.sampling_rate / min(*self.usbl.carriers, self.usbl.carrier_min)
-        if self.usbl.model == "waveform" and samples > MOST_SAMPLES:
+        self._check_signal()
+        return self
+
+    @property
+    def chips(self) -> int:
+        """Length of a coded pulse, chips of 1/B."""
+        return round(self.usbl.pulse_length * self.acoustics.bandwidth)
+
+    @property
+    def heeds_pulses(self) -> bool:
+        """Whether fixes depend on the form of coded pulses."""
+        return self.usbl.signal == "code" and (self.usbl.model == "waveform" or self.acoustics.multipath)
+
+    def _check_signal(self) -> None:
+        usbl = self.usbl
+        samples = usbl.periods * usbl.sampling_rate / min(*usbl.carriers, usbl.carrier_min)
+        if usbl.model == "waveform" and usbl.signal == "tone" and samples > MOST_SAMPLES:
             raise ValueError(
                 f"usbl.periods of usbl.sampling_rate: a tone of {samples:.0f} samples; at most {MOST_SAMPLES} with"
                 " usbl.model = waveform"
             )
-        return self
+        if self.heeds_pulses and not FEWEST_CHIPS <= self.chips <= MOST_CHIPS:
+            raise ValueError(
+                f"usbl.pulse_length times acoustics.bandwidth: a pulse of {self.chips} chips; from {FEWEST_CHIPS} to"
+                f" {MOST_CHIPS} with usbl.model = waveform or acoustics.multipath"
+            )
+        if self.acoustics.multipath:
+            profile = self.acoustics.sound_speed_profile or self.acoustics.temperature_salinity
+            for field, wrong, needed in (
+                ("usbl.signal", usbl.signal != "code", "code"),
+                ("auv.separation", self.auv.separation != "geometry", "geometry"),
+                ("acoustics.sound_speed_profile", bool(profile), "one speed of sound: reflections come straight"),
+            ):
+                if wrong:
+                    raise ValueError(f"acoustics.multipath: needs {field} = {needed}")
 
     @property
     def highest_long_wave(self) -> float:

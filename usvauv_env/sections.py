@@ -17,6 +17,7 @@ from kernels.mission.vehicle import FASTEST
 from kernels.planning.team import MAX_AUVS
 from kernels.positioning.absorption import absorption_laws
 from kernels.positioning.ambient_noise import ambient_noise_laws
+from kernels.positioning.reflections import SEDIMENTS
 from kernels.shallow_water.boundaries import Side
 
 MAX_NODES = 500
@@ -326,6 +327,10 @@ class Acoustics(Section):
     )
     bubbles: bool = Field(False, description="the wind's bubbles weaken what comes to the array")
     rain: float = Field(0.0, ge=0, le=200, description="rain in the noise, mm/h")
+    multipath: bool = Field(
+        False, description="the array also hears reflections of coded pulses from the surface and the bottom"
+    )
+    sediment: str = Field("sand", description="of the bottom, for its reflections: clay, silt, sand, gravel, moraine")
     bandwidth: Bandwidth = Field(4000.0, description="bandwidth of the positioning link, Hz")
     noise_law: Literal["density", "demonstration"] = Field(
         "density",
@@ -337,6 +342,11 @@ class Acoustics(Section):
     def _known_absorption(cls, name: str) -> str:
         return known(name, absorption_laws)
 
+    @field_validator("sediment")
+    @classmethod
+    def _known_sediment(cls, name: str) -> str:
+        return known(name, SEDIMENTS)
+
     @field_validator("ambient_noise")
     @classmethod
     def _known_noise(cls, name: str) -> str:
@@ -347,7 +357,9 @@ class Usbl(Section):
     """Ultra-short baseline array and its estimator (Eq. 1)."""
 
     spacing: float = Field(0.033, ge=0.001, le=10, description="array spacing d, m")
-    array_depth: float = Field(3.0, ge=0, le=50, description="depth of the array, for the bubbles above it, m")
+    array_depth: float = Field(
+        3.0, ge=0, le=50, description="depth of the array, for bubbles above it and reflections, m"
+    )
     carriers: tuple[Carrier, ...] = Field(
         (15000.0, 18000.0), min_length=1, max_length=MAX_AUVS, description="carrier of each AUV, Hz"
     )
@@ -360,7 +372,7 @@ class Usbl(Section):
     pulse_length: float = Field(0.01, ge=1e-5, le=1, description="length of a coded pulse, s")
     sampling_rate: float = Field(2.016e6, ge=200, le=1e8, description="sampling rate, Hz")
     model: Literal["statistical", "waveform"] = Field(
-        "statistical", description="fixes drawn from their distribution, or measured from sampled tones in noise"
+        "statistical", description="fixes drawn from their distribution, or measured from sampled signals in noise"
     )
     refraction: Literal["corrected", "mean", "array"] = Field(
         "corrected",
@@ -396,8 +408,6 @@ class Usbl(Section):
     def _check(self) -> Usbl:
         if self.carrier_max < self.carrier_min:
             raise ValueError("carrier_max must not be below carrier_min")
-        if self.model == "waveform" and self.signal != "tone":
-            raise ValueError(f"model = {self.model!r}: needs signal = 'tone'; a coded pulse has none in missions")
         highest = max(*self.carriers, self.carrier_max)
         if self.sampling_rate < 2 * highest:  # Nyquist
             least = 2 * highest

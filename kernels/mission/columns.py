@@ -78,6 +78,12 @@ class Parameter(Columns):
     reference_rate: int  # of the data link at the hover radius, Mbit/s
     service_time: int  # of a typical service, s
     duration: int  # of the mission, s
+    array_depth: int
+    water_depth: int  # mean
+    roughness: int  # standard deviation of the surface in short waves, m
+    bottom_density: int  # over the water's
+    bottom_speed: int  # of sound, over the water's
+    bottom_absorption: int  # of sound, dB a wavelength
 
 
 class AuvColumn(Columns):

@@ -8,9 +8,9 @@ from kernels import random
 from kernels.mission import navigation, serving
 from kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Refraction, Sensor
 from kernels.mission.worlds import address, normals, uniforms
-from kernels.positioning import acoustic_link, rays, tracker, usbl, validation, waveform
+from kernels.positioning import acoustic_link, coded_pulse, rays, reflections, tracker, usbl, validation, waveform
 from kernels.positioning.validation import Expectation
-from kernels.types import mat3, vec2, vec3, vec4
+from kernels.types import mat3, vec2, vec3, vec4, vec6
 
 DEPLOYMENT_VARIANCE = 1e-4  # of the place where an AUV is deployed, m²
 
@@ -38,15 +38,17 @@ class ArrayPose:
 
 @ti.dataclass
 class Arrival:
-    """A tone on its way to the array.
+    """A signal on its way to the array.
 
     Attributes:
+        offset: from array to AUV, m.
         body: direction of the AUV in the array's true frame.
         slant_range: straight distance, m.
         path: the distance that the sound's delay stands for, m.
         loss: of `acoustic_link.further_loss`, dB.
     """
 
+    offset: vec3
     body: vec3
     slant_range: ti.f32
     path: ti.f32
@@ -54,8 +56,8 @@ class Arrival:
 
 
 @ti.dataclass
-class Tone:
-    """What the array measures of a tone: phase differences and residual in rad modulo one turn, slant range in m."""
+class Signal:
+    """What the array measures of a signal: phase differences and residual in rad modulo one turn, slant range in m."""
 
     phase: vec2
     residual: ti.f32
@@ -100,8 +102,48 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
 
 
 @ti.func
-def receive(worlds: ti.template(), arrival: Arrival, w, k) -> Tone:
-    """What the array measures of a tone of AUV k."""
+def sounds(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k):
+    """What the hydrophones receive of a coded pulse, as `coded_pulse.sounds` has it.
+
+    The array lies at its depth below the surface as it is there; it and the AUVs rise and sink over a level bottom.
+    """
+    p = ti.static(worlds.p)
+    boundaries = reflections.Boundaries(
+        array_depth=p[Parameter.array_depth],
+        water_depth=p[Parameter.array_depth]
+        + p[Parameter.water_depth]
+        + worlds.boat[w, pose.boat, BoatColumn.elevation],
+        roughness=p[Parameter.roughness],
+        density=p[Parameter.bottom_density],
+        speed=p[Parameter.bottom_speed],
+        absorption=p[Parameter.bottom_absorption],
+    )
+    body = arrival.path * arrival.body
+    multipath = ti.static(worlds.program.multipath)
+    return coded_pulse.sounds(worlds.pulses, worlds.link, k, body, arrival.offset, pose.axes, boundaries, multipath)
+
+
+@ti.func
+def sample(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, sigma, draw: random.uint4, w, k) -> vec6:
+    """The sampled signal of AUV k as the receiver measures it, columns of `waveform`."""
+    link = ti.static(worlds.link)
+    measured = vec6(0.0)
+    if ti.static(worlds.program.coded):
+        heard = sounds(worlds, pose, arrival, w, k)
+        noise = ti.static(worlds.pulse_noise)
+        coded_pulse.draw(noise, w, draw, worlds.key_low, worlds.key_high)
+        energy = 1.0 / (sigma * sigma)
+        measured = coded_pulse.measure(worlds.pulses, link, k, arrival.path, energy, heard, noise, w)
+    else:
+        stream = random.philox(draw, worlds.key_low, worlds.key_high)
+        at = arrival.path * arrival.body
+        measured = waveform.measure(link, k, at, arrival.path, sigma, stream, waveform.PROJECTED)
+    return measured
+
+
+@ti.func
+def receive(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k) -> Signal:
+    """What the array measures of a signal of AUV k."""
     link = ti.static(worlds.link)
     draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
     sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.loss)
@@ -110,24 +152,29 @@ def receive(worlds: ti.template(), arrival: Arrival, w, k) -> Tone:
     slant_range = arrival.path
     amplitude = 0.0
     if ti.static(worlds.program.waveform):
-        stream = random.philox(draw, worlds.key_low, worlds.key_high)
-        at = arrival.path * arrival.body
-        tone = waveform.measure(link, k, at, arrival.path, sigma, stream, waveform.PROJECTED)
-        phase = vec2(tone[waveform.PHASE_X], tone[waveform.PHASE_Y])
-        residual = tone[waveform.RESIDUAL]
-        slant_range += tone[waveform.RANGE_ERROR]
-        amplitude = tone[waveform.AMPLITUDE]
+        measured = sample(worlds, pose, arrival, sigma, draw, w, k)
+        phase = vec2(measured[waveform.PHASE_X], measured[waveform.PHASE_Y])
+        residual = measured[waveform.RESIDUAL]
+        slant_range += measured[waveform.RANGE_ERROR]
+        amplitude = measured[waveform.AMPLITUDE]
     else:
+        body = arrival.body
+        if ti.static(worlds.program.multipath):
+            heard = sounds(worlds, pose, arrival, w, k)
+            disturbed = coded_pulse.disturbance(worlds.pulses, link, k, heard)
+            body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
+            slant_range += disturbed[2]
+            sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)
         noise = random.normals(draw, worlds.key_low, worlds.key_high)
         residual_noise = 0.0
         if ti.static(worlds.program.turns):
             residual_noise = normals(worlds, w, Draw.residual, k)[0]
-        tone = usbl.measure(link, k, arrival.body, arrival.path, sigma, noise, residual_noise)
-        phase = vec2(usbl.wrap(tone.phase[0]), usbl.wrap(tone.phase[1]))
-        residual = tone.residual
-        slant_range = tone.slant_range
-        amplitude = tone.amplitude
-    return Tone(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude)
+        measured = usbl.measure(link, k, body, slant_range, sigma, noise, residual_noise)
+        phase = vec2(usbl.wrap(measured.phase[0]), usbl.wrap(measured.phase[1]))
+        residual = measured.residual
+        slant_range = measured.slant_range
+        amplitude = measured.amplitude
+    return Signal(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude)
 
 
 @ti.func
@@ -150,24 +197,24 @@ def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> ve
 
 
 @ti.func
-def whole_turns(worlds: ti.template(), tone: Tone, length, pose: ArrayPose, expected: Expectation, w, k):
-    """Phase differences of a tone of AUV k with the turns that they most probably lack, and 1 where others are near.
+def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, expected: Expectation, w, k):
+    """Phase differences of a signal of AUV k with the turns that they most probably lack, and 1 where others are near.
 
     See `kernels.positioning.validation`. `length` as of `usbl.located`.
     """
     link = ti.static(worlds.link)
-    odd = usbl.odd_turns(tone.residual)
+    odd = usbl.odd_turns(signal.residual)
     most = validation.most_turns(link, k, length)
     kappa = length * link[k, acoustic_link.KAPPA]
-    phase = tone.phase
+    phase = signal.phase
     best = validation.NO_CANDIDATE
     second = validation.NO_CANDIDATE
     for m in range(-most, most + 1):
         for n in range(-most, most + 1):
-            candidate = tone.phase + 2.0 * math.pi * vec2(m, n)
+            candidate = signal.phase + 2.0 * math.pi * vec2(m, n)
             if ((m + n) & 1) == odd and candidate.norm_sqr() <= kappa * kappa:
-                found = usbl.located(link, k, candidate, candidate, tone.amplitude, pose.measured, length)
-                offset = locate(worlds, pose, w, found.vector, tone.slant_range)
+                found = usbl.located(link, k, candidate, candidate, signal.amplitude, pose.measured, length)
+                offset = locate(worlds, pose, w, found.vector, signal.slant_range)
                 loss = acoustic_link.further_loss(link, k, offset, pose.effort)
                 sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
                 covariance = covariance_at(worlds, pose, k, offset)
@@ -209,14 +256,15 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
     # Where sound is slower than supposed, it comes later and less across the array.
     body = pose.slowness * (pose.axes @ direction)
     loss = acoustic_link.further_loss(link, k, offset, pose.effort)
-    tone = receive(worlds, Arrival(body=body, slant_range=S, path=pose.slowness * path, loss=loss), w, k)
-    phase = tone.phase
+    arrival = Arrival(offset=offset, body=body, slant_range=S, path=pose.slowness * path, loss=loss)
+    signal = receive(worlds, pose, arrival, w, k)
+    phase = signal.phase
     ambiguous = 0
     if ti.static(worlds.program.turns):
-        phase, ambiguous = whole_turns(worlds, tone, length, pose, expected, w, k)
+        phase, ambiguous = whole_turns(worlds, signal, length, pose, expected, w, k)
     true_phase = link[k, acoustic_link.KAPPA] * vec2(body[0], body[1])
-    found = usbl.located(link, k, true_phase, phase, tone.amplitude, pose.measured, length)
-    place = locate(worlds, pose, w, found.vector, tone.slant_range)
+    found = usbl.located(link, k, true_phase, phase, signal.amplitude, pose.measured, length)
+    place = locate(worlds, pose, w, found.vector, signal.slant_range)
     if flags == 0:
         flags = found.flags | usbl.AMBIGUOUS * ambiguous
     return vec4(place[0], place[1], place[2], ti.cast(flags, ti.f32))

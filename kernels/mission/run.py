@@ -7,6 +7,7 @@ from kernels.flow.current import Water
 from kernels.mission import reset, step
 from kernels.mission.columns import Parameter
 from kernels.mission.worlds import Worlds
+from kernels.positioning.coded_pulse import Pulses
 from kernels.types import Columns, array1, array2, array3, array4, index1, index2, mask1
 
 
@@ -23,6 +24,9 @@ def run(
     program: ti.template(),
     p: array1,
     link: array2,
+    pulse_envelope: array2,
+    pulse_output: array3,
+    pulse_rate: array1,
     layers: array2,
     arrivals: array2,
     fixed_vortex: array2,
@@ -60,6 +64,7 @@ def run(
     belief: array4,
     workspace: array2,
     boat_workspace: array2,
+    pulse_noise: array3,
     observation: array3,
     reward_terms: array3,
     reward: array2,
@@ -81,6 +86,7 @@ def run(
                 program,
                 p,
                 link,
+                Pulses(pulse_envelope, pulse_output, pulse_rate),
                 layers,
                 arrivals,
                 fixed_vortex,
@@ -106,6 +112,7 @@ def run(
                 belief,
                 workspace,
                 boat_workspace,
+                pulse_noise,
                 observation,
                 reward_terms,
                 reward,

@@ -42,7 +42,9 @@ class Program(NamedTuple):
         information: of `Information`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: what the boat maximises, of `kernels.planning.objectives.objective_code`.
-        waveform: fixes by sampled tones, not by the statistical model.
+        waveform: fixes by sampled signals, not by the statistical model.
+        coded: the signal is a coded pulse, not a tone.
+        multipath: the array hears reflections from surface and bottom too.
         refraction: of `Refraction`.
         tracker: the boat tracks its AUVs by their commanded velocities.
         schedule: of `Schedule`.
@@ -61,6 +63,8 @@ class Program(NamedTuple):
     information: int = Information.full
     objective_code: int = 0
     waveform: bool = False
+    coded: bool = False
+    multipath: bool = False
     refraction: int = Refraction.none
     tracker: bool = False
     schedule: int = Schedule.every_step
@@ -78,6 +82,7 @@ class Worlds(NamedTuple):
         program: what is compiled.
         p: (P,) numbers of the scenario, `Parameter`.
         link: (K, C) acoustic constants of each AUV, `kernels.positioning.acoustic_link.link_table`.
+        pulses: `kernels.positioning.coded_pulse.Pulses` of the AUVs, where they are used.
         layers: (N, 3) sound speed profile, `kernels.positioning.rays`.
         arrivals: (R, .) table of Poisson arrivals, `kernels.mission.poisson_table`.
         fixed_vortex: (V, 4) vortices that are not drawn at random.
@@ -102,6 +107,7 @@ class Worlds(NamedTuple):
         belief: (W, 1 or K, M, C) `BeliefColumn`.
         workspace: (W, ≥ 1) numbers that the target rule needs while it chooses.
         boat_workspace: (W, ≥ 1) the same of the boat strategy.
+        pulse_noise: (W, columns, 8) noise of one coded pulse, where it is sampled.
         observation: (W, K, O).
         reward_terms: (W, K, R) weighted.
         reward: (W, K).
@@ -110,6 +116,7 @@ class Worlds(NamedTuple):
     program: Any
     p: Any
     link: Any
+    pulses: Any
     layers: Any
     arrivals: Any
     fixed_vortex: Any
@@ -135,6 +142,7 @@ class Worlds(NamedTuple):
     belief: Any
     workspace: Any
     boat_workspace: Any
+    pulse_noise: Any
     observation: Any
     reward_terms: Any
     reward: Any

@@ -1,7 +1,7 @@
 """USBL fixes from coded pulses: four hydrophones, a matched filter over a range gate, phases and delay at its peak.
 
-The reference for the statistical model of a coded pulse: with γ = E/N0 on one hydrophone, E the pulse's energy, a phase
-difference has the variance 1/γ and the delay 1/(8γβ²), β = 2πB/√12.
+The reference for the statistical model of a coded pulse, and a model of missions: with γ = E/N0 on one hydrophone, E
+the pulse's energy, a phase difference has the variance 1/γ and the delay 1/(8γβ²), β = 2πB/√12.
 
 Signal. Hydrophone i receives √γ s(t − t_i) e^{−2πjf t_i} at complex baseband (`kernels.positioning.codes`) in white
 Gaussian noise. The wavefront is a sphere (`waveform.arrivals`). With `water` the AUV's images are heard too
@@ -39,9 +39,11 @@ from kernels.types import array1, array2, array3, index1, mat3, vec2, vec3, vec4
 
 COARSE = 4
 STEP = FINE // COARSE
+PARABOLAS = 4  # to the peak of noiseless sounds
 SAMPLING = 2
 EIGENVALUE = 1e-9
 SOUNDS = 1 + reflections.REFLECTIONS
+BOUNDARIES = 6  # fields of `reflections.Boundaries`
 
 
 class Pulses(NamedTuple):
@@ -50,12 +52,12 @@ class Pulses(NamedTuple):
     Attributes:
         envelope: (K, …) float32, the autocorrelation R at the lags j/FINE chips from 0.
         noise: (K, gate · FINE + 1, columns) float32, rows for the lags of the gate.
-        band: (K, 2) float32, carrier f (Hz) and B/f.
+        rate: (K,) float32, B/f, chips a period of the carrier.
     """
 
     envelope: torch.Tensor
     noise: torch.Tensor
-    band: torch.Tensor
+    rate: torch.Tensor
 
 
 def pulses(
@@ -82,8 +84,7 @@ def pulses(
             noise.append((left * scale)[:, scale**2 > EIGENVALUE])
     columns = max(part.shape[1] for part in noise)
     noise = np.stack([np.pad(part, ((0, 0), (0, columns - part.shape[1]))) for part in noise])
-    band = np.array([(f, bandwidth / f) for f in carriers])
-    tables = (R[:, : (record // 2) * FINE], noise, band)
+    tables = (R[:, : (record // 2) * FINE], noise, bandwidth / np.array(carriers))
     return Pulses(*(torch.from_numpy(np.ascontiguousarray(part, np.float32)).to(device) for part in tables))
 
 
@@ -123,6 +124,7 @@ def sounds(
     tables: ti.template(),
     link: ti.template(),
     k: ti.i32,
+    body: vec3,
     offset: vec3,
     axes: mat3,
     boundaries: reflections.Boundaries,
@@ -130,30 +132,48 @@ def sounds(
 ):
     """What the hydrophones receive of a pulse of AUV k: a row for each sound and hydrophone.
 
+    Args:
+        body: where the direct sound comes from, in the frame of the array, m.
+        offset: from array to AUV, m, and `axes` of the array: of the images.
+
     Returns:
         (4 · SOUNDS, 3): delay after the direct sound at the array's centre (chips), real and imaginary amplitude over
         the direct sound's.
     """
     heard = ti.Matrix.zero(ti.f32, 4 * SOUNDS, 3)
-    S = offset.norm()
-    later = waveform.arrivals(link, k, axes @ offset, S)
-    rate = tables.band[k, 1]
+    later = waveform.arrivals(link, k, body, body.norm())
+    rate = tables.rate[k]
     for i in ti.static(range(4)):
         heard[i, 0] = rate * later[i]
         heard[i, 1] = ti.cos(TWO_PI * later[i])
         heard[i, 2] = -ti.sin(TWO_PI * later[i])
     if ti.static(reflecting):
-        wavelength = link[k, acoustic_link.WAVELENGTH]
         for which in range(reflections.REFLECTIONS):
-            r = reflections.reflection(which, offset, boundaries, wavelength, tables.band[k, 0])
+            r = reflections.reflection(which, offset, boundaries, link, k)
             image = waveform.arrivals(link, k, axes @ r.source, r.slant_range)
             for i in ti.static(range(4)):
-                periods = r.excess / wavelength + image[i]
+                periods = r.excess / link[k, acoustic_link.WAVELENGTH] + image[i]
                 row = 4 * (which + 1) + i
                 heard[row, 0] = rate * periods
                 heard[row, 1] = r.amplitude * ti.cos(TWO_PI * fraction(periods))
                 heard[row, 2] = -r.amplitude * ti.sin(TWO_PI * fraction(periods))
     return heard
+
+
+@ti.func
+def signal(tables: ti.template(), k: ti.i32, heard: ti.template(), lag: ti.f32):
+    """Output of the matched filter on each hydrophone without noise, over √γ: real parts, imaginary parts.
+
+    `heard` from `sounds`; `lag` in chips after the direct sound.
+    """
+    real = vec4(0.0)
+    imaginary = vec4(0.0)
+    for row in range(4 * SOUNDS):
+        if heard[row, 1] != 0.0 or heard[row, 2] != 0.0:
+            R = envelope(tables.envelope, k, lag - heard[row, 0])
+            real[row % 4] += heard[row, 1] * R
+            imaginary[row % 4] += heard[row, 2] * R
+    return real, imaginary
 
 
 @ti.func
@@ -164,13 +184,9 @@ def output(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, 
         heard: from `sounds`. level: √γ, and the direct sound's arrival in chips after the gate opens.
         normals, n: from `draw`. lag: in FINE lags a chip.
     """
-    real = vec4(0.0)
-    imaginary = vec4(0.0)
-    for row in range(4 * SOUNDS):
-        if heard[row, 1] != 0.0 or heard[row, 2] != 0.0:
-            R = level[0] * envelope(tables.envelope, k, ti.cast(lag, ti.f32) / FINE - level[1] - heard[row, 0])
-            real[row % 4] += heard[row, 1] * R
-            imaginary[row % 4] += heard[row, 2] * R
+    real, imaginary = signal(tables, k, heard, ti.cast(lag, ti.f32) / FINE - level[1])
+    real *= level[0]
+    imaginary *= level[0]
     for column in range(normals.shape[1]):
         # Half of the noise's power is in each part.
         weight = 0.7071067811865476 * tables.noise[k, lag, column]
@@ -178,6 +194,13 @@ def output(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, 
             real[i] += weight * normals[n, column, i]
             imaginary[i] += weight * normals[n, column, 4 + i]
     return real, imaginary
+
+
+@ti.func
+def summit(beside: vec3) -> ti.f32:
+    """Where the parabola through values at −1, 0 and 1 is highest, not beyond them."""
+    bend = ti.min(beside[0] - 2.0 * beside[1] + beside[2], -1e-9)
+    return ti.min(ti.max(0.5 * (beside[0] - beside[2]) / bend, -1.0), 1.0)
 
 
 @ti.func
@@ -200,10 +223,40 @@ def peak(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, no
         for i in range(3):
             real, imaginary = output(tables, k, heard, level, normals, n, centre + (i - 1) * step)
             beside[i] = real.dot(real) + imaginary.dot(imaginary)
-        bend = ti.min(beside[0] - 2.0 * beside[1] + beside[2], -1e-9)
-        lag = centre + step * ti.min(ti.max(0.5 * (beside[0] - beside[2]) / bend, -1.0), 1.0)
+        lag = centre + step * summit(beside)
         step = 1
     return lag
+
+
+@ti.func
+def chip(tables: ti.template(), link: ti.template(), k: ti.i32) -> ti.f32:
+    """Slant range that a chip's delay stands for, m."""
+    return link[k, acoustic_link.WAVELENGTH] / link[k, acoustic_link.PATHS] / tables.rate[k]
+
+
+@ti.func
+def disturbance(tables: ti.template(), link: ti.template(), k: ti.i32, heard: ti.template()) -> vec4:
+    """What reflections do to the direct sound's peak, without noise.
+
+    They add to both phase differences (rad) and to the slant range (m), and are a factor on the amplitude.
+    """
+    lag = 0.0
+    for parabola in range(PARABOLAS):
+        step = ti.select(parabola < PARABOLAS - 1, 1.0 / COARSE, 1.0 / FINE)
+        beside = vec3(0.0)
+        for i in range(3):
+            real, imaginary = signal(tables, k, heard, lag + (i - 1) * step)
+            beside[i] = real.dot(real) + imaginary.dot(imaginary)
+        lag += step * summit(beside)
+    real, imaginary = signal(tables, k, heard, lag)
+    turns = vec4(0.0)
+    for i in ti.static(range(4)):
+        along = real[i] * heard[i, 1] + imaginary[i] * heard[i, 2]
+        across = imaginary[i] * heard[i, 1] - real[i] * heard[i, 2]
+        turns[i] = -ti.atan2(across, along) / TWO_PI
+    turn = waveform.common_turn(turns)
+    strength = ti.sqrt(0.25 * (real.dot(real) + imaginary.dot(imaginary)))
+    return vec4(TWO_PI * turn[1], TWO_PI * turn[2], chip(tables, link, k) * lag, strength)
 
 
 @ti.func
@@ -223,9 +276,7 @@ def measure(
         tables: `Pulses`. link: link table of `usbl`. energy: γ = E/N0 of the direct sound on one hydrophone.
         heard: from `sounds`. normals, n: from `draw`.
     """
-    metres = (
-        link[k, acoustic_link.WAVELENGTH] / link[k, acoustic_link.PATHS] / tables.band[k, 1]
-    )  # of slant range, a chip
+    metres = chip(tables, link, k)
     half_gate = 0.5 * (tables.noise.shape[1] - 1) / FINE
     level = vec2(ti.sqrt(energy), half_gate + fraction(S / metres))
     lag = peak(tables, k, heard, level, normals, n)
@@ -250,14 +301,13 @@ def multipath_variance(
 
     The sum over the reflections (`reflections.extra_variance`), to add to the variance by noise.
     """
-    wavelength = link[k, acoustic_link.WAVELENGTH]
-    metres = link[k, acoustic_link.WAVELENGTH] / link[k, acoustic_link.PATHS] / tables.band[k, 1]
+    metres = chip(tables, link, k)
     h = 1.0 / FINE
-    width = vec2(tables.band[k, 1], 2.0 * (1.0 - tables.envelope[k, 1]) / (h * h))
+    width = vec2(tables.rate[k], 2.0 * (1.0 - tables.envelope[k, 1]) / (h * h))
     variance = vec3(0.0)
     for which in range(reflections.REFLECTIONS):
-        r = reflections.reflection(which, offset, boundaries, wavelength, tables.band[k, 0])
-        excess = r.excess / wavelength * tables.band[k, 1]
+        r = reflections.reflection(which, offset, boundaries, link, k)
+        excess = r.excess / link[k, acoustic_link.WAVELENGTH] * tables.rate[k]
         rho = r.amplitude * envelope(tables.envelope, k, excess)
         later, earlier = envelope(tables.envelope, k, excess + h), envelope(tables.envelope, k, excess - h)
         slope = r.amplitude * 0.5 * (later - earlier) / h
@@ -267,11 +317,17 @@ def multipath_variance(
     return variance
 
 
+@ti.func
+def around(water: ti.template(), n: ti.i32) -> reflections.Boundaries:
+    """Row n of boundaries, (…, BOUNDARIES)."""
+    return reflections.Boundaries(water[n, 0], water[n, 1], water[n, 2], water[n, 3], water[n, 4], water[n, 5])
+
+
 @ti.kernel
 def _measurements(
     envelopes: array2,
     noise: array3,
-    band: array2,
+    rate: array1,
     link: array2,
     auv: index1,
     offset: array2,
@@ -285,12 +341,12 @@ def _measurements(
     measurement: array2,
 ):
     for n in range(offset.shape[0]):
-        tables = ti.static(Pulses(envelopes, noise, band))
+        tables = ti.static(Pulses(envelopes, noise, rate))
         r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
         axes = usbl.array_axes(usbl.attitude(vec2(slope[n, 0], slope[n, 1])))
-        boundaries = reflections.Boundaries(water[n, 0], water[n, 1], water[n, 2], water[n, 3])
+        boundaries = around(water, n)
         draw(normals, n, random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0)), key_low, key_high)
-        heard = sounds(tables, link, auv[n], r, axes, boundaries, reflecting)
+        heard = sounds(tables, link, auv[n], axes @ r, r, axes, boundaries, reflecting)
         measured = measure(tables, link, auv[n], r.norm(), energy[n], heard, normals, n)
         for j in ti.static(range(MEASURED)):
             measurement[n, j] = measured[j]
@@ -300,7 +356,7 @@ def _measurements(
 def _multipath_variances(
     envelopes: array2,
     noise: array3,
-    band: array2,
+    rate: array1,
     link: array2,
     auv: index1,
     offset: array2,
@@ -309,10 +365,10 @@ def _multipath_variances(
     variance: array2,
 ):
     for n in range(offset.shape[0]):
-        tables = ti.static(Pulses(envelopes, noise, band))
+        tables = ti.static(Pulses(envelopes, noise, rate))
         r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
         axes = usbl.array_axes(usbl.attitude(vec2(slope[n, 0], slope[n, 1])))
-        boundaries = reflections.Boundaries(water[n, 0], water[n, 1], water[n, 2], water[n, 3])
+        boundaries = around(water, n)
         added = multipath_variance(tables, link, auv[n], r, axes, boundaries)
         for j in ti.static(range(3)):
             variance[n, j] = added[j]
@@ -335,7 +391,7 @@ def measurements(
         link, auv, offset, slope: as in `usbl.flagged_fixes`; the link's levels are not used.
         energy: (n,) float32, γ = E/N0 of the direct sound on one hydrophone, a ratio of energies.
         seed: 0 to 2⁶⁴ − 1.
-        water: (n, 4) float32, fields of `reflections.Boundaries`; None: no reflections.
+        water: (n, 6) float32, fields of `reflections.Boundaries`; None: no reflections.
 
     Returns:
         (n, MEASURED), the columns of `waveform` with SLIP in chips.
@@ -344,8 +400,8 @@ def measurements(
     normals = torch.empty((count, tables.noise.shape[2], 8), dtype=torch.float32, device=offset.device)
     measurement = torch.empty((count, MEASURED), dtype=torch.float32, device=offset.device)
     keys = seed & 0xFFFFFFFF, seed >> 32
-    around = offset.new_zeros((count, 4)) if water is None else water
-    case = link, auv, offset, slope, energy, around
+    boundaries = offset.new_zeros((count, BOUNDARIES)) if water is None else water
+    case = link, auv, offset, slope, energy, boundaries
     _measurements(*tables, *case, *keys, water is not None, normals, measurement)
     return measurement
 

@@ -1,14 +1,21 @@
 """Reflections from surface and bottom: image sources, and what they do to phases and delay.
 
 An AUV at r is also heard from its images, r mirrored at the surface and at the bottom, both level. A reflection's
-amplitude over the direct sound's is the reflection coefficient times the difference of the sonar equation's
-transmission losses. The bottom has a constant loss. The mean of many waves reflects coherently with
+amplitude over the direct sound's is the reflection coefficient times the difference of the transmission losses. The
+mean of many waves reflects coherently with
 
     −exp(−2 (k σ_η sin θ)²),
 
 k the wave number, σ_η the standard deviation of the surface, θ the grazing angle (Eckart, "The scattering of sound
-from the sea surface", J. Acoust. Soc. Am. 25 (1953) 566, doi 10.1121/1.1907123). What is scattered incoherently is left
-out. Each reflection is of one bounce.
+from the sea surface", J. Acoust. Soc. Am. 25 (1953) 566, doi 10.1121/1.1907123; Brekhovskikh and Lysanov,
+"Fundamentals of Ocean Acoustics", §9.3). The bottom is a smooth fluid of m times the water's density and c_b times its
+speed of sound, which absorbs α dB a wavelength. Its coefficient is the modulus of Rayleigh's
+
+    (m sin θ − √(n² − cos² θ))/(m sin θ + √(n² − cos² θ)),   n = (1 + jα/54.6)/c_b
+
+(Jensen, Kuperman, Porter and Schmidt, "Computational Ocean Acoustics" (2011), §1.6; `SEDIMENTS` is their Table 1.3);
+its phase adds to one that waves and AUVs make random anyway. What is scattered incoherently is left out. Each
+reflection is of one bounce.
 
 Closed form. On hydrophone i a reflection of amplitude a adds ρ e^{−jψ_i} to the direct sound's 1, where ρ = a R(Δ) at
 the excess delay Δ, R the pulse's autocorrelation. Resolved paths, Δ > 1/B, thus have the ρ of a sidelobe. For |ρ| < 1
@@ -27,10 +34,18 @@ with β² = −R''(0), of the variance ½ (a R'(Δ)/β²)² (½ cos δ_x/2 + ½ 
 
 import taichi as ti
 
-from kernels.positioning import sonar_equation
+from kernels.positioning import acoustic_link, sonar_equation
 from kernels.positioning.tone import TWO_PI
 from kernels.types import vec2, vec3
 
+SEDIMENTS = {  # density and speed of sound over the water's, absorption in dB a wavelength
+    "clay": (1.5, 1.0, 0.2),
+    "silt": (1.7, 1.05, 1.0),
+    "sand": (1.9, 1.1, 0.8),
+    "gravel": (2.0, 1.2, 0.6),
+    "moraine": (2.1, 1.3, 0.4),
+}
+DECIBELS = 54.575054  # 40π/ln 10: absorption, dB a wavelength, over the imaginary part of n c_b
 REFLECTIONS = 2  # surface, bottom
 HARMONICS = 12  # terms of the series for a phase difference
 
@@ -41,8 +56,10 @@ class Boundaries:
 
     array_depth: ti.f32  # of the array below the surface, m
     water_depth: ti.f32  # m
-    roughness: ti.f32  # standard deviation σ_η of the surface, m; infinite or very large for no reflection
-    bottom: ti.f32  # amplitude reflection coefficient of the bottom, 10^(−loss/20); 0 for no reflection
+    roughness: ti.f32  # standard deviation σ_η of the surface, m; very large for no reflection
+    density: ti.f32  # of the bottom over the water's
+    speed: ti.f32  # of sound in the bottom over that in water
+    absorption: ti.f32  # of sound in the bottom, dB a wavelength
 
 
 @ti.dataclass
@@ -56,17 +73,37 @@ class Reflection:
 
 
 @ti.func
-def reflection(which: ti.i32, offset: vec3, boundaries: Boundaries, wavelength: ti.f32, f: ti.f32) -> Reflection:
-    """Reflection from the surface (0) or the bottom (1) of an AUV at `offset` (m) from a level array; f in Hz."""
+def bottom_coefficient(sine: ti.f32, boundaries: Boundaries) -> ti.f32:
+    """Modulus of the bottom's reflection coefficient at a grazing angle θ, by sin θ."""
+    index = vec2(1.0, boundaries.absorption / DECIBELS) / boundaries.speed
+    # n² − 1 + sin² θ, and its root in the first quadrant.
+    real = index[0] * index[0] - index[1] * index[1] - 1.0 + sine * sine
+    imaginary = 2.0 * index[0] * index[1]
+    modulus = ti.sqrt(real * real + imaginary * imaginary)
+    root = vec2(ti.sqrt(ti.max(0.5 * (modulus + real), 0.0)), ti.sqrt(ti.max(0.5 * (modulus - real), 0.0)))
+    vertical = boundaries.density * sine
+    below = vec2(vertical - root[0], root[1])
+    above = vec2(vertical + root[0], root[1])
+    return below.norm() / ti.max(above.norm(), 1e-6)
+
+
+@ti.func
+def reflection(which: ti.i32, offset: vec3, boundaries: Boundaries, link: ti.template(), k: ti.i32) -> Reflection:
+    """Reflection of AUV k at `offset` (m) from a level array, from the surface (0) or the bottom (1)."""
     level = boundaries.array_depth if which == 0 else boundaries.array_depth - boundaries.water_depth
     S = offset.norm()
     source = vec3(offset[0], offset[1], 2.0 * level - offset[2])
     length = source.norm()
-    coefficient = boundaries.bottom
+    sine = ti.abs(source[2]) / length
+    coefficient = 0.0
     if which == 0:
-        rayleigh = TWO_PI / wavelength * boundaries.roughness * source[2] / length
+        rayleigh = TWO_PI / link[k, acoustic_link.WAVELENGTH] * boundaries.roughness * sine
         coefficient = -ti.exp(-2.0 * rayleigh * rayleigh)
-    loss = sonar_equation.transmission_loss(length, f) - sonar_equation.transmission_loss(S, f)
+    else:
+        coefficient = bottom_coefficient(sine, boundaries)
+    spreading = link[k, acoustic_link.SPREADING]
+    absorption = link[k, acoustic_link.ABSORPTION]
+    loss = sonar_equation.path_loss(length, spreading, absorption) - sonar_equation.path_loss(S, spreading, absorption)
     return Reflection(
         source=source,
         slant_range=length,

@@ -265,7 +265,6 @@ class TestTold:
     [
         (["navigation.sensor=ground"], "channel.schedule"),
         (["channel.schedule=all", "tracker.enabled=true"], "tracker.enabled"),
-        (["usbl.signal=code", "usbl.model=waveform"], "needs signal"),
     ],
 )
 def test_what_does_not_go_together(changes, words):

@@ -122,6 +122,7 @@ def _plugin(monkeypatch):
 ALONE = {
     "tracked": ("extreme", [*TRACKED, "tracker.current_reading=0.05"], "centroid"),
     "waveform": ("ideal", [*EVERY_STEP, "usbl.model=waveform"], "fim"),
+    "sampled pulses": ("extreme", ["usbl.model=waveform", "acoustics.multipath=true"], "fim"),
     "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "centroid"),
     "station-keeping": ("station-keeping", ["auv.count=5"], "centroid"),
     "plugin": ("extreme", ["task=survey"], "centroid"),

@@ -6,18 +6,20 @@ import math
 from functools import partial
 
 import numpy as np
+import torch
 
 from kernels.mission import target_rules
 from kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
 from kernels.mission.tasks.data_collection import LEAST_RATE
 from kernels.mission.worlds import Program
 from kernels.planning import objectives
-from kernels.positioning import current_process, sonar_equation, validation, waveform
+from kernels.positioning import coded_pulse, codes, current_process, sonar_equation, validation, waveform
 from kernels.positioning.absorption import Water, absorption_laws
 from kernels.positioning.acoustic_link import Accuracy, Sonar
 from kernels.positioning.acoustic_link import link_table as link_constants
 from kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws, boat_noise, rain_noise, total_level
-from kernels.positioning.sea_wind import wind_of_developed_sea
+from kernels.positioning.reflections import SEDIMENTS
+from kernels.positioning.sea_wind import height_of_developed_sea, wind_of_developed_sea
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.sea.storm import total_height, wave_systems
 from usvauv_env.site.positions import far_position
@@ -29,6 +31,7 @@ from usvauv_env.world.observation import ObservationLayout, observation_terms
 
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
 SERVICE_FILL = 0.65  # share of a full buffer that a typical service takes, for the boat's foresight
+GATE = 16  # of the receiver of coded pulses, chips
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
 
 
@@ -116,7 +119,8 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         ScenarioError: a tone too short for the waveform receiver, or an unknown observation term.
     """
     s = site.scenario
-    if s.usbl.model == "waveform" and s.usbl.periods < waveform.FEWEST_PERIODS:
+    sampled, coded = s.usbl.model == "waveform", s.usbl.signal == "code"
+    if sampled and not coded and s.usbl.periods < waveform.FEWEST_PERIODS:
         raise ScenarioError(
             f"usbl.periods = {s.usbl.periods}: must be at least {waveform.FEWEST_PERIODS} with usbl.model = waveform"
         )
@@ -130,7 +134,9 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         observation=tuple(observation_terms[name].write for name in ObservationLayout.of(s).terms),
         information=getattr(Information, s.nodes.information.replace("-", "_")),
         objective_code=objectives.objective_code(s.planner.measurement, s.planner.objective),
-        waveform=s.usbl.model == "waveform",
+        waveform=sampled,
+        coded=coded,
+        multipath=s.acoustics.multipath,
         refraction=refraction,
         tracker=s.tracker.enabled,
         schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
@@ -217,6 +223,22 @@ def link_table(site: Site) -> np.ndarray:
         accuracy=accuracy(s),
     )
     return link_constants([s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)], sonar)
+
+
+def pulse_tables(scenario: Scenario, device: torch.device) -> coded_pulse.Pulses:
+    """Tables of the AUVs' coded pulses; of none, where fixes do not depend on them."""
+    if not scenario.heeds_pulses:
+        return coded_pulse.Pulses(*(torch.zeros(shape, device=device) for shape in ((1, 1), (1, 1, 1), (1,))))
+    count = scenario.auv.count
+    carriers = [scenario.usbl.carrier(k, count) for k in range(count)]
+    code = codes.codes(count, scenario.chips)
+    return coded_pulse.pulses(code, carriers, scenario.acoustics.bandwidth, GATE, device)
+
+
+def roughness(scenario: Scenario) -> float:
+    """Standard deviation of the surface in short waves: of the storm, or without one of the wind's sea, m."""
+    storm = scenario.storm
+    return 0.25 * (storm.total_height if storm.systems else height_of_developed_sea(wind(scenario)))
 
 
 def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarray:
@@ -306,6 +328,12 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "reference_rate": reference_rate(site),
         "service_time": SERVICE_FILL * s.nodes.payload / reference_rate(site),
         "duration": s.mission.duration,
+        "array_depth": s.usbl.array_depth,
+        "water_depth": site.mean_depth,
+        "roughness": roughness(s),
+        **dict(
+            zip(("bottom_density", "bottom_speed", "bottom_absorption"), SEDIMENTS[s.acoustics.sediment], strict=True)
+        ),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
 

@@ -175,7 +175,9 @@ class World:
             "reward_terms": (*team, len(self.reward_names)),
         }
         numbers = sum(map(room, shapes.values()))
-        workspaces = tables.rule_workspace(scenario) + self._boat_workspace
+        self._pulses = tables.pulse_tables(scenario, self.device)
+        drawn = 8 * self._pulses.noise.shape[2]  # noise of a pulse
+        workspaces = tables.rule_workspace(scenario) + self._boat_workspace + drawn
         memory = 4.0 * (WORKSPACE * numbers + num_worlds * workspaces)
         require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
         self._numbers = self._zeros(numbers)  # together, so that one look finds any fault
@@ -530,6 +532,10 @@ class World:
             ),
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(scenario)),
             "boat_workspace": self._zeros(self.num_worlds, self._boat_workspace),
+            "pulse_envelope": self._pulses.envelope,
+            "pulse_output": self._pulses.noise,
+            "pulse_rate": self._pulses.rate,
+            "pulse_noise": self._zeros(self.num_worlds, self._pulses.noise.shape[2], 8),
             "observation_first": torch.tensor(first, dtype=torch.int32, device=self.device),
             "key_low": key & 0xFFFFFFFF,
             "key_high": key >> 32,

@@ -12,6 +12,7 @@ import torch
 from scipy import stats
 
 from kernels.positioning import acoustic_link, coded_pulse, codes, reflections, sonar_equation
+from kernels.positioning.acoustic_link import ABSORPTION, SPREADING
 from kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
 from kernels.types import array2, vec3
 
@@ -255,14 +256,14 @@ class TestDetection:
         assert (accepted & (measured[:, SLIP] != 0)).mean() < 4e-4
 
 
-# offset (m), slope, bandwidth (Hz), array's and water's depth (m), roughness (m), bottom's coefficient: surface
-# unresolved, near the horizon, resolved; bottom near and far.
+# offset (m), slope, bandwidth (Hz), array's and water's depth (m), roughness (m), bottom's density, speed of sound and
+# absorption (dB a wavelength): surface unresolved, near the horizon, resolved; bottom near and far.
 WATERS = [
-    ((70.0, -45.0, -104.0), (0.3, -0.2), 2000.0, 0.3, 1e5, 0.012, 0.0),
-    ((170.0, -45.0, -20.0), (0.3, -0.2), 2000.0, 3.0, 1e5, 0.055, 0.0),
-    ((70.0, -45.0, -104.0), (0.3, -0.2), 2000.0, 3.0, 1e5, 0.01, 0.0),
-    ((70.0, -45.0, -104.0), (0.0, 0.0), 2000.0, 3.0, 105.0, 1e3, 0.2),
-    ((170.0, -45.0, -20.0), (0.0, 0.0), 4000.0, 3.0, 30.0, 1e3, 0.3),
+    ((70.0, -45.0, -104.0), (0.3, -0.2), 2000.0, 0.3, 1e5, 0.012, 1.9, 1.1, 0.8),
+    ((170.0, -45.0, -20.0), (0.3, -0.2), 2000.0, 3.0, 1e5, 0.055, 1.9, 1.1, 0.8),
+    ((70.0, -45.0, -104.0), (0.3, -0.2), 2000.0, 3.0, 1e5, 0.01, 1.9, 1.1, 0.8),
+    ((70.0, -45.0, -104.0), (0.0, 0.0), 2000.0, 3.0, 105.0, 1e3, 1.5, 1.0, 0.2),
+    ((170.0, -45.0, -20.0), (0.0, 0.0), 4000.0, 3.0, 30.0, 1e3, 1.7, 1.05, 1.0),
 ]
 
 
@@ -270,13 +271,14 @@ class TestReflections:
     @pytest.mark.parametrize("case", WATERS)
     def test_extra_variance(self, device, case):
         """Strong pulses, boundaries spread over four turns of the reflection's phase: closed form and waveform."""
-        offset, slope, bandwidth, array_depth, water_depth, _, bottom = case
+        offset, slope, bandwidth, array_depth, water_depth, *_ = case
         batch, count = Batch(device, bandwidth, 40, offset=offset, slope=slope), 8_000
         water = torch.tensor([case[3:]], dtype=torch.float32, device=device).repeat(count, 1)
-        level = array_depth if bottom == 0 else array_depth - water_depth
+        surface = water_depth == 1e5
+        level = array_depth if surface else array_depth - water_depth
         sine = abs(2 * level - offset[2]) / math.hypot(offset[0], offset[1], 2 * level - offset[2])
         turns = torch.linspace(0, 4, count, device=device) * C / CARRIER / (2 * sine)
-        water[:, 0 if bottom == 0 else 1] += turns
+        water[:, 0 if surface else 1] += turns
         disturbed = batch.measure(1e10, count, spread=0.0, water=water)[:, [PHASE_X, PHASE_Y, RANGE_ERROR]]
         clean = batch.measure(1e12, count, spread=0.0)[:, [PHASE_X, PHASE_Y, RANGE_ERROR]]
         error = disturbed - clean
@@ -304,32 +306,39 @@ class TestReflections:
     @pytest.mark.parametrize("which", [0, 1])
     def test_images(self, device, which):
         """Mirror images, distances and amplitudes in double precision."""
-        array_depth, water_depth, roughness, bottom = 3.0, 130.0, 0.02, 0.25
+        array_depth, water_depth, roughness = 3.0, 130.0, 0.02
+        density, speed, loss_per_wavelength = bottom = reflections.SEDIMENTS["silt"]
+        link = Batch(device).link
         out = torch.empty((1, 6), dtype=torch.float32, device=device)
 
         @ti.kernel
-        def take(which: ti.i32, out: array2):
-            boundaries = reflections.Boundaries(array_depth, water_depth, roughness, bottom)
-            r = reflections.reflection(which, vec3(OFFSET[0], OFFSET[1], OFFSET[2]), boundaries, C / CARRIER, CARRIER)
+        def take(which: ti.i32, link: array2, out: array2):
+            boundaries = reflections.Boundaries(array_depth, water_depth, roughness, bottom[0], bottom[1], bottom[2])
+            r = reflections.reflection(which, vec3(OFFSET[0], OFFSET[1], OFFSET[2]), boundaries, link, 0)
             for j in ti.static(range(3)):
                 out[0, j] = r.source[j]
             out[0, 3] = r.slant_range
             out[0, 4] = r.excess
             out[0, 5] = r.amplitude
 
-        take(which, out)
+        take(which, link, out)
         plane = array_depth if which == 0 else array_depth - water_depth
         image = np.array([OFFSET[0], OFFSET[1], plane + (plane - OFFSET[2])])
         direct, length = np.linalg.norm(OFFSET), np.linalg.norm(image)
         k = 2 * np.pi * CARRIER / C
-        coefficient = -np.exp(-2 * (k * roughness * image[2] / length) ** 2) if which == 0 else bottom
-        loss = [sonar_equation.transmission_loss(r, CARRIER) for r in (length, direct)]
+        sine = abs(image[2]) / length
+        coefficient = -np.exp(-2 * (k * roughness * sine) ** 2)
+        if which == 1:  # Rayleigh's law by the vertical wave numbers
+            wave = k / speed * (1 + 1j * loss_per_wavelength / (40 * np.pi * np.log10(np.e)))
+            above, below = k * sine, np.sqrt(wave**2 - k**2 * (1 - sine**2))
+            coefficient = abs((density * above - below) / (density * above + below))
+        loss = [sonar_equation.path_loss(r, *link[0, [SPREADING, ABSORPTION]].tolist()) for r in (length, direct)]
         amplitude = coefficient * 10 ** (-(loss[0] - loss[1]) / 20)
         assert out[0].tolist() == pytest.approx([*image, length, length - direct, amplitude], rel=2e-5)
 
     def test_water_that_reflects_nothing_changes_nothing(self, device):
         batch = Batch(device)
-        silent = torch.tensor([[3.0, 200.0, 1e3, 0.0]], device=device).repeat(50, 1)
+        silent = torch.tensor([[3.0, 1e5, 1e3, 1.9, 1.1, 0.8]], device=device).repeat(50, 1)
         assert np.array_equal(batch.measure(10.0, 50, water=silent), batch.measure(10.0, 50))
 
 

@@ -1,0 +1,98 @@
+"""Coded pulses in missions: sampled ones against their statistical model, alone and with reflections."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from kernels.mission.columns import AuvColumn
+from kernels.positioning import acoustic_link, usbl
+from tests.usvauv_env.test_fix_accuracy import QUIET, WORLDS, errors_of_fixes
+from usvauv_env import Scenario, ScenarioError
+from usvauv_env.site.site import Site
+from usvauv_env.world.tables import link_table
+
+SHALLOW = ["area.width=1000", "area.length=1000", "sea.cell_size=20", "auv.depth=40", "area.depth=60"]
+
+
+def fixes(device, changes):
+    """Horizontal errors (n,) of good fixes, m, flags of all, and slant ranges of all, m."""
+    error, _, world = errors_of_fixes(device, changes, 2)
+    auv = world.auv.double().cpu().numpy()
+    flags = auv[..., AuvColumn.fix_flags].astype(int).reshape(-1)
+    boat = world.boat.double().cpu().numpy()[..., :2]
+    away = np.linalg.norm(auv[..., :2] - boat, axis=-1).reshape(-1)
+    slant = np.hypot(away, world.scenario.auv.depth)
+    return np.linalg.norm(error, axis=-1)[flags == usbl.DETECTED], flags, slant
+
+
+def both(device, changes):
+    """`fixes` by the statistical model and by sampled pulses."""
+    return [fixes(device, [*changes, f"usbl.model={model}"]) for model in ("statistical", "waveform")]
+
+
+def rms(error):
+    return math.sqrt(np.mean(error**2))
+
+
+@pytest.mark.parametrize("level", [104.0, 110.0, 150.0])
+def test_errors_without_reflections(device, level):
+    """The same rms within 3 %, from an E/N0 of 15 dB on, 6 dB over the threshold of detection."""
+    statistical, sampled = both(device, [f"acoustics.source_level={level}"])
+    assert min((part[1] & usbl.DETECTED).mean() for part in (statistical, sampled)) > 0.999
+    assert rms(sampled[0]) == pytest.approx(rms(statistical[0]), rel=0.03)
+
+
+@pytest.mark.parametrize("level", [95.5, 97.0, 98.0])
+def test_detection_near_the_threshold(device, level):
+    """The sampled rate is that of noncentral χ² of 9 degrees of freedom, the statistical one within 0.05 of it."""
+    changes = [f"acoustics.source_level={level}"]
+    statistical, sampled = both(device, changes)
+    link = link_table(Site(Scenario.load("ideal", [*QUIET, *changes])))
+    ratio = link[0, acoustic_link.RATIO_AT_1M] - 20 * np.log10(sampled[2])
+    ratio -= link[0, acoustic_link.ABSORPTION] * sampled[2] / 1000
+    expected = stats.ncx2.sf(link[0, acoustic_link.THRESHOLD], 9, 8 * 10 ** (ratio / 10))[::2].mean()
+    rate = [(part[1][::2] & usbl.DETECTED).mean() for part in (statistical, sampled)]
+    assert 0.05 < expected < 0.95
+    assert rate[1] == pytest.approx(expected, abs=4.5 * 0.5 / math.sqrt(WORLDS))
+    assert rate[0] == pytest.approx(rate[1], abs=0.05)
+
+
+REFLECTING = {
+    "steep, mirror": ["acoustics.source_level=187"],
+    "shallow, mirror": [*SHALLOW, "acoustics.source_level=160"],
+    "shallow, breeze": [*SHALLOW, "acoustics.source_level=160", "acoustics.wind=4"],
+    "shallow, clay": [*SHALLOW, "acoustics.source_level=160", "acoustics.wind=8", "acoustics.sediment=clay"],
+}
+
+
+@pytest.mark.parametrize("case", REFLECTING)
+def test_errors_with_reflections(device, case):
+    """The same rms within 5 %, and the same share of good fixes within 0.05, of pulses that reflections disturb."""
+    statistical, sampled = both(device, [*REFLECTING[case], "acoustics.multipath=true"])
+    assert rms(sampled[0]) == pytest.approx(rms(statistical[0]), rel=0.05)
+    assert len(sampled[0]) / len(sampled[1]) == pytest.approx(len(statistical[0]) / len(statistical[1]), abs=0.05)
+    alone = fixes(device, REFLECTING[case])[0]
+    assert rms(sampled[0]) > (1.005 if case == "shallow, clay" else 1.5) * rms(alone)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (["usbl.signal=tone"], "acoustics.multipath: needs usbl.signal = code"),
+        (["auv.separation=demonstration"], "acoustics.multipath: needs auv.separation = geometry"),
+        (["acoustics.sound_speed_profile=[[0,1500],[50,1490]]"], "one speed of sound"),
+        (["usbl.pulse_length=0.003"], "a pulse of 12 chips; from 16 to 1000"),
+        (["acoustics.sediment=mud"], "'mud': allowed are clay, silt, sand, gravel, moraine"),
+    ],
+)
+def test_what_reflections_need(changes, words):
+    with pytest.raises(ScenarioError, match=re.escape(words)):
+        Scenario.load("ideal", [*QUIET, "acoustics.multipath=true", *changes])
+
+
+def test_a_sampled_pulse_has_a_code():
+    with pytest.raises(ScenarioError, match=r"a pulse of 12 chips; from 16 to 1000 with usbl\.model = waveform"):
+        Scenario.load("ideal", [*QUIET, "usbl.model=waveform", "usbl.pulse_length=0.003"])
