@@ -12,7 +12,8 @@ import torch
 
 from kernels import runtime
 from kernels.planning import global_search, objectives
-from usvauv_env.error_budget import error_budget
+from usvauv_env import multipath
+from usvauv_env.error_budget import SUM, error_budget
 from usvauv_env.fix_prediction import FixError, Position, predict
 from usvauv_env.fix_warnings import warnings_of
 from usvauv_env.scenario import Scenario
@@ -20,6 +21,7 @@ from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table, sound_layers
 
 LARGEST_ERROR = 1e8  # m; beyond, an error is unbounded
+REFLECTIONS = "reflections"  # in the budget
 NO_INFORMATION = -1e29  # ln of an objective; what is below stands for ln 0
 
 
@@ -151,6 +153,14 @@ def solve(
         longitude, latitude = site.frame.to_geographic(np.array(x), np.array(y))
         return float(latitude), (float(longitude) + 180) % 360 - 180
 
+    def budget(boat: tuple[float, float]) -> dict[str, list[float]]:
+        parts = error_budget(scenario, link, auvs, boat, measurement, slope)
+        if scenario.acoustics.multipath:
+            total = parts.pop(SUM)
+            parts[REFLECTIONS] = multipath.errors(site, link, auvs, boat)
+            parts[SUM] = [math.hypot(*both) for both in zip(total, parts[REFLECTIONS], strict=True)]
+        return parts
+
     boats = [optimum, centroid, *others]
     places = []
     for (x, y), value in zip(boats, log_objective(boats), strict=True):
@@ -168,7 +178,7 @@ def solve(
                 errors=errors,
                 budget={
                     cause: [value if value < LARGEST_ERROR else None for value in values]
-                    for cause, values in error_budget(scenario, link, auvs, (x, y), measurement, slope).items()
+                    for cause, values in budget((x, y)).items()
                 },
             )
         )
@@ -185,7 +195,10 @@ def solve(
         optimum=places[0],
         centroid=places[1],
         compare=places[2:],
-        warnings=warnings_of(scenario, expect, link, auvs, (optimum[0], optimum[1])),
+        warnings=[
+            *warnings_of(scenario, expect, link, auvs, (optimum[0], optimum[1])),
+            *multipath.left_out(site, link, auvs, (optimum[0], optimum[1])),
+        ],
     )
     x, y = np.linspace(0, width, 201), np.linspace(0, length, 201)
     grid = np.stack(np.meshgrid(x, y), axis=-1)

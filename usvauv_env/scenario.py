@@ -164,6 +164,22 @@ class Scenario(Section):
         """Whether fixes depend on the form of coded pulses."""
         return self.usbl.signal == "code" and (self.usbl.model == "waveform" or self.acoustics.multipath)
 
+    @property
+    def can_have_multipath(self) -> bool:
+        """Whether `acoustics.multipath` could be true."""
+        chips = FEWEST_CHIPS <= self.chips <= MOST_CHIPS
+        return chips and not any(wrong for _, wrong, _ in self._against_multipath)
+
+    @property
+    def _against_multipath(self) -> tuple[tuple[str, bool, str], ...]:
+        """What reflections do not go with: field, whether it is so, what is needed."""
+        profile = self.acoustics.sound_speed_profile or self.acoustics.temperature_salinity
+        return (
+            ("usbl.signal", self.usbl.signal != "code", "code"),
+            ("auv.separation", self.auv.separation != "geometry", "geometry"),
+            ("acoustics.sound_speed_profile", bool(profile), "none: reflections come straight"),
+        )
+
     def _check_signal(self) -> None:
         usbl = self.usbl
         samples = usbl.periods * usbl.sampling_rate / min(*usbl.carriers, usbl.carrier_min)
@@ -177,15 +193,9 @@ class Scenario(Section):
                 f"usbl.pulse_length times acoustics.bandwidth: a pulse of {self.chips} chips; from {FEWEST_CHIPS} to"
                 f" {MOST_CHIPS} with usbl.model = waveform or acoustics.multipath"
             )
-        if self.acoustics.multipath:
-            profile = self.acoustics.sound_speed_profile or self.acoustics.temperature_salinity
-            for field, wrong, needed in (
-                ("usbl.signal", usbl.signal != "code", "code"),
-                ("auv.separation", self.auv.separation != "geometry", "geometry"),
-                ("acoustics.sound_speed_profile", bool(profile), "one speed of sound: reflections come straight"),
-            ):
-                if wrong:
-                    raise ValueError(f"acoustics.multipath: needs {field} = {needed}")
+        for field, wrong, needed in self._against_multipath:
+            if self.acoustics.multipath and wrong:
+                raise ValueError(f"acoustics.multipath: needs {field} = {needed}")
 
     @property
     def highest_long_wave(self) -> float:

@@ -79,7 +79,7 @@ class Parameter(Columns):
     service_time: int  # of a typical service, s
     duration: int  # of the mission, s
     array_depth: int
-    water_depth: int  # mean
+    water_depth: int
     roughness: int  # standard deviation of the surface in short waves, m
     bottom_density: int  # over the water's
     bottom_speed: int  # of sound, over the water's

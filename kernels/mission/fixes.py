@@ -110,9 +110,7 @@ def sounds(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k):
     p = ti.static(worlds.p)
     boundaries = reflections.Boundaries(
         array_depth=p[Parameter.array_depth],
-        water_depth=p[Parameter.array_depth]
-        + p[Parameter.water_depth]
-        + worlds.boat[w, pose.boat, BoatColumn.elevation],
+        water_depth=p[Parameter.water_depth] + worlds.boat[w, pose.boat, BoatColumn.elevation],
         roughness=p[Parameter.roughness],
         density=p[Parameter.bottom_density],
         speed=p[Parameter.bottom_speed],

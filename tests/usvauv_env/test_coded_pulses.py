@@ -5,12 +5,14 @@ import re
 
 import numpy as np
 import pytest
+import torch
 from scipy import stats
 
 from kernels.mission.columns import AuvColumn
 from kernels.positioning import acoustic_link, usbl
 from tests.usvauv_env.test_fix_accuracy import QUIET, WORLDS, errors_of_fixes
-from usvauv_env import Scenario, ScenarioError
+from usvauv_env import Scenario, ScenarioError, multipath
+from usvauv_env.positioning import solve
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
@@ -83,7 +85,7 @@ def test_errors_with_reflections(device, case):
     [
         (["usbl.signal=tone"], "acoustics.multipath: needs usbl.signal = code"),
         (["auv.separation=demonstration"], "acoustics.multipath: needs auv.separation = geometry"),
-        (["acoustics.sound_speed_profile=[[0,1500],[50,1490]]"], "one speed of sound"),
+        (["acoustics.sound_speed_profile=[[0,1500],[50,1490]]"], "needs acoustics.sound_speed_profile = none"),
         (["usbl.pulse_length=0.003"], "a pulse of 12 chips; from 16 to 1000"),
         (["acoustics.sediment=mud"], "'mud': allowed are clay, silt, sand, gravel, moraine"),
     ],
@@ -96,3 +98,43 @@ def test_what_reflections_need(changes, words):
 def test_a_sampled_pulse_has_a_code():
     with pytest.raises(ScenarioError, match=r"a pulse of 12 chips; from 16 to 1000 with usbl\.model = waveform"):
         Scenario.load("ideal", [*QUIET, "usbl.model=waveform", "usbl.pulse_length=0.003"])
+
+
+CALM = ["acoustics.wind=0", "auv.depth=100", "area.depth=120"]
+
+
+@pytest.mark.parametrize("wind", [0.0, 2.0])
+def test_predicted_errors_are_those_of_missions(device, wind):
+    """The closed form over many places, within 10 % where the direct sound is the strongest."""
+    error, _, world = errors_of_fixes(device, [*CALM, f"acoustics.wind={wind}", "acoustics.multipath=true"], 2)
+    site = Site(world.scenario)
+    auv = world.auv.double().cpu().numpy()
+    link = torch.from_numpy(link_table(site)).to(device)
+    offset = (auv[..., :2] - world.boat.double().cpu().numpy()[..., :2]).reshape(-1, 2)
+    predicted = multipath.errors(site, link, [(x, y, 100.0) for x, y in offset], (0.0, 0.0))
+    good = auv[..., AuvColumn.fix_flags].reshape(-1) == usbl.DETECTED
+    assert rms(np.linalg.norm(error, axis=-1)[good]) == pytest.approx(rms(np.array(predicted)[good]), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        (["acoustics.wind=0"], True),
+        (["acoustics.wind=15"], False),
+        (["acoustics.wind=0", "acoustics.multipath=true"], False),
+        (["acoustics.wind=0", "usbl.signal=tone"], False),
+        (["acoustics.wind=0", "usbl.gnss_error=10"], False),
+    ],
+)
+def test_who_leaves_out_what_matters_is_told(changes, expected):
+    site = Site(Scenario.load("ideal", [*QUIET, *changes]))
+    line = multipath.warning(site)
+    assert ("leaves out reflections from surface and bottom" in line) == expected
+    auv = site.scenario.auv
+    layout = [(10.0 + 150 * k, 10.0, auv.depth) for k in range(auv.count)]
+    plan, _ = solve(site.scenario, layout, [], "d", "fix")
+    assert any("leaves out reflections" in warning for warning in plan.warnings) == expected
+    budget = plan.optimum.budget
+    assert ("reflections" in budget) == site.scenario.acoustics.multipath
+    parts = [values[0] for cause, values in budget.items() if cause != "all"]
+    assert budget["all"][0] == pytest.approx(math.hypot(*parts), rel=1e-3)

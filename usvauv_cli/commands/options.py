@@ -80,6 +80,15 @@ def tell_of_team(name: str, scenario: Scenario) -> None:
             )
 
 
+def tell_of_reflections(scenario: Scenario) -> None:
+    """Say so where reflections that a scenario leaves out would be the largest error of fixes."""
+    from usvauv_env.multipath import warning
+    from usvauv_env.site.site import Site
+
+    if line := warning(Site(scenario)):
+        typer.echo(f"warning: {line}", err=True)
+
+
 def tell_of_bed(scenario: Scenario) -> None:
     """Say so where the storm is wrong over a scenario's bed."""
     from usvauv_env.sea.uneven_bed import warning

@@ -19,6 +19,7 @@ from usvauv_cli.commands.options import (
     Usv,
     at_least,
     tell_of_bed,
+    tell_of_reflections,
     tell_of_team,
     writable,
 )
@@ -103,6 +104,7 @@ def simulate(
         tell_of_team(run.policy, setting)
         StrategyChoice.parse(run.usv, setting)
     tell_of_bed(setting)
+    tell_of_reflections(setting)
     recorded, problem = [], None
     for run in runs:
         shown, problem = simulated(run, setting, seed, duration, arch)

@@ -226,9 +226,7 @@ def link_table(site: Site) -> np.ndarray:
 
 
 def pulse_tables(scenario: Scenario, device: torch.device) -> coded_pulse.Pulses:
-    """Tables of the AUVs' coded pulses; of none, where fixes do not depend on them."""
-    if not scenario.heeds_pulses:
-        return coded_pulse.Pulses(*(torch.zeros(shape, device=device) for shape in ((1, 1), (1, 1, 1), (1,))))
+    """Tables of the AUVs' coded pulses."""
     count = scenario.auv.count
     carriers = [scenario.usbl.carrier(k, count) for k in range(count)]
     code = codes.codes(count, scenario.chips)
@@ -239,6 +237,13 @@ def roughness(scenario: Scenario) -> float:
     """Standard deviation of the surface in short waves: of the storm, or without one of the wind's sea, m."""
     storm = scenario.storm
     return 0.25 * (storm.total_height if storm.systems else height_of_developed_sea(wind(scenario)))
+
+
+def boundaries(site: Site) -> tuple[float, ...]:
+    """Fields of `kernels.positioning.reflections.Boundaries` for AUVs whose depth is that below the array."""
+    s = site.scenario
+    depth = s.usbl.array_depth
+    return depth, depth + site.mean_depth, roughness(s), *SEDIMENTS[s.acoustics.sediment]
 
 
 def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarray:
@@ -328,12 +333,7 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "reference_rate": reference_rate(site),
         "service_time": SERVICE_FILL * s.nodes.payload / reference_rate(site),
         "duration": s.mission.duration,
-        "array_depth": s.usbl.array_depth,
-        "water_depth": site.mean_depth,
-        "roughness": roughness(s),
-        **dict(
-            zip(("bottom_density", "bottom_speed", "bottom_absorption"), SEDIMENTS[s.acoustics.sediment], strict=True)
-        ),
+        **dict(zip(Parameter.names[Parameter.span("array_depth", "bottom_absorption")], boundaries(site), strict=True)),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
 

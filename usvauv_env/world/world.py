@@ -31,7 +31,7 @@ from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
 from kernels.mission.target_rules import target_rules
 from kernels.mission.tasks.task import tasks
-from kernels.positioning import tracker
+from kernels.positioning import coded_pulse, tracker
 from kernels.types import Level
 from usvauv_env.memory import require
 from usvauv_env.scenario import Scenario, ScenarioError
@@ -175,7 +175,9 @@ class World:
             "reward_terms": (*team, len(self.reward_names)),
         }
         numbers = sum(map(room, shapes.values()))
-        self._pulses = tables.pulse_tables(scenario, self.device)
+        self._pulses = coded_pulse.Pulses(self._zeros(1, 1), self._zeros(1, 1, 1), self._zeros(1))
+        if scenario.heeds_pulses:
+            self._pulses = tables.pulse_tables(scenario, self.device)
         drawn = 8 * self._pulses.noise.shape[2]  # noise of a pulse
         workspaces = tables.rule_workspace(scenario) + self._boat_workspace + drawn
         memory = 4.0 * (WORKSPACE * numbers + num_worlds * workspaces)
