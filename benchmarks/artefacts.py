@@ -116,6 +116,7 @@ ARTEFACTS = {
     "fix-error": _study("fix-error.md", "studies.fix_error", picture="fix-error.png"),
     "refraction": _study("refraction.md", "studies.refraction", picture="refraction.png"),
     "wide-array": _study("positioning.md", "studies.wide_array"),
+    "multipath": _study("positioning.md", "studies.multipath"),
     "fixes": _study("positioning.md", "usbl", "--json"),
     "validation": Artefact("validation.md", ("python -m tests.cases",)),
     "sea-rates": _study("performance.md", "sea", "--json"),

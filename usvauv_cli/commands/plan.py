@@ -89,9 +89,9 @@ def plan(
     Nothing is learned or simulated: the place maximises `--objective` of the fixes' Fisher information, in metres, over
     the whole area. The table gives the error of one good fix of each AUV from there, from the AUVs' centroid and from
     every `--compare`: standard deviations along the major and minor axis of its horizontal error ellipse, and the rms
-    of both over the AUVs that are located. They include all that the tables by cause list. The array lies level, or for
-    the errors on `--slope`. Objective d weighs each AUV's error by its ratio, so another place can have a smaller rms;
-    a finds the place of the smallest.
+    of both over the AUVs that are located. They include all that the tables by cause list but reflections. The array
+    lies level, or for the errors on `--slope`. Objective d weighs each AUV's error by its ratio, so another place can
+    have a smaller rms; a finds the place of the smallest.
     "detected" is the probability that the tone of a fix is detected, "good" that it is and the fix is also unambiguous
     (no phase has wrapped) and has a real depth. An AUV is located where at least 90 % of its fixes are good; a line on
     standard error says which AUVs are not from the optimum, why, and what would help.
