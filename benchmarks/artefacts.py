@@ -71,6 +71,10 @@ ARTEFACTS = {
         {"collaboration.png": "wide/reproduction/collaboration.png"},
     ),
     "clairvoyant": _study("collaboration.md", "studies.clairvoyant"),
+    "total-information": _study(
+        "collaboration.md", "studies.total_information", "--scenario extreme --scenario ideal --episodes 64"
+    ),
+    "total-information-wide": _study("collaboration.md", "studies.total_information", "--scenario wide --episodes 16"),
     "clairvoyant-64": _study("decisions.md", "studies.clairvoyant", "--episodes 64"),
     "reproduction": Artefact(
         "reproduction.md",

@@ -318,9 +318,12 @@ def multipath_variance(
 
 
 @ti.func
-def around(water: ti.template(), n: ti.i32) -> reflections.Boundaries:
-    """Row n of boundaries, (…, BOUNDARIES)."""
-    return reflections.Boundaries(water[n, 0], water[n, 1], water[n, 2], water[n, 3], water[n, 4], water[n, 5])
+def situation(offset: ti.template(), slope: ti.template(), water: ti.template(), n: ti.i32):
+    """Row n of offsets (m), slopes and boundaries: offset, axes of the array, boundaries."""
+    r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
+    axes = usbl.array_axes(usbl.attitude(vec2(slope[n, 0], slope[n, 1])))
+    around = reflections.Boundaries(water[n, 0], water[n, 1], water[n, 2], water[n, 3], water[n, 4], water[n, 5])
+    return r, axes, around
 
 
 @ti.kernel
@@ -342,9 +345,7 @@ def _measurements(
 ):
     for n in range(offset.shape[0]):
         tables = ti.static(Pulses(envelopes, noise, rate))
-        r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
-        axes = usbl.array_axes(usbl.attitude(vec2(slope[n, 0], slope[n, 1])))
-        boundaries = around(water, n)
+        r, axes, boundaries = situation(offset, slope, water, n)
         draw(normals, n, random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0)), key_low, key_high)
         heard = sounds(tables, link, auv[n], axes @ r, r, axes, boundaries, reflecting)
         measured = measure(tables, link, auv[n], r.norm(), energy[n], heard, normals, n)
@@ -366,9 +367,7 @@ def _multipath_variances(
 ):
     for n in range(offset.shape[0]):
         tables = ti.static(Pulses(envelopes, noise, rate))
-        r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
-        axes = usbl.array_axes(usbl.attitude(vec2(slope[n, 0], slope[n, 1])))
-        boundaries = around(water, n)
+        r, axes, boundaries = situation(offset, slope, water, n)
         added = multipath_variance(tables, link, auv[n], r, axes, boundaries)
         for j in ti.static(range(3)):
             variance[n, j] = added[j]

@@ -9,7 +9,7 @@ Source: Shannon, doi 10.1109/JRPROC.1949.232969.
 
 import taichi as ti
 
-from kernels.positioning.absorption import thorp as absorption
+from kernels.positioning.absorption import thorp
 
 LN10 = 2.302585092994046
 LOG2_OF_10 = 3.321928094887362
@@ -41,7 +41,7 @@ def path_loss(r: ti.f32, spreading: ti.f32, alpha: ti.f32) -> ti.f32:
 @ti.pyfunc
 def transmission_loss(r: ti.f32, f: ti.f32) -> ti.f32:
     """`path_loss` over the range r (m) at frequency f (Hz) with 15 log10 r and Thorp's absorption, dB."""
-    return path_loss(r, 15.0, absorption(f))
+    return path_loss(r, 15.0, thorp(f))
 
 
 @ti.pyfunc

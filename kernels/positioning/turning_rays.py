@@ -65,10 +65,12 @@ def cosine_part(e: ti.f32, turn: Turn, xx: ti.f32) -> ti.f32:
 
 
 @ti.func
-def ranges(layers: ti.template(), turn: Turn, x: ti.f32) -> vec2:
-    """The two parts of the range (m): that of the turning arc, which grows with x, and that of layers crossed."""
-    xx = x * x
-    crossed = 0.0
+def through_layers(layers: ti.template(), turn: Turn, xx: ti.f32, factor: ti.f32, arc: ti.f32, timed: ti.template()):
+    """`arc` and what the layers that both legs cross add to it: of the time (s), or else of the range (m), for x² = xx.
+
+    `factor` on A is ξ for the time and 1 for the range.
+    """
+    total = arc
     for leg in range(2):
         end = turn.shallow
         if leg == 1:
@@ -77,16 +79,27 @@ def ranges(layers: ti.template(), turn: Turn, x: ti.f32) -> vec2:
         bottom = ti.max(end, turn.base)
         i = layer_at(layers, z)
         e1 = excess_in_layer(layers, i, z)
-        A1 = cosine_part(e1, turn, xx)
+        w1 = factor * cosine_part(e1, turn, xx)
         while z < bottom:
             below = ti.min(layers[i + 1, DEPTH], bottom)
             e2 = excess_in_layer(layers, i, below)
-            A2 = cosine_part(e2, turn, xx)
-            crossed += (below - z) * (2.0 * REFERENCE + e1 + e2) / ti.max(A1 + A2, 1e-9)
+            w2 = factor * cosine_part(e2, turn, xx)
+            if ti.static(timed):
+                total += layer_time(below - z, e1, e2, w1, w2)
+            else:
+                total += (below - z) * (2.0 * REFERENCE + e1 + e2) / ti.max(w1 + w2, 1e-9)
             z = below
             e1 = e2
-            A1 = A2
+            w1 = w2
             i += 1
+    return total
+
+
+@ti.func
+def ranges(layers: ti.template(), turn: Turn, x: ti.f32) -> vec2:
+    """The two parts of the range (m): that of the turning arc, which grows with x, and that of layers crossed."""
+    xx = x * x
+    crossed = through_layers(layers, turn, xx, 1.0, 0.0, False)
     return vec2(2.0 * turn.radius * cosine_part(turn.base_excess, turn, xx), crossed)
 
 
@@ -96,26 +109,7 @@ def travel_time(layers: ti.template(), turn: Turn, x: ti.f32) -> ti.f32:
     xx = x * x
     xi = 1.0 / (REFERENCE + turn.record + xx)
     w = xi * cosine_part(turn.base_excess, turn, xx)
-    time = 2.0 * turn.radius * w * artanh_ratio(w)
-    for leg in range(2):
-        end = turn.shallow
-        if leg == 1:
-            end = turn.deep
-        z = ti.min(end, turn.base)
-        bottom = ti.max(end, turn.base)
-        i = layer_at(layers, z)
-        e1 = excess_in_layer(layers, i, z)
-        w1 = xi * cosine_part(e1, turn, xx)
-        while z < bottom:
-            below = ti.min(layers[i + 1, DEPTH], bottom)
-            e2 = excess_in_layer(layers, i, below)
-            w2 = xi * cosine_part(e2, turn, xx)
-            time += layer_time(below - z, e1, e2, w1, w2)
-            z = below
-            e1 = e2
-            w1 = w2
-            i += 1
-    return time
+    return through_layers(layers, turn, xx, xi, 2.0 * turn.radius * w * artanh_ratio(w), True)
 
 
 @ti.func

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from kernels.positioning.sea_wind import drag, wind_of_developed_sea, wind_of_growing_sea
+from kernels.positioning.sea_wind import drag, height_of_developed_sea, wind_of_developed_sea, wind_of_growing_sea
 
 # WMO, Beaufort scale (Manual on Codes, WMO-No. 306): probable height of the waves in the open sea, m; wind, m/s.
 BEAUFORT = {
@@ -47,6 +47,11 @@ class TestDevelopedSea:
     def test_sea_state_7(self):
         """WMO code 3700: 6 to 9 m; a wind of 15 to 20 m/s."""
         assert 15 < wind_of_developed_sea(6.0) < wind_of_developed_sea(9.0) < 20
+
+    @pytest.mark.parametrize("wind", [2.0, 8.0, 20.0])
+    def test_the_height_of_a_wind_is_the_inverse(self, wind):
+        assert wind_of_developed_sea(height_of_developed_sea(wind)) == pytest.approx(wind, rel=3e-3)
+        assert height_of_developed_sea(0.0) == 0.0
 
     def test_height_grows_with_the_square(self):
         assert wind_of_developed_sea(4.0) / wind_of_developed_sea(1.0) == pytest.approx(2, rel=0.03)

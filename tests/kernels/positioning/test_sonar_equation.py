@@ -7,10 +7,11 @@ import taichi as ti
 import torch
 
 from kernels.positioning import sonar_equation
+from kernels.positioning.absorption import thorp
 from kernels.positioning.ambient_noise import coates
 
 LAWS = {
-    "absorption": (sonar_equation.absorption, (15000.0,)),
+    "thorp": (thorp, (15000.0,)),
     "path_loss": (sonar_equation.path_loss, (250.0, 20.0, 4.3)),
     "transmission_loss": (sonar_equation.transmission_loss, (250.0, 15000.0)),
     "coates": (coates, (15000.0, 0.5, 4.0)),
@@ -39,7 +40,7 @@ def test_kernel_and_host_agree(device, law, arguments):
 class TestFits:
     def test_loss_doubles_the_range(self):
         doubled = sonar_equation.transmission_loss(200.0, 1e4) - sonar_equation.transmission_loss(100.0, 1e4)
-        assert doubled == pytest.approx(15 * math.log10(2) + 0.1 * sonar_equation.absorption(1e4))
+        assert doubled == pytest.approx(15 * math.log10(2) + 0.1 * thorp(1e4))
 
     @pytest.mark.parametrize("spreading", [10.0, 15.0, 20.0])
     def test_path_loss(self, spreading):
