@@ -233,17 +233,17 @@ def pulse_tables(scenario: Scenario, device: torch.device) -> coded_pulse.Pulses
     return coded_pulse.pulses(code, carriers, scenario.acoustics.bandwidth, GATE, device)
 
 
-def roughness(scenario: Scenario) -> float:
+def roughness(site: Site) -> float:
     """Standard deviation of the surface in short waves: of the storm, or without one of the wind's sea, m."""
-    storm = scenario.storm
-    return 0.25 * (storm.total_height if storm.systems else height_of_developed_sea(wind(scenario)))
+    systems = wave_systems(site)
+    return 0.25 * (total_height(systems) if systems else height_of_developed_sea(wind(site)))
 
 
 def boundaries(site: Site) -> tuple[float, ...]:
     """Fields of `kernels.positioning.reflections.Boundaries` for AUVs whose depth is that below the array."""
     s = site.scenario
     depth = s.usbl.array_depth
-    return depth, depth + site.mean_depth, roughness(s), *SEDIMENTS[s.acoustics.sediment]
+    return depth, depth + site.mean_depth, roughness(site), *SEDIMENTS[s.acoustics.sediment]
 
 
 def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarray:
