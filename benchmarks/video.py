@@ -1,11 +1,12 @@
-"""Speed of the mission's video: frames a second drawn and encoded, by size, beside an animation by matplotlib.
+"""Speed and memory of the mission's video: frames a second by size, beside an animation by matplotlib.
 
     python -m benchmarks.video [--json] [--frames 1000]
 
 A mission of `extreme` is recorded once. Each size and the animation run in processes of their own. The animation shows
 what the map and its panel show, in plainer form: sea, current, boat, AUVs, trails, ellipses, nodes, figures, the fixes
 around each AUV, the plot of errors and a section, with artists whose data are replaced. Each frame is drawn whole, as
-`FuncAnimation` does, and encoded by the same encoder.
+`FuncAnimation` does, and encoded by the same encoder. Then the peak of the resident memory of the commands
+`simulate` and `replay` at 1280 × 720, of a short and a long mission, each in a process of its own.
 """
 
 from __future__ import annotations
@@ -32,6 +33,14 @@ from usvauv_env.render.painter import VIEWS, Look
 SIZES = ("640x360", "1280x720", "1920x1080", "3840x2160")
 BASELINE = "matplotlib"
 ANIMATED = 60  # frames of the animation, which is slow
+MISSIONS = (300, 1200)  # steps of those that the commands show
+COMMAND = """
+from usvauv_cli.app import run
+code = run()
+from benchmarks.video import peak_memory
+print(peak_memory())
+raise SystemExit(code)
+"""
 
 
 def recorded(frames: int) -> tuple[Trace, float]:
@@ -131,6 +140,24 @@ def child(trace: Path, size: str, what: str) -> dict[str, float]:
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
 
 
+def memory_of(command: str, *arguments: object) -> float:
+    """Peak memory of `usvauv` with a command, MB."""
+    line = [sys.executable, "-c", COMMAND, command, *map(str, arguments)]
+    return float(subprocess.run(line, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
+
+
+def commands(folder: Path) -> dict[str, list[float]]:
+    """Peak memory (MB) of simulating, also with the trace kept, and of drawing that trace, for each of `MISSIONS`."""
+    trace, out = folder / "kept.nc", ("--out", folder / "command.mp4")
+    found: dict[str, list[float]] = {"simulate": [], "simulate --trace": [], "replay": []}
+    for steps in MISSIONS:
+        simulate = "simulate", "--duration", steps, *out
+        found["simulate"].append(memory_of(*simulate))
+        found["simulate --trace"].append(memory_of(*simulate, "--trace", trace))
+        found["replay"].append(memory_of("replay", trace, *out))
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print JSON only")
@@ -154,12 +181,14 @@ def main() -> None:
         by_size = {size: child(path, size, "map") for size in SIZES}
         by_view = {view: child(path, "1280x720", view) for view in VIEWS}
         baseline = child(path, "1280x720", BASELINE)
+        by_command = commands(Path(folder))
     result = {
         "machine": describe(),
         "frames": arguments.frames,
         "frames_per_second": {size: figures["frames_per_second"] for size, figures in by_size.items()},
         "peak_memory_mb": {size: figures["peak_memory_mb"] for size, figures in by_size.items()},
         "views": {view: figures["frames_per_second"] for view, figures in by_view.items()},
+        "commands_peak_memory_mb": by_command,
         "simulating_s": simulating,
         "matplotlib": baseline["frames_per_second"],
         "ratio": by_view["map"]["frames_per_second"] / baseline["frames_per_second"],
@@ -178,6 +207,10 @@ def main() -> None:
     drawing = arguments.frames / result["frames_per_second"]["1280x720"]
     print(f"{arguments.frames} s of mission at 1280x720: simulated in {simulating:.1f} s, drawn in {drawing:.1f} s")
     print(f"an animation by matplotlib: {result['matplotlib']:.1f} frames/s, ratio {result['ratio']:.0f}")
+    print(f"| peak memory MB | {' | '.join(f'{steps} steps' for steps in MISSIONS)} |")
+    print(f"| --- |{' --- |' * len(MISSIONS)}")
+    for command, figures in by_command.items():
+        print(f"| `{command}` | {' | '.join(f'{figure:.0f}' for figure in figures)} |")
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from usvauv_env.memory import require
 SMALLEST, LARGEST = 320, 7680  # pixels a side
 FRAME_BYTES = 55.0  # of memory, a pixel of a frame
 KEYFRAMES = 250  # frames from one key frame to the next, the encoder's default
-WAITING = 3  # pictures that are drawn and not encoded yet
+WAITING = 2  # pictures that are drawn and not encoded yet
 BT709 = 1  # FFmpeg's number of its primaries, transfer function and matrix
 QUALITY = {".mp4": "24", ".webm": "32"}  # constant rate factors
 
@@ -127,13 +127,13 @@ def video_file(out: Path, width: int, height: int, fps: Fraction | int) -> Itera
             convert = _converter(kind, width, height, fps)
             waiting: deque[Future[None]] = deque()
 
-            def encode(picture: np.ndarray) -> None:
-                container.mux(stream.encode(convert(picture)))
+            def encode(frame: av.VideoFrame) -> None:
+                container.mux(stream.encode(convert(frame)))
 
             def append(picture: np.ndarray) -> None:
                 if len(waiting) == WAITING:
                     waiting.popleft().result()
-                waiting.append(thread.submit(encode, picture.copy()))
+                waiting.append(thread.submit(encode, _copied(picture)))
 
             yield append
             while waiting:
@@ -160,7 +160,11 @@ def _add_stream(
 
 
 class _Convert(Protocol):
-    def __call__(self, picture: np.ndarray) -> av.VideoFrame: ...
+    def __call__(self, frame: av.VideoFrame) -> av.VideoFrame: ...
+
+
+def _copied(picture: np.ndarray) -> av.VideoFrame:
+    return av.VideoFrame.from_ndarray(picture, format="bgr24")
 
 
 def _converter(kind: Format, width: int, height: int, fps: Fraction | int) -> _Convert:
@@ -179,8 +183,7 @@ def _converter(kind: Format, width: int, height: int, fps: Fraction | int) -> _C
         graph.configure()
         number = iter(range(1 << 62))
 
-        def with_palette(picture: np.ndarray) -> av.VideoFrame:
-            frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+        def with_palette(frame: av.VideoFrame) -> av.VideoFrame:
             frame.pts, frame.time_base = next(number), tick
             graph.push(frame)
             shown = graph.pull()
@@ -190,8 +193,7 @@ def _converter(kind: Format, width: int, height: int, fps: Fraction | int) -> _C
         return with_palette
     converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
 
-    def convert(picture: np.ndarray) -> av.VideoFrame:
-        frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+    def convert(frame: av.VideoFrame) -> av.VideoFrame:
         return converter.reformat(frame, format="yuv420p", dst_colorspace=kind.matrix)
 
     return convert
@@ -211,6 +213,6 @@ def _encoded_bytes(pictures: list[np.ndarray], fps: int) -> int:
     with av.open(memory, "w", format=kind.name) as container:
         stream = _add_stream(container, kind, width, height, fps)
         for picture in pictures:
-            container.mux(stream.encode(convert(picture)))
+            container.mux(stream.encode(convert(_copied(picture))))
         container.mux(stream.encode(None))
     return memory.getbuffer().nbytes

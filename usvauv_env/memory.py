@@ -1,7 +1,8 @@
-"""How much memory is free, and refusing what does not fit before any of it is taken."""
+"""How much memory is free, refusing what does not fit before any of it is taken, and giving back what is not used."""
 
 from __future__ import annotations
 
+import ctypes
 import os
 from pathlib import Path
 
@@ -42,6 +43,12 @@ def require(number: float, what: str, device: torch.device | None = None) -> Non
             f"{what}: takes about {words(number)} of memory; allowed are {words(SHARE * free)},"
             f" {SHARE:.0%} of the {words(free)} that are free"
         )
+
+
+def give_back() -> None:
+    """Return to the system what was freed; glibc keeps it, after compiling kernels tens of MB."""
+    if os.name == "posix" and (trim := getattr(ctypes.CDLL(None), "malloc_trim", None)):
+        trim(0)
 
 
 def words(number: float) -> str:

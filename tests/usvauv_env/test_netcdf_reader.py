@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.ocean_files import cmems, write
-from usvauv_env.netcdf import reader
-from usvauv_env.netcdf.reader import NetcdfError, load, open_file
+from usvauv_env.netcdf import remote
+from usvauv_env.netcdf.reader import load, open_file
+from usvauv_env.netcdf.remote import NetcdfError
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def child_of(monkeypatch, tmp_path):
             started.append(begin([command[0], str(script), *command[3:]], **options))
             return started[-1]
 
-        monkeypatch.setattr(reader.subprocess, "Popen", start)
+        monkeypatch.setattr(remote.subprocess, "Popen", start)
         return started
 
     return put
@@ -48,7 +49,7 @@ def child_of(monkeypatch, tmp_path):
 )
 def test_a_reader_that_does_not_answer_is_ended(child_of, tmp_path, monkeypatch, program, match):
     path = write(cmems(), tmp_path / "currents.nc")
-    monkeypatch.setattr(reader, "PATIENCE", 1.0)
+    monkeypatch.setattr(remote, "PATIENCE", 1.0)
     started = child_of(program)
     with pytest.raises(NetcdfError, match=match), open_file(path):
         pytest.fail("opened")
@@ -105,7 +106,7 @@ def test_no_more_is_read_than_the_file_can_hold(tmp_path):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_bytes_changed_anywhere_give_the_dataset_or_one_line(tmp_path, seed, monkeypatch):
-    monkeypatch.setattr(reader, "PATIENCE", 5.0)
+    monkeypatch.setattr(remote, "PATIENCE", 5.0)
     whole = write(cmems(), tmp_path / "currents.nc").read_bytes()
     random = np.random.default_rng(seed)
     path = tmp_path / "changed.nc"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.ocean_files import BED_FRAME, HOURS, LATITUDES, LONGITUDES, bed_of, cmems, flow_of, sloping, write
-from usvauv_env.netcdf import reader
+from usvauv_env.netcdf import remote
 from usvauv_env.site.cf import OceanError
 from usvauv_env.site.cf_ocean import read_bathymetry
 
@@ -273,7 +273,7 @@ class TestFiles:
     def test_netcdf_3_without_scipy(self, tmp_path, monkeypatch):
         path = tmp_path / "classic.nc"
         path.write_bytes(b"CDF\x02" + bytes(100))
-        monkeypatch.setattr(reader.importlib.util, "find_spec", lambda name: None)
+        monkeypatch.setattr(remote.importlib.util, "find_spec", lambda name: None)
         self.read(path, r"a NetCDF-3 file, which needs SciPy \(pip install scipy\) or converting with `nccopy -k nc4`")
         path.write_bytes(b"CDF\x05" + bytes(100))
         self.read(path, r"a NetCDF-3 file, which needs converting with `nccopy -k nc4`")

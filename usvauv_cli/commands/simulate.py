@@ -150,6 +150,7 @@ def simulated(
     import policies
     from usvauv_cli import console
     from usvauv_env import World
+    from usvauv_env.memory import give_back
     from usvauv_env.record.recorder import Diverged, record
 
     world = World(run.scenario(scenario), 1, seed, run.usv, fine_sea=True, arch=arch)
@@ -160,3 +161,5 @@ def simulated(
             return record(world, act, run.policy, steps=steps, surface=True, on_step=lambda _: advance(1)), None
         except Diverged as error:
             return error.trace, error
+        finally:
+            give_back()  # drawing takes more than simulating

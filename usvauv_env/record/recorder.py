@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import nullcontext
 
 import numpy as np
 import torch
@@ -13,6 +14,7 @@ from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeC
 from kernels.positioning.usbl import DETECTED
 from kernels.types import Level
 from usvauv_env.memory import require
+from usvauv_env.record.rows_on_disk import RowsOnDisk
 from usvauv_env.record.trace import Trace
 from usvauv_env.world.world import World
 
@@ -33,12 +35,11 @@ class Diverged(DivergenceError):
         self.trace = trace
 
 
-def trace_bytes(world: World, steps: int, surface: bool = False) -> float:
-    """Estimate of the memory that recording some steps takes at its peak, bytes."""
+def trace_bytes(world: World, steps: int) -> float:
+    """Estimate of the memory that recording some steps takes at its peak, bytes; the surface is on the disk."""
     states = world.auv, world.boat, world.node[..., NodeColumn.backlog], world.reward_terms, world.estimate
     numbers = sum(tensor.numel() for tensor in states) + 4 * world.num_worlds * world.scenario.current.vortices
-    pixels = min(SURFACE_PIXELS, world.sea.nx) * min(SURFACE_PIXELS, world.sea.ny) if surface else 0
-    return steps * (EACH + 4.0 * KEPT * (numbers + pixels))
+    return steps * (EACH + 4.0 * KEPT * numbers)
 
 
 class Recorder:
@@ -165,34 +166,35 @@ def record(
     Args:
         act: observation (W, K, O) → action (W, K, 2).
         policy: name of the policy.
-        surface: also record the elevation of world 0's sea, at most `SURFACE_PIXELS` on a side.
+        surface: also record the elevation of world 0's sea, at most `SURFACE_PIXELS` on a side, on the disk.
         on_step: called with the number of steps done; an exception it raises ends the run.
 
     Raises:
         MemoryNeeded: the record does not fit into memory.
+        OutputError: the surface does not fit on the disk.
         Diverged: the worlds have left finite numbers; it has the trace of the steps before.
     """
     steps = steps or world.steps
-    require(trace_bytes(world, steps, surface), f"a record of {steps} steps of {world.num_worlds} worlds")
-    recorder, surfaces, problem = Recorder(world), np.zeros((0, 0, 0), np.float32), None
+    what = f"a record of {steps} steps of {world.num_worlds} worlds"
+    require(trace_bytes(world, steps), what)
+    recorder, problem = Recorder(world), None
     observation = world.reset()
-    for done in range(1, steps + 1):
-        action = act(observation)
-        try:
-            observation = world.step(action)[0]
-        except DivergenceError as error:
-            if done == 1:
-                raise
-            problem = error
-            break
-        recorder.add()
-        if surface:
-            now = world.surface(SURFACE_PIXELS)
-            if done == 1:
-                surfaces = np.empty((steps, *now.shape), np.float32)
-            surfaces[done - 1] = now
-        on_step(done)
-    trace = recorder.trace(policy, surfaces[: len(recorder)], start=world.scenario.mission.step)
+    with RowsOnDisk(steps, world.surface(SURFACE_PIXELS).shape, what) if surface else nullcontext() as sea:
+        for done in range(1, steps + 1):
+            action = act(observation)
+            try:
+                observation = world.step(action)[0]
+            except DivergenceError as error:
+                if done == 1:
+                    raise
+                problem = error
+                break
+            recorder.add()
+            if sea:
+                sea.append(world.surface(SURFACE_PIXELS)[None])
+            on_step(done)
+        elevation = sea.array() if sea else np.zeros((0, 0, 0), np.float32)
+    trace = recorder.trace(policy, elevation, start=world.scenario.mission.step)
     if problem:
         raise Diverged(str(problem), trace) from problem
     return trace

@@ -18,6 +18,7 @@ from kernels.errors import UserError
 from kernels.interruption import deferred
 from usvauv_env import text_files
 from usvauv_env.files import hdf5_file
+from usvauv_env.record.rows_on_disk import RowsOnDisk
 from usvauv_env.scenario import Scenario, ScenarioError
 from usvauv_env.site import georeference
 from usvauv_env.site.cf import OceanError
@@ -26,8 +27,10 @@ from usvauv_env.site.interpolation import at_time
 from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.site import Site
 
-if TYPE_CHECKING:  # loading these libraries takes a second and 50 MB; most runs read and write no NetCDF
-    import xarray
+if TYPE_CHECKING:  # most runs read and write no NetCDF
+    import h5netcdf
+
+    from usvauv_env.netcdf.remote import RemoteVariable
 
 
 class Variable(NamedTuple):
@@ -36,6 +39,14 @@ class Variable(NamedTuple):
     dimensions: tuple[str, ...]
     units: str | None
     long_name: str
+
+
+class Stored(NamedTuple):
+    """An array of a trace's file: its dimensions, values and attributes."""
+
+    dimensions: tuple[str, ...]
+    values: np.ndarray
+    attributes: Mapping[str, str]
 
 
 _AUV, _BOAT, _WORLD = ("time", "world", "auv"), ("time", "world", "boat"), ("time", "world")
@@ -96,6 +107,7 @@ INTEGERS = (
     *("packets_created", "packets_lost", "packets_delivered"),
 )
 LARGEST = 1e12  # of any number in a trace
+TOGETHER = 64  # steps of the surface that are read together
 
 
 class TraceError(UserError, ValueError):
@@ -163,36 +175,12 @@ class Trace:
             OutputError: the file cannot be written.
         """
         import h5netcdf
-        import xarray
-        from xarray.backends import H5NetCDFStore
 
         frame = Site(self.scenario).frame
-        dataset = xarray.Dataset(
-            {
-                name: (about.dimensions, getattr(self, name), self._attributes(name, frame is not None))
-                for name, about in VARIABLES.items()
-                if self._has(name)
-            },
-            self._coordinates(frame),
-            attrs={
-                "Conventions": "CF-1.11",
-                "title": "usvauv trace",
-                "scenario": json.dumps(self.scenario.to_dict()),
-                "policy": self.policy,
-                "usv": self.usv,
-                "seed": self.seed,
-                "reward_names": ",".join(self.reward_names),
-            },
-        )
-        if frame and self._has("surface"):
-            dataset[georeference.CRS] = ((), np.int32(0), georeference.grid_mapping(frame))
-        encoding = {
-            name: ({"zlib": True, "complevel": 1} if variable.ndim > 1 else {})
-            | ({} if name == "fix" else {"_FillValue": None})
-            for name, variable in dataset.variables.items()
-        }
         with hdf5_file(Path(path)) as file, deferred(), h5netcdf.File(file, "w") as written:
-            dataset.dump_to_store(H5NetCDFStore(written), encoding=encoding)
+            for name, value in self._global_attributes().items():
+                written.attrs[name] = value
+            self._write(written, frame)
 
     @classmethod
     def load(cls, path: str | Path) -> Trace:
@@ -202,13 +190,13 @@ class Trace:
             TraceError: not such a file: a missing field, another type or size, a number that is not finite or beyond
                 `LARGEST`.
         """
-        from usvauv_env.netcdf import reader
+        from usvauv_env.netcdf import remote
 
         try:
-            with reader.open_file(path) as dataset:
-                attributes = dataset.attrs
-                arrays = {name: _read(dataset, name) for name in VARIABLES if name in dataset or name not in OPTIONAL}
-                start = georeference.start_of(dataset["time"].attrs.get("units", ""))
+            with remote.open_remote(path) as (variables, attributes):
+                stored = [name for name in VARIABLES if name in variables or name not in OPTIONAL]
+                arrays = {name: _read(variables, name) for name in stored}
+                start = georeference.start_of(variables["time"].attributes.get("units", ""))
             if start:
                 parse_time(start)
             for name, shape in OPTIONAL.items():
@@ -220,7 +208,7 @@ class Trace:
             seed = attributes.get("seed")
             if not isinstance(seed, int | np.integer):
                 raise TraceError("its attribute seed is not a whole number")
-        except reader.NetcdfError as error:
+        except remote.NetcdfError as error:
             raise TraceError(str(error)) from None
         except (TraceError, ScenarioError, OceanError, text_files.TextFileError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
@@ -249,31 +237,81 @@ class Trace:
                 attributes["grid_mapping"] = georeference.CRS
         return attributes
 
-    def _coordinates(self, frame: LocalFrame | None) -> dict[str, Any]:
-        """Coordinates of the grids, and longitudes and latitudes of grids and positions where there is a place."""
-        area, coordinates = self.scenario.area, {}
+    def _coordinates(self, frame: LocalFrame | None) -> dict[str, Stored]:
+        """Storeds of the grids, and longitudes and latitudes of grids and positions where there is a place."""
+        area = self.scenario.area
+        coordinates: dict[str, Stored] = {}
 
         def add(prefix: str, dimensions: tuple[str, ...], x: np.ndarray, y: np.ndarray) -> None:
             if frame:
                 degrees = zip((georeference.LONGITUDE, georeference.LATITUDE), frame.to_geographic(x, y), strict=True)
-                coordinates.update({f"{prefix}{about['long_name']}": (dimensions, at, about) for about, at in degrees})
+                for about, at in degrees:
+                    coordinates[f"{prefix}{about['long_name']}"] = Stored(dimensions, at, about)
 
         if self._has("surface"):
             rows, columns = self.surface.shape[1:]
             x, y = ((np.arange(n) + 0.5) * side / n for n, side in ((columns, area.width), (rows, area.length)))
-            coordinates |= {"x": ("x", x, georeference.X), "y": ("y", y, georeference.Y)}
+            coordinates |= {
+                "x": Stored(("x",), x, georeference.X),
+                "y": Stored(("y",), y, georeference.Y),
+            }
             add("", ("y", "x"), *np.meshgrid(x, y))
         if self._has("stream"):  # a grid mapping has one pair of coordinates, which are those of the surface
             rows, columns = self.stream.shape[1:3]
             x, y = np.linspace(0, area.width, columns), np.linspace(0, area.length, rows)
             for name, values, about in (("stream_x", x, georeference.X), ("stream_y", y, georeference.Y)):
-                coordinates[name] = name, values, {key: about[key] for key in ("long_name", "units")}
+                coordinates[name] = Stored((name,), values, {key: about[key] for key in ("long_name", "units")})
             add("stream_", ("stream_y", "stream_x"), *np.meshgrid(x, y))
         for name in PLACED:
             position = f"{name}_position"
             x, y = np.moveaxis(getattr(self, position).astype(np.float64), -1, 0)
             add(f"{name}_", VARIABLES[position].dimensions[:-1], x, y)
         return coordinates
+
+    def _global_attributes(self) -> dict[str, Any]:
+        return {
+            "Conventions": "CF-1.11",
+            "title": "usvauv trace",
+            "scenario": json.dumps(self.scenario.to_dict()),
+            "policy": self.policy,
+            "usv": self.usv,
+            "seed": np.int64(self.seed),
+            "reward_names": ",".join(self.reward_names),
+        }
+
+    def _write(self, file: h5netcdf.File, frame: LocalFrame | None) -> None:
+        """Dimensions, variables, and coordinates with the variables that have them."""
+        coordinates = self._coordinates(frame)
+        stored = {
+            name: Stored(about.dimensions, getattr(self, name), self._attributes(name, frame is not None))
+            for name, about in VARIABLES.items()
+            if self._has(name)
+        }
+        for dimensions, values, _ in (*stored.values(), *coordinates.values()):
+            file.dimensions.update(
+                {d: n for d, n in zip(dimensions, values.shape, strict=True) if d not in file.dimensions}
+            )
+        places = {name: set(about.dimensions) for name, about in coordinates.items() if about.dimensions != (name,)}
+        for name, (dimensions, values, attributes) in (stored | coordinates).items():
+            packed = {"compression": "gzip", "compression_opts": 1} if values.ndim > 1 else {}
+            if name == "surface":
+                packed["chunks"] = (1, *values.shape[1:])
+            fill = np.float32(np.nan) if name == "fix" else None
+            variable = file.create_variable(name, dimensions, values.dtype, fillvalue=fill, **packed)
+            for key, value in attributes.items():
+                variable.attrs[key] = value
+            own = [place for place, axes in places.items() if name not in coordinates and axes <= set(dimensions)]
+            if own:
+                variable.attrs["coordinates"] = " ".join(own)
+            if name == "surface":
+                for t, row in enumerate(values):
+                    variable[t] = row
+            else:
+                variable[...] = values
+        if frame and self._has("surface"):
+            mapping = file.create_variable(georeference.CRS, (), np.int32, data=0)
+            for key, value in georeference.grid_mapping(frame).items():
+                mapping.attrs[key] = value
 
     def stream_at(self, t: float) -> np.ndarray:
         """Real current at cruise depth at a time (s), (rows, columns, 2), m/s; empty where there is none."""
@@ -298,29 +336,44 @@ def table() -> str:
     return "\n".join(["| variable | dimensions | unit | meaning |", "| --- | --- | --- | --- |", *rows])
 
 
-def _read(dataset: xarray.Dataset, name: str) -> np.ndarray:
-    """A field of a trace's file, its values checked one by one."""
-    from usvauv_env.netcdf import reader
-
-    if name not in dataset:
+def _read(variables: Mapping[str, RemoteVariable], name: str) -> np.ndarray:
+    """A field of a trace's file, its values checked."""
+    if name not in variables:
         raise TraceError(f"has no {name}")
-    variable = dataset[name]
+    variable = variables[name]
     expected = VARIABLES[name].dimensions
-    if variable.dims != expected:
-        raise TraceError(f"{name} has dimensions {variable.dims}; expected {expected}")
+    if variable.dimensions != expected:
+        raise TraceError(f"{name} has dimensions {variable.dimensions}; expected {expected}")
     kinds = "iu" if name in INTEGERS else "f"
     if variable.dtype.kind not in kinds:
         raise TraceError(f"{name} is of type {variable.dtype}; expected {'whole' if kinds == 'iu' else 'real'} numbers")
-    values = reader.load(variable, name)
-    for row in values:  # one by one: the surface is most of a trace
+    if name == "surface":  # most of a trace
+        return _surface(variable)
+    values = variable.read((slice(None),) * len(variable.shape)).copy()
+    _check_numbers(values, name)
+    if name in ("time", "stream_time") and not (np.diff(values) > 0).all():
+        raise TraceError(f"{name} does not rise")
+    return values
+
+
+def _surface(variable: RemoteVariable) -> np.ndarray:
+    """The surface, by some rows at a time on the disk."""
+    count, *shape = variable.shape
+    with RowsOnDisk(count, tuple(shape), "its surface") as rows:
+        for first in range(0, count, TOGETHER):
+            some = variable.read((slice(first, first + TOGETHER), slice(None), slice(None)))
+            _check_numbers(some, "surface")
+            rows.append(some)
+        return rows.array()
+
+
+def _check_numbers(values: np.ndarray, name: str) -> None:
+    for row in values:  # one by one, because each is made wider
         within = abs(row.astype(np.float64)) <= LARGEST
         if name == "fix":
             within |= np.isnan(row)
         if not within.all():
             raise TraceError(f"{name} holds {row[~within][0]}; expected finite numbers up to {LARGEST:g}")
-    if name in ("time", "stream_time") and not (np.diff(values) > 0).all():
-        raise TraceError(f"{name} does not rise")
-    return values
 
 
 def _text(attributes: Mapping[str, Any], name: str) -> str:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from usvauv_env.record.rows_on_disk import extremes
 from usvauv_env.record.trace import Trace
 from usvauv_env.render import shapes, style
 from usvauv_env.render.exchanges import Exchanges
@@ -27,12 +28,8 @@ class DepthSection:
         unit, scenario = layout.unit, trace.scenario
         self._box = room = within_margins(box, unit, top=28, sides=12, bottom=8)
         elevation = trace.boat_surface[:, 0, :, 0]
-        above = max(
-            1.0,
-            float(np.abs(elevation).max()),
-            -float(trace.surface.min(initial=0.0)),
-            float(trace.surface.max(initial=0.0)),
-        )
+        lowest, highest = extremes(trace.surface)
+        above = max(1.0, float(np.abs(elevation).max()), -lowest, highest)
         self._depth = scenario.auv.depth
         below = max(scenario.area.depth, self._depth)
         # Heights of the sea have the upper part of the section, depths below its troughs the rest.

@@ -10,6 +10,7 @@ import torch
 
 from kernels import runtime
 from kernels.flow.current import particle_paths
+from usvauv_env.record.rows_on_disk import extremes
 from usvauv_env.render import style
 from usvauv_env.render.frame_layout import MapView, nice_above
 from usvauv_env.render.shapes import Overlay
@@ -20,7 +21,8 @@ LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # unit vector to the light: e
 
 def elevation_limit(surface: np.ndarray) -> float:
     """End of the colour scale (m) for a surface (T, Y, X), about its 99th percentile; 0 for a flat sea."""
-    highest = float(max(surface.max(), -surface.min())) if surface.size else 0.0
+    lowest, highest = extremes(surface)
+    highest = max(highest, -lowest)
     if highest < 1e-3:
         return 0.0
     usual = float(np.quantile(np.abs(surface[:: max(1, len(surface) // 50)]), 0.99))

@@ -22,7 +22,7 @@ def _font(bold: bool) -> FT2Font:
     return FT2Font(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name))
 
 
-@lru_cache(maxsize=2048)
+@lru_cache(maxsize=512)
 def _mask(text: str, size: float, bold: bool) -> tuple[np.ndarray, int]:
     """Coverage (height, width, 1) 0..255 of a text, and the rows above its baseline."""
     font = _font(bold)
