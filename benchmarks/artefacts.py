@@ -17,6 +17,8 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from usvauv_env.render.style import THEMES
+
 ROOT = Path(__file__).parents[1]
 USVAUV = (sys.executable, "-c", "from usvauv_cli.app import main; main()")
 
@@ -51,12 +53,18 @@ ARTEFACTS = {
         (
             "usvauv simulate --duration 160 --view sea --size 800x500 --fps 15 --out docs/mission.webp",
             "usvauv simulate --duration 641 --at 641 --out docs/mission.png",
-            "usvauv simulate --duration 300 --at 300 --view both --theme light --out docs/both.png",
+            "usvauv simulate --duration 300 --at 300 --view both --theme dark --out docs/both-dark.png",
+            "usvauv simulate --duration 300 --at 300 --view both --theme light --out docs/both-light.png",
         ),
-        {"mission.webp": "", "mission.png": "", "both.png": ""},
+        {"mission.webp": "", "mission.png": "", "both-light.png": "", "both-dark.png": ""},
     ),
     "wide": Artefact(
-        "collaboration.md", ("usvauv simulate wide --duration 331 --at 331 --out docs/wide.png",), {"wide.png": ""}
+        "collaboration.md",
+        (
+            "usvauv simulate wide --duration 331 --at 331 --theme light --out docs/wide-light.png",
+            "usvauv simulate wide --duration 331 --at 331 --out docs/wide-dark.png",
+        ),
+        {"wide-light.png": "", "wide-dark.png": ""},
     ),
     "report": Artefact(
         "report.md",
@@ -118,7 +126,11 @@ ARTEFACTS = {
         ),
     ),
     "fix-error": _study("fix-error.md", "studies.fix_error", picture="fix-error.png"),
-    "refraction": _study("refraction.md", "studies.refraction", picture="refraction.png"),
+    "refraction": Artefact(
+        "refraction.md",
+        ("python -m benchmarks.studies.refraction --out docs/refraction.png",),
+        {f"refraction-{theme}.png": "" for theme in THEMES},
+    ),
     "wide-array": _study("positioning.md", "studies.wide_array"),
     "multipath": _study("positioning.md", "studies.multipath"),
     "fixes": _study("positioning.md", "usbl", "--json"),

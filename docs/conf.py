@@ -15,6 +15,7 @@ extensions = [
     "autoapi.extension",  # docstrings from the source, which is not imported: kernels are shown as they are written
     "sphinx_gallery.gen_gallery",  # runs the examples
     "docstrings",
+    "pictures",
     "reference_pages",
 ]
 exclude_patterns = ["_build", "gallery/*.py", "gallery/*.ipynb"]

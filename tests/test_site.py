@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from docs import reference_pages
+from docs import pictures, reference_pages
 from usvauv_env import Scenario
 from usvauv_env.record import trace
 
@@ -40,6 +40,23 @@ def test_every_command_has_its_options():
 
 def test_table_of_a_trace_is_the_one_printed():
     assert trace.table() in (ROOT / "docs" / "trace.md").read_text(encoding="utf-8")
+
+
+def test_pictures_are_for_light_and_dark_pages():
+    for page in (ROOT / "docs").glob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        shown = pictures.PICTURE.findall(text)
+        assert len(shown) == text.count("<picture>")
+        for dark, _, light in shown:
+            assert dark == light.replace("-light.", "-dark.")
+            assert all((page.parent / name).is_file() for name in (dark, light)), page.name
+    source = ['a <picture><source media="(prefers-color-scheme: dark)" srcset="x-dark.png">']
+    source[0] += '<img alt="X" src="x-light.png"></picture> b'
+    pictures.convert(None, "page", source)
+    assert re.findall(r"```{image} (\S+)\n:alt: X\n:class: (\S+)\n```", source[0]) == [
+        ("x-light.png", "only-light"),
+        ("x-dark.png", "only-dark"),
+    ]
 
 
 def test_docstrings_become_markup():

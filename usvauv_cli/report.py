@@ -14,6 +14,7 @@ from rich.live import Live
 from rich.table import Table
 
 from usvauv_cli import tables
+from usvauv_cli.columns import HEADINGS
 from usvauv_cli.console import LINE_EVERY
 from usvauv_cli.evaluation import estimates
 from usvauv_cli.evaluation.comparison import Comparison, labels
@@ -21,36 +22,29 @@ from usvauv_env.record.metrics import EpisodeMetrics
 from usvauv_env.record.trace import Trace
 from usvauv_env.scenario import Scenario
 
-# Column of the CSV → heading, digits after the point.
+# Column of the CSV → digits after the point.
 SHOWN = {
-    "sdr": ("SDR Mbit/s", 2),
-    "ec": ("EC W", 1),
-    "arps": ("ARPS", 2),
-    "services": ("services", 1),
-    "delivered_mbit": ("Mbit", 1),
-    "energy_wh": ("Wh", 1),
-    "target_distance": ("off target m", 2),
-    "collisions": ("collisions", 2),
-    "border": ("border", 2),
+    "sdr": 2,
+    "ec": 1,
+    "arps": 2,
+    "services": 1,
+    "delivered_mbit": 1,
+    "energy_wh": 1,
+    "target_distance": 2,
+    "collisions": 2,
+    "border": 2,
 }
-OF_TASK = {
-    "lost_mbit": ("lost Mbit", 1),
-    "aoi_mean": ("age s", 0),
-    "aoi_peak": ("peak age s", 0),
-    "aoi_largest": ("largest age s", 0),
-    "jain": ("Jain's index", 3),
-    "joule_per_mbit": ("J/Mbit", 0),
-}
+OF_TASK = {"lost_mbit": 1, "aoi_mean": 0, "aoi_peak": 0, "aoi_largest": 0, "jain": 3, "joule_per_mbit": 0}
 POSITIONS = {
-    "position_error_median": ("median m", 2),
-    "position_error_rms": ("rms m", 2),
-    "position_error_p95": ("95 % m", 2),
-    "own_error_rms": ("own rms m", 2),
-    "fix_error_rms": ("fix rms m", 2),
-    "fix_availability": ("fixes", 2),
-    "fix_wrapped": ("wrapped", 3),
-    "fix_dropped": ("dropped", 3),
-    "outage_longest": ("outage s", 0),
+    "position_error_median": 2,
+    "position_error_rms": 2,
+    "position_error_p95": 2,
+    "own_error_rms": 2,
+    "fix_error_rms": 2,
+    "fix_availability": 2,
+    "fix_wrapped": 3,
+    "fix_dropped": 3,
+    "outage_longest": 0,
 }
 # Those shown by default, by task, between ARPS and those of positions; of a plugin's task, all of its own.
 BY_TASK = {"data-collection": ("delivered_mbit", "ec"), "station-keeping": ("target_distance", "ec")}
@@ -66,7 +60,7 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
         wide: all figures in three tables of any width, instead of those that matter most in one that fits.
     """
     first, count = comparison.combinations[0], comparison.episodes
-    own = {name: OF_TASK.get(name, (name, 2)) for name in comparison.of_task}
+    own = {name: OF_TASK.get(name, 2) for name in comparison.of_task}
     episodes = "1 episode" if count == 1 else f"{count} episodes"
     about = f"{scenario.name}, seed {seed}, {episodes}"
     several = comparison.combinations
@@ -86,18 +80,23 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
         print("\nrms: of the positions' error; fixes: share of seconds with one. More: --wide")
 
 
-def _table(comparison: Comparison, varied: Sequence[str], shown: Mapping[str, tuple[str, int]], limit: int) -> None:
-    """Figures by the name of their column, then the names that were shortened."""
+def heading(name: str) -> str:
+    """Heading of a column of the CSV, with its unit."""
+    return HEADINGS.get(name, name).replace(",", "")
+
+
+def _table(comparison: Comparison, varied: Sequence[str], shown: Mapping[str, int], limit: int) -> None:
+    """Figures by the name of their column with their digits, then the names that were shortened."""
     cells: list[list[str]] = []
     for which in comparison.combinations:
         spreads = []
-        for name, (_, digits) in shown.items():
+        for name, digits in shown.items():
             mean, deviation = comparison.score(which, name).mean, comparison.deviation(which, name)
             spreads.append("–" if math.isnan(mean) else f"{mean:.{digits}f} ± {deviation:.{digits}f}")
         cells.append([*(getattr(which, name) for name in varied), *spreads])
     long = [] if limit else [name for row in cells for name in row[: len(varied)]]
     short = tables.shortened(long, LONGEST_NAME[len(varied)])
-    headings = [*varied, *(heading for heading, _ in shown.values())]
+    headings = [*varied, *map(heading, shown)]
     brief_cells = [[short.get(cell, cell) for cell in row] for row in cells]
     tables.print_table(headings, brief_cells, len(varied), limit)
     for name, brief in short.items():

@@ -12,11 +12,15 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from matplotlib.figure import Figure
 
+from benchmarks import figures
+from benchmarks.figures import Ground
 from benchmarks.machine import batch, best_time, describe
 from kernels import runtime
 from kernels.positioning import rays, usbl
@@ -119,12 +123,12 @@ def cast(thickness: float = 1.0) -> SoundSpeedProfile:
     return SoundSpeedProfile.from_table(np.column_stack([z, 1506 - 15 * np.tanh((z - 35) / 12) + 0.016 * z]))
 
 
-def draw(path: str) -> None:
+def draw(ground: Ground) -> Figure:
     """The profiles and the horizontal error against horizontal range."""
     R = np.concatenate([np.linspace(1, 10, 19), np.linspace(11, 400, 390)])
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5.2), width_ratios=(1, 2.4), layout="constrained")
     exact = 0.0
-    for color, (name, table) in zip(("#33658a", "#c1440e", "#5c8001"), PROFILES.items(), strict=True):
+    for color, (name, table) in zip(ground.colours, PROFILES.items(), strict=False):
         profile = SoundSpeedProfile.from_table(table)
         z = np.linspace(0, 120, 241)
         left.plot(np.interp(z, profile.depths, profile.speeds), z, color=color)
@@ -132,17 +136,17 @@ def draw(path: str) -> None:
         for method, style in zip(METHODS[:2], ("--", "-"), strict=True):
             right.plot(R, np.abs(found[method][:, 0]), style, color=color, label=f"{name}, {method}")
         exact = max(exact, np.abs(found["down the ray"][:, 0]).max())
-    right.plot(R, noise(R), color="0.6", lw=4, alpha=0.6, label="noise of one fix in extreme, 1 σ", zorder=0)
-    right.axhline(exact, color="black", lw=0.8, ls=":", label=f"down the ray, all three: below {1e3 * exact:.1f} mm")
+    right.plot(R, noise(R), color=ground.muted, lw=4, alpha=0.6, label="noise of one fix in extreme, 1 σ", zorder=1)
+    bound = f"down the ray, all three: below {1e3 * exact:.1f} mm"
+    right.axhline(exact, color=ground.text, lw=0.8, ls=":", label=bound)
     left.set(xlabel="speed of sound, m/s", ylabel="depth, m", ylim=(120, 0))
-    left.axhline(DEPTH, color="0.6", lw=0.8)
-    left.text(1443, DEPTH - 1, "source", color="0.4", fontsize=8)
+    left.axhline(DEPTH, color=ground.muted, lw=0.8)
+    left.text(1443, DEPTH - 1, "source", color=ground.muted, fontsize=8)
     right.set(xlabel="horizontal range, m", ylabel="horizontal error of the fix, m", yscale="log")
     right.set(xlim=(0, 400), ylim=(1e-4, 40))
-    right.grid(alpha=0.3)
-    figure.legend(*right.get_legend_handles_labels(), loc="outside upper center", fontsize=8, ncols=2, frameon=False)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    right.grid()
+    figure.legend(*right.get_legend_handles_labels(), loc="outside upper center", fontsize=8, ncols=2)
+    return figure
 
 
 def measure(seconds: float) -> dict[str, object]:
@@ -210,11 +214,11 @@ def thinning_error(fine: SoundSpeedProfile, thin: SoundSpeedProfile, longest: fl
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
-    parser.add_argument("--out", help="draw the figure into this file")
+    parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png to write")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
     arguments = parser.parse_args()
     if arguments.out:
-        draw(arguments.out)
+        figures.write(arguments.out, draw)
     result = measure(arguments.seconds)
     if arguments.json:
         print(json.dumps(result, indent=1))

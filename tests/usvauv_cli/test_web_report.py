@@ -15,8 +15,9 @@ from scipy import stats
 
 import policies
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
+from usvauv_cli import columns
 from usvauv_cli.evaluation.comparison import Comparison
-from usvauv_cli.web_report import columns, figure_style, figures, page
+from usvauv_cli.web_report import figure_style, figures, page
 from usvauv_cli.web_report.player import at_arrows
 from usvauv_cli.web_report.recordings import (
     ERRORS,

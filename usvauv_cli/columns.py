@@ -1,4 +1,4 @@
-"""Columns of the page's tables: which figures of merit, their names and units, and which way is better."""
+"""Columns of tables in the terminal and on pages: figures of merit, their names and units, and which way is better."""
 
 from __future__ import annotations
 
@@ -50,6 +50,7 @@ POSITIONS = (
     Column("fix_dropped", "dropped", "share of detected fixes that the receiver does not use", "less"),
     Column("outage_longest", "outage, s", "longest time of an AUV without a usable fix", "less"),
 )
+HEADINGS = {column.name: column.heading for column in (*WORK, *OF_STATIONS, *OF_NODES, *OF_TASK.values(), *POSITIONS)}
 
 
 def tables(nodes: bool, of_task: Collection[str]) -> dict[str, list[Column]]:
