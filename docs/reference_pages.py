@@ -46,9 +46,9 @@ def unit(field: dict[str, Any]) -> str:
 
 def kind(field: dict[str, Any]) -> tuple[str, str]:
     """Type of a field of the schema, and what is allowed."""
-    if "anyOf" in field:
-        kinds, bounds = zip(*map(kind, field["anyOf"]), strict=True)
-        return " or ".join(kinds), " or ".join(bounds)
+    if choices := field.get("anyOf", field.get("oneOf")):
+        kinds, bounds = zip(*map(kind, choices), strict=True)
+        return " or ".join(kinds), " or ".join(filter(None, bounds))
     if "const" in field or "enum" in field:
         return "text", ", ".join(f"`{name}`" for name in field.get("enum", [field.get("const")]))
     if field["type"] == "array":
