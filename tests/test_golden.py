@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests import golden
 
 
@@ -20,6 +22,7 @@ def test_as_written_down():
         assert digest == kept["digests"][golden.processor()], renew
 
 
+@pytest.mark.slow
 def test_as_without_the_passes_that_other_tests_leave_out():
     """A mission whose kernels are compiled as users' are has the bits of one that is compiled as `conftest` says."""
     code = "from tests import golden; print(golden.traced(['tracked'])[0])"

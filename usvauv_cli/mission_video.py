@@ -43,11 +43,14 @@ class VideoSettings:
         """Refuse what cannot be written, before a mission is simulated.
 
         Raises:
-            UserError: `at` with a video.
+            UserError: the ending of `out`, or `at` with a video.
             OutputError: the size.
             MemoryNeeded: frames of that size.
         """
-        if self.at is not None and out.suffix.lower() != PICTURE:
+        ending = out.suffix.lower()
+        if ending not in ENDINGS:
+            raise UserError(f"--out {out}: must end in one of {', '.join(ENDINGS)}")
+        if self.at is not None and ending != PICTURE:
             raise UserError(f"--at {self.at:g}: is of a picture; --out {out} does not end in {PICTURE}")
         size = even(self.size, out)
         encoder.require(encoder.video_bytes(*size), f"--size {size[0]}x{size[1]}")
@@ -86,12 +89,12 @@ def render(
 
     Args:
         traces: one, or two that are compared.
-        out: its ending is one of `ENDINGS`; it appears only when it is complete.
+        out: a video of one of `FORMATS`, or a picture; it appears only when it is complete.
         progress: called with 1 after each frame.
 
     Raises:
         OutputError: the file cannot be written, or the size is out of range.
-        UserError: a moment that there is not.
+        UserError: an ending, or a moment, that there is not.
     """
     out = Path(out)
     settings.check(out)

@@ -212,6 +212,7 @@ class TestCommand:
         assert code == 2
         assert "no target rule" in stderr
 
+    @pytest.mark.slow
     def test_one_decision(self, run_usvauv, tmp_path):
         alone = ("--set", "auv.count=1", "--set", "mission.duration=1", "--worlds", "1")
         assert run_usvauv("train-targets", *self.SHORT, *alone, "--out", "rule.json")[::2] == (0, "")
@@ -230,6 +231,7 @@ class TestCommand:
         assert stdout.splitlines()[1:] == ["stopped after 0 of 1 iterations"]
         assert (tmp_path / "rule.json").read_text() == "mine"
 
+    @pytest.mark.slow
     def test_ctrl_c_keeps_the_best(self, tmp_path):
         command = [sys.executable, "-c", "from usvauv_cli.app import main; main()", "train-targets", *self.SHORT]
         command[command.index("--iterations") + 1] = "100000"

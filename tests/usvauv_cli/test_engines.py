@@ -215,9 +215,11 @@ class TestRayEngine:
         pytest.importorskip("ray", reason="needs the extra scale")
         from ray.cluster_utils import Cluster
 
+        before = signal.getsignal(signal.SIGTERM)
         cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
         yield cluster
         cluster.shutdown()
+        signal.signal(signal.SIGTERM, before)  # which a node took for itself
 
     def test_does_again_what_a_removed_node_had_and_nothing_else(self, cluster, tmp_path):
         node = cluster.add_node(num_cpus=1)

@@ -234,6 +234,7 @@ def workers(process: int) -> list[int]:
     return [int(child) for child in found if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the process")
 def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
     text = f"""

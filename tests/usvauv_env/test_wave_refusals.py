@@ -6,7 +6,7 @@ import pytest
 from tests.usvauv_env.ocean_files import cmems
 from tests.usvauv_env.test_ocean_refusals import attributes, curvilinear, put, values, without
 from tests.usvauv_env.wave_files import era5, fields, partitions, waves_of, ww3
-from usvauv_env.netcdf import reader
+from usvauv_env.netcdf import remote
 from usvauv_env.site.cf import OceanError
 from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.wave_files import read_waves
@@ -144,7 +144,7 @@ def test_files_without_waves(tmp_path):
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_a_damaged_file(share, tmp_path, monkeypatch):
-    monkeypatch.setattr(reader, "PATIENCE", 5.0)
+    monkeypatch.setattr(remote, "PATIENCE", 5.0)
     path = tmp_path / "waves.nc"
     ww3(STORM).to_netcdf(path, engine="h5netcdf")
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
