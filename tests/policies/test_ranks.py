@@ -181,6 +181,7 @@ class TestCommand:
     SMALL = (*("--learn", "hidden=8,8", "--learn", "batch=8", "--learn", "n_step=2"), "--set", "mission.duration=12")
     BEGIN = ("-m", "usvauv_cli", "train", "extreme", "--worlds", WORLDS, "--usv", "centroid", *SMALL)
 
+    @pytest.mark.slow
     def test_a_signal_to_one_ends_all_and_saves(self, tmp_path):
         out = tmp_path / "run"
         processes = begin(2, *self.BEGIN, "--steps", 10**6, "--out", out)

@@ -287,6 +287,7 @@ def test_command_refuses_what_is_no_target(run_usvauv):
     assert (code, stderr) == (2, "error: table3: must be one of table2, fig3, fig4a, fig4b, all, collaboration\n")
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_all_processes_cleanly(tmp_path):
     command = [*COMMAND, "reproduce", "fig3", "--quick", "--out", "b", "--jobs", "2"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:

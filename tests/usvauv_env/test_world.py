@@ -48,6 +48,7 @@ class TestRandomNumbers:
         for name, value in alone.items():
             np.testing.assert_array_equal(value[0], together[name][23], err_msg=name)
 
+    @pytest.mark.slow
     @pytest.mark.cpu("number of threads")
     def test_same_for_one_thread_and_three(self):
         script = (

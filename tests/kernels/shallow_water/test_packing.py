@@ -84,7 +84,7 @@ class TestSameSea:
 
     @pytest.mark.cpu("bands")
     @pytest.mark.parametrize("boundaries", [CLOSED, OPEN], ids=["closed", "open"])
-    @pytest.mark.parametrize("num_seas", [1, 5, 40])
+    @pytest.mark.parametrize("num_seas", [1, 5, pytest.param(40, marks=pytest.mark.slow)])
     def test_gpu_backend_gives_the_same_bits(self, monkeypatch, num_seas, boundaries):
         """The GPU backend, here on the CPU."""
         bands = fingerprint(num_seas, boundaries)
