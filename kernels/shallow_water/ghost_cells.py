@@ -133,12 +133,12 @@ def fill_open(basin: ti.template(), ghost: ti.template(), kind: ti.i32, tide: ve
     returning = leaving
     if ti.min(eta_1, eta_2) > ti.max(b_1, b_2) + basin.dry:
         even = ti.max(1.0 - ti.abs(b_1 - b_2) / ti.max(h0, basin.dry), 0.0)
-        outward = even * ti.cast(ghost.layer, ti.f32)
-        inward = even * (ti.cast(ghost.layer, ti.f32) - 1.0)
-        eta = ti.max(eta_1 + outward * (eta_1 - eta_2) - land, -h0)
-        leaving = u_1 + outward * (u_1 - u_2) + 2.0 * celerity_difference(eta, 0.0, h0, g)
-        eta = ti.max(eta_1 + inward * (eta_2 - eta_1) - land, -h0)
-        returning = u_1 + inward * (u_2 - u_1) + 2.0 * celerity_difference(eta, 0.0, h0, g)
+        beyond = even * ti.cast(ghost.layer, ti.f32)
+        within = even * (ti.cast(ghost.layer, ti.f32) - 1.0)
+        eta = ti.max(eta_1 + beyond * (eta_1 - eta_2) - land, -h0)
+        leaving = u_1 + beyond * (u_1 - u_2) + 2.0 * celerity_difference(eta, 0.0, h0, g)
+        eta = ti.max(eta_1 + within * (eta_2 - eta_1) - land, -h0)
+        returning = u_1 + within * (u_2 - u_1) + 2.0 * celerity_difference(eta, 0.0, h0, g)
     if kind != FORCED:
         returning = 0.0
 
