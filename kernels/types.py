@@ -1,8 +1,22 @@
 """Types of Taichi arguments, and numbered columns of arrays."""
 
+import sys
 from typing import Any, ClassVar
 
 import taichi as ti
+from taichi.lang import kernel_impl
+
+
+def _in_class_body(level_of_class_stackframe: int) -> bool:
+    """Whether the caller that many frames above is the body of a class.
+
+    Taichi's decorators ask this. Their own way reads the caller's source, which takes as long for the 600 functions of
+    the kernels as all other imports of `usvauv_env` but torch's and Taichi's.
+    """
+    return "__qualname__" in sys._getframe(level_of_class_stackframe).f_locals
+
+
+kernel_impl._inside_class = _in_class_body
 
 vec2 = ti.types.vector(2, ti.f32)
 ivec2 = ti.types.vector(2, ti.i32)

@@ -11,7 +11,6 @@ that of `clear`.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,12 +20,11 @@ import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from kernels import runtime
-from kernels.errors import UserError
 from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv_cli import console
 from usvauv_cli.engines import training
-from usvauv_cli.engines.conduct import conduct, signs_in
-from usvauv_cli.engines.local import Local
-from usvauv_cli.engines.task import Ended, Signs, Task
+from usvauv_cli.engines.local import finish
+from usvauv_cli.engines.task import Signs
 from usvauv_env import EpisodeMetrics, Scenario, World, evaluate
 
 PROFILE = "observation.current=profile"
@@ -85,20 +83,10 @@ class Training:
 def train(steps: int, folder: Path, jobs: int) -> dict[str, Path]:
     """Train what is not finished already, `jobs` at a time; returns the folder of each last policy."""
     places = {name: folder / name.replace(" ", "-") for name in TRAINED}
-    threads = max(1, runtime.available_cores() // jobs)
-
-    def ended(result: Ended) -> None:
-        if result.how != "done":
-            raise UserError(f"{result.name}: {result.words}")
-        print(f"trained: {result.name}", file=sys.stderr, flush=True)
-
-    with signs_in(folder) as signs:
-        tasks = [
-            Task(name, Training(name, steps, place), signs, threads)
-            for name, place in places.items()
-            if training.trained(place) < steps
-        ]
-        conduct(Local(jobs, threads), tasks, signs, ended)
+    left = {name: steps - training.trained(place) for name, place in places.items()}
+    todo = {places[name].name: Training(name, steps, places[name]) for name in TRAINED if left[name] > 0}
+    with console.progress("training", sum(left[each.name] for each in todo.values())) as bar:
+        finish(todo, folder, jobs, lambda units: bar(round(units)))
     return {name: place / "last" for name, place in places.items()}
 
 

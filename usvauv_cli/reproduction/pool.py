@@ -8,16 +8,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from kernels import runtime
-from kernels.errors import UserError
 from kernels.interruption import stoppable
 from usvauv_cli import console
-from usvauv_cli.engines.conduct import conduct, signs_in
-from usvauv_cli.engines.local import Local
-from usvauv_cli.engines.task import Ended, Signs, Stopped, Task, reported
+from usvauv_cli.engines.local import finish
+from usvauv_cli.engines.task import Signs, Stopped
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import Piece, Work
-from usvauv_env import plugins
 
 FIRST_PIECE = 20.0  # seconds of work by which the time of the whole is estimated
 
@@ -41,7 +37,8 @@ def run(pieces: Sequence[Piece], settings: Settings, folder: Path, jobs: int, sa
         if jobs == 1:
             _alone(todo, settings, folder, advance)
         else:
-            _together(todo, settings, folder, min(jobs, len(todo)), advance)
+            work = {str(number): _Run(piece, settings, folder) for number, piece in enumerate(todo)}
+            finish(work, folder, min(jobs, len(todo)), advance)
 
 
 class _Expectation:
@@ -77,30 +74,6 @@ def _alone(pieces: Sequence[Piece], settings: Settings, folder: Path, advance: C
             stop.raise_if_asked()
             piece.run(Work(settings, folder, advance, lambda: stop.asked))
     stop.raise_if_asked()
-
-
-def _together(
-    pieces: Sequence[Piece], settings: Settings, folder: Path, jobs: int, advance: Callable[[float], None]
-) -> None:
-    threads, done = max(1, runtime.available_cores() // jobs), 0.0
-
-    def ended(result: Ended) -> None:
-        if result.how != "done":
-            raise UserError(f"{result.words}; try --jobs 1" if result.how == "lost" else result.words)
-
-    def watch() -> None:
-        nonlocal done
-        now = sum(reported(signs, task.name) or 0.0 for task in tasks)
-        if now > done:
-            advance(now - done)
-            done = now
-
-    with signs_in(folder) as signs:
-        tasks = [
-            Task(str(number), _Run(piece, settings, folder), signs, threads, plugins=tuple(plugins.loaded()))
-            for number, piece in enumerate(pieces)
-        ]
-        conduct(Local(jobs, threads), tasks, signs, ended, watch)
 
 
 @dataclass(frozen=True)
