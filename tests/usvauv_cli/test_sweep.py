@@ -7,6 +7,8 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -234,58 +236,110 @@ def workers(process: int) -> list[int]:
     return [int(child) for child in found if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the process")
-def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
-    text = f"""
-        [[runs]]
-        algorithm = "sac"
-        steps = 40000
-        worlds = 8
-        learn = ["hidden=8", "batch=16", "warmup=200"]
-        {SHORT}
-        [evaluation]
-        episodes = 2
-    """
-    written(tmp_path, text)
-    command = [*COMMAND, "sweep", "study.toml", "--out", "a", "--jobs", "1"]
+class Study:
+    """A study of one training in a folder, and the processes that do it; in the folder `a`."""
 
-    def start() -> subprocess.Popen:
+    LEARNED = 40000  # world-steps
+
+    def __init__(self, folder: Path, *options: str, more: str = "") -> None:
+        self.folder = folder
+        self.command = [*COMMAND, "sweep", "study.toml", "--out", "a", *options]
+        text = f"""
+            [common]
+            {SHORT}
+            [[runs]]
+            algorithm = "sac"
+            steps = {self.LEARNED}
+            worlds = 8
+            learn = ["hidden=8", "batch=16", "warmup=200"]
+            {more}
+            [evaluation]
+            episodes = 2
+        """
+        written(folder, text)
+
+    @contextmanager
+    def begun(self) -> Iterator[subprocess.Popen]:
+        """The command runs."""
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         pipe = subprocess.PIPE
-        return subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=pipe, stderr=pipe, text=True)
+        with subprocess.Popen(
+            self.command, cwd=self.folder, env=environment, stdout=pipe, stderr=pipe, text=True
+        ) as self.running:
+            yield self.running
 
-    def saved() -> int:
-        for path in tmp_path.glob("a/runs/*/last/training.json"):
+    def saved(self) -> int:
+        """World-steps of the training that are saved."""
+        for path in self.folder.glob("a/runs/*/last/training.json"):
             return json.loads(path.read_text())["steps"]
         return 0
 
-    def wait_for(steps: int) -> None:
-        while saved() < steps:
-            assert running.poll() is None, running.communicate()
+    def wait_for(self, steps: int, results: int = 0) -> None:
+        while self.saved() < steps or len(self.results()) < results:
+            assert self.running.poll() is None, self.running.communicate()
             time.sleep(0.02)
 
-    with start() as running:
-        wait_for(1)
+    def results(self) -> list[Path]:
+        return sorted(self.folder.glob("a/runs/*/episodes.csv"))
+
+    def resumed(self) -> list[int]:
+        """World-steps from which the training went on."""
+        (about,) = (json.loads(path.read_text()) for path in self.folder.glob("a/runs/*/last/policy.json"))
+        return [entry["steps"] for entry in about["resumed"]]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the process")
+def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
+    study = Study(tmp_path, "--jobs", "1")
+    with study.begun() as running:
+        study.wait_for(1)
         running.send_signal(signal.SIGINT)
         said, complaints = running.communicate(timeout=120)
     assert (running.returncode, complaints) == (130, "stopped\n")
     assert "the same command goes on" in said
-    stopped = saved()
-    assert 0 < stopped < 40000
-    assert not list(tmp_path.glob("a/runs/*/episodes.csv"))
-    with start() as running:
-        wait_for(stopped + 1)
+    stopped = study.saved()
+    assert 0 < stopped < study.LEARNED
+    assert not study.results()
+    with study.begun() as running:
+        study.wait_for(stopped + 1)
         (worker,) = workers(running.pid)
         os.kill(worker, signal.SIGKILL)
         said, complaints = running.communicate(timeout=300)
     assert (running.returncode, complaints) == (0, "")
-    (about,) = (json.loads(path.read_text()) for path in tmp_path.glob("a/runs/*/last/policy.json"))
-    resumed = [entry["steps"] for entry in about["resumed"]]
+    resumed = study.resumed()
     assert len(resumed) == 2
     assert resumed[0] == stopped < resumed[1]
     assert set(counted(tmp_path / "a").values()) == {1}
     assert len(counted(tmp_path / "a")) == 2
+
+
+@pytest.mark.slow
+def test_a_command_that_is_killed_loses_and_repeats_nothing_on_ray(tmp_path):
+    cluster_utils = pytest.importorskip("ray.cluster_utils", reason="needs the extra scale")
+    before = signal.getsignal(signal.SIGTERM)
+    cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    cluster.add_node(num_cpus=1)
+    try:
+        study = Study(tmp_path, "--ray", cluster.address, more='[[runs]]\npolicy = "clear"')
+        with study.begun() as running:
+            study.wait_for(1, results=1)
+            running.kill()
+            running.communicate(timeout=60)
+        (done,), saved = study.results(), study.saved()
+        written_at = done.stat().st_mtime_ns
+        with study.begun() as running:
+            said, complaints = running.communicate(timeout=300)
+    finally:
+        cluster.shutdown()
+        signal.signal(signal.SIGTERM, before)  # which a node took for itself
+    assert (running.returncode, complaints) == (0, "")
+    assert said.startswith("1 of 2 runs to do, 1 are done\n")
+    assert done.stat().st_mtime_ns == written_at
+    (resumed,) = study.resumed()
+    assert 0 < saved <= resumed < study.LEARNED
+    assert set(counted(tmp_path / "a").values()) == {1}
+    assert len(counted(tmp_path / "a")) == 2 * 2
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no such limit")
