@@ -21,7 +21,6 @@ from usvauv_env import plugins
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md")), *sorted((ROOT / "docs").glob("*.md"))]
-OTHER = "paper-ideal"  # which observes least
 SCENARIOS = sorted(path.stem for path in (Path(usvauv_env.__file__).parent / "scenarios").glob("*.toml"))
 NAMED = re.compile(rf"""(["'])(?:{"|".join(SCENARIOS)})\1""")  # a scenario's name in quotation marks
 PLACE = re.compile(
@@ -52,7 +51,7 @@ def is_call(span: str) -> bool:
 
 
 def snippets() -> Iterator:
-    """Python of each page as it stands; if it names a scenario, also with `OTHER`, in slow tests with all others."""
+    """Python of each page as it stands; if it names a scenario, in slow tests with all others."""
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         found = [block for block in blocks(text) if is_python(block) and page.stem != "extending"]  # files of plugins
@@ -61,11 +60,9 @@ def snippets() -> Iterator:
         if calls:
             found.append("\n".join(["import gymnasium, policies, usvauv_env, usvauv_env.faces.torchrl_env", *calls]))
         for number, code in enumerate(found):
-            others = [scenario for scenario in SCENARIOS if scenario != OTHER] if NAMED.search(code) else []
-            few = [code, *([NAMED.sub(f'"{OTHER}"', code)] if others else [])]
-            yield pytest.param(few, id=f"{page.stem}-{number}")
-            if others:
-                rest = [NAMED.sub(f'"{scenario}"', code) for scenario in others]
+            yield pytest.param([code], id=f"{page.stem}-{number}")
+            if NAMED.search(code):
+                rest = [other for name in SCENARIOS if (other := NAMED.sub(f'"{name}"', code)) != code]
                 yield pytest.param(rest, id=f"{page.stem}-{number}-others", marks=pytest.mark.slow)
 
 
