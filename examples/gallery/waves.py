@@ -47,7 +47,7 @@ waves.to_netcdf(path, engine="h5netcdf")
 # A scenario at that place, and the sea of its first mission.
 scenario = Scenario.load("extreme", [f"water.waves={path}", "water.longitude=0.5", "water.latitude=58.5"])
 site = Site(scenario)
-sea = build_short_waves(site, seed=0, num_seas=1)
+sea = build_short_waves(site, [(0, 0)])
 print(f"Hs {4 * math.sqrt((sea.amplitude**2 / 2).sum()):.2f} m at {site.start}")
 
 # %%

@@ -3,6 +3,14 @@
 from kernels.types import Columns
 
 
+class KeyColumn(Columns):
+    """What a world's random numbers depend on, (W, 3) int32: words of its seed, which of the seed's worlds it is."""
+
+    low: int
+    high: int
+    world: int
+
+
 class Parameter(Columns):
     """Numbers of a scenario, (P,), in SI units; flags are 0 or 1."""
 
@@ -10,7 +18,6 @@ class Parameter(Columns):
     width: int
     length: int
     diagonal: int
-    first_world: int
     circulation_min: int
     circulation_max: int
     alternate: int

@@ -7,7 +7,7 @@ import taichi as ti
 from kernels import random
 from kernels.mission import navigation, serving
 from kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Refraction, Sensor
-from kernels.mission.worlds import address, normals, uniforms
+from kernels.mission.worlds import address, key, normals, uniforms
 from kernels.positioning import acoustic_link, coded_pulse, rays, reflections, tracker, usbl, validation, waveform
 from kernels.positioning.validation import Expectation
 from kernels.types import mat3, vec2, vec3, vec4, vec6
@@ -86,8 +86,8 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     slope = p[Parameter.tilt] * vec2(boat[w, b, BoatColumn.slope_x], boat[w, b, BoatColumn.slope_y])
     angles = usbl.attitude(slope)
     noise = normals(worlds, w, Draw.attitude, b)
-    lasting = random.normals(address(worlds, w, 0, Draw.calibration, b), worlds.key_low, worlds.key_high)
-    lever = random.normals(address(worlds, w, 0, Draw.lever_arm, b), worlds.key_low, worlds.key_high)
+    lasting = random.normals(address(worlds, w, 0, Draw.calibration, b), key(worlds, w))
+    lever = random.normals(address(worlds, w, 0, Draw.lever_arm, b), key(worlds, w))
     error = p[Parameter.attitude_error] * vec2(noise[0], noise[1])
     error += p[Parameter.alignment_error] * vec2(lasting[0], lasting[1])
     gnss = vec2(boat[w, b, BoatColumn.gnss_x], boat[w, b, BoatColumn.gnss_y])
@@ -129,11 +129,11 @@ def sample(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, sigma, draw
     if ti.static(worlds.program.coded):
         heard = sounds(worlds, pose, arrival, w, k)
         noise = ti.static(worlds.pulse_noise)
-        coded_pulse.draw(noise, w, draw, worlds.key_low, worlds.key_high)
+        coded_pulse.draw(noise, w, draw, key(worlds, w))
         energy = 1.0 / (sigma * sigma)
         measured = coded_pulse.measure(worlds.pulses, link, k, arrival.path, energy, heard, noise, w)
     else:
-        stream = random.philox(draw, worlds.key_low, worlds.key_high)
+        stream = random.philox(draw, key(worlds, w))
         at = arrival.path * arrival.body
         measured = waveform.measure(link, k, at, arrival.path, sigma, stream, waveform.PROJECTED)
     return measured
@@ -163,7 +163,7 @@ def receive(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k) -> S
             body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
             slant_range += disturbed[2]
             sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)
-        noise = random.normals(draw, worlds.key_low, worlds.key_high)
+        noise = random.normals(draw, key(worlds, w))
         residual_noise = 0.0
         if ti.static(worlds.program.turns):
             residual_noise = normals(worlds, w, Draw.residual, k)[0]

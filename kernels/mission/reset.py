@@ -9,7 +9,7 @@ from kernels.flow.vortex import Vortex
 from kernels.mission import boat, channel, fixes, navigation, observation, serving
 from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
 from kernels.mission.motion import distance_between
-from kernels.mission.worlds import address, uniforms
+from kernels.mission.worlds import address, key, uniforms
 from kernels.types import array1, array2, array3, index2
 
 START_ATTEMPTS = 256
@@ -26,8 +26,7 @@ class VortexDraw(NamedTuple):
 
     p: Any
     fixed_vortex: Any
-    key_low: Any
-    key_high: Any
+    key: Any
     clock: Any
 
 
@@ -52,10 +51,10 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
 
 
 @ti.kernel
-def draw_vortices(p: array1, fixed_vortex: array2, key_low: ti.u32, key_high: ti.u32, clock: index2, vortex: array3):
+def draw_vortices(p: array1, fixed_vortex: array2, key: index2, clock: index2, vortex: array3):
     """The vortices with which the present episode of each world begins, into `vortex` (W, V, 4)."""
     for w in range(vortex.shape[0]):
-        place_vortices(ti.static(VortexDraw(p, fixed_vortex, key_low, key_high, clock)), vortex, w)
+        place_vortices(ti.static(VortexDraw(p, fixed_vortex, key, clock)), vortex, w)
 
 
 @ti.func
@@ -69,7 +68,7 @@ def place_auv(worlds: ti.template(), w, k):
     searching = True
     attempt = 0
     while searching:
-        u = random.uniforms(address(worlds, w, attempt, Draw.auv, k), worlds.key_low, worlds.key_high)
+        u = random.uniforms(address(worlds, w, attempt, Draw.auv, k), key(worlds, w))
         margin = p[Parameter.start_margin]
         x = margin + u[0] * (p[Parameter.width] - 2 * margin)
         y = margin + u[1] * (p[Parameter.length] - 2 * margin)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from kernels import random
-from kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
+from kernels.mission.columns import Information, KeyColumn, Refraction, Schedule, Sensor
 from kernels.mission.tasks.task import Task
 
 
@@ -91,7 +91,7 @@ class Worlds(NamedTuple):
         task_parameters: (≥ 1,) numbers that the task declares.
         reward_weights: (R,) weights of the reward terms.
         observation_first: (terms,) int32, index of the first number of each term.
-        key_low, key_high: uint32, the seed.
+        key: (W, .) int32 `KeyColumn`, the seed of each world.
         water: `kernels.flow.current.Water`.
         clock: (W, 2) int32, episode and mission steps done.
         action: (W, K, 2) in [−1, 1].
@@ -125,8 +125,7 @@ class Worlds(NamedTuple):
     task_parameters: Any
     reward_weights: Any
     observation_first: Any
-    key_low: Any
-    key_high: Any
+    key: Any
     water: Any
     clock: Any
     action: Any
@@ -150,9 +149,9 @@ class Worlds(NamedTuple):
 
 @ti.func
 def address(worlds: ti.template(), w, step, draw, index):
-    """Counter of a random draw: the world's own index, its episode, a step, and what the draw is for (`Draw`)."""
+    """Counter of a random draw: the world's index in its seed, its episode, a step, what the draw is for (`Draw`)."""
     return random.uint4(
-        ti.cast(w + ti.cast(worlds.p[Parameter.first_world], ti.i32), ti.u32),
+        ti.cast(worlds.key[w, KeyColumn.world], ti.u32),
         ti.cast(worlds.clock[w, 0], ti.u32),
         ti.cast(step, ti.u32),
         ti.cast(draw * 65536 + index, ti.u32),
@@ -160,12 +159,21 @@ def address(worlds: ti.template(), w, step, draw, index):
 
 
 @ti.func
+def key(worlds: ti.template(), w):
+    """Key of all random draws of a world: its seed."""
+    return random.uint2(
+        ti.cast(worlds.key[w, KeyColumn.low], ti.u32),
+        ti.cast(worlds.key[w, KeyColumn.high], ti.u32),
+    )
+
+
+@ti.func
 def uniforms(worlds: ti.template(), w, draw, index):
     """Four independent numbers uniform in (0, 1), of the present step."""
-    return random.uniforms(address(worlds, w, worlds.clock[w, 1], draw, index), worlds.key_low, worlds.key_high)
+    return random.uniforms(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))
 
 
 @ti.func
 def normals(worlds: ti.template(), w, draw, index):
     """Four independent standard normal numbers, of the present step."""
-    return random.normals(address(worlds, w, worlds.clock[w, 1], draw, index), worlds.key_low, worlds.key_high)
+    return random.normals(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))

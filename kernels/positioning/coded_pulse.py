@@ -108,13 +108,13 @@ def envelope(table: ti.template(), k: ti.i32, lag: ti.f32) -> ti.f32:
 
 
 @ti.func
-def draw(normals: ti.template(), n: ti.i32, address: random.uint4, key_low: ti.u32, key_high: ti.u32):
+def draw(normals: ti.template(), n: ti.i32, address: random.uint4, key: random.uint2):
     """Fill row n of `normals`, (…, columns, 8), from the draws that belong to an address."""
-    stream = random.philox(address, key_low, key_high)
+    stream = random.philox(address, key)
     for r in range(normals.shape[1]):
         for half in ti.static(range(2)):
             column = random.uint4(ti.cast(r, ti.u32), ti.u32(half), stream[2], stream[3])
-            drawn = random.normals(column, stream[0], stream[1])
+            drawn = random.normals(column, random.uint2(stream[0], stream[1]))
             for i in ti.static(range(4)):
                 normals[n, r, 4 * half + i] = drawn[i]
 
@@ -346,7 +346,8 @@ def _measurements(
     for n in range(offset.shape[0]):
         tables = ti.static(Pulses(envelopes, noise, rate))
         r, axes, boundaries = situation(offset, slope, water, n)
-        draw(normals, n, random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0)), key_low, key_high)
+        address = random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0))
+        draw(normals, n, address, random.uint2(key_low, key_high))
         heard = sounds(tables, link, auv[n], axes @ r, r, axes, boundaries, reflecting)
         measured = measure(tables, link, auv[n], r.norm(), energy[n], heard, normals, n)
         for j in ti.static(range(MEASURED)):

@@ -80,7 +80,7 @@ def rayleigh(u: ti.f32) -> ti.f32:
 @ti.func
 def normals(address: random.uint4, stream: random.uint4) -> vec4:
     """As `random.normals` with the key in the stream; with the functions above a sampled fix takes half the time."""
-    u = random.uniforms(address, stream[0], stream[1])
+    u = random.uniforms(address, random.uint2(stream[0], stream[1]))
     a = rayleigh(u[0]) * direction(u[1])
     b = rayleigh(u[2]) * direction(u[3])
     return vec4(a[0], a[1], b[0], b[1])

@@ -361,10 +361,11 @@ def _fixes(
         angles = usbl.attitude(vec2(slope[n, 0], slope[n, 1]))
         body = usbl.array_axes(angles) @ r
         index = ti.cast(n, ti.u32)
+        key = random.uint2(key_low, key_high)
         sigma = acoustic_link.phase_deviation(link, k, S, acoustic_link.further_loss(link, k, r, 0.0))
-        stream = random.philox(random.uint4(index, ti.u32(0), ti.u32(0), ti.u32(0)), key_low, key_high)
+        stream = random.philox(random.uint4(index, ti.u32(0), ti.u32(0), ti.u32(0)), key)
         measured = measure(link, k, body, S, sigma, stream, sampled)
-        tilt = random.normals(random.uint4(index, ti.u32(1), ti.u32(0), ti.u32(0)), key_low, key_high)
+        tilt = random.normals(random.uint4(index, ti.u32(1), ti.u32(0), ti.u32(0)), key)
         axes = usbl.array_axes(angles + ti.sqrt(link[k, acoustic_link.ATTITUDE]) * vec2(tilt[0], tilt[1]))
         found = fix(link, k, body, S, sigma, measured, axes)
         for j in ti.static(range(4)):

@@ -18,7 +18,7 @@ def _philox(
         address = random.uint4(0)
         for j in ti.static(range(4)):
             address[j] = ti.cast(counter[i, j], ti.u32)
-        word = random.philox(address, ti.cast(key[i, 0], ti.u32), ti.cast(key[i, 1], ti.u32))
+        word = random.philox(address, random.uint2(ti.cast(key[i, 0], ti.u32), ti.cast(key[i, 1], ti.u32)))
         for j in ti.static(range(4)):
             out[i, j] = ti.cast(word[j], ti.i64)
 
@@ -27,9 +27,10 @@ def _philox(
 def _draw(out: ti.types.ndarray(dtype=ti.f32, ndim=2), first: ti.u32, seed: ti.u32, normal: ti.i32):
     for i in range(out.shape[0]):
         address = random.uint4(first + ti.cast(i, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0))
-        draw = random.uniforms(address, seed, ti.u32(0))
+        key = random.uint2(seed, ti.u32(0))
+        draw = random.uniforms(address, key)
         if normal != 0:
-            draw = random.normals(address, seed, ti.u32(0))
+            draw = random.normals(address, key)
         for j in ti.static(range(4)):
             out[i, j] = draw[j]
 

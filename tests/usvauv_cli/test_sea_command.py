@@ -72,8 +72,8 @@ def data(tmp_path_factory):
 class TestData:
     def test_is_the_sea_of_the_solvers(self, data):
         path, scenario = data
-        long_waves = build_sea(Site(scenario), 3, 1, (25, 30))
-        storm = build_short_waves(Site(scenario), 3, 1)
+        long_waves = build_sea(Site(scenario), [(3, 0)], (25, 30))
+        storm = build_short_waves(Site(scenario), [(3, 0)])
         with xarray.open_dataset(path, engine="h5netcdf") as file:
             assert file.elevation.dims == ("time", "y", "x")
             assert file.elevation.shape == (6, 30, 25)
@@ -463,7 +463,7 @@ class TestMeasured:
     @pytest.mark.parametrize("spreading", [2, 10, 50])
     def test_a_storm_is_as_it_is_wanted(self, spreading):
         scenario = Scenario.load("extreme", [f"storm.spreading={spreading}"])
-        waves, place = build_short_waves(Site(scenario), 1, 1), np.linspace(10, 190, 8)
+        waves, place = build_short_waves(Site(scenario), [(1, 0)]), np.linspace(10, 190, 8)
         x, y = (axis.ravel() for axis in np.meshgrid(place, place))
         k = waves.k[0] * np.array([np.cos(waves.direction[0]), np.sin(waves.direction[0])])  # (2, N)
         here = waves.amplitude[0] * np.exp(1j * (np.stack([x, y], 1) @ k + waves.phase[0]))

@@ -25,6 +25,7 @@ from usvauv_env.site.site import Site
 from usvauv_env.world.spaces import auv_observation_space
 
 NAME = "usvauv/DataCollection-v0"
+SEEDS = [7, (1 << 64) - 1, 7 + (1 << 32)]
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STEPS = 5
 
@@ -164,7 +165,7 @@ class TestAutoreset:
 
     @pytest.mark.parametrize("mode", list(AutoresetMode))
     def test_as_gymnasiums_own_vector_env(self, short, mode):
-        """Same types, shapes and info keys as SyncVectorEnv over the single face, and world 0 the same numbers.
+        """The same as SyncVectorEnv over the single face, to the bit, with a seed for each.
 
         Except that "auv_reward" is there in every step: see `test_rewards_of_auvs_are_in_every_info`.
         """
@@ -180,13 +181,14 @@ class TestAutoreset:
                 assert a.keys() == b.keys(), where
                 for key in a:
                     alike(a[key], b[key], f"{where} {key}")
-            elif a.dtype == object:
-                np.testing.assert_array_equal(a[0], b[0], err_msg=where)
             else:
                 assert (a.dtype, a.shape) == (b.dtype, b.shape), where
-                np.testing.assert_array_equal(a[0], b[0], err_msg=where)
+                for own, same in zip(a, b, strict=True):  # of worlds
+                    np.testing.assert_array_equal(own, same, err_msg=where)
 
-        alike(ours.reset(seed=7)[0], theirs.reset(seed=7)[0], "reset")
+        first = ours.reset(seed=SEEDS)[0]
+        alike(first, theirs.reset(seed=SEEDS)[0], "reset")
+        assert len(np.unique(first, axis=0)) == 3
         for step, move in enumerate(actions(12), start=1):
             a, b = ours.step(move), theirs.step(move)
             for info in (a[4], b[4]):
@@ -222,9 +224,34 @@ class TestAutoreset:
 
 
 class TestVectorEnv:
-    def test_several_seeds_are_refused(self, short):
-        with pytest.raises(TypeError, match=r"seed = \[1, 2, 3\]: must be one number"):
-            vector_env(short).reset(seed=[1, 2, 3])
+    @pytest.mark.parametrize(
+        ("seed", "match"),
+        [
+            ([1, 2], "seed: 2 for 3 worlds; must be one for all, or one for each"),
+            ([], "seed: 0 for 3 worlds"),
+            ([1, None, 2], "seed = None: must be a whole number from 0 to"),
+            ([1, 2, -3], "seed = -3: must be"),
+            (1 << 64, f"seed = {1 << 64}: must be"),
+            (1.5, "seed = 1.5: must be"),
+            ("abc", "seed = 'a': must be"),
+            (np.ones(3), "seed = .*1.0.*: must be"),
+            (np.ones((3, 1), int), "seed = array"),
+        ],
+    )
+    def test_bad_seeds_change_nothing(self, short, seed, match):
+        envs = vector_env(short)
+        envs.reset(seed=1)
+        world = envs.world
+        with pytest.raises(ScenarioError, match=match):
+            envs.reset(seed=seed)
+        assert envs.world is world
+
+    def test_seeds_of_any_kind(self, short):
+        envs = vector_env(short)
+        first, _ = envs.reset(seed=SEEDS)
+        for seeds in (tuple(SEEDS), np.array(SEEDS, np.uint64)):
+            np.testing.assert_array_equal(envs.reset(seed=seeds)[0], first)
+        np.testing.assert_array_equal(envs.reset(seed=np.int64(7))[0], envs.reset(seed=7)[0])
 
     @pytest.mark.parametrize(
         ("mask", "error"),
@@ -490,6 +517,14 @@ class TestPictures:
         # The second episode's first picture, but for the sea, which runs on where only some worlds are reset.
         panel = np.s_[60:, 720:]
         assert (alone.render()[1][panel] != again[1][panel]).mean() < 0.05
+
+    def test_each_with_a_seed_of_its_own(self, short):
+        envs = gymnasium.make_vec(NAME, num_envs=2, scenario=short, render_mode="rgb_array")
+        envs.reset(seed=[4, 9])
+        for seed, picture in zip((4, 9), envs.render(), strict=True):
+            env = DataCollectionEnv(short, render_mode="rgb_array")
+            env.reset(seed=seed)
+            np.testing.assert_array_equal(env.render(), picture)
 
     def test_pettingzoo(self, short):
         def make(render_mode):

@@ -127,6 +127,7 @@ ALONE = {
     "station-keeping": ("station-keeping", ["auv.count=5"], "centroid"),
     "plugin": ("extreme", ["task=survey"], "centroid"),
 }
+SEEDS = (4, (1 << 64) - 1, 4 + (1 << 32), 4)
 
 
 @pytest.mark.usefixtures("_plugin")
@@ -155,3 +156,33 @@ def test_alone_as_in_a_batch(case):
     for other in found[1:]:
         for one, same in zip(found[0], other, strict=True):
             np.testing.assert_array_equal(one, same)
+
+
+@pytest.mark.usefixtures("_plugin")
+@pytest.mark.parametrize("case", ALONE)
+def test_each_with_a_seed_of_its_own_as_alone(case):
+    """Two episodes of worlds of different seeds, two of them of the same one: the bits of each seed's world 0."""
+    name, changes, usv = ALONE[case]
+    scenario = Scenario.load(name, [*changes, "mission.duration=12"])
+
+    def history(world: World) -> list[torch.Tensor]:
+        states, generator = [], torch.Generator().manual_seed(5)
+        for _ in range(2):
+            states.append(world.reset().clone())
+            for _ in range(world.steps):
+                action = 2 * torch.rand((1, world.num_auvs, 2), generator=generator) - 1
+                observation, reward, *_, info = world.step(action.expand(world.num_worlds, -1, -1))
+                states += [observation.clone(), reward.clone(), info["measures"].clone()]
+            states += [getattr(world, each).clone() for each in ("auv", "node", "boat", "estimate", "vortex")]
+        return states
+
+    together = World(scenario, len(SEEDS), SEEDS, usv)
+    assert len(together.storm.k) == len(set(SEEDS))
+    states = history(together)
+    for own, seed in enumerate(SEEDS[:-1]):
+        for one, same in zip(states, history(World(scenario, 1, seed, usv)), strict=True):
+            np.testing.assert_array_equal(one[own], same[0])
+    for state in states:
+        np.testing.assert_array_equal(state[0], state[3])
+    assert not (states[0][0] == states[0][1]).all()
+    assert not (states[0][0] == states[0][2]).all()

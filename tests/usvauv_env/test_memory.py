@@ -27,9 +27,9 @@ def peak():
     return 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1])  # not the parent's
 
 quick = Scenario.load("extreme", ["sea.update_interval=0.02"])
-build_sea(Site(quick), 0, 1).advance()
+build_sea(Site(quick), [(0, 0)]).advance()
 before = peak()
-sea = build_sea(Site(quick), 0, 1, (1600, 1600))
+sea = build_sea(Site(quick), [(0, 0)], (1600, 1600))
 sea.advance()
 print(sea_bytes(quick, (1600, 1600), 1) / (peak() - before))
 """

@@ -22,7 +22,7 @@ def scenario(width: float = 200.0, length: float = 200.0, **sea) -> Scenario:
 
 def sea_of(scenario: Scenario, seed: int, num_seas: int, cells: tuple[int, int] | None = None):
     """Seas of a scenario at its own site."""
-    return build_sea(Site(scenario), seed, num_seas, cells)
+    return build_sea(Site(scenario), [(seed, sea) for sea in range(num_seas)], cells)
 
 
 def between_cells(fine: np.ndarray, cells: tuple[int, int]) -> np.ndarray:

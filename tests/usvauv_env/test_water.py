@@ -177,7 +177,7 @@ class TestRealBed:
         field = site.bed[0, :, :, 0]
         x, y = np.meshgrid(np.linspace(0, 1500, field.shape[1]), np.linspace(0, 1000, field.shape[0]))
         np.testing.assert_allclose(field, bed_depth(*frame.to_geographic(x, y)), atol=0.01)
-        sea = build_sea(site, 0, 1)
+        sea = build_sea(site, [(0, 0)])
         x, y = np.meshgrid((np.arange(30) + 0.5) * 50, (np.arange(20) + 0.5) * 50)
         np.testing.assert_allclose(sea.depth, bed_depth(*frame.to_geographic(x, y)), atol=0.01)
         assert site.mean_depth == pytest.approx(sea.depth.mean(), abs=0.1)
@@ -193,7 +193,7 @@ class TestRealBed:
         site = Site(self.scenario(slope))
         assert grids == []
         for _ in range(2):
-            build_sea(site, 0, 1)
+            build_sea(site, [(0, 0)])
             assert site.bed.max() > site.mean_depth
         assert grids == [(30, 20), (256, 171)]
 
@@ -225,7 +225,7 @@ class TestRealBed:
     def test_dry_land_in_the_nonlinear_sea(self, slope):
         """Over the file's shore: water at rest stays at rest and land stays dry."""
         place = ["water.longitude=5.05", "water.latitude=60.05", "area.width=5000", "area.length=5000"]
-        sea = build_sea(Site(self.scenario(slope, *place, "sea.equations=nonlinear", "sea.cell_size=100")), 0, 1)
+        sea = build_sea(Site(self.scenario(slope, *place, "sea.equations=nonlinear", "sea.cell_size=100")), [(0, 0)])
         before = sea.elevation()
         sea.advance()
         np.testing.assert_array_equal(sea.elevation(), before)

@@ -186,7 +186,7 @@ class TestDrawn:
         site = Site(scenario_of(make(*systems), tmp_path, "storm.shortest_wave=5"))
         spectrum = only_spectrum(site)
         f, S = spectrum.frequencies, spectrum.by_frequency
-        drawn = build_short_waves(site, 3, 16)
+        drawn = build_short_waves(site, [(3, sea) for sea in range(16)])
         assert drawn.amplitude.shape == (16, 64)
         periods = {power: cumulative(f, S)[-1] / cumulative(f, S * f**power)[-1] for power in (-1, 1)}
         for amplitude, omega, direction in zip(drawn.amplitude, drawn.omega, drawn.direction, strict=True):
@@ -205,7 +205,7 @@ class TestDrawn:
         """Energy and first moment of the directions in each band, m0 to 1 %."""
         site = Site(scenario_of(make(WIND_SEA, SWELL), tmp_path, "storm.shortest_wave=5"))
         spectrum = only_spectrum(site)
-        drawn = build_short_waves(site, 1, 256)
+        drawn = build_short_waves(site, [(1, sea) for sea in range(256)])
         energy, f = drawn.amplitude**2 / 2, drawn.omega / (2 * math.pi)
         fine = np.linspace(spectrum.frequencies[0], spectrum.frequencies[-1], 20001)
         S = np.interp(fine, spectrum.frequencies, spectrum.by_frequency)
@@ -222,7 +222,7 @@ class TestDrawn:
 
     def test_bins_near_the_peak_keep_its_period(self, tmp_path):
         site = Site(scenario_of(ww3(WIND_SEA), tmp_path))
-        drawn = build_short_waves(site, 1, 64)
+        drawn = build_short_waves(site, [(1, sea) for sea in range(64)])
         edges = 0.035 * 1.1 ** (np.arange(32) - 0.5)
         counts, _ = np.histogram(drawn.omega / (2 * math.pi), edges, weights=drawn.amplitude**2)
         peak = (counts / np.diff(edges)).argmax()
@@ -264,7 +264,7 @@ class TestInAScenario:
             *("storm.significant_height=4", "storm.peak_period=9", "storm.direction=0", f"storm.spreading={s[0]}"),
             f"storm.swells=[[2.0, 15.0, 2.2, {-math.pi / 2}, {s[1]}]]",
         ]
-        seas = [build_short_waves(each, 5, 2) for each in (site, Site(Scenario.load("extreme", same)))]
+        seas = [build_short_waves(each, [(5, 0), (5, 1)]) for each in (site, Site(Scenario.load("extreme", same)))]
         for name in ("amplitude", "omega", "direction", "phase"):
             np.testing.assert_allclose(getattr(seas[0], name), getattr(seas[1], name), atol=1e-9)
 

@@ -15,6 +15,7 @@ from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeC
 from kernels.types import Level
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env.record.recorder import record
 from usvauv_env.sea.build import build_short_waves
 from usvauv_env.site.site import Site
 
@@ -47,6 +48,33 @@ class TestRandomNumbers:
         alone = run(World(extreme, num_worlds=1, seed=5, first_world=23), 60)
         for name, value in alone.items():
             np.testing.assert_array_equal(value[0], together[name][23], err_msg=name)
+
+    def test_seeds_of_their_own_go_on_from_a_state_and_with_other_parameters(self):
+        scenario, slower = (Scenario.load("extreme", [f"current.circulation_max={value}"]) for value in (260, 150))
+        together, again, alone = (World(scenario, np.size(own), own) for own in ([3, 8], [3, 8], 8))
+        for world in (together, alone):
+            world.reset()
+            for _ in range(2):
+                world.step(torch.zeros(world.num_worlds, 2, 2))
+        again.load_state(together.state())
+        found = []
+        for world in (together, again, alone):
+            world.set_parameters(slower)
+            for _ in range(3):
+                observation, *_ = world.step(torch.zeros(world.num_worlds, 2, 2))
+            found.append(torch.cat([observation[-1].flatten(), world.vortex[-1].flatten()]))
+        assert torch.equal(found[0], found[1])
+        assert torch.equal(found[0], found[2])
+
+    def test_seeds_of_their_own_have_no_trace_in_common(self, extreme):
+        world = World(extreme, 3, [5, 6, 5])
+        assert world.seeds.common(slice(1, 2)) == 6
+        for chosen in (slice(None), slice(0, 3, 2)):
+            with pytest.raises(ScenarioError, match="seed: each world has one of its own; must be one for all"):
+                world.seeds.common(chosen)
+        with pytest.raises(ScenarioError, match="seed: each world has one of its own"):
+            record(world, lambda observation: pytest.fail("a step was made"), "straight")
+        assert World(extreme, 3, 5, first_world=2).seed == 5
 
     @pytest.mark.slow
     @pytest.mark.cpu("number of threads")
@@ -329,14 +357,14 @@ class TestStorm:
         fine = World(scenario, num_worlds=1, seed=3, first_world=5, fine_sea=True)
         for each in (world, fine):
             run(each, 3)
-        pool = build_short_waves(Site(scenario), 3, 16)
+        pool = build_short_waves(Site(scenario), [(3, sea) for sea in range(16)])
         pool.set_time(3.0)
         for each, cells in ((world, 50), (fine, 128)):
             x = (np.arange(cells) + 0.5) * 200 / cells
             np.testing.assert_allclose(each.surface(cells), pool.elevation(5, x, x), atol=1e-5)
 
     def test_only_the_seas_that_are_sailed_on_are_solved(self, extreme):
-        for worlds, first, seas in ((1, 0, 1), (3, 5, 3), (3, 14, 16), (40, 3, 16)):
+        for worlds, first, seas in ((1, 0, 1), (3, 5, 3), (3, 14, 3), (40, 3, 16)):
             world = World(extreme, worlds, first_world=first)
             assert len(world.storm.k) == seas
             assert world.sea.num_seas == seas
@@ -592,6 +620,10 @@ class TestObservation:
     [
         ({"num_worlds": 0}, "num_worlds = 0"),
         ({"seed": -1}, "seed = -1"),
+        ({"num_worlds": 3, "seed": [1, 2]}, "seed: 2 for 3 worlds; must be one for all, or one for each"),
+        ({"num_worlds": 2, "seed": [1, 2.0]}, r"seed = 2\.0: must be a whole number"),
+        ({"num_worlds": 2, "seed": [1, 2], "first_world": 3}, "first_world = 3: must be 0"),
+        ({"num_worlds": 2, "seed": [1, 2], "batch": 4}, "seed: 2 for 4 worlds"),
         ({"usv": "hold:300,0"}, "area"),
         ({"usv": "hold:1"}, "hold:X,Y"),
         ({"usv": "circle"}, "allowed are fim"),

@@ -14,6 +14,7 @@ Both control the team: K AUVs, O numbers in an AUV's observation, W worlds. NumP
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -164,8 +165,9 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         DISABLED    the caller resets, `reset(options={"reset_mask": mask})` only the worlds in the bool mask (W,)
 
     `reset(seed=s)` begins the first episodes of `World(scenario, W, s)`, `reset()` the next ones. Seas start anew when
-    all worlds are reset together. With render_mode "rgb_array" `render()` gives a picture of every world. Worlds have
-    one seed in common, of which each takes its own random numbers: a list of seeds is refused.
+    all worlds are reset together. With `reset(seed=[s_0, …])`, W seeds, sub-environment w has the episodes that
+    `DataCollectionEnv` has after `reset(seed=s_w)`, bit for bit; each different seed has a sea to solve. With
+    render_mode "rgb_array" `render()` gives a picture of every world.
 
     Args:
         num_envs: number of missions W.
@@ -212,32 +214,31 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self.world.reward_names
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin the next episodes of all worlds, or with options["reset_mask"] (W,) bool of some.
 
         Args:
-            seed: begin the first episodes of this seed instead; for all worlds only.
+            seed: begin the first episodes of this seed, or of one for each world, instead; for all worlds only.
             options: "reset_mask" is read, anything else ignored.
 
         Returns:
             Observation (W, K, O), for worlds not reset their present one; an empty info.
 
         Raises:
-            TypeError, ValueError: the mask is not a bool array (W,) with a world chosen, or comes with a seed; or there
-                are several seeds.
+            ScenarioError: a seed is not a whole number from 0 to 2⁶⁴ − 1, or there are neither one nor W; None among
+                several is refused too.
+            TypeError, ValueError: the mask is not a bool array (W,) with a world chosen, or comes with a seed.
             ResetNeeded: the first reset must be of all worlds.
         """
-        if seed is not None and not isinstance(seed, int | np.integer):
-            raise TypeError(f"seed = {seed!r}: must be one number; world w of a seed is a mission of its own")
         mask = (options or {}).get("reset_mask")
         if mask is None:
             mask = np.ones(self.num_envs, np.bool_)
         else:
             self._check_mask(mask, seed)
-        super().reset(seed=seed)
         if seed is not None:
             self.world = World(self.world.scenario, self.num_envs, seed, self._usv)
+            super().reset(seed=int(self.world.seeds.seed[0]))
         if self.render_mode and (seed is not None or not self._begun):
             self._camera = Camera(self.world)
         self._begin(mask)
@@ -312,7 +313,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             "_final_info": over.copy(),
         }
 
-    def _check_mask(self, mask: np.ndarray, seed: int | None) -> None:
+    def _check_mask(self, mask: np.ndarray, seed: int | Sequence[int] | None) -> None:
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
             raise TypeError("options['reset_mask'] must be a numpy array of dtype bool")
         if mask.shape != (self.num_envs,):

@@ -25,6 +25,7 @@ The info of a reset is zero. This module needs the extra `torchrl`; nothing else
 from __future__ import annotations
 
 import secrets
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -72,7 +73,7 @@ class DataCollectionTorchRLEnv(EnvBase):
         self,
         scenario: Scenario | str | Path = "extreme",
         num_worlds: int = 1,
-        seed: int | None = None,
+        seed: int | Sequence[int] | None = None,
         usv: str | None = None,
         arch: str = "auto",
     ) -> None:

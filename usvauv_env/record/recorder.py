@@ -95,6 +95,9 @@ class Recorder:
             first: number of the first state.
             start: time of that state, s.
             worlds: the worlds to take.
+
+        Raises:
+            ScenarioError: each has a seed of its own.
         """
         world = self.world
         vehicles, boats, tally, backlog, terms, known, own, foreseen, vortex = (
@@ -111,7 +114,7 @@ class Recorder:
             scenario=world.scenario,
             policy=policy,
             usv=world.strategy.name,
-            seed=world.seed,
+            seed=world.seeds.common(worlds),
             reward_names=world.reward_names,
             start=self._start,
             node_position=nodes[..., NodeColumn.span("x", "y")].copy(),
@@ -170,10 +173,12 @@ def record(
         on_step: called with the number of steps done; an exception it raises ends the run.
 
     Raises:
+        ScenarioError: each world has a seed of its own.
         MemoryNeeded: the record does not fit into memory.
         OutputError: the surface does not fit on the disk.
         Diverged: the worlds have left finite numbers; it has the trace of the steps before.
     """
+    world.seeds.common()  # refuses before the run what has no trace
     steps = steps or world.steps
     what = f"a record of {steps} steps of {world.num_worlds} worlds"
     require(trace_bytes(world, steps), what)

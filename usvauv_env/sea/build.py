@@ -7,6 +7,7 @@ time (`usvauv_env.sea.forcing`): a coarse and a fine solver carry on the same se
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -83,26 +84,24 @@ def check_sea(scenario: Scenario, cells: tuple[int, int], num_seas: int, further
     require(sea_bytes(scenario, cells, num_seas) + further, what, runtime.start().device)
 
 
-def build_sea(site: Site, seed: int, num_seas: int, cells: tuple[int, int] | None = None, first: int = 0) -> LongWaves:
-    """Long waves of seas `first` to `first` + `num_seas` − 1 of a seed at t = 0, in intervals `sea.update_interval`.
+def build_sea(site: Site, seas: Sequence[tuple[int, int]], cells: tuple[int, int] | None = None) -> LongWaves:
+    """Long waves at t = 0, in intervals `sea.update_interval`.
 
     Args:
         site: of a scenario, whose sections `area`, `water` and `sea` are used.
-        seed: any non-negative integer.
-        num_seas: number of seas.
+        seas: seed, any non-negative integer, and index of each sea.
         cells: (nx, ny); default `coarse_cells`.
-        first: index of the first sea.
 
     Raises:
         ScenarioError, MemoryNeeded: as `check_sea`.
     """
     scenario, sea = site.scenario, site.scenario.sea
     cells = cells or coarse_cells(scenario)
-    check_sea(scenario, cells, num_seas)
+    check_sea(scenario, cells, len(seas))
     depth = site.still_depth(cells)
     size = scenario.area.width, scenario.area.length
     mean_depth = float(depth[depth > 0].mean())
-    drawn = [draw_sea(scenario, seed, first + index, cells, mean_depth) for index in range(num_seas)]
+    drawn = [draw_sea(scenario, seed, index, cells, mean_depth) for seed, index in seas]
     if sea.equations == "nonlinear":
         solvers = []
         for wave, eta, u, v in drawn:
@@ -129,17 +128,17 @@ def build_sea(site: Site, seed: int, num_seas: int, cells: tuple[int, int] | Non
         drag=sea.drag,
         boundaries=boundaries(scenario),
         sponge_width=sea.sponge_width if sea.sponge_edges else None,
-        num_seas=num_seas,
+        num_seas=len(seas),
     )
     _, eta, u, v = zip(*drawn, strict=True)
-    solver.set_forcing(*stacked_forcing(scenario, seed, num_seas, first))
+    solver.set_forcing(*stacked_forcing(scenario, seas))
     solver.set_state(np.stack(eta), np.stack(u), np.stack(v))
     return solver
 
 
-def stacked_forcing(scenario: Scenario, seed: int, num_seas: int, first: int = 0) -> BoundaryWave:
-    """Waves at the forced edges of the seas of `build_sea`, each array (num_seas, components)."""
-    waves = [boundary_wave(scenario, seed, first + index) for index in range(num_seas)]
+def stacked_forcing(scenario: Scenario, seas: Sequence[tuple[int, int]]) -> BoundaryWave:
+    """Waves at the forced edges of the seas of `build_sea`, each array (seas, components)."""
+    waves = [boundary_wave(scenario, seed, index) for seed, index in seas]
     return BoundaryWave(*map(np.stack, zip(*waves, strict=True)))
 
 
@@ -153,7 +152,7 @@ def boundaries(scenario: Scenario) -> dict[Side, Boundary]:
     return kinds
 
 
-def build_short_waves(site: Site, seed: int, num_seas: int, first: int = 0) -> AirySea:
+def build_short_waves(site: Site, seas: Sequence[tuple[int, int]]) -> AirySea:
     """The storm upon the seas of `build_sea`, with velocities at the levels `kernels.types.Level`."""
     scenario, depth = site.scenario, site.mean_depth
     levels = 0.0, -min(scenario.auv.depth, depth)
@@ -163,7 +162,5 @@ def build_short_waves(site: Site, seed: int, num_seas: int, first: int = 0) -> A
         depth=depth,
         gravity=scenario.sea.gravity,
         levels=levels,
-        seed=seed,
-        num_seas=num_seas,
-        first=first,
+        seas=seas,
     )

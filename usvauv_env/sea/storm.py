@@ -193,11 +193,9 @@ def build_storm(
     depth: float,
     gravity: float,
     levels: Sequence[float],
-    seed: int,
-    num_seas: int,
-    first: int = 0,
+    seas: Sequence[tuple[int, int]],
 ) -> AirySea:
-    """Seas `first` to `first` + `num_seas` − 1 of a seed at t = 0; each depends on (seed, its index) alone.
+    """Seas at t = 0; each depends on its seed and index alone.
 
     Args:
         storm: number of components, and `shortest_wave`, where spectra are cut off: the variance of the slope grows as
@@ -205,15 +203,13 @@ def build_storm(
         systems: spectra and their parameters. Hs = 4 √m0 is that of the waves above `shortest_wave`. Tp is for "tma"
             that of the JONSWAP spectrum it is made from; "pm" takes γ = 1.
         depth, gravity, levels: as for `AirySea`.
-        seed: any non-negative integer below 2¹²⁸.
-        num_seas: number of seas.
-        first: index of the first sea.
+        seas: seed, any non-negative integer below 2¹²⁸, and index of each sea.
 
     Raises:
         ValueError: an unknown spectrum, or a cut-off that leaves less than twice the peak's frequency.
     """
     count = storm.components
-    drawn = np.zeros((4, num_seas, count * len(systems)))
+    drawn = np.zeros((4, len(seas), count * len(systems)))
     for number, system in enumerate(systems):
         own_columns = slice(number * count, (number + 1) * count)
         omega, S = density(system, storm.shortest_wave, depth, gravity)
@@ -222,12 +218,12 @@ def build_storm(
         weight = (energy / energy[-1] + slope / slope[-1]) / 2
         strata = np.interp(np.linspace(0, 1, count + 1), weight, energy / energy[-1])
         directions = _directions(system)
-        for index in range(num_seas):
-            own = np.random.SeedSequence(seed, spawn_key=(first + index, STREAM, number)[: 3 if number else 2])
+        for row, (seed, index) in enumerate(seas):
+            own = np.random.SeedSequence(seed, spawn_key=(index, STREAM, number)[: 3 if number else 2])
             random = np.random.Generator(np.random.Philox(own))
             quantile = strata[:-1] + np.diff(strata) * random.random(count)
             frequency = np.interp(quantile, energy / energy[-1], omega)
-            drawn[:, index, own_columns] = (
+            drawn[:, row, own_columns] = (
                 system.significant_height / 4 * np.sqrt(2 * np.diff(strata)),
                 frequency,
                 directions(frequency, random),

@@ -17,6 +17,7 @@ from usvauv_env.sea.build import build_sea, build_short_waves, check_sea, fine_c
 from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
 from usvauv_env.world import tables
+from usvauv_env.world.seeds import Seeds
 
 FEWEST, MOST = 3, 8192  # cells along a side of the area
 VIEW_BYTES = 40.0  # a cell, of surface, velocity and current together
@@ -63,11 +64,6 @@ def _floor(value: float) -> str:
     return f"{math.floor(value / power) * power:g}"
 
 
-def _check_seed(seed: int) -> None:
-    if not 0 <= seed < 1 << 64:
-        raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
-
-
 def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.Tensor:
     """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `kernels.flow.vortex`.
 
@@ -75,16 +71,16 @@ def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.T
         ScenarioError: the seed is out of range.
         RuntimeUnavailable: `arch` cannot be used here.
     """
-    _check_seed(seed)
+    seeds = Seeds.of(seed, 1)
     device = runtime.start(arch).device
     site, drawn = Site(scenario), torch.zeros((1, scenario.current.vortices, 4), device=device)
     if drawn.numel():
         parameters, fixed = (
             torch.from_numpy(np.ascontiguousarray(table, np.float32)).to(device)
-            for table in (tables.pack_parameters(site, tables.link_table(site), 0), tables.fixed_vortices(scenario))
+            for table in (tables.pack_parameters(site, tables.link_table(site)), tables.fixed_vortices(scenario))
         )
         clock = torch.zeros((1, 2), dtype=torch.int32, device=device)
-        reset.draw_vortices(parameters, fixed, seed & 0xFFFFFFFF, seed >> 32, clock, drawn)
+        reset.draw_vortices(parameters, fixed, torch.from_numpy(seeds.keys()).to(device), clock, drawn)
     return drawn
 
 
@@ -117,7 +113,7 @@ class SeaSimulation:
         interval: float,
         vortices: torch.Tensor | None = None,
     ) -> None:
-        _check_seed(seed)
+        Seeds.of(seed, 1)  # refuses one that is out of range
         self.scenario, self.seed, self.interval = scenario, seed, interval
         self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
         paced = scenario.sea.model_copy(update={"update_interval": interval})
@@ -134,9 +130,9 @@ class SeaSimulation:
         self._flow = site.current
         flow_changes = self._flow is not None and len(self._flow.times) > 1
         self.steady = self._evolve_vortices is None and not flow_changes
-        self.long_waves = build_sea(site, seed, 1, shape)
+        self.long_waves = build_sea(site, [(seed, 0)], shape)
         self._watch = SeaWatch(self.long_waves, float(self.depth.max()))
-        self.storm = build_short_waves(site, seed, 1)
+        self.storm = build_short_waves(site, [(seed, 0)])
         self.x = (np.arange(shape[0]) + 0.5) * (scenario.area.width / shape[0])
         self.y = (np.arange(shape[1]) + 0.5) * (scenario.area.length / shape[1])
         self._steps = 0

@@ -246,12 +246,11 @@ def boundaries(site: Site) -> tuple[float, ...]:
     return depth, depth + site.mean_depth, roughness(site), *SEDIMENTS[s.acoustics.sediment]
 
 
-def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarray:
+def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     """All numbers of a scenario in the order of `kernels.mission.columns.Parameter`, float32.
 
     Args:
         link: of `link_table`.
-        first_world: index of the first world.
     """
     s = site.scenario
     current_variance, correlation_time = 0.0, current_process.FOREVER
@@ -265,7 +264,6 @@ def pack_parameters(site: Site, link: np.ndarray, first_world: int) -> np.ndarra
         "width": s.area.width,
         "length": s.area.length,
         "diagonal": s.area.diagonal,
-        "first_world": first_world,
         "circulation_min": s.current.circulation_min,
         "circulation_max": s.current.circulation_max,
         "alternate": s.current.alternate,

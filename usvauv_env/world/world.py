@@ -44,6 +44,7 @@ from usvauv_env.world import tables
 from usvauv_env.world.adjustable import check_adjustable, check_continues
 from usvauv_env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
 from usvauv_env.world.observation import ObservationLayout, observation_terms
+from usvauv_env.world.seeds import Seeds
 from usvauv_env.world.state_check import bounds_of, check_state, first_outside
 
 MAX_WORLDS = 1 << 22
@@ -68,8 +69,8 @@ class World:
 
     World w of seed s is the same mission, bit for bit, whatever `num_worlds`, the number of threads and what the other
     worlds do: every random number is addressed by (seed, first_world + w, episode, step, draw). World w sails on sea
-    (first_world + w) modulo `sea.realisations`; the seas start anew when all worlds are reset together and run on when
-    only some are.
+    (first_world + w) modulo `sea.realisations` of the seed; the seas start anew when all worlds are reset together and
+    run on when only some are. Where each world has a seed of its own, it is world 0 of that seed, on its sea 0.
 
     Observation of AUV k, float32 (num_worlds, num_auvs, observation_size): the terms of `observation_layout`, which
     `usvauv_env.world.observation` and `docs/interfaces.md` tabulate. Positions are the estimated ones: of the last fix,
@@ -82,12 +83,13 @@ class World:
     Args:
         scenario: what to simulate.
         num_worlds: W ≥ 1.
-        seed: any integer from 0 to 2⁶⁴ − 1.
+        seed: any integer from 0 to 2⁶⁴ − 1, or one for each world; then as many seas are solved as seeds differ.
         usv: strategy of the boats, in place of the scenario's `boat.strategy`: "fim", "fim-greedy", "fim-horizon",
             "visit", "belief", "learned:FILE", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid",
             "agent" (see `step`) or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
-        first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch.
+        first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch. Only
+            with one seed.
         batch: worlds of that larger batch: all their seas are solved here, so that the states of its parts can be
             joined. Default: those that these worlds sail on.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
@@ -106,7 +108,7 @@ class World:
         self,
         scenario: Scenario,
         num_worlds: int = 1,
-        seed: int = 0,
+        seed: int | Sequence[int] = 0,
         usv: str | None = None,
         targets: str | None = None,
         *,
@@ -117,8 +119,7 @@ class World:
     ) -> None:
         if not 1 <= num_worlds <= MAX_WORLDS:
             raise ScenarioError(f"num_worlds = {num_worlds}: must be from 1 to {MAX_WORLDS}")
-        if not 0 <= seed < 1 << 64:
-            raise ScenarioError(f"seed = {seed}: must be from 0 to 2**64 - 1")
+        seeds = Seeds.of(seed, num_worlds, first_world)
         if batch is not None and batch < first_world + num_worlds:
             raise ScenarioError(f"batch = {batch}: must be at least first_world + num_worlds")
         if fine_sea and num_worlds != 1:
@@ -127,7 +128,7 @@ class World:
         self.site = Site(scenario)
         self.num_worlds = num_worlds
         self.num_auvs = scenario.auv.count
-        self.seed = seed
+        self.seeds = seeds
         self.strategy = StrategyChoice.parse(usv, scenario)
         self._boat_workspace = max(1, self.strategy.strategy.functions.workspace(self.num_auvs, scenario.boat.count))
         self.reward_names = scenario.task_definition.reward_names
@@ -135,8 +136,10 @@ class World:
         self.observation_layout = ObservationLayout.of(scenario)
         self.observation_size = self.observation_layout.size
         self.device = runtime.start(arch).device
-        self._first_world, self._batch = first_world, batch
-        self._fine_sea = fine_sea
+        self._first_world, self._fine_sea = first_world, fine_sea
+        whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)
+        self._seas, index = whole.seas(scenario.sea.realisations)
+        self._sea_index = torch.from_numpy(index[own : own + num_worlds].astype(np.int32)).to(self.device)
         self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
 
         num_vortices = max(scenario.current.vortices, 1)
@@ -217,6 +220,11 @@ class World:
         if name[0] != "_" and name in self.__dict__:
             raise AttributeError(f"World.{name}: cannot be rebound; a tensor can be written in place, {name}[:] = ...")
         super().__setattr__(name, value)
+
+    @property
+    def seed(self) -> int:
+        """The seed of all worlds; a ScenarioError where each has one of its own."""
+        return self.seeds.common()
 
     @property
     def sea(self) -> LongWaves:
@@ -379,18 +387,16 @@ class World:
         self._constants = self._upload_tables()
         if redrawn:
             self._redraw_circulations()
-        seed, first, count = self._pool(self._sea_episode)
-        self.sea.set_forcing(*stacked_forcing(scenario, seed, count, first))
-        self._storm = build_short_waves(self.site, seed, count, first)
+        seas = self._seas_of(self._sea_episode)
+        self.sea.set_forcing(*stacked_forcing(scenario, seas))
+        self._storm = build_short_waves(self.site, seas)
         self._bind()
         self._set_clock()
 
     def _redraw_circulations(self) -> None:
         tables, clock, drawn = self._constants, self._clock.clone(), self.vortex.clone()
         clock[:, 1] = 0  # vortices are drawn as an episode begins
-        reset.draw_vortices(
-            tables["p"], tables["fixed_vortex"], tables["key_low"], tables["key_high"], clock.contiguous(), drawn
-        )
+        reset.draw_vortices(tables["p"], tables["fixed_vortex"], tables["key"], clock.contiguous(), drawn)
         self.vortex[..., Vortex.Gamma] = drawn[..., Vortex.Gamma]
 
     def continue_from(self, other: World) -> None:
@@ -510,10 +516,10 @@ class World:
 
     def _upload_tables(self) -> dict[str, Any]:
         """What the kernels read and nothing changes, by the names of the kernel's arguments."""
-        scenario, key = self.scenario, self.seed
+        scenario = self.scenario
         link = tables.link_table(self.site)
         numbers = {
-            "p": tables.pack_parameters(self.site, link, self._first_world),
+            "p": tables.pack_parameters(self.site, link),
             "link": link,
             "layers": tables.sound_layers(self.site),
             "arrivals": poisson_table.table(scenario.nodes.arrival_rates, scenario.mission.step),
@@ -539,30 +545,21 @@ class World:
             "pulse_rate": self._pulses.rate,
             "pulse_noise": self._zeros(self.num_worlds, self._pulses.noise.shape[2], 8),
             "observation_first": torch.tensor(first, dtype=torch.int32, device=self.device),
-            "key_low": key & 0xFFFFFFFF,
-            "key_high": key >> 32,
+            "key": torch.from_numpy(self.seeds.keys()).to(self.device),
         }
 
-    def _pool(self, episode: int) -> tuple[int, int, int]:
-        """Seed of the seas of an episode, index of the first of them, and their number."""
-        pool = self.scenario.sea.realisations
-        if self._batch is not None:
-            return self.seed + (episode << 64), 0, min(self._batch, pool)
-        first, count = self._first_world % pool, min(self.num_worlds, pool)
-        if first + count > pool:  # around the end of the pool
-            first, count = 0, pool
-        return self.seed + (episode << 64), first, count
+    def _seas_of(self, episode: int) -> list[tuple[int, int]]:
+        """Seed and index of each sea of an episode."""
+        return [(seed + (episode << 64), index) for seed, index in self._seas]
 
     def _begin_sea(self, episode: int) -> None:
         """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
-        seed, first, count = self._pool(episode)
+        seas = self._seas_of(episode)
         cells = fine_cells(self.scenario) if self._fine_sea else None
-        self._sea = build_sea(self.site, seed, count, cells, first)
+        self._sea = build_sea(self.site, seas, cells)
         deepest = float(self.site.still_depth((self._sea.nx, self._sea.ny)).max())
         self._watch = SeaWatch(self._sea, deepest, self._sea_of_worlds)
-        self._storm = build_short_waves(self.site, seed, count, first)
-        index = (torch.arange(self.num_worlds) + self._first_world) % self.scenario.sea.realisations - first
-        self._sea_index = index.to(self.device, torch.int32)
+        self._storm = build_short_waves(self.site, seas)
         self._bind()
         self._steps_since_sea = 0
         self._sea_episode = episode

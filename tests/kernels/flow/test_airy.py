@@ -28,8 +28,7 @@ STORM = {
     "depth": H,
     "gravity": G,
     "levels": (0.0, -100.0),
-    "seed": 3,
-    "num_seas": 4,
+    "seas": [(3, sea) for sea in range(4)],
 }
 
 
@@ -259,15 +258,15 @@ class TestSpectra:
 
 class TestSeeds:
     def test_a_sea_does_not_depend_on_the_others(self):
-        few, more, later = storm(num_seas=3), storm(num_seas=20), storm(num_seas=2, first=5)
+        few, more, later = (storm(seas=[(3, sea) for sea in seas]) for seas in (range(3), range(20), (5, 6)))
         for sea in (few, more, later):
             sea.set_time(31.0)
         assert torch.equal(few.wave, more.wave[:3])
         assert torch.equal(later.wave, more.wave[5:7])
 
     def test_seeds_and_seas_differ(self):
-        one, again, two = storm(), storm(), storm(seed=4)
-        high = storm(seed=3 + (1 << 64))
+        one, again, two = storm(), storm(), storm(seas=[(4, sea) for sea in range(4)])
+        high = storm(seas=[(3 + (1 << 64), sea) for sea in range(4)])
         assert torch.equal(one.wave, again.wave)
         phases = [sea.phase[n] for sea in (one, two, high) for n in range(4)]
         assert all((a != b).all() for i, a in enumerate(phases) for b in phases[:i])
@@ -291,7 +290,7 @@ class TestSwells:
             np.testing.assert_array_equal(getattr(both, name)[:, :n], getattr(alone, name))
 
     def test_each_has_its_height_direction_and_period(self):
-        sea, n = storm(swells=self.SWELLS, num_seas=64), STORM["components"]
+        sea, n = storm(swells=self.SWELLS, seas=[(3, sea) for sea in range(64)]), STORM["components"]
         for number, (height, period, gamma, direction, spreading) in enumerate(self.SWELLS, 1):
             a, omega, theta = (
                 part[:, number * n : (number + 1) * n] for part in (sea.amplitude, sea.omega, sea.direction)
@@ -309,7 +308,7 @@ class TestSwells:
 @pytest.fixture(scope="module")
 def many():
     """128 seas, and their elevation at one place for an hour, every half second."""
-    sea = storm(num_seas=128)
+    sea = storm(seas=[(3, sea) for sea in range(128)])
     return sea, record(sea, 60)
 
 
@@ -399,7 +398,7 @@ class TestStatistics:
     def test_heave_slope_and_water_speed(self, device, period):
         """Variances in the kernel, over places and times of many seas, against the integrals over the spectrum: of
         elevation, slope, and horizontal speed at the surface and at 100 m depth (there 0.9, 5.1 and 17 cm/s rms)."""
-        sea = storm(peak_period=period, num_seas=64)
+        sea = storm(peak_period=period, seas=[(3, sea) for sea in range(64)])
         seen = []
         for time in range(0, 3000, 60):
             sea.set_time(time)

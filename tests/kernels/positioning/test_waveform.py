@@ -396,7 +396,7 @@ class TestDraws:
                 address = random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0))
                 S = r.norm()
                 sigma = acoustic_link.phase_deviation(link, 0, S, 0.0)
-                stream = random.philox(address, ti.u32(16), ti.u32(0))
+                stream = random.philox(address, random.uint2(ti.u32(16), ti.u32(0)))
                 measured = waveform.measure(link, 0, r, S, sigma, stream, waveform.PROJECTED)
                 f = waveform.fix(link, 0, r, S, sigma, measured, usbl.array_axes(vec2(0.0, 0.0)))
                 for j in ti.static(range(5)):
