@@ -178,6 +178,11 @@ class TestSeeds:
         assert torch.equal(other.reset()[OBSERVATION], first)
         assert torch.equal(other.reset()[OBSERVATION], second)
 
+    def test_one_for_each_world(self, short):
+        first = DataCollectionTorchRLEnv(short, 2, seed=[11, 12]).reset()[OBSERVATION]
+        for world, seed in enumerate((11, 12)):
+            assert torch.equal(first[world], DataCollectionTorchRLEnv(short, 1, seed=seed).reset()[OBSERVATION][0])
+
     def test_without_a_seed(self, short):
         env = DataCollectionTorchRLEnv(short, 3)
         first = env.reset()[OBSERVATION]
