@@ -12,8 +12,8 @@ from kernels.mission.tasks.task import tasks
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World, plugins
 from usvauv_env.record.metrics import task_metrics
+from usvauv_env.world.arrays import STATE
 from usvauv_env.world.observation import observation_terms
-from usvauv_env.world.world import STATE
 
 PLUGIN = Path(__file__).parents[2] / "examples" / "plugins" / "task.py"
 TRACKED = [*EVERY_STEP, "tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]

@@ -19,13 +19,11 @@ from kernels.launch import Launch
 from kernels.mission import poisson_table, reset
 from kernels.mission.columns import (
     AuvColumn,
-    BeliefColumn,
     BoatColumn,
     EstimateColumn,
     ExchangeColumn,
     ForesightColumn,
     NodeColumn,
-    TallyColumn,
 )
 from kernels.mission.run import Phase, run
 from kernels.mission.state_ranges import LARGEST
@@ -40,8 +38,9 @@ from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.storm import AirySea
 from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
-from usvauv_env.world import tables
+from usvauv_env.world import arrays, tables
 from usvauv_env.world.adjustable import check_adjustable, check_continues
+from usvauv_env.world.arrays import STATE
 from usvauv_env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 from usvauv_env.world.seeds import Seeds
@@ -49,19 +48,9 @@ from usvauv_env.world.state_check import bounds_of, check_state, first_outside
 
 MAX_WORLDS = 1 << 22
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
-ALIGNMENT = 16  # numbers
 NAMED = 8  # of the worlds on a sea, in a message
 ROUNDING = 1e-6  # of a ratio of times
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
-STATE = (
-    *("auv", "node", "vortex", "boat", "tally", "estimate", "track", "own", "exchange", "foresight", "belief"),
-    "observation",
-)
-
-
-def room(shape: Sequence[int]) -> int:
-    """Numbers that an array takes beside others, each aligned."""
-    return -(-math.prod(shape) // ALIGNMENT) * ALIGNMENT
 
 
 class World:
@@ -142,58 +131,24 @@ class World:
         self._sea_index = torch.from_numpy(index[own : own + num_worlds].astype(np.int32)).to(self.device)
         self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
 
-        num_vortices = max(scenario.current.vortices, 1)
-        team = (num_worlds, self.num_auvs)
-        reckons, exchanges = scenario.navigation.sensor != "none", scenario.channel.schedule != "every-step"
-        in_use = {
-            "track": scenario.tracker.enabled or reckons,
-            "own": reckons,
-            "exchange": exchanges,
-            "foresight": self.strategy.strategy.functions.foresees,
-        }
-        of_auvs = {name: team if used else (1, 1) for name, used in in_use.items()}
-        self.common_state = (  # names in `state` of what is not of single worlds
-            *("sea", "sea_clock", "sea_episode"),
-            *(name for name, used in in_use.items() if not used),
-        )
-        shapes = {
-            "auv": (*team, len(AuvColumn.names)),
-            "node": (num_worlds, scenario.targets, len(NodeColumn.names)),
-            "vortex": (num_worlds, num_vortices, 4),
-            "boat": (num_worlds, scenario.boat.count, len(BoatColumn.names)),
-            "tally": (num_worlds, len(TallyColumn.names)),
-            "estimate": (*team, len(EstimateColumn.names)),
-            "track": (*of_auvs["track"], tracker.COLUMNS),
-            "own": (*of_auvs["own"], tracker.COLUMNS),
-            "exchange": (*of_auvs["exchange"], len(ExchangeColumn.names)),
-            "foresight": (*of_auvs["foresight"], len(ForesightColumn.names)),
-            "belief": (
-                num_worlds,
-                self.num_auvs if scenario.nodes.information == "own-visits" else 1,
-                scenario.targets,
-                len(BeliefColumn.names),
-            ),
-            "observation": (*team, self.observation_size),
-            "reward": team,
-            "reward_terms": (*team, len(self.reward_names)),
-        }
-        numbers = sum(map(room, shapes.values()))
+        foresees = self.strategy.strategy.functions.foresees
+        # Names in `state` of what is not of single worlds.
+        self.common_state = ("sea", "sea_clock", "sea_episode", *arrays.unused(scenario, foresees))
+        shapes = arrays.shapes(scenario, num_worlds, foresees)
         self._pulses = coded_pulse.Pulses(self._zeros(1, 1), self._zeros(1, 1, 1), self._zeros(1))
         if scenario.heeds_pulses:
             self._pulses = tables.pulse_tables(scenario, self.device)
         drawn = 8 * self._pulses.noise.shape[2]  # noise of a pulse
         workspaces = tables.rule_workspace(scenario) + self._boat_workspace + drawn
-        memory = 4.0 * (WORKSPACE * numbers + num_worlds * workspaces)
+        memory = 4.0 * (WORKSPACE * sum(map(arrays.room, shapes.values())) + num_worlds * workspaces)
         require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
-        self._numbers = self._zeros(numbers)  # together, so that one look finds any fault
-        parts = self._numbers.split([room(shape) for shape in shapes.values()])
-        views = iter(part[: math.prod(shape)].view(shape) for part, shape in zip(parts, shapes.values(), strict=True))
-        self.auv, self.node, self.vortex, self.boat, self.tally, self.estimate = (next(views) for _ in range(6))
-        self.track, self.own, self.exchange, self.foresight, self.belief, *rest = views
-        self.observation, self.reward, self.reward_terms = rest
+        self._numbers, views = arrays.side_by_side(shapes, self.device)
+        self.auv, self.node, self.vortex, self.boat, self.tally, self.estimate, *views = views
+        self.track, self.own, self.exchange, self.foresight, self.belief, *views = views
+        self.observation, self.reward, self.reward_terms = views
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
-        self._action = self._zeros(*team, 2)
+        self._action = self._zeros(num_worlds, self.num_auvs, 2)
         self._fault = DeviceFlag(self._numbers, LARGEST)
         self._flow = self.site.current
         self._stream = (
@@ -204,7 +159,7 @@ class World:
         if eddies.viscosity > 0 or eddies.mutual:
             self._evolve_vortices = vortex.evolution(
                 self.vortex,
-                self._zeros(num_worlds, num_vortices, 7),
+                self._zeros(*self.vortex.shape[:2], 7),
                 scenario.mission.step,
                 eddies.viscosity,
                 eddies.mutual,
