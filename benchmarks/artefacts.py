@@ -37,12 +37,20 @@ class Artefact(NamedTuple):
     pictures: dict[str, str] = {}  # noqa: RUF012 (never changed)
 
 
+def _pair(stem: str) -> list[str]:
+    return [f"{stem}-{theme}.png" for theme in THEMES]
+
+
 def _study(page: str, module: str, *options: str, picture: str = "") -> Artefact:
-    command = " ".join([f"python -m benchmarks.{module}", *options, *([f"--out docs/{picture}"] if picture else [])])
-    return Artefact(page, (command,), {picture: ""} if picture else {})
+    """A study's command; `picture` is the stem of those that it writes."""
+    command = " ".join(
+        [f"python -m benchmarks.{module}", *options, *([f"--out docs/{picture}.png"] if picture else [])]
+    )
+    return Artefact(page, (command,), dict.fromkeys(_pair(picture), "") if picture else {})
 
 
-_PAPER = ("table2.png", "table2.csv", "fig3.png", "fig3.csv", "fig4a.png", "fig4b.png", "fig4b.csv")
+_PAPER = [name for figure in ("table2", "fig3", "fig4a", "fig4b") for name in _pair(figure)]
+_PAPER += [f"{figure}.csv" for figure in ("table2", "fig3", "fig4b")]
 _POLICIES = ("sac-extreme", "clear", "pace", "straight", "crab", "zermelo", "random")
 _LEARNED = [(f"--seed {seed}", f"v{seed}.json") for seed in range(3)]
 _LEARNED.append(("--set nodes.information=own-visits", "o.json"))
@@ -76,7 +84,7 @@ ARTEFACTS = {
     "collaboration": Artefact(
         "collaboration.md",
         ("usvauv reproduce collaboration --out WORK/wide",),
-        {"collaboration.png": "wide/reproduction/collaboration.png"},
+        {name: f"wide/reproduction/{name}" for name in _pair("collaboration")},
     ),
     "clairvoyant": _study("collaboration.md", "studies.clairvoyant"),
     "total-information": _study(
@@ -110,7 +118,7 @@ ARTEFACTS = {
             " --seed 2026 --out WORK/policies-wide.csv",
         ),
     ),
-    "front": _study("policies.md", "studies.front", picture="front.png"),
+    "front": _study("policies.md", "studies.front", picture="front"),
     "algorithms": _study("algorithms.md", "studies.pendulum"),
     "generalisation": _study(
         "generalisation.md", "studies.generalisation", "--out WORK/generalisation --steps 200000 --episodes 50"
@@ -125,20 +133,24 @@ ARTEFACTS = {
             + " --learned ".join(f"WORK/{file}" for _, file in _LEARNED),
         ),
     ),
-    "fix-error": _study("fix-error.md", "studies.fix_error", picture="fix-error.png"),
-    "refraction": Artefact(
-        "refraction.md",
-        ("python -m benchmarks.studies.refraction --out docs/refraction.png",),
-        {f"refraction-{theme}.png": "" for theme in THEMES},
-    ),
+    "fix-error": _study("fix-error.md", "studies.fix_error", picture="fix-error"),
+    "refraction": _study("refraction.md", "studies.refraction", picture="refraction"),
     "wide-array": _study("positioning.md", "studies.wide_array"),
     "multipath": _study("positioning.md", "studies.multipath"),
     "fixes": _study("positioning.md", "usbl", "--json"),
     "validation": Artefact("validation.md", ("python -m tests.cases",)),
     "sea-rates": _study("performance.md", "sea", "--json"),
     "world-rates": _study("performance.md", "worlds"),
-    "step-profile": _study("performance.md", "step_profile", picture="step-profile.png"),
-    "step-profile-wide": _study("performance.md", "step_profile", "wide", picture="step-profile-wide.png"),
+    "step-profile": Artefact(
+        "performance.md",
+        ("python -m benchmarks.step_profile --out docs/step-profile.png",),
+        {"step-profile.png": ""},
+    ),
+    "step-profile-wide": Artefact(
+        "performance.md",
+        ("python -m benchmarks.step_profile wide --out docs/step-profile-wide.png",),
+        {"step-profile-wide.png": ""},
+    ),
     "planner": _study("performance.md", "plan", "--json"),
     "training": _study("performance.md", "train"),
     "scale": _study("scale.md", "scale"),

@@ -1,10 +1,13 @@
-"""Look of the figures: the colours of the video, plain axes, and how they are saved."""
+"""Look of the figures: the colours of the video, plain axes, how they are saved, and pairs for light and dark pages."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import LinearSegmentedColormap
@@ -25,6 +28,59 @@ TEXT, MUTED, OUTLINE = web(style.DARK.text), web(style.DARK.muted), web(style.OU
 BACKGROUND, CARD, LINE = web(style.DARK.background), web(style.DARK.card), web(style.DARK.line)
 WATER = web(style.SEA[4])
 SEA = LinearSegmentedColormap.from_list("sea", [web(colour) for colour in style.SEA] + ["#c4e4e3"])
+
+
+RESOLUTION = 130  # dots an inch, of pairs
+
+
+class Ground(NamedTuple):
+    """Web colours on a ground: of categories, of text, of what stands back, of panels and of water."""
+
+    colours: tuple[str, ...]
+    text: str
+    muted: str
+    card: str
+    water: str
+
+
+def write_pair(path: Path, draw: Callable[[Ground], Figure], pdf: bool = False) -> None:
+    """Draw a figure on each theme's ground; of a path x.png to x-light.png and x-dark.png, of the light one also x.pdf.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    for name, theme in style.THEMES.items():
+        background, card, line, muted, text, water = map(
+            web, (theme.background, theme.card, theme.line, theme.muted, theme.text, theme.water)
+        )
+        settings: dict[Any, Any] = {  # matplotlib's own names
+            "figure.constrained_layout.h_pad": 0.12,  # inches
+            "figure.constrained_layout.w_pad": 0.12,
+            "figure.facecolor": background,
+            "axes.facecolor": card,
+            "axes.labelcolor": muted,
+            "axes.labelsize": 9.5,
+            "axes.titlecolor": text,
+            "axes.titlelocation": "left",
+            "axes.titlesize": 11,
+            "axes.axisbelow": True,
+            "axes.grid": True,
+            **{f"axes.spines.{side}": False for side in ("left", "right", "top", "bottom")},
+            "grid.color": line,
+            "grid.linewidth": 0.6,
+            "legend.fontsize": 9.5,
+            "legend.frameon": False,
+            "legend.labelcolor": text,
+            "text.color": text,
+            **{f"{axis}tick.{which}.size": 0 for axis in "xy" for which in ("major", "minor")},
+            **{f"{axis}tick.labelsize": 9 for axis in "xy"},
+            **{f"{axis}tick.color": muted for axis in "xy"},
+        }
+        with mpl.rc_context(settings):
+            figure = draw(Ground(tuple(map(web, theme.vehicles)), text, muted, card, water))
+            save(figure, path.with_stem(f"{path.stem}-{name}"), RESOLUTION)
+            if pdf and theme is style.LIGHT:
+                save(figure, path.with_suffix(".pdf"))
 
 
 def style_axes(axes: Axes, tick_pad: float = 5) -> None:
@@ -64,4 +120,4 @@ def save(figure: Figure, path: Path, dpi: float = 150) -> None:
     kind = path.suffix[1:].lower()
     with atomic_write(path) as partial:
         metadata = {"CreationDate": None} if kind == "pdf" else None
-        figure.savefig(partial, dpi=dpi, facecolor=BACKGROUND, format=kind, metadata=metadata)
+        figure.savefig(partial, dpi=dpi, format=kind, metadata=metadata)

@@ -14,17 +14,21 @@ from __future__ import annotations
 
 import argparse
 import json
+from functools import partial
+from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 import policies
 from benchmarks.machine import describe
+from usvauv_cli.figure_theme import Ground, write_pair
 from usvauv_env import Scenario, World
 from usvauv_env.record import error_bound
 from usvauv_env.record.metrics import own_error, position_error, usable
 from usvauv_env.record.recorder import record
 from usvauv_env.record.trace import Trace
+from usvauv_env.render.palette import looks
 
 SCENARIOS = ("ideal", "extreme")
 TEAMS = (2, 3, 4, 5, 6)
@@ -37,7 +41,6 @@ ROWS = {
     "fim-greedy": ("fim-greedy", ()),
     "fim": ("fim", ()),
 }
-COLOURS = ("#8c510a", "#c1440e", "#5c8001", "#e0a800", "#9ecae1", "#33658a")
 RESAMPLES = 4000
 BEST = "best place"
 
@@ -102,45 +105,43 @@ def table(scenario: str, auvs: int, rows: dict) -> str:
         f"{scenario}, {auvs} AUVs: median error of fixes, m (95 %), and over that of fim; estimates: rms, 95 %, m;"
         " the AUVs' own: rms, m"
     ]
-    for row, figures in rows.items():
-        (m, low, high), (ratio, least, most) = figures["median"], figures["over_fim"]
+    for row, found in rows.items():
+        (m, low, high), (ratio, least, most) = found["median"], found["over_fim"]
         line = f"  {row:31s} {m:6.3f} ({low:.3f} to {high:.3f})   {ratio:5.2f} ({least:.2f} to {most:.2f})"
         if row != BEST:
-            line += "".join(f"   {figures[name][0]:6.3f}" for name in ("rms", "p95", "own_rms"))
+            line += "".join(f"   {found[name][0]:6.3f}" for name in ("rms", "p95", "own_rms"))
         lines.append(line)
     return "\n".join(lines)
 
 
-def draw(result: dict, path: str) -> None:
+def draw(result: dict, ground: Ground) -> Figure:
     """Median error against the number of AUVs, one panel a scenario."""
-    figure, panels = plt.subplots(1, len(SCENARIOS), figsize=(11, 5), sharey=True, layout="constrained")
+    figure = Figure(figsize=(9.6, 5), layout="constrained")
+    panels = figure.subplots(1, len(SCENARIOS), sharey=True)
     for panel, scenario in zip(panels, SCENARIOS, strict=True):
-        for shift, (row, colour) in enumerate(zip(ROWS, COLOURS, strict=True)):
+        for shift, (row, (colour, mark)) in enumerate(looks(ROWS, ground.colours).items()):
             m, low, high = np.array([result[scenario][auvs][row]["median"] for auvs in TEAMS]).T
             x = np.array(TEAMS) + 0.05 * (shift - len(ROWS) / 2)
-            panel.errorbar(x, m, (m - low, high - m), fmt="o-", ms=4, lw=1.2, color=colour, label=row)
+            panel.errorbar(x, m, (m - low, high - m), fmt=f"{mark}-", ms=4, lw=1.2, color=colour, label=row)
         limit = [result[scenario][auvs][BEST]["median"][0] for auvs in TEAMS]
-        panel.plot(TEAMS, limit, "k--", lw=1.2, label="as the covariance says, from the best place at once")
+        label = "as the covariance says, from the best place at once"
+        panel.plot(TEAMS, limit, "--", color=ground.text, lw=1.2, label=label)
         panel.set(title=scenario, xlabel="number of AUVs", xticks=TEAMS, ylim=(0, None))
-        panel.grid(alpha=0.3, which="both")
     panels[0].set(ylabel="median horizontal error of fixes, m")
-    figure.legend(
-        *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8, frameon=False
-    )
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print JSON after the table")
-    parser.add_argument("--out", help="figure to write")
+    parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png to write")
     parser.add_argument("--episodes", type=int, default=50)
     parser.add_argument("--seed", type=int, default=2026)
     arguments = parser.parse_args()
     result = measure(arguments.episodes, arguments.seed)
     if arguments.out:
-        draw(result, arguments.out)
+        write_pair(arguments.out, partial(draw, result))
     if arguments.json:
         print(json.dumps(result, indent=1))
 

@@ -11,16 +11,18 @@ from __future__ import annotations
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
+from usvauv_cli.figure_theme import Ground, write_pair
 from usvauv_env import evaluate
-from usvauv_env.render.palette import CATEGORICAL_ON_WHITE, MARKERS, looks
+from usvauv_env.render.palette import MARKERS, looks
 
 SCENARIO = "extreme"
 CURVES = {
@@ -29,7 +31,6 @@ CURVES = {
     "clear": (0.0, 20.0, 40.0, 80.0, 120.0, 200.0),
     "zermelo": (1.2, 1.3, 1.4, 1.5, 1.6, 1.8),
 }
-LOOKS = looks(CURVES, CATEGORICAL_ON_WHITE)
 LEARNED_MARKS = MARKERS[len(CURVES) :]
 FIGURES = ("arps", "delivered_mbit", "lost_mbit", "energy_wh", "joule_per_mbit", "services", "collisions")
 DATA, ENERGY = "delivered_mbit", "energy_wh"
@@ -63,10 +64,11 @@ def ratio(name: str, table: Table, family: str) -> list[float]:
     return [float(ratios[0]), *np.quantile(ratios[1:], (0.025, 0.975)).tolist()]
 
 
-def draw(table: Table, learned: list[str], path: Path) -> None:
-    picture, panel = plt.subplots(figsize=(7.5, 5), layout="constrained")
+def draw(table: Table, learned: list[str], ground: Ground) -> Figure:
+    picture = Figure(figsize=(7.5, 5), layout="constrained")
+    panel = picture.subplots()
     whole = np.arange(len(next(iter(table.values()))[DATA]))[None]
-    for family, (colour, mark) in LOOKS.items():
+    for family, (colour, mark) in looks(CURVES, ground.colours).items():
         x, y = (curve(family, table, key, whole)[:, 0] for key in (ENERGY, DATA))
         label = f"{family} (knows the current everywhere)" if family == "zermelo" else family
         panel.plot(x, y, f"{mark}-", ms=5, lw=1.4, color=colour, label=label)
@@ -74,19 +76,18 @@ def draw(table: Table, learned: list[str], path: Path) -> None:
         x, y = (table[name][key] for key in (ENERGY, DATA))
         error = [1.96 * values.std(ddof=1) / np.sqrt(len(values)) for values in (y, x)]
         label = Path(name).name
-        panel.errorbar(x.mean(), y.mean(), *error, fmt=mark, ms=7, capsize=3, color="#333333", mfc="white", label=label)
+        look = {"fmt": mark, "ms": 7, "capsize": 3, "color": ground.text, "label": label}
+        panel.errorbar(x.mean(), y.mean(), *error, **look)
     panel.set(xlabel="energy of all AUVs, Wh", ylabel="data, Mbit", title=f"{SCENARIO}, {whole.size} paired episodes")
-    panel.grid(alpha=0.3)
-    panel.legend(frameon=False)
-    picture.savefig(path, dpi=130)
-    plt.close(picture)
+    panel.legend()
+    return picture
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print the ratios as JSON")
     parser.add_argument("--policy", action="append", help="learned policy; default: sac-extreme")
-    parser.add_argument("--out", type=Path, help="figure to write")
+    parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png to write")
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument("--seed", type=int, default=2026)
     arguments = parser.parse_args()
@@ -106,7 +107,7 @@ def main() -> None:
             ]
         )
     if arguments.out:
-        draw(table, learned, arguments.out)
+        write_pair(arguments.out, partial(draw, table, learned))
     if arguments.json:
         print(json.dumps(results, indent=1))
 

@@ -14,16 +14,14 @@ import argparse
 import json
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from matplotlib.figure import Figure
 
-from benchmarks import figures
-from benchmarks.figures import Ground
 from benchmarks.machine import batch, best_time, describe
 from kernels import runtime
 from kernels.positioning import rays, usbl
+from usvauv_cli.figure_theme import Ground, write_pair
 from usvauv_env import Scenario
 from usvauv_env.site.site import Site
 from usvauv_env.site.sound_speed import SoundSpeedProfile
@@ -126,7 +124,8 @@ def cast(thickness: float = 1.0) -> SoundSpeedProfile:
 def draw(ground: Ground) -> Figure:
     """The profiles and the horizontal error against horizontal range."""
     R = np.concatenate([np.linspace(1, 10, 19), np.linspace(11, 400, 390)])
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5.2), width_ratios=(1, 2.4), layout="constrained")
+    figure = Figure(figsize=(9.6, 5.2), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1, 2.4))
     exact = 0.0
     for color, (name, table) in zip(ground.colours, PROFILES.items(), strict=False):
         profile = SoundSpeedProfile.from_table(table)
@@ -141,11 +140,11 @@ def draw(ground: Ground) -> Figure:
     right.axhline(exact, color=ground.text, lw=0.8, ls=":", label=bound)
     left.set(xlabel="speed of sound, m/s", ylabel="depth, m", ylim=(120, 0))
     left.axhline(DEPTH, color=ground.muted, lw=0.8)
-    left.text(1443, DEPTH - 1, "source", color=ground.muted, fontsize=8)
+    left.text(1443, DEPTH - 1, "source", color=ground.muted, fontsize=9)
     right.set(xlabel="horizontal range, m", ylabel="horizontal error of the fix, m", yscale="log")
     right.set(xlim=(0, 400), ylim=(1e-4, 40))
-    right.grid()
-    figure.legend(*right.get_legend_handles_labels(), loc="outside upper center", fontsize=8, ncols=2)
+    right.yaxis.set_major_formatter("{x:g}")
+    figure.legend(*right.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
 
@@ -218,7 +217,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
     arguments = parser.parse_args()
     if arguments.out:
-        figures.write(arguments.out, draw)
+        write_pair(arguments.out, draw)
     result = measure(arguments.seconds)
     if arguments.json:
         print(json.dumps(result, indent=1))

@@ -44,7 +44,9 @@ def test_the_page_needs_no_more_than_the_tables(tables):
     text = page.read_text()
     for words in ("`centroid` | 95.0 ± 29.4 | 63.3 % | 25.0 ± 29.4", "Number of boats", "bring in 150.0 Mbit"):
         assert words in text
-    assert (tables / "reproduction" / "collaboration.png").read_bytes().startswith(b"\x89PNG")
+    assert {file.name for file in (tables / "reproduction").iterdir()} == {
+        *("collaboration.csv", "collaboration.pdf", "collaboration-dark.png", "collaboration-light.png")
+    }
     assert len(read_rows(tables / "reproduction" / "collaboration.csv")) == 66
 
 

@@ -165,14 +165,16 @@ class TestWhole:
             assert tuple(read[0]) == columns
             assert len(read) == rows
         for name in targets.FIGURES:
-            assert (results / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+            light, dark = ((results / f"{name}-{theme}.png").read_bytes() for theme in ("light", "dark"))
+            assert light[:4] == dark[:4] == b"\x89PNG"
+            assert light != dark
             assert (results / f"{name}.pdf").read_bytes().startswith(b"%PDF")
 
     def test_the_page_links_to_what_is_there(self, whole):
         folder, page = whole
         text = page.read_text()
-        links = re.findall(r"\]\(([^)]+)\)", text)
-        assert len(links) >= 4 * 3
+        links = [*re.findall(r"\]\(([^)]+)\)", text), *re.findall(r'(?:src|srcset)="([^"]+)"', text)]
+        assert len(links) >= 4 * 4
         assert all((folder / link).is_file() for link in links)
         assert not any(link.startswith("/") for link in links)
         assert str(folder) not in text

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import policies
-from usvauv_cli.figure_theme import TEXT
+from usvauv_cli.figure_theme import Ground, write_pair
 from usvauv_cli.reproduction import figure
 from usvauv_cli.reproduction.settings import WIDE, Settings
 from usvauv_cli.reproduction.work import EVALUATION_STEP, Piece, Work
@@ -24,7 +26,6 @@ NAME = "collaboration"
 STEERING = "pace"
 CENTRE = "hold:300,300"
 STRATEGIES = (CENTRE, "centroid", "fim", "visit", "belief")
-LOOKS = looks(STRATEGIES)
 FIGURES = ("delivered_mbit", "aoi_mean", "own_error_rms", "own_error_p95", "fix_availability", "outage_longest")
 SUMMARY = ("axis", "value", "boat", "episodes", "share", *FIGURES, "mbit95", "belief_more", "belief_more95")
 
@@ -173,38 +174,39 @@ def points(folder: Path) -> Iterator[Point]:
 
 
 def make(folder: Path, place: Path) -> list[Point]:
-    """Write collaboration.csv, .png and .pdf; returns the points."""
+    """Write collaboration.csv, a pair of .png, and .pdf; returns the points."""
     found = list(points(folder))
     rows = (
         (p.axis, p.value, p.boat, p.episodes, p.share, *p.means.values(), p.interval, p.more, p.more_interval)
         for p in found
     )
     write_rows(place / f"{NAME}.csv", SUMMARY, (dict(zip(SUMMARY, row, strict=True)) for row in rows))
-    _draw(found, place / NAME)
+    write_pair(place / f"{NAME}.png", partial(_draw, found), pdf=True)
     return found
 
 
-def _draw(found: Sequence[Point], place: Path) -> None:
+def _draw(found: Sequence[Point], ground: Ground) -> Figure:
     drawn = figure.titled_figure(
-        13.2, 7.6,
+        7.6,
         "What the boat's strategy brings in",
         f"data of 8 AUVs over those with perfect fixes; {found[0].episodes} episodes of {WIDE}, the same for all;"
         " bars: 95 % of the mean",
+        ground,
     )  # fmt: skip
-    grid = drawn.add_gridspec(2, 2, left=0.06, right=0.985, bottom=0.12, top=0.85, wspace=0.12, hspace=0.34)
+    room = {"left": 0.08, "right": 0.98, "bottom": 0.14, "top": 0.88, "wspace": 0.06, "hspace": 0.28}
     most = found[0].means["delivered_mbit"] / found[0].share
-    panels = [drawn.add_subplot(grid[n // 2, n % 2]) for n in range(len(AXES))]
-    for axes, axis in zip(panels, AXES, strict=True):
+    panels = drawn.subplots(2, 2, sharey=True, gridspec_kw=room)
+    marks = looks(STRATEGIES, ground.colours)
+    for axes, axis in zip(panels.flat, AXES, strict=True):
         places = {value: n for n, value in enumerate(sorted(axis.points))}
         for n, boat in enumerate(axis.boats):
             own = [p for p in found if (p.axis, p.boat) == (axis.name, boat)]
             x = [places[p.value] + 0.05 * (n - 0.5 * (len(axis.boats) - 1)) for p in own]
             share, bars = [100 * p.share for p in own], [100 * p.interval / most for p in own]
-            colour, marker = LOOKS[boat]
+            colour, marker = marks[boat]
             axes.errorbar(x, share, bars, color=colour, marker=marker, ms=5, lw=1.4, capsize=2, label=boat)
-        axes.set(xticks=list(places.values()), xticklabels=[f"{value:g}" for value in places], ylim=(None, 103))
-        axes.set_ylabel("of perfect fixes, %")
-        figure.style_plot(axes, axis.name)
-    handles, labels = panels[0].get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="lower center", ncols=5, frameon=False, labelcolor=TEXT, fontsize=9.5)
-    figure.save(drawn, place)
+        axes.set(xticks=list(places.values()), xticklabels=[f"{value:g}" for value in places], xlabel=axis.name)
+    for axes in panels[:, 0]:
+        axes.set(ylim=(None, 103), ylabel="data, % of that with perfect fixes")
+    drawn.legend(*panels[0, 0].get_legend_handles_labels(), loc="lower center", ncols=5)
+    return drawn

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import policies
-from usvauv_cli.figure_theme import MUTED, TEXT
+from usvauv_cli.figure_theme import Ground, write_pair
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.runs import Learned
 from usvauv_cli.reproduction.settings import Settings
 from usvauv_cli.reproduction.work import Piece
 from usvauv_env.record.table import write_rows
+from usvauv_env.render.palette import looks
 
 NAME = "fig3"
 METHODS = ("ddpg", "sac")
@@ -52,26 +55,28 @@ def band(table: Sequence[Mapping[str, Any]], method: str, condition: str, name: 
 
 
 def make(settings: Settings, folder: Path, results: Path) -> list[dict[str, object]]:
-    """Write fig3.csv, .png and .pdf; returns what they show."""
+    """Write fig3.csv, a pair of .png, and .pdf; returns what they show."""
     table = curves(settings, folder)
     write_rows(results / f"{NAME}.csv", COLUMNS, table)
-    _draw(table, settings, results / NAME)
+    write_pair(results / f"{NAME}.png", partial(_draw, table, settings), pdf=True)
     return table
 
 
-def _draw(table: list[dict], settings: Settings, place: Path) -> None:
+def _draw(table: list[dict], settings: Settings, ground: Ground) -> Figure:
     drawn = figure.titled_figure(
-        14.0, 5.3,
+        5.0,
         "Fig. 3: learning in ideal and extreme sea conditions",
         f"mean over {len(settings.seeds)} runs, band from the worst to the best run; each point {settings.judged}"
-        " episodes of worlds not trained in; marks at the right: the paper's Table 2, ◁ ISC and ◇ ESC",
+        " episodes of worlds not trained in;\nmarks at the right: the paper's Table 2, ◁ ISC and ◇ ESC",
+        ground,
     )  # fmt: skip
-    grid = drawn.add_gridspec(1, 3, left=0.05, right=0.985, bottom=0.18, top=0.73, wspace=0.16)
+    room = {"left": 0.055, "right": 0.98, "bottom": 0.2, "top": 0.66, "wspace": 0.2}
+    panels = drawn.subplots(1, 3, gridspec_kw=room)
     episode = settings.scenario(paper.CONDITIONS["ISC"]).mission.steps / 1000
-    for column, (name, words) in enumerate(figure.NAMES.items()):
-        axes = drawn.add_subplot(grid[0, column])
+    looked = looks(figure.METHODS, ground.colours)
+    for axes, (name, words) in zip(panels, figure.NAMES.items(), strict=True):
         for method in METHODS:
-            colour, marker = figure.METHOD_LOOKS[method]
+            colour, marker = looked[method]
             for condition, dash in DASHES.items():
                 steps, mean, low, high = band(table, method, condition, name)
                 label = f"{settings.method(method).title} ({condition})"
@@ -85,11 +90,8 @@ def _draw(table: list[dict], settings: Settings, place: Path) -> None:
         above = axes.secondary_xaxis(
             "top", functions=(lambda x: np.divide(x, episode), lambda x: np.multiply(x, episode))
         )
-        above.set_xlabel("episode equivalents", color=MUTED, fontsize=9)
-        above.tick_params(colors=MUTED, labelsize=8.5, length=0)
+        above.set_xlabel("episode equivalents")
         above.spines["top"].set_visible(False)
-        figure.style_plot(axes, words, title_pad=36)
-    handles, labels = axes.get_legend_handles_labels()
-    looks = {"frameon": False, "labelcolor": TEXT, "fontsize": 9.5, "handlelength": 3.5}
-    drawn.legend(handles, labels, loc="lower center", ncols=4, **looks)
-    figure.save(drawn, place)
+        axes.set_title(words, pad=36)
+    drawn.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=4, handlelength=3.5)
+    return drawn

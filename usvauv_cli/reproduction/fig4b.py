@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from usvauv_cli import figure_theme
-from usvauv_cli.figure_theme import TEXT
+from usvauv_cli.figure_theme import Ground, log_ticks, write_pair
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.fixes import BOUND, FixErrors, results
 from usvauv_cli.reproduction.settings import PHYSICAL, STRATEGIES, Settings
@@ -20,7 +21,6 @@ NAME = "fig4b"
 SCENARIOS = (paper.CONDITIONS["ESC"], PHYSICAL)
 TIMES = ("scenario", "strategy", "time", "median", "lower_quartile", "upper_quartile")
 SUMMARY = ("scenario", "strategy", "episodes", "median", "low95", "high95", "p95", "paper")
-LOOKS = looks(STRATEGIES) | {BOUND: (TEXT, "")}
 RESAMPLES = 4000
 
 
@@ -52,7 +52,7 @@ def pieces(settings: Settings) -> list[Piece]:
 
 
 def make(folder: Path, place: Path) -> list[Level]:
-    """Write fig4b.csv (levels), fig4b-over-time.csv, .png and .pdf; returns the levels."""
+    """Write fig4b.csv (levels), fig4b-over-time.csv, a pair of .png, and .pdf; returns the levels."""
     levels = [level(folder, scenario, row) for scenario in SCENARIOS for row in (*STRATEGIES, BOUND)]
     cells = ((v.scenario, v.strategy, v.episodes, v.median, v.low, v.high, v.p95, v.paper) for v in levels)
     write_rows(place / f"{NAME}.csv", SUMMARY, (dict(zip(SUMMARY, row, strict=True)) for row in cells))
@@ -63,7 +63,7 @@ def make(folder: Path, place: Path) -> list[Level]:
         for row in rows
     )
     write_rows(place / f"{NAME}-over-time.csv", TIMES, named)
-    _draw(over_time, levels, place / NAME)
+    write_pair(place / f"{NAME}.png", partial(_draw, over_time, levels), pdf=True)
     return levels
 
 
@@ -86,36 +86,32 @@ def level(folder: Path, scenario: str, strategy: str) -> Level:
     )
 
 
-def _draw(over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[Level], place: Path) -> None:
+def _draw(over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[Level], ground: Ground) -> Figure:
     drawn = figure.titled_figure(
-        13.2, 6.0,
+        5.4,
         "Fig. 4(b): error of the AUVs' positions by the boat's strategy",
-        f"median over {levels[0].episodes} episodes and AUVs steered by straight, band from quartile to quartile;"
-        " dotted: the paper's levels, in the strategies' colours",
+        f"median over {levels[0].episodes} episodes and AUVs steered by straight, band from quartile to quartile;\n"
+        "dotted: the paper's levels, in the strategies' colours",
+        ground,
     )  # fmt: skip
-    grid = drawn.add_gridspec(1, 2, left=0.06, right=0.985, bottom=0.17, top=0.82, wspace=0.08)
-    left = drawn.add_subplot(grid[0, 0])
-    panels = (left, drawn.add_subplot(grid[0, 1], sharey=left))
+    room = {"left": 0.08, "right": 0.97, "bottom": 0.19, "top": 0.75, "wspace": 0.1}
+    panels = drawn.subplots(1, 2, sharey=True, gridspec_kw=room)
+    marks = looks(STRATEGIES, ground.colours) | {BOUND: (ground.text, "")}
     for axes, scenario in zip(panels, SCENARIOS, strict=True):
         for strategy in (*STRATEGIES, BOUND):
-            rows, (colour, marker) = over_time[scenario, strategy], LOOKS[strategy]
+            rows, (colour, marker) = over_time[scenario, strategy], marks[strategy]
             time, median = (np.array([float(row[name]) for row in rows]) for name in ("time", "median"))
             if strategy == BOUND:
                 axes.plot(time, median, color=colour, lw=1.2, ls=(0, (4, 2)), label="bound of a single fix", zorder=4)
                 continue
             low, high = (np.array([float(row[name]) for row in rows]) for name in ("lower_quartile", "upper_quartile"))
             axes.fill_between(time, low, high, color=colour, alpha=0.12, lw=0)
-            axes.plot(time, median, marker, ls="-", ms=5, markevery=0.1, color=colour, lw=1.3, label=strategy)
+            axes.plot(time, median, marker, ls="-", ms=5, markevery=0.1, color=colour, lw=0.9, label=strategy)
             if strategy in paper.FIG_4B:
                 axes.axhline(paper.FIG_4B[strategy], color=colour, lw=1.4, ls=":")
-        axes.set(yscale="log", xlabel="time, s", xlim=(0, time[-1]))
-        noise = "the demonstration's noise" if axes is left else "noise and sea as physics has them"
-        figure.style_plot(axes, f"{scenario}: {noise}")
-        if axes is left:
-            axes.set_ylabel("horizontal error, m")
-        else:
-            axes.tick_params(labelleft=False)
-    figure_theme.log_ticks(left.yaxis)
-    handles, labels = left.get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="lower center", ncols=5, frameon=False, labelcolor=TEXT, fontsize=9.5)
-    figure.save(drawn, place)
+        noise = "noise and sea as physics has them" if scenario == PHYSICAL else "the demonstration's noise"
+        axes.set(yscale="log", xlabel="time, s", xlim=(0, time[-1]), title=f"{scenario}: {noise}")
+    panels[0].set_ylabel("horizontal error, m")
+    log_ticks(panels[0].yaxis)
+    drawn.legend(*panels[0].get_legend_handles_labels(), loc="lower center", ncols=5)
+    return drawn

@@ -45,8 +45,12 @@ def spread(centre: float, deviation: float, digits: int = 2) -> str:
 
 
 def picture(name: str, about: str) -> str:
-    """A figure, with links to its other formats."""
-    return f"![{about}]({RESULTS}/{name}.png)\n\nAs [PDF]({RESULTS}/{name}.pdf), as [CSV]({RESULTS}/{name}.csv)."
+    """A figure for light and for dark pages, with links to its other formats."""
+    pair = (
+        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{RESULTS}/{name}-dark.png">'
+        f'<img alt="{about}" src="{RESULTS}/{name}-light.png"></picture>'
+    )
+    return f"{pair}\n\nAs [PDF]({RESULTS}/{name}.pdf), as [CSV]({RESULTS}/{name}.csv)."
 
 
 def table2_section(rows: Sequence[table2.Row], settings: Settings) -> str:

@@ -6,16 +6,19 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from usvauv_cli.figure_theme import MUTED, TEXT
+from usvauv_cli.figure_theme import Ground, write_pair
 from usvauv_cli.reproduction import figure, paper
 from usvauv_cli.reproduction.runs import Heuristic, Learned
 from usvauv_cli.reproduction.settings import HEURISTICS, Settings
 from usvauv_cli.reproduction.work import Piece
 from usvauv_env.record.table import read_rows, write_rows
+from usvauv_env.render.palette import looks
 
 NAME = "table2"
 OTHERS = ("services", "delivered_mbit", "collisions", "border", "arps_without_eq5")
@@ -116,10 +119,10 @@ def value(row: dict[str, str], name: str) -> float:
 
 
 def make(settings: Settings, folder: Path, results: Path) -> list[Row]:
-    """Write table2.csv, .png and .pdf; returns what they show."""
+    """Write table2.csv, a pair of .png, and .pdf; returns what they show."""
     table = rows(settings, folder)
     write_rows(results / f"{NAME}.csv", COLUMNS, (_cells(row) for row in table))
-    _draw(table, settings, results / NAME)
+    write_pair(results / f"{NAME}.png", partial(_draw, table, settings), pdf=True)
     return table
 
 
@@ -135,32 +138,32 @@ def _cells(row: Row) -> dict[str, object]:
     return cells | {f"{name}_mean": row.mean[name] for name in OTHERS}
 
 
-def _draw(table: Sequence[Row], settings: Settings, place: Path) -> None:
+def _draw(table: Sequence[Row], settings: Settings, ground: Ground) -> Figure:
     """Ours and the paper's, row by row, one panel a figure."""
     shown = [row for row in table if row.trained_in in ("ISC", "")]
     drawn = figure.titled_figure(
-        13.0, 1.75 + 0.3 * len(shown),
+        1.85 + 0.3 * len(shown),
         "Table 2: ours beside the paper's",
         f"trained in ISC, tested in both; mean ± standard deviation over {shown[0].episodes} episodes of"
         f" {len(settings.seeds)} runs of {settings.steps:,} world-steps",
+        ground,
     )  # fmt: skip
-    grid = drawn.add_gridspec(1, 3, left=0.115, right=0.98, wspace=0.07)
-    grid.update(top=1 - 1.05 / drawn.get_figheight(), bottom=0.55 / drawn.get_figheight())
-    for column, (name, words) in enumerate(figure.NAMES.items()):
-        axes = drawn.add_subplot(grid[0, column])
+    height = drawn.get_figheight()
+    room = {"left": 0.16, "right": 0.98, "top": 1 - 1.15 / height, "bottom": 0.4 / height, "wspace": 0.08}
+    panels = drawn.subplots(1, 3, sharey=True, gridspec_kw=room)
+    looked = looks(figure.METHODS, ground.colours)
+    for axes, (name, words) in zip(panels, figure.NAMES.items(), strict=True):
         for y, row in enumerate(shown):
-            colour, marker = figure.METHOD_LOOKS.get(row.key, figure.HEURISTIC_LOOK)
+            colour, marker = looked.get(row.key, (ground.muted, "o"))
             axes.errorbar(row.mean[name], y - 0.14, xerr=row.sd[name], fmt=marker, ms=6, lw=1.6, color=colour)
             if name in row.printed:
                 centre, spread = row.printed[name]
-                axes.errorbar(centre, y + 0.2, xerr=spread, fmt="D", ms=5, mfc="none", lw=1.0, color=TEXT, alpha=0.85)
-        axes.set(ylim=(len(shown) - 0.4, -0.6), yticks=range(len(shown)))
-        axes.set_yticklabels([row.name.replace("`", "") for row in shown] if column == 0 else [])
-        figure.style_plot(axes, words)
+                axes.errorbar(centre, y + 0.2, xerr=spread, fmt="D", ms=5, mfc="none", lw=1.0, color=ground.text)
+        axes.set(ylim=(len(shown) - 0.4, -0.6), yticks=range(len(shown)), title=words)
+        axes.set_yticklabels([row.name.replace("`", "") for row in shown])
     marks = [
-        Line2D([], [], marker="o", ls="-", color=MUTED, label="ours"),
-        Line2D([], [], marker="D", ls="-", mfc="none", color=TEXT, label="paper"),
+        Line2D([], [], marker="o", ls="-", color=ground.muted, label="ours"),
+        Line2D([], [], marker="D", ls="-", mfc="none", color=ground.text, label="paper"),
     ]
-    corner = {"loc": "upper right", "bbox_to_anchor": (0.985, 0.965), "ncols": 2}
-    drawn.legend(handles=marks, frameon=False, labelcolor=TEXT, fontsize=9.5, **corner)
-    figure.save(drawn, place)
+    drawn.legend(handles=marks, loc="upper right", bbox_to_anchor=(0.985, 0.985), ncols=2)
+    return drawn
