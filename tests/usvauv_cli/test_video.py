@@ -313,17 +313,15 @@ class TestForesight:
 
     def test_a_place_is_worth_what_is_heard_there(self):
         """Beside an AUV its share of the variance, far from both nothing, and where all is heard everything."""
-        view = MapView(Area(width=600, length=600), Rectangle(0, 0, 600, 600))
-        share = ReplyField(self.far(), view).share(2)
+        share = ReplyField(self.far()).share(2)
         assert share.shape == (41, 41)
         assert share[20, 6] == pytest.approx(0.75, abs=0.01)
         assert share[20, 34] == pytest.approx(0.25, abs=0.01)
         assert share[0, 0] < 0.05
-        assert ReplyField(self.far(level=190.0), view).share(2).min() > 0.999
+        assert ReplyField(self.far(level=190.0)).share(2).min() > 0.999
 
     def test_lines_are_round_the_auv_that_is_worth_more(self):
-        view = MapView(Area(width=600, length=600), Rectangle(0, 0, 600, 600))
-        lines = dict(ReplyField(self.far(), view).lines(2))
+        lines = dict(ReplyField(self.far()).lines(2))
         assert not lines[0.8]
         around = np.concatenate(lines[0.6])
         middle = (around.min(axis=0) + around.max(axis=0)) / 2

@@ -14,8 +14,11 @@ from usvauv_env.record.trace import Trace
 from usvauv_env.render import bodies, style
 from usvauv_env.render.camera import SWING_FRAMES, Camera, Swing
 from usvauv_env.render.frame_layout import Layout, Rectangle
+from usvauv_env.render.itinerary import Itinerary
 from usvauv_env.render.map import SIGMAS
 from usvauv_env.render.perspective import PerspectiveView
+from usvauv_env.render.popups import Popups
+from usvauv_env.render.reply_field import ReplyField
 from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.scene import Scene
 from usvauv_env.render.wave_sheet import Columns, look
@@ -281,10 +284,39 @@ class TestView:
         delivered = np.zeros((steps, 1, 2))
         delivered[1, 0, 0] = 1.0
         assert changed(nodes[0], 60, delivered=delivered)
+        small = Rectangle(30, 20, 400, 240)  # the map beside it has the words
+        without, with_it = (
+            draw(view_of(replace(trace, delivered=data), small), 1) for data in (0 * delivered, delivered)
+        )
+        assert (without == with_it).all()
         foreseen = trace.estimate.copy()
         foreseen[1, 0, 0] += 40.0
         place = view.scene.place(foreseen[1, 0, 0], view.scene.auvs)
         assert changed(place, 6, foreseen_position=foreseen)
+
+    def test_words_keep_off_the_numbers_of_auvs(self):
+        trace, place = calm(delivered=np.ones((4, 1, 2))).episode(0), np.array([150.0, 120.0])
+        nodes = np.tile(place, (trace.node_position.shape[1], 1))
+        left = []
+        for badges in (np.zeros((1, 2)), place[None] - (0.0, 14.0)):
+            picture = np.zeros((300, 400, 3), np.uint8)
+            Popups(trace, Itinerary(trace), 1.0).draw(picture, Rectangle(0, 0, 400, 300), 3, nodes, 6.0, badges)
+            left.append(picture[98:112, 142:158])
+        assert left[0].any()
+        assert not left[1].any()
+
+    def test_lines_on_the_water_are_where_a_place_is_worth_as_much(self):
+        def wide(level: float) -> Trace:
+            changes = ["area.width=600", "area.length=600", "channel.data_ratio=18", f"acoustics.source_level={level}"]
+            return calm(scenario=Scenario.load("extreme", [*changes, "nodes.count=6"]))
+
+        near, everywhere = wide(139.0), wide(190.0)
+        assert not ReplyField(everywhere).lines(3)
+        lines = dict(ReplyField(near).lines(3))[0.6]
+        view, pictures = view_of(near), [shown(trace) for trace in (near, everywhere)]
+        for line in lines:
+            for point in line[:: len(line) // 5]:
+                assert differs(*pictures, view.camera(3).pixel(view.scene.place(point, 0.0)))
 
     def test_a_flat_sea_is_level(self):
         view = view_of(calm())

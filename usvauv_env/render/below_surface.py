@@ -20,6 +20,7 @@ from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.scene import WATER, Scene, track
 
 AUV_LENGTH = 0.06  # as drawn, of the area's longer side
+SMALL = 300  # height up to which a view leaves words to the map beside it, pixels of the design
 ZOOMS = (0.85, 1.0, 1.15)  # of nodes by their distance, of which each size has a picture of its own
 
 
@@ -69,13 +70,14 @@ class BelowSurface:
             self._draw_auv(canvas, t, int(auv))
 
     def draw_words(self, canvas: Canvas, t: int) -> None:
-        """The AUVs' numbers beside them, and the data of their latest services."""
-        height, width = canvas.picture.shape[:2]
-        nodes = canvas.camera.pixel(self._nodes)
-        self._popups.draw(canvas.picture, Rectangle(0, 0, width, height), t, nodes, 3 * float(self._radii[-1]))
-        for auv, place in enumerate(canvas.camera.pixel(self.auvs[t])):
-            label = place + np.array([14, -13]) * self._layout.unit
-            symbols.badge(canvas.picture, str(auv + 1), label, 11 * self._layout.unit, style.auv_colour(auv))
+        """The AUVs' numbers beside them, and the data of their latest services, which a small view leaves out."""
+        (height, width), unit = canvas.picture.shape[:2], self._layout.unit
+        nodes, labels = canvas.camera.pixel(self._nodes), canvas.camera.pixel(self.auvs[t]) + np.array([14, -13]) * unit
+        if height > SMALL * unit:
+            box = Rectangle(0, 0, width, height)
+            self._popups.draw(canvas.picture, box, t, nodes, 3 * float(self._radii[-1]), labels)
+        for auv, label in enumerate(labels):
+            symbols.badge(canvas.picture, str(auv + 1), label, 11 * unit, style.auv_colour(auv))
 
     def _draw_auv(self, canvas: Canvas, t: int, auv: int) -> None:
         """Trail, line down to the bed, ways to its next nodes, error ellipse, estimate, and the body."""

@@ -101,10 +101,11 @@ class FixInsets:
 
     def _caption(self, picture: np.ndarray, t: int, auv: int) -> None:
         unit, centre = self._layout.unit, self._centres[auv]
-        small = self._radius < 42 * unit
-        text = f"{auv + 1}: {self._running.position_error[t, auv]:.2f} m"
-        if not small:
-            text = f"AUV {auv + 1}: {self._running.position_error[t, auv]:.2f} m off"
+        error = self._running.position_error[t, auv]
+        digits = sum(error < limit for limit in (9.995, 99.95))  # three in all, so that captions are of one size
+        text = f"{auv + 1}: {error:.{digits}f} m"
+        if self._radius >= 42 * unit:
+            text = f"AUV {text} off"
         size = 12.5 * unit * min(1.0, 0.93 * self._across / text_width(text, 12.5 * unit, bold=True))
         below = centre[1] + self._radius + 16 * unit
         write(picture, text, (centre[0], below), size, self._layout.theme.auv(auv), bold=True, anchor="centre")

@@ -108,8 +108,10 @@ class Frame:
             ends = camera.pixel(ends).swapaxes(0, 1)
             canvas.pieces(ends, style.DARK.muted)
             anchor, gap = ("left", 3 * unit) if ends[0, 1, 0] > ends[0, 0, 0] else ("right", -3 * unit)
-            for tick, (_, (x, y)) in zip(self._ticks[axis], ends, strict=True):
-                write(picture, f"{tick:g}", (x + gap, y + 10 * unit), size, style.DARK.muted, anchor=anchor)
+            words = [f"{tick:g}" for tick in self._ticks[axis]]
+            words[-1] += " m"
+            for text, (_, (x, y)) in zip(words, ends, strict=True):
+                write(picture, text, (x + gap, y + 10 * unit), size, style.DARK.muted, anchor=anchor)
         corners = np.array([(near[0], -near[1]), (-near[0], near[1])])
         left = corners[np.argmin(corners @ camera.right)]
         for depth in self._depths:

@@ -22,7 +22,7 @@ from usvauv_env.render.shapes import Overlay
 TRAIL = 120.0  # s
 TRAIL_PIECES = 6  # of one opacity each
 OLD = 300.0  # s, age from which on a node's ring is brightest
-REFRESH = 3  # steps from which on streaks and lines of equal worth, which change slowly, are made anew
+REFRESH = 3  # steps from which on streaks, which change slowly, are made anew
 SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
 
 
@@ -53,6 +53,7 @@ class MissionMap:
         self._overlay = Overlay(*layout.map)
         self._boats = self.view.pixel(trace.boat_position[:, 0])
         self._auvs = self.view.pixel(trace.auv_position[:, 0])
+        self._labels = self._auvs + np.array([14, -12]) * layout.unit
         self._nodes = self.view.pixel(trace.node_position[0])
         self._exchanges, self._itinerary = Exchanges(trace), Itinerary(trace)
         self._popups = Popups(trace, self._itinerary, layout.unit)
@@ -64,8 +65,7 @@ class MissionMap:
         self._estimated = self.view.pixel(trace.estimate[:, 0])
         self._error_axes = self.view.vector(error_axes(trace.estimate_covariance[:, 0]))
         self._foreseen = self.view.pixel(trace.foreseen_position[:, 0])
-        self._field = ReplyField(trace, self.view)
-        self._contours: list[tuple[float, list[np.ndarray]]] = []
+        self._field = ReplyField(trace)
         self._made = -REFRESH
         self._gauges = symbols.NodeGauges(self._node_radius)
         self._hover_radius = max(scenario.auv.hover_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
@@ -77,7 +77,6 @@ class MissionMap:
         if not self._made <= t < self._made + REFRESH:
             self._made = t
             self.streaks.update(self._trace.vortex[t, 0], self._trace.stream_at(float(self._trace.time[t])))
-            self._contours = self._field.lines(t)
         self.streaks.draw(self._overlay, t * self._streak_step, self._layout.px(1.2))
         self._draw_field(t)
         self._draw_ellipses(t)
@@ -90,7 +89,7 @@ class MissionMap:
             self._draw_boat(picture, t, boat)
         for auv in range(self._auvs.shape[1]):
             self._draw_auv(picture, t, auv)
-        self._popups.draw(picture, self._layout.map, t, self._nodes, self._hover_radius)
+        self._popups.draw(picture, self._layout.map, t, self._nodes, self._hover_radius, self._labels[t])
 
     def _draw_trails(self, t: int) -> None:
         width = self._layout.px(2)
@@ -113,8 +112,10 @@ class MissionMap:
 
     def _draw_field(self, t: int) -> None:
         """Lines of what replies heard at a place are worth, brighter where it is more; none where all is heard."""
-        for level, lines in self._contours:
-            self._overlay.strokes(lines, style.FIELD, 0.15 + 0.6 * level, self._layout.px(1.2))
+        for level, lines in self._field.lines(t):
+            self._overlay.strokes(
+                [self.view.pixel(line) for line in lines], style.FIELD, 0.15 + 0.6 * level, self._layout.px(1.2)
+            )
 
     def _draw_ellipses(self, t: int) -> None:
         for auv, position in enumerate(self._estimated[t]):
@@ -186,5 +187,4 @@ class MissionMap:
         symbols.auv(picture, position, self._running.heading[t, auv], 29 * layout.unit, colour, layout.zoom)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
             symbols.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
-        label = position + np.array([14, -12]) * layout.unit
-        symbols.badge(picture, str(auv + 1), label, 11 * layout.unit, colour)
+        symbols.badge(picture, str(auv + 1), self._labels[t, auv], 11 * layout.unit, colour)

@@ -12,6 +12,7 @@ from usvauv_env.render.camera import Camera, Swing
 from usvauv_env.render.canvas import Canvas
 from usvauv_env.render.frame_layout import Layout, Rectangle
 from usvauv_env.render.glass_box import Frame, paint_water
+from usvauv_env.render.reply_field import ReplyField
 from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.scene import Scene, track
 from usvauv_env.render.sea_layers import colour_scale, elevation_limit
@@ -49,6 +50,7 @@ class PerspectiveView:
         self._slopes = floating[..., 1:]
         self._below = BelowSurface(trace, running, scene, layout, self._swing.middle)
         self._sound = Sound(trace, scene, self.boats, self._below.auvs)
+        self._field = ReplyField(trace)
 
     def camera(self, t: int) -> Camera:
         """The camera of step t; its pixels are those of the box."""
@@ -72,6 +74,7 @@ class PerspectiveView:
         self._below.draw_auvs(canvas, t)
         _paint_surface(canvas.picture, columns, sheet, colours)
         self._frame.draw_edges(canvas, columns, sheet)
+        self._draw_field(canvas, t, heights)
         self._sound.draw_afloat(canvas, t, heights, layout.px(1.3))
         for boat in np.argsort(-canvas.camera.away(self.boats[t])):
             self._draw_boat(canvas, t, int(boat), heights)
@@ -102,6 +105,13 @@ class PerspectiveView:
             left = round(right - text_width(high, size) - gap) - across
             picture[line - up : line, left : left + across] = colour_scale(across, up)
             write(picture, low, (left - gap, line), size, style.DARK.muted, anchor="right")
+
+    def _draw_field(self, canvas: Canvas, t: int, heights: np.ndarray) -> None:
+        """Lines on the water of what replies heard at a place are worth, brighter where it is more."""
+        for level, lines in self._field.lines(t):
+            ink = style.mix(style.SEA[2], style.FIELD, 0.15 + 0.6 * level)
+            for line in lines:
+                canvas.line(self.scene.afloat(self.scene.place(line, 0.0)[:, :2], heights), ink, self._layout.px(1.2))
 
     def _draw_boat(self, canvas: Canvas, t: int, boat: int, heights: np.ndarray) -> None:
         """Wake, way to the goal, goal and body."""

@@ -19,11 +19,15 @@ class Popups:
     def __init__(self, trace: Trace, itinerary: Itinerary, unit: float) -> None:
         self._delivered, self._itinerary, self._unit = trace.delivered[:, 0], itinerary, unit
 
-    def draw(self, picture: np.ndarray, box: Rectangle, t: int, nodes: np.ndarray, above: float) -> None:
-        """Write them within a box, apart from each other, each from `above` pixels over its node on; (M, 2) pixels."""
+    def draw(
+        self, picture: np.ndarray, box: Rectangle, t: int, nodes: np.ndarray, above: float, badges: np.ndarray
+    ) -> None:
+        """Write them within a box, apart from each other and from the AUVs' numbers at `badges` (K, 2), each from
+        `above` pixels over its node (M, 2) on.
+        """
         unit = self._unit
         first, size = max(0, t - FRAMES + 1), 13 * unit
-        taken: list[tuple[float, float, float]] = []
+        taken = [(x, y + 4 * unit, 10 * unit) for x, y in badges]  # middle, baseline and half the width
         for auv in range(self._delivered.shape[1]):
             recent = np.flatnonzero(self._delivered[first : t + 1, auv] > 0)
             if not recent.size:
@@ -36,7 +40,7 @@ class Popups:
             x = np.clip(x, box.left + half, max(box.right - half, box.left + half))
             y = max(y - above - (5 + 16 * age) * unit, box.top + 1.2 * size)
             while any(abs(x - at) < half + other and abs(y - row) < 1.15 * size for at, row, other in taken):
-                y += 1.15 * size if y + 2.3 * size < box.bottom else -1.15 * size * (len(taken) + 1)
+                y += -1.15 * size if y - 2.3 * size > box.top else 1.15 * size * (len(taken) + 1)
             taken.append((x, y, half))
             for shift, ink in ((unit, style.OUTLINE), (0, style.auv_colour(auv))):
                 write(picture, text, (x + shift, y + shift), size, ink, bold=True, anchor="centre", opacity=1 - age**3)

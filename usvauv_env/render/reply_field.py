@@ -13,24 +13,25 @@ from contourpy import contour_generator
 from kernels import runtime
 from usvauv_env.fix_prediction import reception
 from usvauv_env.record.trace import Trace
-from usvauv_env.render.frame_layout import MapView
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import link_table
 
 LEVELS = (0.2, 0.4, 0.6, 0.8)
 PLACES = 41  # along the longer side
 DISTANCES = 128
+EVERY = 3  # steps at which lines, which change slowly, are made anew
 
 
 class ReplyField:
     """The field of world 0 of a trace."""
 
-    def __init__(self, trace: Trace, view: MapView) -> None:
+    def __init__(self, trace: Trace) -> None:
         area, auv = trace.scenario.area, trace.scenario.auv
         spacing = max(area.width, area.length) / (PLACES - 1)
         self._x, self._y = (np.linspace(0.0, side, round(side / spacing) + 1) for side in (area.width, area.length))
         self._places = np.stack(np.meshgrid(self._x, self._y), -1)
-        self._view, self._foreseen = view, trace.foreseen_position[:, 0]
+        self._foreseen = trace.foreseen_position[:, 0]
+        self._step, self._lines = -1, []
         self._variance = 0.5 * trace.estimate_covariance[:, 0][..., [0, 2]].sum(-1)
         self._distance = np.linspace(0.0, 1.5 * area.diagonal, DISTANCES)
         device = runtime.start().device
@@ -49,9 +50,15 @@ class ReplyField:
         return field / max(float(self._variance[t].sum()), 1e-12)
 
     def lines(self, t: int) -> list[tuple[float, list[np.ndarray]]]:
-        """Each level with its lines (N, 2) in step t, pixels."""
-        share = self.share(t)
-        if share.min() > LEVELS[-1] or share.max() < LEVELS[0]:
-            return []
-        contours = contour_generator(self._x, self._y, share)
-        return [(level, [self._view.pixel(np.asarray(line)) for line in contours.lines(level)]) for level in LEVELS]
+        """Each level with its lines (N, 2), m, in the last step up to t that `EVERY` divides.
+
+        None where all or hardly anything is heard.
+        """
+        step = t - t % EVERY
+        if step != self._step:
+            share = self.share(step)
+            contours = contour_generator(self._x, self._y, share)
+            shown = LEVELS if share.min() <= LEVELS[-1] and share.max() >= LEVELS[0] else ()
+            self._step = step
+            self._lines = [(level, [np.asarray(line) for line in contours.lines(level)]) for level in shown]
+        return self._lines
