@@ -1,7 +1,7 @@
 """The examples that learn with other people's libraries: each for a few hundred steps of short missions."""
 
+import importlib
 import re
-import runpy
 from pathlib import Path
 
 import gymnasium
@@ -37,19 +37,22 @@ def _one_thread():
 
 # TorchRL 0.14's own classes inherit from one that it deprecates.
 @pytest.mark.filterwarnings("ignore:Creating .* which inherits from WeightUpdaterBase is deprecated:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:SyncDataCollector has been deprecated:DeprecationWarning")  # BenchMARL asks for it
 @pytest.mark.parametrize(
     ("name", "library", "steps", "reports"),
     [
         ("stable_baselines3_sac", "stable_baselines3", 300, 10),
         ("cleanrl_td3", "torch", 400, 10),
         ("torchrl_ppo", "torchrl", 400, 8),
+        ("benchmarl_mappo", "benchmarl", 400, 8),
     ],
 )
 def test_learns(name, library, steps, reports, short_missions, tmp_path, monkeypatch, capsys):
     """The reward rises from what random moves bring by a third of the way to zero, and mostly by far more."""
     pytest.importorskip(library)
     monkeypatch.chdir(tmp_path)  # what an example logs goes here
-    rewards = runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](
+    monkeypatch.syspath_prepend(EXAMPLES)
+    rewards = importlib.import_module(name).main(
         ["--steps", str(steps), "--scenario", str(short_missions), "--seed", "1"]
     )
     assert len(rewards) == reports

@@ -281,11 +281,15 @@ class TestRefusals:
         with pytest.raises(ScenarioError, match="num_worlds = 0"):
             DataCollectionTorchRLEnv(num_worlds=0)
 
-    def test_without_the_library(self):
-        """The package does not import torchrl; the face names the extra that brings it."""
-        absent = "import sys, usvauv_env; assert 'torchrl' not in sys.modules; sys.modules['torchrl'] = None"
-        code = f"{absent}; import usvauv_env.faces.torchrl_env"
+    @pytest.mark.parametrize(
+        ("library", "module", "what"),
+        [("torchrl", "torchrl_env", "TorchRL face"), ("benchmarl", "benchmarl_task", "BenchMARL task")],
+    )
+    def test_without_the_library(self, library, module, what):
+        """The package does not import it; the face names the extra that brings it."""
+        absent = f"import sys, usvauv_env; assert '{library}' not in sys.modules; sys.modules['{library}'] = None"
+        code = f"{absent}; import usvauv_env.faces.{module}"
         run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         assert run.stderr.splitlines()[-1] == (
-            'ModuleNotFoundError: the TorchRL face needs the extra torchrl: pip install "usvauv[torchrl]"'
+            f'ModuleNotFoundError: the {what} needs the extra {library}: pip install "usvauv[{library}]"'
         )
