@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -144,6 +145,9 @@ FORESIGHT: tuple[tuple[Symbol, str], ...] = (
     (_field, "lines: what the boat would learn there"),
 )
 
+ON_MAP = replace(style.DARK, card=style.SEA[1])
+"""Colours of symbols: those of the map, on a stripe of water."""
+
 ABBREVIATIONS = "SDR: data rates of all services, added up · EC: an AUV's energy per second of travel"
 
 
@@ -158,8 +162,12 @@ def draw_legend(picture: np.ndarray, box: Rectangle, layout: Layout, task: str, 
     meaning = ABBREVIATIONS if task == "data-collection" else ABBREVIATIONS.split(" · ")[1]
     write(picture, shorten(meaning, size, box.width - 16 * unit), position, size, layout.theme.muted)
     box = box._replace(top=box.top + round(3 * unit), height=box.height - round(22 * unit))
+    on_map = replace(layout, theme=ON_MAP)
+    for column in range(2):
+        left = round(box.left + column * box.width / 2)
+        draw_card(picture, Rectangle(left, box.top, round(40 * unit), box.height), on_map)
     for place, (symbol, words) in enumerate(entries):
         left = box.left + (place % 2) * box.width / 2
         middle = box.top + (place // 2 + 0.5) * box.height / rows
-        symbol(picture, np.array([left + 20 * unit, middle]), layout)
+        symbol(picture, np.array([left + 20 * unit, middle]), on_map)
         write(picture, words, (left + 43 * unit, middle + 0.36 * size), size, layout.theme.text)
