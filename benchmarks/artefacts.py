@@ -91,7 +91,7 @@ ARTEFACTS = {
         "collaboration.md", "studies.total_information", "--scenario extreme --scenario ideal --episodes 64"
     ),
     "total-information-wide": _study("collaboration.md", "studies.total_information", "--scenario wide --episodes 16"),
-    "clairvoyant-64": _study("decisions.md", "studies.clairvoyant", "--episodes 64"),
+    "hindsight": _study("decisions.md", "studies.hindsight", "--episodes 64"),
     "reproduction": Artefact(
         "reproduction.md",
         ("usvauv reproduce all --out WORK/paper",),
