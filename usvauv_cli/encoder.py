@@ -24,7 +24,7 @@ from usvauv_env.files import OutputError, atomic_write
 from usvauv_env.memory import require
 
 SMALLEST, LARGEST = 320, 7680  # pixels a side
-FRAME_BYTES = 55.0  # of memory, a pixel of a frame
+FRAME_BYTES = 40.0  # of memory, a pixel of a frame
 KEYFRAMES = 250  # frames from one key frame to the next, the encoder's default
 WAITING = 2  # pictures that are drawn and not encoded yet
 BT709 = 1  # FFmpeg's number of its primaries, transfer function and matrix
@@ -62,6 +62,7 @@ FORMATS = {
         "libvpx-vp9",
         "yuv420p",
         {"deadline": "realtime", "cpu-used": "8", "crf": QUALITY[".webm"], "b": "0", "row-mt": "1", "threads": "2"},
+        {"fflags": "bitexact"},  # no random identifiers
     ),
     ".gif": Format("gif", "gif", "pal8", {}),
     ".webp": Format(
@@ -125,19 +126,22 @@ def video_file(out: Path, width: int, height: int, fps: Fraction | int) -> Itera
         try:
             stream = _add_stream(container, kind, width, height, fps)
             convert = _converter(kind, width, height, fps)
-            waiting: deque[Future[None]] = deque()
+            # The same frames all the time: memory of frames that come and go is not given back by the C library.
+            free = [av.VideoFrame(width, height, "bgr24") for _ in range(WAITING)]
+            waiting: deque[Future[av.VideoFrame]] = deque()
 
-            def encode(frame: av.VideoFrame) -> None:
+            def encode(frame: av.VideoFrame) -> av.VideoFrame:
                 container.mux(stream.encode(convert(frame)))
+                return frame
 
             def append(picture: np.ndarray) -> None:
-                if len(waiting) == WAITING:
-                    waiting.popleft().result()
-                waiting.append(thread.submit(encode, _copied(picture)))
+                frame = free.pop() if free else waiting.popleft().result()
+                _pixels(frame)[:] = picture
+                waiting.append(thread.submit(encode, frame))
 
             yield append
-            while waiting:
-                waiting.popleft().result()
+            for encoded in waiting:
+                encoded.result()
             container.mux(stream.encode(None))
             container.close()
         except BaseException:
@@ -163,8 +167,11 @@ class _Convert(Protocol):
     def __call__(self, frame: av.VideoFrame) -> av.VideoFrame: ...
 
 
-def _copied(picture: np.ndarray) -> av.VideoFrame:
-    return av.VideoFrame.from_ndarray(picture, format="bgr24")
+def _pixels(frame: av.VideoFrame) -> np.ndarray:
+    """Those of a bgr24 frame, (height, width, 3), to be written into."""
+    plane = frame.planes[0]
+    rows = np.frombuffer(memoryview(plane), np.uint8).reshape(frame.height, plane.line_size)
+    return rows[:, : 3 * frame.width].reshape(frame.height, frame.width, 3)
 
 
 def _converter(kind: Format, width: int, height: int, fps: Fraction | int) -> _Convert:
@@ -213,6 +220,6 @@ def _encoded_bytes(pictures: list[np.ndarray], fps: int) -> int:
     with av.open(memory, "w", format=kind.name) as container:
         stream = _add_stream(container, kind, width, height, fps)
         for picture in pictures:
-            container.mux(stream.encode(convert(_copied(picture))))
+            container.mux(stream.encode(convert(av.VideoFrame.from_ndarray(picture, format="bgr24"))))
         container.mux(stream.encode(None))
     return memory.getbuffer().nbytes
