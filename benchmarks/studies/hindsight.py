@@ -35,7 +35,7 @@ from usvauv_env.world.tables import reference_rate
 STOPS = 120  # nodes of an AUV in a plan
 MOVES = 400_000  # of the annealing, in each world
 HOT, COLD = 0.2, 0.002  # its first and last temperature, buffers
-SPEEDS = (1.15, 1.2, 1.25)  # m/s
+SPEEDS = (1.25, 1.35, 1.45, 1.55)  # m/s
 HORIZONS = (40, 90)  # s, of `rollout`
 STILL = ("current.count=0", "sea.irregular_rms=0", "storm.spectrum=none")
 
