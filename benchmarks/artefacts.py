@@ -141,16 +141,8 @@ ARTEFACTS = {
     "validation": Artefact("validation.md", ("python -m tests.cases",)),
     "sea-rates": _study("performance.md", "sea", "--json"),
     "world-rates": _study("performance.md", "worlds"),
-    "step-profile": Artefact(
-        "performance.md",
-        ("python -m benchmarks.step_profile --out docs/step-profile.png",),
-        {"step-profile.png": ""},
-    ),
-    "step-profile-wide": Artefact(
-        "performance.md",
-        ("python -m benchmarks.step_profile wide --out docs/step-profile-wide.png",),
-        {"step-profile-wide.png": ""},
-    ),
+    "step-profile": _study("performance.md", "step_profile", picture="step-profile"),
+    "step-profile-wide": _study("performance.md", "step_profile", "wide", picture="step-profile-wide"),
     "planner": _study("performance.md", "plan", "--json"),
     "training": _study("performance.md", "train"),
     "scale": _study("scale.md", "scale"),

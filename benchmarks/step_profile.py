@@ -15,19 +15,22 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from functools import partial
+from pathlib import Path
 
-import matplotlib.pyplot as plt
 import torch
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 from benchmarks.machine import describe
 from kernels import runtime
+from usvauv_cli.figure_theme import Ground, write_pair
 from usvauv_env import Scenario, World
 
 BATCHES = (1, 64, 4096)
 UNAIDED = "navigation.sensor=none"
 PLAN, RECKONING = "the boat's plan", "dead reckoning and its filters"
 BASE = {RECKONING: PLAN, "exchanges": RECKONING}  # of what a version leaves a part out, if not of the whole
-COLOURS = ("#33658a", "#5c8001", "#c1440e", "#d6a2c8", "#7b3294", "#e0a800", "#9ecae1", "#bbbbbb")
 ROUNDS = 15
 
 
@@ -85,31 +88,39 @@ def measure(scenario: str, worlds: int) -> dict[str, float]:
     return {"whole": whole, **parts}
 
 
-def draw(result: dict, path: str) -> None:
+def readable_on(colour: str) -> str:
+    """Black or white, for text on a colour."""
+    red, green, blue = to_rgb(colour)
+    return "black" if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
+
+
+def draw(result: dict, ground: Ground) -> Figure:
     """One bar a batch size: shares of the step's time."""
-    figure, axes = plt.subplots(figsize=(10, 3.4), layout="constrained")
+    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    axes = figure.subplots()
+    axes.grid(visible=False)
     for row, parts in enumerate(result["batches"].values()):
         left = 0.0
         whole = sum(value for name, value in parts.items() if name != "whole")
-        for colour, (name, value) in zip(COLOURS, list(parts.items())[1:], strict=True):
+        for colour, (name, value) in zip(ground.colours, list(parts.items())[1:], strict=True):
             share = 100 * value / whole
             axes.barh(row, share, left=left, color=colour, label=name if row == 0 else None)
             if share > 4:
-                axes.text(left + share / 2, row, f"{share:.0f}", ha="center", va="center", fontsize=9)
+                at, ink = left + share / 2, readable_on(colour)
+                axes.text(at, row, f"{share:.0f}", ha="center", va="center", fontsize=9, color=ink)
             left += share
         step = f"{1e6 * parts['whole']:.0f} µs" if parts["whole"] < 1e-3 else f"{1e3 * parts['whole']:.1f} ms"
         axes.text(101, row, f"{step} a step", va="center", fontsize=9)
-    axes.set(yticks=range(len(BATCHES)), yticklabels=[f"{w:,} world{'s' * (w > 1)}" for w in BATCHES], xlim=(0, 115))
+    axes.set(yticks=range(len(BATCHES)), yticklabels=[f"{w:,} world{'s' * (w > 1)}" for w in BATCHES], xlim=(0, 117))
     axes.set(xlabel="share of a mission step, %")
-    figure.legend(loc="outside upper center", ncols=3, fontsize=8, frameon=False)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    figure.legend(loc="outside upper center", ncols=3)
+    return figure
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenario", nargs="?", default="extreme")
-    parser.add_argument("--out", help="figure to write")
+    parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png to write")
     arguments = parser.parse_args()
     result = {
         "machine": describe(),
@@ -118,7 +129,7 @@ def main() -> None:
     }
     print(json.dumps(result, indent=1))
     if arguments.out:
-        draw(result, arguments.out)
+        write_pair(arguments.out, partial(draw, result))
 
 
 if __name__ == "__main__":
