@@ -9,7 +9,7 @@ from tests.usvauv_cli.test_video import synthetic_trace
 from usvauv_env.render import shapes, style
 from usvauv_env.render.depth_section import DepthSection
 from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.legend import ENTRIES, STATION_ENTRIES
+from usvauv_env.render.legend import ENTRIES, STATION_ENTRIES, draw_legend
 from usvauv_env.render.panel_elements import Bars
 from usvauv_env.render.plots import Plot
 from usvauv_env.render.running_metrics import RunningMetrics
@@ -134,3 +134,12 @@ def test_labels_of_services_keep_apart(monkeypatch):
     rows = sorted({round(place[1]) for text, place in written if "Mbit" in text})[::2]  # each has a shadow
     assert len(rows) == 6
     assert min(np.diff(rows)) >= 13
+
+
+@pytest.mark.parametrize("theme", style.THEMES.values(), ids=style.THEMES)
+def test_symbols_of_the_legend_have_the_colours_of_the_map(theme):
+    layout = Layout.fit(1280, 720, Area(), theme=theme)
+    picture = np.zeros((720, 1280, 3), np.uint8)
+    draw_legend(picture, layout.legend, layout, "data-collection", foresees=False)
+    for colour in (style.auv_colour(0), style.BOAT, style.SEA[1]):
+        assert (picture == colour).all(-1).sum() > 20
