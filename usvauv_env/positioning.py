@@ -18,7 +18,7 @@ from usvauv_env.fix_prediction import FixError, Position, predict
 from usvauv_env.fix_warnings import warnings_of
 from usvauv_env.scenario import Scenario
 from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table, sound_layers
+from usvauv_env.world.tables import link_table, sound_profile
 
 LARGEST_ERROR = 1e8  # m; beyond, an error is unbounded
 REFLECTIONS = "reflections"  # in the budget
@@ -129,7 +129,7 @@ def solve(
     device = runtime.start(arch).device
     site = Site(scenario)
     link = torch.from_numpy(link_table(site)).to(device)
-    layers = torch.from_numpy(sound_layers(site)).to(device) if site.sound_speed is not None else None
+    layers = torch.from_numpy(sound_profile(site).layers()).to(device) if site.sound_speed is not None else None
     code = objectives.objective_code(measurement, objective)
     width, length = scenario.area.width, scenario.area.length
     points = torch.tensor(auvs, dtype=torch.float32, device=device)[None]

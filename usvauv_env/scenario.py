@@ -173,11 +173,9 @@ class Scenario(Section):
     @property
     def _against_multipath(self) -> tuple[tuple[str, bool, str], ...]:
         """What reflections do not go with: field, whether it is so, what is needed."""
-        profile = self.acoustics.sound_speed_profile or self.acoustics.temperature_salinity
         return (
             ("usbl.signal", self.usbl.signal != "code", "code"),
             ("auv.separation", self.auv.separation != "geometry", "geometry"),
-            ("acoustics.sound_speed_profile", bool(profile), "none: reflections come straight"),
         )
 
     def _check_signal(self) -> None:

@@ -7,7 +7,7 @@ import taichi as ti
 from kernels import random
 from kernels.mission import navigation, serving
 from kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Refraction, Sensor
-from kernels.mission.worlds import address, key, normals, uniforms
+from kernels.mission.worlds import Worlds, address, key, normals, uniforms
 from kernels.positioning import acoustic_link, coded_pulse, rays, reflections, tracker, usbl, validation, waveform
 from kernels.positioning.validation import Expectation
 from kernels.types import mat3, vec2, vec3, vec4, vec6
@@ -116,9 +116,22 @@ def sounds(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k):
         speed=p[Parameter.bottom_speed],
         absorption=p[Parameter.bottom_absorption],
     )
+    z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
+    direct = arrival.path / pose.slowness
+    speed = p[Parameter.sound_speed]
+    bent = ti.static(reflections.Profile(worlds.layers, worlds.mirrored_layers, z, speed, direct))
+    around = ti.static(surroundings(worlds, boundaries, bent))
     body = arrival.path * arrival.body
-    multipath = ti.static(worlds.program.multipath)
-    return coded_pulse.sounds(worlds.pulses, worlds.link, k, body, arrival.offset, pose.axes, boundaries, multipath)
+    return coded_pulse.sounds(worlds.pulses, worlds.link, k, body, arrival.path, arrival.offset, pose.axes, around)
+
+
+def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> reflections.Surroundings:
+    """What an array hears reflected."""
+    if not worlds.program.multipath:
+        return reflections.Surroundings()
+    if worlds.program.refraction == Refraction.none:
+        return reflections.Surroundings(boundaries)
+    return reflections.Surroundings(boundaries, profile)
 
 
 @ti.func

@@ -84,6 +84,7 @@ class Worlds(NamedTuple):
         link: (K, C) acoustic constants of each AUV, `kernels.positioning.acoustic_link.link_table`.
         pulses: `kernels.positioning.coded_pulse.Pulses` of the AUVs, where they are used.
         layers: (N, 3) sound speed profile, `kernels.positioning.rays`.
+        mirrored_layers: (M, 3) the same with its mirror image below the bottom, for reflections.
         arrivals: (R, .) table of Poisson arrivals, `kernels.mission.poisson_table`.
         fixed_vortex: (V, 4) vortices that are not drawn at random.
         strategy_arguments: (≥ 1,) numbers that the boat strategy was given.
@@ -118,6 +119,7 @@ class Worlds(NamedTuple):
     link: Any
     pulses: Any
     layers: Any
+    mirrored_layers: Any
     arrivals: Any
     fixed_vortex: Any
     strategy_arguments: Any

@@ -125,31 +125,33 @@ def sounds(
     link: ti.template(),
     k: ti.i32,
     body: vec3,
+    path: ti.f32,
     offset: vec3,
     axes: mat3,
-    boundaries: reflections.Boundaries,
-    reflecting: ti.template(),
+    around: ti.template(),
 ):
     """What the hydrophones receive of a pulse of AUV k: a row for each sound and hydrophone.
 
     Args:
-        body: where the direct sound comes from, in the frame of the array, m.
-        offset: from array to AUV, m, and `axes` of the array: of the images.
+        body: where the direct sound comes from, in the frame of the array: `path` (m) times the direction, which is
+            longer than 1 where sound is slower at the array than the link supposes.
+        offset: from array to AUV, m, and `axes` of the array: of the reflections.
+        around: `reflections.Surroundings`.
 
     Returns:
         (4 · SOUNDS, 3): delay after the direct sound at the array's centre (chips), real and imaginary amplitude over
         the direct sound's.
     """
     heard = ti.Matrix.zero(ti.f32, 4 * SOUNDS, 3)
-    later = waveform.arrivals(link, k, body, body.norm())
+    later = waveform.arrivals(link, k, body, path)
     rate = tables.rate[k]
     for i in ti.static(range(4)):
         heard[i, 0] = rate * later[i]
         heard[i, 1] = ti.cos(TWO_PI * later[i])
         heard[i, 2] = -ti.sin(TWO_PI * later[i])
-    if ti.static(reflecting):
+    if ti.static(around.reflect):
         for which in range(reflections.REFLECTIONS):
-            r = reflections.reflection(which, offset, boundaries, link, k)
+            r = reflections.reflection(which, offset, around, link, k)
             image = waveform.arrivals(link, k, axes @ r.source, r.slant_range)
             for i in ti.static(range(4)):
                 periods = r.excess / link[k, acoustic_link.WAVELENGTH] + image[i]
@@ -295,7 +297,7 @@ def measure(
 
 @ti.func
 def multipath_variance(
-    tables: ti.template(), link: ti.template(), k: ti.i32, offset: vec3, axes: mat3, boundaries: reflections.Boundaries
+    tables: ti.template(), link: ti.template(), k: ti.i32, offset: vec3, axes: mat3, around: ti.template()
 ) -> vec3:
     """Extra variance of both phase differences (rad²) and of the slant range (m²) by reflections of unknown phase.
 
@@ -306,7 +308,7 @@ def multipath_variance(
     width = vec2(tables.rate[k], 2.0 * (1.0 - tables.envelope[k, 1]) / (h * h))
     variance = vec3(0.0)
     for which in range(reflections.REFLECTIONS):
-        r = reflections.reflection(which, offset, boundaries, link, k)
+        r = reflections.reflection(which, offset, around, link, k)
         excess = r.excess / link[k, acoustic_link.WAVELENGTH] * tables.rate[k]
         rho = r.amplitude * envelope(tables.envelope, k, excess)
         later, earlier = envelope(tables.envelope, k, excess + h), envelope(tables.envelope, k, excess - h)
@@ -322,8 +324,8 @@ def situation(offset: ti.template(), slope: ti.template(), water: ti.template(),
     """Row n of offsets (m), slopes and boundaries: offset, axes of the array, boundaries."""
     r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
     axes = usbl.array_axes(usbl.attitude(vec2(slope[n, 0], slope[n, 1])))
-    around = reflections.Boundaries(water[n, 0], water[n, 1], water[n, 2], water[n, 3], water[n, 4], water[n, 5])
-    return r, axes, around
+    boundaries = reflections.Boundaries(water[n, 0], water[n, 1], water[n, 2], water[n, 3], water[n, 4], water[n, 5])
+    return r, axes, boundaries
 
 
 @ti.kernel
@@ -348,7 +350,8 @@ def _measurements(
         r, axes, boundaries = situation(offset, slope, water, n)
         address = random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0))
         draw(normals, n, address, random.uint2(key_low, key_high))
-        heard = sounds(tables, link, auv[n], axes @ r, r, axes, boundaries, reflecting)
+        around = ti.static(reflections.Surroundings(boundaries if reflecting else None))
+        heard = sounds(tables, link, auv[n], axes @ r, r.norm(), r, axes, around)
         measured = measure(tables, link, auv[n], r.norm(), energy[n], heard, normals, n)
         for j in ti.static(range(MEASURED)):
             measurement[n, j] = measured[j]
@@ -369,7 +372,8 @@ def _multipath_variances(
     for n in range(offset.shape[0]):
         tables = ti.static(Pulses(envelopes, noise, rate))
         r, axes, boundaries = situation(offset, slope, water, n)
-        added = multipath_variance(tables, link, auv[n], r, axes, boundaries)
+        around = ti.static(reflections.Surroundings(boundaries))
+        added = multipath_variance(tables, link, auv[n], r, axes, around)
         for j in ti.static(range(3)):
             variance[n, j] = added[j]
 

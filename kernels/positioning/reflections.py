@@ -1,8 +1,9 @@
 """Reflections from surface and bottom: image sources, and what they do to phases and delay.
 
-An AUV at r is also heard from its images, r mirrored at the surface and at the bottom, both level. A reflection's
-amplitude over the direct sound's is the reflection coefficient times the difference of the transmission losses. The
-mean of many waves reflects coherently with
+An AUV at r is also heard from its images, r mirrored at the surface and at the bottom, both level. Where sound bends,
+its ray goes on through the mirrored water to the image; that above the surface has the speed at the mean surface. A
+reflection's amplitude over the direct sound's is the reflection coefficient times the difference of the transmission
+losses. The mean of many waves reflects coherently with
 
     −exp(−2 (k σ_η sin θ)²),
 
@@ -32,9 +33,11 @@ with β² = −R''(0), of the variance ½ (a R'(Δ)/β²)² (½ cos δ_x/2 + ½ 
 # pyright: reportOptionalCall=false
 # (what Taichi's operations return is an expression only while a kernel is compiled)
 
+from typing import Any, NamedTuple
+
 import taichi as ti
 
-from kernels.positioning import acoustic_link, sonar_equation
+from kernels.positioning import acoustic_link, rays, sonar_equation
 from kernels.positioning.tone import TWO_PI
 from kernels.types import vec2, vec3
 
@@ -62,13 +65,48 @@ class Boundaries:
     absorption: ti.f32  # of sound in the bottom, dB a wavelength
 
 
+class Profile(NamedTuple):
+    """Water in which sound bends, at one array.
+
+    Attributes:
+        layers: speed of sound, `layered_water.layer_table`.
+        mirrored: the same down to the bottom, and its mirror image below.
+        depth: of the array below the mean surface, m.
+        speed: of sound by which delays are turned into metres, m/s.
+        direct: path of the direct sound by that speed, m.
+    """
+
+    layers: Any
+    mirrored: Any
+    depth: Any
+    speed: Any
+    direct: Any
+
+
+class Surroundings(NamedTuple):
+    """What reflects at an array: `Boundaries`, None for nothing, and `Profile`, None where sound goes straight."""
+
+    boundaries: Any = None
+    profile: Profile | None = None
+
+    @property
+    def reflect(self) -> bool:
+        """Whether anything reflects."""
+        return self.boundaries is not None
+
+    @property
+    def bend(self) -> bool:
+        """Whether sound bends."""
+        return self.profile is not None
+
+
 @ti.dataclass
 class Reflection:
     """One reflected sound of an AUV."""
 
-    source: vec3  # image of the AUV less the array's centre, m
-    slant_range: ti.f32  # of the image, m
-    excess: ti.f32  # slant range of the image less that of the AUV, m
+    source: vec3  # where the sound comes from less the array's centre, m
+    slant_range: ti.f32  # path of the sound, m
+    excess: ti.f32  # that path less the direct sound's, m
     amplitude: ti.f32  # over that of the direct sound
 
 
@@ -88,13 +126,44 @@ def bottom_coefficient(sine: ti.f32, boundaries: Boundaries) -> ti.f32:
 
 
 @ti.func
-def reflection(which: ti.i32, offset: vec3, boundaries: Boundaries, link: ti.template(), k: ti.i32) -> Reflection:
-    """Reflection of AUV k at `offset` (m) from a level array, from the surface (0) or the bottom (1)."""
+def bent(which: ti.i32, offset: vec3, level: ti.f32, profile: ti.template()):
+    """Where a reflection comes from, as `rays.Arrival`, and the sine of its grazing angle; `level` of the plane, m."""
+    plane = profile.depth - level
+    arrival = rays.Arrival(direction=vec3(0.0), slant_range=0.0, exists=0)
+    if which == 0:  # through the mirrored water the array is above the surface
+        below = vec3(offset[0], offset[1], offset[2] - 2.0 * level)
+        top = profile.depth - 2.0 * level
+        arrival = rays.refracted(profile.layers, top, top, below, profile.speed)
+        arrival.direction[2] *= -1.0
+    else:
+        image = vec3(offset[0], offset[1], 2.0 * level - offset[2])
+        arrival = rays.refracted(profile.mirrored, profile.depth, profile.depth, image, profile.speed)
+    across = vec2(arrival.direction[0], arrival.direction[1]) / profile.speed * rays.sound_speed(profile.layers, plane)
+    return arrival, ti.sqrt(ti.max(1.0 - across.norm_sqr(), 0.0))
+
+
+@ti.func
+def reflection(which: ti.i32, offset: vec3, around: ti.template(), link: ti.template(), k: ti.i32) -> Reflection:
+    """Reflection of AUV k at `offset` (m) from a level array, from the surface (0) or the bottom (1).
+
+    `around` is `Surroundings`.
+    """
+    boundaries = around.boundaries
     level = boundaries.array_depth if which == 0 else boundaries.array_depth - boundaries.water_depth
     S = offset.norm()
     source = vec3(offset[0], offset[1], 2.0 * level - offset[2])
     length = source.norm()
     sine = ti.abs(source[2]) / length
+    slant_range = length
+    excess = 4.0 * level * (level - offset[2]) / (length + S)
+    exists = 1
+    if ti.static(around.bend):
+        arrival, grazing = bent(which, offset, level, around.profile)
+        exists = arrival.exists
+        sine = grazing
+        slant_range = arrival.slant_range
+        source = slant_range * arrival.direction
+        excess = slant_range - around.profile.direct
     coefficient = 0.0
     if which == 0:
         rayleigh = TWO_PI / link[k, acoustic_link.WAVELENGTH] * boundaries.roughness * sine
@@ -106,9 +175,9 @@ def reflection(which: ti.i32, offset: vec3, boundaries: Boundaries, link: ti.tem
     loss = sonar_equation.path_loss(length, spreading, absorption) - sonar_equation.path_loss(S, spreading, absorption)
     return Reflection(
         source=source,
-        slant_range=length,
-        excess=4.0 * level * (level - offset[2]) / (length + S),
-        amplitude=coefficient * sonar_equation.power_of_10(-0.05 * loss),
+        slant_range=slant_range,
+        excess=excess,
+        amplitude=exists * coefficient * sonar_equation.power_of_10(-0.05 * loss),
     )
 
 

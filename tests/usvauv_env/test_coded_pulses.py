@@ -18,6 +18,8 @@ from usvauv_env.world.tables import link_table
 
 SHALLOW = ["area.width=1000", "area.length=1000", "sea.cell_size=20", "auv.depth=40", "area.depth=60"]
 
+MELTWATER = "acoustics.sound_speed_profile=[[0,1440],[20,1475],[60,1480]]"
+
 
 def fixes(device, changes):
     """Horizontal errors (n,) of good fixes, m, flags of all, and slant ranges of all, m."""
@@ -39,10 +41,19 @@ def rms(error):
     return math.sqrt(np.mean(error**2))
 
 
-@pytest.mark.parametrize("level", [104.0, 110.0, 150.0])
-def test_errors_without_reflections(device, level):
+UNDISTURBED = {
+    "104 dB": ["acoustics.source_level=104"],
+    "110 dB": ["acoustics.source_level=110"],
+    "150 dB": ["acoustics.source_level=150"],
+    "bent": [*SHALLOW, "acoustics.source_level=160", MELTWATER],
+    "slower than supposed": ["acoustics.source_level=150", "acoustics.sound_speed_error=10"],
+}
+
+
+@pytest.mark.parametrize("case", UNDISTURBED)
+def test_errors_without_reflections(device, case):
     """The same rms within 3 %, from an E/N0 of 15 dB on, 6 dB over the threshold of detection."""
-    statistical, sampled = both(device, [f"acoustics.source_level={level}"])
+    statistical, sampled = both(device, UNDISTURBED[case])
     assert min((part[1] & usbl.DETECTED).mean() for part in (statistical, sampled)) > 0.999
     assert rms(sampled[0]) == pytest.approx(rms(statistical[0]), rel=0.03)
 
@@ -67,6 +78,7 @@ REFLECTING = {
     "shallow, mirror": [*SHALLOW, "acoustics.source_level=160"],
     "shallow, breeze": [*SHALLOW, "acoustics.source_level=160", "acoustics.wind=4"],
     "shallow, clay": [*SHALLOW, "acoustics.source_level=160", "acoustics.wind=8", "acoustics.sediment=clay"],
+    "shallow, bent": [*SHALLOW, "acoustics.source_level=160", "acoustics.wind=4", MELTWATER],
 }
 
 
@@ -80,12 +92,19 @@ def test_errors_with_reflections(device, case):
     assert rms(sampled[0]) > (1.005 if case == "shallow, clay" else 1.5) * rms(alone)
 
 
+def test_reflections_through_water_of_one_speed_are_straight(device):
+    changes = [*REFLECTING["shallow, breeze"], "acoustics.multipath=true"]
+    straight = fixes(device, changes)[0]
+    bent = fixes(device, [*changes, "acoustics.sound_speed_profile=[[0,1500]]"])[0]
+    assert len(bent) == pytest.approx(len(straight), rel=1e-3)
+    assert rms(bent) == pytest.approx(rms(straight), rel=3e-3)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         (["usbl.signal=tone"], "acoustics.multipath: needs usbl.signal = code"),
         (["auv.separation=demonstration"], "acoustics.multipath: needs auv.separation = geometry"),
-        (["acoustics.sound_speed_profile=[[0,1500],[50,1490]]"], "needs acoustics.sound_speed_profile = none"),
         (["usbl.pulse_length=0.003"], "a pulse of 12 chips; from 16 to 1000"),
         (["acoustics.sediment=mud"], "'mud': allowed are clay, silt, sand, gravel, moraine"),
     ],

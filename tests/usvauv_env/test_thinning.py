@@ -10,7 +10,7 @@ from usvauv_env.scenario import Scenario
 from usvauv_env.site import thinning
 from usvauv_env.site.site import Site
 from usvauv_env.site.sound_speed import SoundSpeedProfile
-from usvauv_env.world.tables import sound_layers
+from usvauv_env.world.tables import sound_profile
 
 Z = np.arange(0.0, 200.0, 1.0)
 CASTS = {  # m/s
@@ -81,7 +81,7 @@ def test_what_cannot_be_thinned_stays():
 def test_below_the_bed_nothing_turns():
     """A scenario's layers end at its bed, so that no ray comes back from water that is not there."""
     settings = ["acoustics.sound_speed_profile=[[0, 1480], [300, 1540]]"]
-    layers = sound_layers(Site(Scenario.load("extreme", settings)))
+    layers = sound_profile(Site(Scenario.load("extreme", settings))).layers()
     assert layers[-2, 0] == Scenario.load("extreme").area.depth == 120.0
 
 

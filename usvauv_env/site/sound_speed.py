@@ -161,6 +161,12 @@ class SoundSpeedProfile:
             depths, speeds = thinning.thinned(depths, speeds, arrays, source, longest)
         return SoundSpeedProfile(depths, speeds)
 
+    def mirrored(self, depth: float) -> SoundSpeedProfile:
+        """The profile down to a depth (m) and its mirror image below: sound that is reflected there goes on in it."""
+        depths = np.append(self.depths[self.depths < depth], depth)
+        speeds = np.interp(depths, self.depths, self.speeds)
+        return SoundSpeedProfile(np.append(depths, 2 * depth - depths[-2::-1]), np.append(speeds, speeds[-2::-1]))
+
     def layers(self) -> np.ndarray:
         """The profile for `kernels.positioning.rays`, (N + 2, layered_water.COLUMNS) float32."""
         return layer_table(self.depths, self.speeds)

@@ -94,12 +94,12 @@ def reference_rate(site: Site) -> float:
     return max(1e-6 * sonar_equation.shannon_rate(nodes.bandwidth, snr, nodes.rate_law == "demonstration"), LEAST_RATE)
 
 
-def sound_layers(site: Site) -> np.ndarray:
-    """The speed of sound for `kernels.positioning.rays`, (N, layered_water.COLUMNS)."""
+def sound_profile(site: Site) -> SoundSpeedProfile:
+    """The speed of sound at as few depths as the rays of the site need."""
     s = site.scenario
     profile = site.sound_speed or SoundSpeedProfile.constant(s.acoustics.sound_speed)
     trough = min(total_height(wave_systems(site)) or s.storm.significant_height, 0.5 * s.auv.depth)
-    return profile.thinned((0.0, 0.5 * trough, trough), s.auv.depth, s.area.diagonal, site.mean_depth).layers()
+    return profile.thinned((0.0, 0.5 * trough, trough), s.auv.depth, s.area.diagonal, site.mean_depth)
 
 
 def sound_speed(site: Site) -> float:

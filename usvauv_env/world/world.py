@@ -473,10 +473,12 @@ class World:
         """What the kernels read and nothing changes, by the names of the kernel's arguments."""
         scenario = self.scenario
         link = tables.link_table(self.site)
+        sound = tables.sound_profile(self.site)
         numbers = {
             "p": tables.pack_parameters(self.site, link),
             "link": link,
-            "layers": tables.sound_layers(self.site),
+            "layers": sound.layers(),
+            "mirrored_layers": sound.mirrored(self.site.mean_depth).layers(),
             "arrivals": poisson_table.table(scenario.nodes.arrival_rates, scenario.mission.step),
             "fixed_vortex": tables.fixed_vortices(scenario),
             "strategy_arguments": np.array(self.strategy.numbers or [0.0]),

@@ -12,19 +12,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-import taichi as ti
-import torch
 
 from kernels.positioning import rays, reflections
-from kernels.positioning.acoustic_link import COLUMNS, SPREADING, WAVELENGTH
-from kernels.types import array2, vec3
 from tests.kernels.positioning.test_rays import PROFILES, tensor
+from tests.kernels.positioning.test_reflections import ARRAY, BOTTOM, DEPTHS, PLACES, RANGES, SPEED, reflected
 from usvauv_env.site.sound_speed import SoundSpeedProfile
 
-ARRAY, BOTTOM = 3.0, 200.0  # depths, m
-DEPTHS = (40.0, 100.0)  # of the sources, m
-RANGES = (40.0, 150.0, 350.0, 1000.0)  # m
-PLACES = [(depth, R) for depth in DEPTHS for R in RANGES]
 BEAMS = 16_001
 DIRECT, SURFACE, BED = (0, 0), (1, 0), (0, 1)  # bounces off surface and bottom
 
@@ -67,27 +60,6 @@ def arrivals(folder: Path, profile: SoundSpeedProfile, bottom: tuple[float, ...]
     return [[arrival() for _ in range(int(next(rows)))] for _ in PLACES]
 
 
-def reflected(device: torch.device, which: int, bottom: tuple[float, ...]) -> list[list[float]]:
-    """Excess path (m), sine of the grazing angle and amplitude over the direct sound's of each of `PLACES`."""
-    link = torch.zeros((1, COLUMNS), device=device)
-    link[0, SPREADING], link[0, WAVELENGTH] = 20.0, 0.06
-    offsets = tensor([(R, 0.0, ARRAY - depth) for depth, R in PLACES], device)
-    out = torch.empty((len(PLACES), 3), device=device)
-    density, speed, absorption = bottom
-
-    @ti.kernel
-    def take(link: array2, offsets: array2, out: array2):
-        boundaries = reflections.Boundaries(ARRAY, BOTTOM, 0.0, density, speed, absorption)
-        for n in range(out.shape[0]):
-            r = reflections.reflection(which, vec3(offsets[n, 0], offsets[n, 1], offsets[n, 2]), boundaries, link, 0)
-            out[n, 0] = r.excess
-            out[n, 1] = r.source[2] / r.slant_range
-            out[n, 2] = r.amplitude
-
-    take(link, offsets, out)
-    return out.tolist()
-
-
 @pytest.mark.skipif(executable() is None, reason="BELLHOP is not installed: bellhop.exe, or the package aubellhop")
 class TestBellhop:
     @pytest.mark.parametrize("name", PROFILES)
@@ -104,14 +76,33 @@ class TestBellhop:
                 assert nearest.time == pytest.approx(time, abs=5e-7)
                 assert nearest.angle == pytest.approx(90 - math.degrees(math.acos(upper)), abs=2e-3)
 
+    @pytest.mark.parametrize("bending", [False, True])
     @pytest.mark.parametrize("sediment", reflections.SEDIMENTS)
-    def test_reflections(self, device, tmp_path, sediment):
+    def test_reflections(self, device, tmp_path, sediment, bending):
         bottom = reflections.SEDIMENTS[sediment]
-        profile = SoundSpeedProfile.from_table([(0, 1500.0), (BOTTOM, 1500.0)])
+        profile = SoundSpeedProfile.from_table([(0, SPEED), (BOTTOM, SPEED)])
         heard = arrivals(tmp_path, profile, bottom)
         for which, bounces in enumerate((SURFACE, BED)):
-            for theirs, (excess, sine, amplitude) in zip(heard, reflected(device, which, bottom), strict=True):
+            found = reflected(device, which, bottom, profile, bending)
+            for theirs, (excess, sine, amplitude) in zip(heard, found, strict=True):
                 direct, other = (max(each for each in theirs if each.bounces == wanted) for wanted in (DIRECT, bounces))
-                assert 1500.0 * (other.time - direct.time) == pytest.approx(excess, abs=5e-4)
+                assert SPEED * (other.time - direct.time) == pytest.approx(excess, abs=5e-4)
                 assert -math.sin(math.radians(other.angle)) == pytest.approx(sine, abs=1e-6)
                 assert other.amplitude / direct.amplitude == pytest.approx(abs(amplitude), rel=0.01)
+
+    @pytest.mark.parametrize("name", PROFILES)
+    def test_reflections_where_sound_bends(self, device, tmp_path, name):
+        bottom = reflections.SEDIMENTS["moraine"]
+        heard = arrivals(tmp_path, PROFILES[name], bottom)
+        for which, bounces in enumerate((SURFACE, BED)):
+            found = reflected(device, which, bottom, PROFILES[name], True)
+            for theirs, (excess, sine, amplitude) in zip(heard, found, strict=True):
+                direct = [each for each in theirs if each.bounces == DIRECT]
+                others = [each for each in theirs if each.bounces == bounces]
+                assert bool(others) == (amplitude != 0.0)
+                if direct and others:
+                    nearest = min(others, key=lambda each: abs(SPEED * (each.time - direct[0].time) - excess))
+                    assert SPEED * (nearest.time - direct[0].time) == pytest.approx(excess, abs=0.01)
+                    # The water mirrored above the surface has one speed.
+                    tolerance = 6e-3 if which == 0 else 1e-6
+                    assert -math.sin(math.radians(nearest.angle)) == pytest.approx(sine, abs=tolerance)

@@ -314,7 +314,8 @@ class TestReflections:
         @ti.kernel
         def take(which: ti.i32, link: array2, out: array2):
             boundaries = reflections.Boundaries(array_depth, water_depth, roughness, bottom[0], bottom[1], bottom[2])
-            r = reflections.reflection(which, vec3(OFFSET[0], OFFSET[1], OFFSET[2]), boundaries, link, 0)
+            around = ti.static(reflections.Surroundings(boundaries))
+            r = reflections.reflection(which, vec3(OFFSET[0], OFFSET[1], OFFSET[2]), around, link, 0)
             for j in ti.static(range(3)):
                 out[0, j] = r.source[j]
             out[0, 3] = r.slant_range

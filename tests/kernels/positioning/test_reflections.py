@@ -1,0 +1,79 @@
+"""Sounds that surface and bottom reflect where the speed of sound changes with depth: Snell's law by quadrature."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import taichi as ti
+import torch
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from kernels.positioning import rays, reflections
+from kernels.positioning.acoustic_link import COLUMNS, SPREADING, WAVELENGTH
+from kernels.types import array2, vec3
+from tests.kernels.positioning.test_rays import MELTWATER, tensor
+from usvauv_env.site.sound_speed import SoundSpeedProfile
+
+ARRAY, BOTTOM = 3.0, 200.0  # depths, m
+DEPTHS = (40.0, 100.0)  # of the sources, m
+RANGES = (40.0, 150.0, 350.0, 1000.0)  # m
+PLACES = [(depth, R) for depth in DEPTHS for R in RANGES]
+SPEED = 1500.0  # m/s, of reference
+
+
+def reflected(
+    device: torch.device, which: int, bottom: tuple[float, ...], profile: SoundSpeedProfile, bending: bool
+) -> list[list[float]]:
+    """Excess path (m), sine of the angle from below and amplitude over the direct sound's from each of `PLACES`."""
+    link = torch.zeros((1, COLUMNS), device=device)
+    link[0, SPREADING], link[0, WAVELENGTH] = 20.0, 0.06
+    offsets = tensor([(R, 0.0, ARRAY - depth) for depth, R in PLACES], device)
+    out = torch.empty((len(PLACES), 3), device=device)
+    density, speed, absorption = bottom
+
+    @ti.kernel
+    def take(link: array2, offsets: array2, layers: array2, mirrored: array2, out: array2):
+        for n in range(out.shape[0]):
+            offset = vec3(offsets[n, 0], offsets[n, 1], offsets[n, 2])
+            boundaries = reflections.Boundaries(ARRAY, BOTTOM, 0.0, density, speed, absorption)
+            direct = rays.refracted(layers, ARRAY, ARRAY, offset, SPEED)
+            bent = ti.static(reflections.Profile(layers, mirrored, ARRAY, SPEED, direct.slant_range))
+            around = ti.static(reflections.Surroundings(boundaries, bent if bending else None))
+            r = reflections.reflection(which, offset, around, link, 0)
+            out[n, 0] = r.excess
+            out[n, 1] = r.source[2] / r.source.norm()
+            out[n, 2] = r.amplitude
+
+    take(link, offsets, tensor(profile.layers(), device), tensor(profile.mirrored(BOTTOM).layers(), device), out)
+    return out.tolist()
+
+
+def exact(profile: SoundSpeedProfile, legs: list[tuple[float, float]], R: float) -> tuple[float, float]:
+    """Slowness (s/m) and travel time (s) of the ray that crosses some ranges of depth and comes as far as R (m)."""
+
+    def crossed(xi: float, power: int) -> float:
+        def integrand(z: float) -> float:
+            return profile.at(z) ** power / np.sqrt(1 - (xi * profile.at(z)) ** 2)
+
+        parts = [[a, *(z for z in profile.depths if a < z < b), b] for a, b in legs]
+        return sum(quad(integrand, *part, epsabs=1e-12)[0] for leg in parts for part in pairwise(leg))
+
+    fastest = max(profile.at(z) for leg in legs for z in [*leg, *profile.depths] if leg[0] <= z <= leg[1])
+    xi = brentq(lambda xi: xi * crossed(xi, 1) - R, 0, (1 - 1e-9) / fastest, xtol=1e-18)
+    return xi, crossed(xi, -1)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_paths_and_angles_where_sound_bends(device, which):
+    """MELTWATER has one speed down to the array's depth, so that the reflection from the surface is exact too."""
+    found = reflected(device, which, reflections.SEDIMENTS["sand"], MELTWATER, True)
+    there = [(0.0, ARRAY), (ARRAY, BOTTOM)][which]
+    for (depth, R), (excess, sine, amplitude) in zip(PLACES, found, strict=True):
+        if R == 1000.0:  # the direct ray turns
+            continue
+        _, direct = exact(MELTWATER, [(ARRAY, depth)], R)
+        xi, time = exact(MELTWATER, [there, [(0.0, depth), (depth, BOTTOM)][which]], R)
+        assert excess == pytest.approx(SPEED * (time - direct), abs=1e-3)
+        assert sine == pytest.approx((1 - 2 * which) * np.sqrt(1 - (xi * MELTWATER.at(ARRAY)) ** 2), abs=2e-6)
+        assert amplitude != 0.0
