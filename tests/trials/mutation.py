@@ -1,12 +1,12 @@
 """Mutation run: how many small errors in `kernels` and `usvauv_env` the tests notice.
 
+    python -m tests.trials.reach
     python -m tests.trials.mutation --seed 1 --count 100
     python -m tests.trials.mutation --room kernels.mission --count 50
 
-Each mutant of a random sample (`tests.trials.mutants`) is put into a copy of the tree, and the tests that import its
-module run until one fails: those that mirror its room first, then by their distance in the graph of imports. A mutant
-of `kernels` has the tests of `kernels` and `usvauv_env` against it, one of `usvauv_env` those of `usvauv_env` and
-`usvauv_cli`. The golden trace is left out: it notices any change and says of none that it is wrong.
+Each mutant of a random sample (`tests.trials.mutants`) is put into a copy of the tree, and the tests that reach its
+statement (`tests.trials.reach`) run until one fails: those that mirror its module first, then the quickest, ten minutes
+of them at most. The golden trace is left out: it notices any change and says of none that it is wrong.
 
 Results are appended to `--out`, a file of JSON lines, and mutants that are in it are not run again, so that a run can
 be stopped and continued; `--survivors` runs those again that were not killed. A timeout counts as noticed: on a busy
@@ -17,8 +17,10 @@ the end the tests that killed are run on the unchanged tree: one that fails ther
 from __future__ import annotations
 
 import argparse
+import ast
 import collections
 import difflib
+import itertools
 import json
 import math
 import os
@@ -35,47 +37,61 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from queue import SimpleQueue
 
-import pytest
-
-from tests.import_graph import ROOT, imported, sources
+from tests.import_graph import ROOT, module_graph, sources
 from tests.trials.mutants import Mutant, drawn
+from tests.trials.reach import PACKAGES, Reach
 
 SURVIVORS = Path(__file__).with_name("survivors.toml")
 TEST_LIMIT, MUTANT_LIMIT = 300, 3600  # longest test and longest run of all tests of a mutant, s
-AGAINST = {"kernels": ("kernels", "usvauv_env"), "usvauv_env": ("usvauv_env", "usvauv_cli")}
-FIRST = {"kernels.mission": "tests/usvauv_env/test_world.py"}  # a room that is mostly tested by another's tests
+TESTS_LIMIT = 600  # tests of a mutant together, s as they took without it
 
 
-def test_files(module: str) -> list[str]:
-    """Files of tests that reach a module, the likeliest to notice an error in it first."""
-    modules = dict(sources())
-    for path in (ROOT / "tests").rglob("*.py"):
-        modules[".".join(path.relative_to(ROOT).with_suffix("").parts)] = path
-    importers = collections.defaultdict(set)
-    for name, path in modules.items():
-        for target in imported(path):
-            importers[target if target in modules else target.rpartition(".")[0]].add(name)
-        if name.startswith("tests.usvauv_cli."):  # the command runs in a fixture or a process
-            importers["usvauv_cli.app"].add(name)
-    distance = {module: 0}
-    waiting = collections.deque([module])
-    while waiting:
-        name = waiting.popleft()
-        for importer in importers[name] - distance.keys():
-            distance[importer] = distance[name] + 1
-            waiting.append(importer)
-    package, *_, stem = module.split(".")
-    mirrored = f"tests.{module.rpartition('.')[0]}."
-    found = [
-        name
-        for name in distance
-        if name.rpartition(".")[2].startswith("test_")
-        and name.startswith(tuple(f"tests.{each}." for each in AGAINST[package]))
-    ]
-    found.sort(key=lambda n: (not n.endswith(f".test_{stem}"), not n.startswith(mirrored), distance[n], n))
-    files = [str(modules[name].relative_to(ROOT)) for name in found]
-    first = [file for room, file in FIRST.items() if module.startswith(f"{room}.")]
-    return list(dict.fromkeys([*files[:1], *first, *files]))
+def reaching(reach: Reach, mutant: Mutant) -> list[str]:
+    """Tests that reach a mutant, the likeliest and then the quickest to notice it first.
+
+    They reach its statement; where none does or it is no function's, a function of its module; where there is none, a
+    function of a module that imports it.
+    """
+    names = {path.relative_to(ROOT).as_posix(): name for name, path in sources().items()}
+    functions = functions_of(mutant.file)
+
+    def of(file: str, *spans: tuple[int, int]) -> set[str]:
+        lines = reach.tests.get(file, {}).items()
+        return set().union(*(tests for line, tests in lines if any(first <= line <= last for first, last in spans)))
+
+    def of_module(file: str) -> set[str]:
+        return of(file, *(body(each) for each in functions_of(file)))
+
+    found: set[str] = set()
+    around = [each for each in functions if body(each)[0] <= mutant.line <= body(each)[1]]
+    if around:
+        statements = [each for each in ast.walk(around[-1]) if isinstance(each, ast.stmt) and each is not around[-1]]
+        holding = [each for each in statements if each.lineno <= mutant.line <= (each.end_lineno or 0)]
+        innermost = max(holding, key=lambda each: each.lineno)
+        inner = getattr(innermost, "body", None)
+        last = inner[0].lineno - 1 if inner else innermost.end_lineno or 0
+        found = of(mutant.file, (innermost.lineno, max(last, innermost.lineno)))
+        found = found or of(mutant.file, body(around[-1]))
+    found = found or of_module(mutant.file)
+    if not found:
+        graph = module_graph()
+        importers = [file for file in names if names[mutant.file] in graph[names[file]]]
+        found = set().union(*map(of_module, importers))
+    own = f"test_{Path(mutant.file).stem}.py"
+    ordered = sorted(found, key=lambda name: (own not in name, reach.seconds[name]))
+    until = itertools.accumulate(reach.seconds[name] for name in ordered)
+    return [name for name, total in zip(ordered, until, strict=True) if total < TESTS_LIMIT]
+
+
+def functions_of(file: str) -> list[ast.FunctionDef]:
+    """Functions of a file, inner ones after outer ones."""
+    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+    return [each for each in ast.walk(tree) if isinstance(each, ast.FunctionDef)]
+
+
+def body(function: ast.FunctionDef) -> tuple[int, int]:
+    """First and last line of a function's body."""
+    return function.body[0].lineno, function.end_lineno or 0
 
 
 def run(tree: Path, arguments: Iterable[str], running: set[int]) -> subprocess.CompletedProcess[str] | None:
@@ -100,8 +116,8 @@ def run(tree: Path, arguments: Iterable[str], running: set[int]) -> subprocess.C
     return subprocess.CompletedProcess(command, process.returncode, output, "")
 
 
-def judged(tree: Path, mutant: Mutant, running: set[int]) -> dict[str, object]:
-    """Run the tests against a mutant in a copy of the tree."""
+def judged(tree: Path, mutant: Mutant, tests: Sequence[str], running: set[int]) -> dict[str, object]:
+    """Run some tests against a mutant in a copy of the tree; without any it survives."""
     path = tree / mutant.file
     text = path.read_text(encoding="utf-8")
     changed = mutant.applied(text)
@@ -109,14 +125,15 @@ def judged(tree: Path, mutant: Mutant, running: set[int]) -> dict[str, object]:
     begun = time.monotonic()
     path.write_text(changed, encoding="utf-8")
     try:
-        done = run(tree, ["-x", *test_files(mutant.file.removesuffix(".py").replace("/", "."))], running)
+        done = run(tree, ["-x", *tests] if tests else ["--version"], running)
     finally:
         path.write_text(text, encoding="utf-8")
-    killer = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE) if done else None
+    killer = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout, re.MULTILINE) if done else None
+    status = "survived"
     if done is None or "Timeout (" in done.stdout:
         status = "timeout"
-    else:
-        status = "survived" if done.returncode in (0, pytest.ExitCode.NO_TESTS_COLLECTED) else "killed"
+    elif done.returncode:
+        status = "killed"
     return {
         "key": mutant.key,
         "file": mutant.file,
@@ -126,7 +143,7 @@ def judged(tree: Path, mutant: Mutant, running: set[int]) -> dict[str, object]:
         "by": killer.group(1) if killer else "",
         "seconds": round(time.monotonic() - begun, 1),
         "diff": [line for line in diff if not line.startswith(("---", "+++", "@@"))],
-        "tail": "" if killer or status == "survived" else done.stdout[-300:] if done else "",
+        "tail": done.stdout[-500:] if done and status != "survived" else "",
     }
 
 
@@ -172,7 +189,7 @@ def report(results: list[dict], reasons: Mapping[str, str]) -> None:
         print("\n".join(result["diff"]))
 
 
-def results_of(mutants: Sequence[Mutant], workers: int) -> Iterator[dict[str, object]]:
+def results_of(mutants: Sequence[Mutant], reach: Reach, workers: int) -> Iterator[dict[str, object]]:
     """Run the tests against some mutants, as they are done; what still runs at an interruption is ended."""
     running: set[int] = set()
     with tempfile.TemporaryDirectory() as place, ThreadPoolExecutor(workers) as pool:
@@ -183,7 +200,7 @@ def results_of(mutants: Sequence[Mutant], workers: int) -> Iterator[dict[str, ob
         def one(mutant: Mutant) -> dict[str, object]:
             tree = trees.get()
             try:
-                return judged(tree, mutant, running)
+                return judged(tree, mutant, reaching(reach, mutant), running)
             finally:
                 trees.put(tree)
 
@@ -202,15 +219,16 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100, help="mutants in the sample")
     parser.add_argument("--room", action="append", help="dotted name of a package, room or module; all by default")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--reach", type=Path, default=Path("reach.json"), help="what `tests.trials.reach` wrote")
     parser.add_argument("--out", type=Path, default=Path("mutation.jsonl"))
     parser.add_argument("--survivors", action="store_true", help="run again what was not killed")
     chosen = parser.parse_args()
-    sample = drawn(chosen.seed, chosen.count, chosen.room or list(AGAINST))
+    sample = drawn(chosen.seed, chosen.count, chosen.room or list(PACKAGES))
     known = {}
     if chosen.out.exists():
         known = {result["key"]: result for result in map(json.loads, chosen.out.read_text().splitlines())}
     waiting = [m for m in sample if m.key not in known or (chosen.survivors and known[m.key]["status"] != "killed")]
-    for result in results_of(waiting, chosen.workers):
+    for result in results_of(waiting, Reach.load(chosen.reach), chosen.workers):
         known[result["key"]] = result
         with chosen.out.open("a") as file:
             file.write(json.dumps(result) + "\n")
