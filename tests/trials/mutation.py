@@ -5,8 +5,9 @@
     python -m tests.trials.mutation --room kernels.mission --count 50
 
 Each mutant of a random sample (`tests.trials.mutants`) is put into a copy of the tree, and the tests that reach its
-statement (`tests.trials.reach`) run until one fails: those that mirror its module first, then the quickest, ten minutes
-of them at most. The golden trace is left out: it notices any change and says of none that it is wrong.
+statement (`tests.trials.reach`) run until one fails: those that import its module first, then those of its room, then
+the quickest, five minutes of them at most. The golden trace is left out: it notices any change and says of none that it
+is wrong.
 
 Results are appended to `--out`, a file of JSON lines, and mutants that are in it are not run again, so that a run can
 be stopped and continued; `--survivors` runs those again that were not killed. A timeout counts as noticed: on a busy
@@ -20,6 +21,7 @@ import argparse
 import ast
 import collections
 import difflib
+import functools
 import itertools
 import json
 import math
@@ -37,17 +39,17 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from queue import SimpleQueue
 
-from tests.import_graph import ROOT, module_graph, sources
+from tests.import_graph import ROOT, imported, module_graph, sources
 from tests.trials.mutants import Mutant, drawn
 from tests.trials.reach import PACKAGES, Reach
 
 SURVIVORS = Path(__file__).with_name("survivors.toml")
 TEST_LIMIT, MUTANT_LIMIT = 300, 3600  # longest test and longest run of all tests of a mutant, s
-TESTS_LIMIT = 600  # tests of a mutant together, s as they took without it
+TESTS_LIMIT = 300  # tests of a mutant together, s as they took without it
 
 
 def reaching(reach: Reach, mutant: Mutant) -> list[str]:
-    """Tests that reach a mutant, the likeliest and then the quickest to notice it first.
+    """Tests that reach a mutant, those that import its module first, then those of its room, then the quickest.
 
     They reach its statement; where none does or it is no function's, a function of its module; where there is none, a
     function of a module that imports it.
@@ -77,10 +79,18 @@ def reaching(reach: Reach, mutant: Mutant) -> list[str]:
         graph = module_graph()
         importers = [file for file in names if names[mutant.file] in graph[names[file]]]
         found = set().union(*map(of_module, importers))
-    own = f"test_{Path(mutant.file).stem}.py"
-    ordered = sorted(found, key=lambda name: (own not in name, reach.seconds[name]))
+    room = "/".join(Path("tests", mutant.file).parts[:3]) + "/"
+    own = {name for name in found if names[mutant.file] in modules_of(name.partition("::")[0])}
+    ordered = sorted(found, key=lambda name: (name not in own, not name.startswith(room), reach.seconds[name]))
     until = itertools.accumulate(reach.seconds[name] for name in ordered)
     return [name for name, total in zip(ordered, until, strict=True) if total < TESTS_LIMIT]
+
+
+@functools.cache
+def modules_of(file: str) -> frozenset[str]:
+    """Modules that a file imports, and what they stand in."""
+    targets = set(imported(ROOT / file))
+    return frozenset(targets | {target.rpartition(".")[0] for target in targets})
 
 
 def functions_of(file: str) -> list[ast.FunctionDef]:

@@ -155,6 +155,12 @@ class TestComparison:
             near = picture[row - 2 : row + 3, column - 2 : column + 3].reshape(-1, 3).astype(int)
             assert np.abs(near - colour).sum(1).min() < 60
 
+    def test_every_step_has_its_figures(self):
+        frames = Comparison(synthetic_trace(steps=9), synthetic_trace(steps=9, seed=4), (1280, 720), DARK, 30.0)
+        first, last = (frames.frame(t).copy() for t in (0, 8))
+        for tiles in frames._tiles:
+            assert (tiles.of(first) != tiles.of(last)).any()
+
     def test_missions_that_do_not_run_in_step_are_refused(self, trace):
         scenario = Scenario.load("extreme", ["mission.step=0.5", *("auv.count=2", "nodes.count=30")])
         with pytest.raises(UserError, match=r"mission steps of 1 s and 0\.5 s cannot be compared"):

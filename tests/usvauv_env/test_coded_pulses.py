@@ -50,6 +50,12 @@ UNDISTURBED = {
 }
 
 
+@pytest.mark.parametrize(("length", "chips"), [(0.004, 16), (0.25, 1000)])
+def test_the_shortest_and_the_longest_pulse(length, chips):
+    changes = ["acoustics.multipath=true", "acoustics.bandwidth=4000", f"usbl.pulse_length={length}"]
+    assert Scenario.load("ideal", changes).chips == chips
+
+
 @pytest.mark.parametrize("case", UNDISTURBED)
 def test_errors_without_reflections(device, case):
     """The same rms within 3 %, from an E/N0 of 15 dB on, 6 dB over the threshold of detection."""

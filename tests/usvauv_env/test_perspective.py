@@ -21,6 +21,7 @@ from usvauv_env.render.popups import Popups
 from usvauv_env.render.reply_field import ReplyField
 from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.scene import Scene
+from usvauv_env.render.sea_shading import SeaShading
 from usvauv_env.render.wave_sheet import Columns, look
 from usvauv_env.scenario import Scenario
 
@@ -140,6 +141,20 @@ class TestSheet:
         assert sheet.top == 0
         assert 2 * sheet.covered.shape[0] <= HEIGHT
         assert sheet.covered[0].any()
+
+
+class TestShading:
+    def test_a_square_sea_has_the_same_light_from_all_four_sides(self):
+        """Slopes that rise to the right face the sun, which stands to the left."""
+        x, y = np.linspace(-100, 100, 64), np.linspace(-100, 100, 64)[:, None]
+        light = []
+        for quarter in range(4):
+            camera = replace(CAMERA, heading=0.5 * math.pi * quarter)
+            rising = 0.05 * (x * camera.right[0] + y * camera.right[1])
+            shading = SeaShading(np.stack([rising, -rising]), 5.0, (200.0, 200.0), camera, 1.0)
+            light.append([shading.at(t)[1].mean() for t in range(2)])
+        assert np.ptp(light, axis=0).max() < 0.3
+        assert light[0][0] > light[0][1] + 15.0
 
 
 class TestScene:

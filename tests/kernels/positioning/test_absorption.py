@@ -64,6 +64,10 @@ def test_ainslie_mccolm_within_ten_percent(waters):
     assert np.abs(ratio - 1).max() < 0.1051
 
 
+def test_water_is_at_the_surface_unless_its_depth_is_said():
+    assert Water() == Water(temperature=10.0, salinity=35.0, ph=8.0, depth=0.0)
+
+
 def test_thorp_has_a_quarter_more_at_15_kilohertz_in_warm_water():
     assert thorp(15e3) / francois_garrison(15e3, Water()) == pytest.approx(1.25, abs=0.02)
 

@@ -13,10 +13,10 @@ import torch
 from scipy import stats
 
 from kernels import random
-from kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl, waveform
+from kernels.positioning import acoustic_link, fix_probability, sonar_equation, tone, usbl, waveform
 from kernels.positioning.ambient_noise import coates
 from kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
-from kernels.types import vec2, vec3, vec4
+from kernels.types import array2, vec2, vec3, vec4
 
 SIGNIFICANCE = 1e-5
 SAMPLING_RATE = 2.016e6
@@ -40,6 +40,24 @@ def link_at(snr, offset, carrier=15000.0, path="echo", **settings):
 def strength_db(a, carrier=15000.0):
     """SNR (dB) at which a tone of ten periods has the energy a² over the noise on one hydrophone."""
     return 20 * math.log10(a) - 10 * math.log10(10 * SAMPLING_RATE / carrier / 2)
+
+
+@ti.kernel
+def _roots(q: array2, out: array2):
+    for n in range(q.shape[0]):
+        found = tone.root(vec3(q[n, 0], q[n, 1], q[n, 2]))
+        for j in ti.static(range(3)):
+            out[n, j] = found[j]
+
+
+def test_root_of_a_covariance(device):
+    """L of C = L Lᵀ, also where C is singular."""
+    L = np.array([(2.0, 1.5, 0.7), (1.0, -3.0, 0.5), (0.3, 0.0, 2.0), (1.0, 2.0, 0.0), (0.0, 0.0, 3.0)])
+    a, b, c = L.T
+    q = torch.tensor(np.stack([a * a, a * b, b * b + c * c], axis=1), dtype=torch.float32, device=device)
+    out = torch.empty_like(q)
+    _roots(q, out)
+    assert out.cpu().numpy() == pytest.approx(L, abs=2e-3)
 
 
 class Batch:

@@ -1,0 +1,92 @@
+"""What a reply is expected to be worth: its probability and the variance of its fix, beside the models of both."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import taichi as ti
+import torch
+from scipy import stats
+
+from kernels.mission.columns import Parameter
+from kernels.mission.expected_reply import reply
+from kernels.positioning import acoustic_link
+from kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
+from kernels.types import array1, array2, vec3
+
+CARRIER, SPACING, ATTITUDE, LOSS = 25e3, 0.03, 2e-3, 0.1
+DEPTH = 100.0  # m
+SONAR = Sonar(
+    source_level=110.0,
+    path="transponder",
+    spreading=20.0,
+    absorption=lambda f: 4.0,
+    signal="code",
+    bandwidth=4000.0,
+    spacing=SPACING,
+    accuracy=Accuracy(attitude=ATTITUDE),
+)
+
+
+class Stub(NamedTuple):
+    """What `reply` reads of the worlds."""
+
+    p: Any
+    link: Any
+
+
+@ti.kernel
+def _replies(p: array1, link: array2, away: array1, spread: array1, out: array2):
+    for n in range(away.shape[0]):
+        found = reply(ti.static(Stub(p, link)), 0, vec3(away[n], 0.0, -DEPTH), 0.0, spread[n])
+        out[n, 0] = found[0]
+        out[n, 1] = found[1]
+
+
+def replies(device, away, spread=0.0) -> np.ndarray:
+    """Probability and variance (n, 2) of replies from horizontal distances (n,), m."""
+    p = torch.zeros(len(Parameter.names), device=device)
+    p[Parameter.packet_loss] = LOSS
+    away = torch.as_tensor(away, dtype=torch.float32, device=device)
+    out = torch.empty((len(away), 2), device=device)
+    link = torch.from_numpy(link_table([CARRIER], SONAR)).to(device)
+    _replies(p, link, away, torch.full_like(away, spread), out)
+    return out.double().cpu().numpy()
+
+
+def energy(away):
+    """E/N0 of a pulse, a ratio."""
+    S = np.hypot(away, DEPTH)
+    return 10 ** (0.1 * (SONAR.ratio_at_1m(CARRIER) - 20 * np.log10(S) - 4.0 * S / 1000))
+
+
+def heard(away):
+    """Probability that question and answer are received and the answer is detected: noncentral χ² of 8 degrees."""
+    threshold = link_table([CARRIER], SONAR)[0, acoustic_link.THRESHOLD]
+    return (1 - LOSS) ** 2 * stats.ncx2.sf(threshold, 8, 8 * energy(away))
+
+
+def test_variance_is_that_of_a_fix(device):
+    """Phases of variance 1/γ, and an error of pitch and roll times the slant range, the most that it can be."""
+    away = np.array([0.0, 50.0, 200.0, 500.0])
+    S = np.hypot(away, DEPTH)
+    kappa = 2 * math.pi * CARRIER * SPACING / 1500
+    expected = S**2 / kappa**2 / energy(away) + (ATTITUDE * S) ** 2
+    assert replies(device, away)[:, 1] == pytest.approx(expected, rel=1e-4)
+
+
+def test_probability_from_a_known_place(device):
+    away = np.linspace(0.0, 1500.0, 151)
+    expected = heard(away)
+    assert expected[0] == pytest.approx((1 - LOSS) ** 2, abs=1e-3)
+    assert expected[-1] < 0.01
+    assert replies(device, away)[:, 0] == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("deviation", [30.0, 100.0])
+def test_probability_from_an_uncertain_place(device, deviation):
+    """Its mean over the distance, which is normal; the formula takes the root of the energy as linear."""
+    away = np.linspace(300.0, 1000.0, 29)
+    expected = [heard(a + deviation * stats.norm.ppf((np.arange(200) + 0.5) / 200)).mean() for a in away]
+    assert replies(device, away, deviation**2)[:, 0] == pytest.approx(expected, abs=0.06)
