@@ -116,6 +116,17 @@ with GrowingTable(pathlib.Path(sys.argv[1]), resume=False) as table:
     assert out.read_bytes() == whole
 
 
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="needs Linux's list of open files")
+def test_a_table_that_is_left_holds_no_file(tmp_path):
+    """Also while rows wait to be taken."""
+    partial_of(tmp_path / "m.csv")
+    with GrowingTable(tmp_path / "m.csv", resume=True) as table:
+        pass
+    held = [os.path.realpath(f"/proc/self/fd/{number}") for number in os.listdir("/proc/self/fd")]
+    assert table.path.exists()
+    assert str(table.path) not in held
+
+
 def test_without_rows_nothing_is_left(tmp_path):
     with GrowingTable(tmp_path / "m.csv", resume=False) as table:
         table.begin(ABOUT)

@@ -111,6 +111,13 @@ class TestSpectra:
         dataset["d2fd"][..., :2] = np.nan
         assert spectrum_of(dataset, tmp_path).significant_height == pytest.approx(10.0, rel=0.01)
 
+    def test_coordinates_that_are_named_otherwise_than_their_dimensions(self, tmp_path):
+        dataset = era5(WIND_SEA).rename_dims(longitude="x", latitude="y")
+        dataset["d2fd"] = dataset["d2fd"].copy()
+        dataset["d2fd"][..., 2] += math.log10(4.0)
+        high = spectrum_of(dataset, tmp_path).significant_height
+        assert (high / 5.0) ** 2 == pytest.approx(1 + 3 * (5.0179 - 5.0) / 0.5, rel=0.01)
+
     def test_longitudes_from_zero_and_across_the_seam(self, tmp_path):
         dataset = era5(WIND_SEA, lon=tuple(np.arange(0, 360, 0.5)), lat=(60.5, 60.0))
         for longitude in (-0.2, 359.9, 5.0):
