@@ -11,7 +11,7 @@ import pytest
 from kernels.positioning import usbl
 from tests.usvauv_cli.test_video import synthetic_trace, with_second_boat
 from usvauv_env.record.trace import Trace
-from usvauv_env.render import bodies, style
+from usvauv_env.render import bodies, style, symbols
 from usvauv_env.render.camera import SWING_FRAMES, Camera, Swing
 from usvauv_env.render.frame_layout import Layout, Rectangle
 from usvauv_env.render.itinerary import Itinerary
@@ -308,6 +308,29 @@ class TestView:
         foreseen[1, 0, 0] += 40.0
         place = view.scene.place(foreseen[1, 0, 0], view.scene.auvs)
         assert changed(place, 6, foreseen_position=foreseen)
+
+    @pytest.mark.parametrize("unit", [1, 2])
+    def test_places_too_near_to_be_told_apart_are_drawn_once(self, monkeypatch, unit):
+        """A fix near its AUV, a foreseen place near the fix: below five pixels of the design, at any size."""
+        drawn = []
+        for name in ("fix", "foreseen"):
+            monkeypatch.setattr(symbols, name, lambda *_, name=name: drawn.append(name))
+        trace, box = calm(), Rectangle(*(unit * side for side in BOX))
+        layout = Layout.fit(unit * 1280, unit * 720, trace.scenario.area)
+        view = PerspectiveView(trace, RunningMetrics.of(trace), box, layout)
+        camera, place = view.camera(1), view.scene.place(trace.auv_position[1, 0, 0], view.scene.auvs)
+        aside = np.append(camera.right, 0.0)
+        pixel = camera.right * unit / np.hypot(*(camera.pixel(place + aside) - camera.pixel(place)))  # m
+        for fix, foreseen, expected in ((4, 4, []), (6, 6, ["fix"]), (0, 4, []), (0, 6, ["foreseen"])):
+            places = {
+                "estimate": trace.auv_position + fix * pixel,
+                "foreseen_position": trace.auv_position + foreseen * pixel,
+            }
+            changed = replace(trace, **places)
+            drawn.clear()
+            picture = np.zeros((unit * 720, unit * 1280, 3), np.uint8)
+            PerspectiveView(changed, RunningMetrics.of(changed), box, layout).draw(picture, 1)
+            assert drawn == 2 * expected
 
     def test_words_keep_off_the_numbers_of_auvs(self):
         trace, place = calm(delivered=np.ones((4, 1, 2))).episode(0), np.array([150.0, 120.0])
