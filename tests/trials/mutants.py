@@ -13,7 +13,8 @@ from their files. Operators:
 - return: in a Taichi function the value's sign, elsewhere None
 - deletion: of an assignment to an element or attribute, of a += and its like, of a call whose value is not used
 
-Strings, annotations, decorators and raised errors are left alone.
+Strings, annotations, decorators and raised errors are left alone, and so are the bounds of a scenario's fields, which a
+test could only repeat.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ COMPARISON = {
     ast.Eq: (ast.NotEq,),
     ast.NotEq: (ast.Eq,),
 }
+BOUNDS = ("ge", "gt", "le", "lt")  # arguments of `pydantic.Field`
 FUNCTION = {"min": "max", "max": "min", "sin": "cos", "cos": "sin", "floor": "ceil", "ceil": "floor"}
 
 
@@ -115,6 +117,10 @@ class _Finder(ast.NodeVisitor):
         for name, value in fields.items():
             setattr(new, name, value)
         self._add(node, operator, new)
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> None:
+        for statement in node.body:
+            self.visit(statement)
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
         outer = self._taichi
@@ -201,7 +207,8 @@ class _Finder(ast.NodeVisitor):
             func = copy.copy(node.func)
             setattr(func, "attr" if isinstance(func, ast.Attribute) else "id", FUNCTION[name])
             self._changed(node, "function", func=func)
-        self.generic_visit(node)
+        for part in (node.func, *node.args, *(each.value for each in node.keywords if each.arg not in BOUNDS)):
+            self.visit(part)
 
     def visit_Return(self, node: ast.Return) -> None:
         if node.value is not None:
@@ -262,16 +269,17 @@ def mutants_of(path: Path, columns: dict[str, list[str]]) -> Iterator[Mutant]:
 def drawn(seed: int, count: int, rooms: Sequence[str]) -> list[Mutant]:
     """A random sample of mutants: lines that have any are drawn uniformly without repetition, then one of each.
 
+    A line's place in the order depends on its text alone: changes of other lines leave the sample almost as it is.
+
     Args:
         rooms: only modules whose dotted names begin with one of these.
     """
     columns = column_names()
-    by_line: dict[tuple[str, int], list[Mutant]] = {}
+    by_line: dict[str, list[Mutant]] = {}
     for module, path in sources().items():
         if any(module == room or module.startswith(f"{room}.") for room in rooms):
             for mutant in mutants_of(path, columns):
-                by_line.setdefault((mutant.file, mutant.line), []).append(mutant)
-    generator = random.Random(seed)
-    lines = sorted(by_line)
-    generator.shuffle(lines)
-    return [generator.choice(by_line[line]) for line in lines[:count]]
+                by_line.setdefault(f"{seed}\n{mutant.file}\n{mutant.context}", []).append(mutant)
+    generators = {line: random.Random(line) for line in by_line}
+    order = sorted(by_line, key=lambda line: generators[line].random())
+    return [generators[line].choice(by_line[line]) for line in order[:count]]

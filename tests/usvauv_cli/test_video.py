@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import combinations
 
 import av
+import cv2
 import numpy as np
 import pytest
 
@@ -18,7 +19,7 @@ from usvauv_env.render import style, symbols
 from usvauv_env.render.exchanges import PING_FRAMES, pings
 from usvauv_env.render.frame_layout import Layout, MapView, Rectangle
 from usvauv_env.render.map import error_axes
-from usvauv_env.render.painter import Painter
+from usvauv_env.render.painter import Look, Painter, painter_of
 from usvauv_env.render.plots import RecordedPlot
 from usvauv_env.render.reply_field import ReplyField
 from usvauv_env.render.running_metrics import RunningMetrics, figures
@@ -655,6 +656,31 @@ class TestAnyShape:
         for first, second in combinations(boxes, 2):
             apart = first.right <= second.left or second.right <= first.left
             assert apart or first.bottom <= second.top or second.bottom <= first.top
+
+    @pytest.mark.parametrize(("view", "traces"), [("map", 1), ("sea", 1), ("both", 1), ("map", 2)])
+    def test_at_three_times_the_size_it_is_the_same_picture(self, view, traces, monkeypatch):
+        """Each pixel is as bright as one of the other picture two pixels around, but for a few beside thin lines."""
+
+        def block(text: str, size: float, _: bool) -> tuple[np.ndarray, int]:
+            """Letters are fitted to whole pixels, so that their widths have no scale."""
+            return np.full((round(size), round(0.6 * size * len(text)), 1), 255, np.uint16), round(size)
+
+        monkeypatch.setattr("usvauv_env.render.text._mask", block)
+        trace, small, frames = synthetic_trace(steps=13), (1280, 720), []
+        off = trace.estimate + np.array([6.0, 0.0])
+        trace = replace(trace, estimate=off, foreseen_position=off + np.array([0.0, 7.0]))
+        for size in (small, (3840, 2160)):
+            painter = painter_of([trace] * traces, size, Look(view), 1.0)
+            for t in range(13):
+                frame = painter.frame(t)
+            frames.append(cv2.resize(frame, small, interpolation=cv2.INTER_AREA))
+        around = np.ones((5, 5), np.uint8)
+        for frame, other in (frames, frames[::-1]):
+            above = cv2.subtract(frame, cv2.dilate(other, around))
+            below = cv2.subtract(cv2.erode(other, around), frame)
+            difference = cv2.max(above, below).max(-1)
+            assert (difference > 60).sum() < 120
+            assert (difference > 100).sum() < 12
 
     def test_one_step(self, tmp_path):
         assert render([synthetic_trace(steps=1)], tmp_path / "one.mp4", VideoSettings((320, 320))).frames == 1

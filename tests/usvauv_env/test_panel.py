@@ -1,6 +1,7 @@
 """What stands beside the map: a section of the water, the reward's terms, axes, legends; labels that keep apart."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -88,12 +89,15 @@ def test_reward_of_the_panel_is_the_mean_of_the_last_half_minute():
         assert reward[t, 0] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("high", [1.5e-2, 0.03, 0.2, 1, 10, 1e4])
-def test_a_logarithmic_axis_has_several_ticks(high):
-    plot = Plot(white(), BOX, 0.0101, high, 10.0, LAYOUT, log=True)
+@pytest.mark.parametrize("height", [70, 200])
+@pytest.mark.parametrize("low", [0.0101, 0.59])
+@pytest.mark.parametrize("ratio", [1.4, 2.5, 20, 100, 1000, 1e6])
+def test_a_logarithmic_axis_has_several_ticks_whose_numbers_keep_apart(ratio, low, height):
+    plot = Plot(white(), BOX._replace(height=height), low, low * ratio, 10.0, LAYOUT, log=True)
     ticks = plot._value_ticks()
-    assert len(ticks) >= 3
-    assert all(0.0101 <= tick <= high for tick in ticks)
+    assert len(ticks) >= (3 if height > 100 else 2)
+    assert all(low <= tick <= low * ratio for tick in ticks)
+    assert all(above - below > 9 for below, above in pairwise(-plot.y(np.array(ticks))))
 
 
 def test_dots_are_discs_of_their_radius_and_place():

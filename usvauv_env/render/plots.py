@@ -12,7 +12,7 @@ from usvauv_env.render.frame_layout import Layout, Rectangle, nice_above
 from usvauv_env.render.style import Colour
 from usvauv_env.render.text import clock, write
 
-LOG_STEPS = (1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7), tuple(1 + 0.1 * i for i in range(90))
+LOG_STEPS = (1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)
 FEWEST_TICKS = 3
 TIME_TICKS = (5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200)  # s
 
@@ -67,9 +67,8 @@ class Plot:
                 ticks = [step * 10.0**power for power in powers for step in steps]
                 ticks = [tick for tick in ticks if low <= tick <= high]
                 if len(ticks) >= FEWEST_TICKS:
-                    break
-            return ticks
-        spacing = nice_above((high - low) / max(2, self.box.height // (18 * self._unit)))
+                    return ticks
+        spacing = nice_above((high - low) / max(5 if self._log else 2, self.box.height // (18 * self._unit)))
         return [i * spacing for i in range(math.ceil(low / spacing), math.floor(high / spacing) + 1)]
 
     def _draw_axes(self) -> None:
