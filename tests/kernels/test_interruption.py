@@ -56,6 +56,14 @@ class TestSignal:
         assert stop.asked
 
 
+@pytest.mark.parametrize("block", [stoppable, deferred])
+def test_signals_act_as_before_after_the_block(interruption, block):
+    with block():
+        pass
+    with pytest.raises(Interrupted):
+        signal.raise_signal(signal.SIGINT)
+
+
 def test_sigterm_without_a_handler_keeps_ending_the_process():
     before = signal.getsignal(signal.SIGTERM)
     assert before == signal.SIG_DFL

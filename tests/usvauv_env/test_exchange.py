@@ -16,6 +16,7 @@ from usvauv_env.exchange.poses import Poses, triangles
 from usvauv_env.exchange.tables import tables
 from usvauv_env.record.collection import served
 from usvauv_env.record.trace import VARIABLES
+from usvauv_env.render.style import auv_colour
 from usvauv_env.site.site import Site
 
 STEPS = 60
@@ -53,9 +54,9 @@ def entities(trace, tmp_path_factory):
     assert len(reader.blueprints()) == 1
     found = {}
     for chunk in reader.stream().to_chunks():
-        if not chunk.is_static:
-            found[chunk.entity_path] = chunk.to_record_batch().to_pandas()
-    return found
+        key = (chunk.entity_path, "constant") if chunk.is_static else chunk.entity_path
+        found.setdefault(key, []).append(chunk.to_record_batch().to_pandas())
+    return {key: tables[0] if isinstance(key, str) else pd.concat(tables, axis=1) for key, tables in found.items()}
 
 
 class TestTables:
@@ -180,6 +181,10 @@ class TestMcap:
         np.testing.assert_array_equal(points[:, 2], trace.surface[4].ravel())
         assert np.ptp(points[:, 0]) < trace.scenario.area.width
         assert [field.name for field in nodes.fields] == ["x", "y", "z", "backlog"]
+        assert [(field.offset, field.datatype, field.count) for field in nodes.fields] == [
+            (4 * i, 7, 1)
+            for i in range(4)  # 7: FLOAT32 of sensor_msgs/PointField
+        ]
         columns = np.frombuffer(bytes(nodes.data), "<f4").reshape(nodes.width, nodes.point_step // 4)
         np.testing.assert_array_equal(columns[:, 3], trace.backlog[4, 1].astype(np.float32))
 
@@ -192,6 +197,19 @@ class TestRerun:
             np.testing.assert_allclose(read[:, :2], places, rtol=1e-6)
             seconds = pd.to_timedelta(frame["mission"]).dt.total_seconds()
             np.testing.assert_array_equal(seconds, trace.time)
+
+    def test_places_on_earth(self, trace, entities):
+        for name, places in (("auv_0", trace.auv_position[:, 1, 0]), ("usv_0", trace.boat_position[:, 1, 0])):
+            latitude, longitude = np.stack([row[0] for row in entities[f"/earth/{name}"]["GeoPoints:positions"]]).T
+            back = np.column_stack(Site(trace.scenario).frame.to_local(longitude, latitude))
+            np.testing.assert_allclose(back, places, atol=1e-6)
+
+    def test_colours_are_those_of_the_video(self, entities):
+        for k in range(2):
+            blue, green, red = auv_colour(k)
+            for place, kind in ((f"/scene/auv_{k}", "Points3D"), (f"/error/auv_{k}", "SeriesLines")):
+                colour = int(entities[place, "constant"][f"{kind}:colors"][0][0])
+                assert colour.to_bytes(4) == bytes((red, green, blue, 255))
 
     def test_ellipses_are_two_standard_deviations(self, trace, entities):
         frame = entities["/scene/fixes/auv_0"]

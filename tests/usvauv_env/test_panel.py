@@ -45,6 +45,15 @@ class TestSection:
             rows.append(outline[:, 1].mean())
         assert rows[0] > rows[1] + 10  # rows run down
 
+    @pytest.mark.parametrize("extreme", [-9.0, 9.0])
+    def test_the_whole_sea_has_its_room_above_the_depths(self, extreme):
+        trace = synthetic_trace(steps=3)
+        surface = trace.surface.copy()
+        surface[1, 5, 7] = extreme
+        _, section = self.picture(replace(trace, surface=surface))
+        assert section._row(-0.0) - section._row(9.0) == pytest.approx(section._row(-9.0) - section._row(0.0))
+        assert section._row(extreme) == pytest.approx(section._rows[int(extreme < 0)], abs=1)
+
     def test_the_hull_lies_along_the_drawn_slope(self):
         trace = synthetic_trace(steps=3)
         for slope in (-0.1, 0.0, 0.1):
