@@ -163,3 +163,8 @@ def test_who_leaves_out_what_matters_is_told(changes, expected):
     assert ("reflections" in budget) == site.scenario.acoustics.multipath
     parts = [values[0] for cause, values in budget.items() if cause != "all"]
     assert budget["all"][0] == pytest.approx(math.hypot(*parts), rel=1e-3)
+    if expected:
+        told = next(warning for warning in plan.warnings if "leaves out" in warning)
+        reflected, others = (float(number) for number in re.findall(r"by ([\d.e+-]+) m", told))
+        assert reflected > others
+        assert any(others == pytest.approx(error, rel=0.06) for error in budget["all"])  # two digits

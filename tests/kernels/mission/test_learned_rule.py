@@ -145,6 +145,18 @@ def test_draws_follow_the_scores():
         assert deviation > 10
 
 
+def test_draws_are_those_of_a_world_alone():
+    """Each AUV and node has a draw of its own, however many worlds there are."""
+    first = []
+    for worlds in (3, 40):
+        world = World(Scenario.load("ideal", [*UNEQUAL]), worlds, seed=4, targets="learned:untrained")
+        world.rule_numbers[learned.EXPLORE] = 1.0
+        world.reset()
+        first.append(learned.decisions(world.rule_workspace, 12, 3)[:3, :, Decision.chosen].clone())
+    assert torch.equal(*first)
+    assert len(first[0].unique()) > 3
+
+
 @pytest.mark.parametrize("nodes", [1, 3])
 def test_fewer_nodes_than_auvs(nodes):
     world = World(
