@@ -1,5 +1,6 @@
 """What stands beside the map: a section of the water, the reward's terms, axes, legends; labels that keep apart."""
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.usvauv_cli.test_video import synthetic_trace
-from usvauv_env.render import shapes, style
+from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.depth_section import DepthSection
 from usvauv_env.render.frame_layout import Layout, Rectangle
 from usvauv_env.render.legend import ENTRIES, STATION_ENTRIES, draw_legend
@@ -156,3 +157,21 @@ def test_symbols_of_the_legend_have_the_colours_of_the_map(theme):
     draw_legend(picture, layout.legend, layout, "data-collection", foresees=False)
     for colour in (style.auv_colour(0), style.BOAT, style.SEA[1]):
         assert (picture == colour).all(-1).sum() > 20
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7, math.pi / 2, -2.0])
+def test_an_auv_points_along_its_heading(heading):
+    """On its axis: nose, dark band, body and tail; ahead of the nose and behind the tail nothing."""
+    picture, colour, length = white(300, 300), (0, 200, 255), 200.0
+    symbols.auv(picture, np.array([150.0, 150.0]), heading, length, colour, 1)
+    ahead, aside = np.array([math.cos(heading), -math.sin(heading)]), np.array([math.sin(heading), math.cos(heading)])
+
+    def at(along, across=0.0):
+        x, y = np.rint(150 + length * (along * ahead + across * aside)).astype(int)
+        return tuple(picture[y, x])
+
+    for along in (0.45, 0.4, 0.34, 0.15, 0.0, -0.2, -0.45):
+        assert at(along) == colour
+        assert along < -0.3 or at(along, 0.06) == at(along, -0.06) == colour
+    assert at(0.26) == style.OUTLINE
+    assert at(0.62) == at(-0.65) == at(0.3, 0.3) == at(0.3, -0.3) == (255, 255, 255)
