@@ -128,10 +128,15 @@ def test_a_sampled_pulse_has_a_code():
 CALM = ["acoustics.wind=0", "auv.depth=100", "area.depth=120"]
 
 
-@pytest.mark.parametrize("wind", [0.0, 2.0])
-def test_predicted_errors_are_those_of_missions(device, wind):
-    """The closed form over many places, within 10 % where the direct sound is the strongest."""
-    error, _, world = errors_of_fixes(device, [*CALM, f"acoustics.wind={wind}", "acoustics.multipath=true"], 2)
+@pytest.mark.parametrize(("wind", "sediment"), [(0, "sand"), (2, "sand"), (12, "clay"), (12, "gravel")])
+def test_predicted_errors_are_those_of_missions(device, wind, sediment):
+    """The closed form over many places, within 10 % where the direct sound is the strongest.
+
+    In strong wind the surface reflects nothing; beside the direct sound there is that of a bottom 0.3 m below.
+    """
+    bottom = ["area.depth=100.3"] if wind > 10 else []
+    water = [*CALM, *bottom, f"acoustics.wind={wind}", f"acoustics.sediment={sediment}", "acoustics.multipath=true"]
+    error, _, world = errors_of_fixes(device, water, 2)
     site = Site(world.scenario)
     auv = world.auv.double().cpu().numpy()
     link = torch.from_numpy(link_table(site)).to(device)
