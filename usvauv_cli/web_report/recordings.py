@@ -14,8 +14,8 @@ from usvauv_env.scenario import Scenario
 
 MOST_SHOWN = 12  # combinations with an episode and a line in the figures
 FRONT_EPISODES = 2400  # points of episodes in the figure of the front
-FRAME_BYTES = 1_000_000  # of the frames of all episodes
-TRACK_POINTS = 10_000  # of all tracks of all episodes
+FRAME_BYTES = 900_000  # of the frames of all episodes
+TRACK_POINTS = 12_000  # of all tracks of all episodes
 MOST_TRACK = 400  # points of a track
 PERIODS = 100  # of the mission, for errors over time
 ERRORS = np.logspace(-3, 4, 7 * 40 + 1)  # edges of the classes of errors, m: 6 % wide
