@@ -1,10 +1,13 @@
 """Signals as exceptions and as requests."""
 
 import signal
+import threading
 
 import pytest
 
-from kernels.interruption import SIGNALS, Interrupted, Interruption, deferred, stoppable
+from kernels import interruption as module
+from kernels.errors import UserError
+from kernels.interruption import PATIENCE, SIGNALS, Interrupted, Interruption, deferred, in_thread, stoppable
 
 
 @pytest.fixture
@@ -69,3 +72,64 @@ def test_sigterm_without_a_handler_keeps_ending_the_process():
     assert before == signal.SIG_DFL
     with stoppable():
         assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_signal_counts_again_after_a_while(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
+    handler = Interruption()
+    for now, raises in ((0.0, True), (0.9 * PATIENCE, False), (PATIENCE, True), (1.9 * PATIENCE, False)):
+        clock[0] = now
+        handler.received = None
+        if raises:
+            with pytest.raises(Interrupted):
+                handler(signal.SIGTERM)
+        else:
+            handler(signal.SIGTERM)
+        assert handler.received == (signal.SIGTERM if raises else None)
+
+
+def test_a_signal_that_is_ignored_stays_ignored(interruption):
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    interruption.install()
+    with stoppable() as stop, deferred():
+        signal.raise_signal(signal.SIGINT)
+    assert not stop.asked
+    stop.raise_if_asked()
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def test_one_who_is_patient_is_asked_again(interruption):
+    asked = []
+    with stoppable(lambda: asked.append(1), patient=True) as stop:
+        for _ in range(3):
+            signal.raise_signal(signal.SIGINT)
+    assert (len(asked), stop.signum) == (3, signal.SIGINT)
+    stop.ask()
+    assert (len(asked), stop.signum) == (4, signal.SIGINT)
+
+
+def test_other_threads_get_no_signals(interruption):
+    """There handlers cannot be set; a `Stop` can be asked all the same."""
+    found = []
+
+    def work():
+        with stoppable() as stop, deferred():
+            stop.ask(signal.SIGTERM)
+        found.append(stop.signum)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert found == [signal.SIGTERM]
+
+
+def test_a_thread_reports_what_its_main_thread_does_not(capsys):
+    for error, reported in (
+        (ValueError("odd"), True),
+        (OSError("full"), False),
+        (UserError("wrong"), False),
+        (Interrupted(2), False),
+    ):
+        in_thread(threading.ExceptHookArgs((type(error), error, None, threading.current_thread())))
+        assert (type(error).__name__ in capsys.readouterr().err) == reported

@@ -1,12 +1,18 @@
 """A bound launch is the call it stands for."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import taichi as ti
 import torch
 
+from kernels import runtime
 from kernels.device_arrays import DeviceArrays
+from kernels.device_flag import DeviceFlag
 from kernels.launch import Launch
+from kernels.runtime import Runtime
 from kernels.types import vec3
 
 
@@ -66,6 +72,18 @@ def test_a_strided_tensor_is_refused(device):
         Launch(mix, False, x.T, *rest)
 
 
+def test_arguments_live_as_long_as_the_launch(device):
+    bound = arguments(device)
+    held = weakref.ref(bound[0])
+    launch = Launch(mix, False, *bound)
+    del bound
+    gc.collect()
+    assert held() is not None
+    del launch
+    gc.collect()
+    assert held() is None
+
+
 @ti.func
 def wrong(x):
     return x + nowhere_to_be_found  # noqa: F821
@@ -86,6 +104,7 @@ def test_an_error_names_file_and_line(device):
     assert f'File "{__file__}", line {line}, in call_wrong' in message
     assert "in wrong" in message
     assert "nowhere_to_be_found" in message
+    assert "wrong(x[i])" not in message
 
 
 @ti.kernel
@@ -116,3 +135,70 @@ class TestDeviceArrays:
         held.fetch()
         assert torch.equal(both[1].view(3, 4), 7 + expected + 1)
         assert not both[0].any()
+
+
+@pytest.fixture(params=["as the architecture does", "copied"])
+def memory(request, monkeypatch):
+    """Also arrays that are copied to the device, which a CPU does when it is asked to, but in one launch only."""
+    if request.param == "copied":
+        monkeypatch.setattr(Runtime, "shares_memory_with_torch", False)
+
+
+@pytest.mark.usefixtures("memory")
+class TestCopies:
+    def test_all_that_kernels_write_comes_back(self, device):
+        """Each of the tensors, and nothing that is older than what the host wrote."""
+        both = torch.ones((2, 6), device=device)
+        row = torch.zeros(3, device=device)
+        held = DeviceArrays([*both, row])
+
+        def add(index: int, *shape: int) -> None:
+            Launch(add_row, held.arguments[index].view(*shape), held.arguments[2])()
+
+        held.fetch()  # before any launch
+        assert both.eq(1).all()
+        add(0, 2, 3)
+        add(1, 3, 2)
+        add(1, 3, 2)
+        held.fetch()
+        assert both.tolist() == [[301.0] * 6, [401.0] * 6]
+        add(0, 2, 3)
+        both[0] = 7.0  # what the kernel wrote before is then lost
+        held.fetch()
+        assert both[0].tolist() == [7.0] * 6
+        row += 1.0
+        add(0, 2, 3)
+        held.fetch()
+        assert both.tolist() == [[308.0] * 6, [401.0] * 6]
+
+    def test_flag(self, device):
+        """Both bounds belong to what is allowed, and what is not a number is outside; wherever it stands."""
+        numbers = torch.zeros((3, 4), device=device)
+        held = DeviceArrays((numbers,))
+        for place in ((0, 0), (1, 2), (2, 3)):
+            for value, outside in ((2.5, True), (2.0, False), (-2.0, False), (-2.5, True), (float("nan"), True)):
+                numbers[place] = value
+                assert DeviceFlag(held.arguments[0], 2.0).raised() == outside
+            numbers[place] = 0.0
+
+
+def test_a_flag_is_looked_at_again_and_again(device):
+    numbers = torch.zeros(5, device=device)
+    flag = DeviceFlag(DeviceArrays((numbers,)).arguments[0], 2.0)
+    seen = []
+    for value in (0.0, 3.0, 3.0, 0.0, float("inf"), 0.0):
+        numbers[4] = value
+        seen.append(flag.raised())
+    assert seen == [False, True, True, False, True, False]
+
+
+def test_a_flag_on_a_card_is_seen_one_look_later(device, monkeypatch):
+    monkeypatch.setattr(Runtime, "torch_on_host", False)
+    numbers = torch.zeros(5, device=device)
+    flag = DeviceFlag(numbers, 2.0)
+    seen = []
+    for value in (0.0, 2.5, 2.0, -2.5, -2.0, float("nan"), 0.0, 0.0):
+        numbers[4] = value
+        seen.append(flag.raised())
+        runtime.synchronize()
+    assert seen == [False, False, True, False, True, False, True, False]

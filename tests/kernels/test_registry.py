@@ -1,0 +1,67 @@
+"""Names of plugins."""
+
+import pytest
+
+from kernels.errors import UserError
+from kernels.positioning.absorption import absorption_laws
+from kernels.registry import Registry
+
+
+class Wrong(UserError):
+    pass
+
+
+class Form:
+    pass
+
+
+class Item(Form):
+    pass
+
+
+def test_a_mapping_that_grows():
+    registry: Registry = Registry("law", Wrong, Form)
+    one = Form()
+    assert registry.register("b", Item) is Item
+    assert registry.register("a", one) is one
+    assert (list(registry), len(registry), dict(registry)) == (["b", "a"], 2, {"b": Item, "a": one})
+    assert "a" in registry
+    assert "c" not in registry
+    assert (registry.get("a"), registry.get("c"), registry.get("c", one)) == (one, None, one)
+    with pytest.raises(Wrong, match=r"^law 'c': allowed are b, a$"):
+        registry["c"]
+
+
+@pytest.mark.parametrize(
+    ("name", "item", "problem"),
+    [
+        ("a", Item, "is registered already"),
+        ("", Item, "the name must be text"),
+        (3, Item, "the name must be text"),
+        ("b", int, "must be a Form"),
+        ("b", 3, "must be a Form"),
+    ],
+)
+def test_refusals(name, item, problem):
+    registry: Registry = Registry("law", Wrong, Form)
+    registry.register("a", Item)
+    with pytest.raises(Wrong, match=rf"^law {name!r}: .*{problem}$"):
+        registry.register(name, item)
+    assert dict(registry) == {"a": Item}
+
+
+def test_an_item_from_elsewhere_is_named_with_its_file():
+    registry: Registry = Registry("law", Wrong)
+    registry.register("a", len)
+    assert registry.described("a") == f"law 'a' of {__file__}"
+    assert str(registry.refuse("a", 1, "more")) == f"law 'a' of {__file__}: returned 1: must be more"
+    with pytest.raises(Wrong, match=r"^law 'a' of .*: raised ValueError: odd$"), registry.calling("a"):
+        raise ValueError("odd")
+
+
+def test_an_item_of_the_packages_raises_as_it_does():
+    name = next(iter(absorption_laws))
+    assert absorption_laws.described(name) == absorption_laws.described("none of them") == ""
+    assert str(absorption_laws.refuse(name, 1, "2")) == f"absorption law {name!r}: returned 1: must be 2"
+    with pytest.raises(ValueError, match=r"^odd$"), absorption_laws.calling(name):
+        raise ValueError("odd")
