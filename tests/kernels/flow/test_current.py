@@ -1,0 +1,142 @@
+"""The water's motion without the storm against NumPy and SciPy, in an oblong area with unequal numbers of nodes."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.interpolate import RegularGridInterpolator
+
+from kernels.flow import current
+from kernels.flow.vortex import sample_current
+from kernels.shallow_water.packing import Packing
+from kernels.types import Level
+
+SIZE = (240.0, 130.0)
+NX, NY = 21, 7
+NUM_VORTICES = 3
+
+
+def between(field: np.ndarray, at: np.ndarray, places) -> np.ndarray:
+    """A field (rows, columns) whose nodes lie at `at`, bilinear between and beyond them, at places (P, 2)."""
+    return RegularGridInterpolator(at, field, bounds_error=False, fill_value=None)(places[:, ::-1])
+
+
+def rows_and_columns(shape) -> tuple[np.ndarray, np.ndarray]:
+    """Places of nodes whose corners are the area's."""
+    return np.linspace(0, SIZE[1], shape[0]), np.linspace(0, SIZE[0], shape[1])
+
+
+class Sample:
+    """Random water in two worlds, which sail on other seas of a pool; the bed is dry in a corner."""
+
+    def __init__(self, device, num_seas: int, levels: int = 2) -> None:
+        draw = np.random.default_rng(num_seas)
+        self.stream = draw.normal(size=(levels, 4, 6, 2))
+        self.bed = draw.uniform(2, 9, (1, 5, 3, 1))
+        self.bed[0, -1, -1] = -3.0
+        self.vortices = np.empty((2, NUM_VORTICES, 4))
+        self.vortices[..., :2] = draw.uniform(0, 200, (2, NUM_VORTICES, 2))
+        self.vortices[..., 2:] = draw.uniform(20, 60, (2, NUM_VORTICES, 2))
+        self.transports = draw.normal(size=(2, num_seas, NY + 1, NX + 1))
+        self.units = (3.0, 0.7)
+        self.sea_index = np.array([num_seas - 1, 0], np.int32)
+        packing = Packing(num_seas, NX, NY)
+        packed = torch.zeros(2, packing.blocks, NY + 1, packing.columns, 16)
+        for field, plain in zip(packed, self.transports, strict=True):
+            packing.pack(plain, field, 0)
+        self.device, self.packed = device, packed.to(device)
+
+    def put(self, numbers: np.ndarray) -> torch.Tensor:
+        return torch.as_tensor(numbers, dtype=torch.float32, device=self.device)
+
+    def grid(self, rows: int, columns: int, margin: float, mask=(1, 1)) -> np.ndarray:
+        flow = torch.full((2, rows, columns, 2), 77.0, device=self.device)
+        current.on_grid(
+            self.put(np.array(SIZE)),
+            self.put(self.vortices),
+            self.put(self.stream),
+            self.put(self.bed),
+            *self.packed,
+            *self.units,
+            NX,
+            NY,
+            torch.as_tensor(self.sea_index, device=self.device),
+            torch.tensor(mask, dtype=torch.uint8, device=self.device),
+            margin,
+            flow,
+        )
+        return flow.double().cpu().numpy()
+
+    def without_waves(self, world: int, level: int, places: np.ndarray) -> np.ndarray:
+        """Velocity (P, 2) of vortices and stream; beyond the area the stream is that of its edge."""
+        eddies = sample_current(self.put(self.vortices[world : world + 1]), self.put(places)[None])[0]
+        inside = np.clip(places, 0, SIZE)
+        stream = [between(self.stream[level, ..., axis], rows_and_columns((4, 6)), inside) for axis in range(2)]
+        return eddies.double().cpu().numpy() + np.stack(stream, axis=-1)
+
+    def long_waves(self, world: int, places: np.ndarray) -> np.ndarray:
+        U, V = self.transports[:, self.sea_index[world]]
+        dx, dy = SIZE[0] / NX, SIZE[1] / NY
+        faces = np.arange(NX + 1) * dx, np.arange(NY + 1) * dy
+        centres = (np.arange(NX) + 0.5) * dx, (np.arange(NY) + 0.5) * dy
+        u = between(U[:NY], (centres[1], faces[0]), places)
+        v = between(V[:, :NX], (faces[1], centres[0]), places)
+        depth = np.maximum(between(self.bed[0, ..., 0], rows_and_columns((5, 3)), places), 1.0)
+        return np.stack([self.units[0] * u, self.units[1] * v], axis=-1) / depth[:, None]
+
+
+@pytest.mark.parametrize("margin", [5.0, 0.0, -30.0])
+@pytest.mark.parametrize("num_seas", [1, 18])
+def test_on_a_grid(device, num_seas, margin):
+    """Vortices, stream at cruise level and long waves, in strips of one sea and in two blocks of a pool.
+
+    In the outer half cells waves go on as inside, and beyond the area they and the stream are as at its edge.
+    """
+    sample = Sample(device, num_seas)
+    rows, columns = 12, 9
+    flow = sample.grid(rows, columns, margin)
+    x, y = (np.linspace(margin, side - margin, count) for side, count in zip(SIZE, (columns, rows), strict=True))
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    for world in range(2):
+        expected = sample.without_waves(world, Level.cruise, places) + sample.long_waves(world, places.clip(0, SIZE))
+        np.testing.assert_allclose(flow[world].reshape(-1, 2), expected, atol=2e-4)
+
+
+def test_worlds_that_are_not_asked_for_stay(device):
+    sample = Sample(device, 18)
+    both, second = sample.grid(5, 4, 10.0), sample.grid(5, 4, 10.0, (0, 1))
+    assert (second[0] == 77.0).all()
+    np.testing.assert_array_equal(second[1], both[1])
+
+
+@pytest.mark.parametrize("level", [Level.surface, Level.cruise])
+def test_particle_paths(device, level):
+    """Midpoint rule in double precision, also of particles that leave the area."""
+    sample = Sample(device, 1)
+    step, count = 2.0, 9
+    starts = np.random.default_rng(0).uniform((0, 0), SIZE, (40, 2))
+    starts[0] = SIZE
+    paths = current.particle_paths(
+        sample.put(sample.vortices[:1]),
+        sample.put(sample.stream),
+        sample.put(starts),
+        level=level,
+        size=SIZE,
+        step=step,
+        count=count,
+    )
+    assert paths.shape == (40, count + 1, 2)
+    expected = [starts]
+    for _ in range(count):
+        middle = expected[-1] + step / 2 * sample.without_waves(0, level, expected[-1])
+        expected.append(expected[-1] + step * sample.without_waves(0, level, middle))
+    np.testing.assert_allclose(paths.double().cpu().numpy(), np.stack(expected, axis=1), atol=2e-3)
+    assert (np.stack(expected) > SIZE).any()
+    assert (np.stack(expected) < 0).any()
+
+
+def test_a_stream_of_one_row_is_none(device):
+    sample = Sample(device, 1)
+    start = sample.put(np.array([[40.0, 50.0]]))
+    about = {"level": 0, "size": SIZE, "step": 1.0, "count": 1}
+    none = torch.full((2, 1, 1, 2), 9.0, device=device)
+    assert torch.equal(current.particle_paths(start.new_zeros(1, 0, 4), none, start, **about)[:, 1], start)
