@@ -1,12 +1,18 @@
 """The planner against dense search: the whole area, and what is within the boat's reach."""
 
 import math
+from itertools import permutations
 
+import numpy as np
 import pytest
+import taichi as ti
 import torch
 
 from kernels.planning import global_search, objectives
+from kernels.planning.newton_ascent import Region
+from kernels.planning.team import Team
 from kernels.positioning import acoustic_link
+from kernels.types import array2, array3, vec2
 from tests.kernels.planning.reference import CODES, KINDS, best_by_dense_search, log_objective, random_layouts, table
 
 AREA = 200.0
@@ -103,6 +109,25 @@ class TestPlan:
         other = global_search.plan_batch(link, mirrored, code=code)[:, 2]
         for found in (mixed, other):
             assert ((found - height).abs() / (5 + height.abs())).max() < 3e-6
+
+    @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+    def test_an_oblong_area_and_its_mirror(self, device, code):
+        """Width and length exchanged with x and y; what lies outside one side only is clipped there."""
+        points = all_kinds(12, 3, 13).to(device)
+        link = table(device, 3, attitude_error=0.0017)
+        start = torch.tensor([[250.0, 20.0]], device=device).repeat(len(points), 1)
+        for reach in (global_search.ANYWHERE, 60.0):
+            about = {"code": code, "reach": reach}
+            one = global_search.greedy_batch(link, points, start, **about, width=280.0, length=90.0)
+            swapped = points[..., [1, 0, 2]].contiguous(), start.flip(1).contiguous()
+            other = global_search.greedy_batch(link, *swapped, **about, width=90.0, length=280.0)
+            assert ((one - other)[:, 2].abs() / (5 + one[:, 2].abs())).max() < (
+                1e-3 if code == CODES["paper phase"] else 3e-6
+            )
+            assert (one[:, :2] >= 0).all()
+            assert (one[:, 0] <= 280).all()
+            assert (one[:, 1] <= 90).all()
+            assert reach < 100 or (one[:, 0] > 100).any()
 
     def test_a_goal_stays_where_two_maxima_are_equal(self, device):
         """Two equal AUVs far apart: above either is best, and the goal does not jump between them."""
@@ -217,3 +242,49 @@ def test_too_many_auvs_are_refused(device):
     link = torch.from_numpy(acoustic_link.link_table([15000.0] * 17, acoustic_link.Sonar())).to(device)
     with pytest.raises(ValueError, match="17 AUVs, at most 16"):
         global_search.plan_batch(link, points, code=CODES["e fix"])
+
+
+@ti.kernel
+def _between(link: array2, points: array3, code: ti.template(), reach: ti.f32, limited: ti.template(), out: array3):
+    for n in range(points.shape[0]):
+        team = ti.static(Team(points, link, n, points.shape[1]))
+        region = ti.static(Region(vec2(300.0, 120.0), vec2(150.0, 60.0), reach, limited))
+        found = global_search.best_between_auvs(team, code, region)
+        for row, c in ti.static(ti.ndrange(2, 3)):
+            out[n, row, c] = found[row, c]
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_starts_between_auvs(device, limited):
+    """The two best of the places between all pairs of which one has a plateau, by counting them all."""
+    code, draw = CODES["d fix"], np.random.default_rng(6)
+    link = table(device, 4, attitude_error=0.0017)
+    link[:, acoustic_link.LEVEL] += torch.tensor([-3.0, 1.0, -8.0, -2.0], device=device)
+    depth = -draw.uniform(3, 60, (40, 4, 1))
+    points = np.concatenate([draw.uniform(-20, 320, (40, 4, 1)), draw.uniform(-20, 140, (40, 4, 1)), depth], axis=2)
+    points = torch.tensor(points, dtype=torch.float32)
+    out = torch.zeros((40, 2, 3), device=device)
+    _between(link, points.to(device), code, 50.0, limited, out)
+    out, rows, seen = out.double().cpu(), link.double().cpu(), set()
+    for n, auvs in enumerate(points.double()):
+        above = [  # ln of the variance straight above, with the attitude error and without it
+            [-log_objective(auvs[k, :2], auvs[k : k + 1], part[k : k + 1], code).item() / 2 for k in range(4)]
+            for part in (rows, rows * (torch.arange(rows.shape[1]) != acoustic_link.ATTITUDE))
+        ]
+        wide = [math.exp(a - b) - 1 > global_search.PLATEAU for a, b in zip(*above, strict=True)]
+        seen.add(sum(wide))
+        pairs = [(j, k) for j, k in permutations(range(4), 2) if wide[j] and (k > j or not wide[k])]
+        shares = (torch.arange(global_search.BETWEEN) + 0.5).double() / global_search.BETWEEN
+        ways = [auvs[j, :2] + shares[:, None] * (auvs[k, :2] - auvs[j, :2]) for j, k in pairs]
+        if not ways:
+            assert (out[n, :, 2] <= -1e30).all()
+            continue
+        places = torch.cat(ways).clamp(min=0).minimum(torch.tensor([300.0, 120.0]))
+        if limited:
+            way = places - torch.tensor([150.0, 60.0])
+            places = torch.tensor([150.0, 60.0]) + way * (50 / way.norm(dim=1, keepdim=True)).clamp(max=1)
+        heights, order = log_objective(places, auvs.expand(len(places), 4, 3), rows, code).sort(descending=True)
+        assert (out[n, :, 2] - heights[:2]).abs().max() < 2e-5
+        if len(heights) > 2 and (heights[:2] - heights[1:3]).min() > 1e-4:
+            assert (out[n, :, :2] - places[order[:2]]).abs().max() < 1e-3
+    assert len(seen) > 2, seen
