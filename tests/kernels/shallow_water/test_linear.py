@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from kernels import runtime
-from kernels.shallow_water import linear
+from kernels.shallow_water import discretisation, linear
 from kernels.shallow_water.linear import ShallowWater
 from tests.cases.plain import GRAVITY, ROUNDING, SIDES, PlainScheme, centres, rough_bed, waves
 
@@ -169,6 +169,59 @@ class TestBoundaries:
             solver.advance()
             seas.append(solver.elevation())
         np.testing.assert_allclose(*seas, atol=20 * ROUNDING)
+
+
+class TestDiagnostics:
+    def test_chunks_of_rows_change_nothing(self, monkeypatch):
+        """The host works on a few rows at a time: here on one, and on all."""
+        boundaries = dict(zip(SIDES, KINDS, strict=True))
+        seen = []
+        for chunk in (1, 10**9):
+            monkeypatch.setattr(discretisation, "CHUNK", chunk)
+            solver = open_sea(boundaries, depth=rough_bed(37, 29), interval=0.5, num_seas=2, drag=0.01)
+            random = np.random.default_rng(2)
+            solver.set_forcing(*waves(1.0, 9.0, 0.3, 2))
+            u, v = random.normal(size=(2, 29, 38)), random.normal(size=(2, 30, 37))
+            solver.set_state(random.normal(size=(2, 29, 37)), u, v)
+            solver.advance()
+            seen.append([solver.elevation(), *solver.velocity(), solver.mass(), solver.energy()])
+        for one, other in zip(*seen, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12)
+
+    @pytest.mark.parametrize("boundaries", [{}, {"south": "forced", "east": "forced"}])
+    def test_mass_and_energy_are_those_of_the_integrals(self, boundaries):
+        """Of two seas with a wave and an even current, in cells that are no squares."""
+        solver = open_sea(boundaries, depth=40.0, interval=1e-3, num_seas=2, gravity=5.0)
+        x, y = centres(37, 200.0), centres(29, 150.0)[:, None]
+        eta = 0.3 + np.cos(math.pi * x / 200) * np.cos(2 * math.pi * y / 150)
+        u, v = np.full((2, 29, 38), 0.4), np.full((2, 30, 37), -0.2)
+        if not boundaries:
+            u[:, :, [0, -1]], v[:, [0, -1]] = 0, 0
+        solver.set_state(np.stack([eta, -2 * eta]), np.stack([u[0], 3 * u[1]]), np.stack([v[0], 3 * v[1]]))
+        area = 200.0 * 150.0
+        np.testing.assert_allclose(solver.mass(), [0.3 * area, -0.6 * area], rtol=1e-6)
+        height = 5 / 2 * (0.09 + 0.25) * area
+        still = 0.5 if boundaries else 1  # cells' worth of the faces at the ends of each axis: walls, or half open
+        speed = 40 / 2 * area * (0.16 * (37 - still) / 37 + 0.04 * (29 - still) / 29)
+        np.testing.assert_allclose(solver.energy(), [height + speed, 4 * height + 9 * speed], rtol=1e-3)
+
+    @pytest.mark.parametrize("num_seas", [1, 2])
+    def test_a_new_state_forgets_the_old_one(self, num_seas):
+        boundaries = dict(zip(SIDES, KINDS, strict=True))
+        start, seen = np.random.default_rng(5).normal(size=(num_seas, 29, 37)), []
+        for used in (False, True):
+            solver = open_sea(boundaries, depth=rough_bed(37, 29), interval=1.0, num_seas=num_seas)
+            solver.set_forcing(*waves(1.0, 9.0, 0.3, num_seas))
+            if used:
+                solver.set_state(100 * start, time=3.0)
+                solver.advance()
+                for field in (solver.eta, *solver.transports):
+                    field.fill_(math.nan)
+            solver.set_state(start)
+            solver.advance()
+            assert solver.time == 1.0
+            seen.append([solver.elevation(), *solver.velocity()])
+        np.testing.assert_array_equal(*seen)
 
 
 MEMORY = """

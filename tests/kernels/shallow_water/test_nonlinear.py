@@ -203,6 +203,27 @@ class TestRest:
         assert not np.any(solver.velocity())
 
 
+class TestClock:
+    @pytest.mark.parametrize("cells", [(40, 6), (6, 40)])
+    def test_steps_are_as_long_as_the_fastest_wave_allows(self, cells):
+        """In long cells, small waves pass 0.95 of the shorter side in a step; the first is a tenth."""
+        size, depth, interval = (4000.0, 4200.0), 10.0, 300.0
+        solver = NonlinearShallowWater(size=size, cells=cells, bed=-depth, interval=interval)
+        assert (solver.time, solver.steps) == (0.0, 0)
+        x, y = centres(cells[0], size[0]), centres(cells[1], size[1])[:, None]
+        solver.set_state(0.01 * np.cos(math.pi * x / size[0]) * np.cos(math.pi * y / size[1]), time=50.0)
+        mass = solver.mass()
+        assert mass == pytest.approx(depth * size[0] * size[1], rel=1e-6)
+        least = interval * math.sqrt(g * depth) / min(solver.dx, solver.dy) / 0.95
+        before = 0
+        for n in range(1, 4):
+            solver.advance()
+            assert solver.time == 50.0 + n * interval
+            assert least <= solver.steps - before <= least + 4
+            before = solver.steps
+        assert solver.mass() == pytest.approx(mass, rel=1e-6)
+
+
 class TestSmooth:
     def test_standing_wave_is_second_order(self):
         """η = a cos kx cos ky cos ωt of 1e-5 of the depth, at t = T/8; η and u."""
