@@ -46,6 +46,9 @@ class TestFits:
     def test_path_loss(self, spreading):
         """Spreading over three decades, and 4 dB/km over one kilometre."""
         assert sonar_equation.path_loss(1000.0, spreading, 4.0) == pytest.approx(3 * spreading + 4)
+        for r in (0.0, 0.4, 1.0):  # no nearer than 1 m
+            assert sonar_equation.path_loss(r, spreading, 4.0) == pytest.approx(0.004)
+        assert sonar_equation.path_loss(1.2, spreading, 0.0) == pytest.approx(spreading * math.log10(1.2))
 
     def test_loss_begins_at_one_metre(self):
         assert sonar_equation.transmission_loss(0.0, 1e4) == sonar_equation.transmission_loss(1.0, 1e4)

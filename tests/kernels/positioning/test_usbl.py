@@ -259,3 +259,32 @@ class TestLinkTable:
         assert table[:, acoustic_link.KAPPA] == pytest.approx(
             2 * np.pi * np.array([12e3, 15e3, 18e3]) * 0.033 / 1500, rel=1e-6
         )
+
+
+def test_numbers_that_are_missing_count_as_zero(device):
+    """Amplitude and residual of the noise: each matters, and fixes without them are those with zeros."""
+    sonar = acoustic_link.Sonar(accuracy=acoustic_link.Accuracy(attitude=0.01), spacing=0.07)
+    link = torch.from_numpy(acoustic_link.link_table(CARRIERS, sonar)).to(device)
+    random = torch.Generator().manual_seed(1)
+    n = 300
+    offset = torch.tensor([300.0, 200.0, -150.0]) + 50 * torch.randn(n, 3, generator=random)
+    slope = 0.1 * torch.randn(n, 2, generator=random)
+    noise = 3 * torch.randn(n, 7, generator=random)
+    noise[::2, 5] = -1e3
+    noise[::3, 6] = 200.0
+    auv = torch.arange(n, dtype=torch.int32) % 2
+
+    def found(noise):
+        return usbl.flagged_fixes(link, *(part.to(device) for part in (auv, offset, slope, noise)))
+
+    seen = []
+    for columns in (5, 6, 7):
+        cut = noise.clone()
+        cut[:, columns:] = 0.0
+        seen.append(found(cut))
+        for one, other in zip(found(noise[:, :columns].contiguous()), seen[-1], strict=True):
+            if columns > 5:  # with five every tone has its expected amplitude
+                assert torch.equal(one, other)
+    assert (seen[0][2] & usbl.DETECTED > 0).all()
+    assert torch.equal(seen[1][2] & usbl.DETECTED > 0, noise[:, 5].to(device) > -100)
+    assert not torch.equal(seen[1][2] & usbl.AMBIGUOUS, seen[2][2] & usbl.AMBIGUOUS)

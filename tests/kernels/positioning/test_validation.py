@@ -93,3 +93,12 @@ def test_most_turns_reach_every_direction(device, spacing):
     run(link, found)
     phase = 2 * math.pi * spacing / 0.1 * np.linspace(-1, 1, 100_001)
     assert found.item() == np.abs(np.round(phase / (2 * math.pi))).max()
+
+
+def test_turns_are_possible_where_noise_can_wrap_one_of_the_links():
+    """Six standard deviations of a difference at the threshold, σ = 0.1, against the 2 (π − κ) to a wrap."""
+    link = np.zeros((2, acoustic_link.COLUMNS))
+    link[:, acoustic_link.THRESHOLD] = 8 / 0.1**2
+    for kappas, possible in (((2.0, 2.83), False), ((2.0, 2.85), True), ((2.85, 2.0), True), ((4.0, 2.0), True)):
+        link[:, acoustic_link.KAPPA] = kappas
+        assert validation.turns_possible(link) == possible
