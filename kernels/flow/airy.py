@@ -97,7 +97,7 @@ def _sample(
             out[sea, n, c] = moved[c]
 
 
-def sample(wave: torch.Tensor, points: torch.Tensor, level: int = 0) -> torch.Tensor:
+def sample(wave: torch.Tensor, points: torch.Tensor, level: int) -> torch.Tensor:
     """`motion` at many points of many seas.
 
     Args:

@@ -164,6 +164,25 @@ class TestPlan:
         assert np.mean(gaps < 0.01 * spans) > 0.9  # other local maxima remain in a few
         assert np.all(gaps < 0.3 * spans)
 
+    @pytest.mark.parametrize("criterion", receding_horizon.CRITERIA)
+    def test_an_oblong_area_and_its_mirror(self, device, criterion):
+        """Width and length exchanged with x and y; AUVs, goals and boats also outside of one side."""
+        track, estimate, boat, goal = layouts(9, 40, 2, device, spread=300.0)
+        link = links(2, device)
+        swapped = track.clone()
+        pairs = [(tracker.X, tracker.Y), (tracker.CURRENT_X, tracker.CURRENT_Y), (tracker.WATER_X, tracker.WATER_Y)]
+        for one, other in pairs:  # the covariance is the same for both axes
+            swapped[..., [one, other]] = track[..., [other, one]]
+        mirrored = swapped, estimate[..., [1, 0, 2]].contiguous(), link, boat.flip(1), goal.flip(1)
+        weighed = outlook(criterion, steps=6)
+        wide = receding_horizon.plan_batch(track, estimate, link, boat, goal, weighed, width=280.0, length=90.0)
+        long = receding_horizon.plan_batch(*mirrored, weighed, width=90.0, length=280.0)
+        torch.testing.assert_close(wide[:, 2], long[:, 2], rtol=1e-4, atol=1e-4)
+        assert (wide[:, :2] >= 0).all()
+        assert (wide[:, 0] <= 280).all()
+        assert (wide[:, 1] <= 90).all()
+        assert (wide[:, 0] > 100).any()
+
     def test_goes_above_a_lone_auv_that_holds_position(self, device):
         track, estimate, boat, goal = layouts(7, 50, 1, device)
         track[..., [tracker.ADRIFT, tracker.WATER_X, tracker.WATER_Y]] = 0.0
