@@ -1,0 +1,58 @@
+"""What is written of observations and actions, for any number of AUVs, beside the layouts themselves."""
+
+import math
+import re
+
+import pytest
+
+from usvauv_env import Scenario
+from usvauv_env.site.site import Site
+from usvauv_env.world.current_statistics import current_bound
+from usvauv_env.world.observation import ObservationLayout, commanded, observation_terms, observed, quantities, table
+
+
+@pytest.mark.parametrize("num_auvs", [1, 2, 5])
+def test_indices_of_the_table_hold_for_any_number_of_auvs(num_auvs):
+    """Its expressions in K, at that K, are first and last index of each term where all terms are present."""
+    layout = ObservationLayout(num_auvs, tuple(observation_terms))
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table().splitlines()[2:]]
+    assert [row[1].strip("`") for row in rows] == list(layout.terms)
+    for row, (name, place) in zip(rows, layout, strict=True):
+        ends = []
+        for text in row[0].split(" … "):
+            slope, constant = re.fullmatch(r"(\d*K)?([+−]?\d+)?", text).groups()
+            times = int(slope[:-1] or 1) if slope else 0
+            ends.append(times * num_auvs + int((constant or "0").replace("−", "-")))
+        assert "+0" not in row[0]
+        if place.stop > place.start:
+            assert (ends[0], ends[-1]) == (place.start, place.stop - 1), name
+
+
+def test_bounds_are_those_of_the_units():
+    """Positions in the area's diagonal, shares from 0 to 1, speeds from 0 and velocities from −c to the bound c."""
+    changes = ["auv.count=3", "area.width=300", "observation.current=profile"]
+    site = Site(Scenario.load("extreme", changes))
+    rows = observed(site)
+    layout = ObservationLayout.of(site.scenario)
+    assert [row.index for row in rows] == list(range(layout.size))
+    largest = current_bound(site)
+    expected = {"others": 2.0, "target": 2.0, "position": 2.0, "current": largest, "current_profile": largest}
+    for name, place in layout:
+        for row, text in zip(rows[place], quantities(name, 3), strict=True):
+            assert row.quantity == text
+            assert row.high == pytest.approx({**expected, "current_speed": largest}.get(name, 1.0))
+            assert row.low == pytest.approx(-expected[name] if name in expected else 0.0)
+            if name in ("others", "target", "position"):
+                assert f"{math.hypot(300, site.scenario.area.length):.6g} m" in row.unit
+    assert len(rows[layout.slice("others")]) == 4
+    assert [row.quantity[0] for row in rows[layout.slice("others")]] == list("xyxy")
+
+
+def test_what_an_action_says():
+    fast = ["auv.speed_min=0.5", "auv.speed_max=1.75"]
+    vector, polar = (commanded(Scenario.load("ideal", [*fast, f"auv.action={form}"])) for form in ("vector", "polar"))
+    for rows in (vector, polar):
+        assert [(row.index, row.low, row.high) for row in rows] == [(0, -1.0, 1.0), (1, -1.0, 1.0)]
+    assert all(row.unit == "1.75 m/s" and "0.5 .. 1.75 m/s" in row.quantity for row in vector)
+    assert [row.unit for row in polar] == ["pi rad", "1"]
+    assert "0.5 m/s at -1, 1.75 m/s at 1" in polar[1].quantity
