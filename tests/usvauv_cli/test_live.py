@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from kernels.flow.vortex import Vortex
-from kernels.mission.columns import BoatColumn, NodeColumn
+from kernels.mission.columns import BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn
+from kernels.positioning import tracker
 from usvauv_cli.live import shapes
 from usvauv_cli.live.requests import Requests
 from usvauv_cli.live.session import Session, changed
@@ -166,6 +167,13 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
         assert np.array_equal(session.world.sea.elevation(), elevation)
         assert session.values["current"] == 2.0
         assert session.time == 5.0
+        told = after["exchange"][..., [ExchangeColumn.heads_for, ExchangeColumn.hovers]]
+        foreseen = after["foresight"]
+        assert torch.equal(foreseen[..., [ForesightColumn.heads_for, ForesightColumn.hovers]], told)
+        sides = torch.tensor([session.scenario.area.width, session.scenario.area.length])
+        heard = torch.minimum(before["track"][..., [tracker.X, tracker.Y]].clamp_min(0), sides)
+        torch.testing.assert_close(foreseen[..., [ForesightColumn.x, ForesightColumn.y]], heard)
+        assert (foreseen[..., ForesightColumn.speed] == session.scenario.reference.straight_speed).all()
     stepped(session, 3)
     assert session.world.strategy.name == "belief"
     assert session.scenario.nodes.target_rule == "nearest"

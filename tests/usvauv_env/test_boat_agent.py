@@ -7,7 +7,7 @@ import pytest
 import torch
 from pettingzoo.test import parallel_api_test
 
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, ForesightColumn
+from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, ForesightColumn, NodeColumn
 from kernels.positioning import tracker
 from usvauv_env import Scenario, ScenarioError, World, parallel_env
 from usvauv_env.world.boat_agent import boat_observed, observe_boats
@@ -83,6 +83,17 @@ def test_the_global_state_is_the_truth(world):
     assert state.shape == (4, size(TWO)) == (4, 6 * 3 + 2 * 2 + 20)
     auv = world.auv.cpu().numpy()
     np.testing.assert_allclose(state[:, :6], auv[..., : AuvColumn.y + 1].reshape(4, 6) / DIAGONAL, rtol=1e-6)
+    for _ in range(3):
+        world.step(still(world), torch.ones(4, 2, 2, device=world.device))
+    state, auv = global_state(world).cpu().numpy(), world.auv.cpu().numpy()
+    error = (world.own_position.cpu().numpy() - auv[..., : AuvColumn.y + 1]).reshape(4, 6) / DIAGONAL
+    np.testing.assert_allclose(state[:, 6:12], error, atol=1e-6)
+    assert np.abs(error).max() > 1e-5
+    current = auv[..., AuvColumn.current_x : AuvColumn.current_y + 1].reshape(4, 6)
+    np.testing.assert_array_equal(state[:, 12:18], current)
+    assert np.abs(current).max() > 1e-3
+    backlog = world.node[..., NodeColumn.backlog].cpu().numpy()
+    np.testing.assert_allclose(state[:, 22:], backlog / TWO.nodes.buffer, rtol=1e-6)
     np.testing.assert_allclose(state[:, 18:22], world.boat[..., :2].cpu().numpy().reshape(4, 4) / DIAGONAL, rtol=1e-6)
 
 
