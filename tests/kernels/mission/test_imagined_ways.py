@@ -14,9 +14,10 @@ import taichi as ti
 import torch
 
 from kernels.mission import belief_planner, expected_reply, learned_visits
-from kernels.mission.belief_planner import INTERVAL, MARGIN, NOBODY, STEPS, STRAYING, SURE
+from kernels.mission.belief_planner import INTERVAL, LEARNED, MARGIN, NOBODY, STEPS, STRAYING, SURE
 from kernels.mission.candidate_scores import HEAD
 from kernels.mission.columns import (
+    AuvColumn,
     BoatColumn,
     EstimateColumn,
     ExchangeColumn,
@@ -77,6 +78,7 @@ class Stub(NamedTuple):
     track: Any
     node: Any
     boat_workspace: Any
+    auv: Any = None
 
 
 @ti.kernel
@@ -503,3 +505,81 @@ def _advance(p: array1, link: array2, clock: index2, estimate: array3, boat: arr
                     out[w, k, first + 1] = way.place[1]
                     out[w, k, first + 2] = ti.cast(way.node, ti.f32)
                     out[w, k, first + 3] = way.hovers
+
+
+@ti.kernel
+def _foresee(p: array1, link: array2, clock: index2, estimate: array3, boat: array3, exchange: array3,
+             foresight: array3, track: array3, node: array3, auv: array3):  # fmt: skip
+    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node, node, auv))
+    for w in range(clock.shape[0]):
+        for k in range(foresight.shape[1]):
+            belief_planner.foresee(worlds, w, k)
+
+
+def test_news_and_silence(device):
+    """Foresight goes on from where it was, or from what a reply has told, whose speed it takes a share of.
+
+    The node of the first step is given at deployment. AUVs that have lost their way wait at their nodes.
+    """
+    r = np.random.default_rng(8)
+    made = Imagined(device, 7)
+    shape = WORLDS, AUVS
+    made.clock[:3, 1] = 1
+    auv = torch.zeros((*shape, len(AuvColumn.names)), device=device)
+    auv[..., AuvColumn.target] = torch.from_numpy(r.integers(0, NODES, shape)).to(device)
+    exchange, foresight, track = (made.arrays[name] for name in ("exchange", "foresight", "track"))
+    silent = r.random(shape) < 0.5
+    before = np.where(silent, made.elapsed - 1.0, made.elapsed + r.choice([0.5, 90.0], shape))
+    drawn = {
+        (foresight, ForesightColumn.elapsed): before,
+        (track, tracker.X): r.uniform(0, 600, shape),
+        (track, tracker.Y): r.uniform(0, 400, shape),
+        (exchange, ExchangeColumn.heads_for): r.integers(0, NODES, shape),
+        (exchange, ExchangeColumn.hovers): r.choice([0.0, 0.0, 12.0], shape),
+        (exchange, ExchangeColumn.velocity_x): r.uniform(-1.5, 1.5, shape),
+        (exchange, ExchangeColumn.velocity_y): r.uniform(-0.8, 0.8, shape),
+    }
+    for (array, column), numbers in drawn.items():
+        array[..., column] = torch.from_numpy(numbers).to(array)
+    told, old, last = (array.double().cpu().numpy() for array in (exchange, foresight, track))
+    target = auv[..., AuvColumn.target].cpu().numpy()
+    _foresee(*made.arguments(), auv)
+    new = foresight.double().cpu().numpy()
+    for w in range(WORLDS):
+        variance = made.own(w)[0]
+        for k in range(AUVS):
+            elapsed, first = told[w, k, ExchangeColumn.elapsed], made.clock[w, 1] == 1
+            node = int(target[w, k] if first else told[w, k, ExchangeColumn.heads_for])
+            assert exchange[w, k, ExchangeColumn.heads_for] == node
+            way = old[w, k, : ForesightColumn.y + 1], int(old[w, k, ForesightColumn.heads_for])
+            hovers, speed, time = old[w, k, ForesightColumn.hovers], old[w, k, ForesightColumn.speed], 1.0
+            if first or not silent[w, k]:
+                way, hovers, time = (last[w, k, : tracker.Y + 1], node), told[w, k, ExchangeColumn.hovers], elapsed
+                heard = np.hypot(*told[w, k, [ExchangeColumn.velocity_x, ExchangeColumn.velocity_y]])
+                if hovers == 0 and heard > 0.6:
+                    speed = (1 - LEARNED) * speed + LEARNED * heard
+            place, node, hovers = advanced(*way, hovers, speed, time, variance[k] > 25.0**2, made.node[w])
+            assert new[w, k, : ForesightColumn.y + 1] == pytest.approx(place, abs=0.02)
+            assert new[w, k, ForesightColumn.heads_for] == node
+            wanted = hovers, elapsed, speed
+            columns = [ForesightColumn.hovers, ForesightColumn.elapsed, ForesightColumn.speed]
+            assert new[w, k, columns] == pytest.approx(wanted, abs=0.01)
+
+
+@ti.kernel
+def _begin(p: array1, foresight: array3, auv: array3):
+    worlds = ti.static(Stub(PROGRAM, p, 0, 0, 0, 0, 0, foresight, 0, 0, 0, auv))
+    for w in range(auv.shape[0]):
+        for k in range(auv.shape[1]):
+            belief_planner.begin(worlds, w, k)
+
+
+def test_foresight_begins_where_auvs_are_deployed(device):
+    made = Imagined(device, 9)
+    auv = torch.rand((WORLDS, AUVS, len(AuvColumn.names)), device=device)
+    foresight = made.arrays["foresight"]
+    _begin(made.p, foresight, auv)
+    wanted = torch.zeros_like(foresight)
+    wanted[..., ForesightColumn.x], wanted[..., ForesightColumn.y] = auv[..., AuvColumn.x], auv[..., AuvColumn.y]
+    wanted[..., ForesightColumn.speed] = 1.3
+    torch.testing.assert_close(foresight, wanted)
