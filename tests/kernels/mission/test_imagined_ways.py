@@ -567,6 +567,44 @@ def test_news_and_silence(device):
 
 
 @ti.kernel
+def _weigh(p: array1, link: array2, clock: index2, estimate: array3, boat: array3, exchange: array3, foresight: array3,
+           track: array3, node: array3, out: array3):  # fmt: skip
+    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node, node))
+    for w in range(clock.shape[0]):
+        for b in range(boat.shape[1]):
+            least = belief_planner.least_certain(worlds, w, b)
+            out[w, b, 0] = ti.cast(least, ti.f32)
+            if least != NOBODY:
+                place = belief_planner.foreseen_place(worlds, w, least)
+                out[w, b, 1] = belief_planner.expected_loss(worlds, w, b, least, place)
+
+
+def test_the_least_certain_auv_and_what_going_to_it_costs(device):
+    """Also of a boat without AUVs, and where all are certain to a few decimetres."""
+    made = Imagined(device, 10)
+    made.track[1::2] /= 1e4
+    made.served_by[: WORLDS // 3] = 1.0
+    made.elapsed[1::2] = made.exchange[1::2, :, ExchangeColumn.elapsed] = 0.0
+    for name in ("track", "estimate", "exchange"):
+        made.arrays[name][:] = torch.from_numpy(getattr(made, name)).to(made.arrays[name])
+    out = torch.zeros((WORLDS, BOATS, 2), device=device)
+    _weigh(*made.arguments(), out)
+    out = out.double().cpu().numpy()
+    right = count = 0
+    for w in range(WORLDS):
+        for b in range(BOATS):
+            if not (made.served_by[w] == b).any():
+                assert out[w, b, 0] == NOBODY
+                continue
+            least = least_certain(made, w, b)
+            assert out[w, b, 0] == least
+            right += out[w, b, 1] == pytest.approx(made.loss(w, b, least, made.place[w, least]), rel=5e-3)
+            count += 1
+    assert right > 0.85 * count
+    assert count < WORLDS * BOATS
+
+
+@ti.kernel
 def _begin(p: array1, foresight: array3, auv: array3):
     worlds = ti.static(Stub(PROGRAM, p, 0, 0, 0, 0, 0, foresight, 0, 0, 0, auv))
     for w in range(auv.shape[0]):

@@ -6,7 +6,7 @@ distribution is checked, all else to rounding.
 
 import math
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +14,9 @@ import taichi as ti
 import torch
 
 from kernels.mission import navigation
-from kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn, KeyColumn, Parameter, Sensor
+from kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn, Sensor
 from kernels.positioning import tracker
-from kernels.types import array1, array3, index2
+from tests.kernels.mission.stub import StubWorlds, unchanged
 
 WORLDS, AUVS = 300, 2
 NUMBERS = {
@@ -41,34 +41,6 @@ STATE = [tracker.X, tracker.Y, tracker.CURRENT_X, tracker.CURRENT_Y]
 WATER, GROUND = (SimpleNamespace(sensor=sensor) for sensor in (Sensor.water, Sensor.ground))
 
 
-class Stub(NamedTuple):
-    """What the functions read of the worlds."""
-
-    program: Any
-    p: Any
-    key: Any
-    clock: Any
-    auv: Any
-    estimate: Any
-    exchange: Any
-    track: Any
-    own: Any
-
-
-def launched(function: Any, program: Any) -> Any:
-    """A kernel that calls a function (worlds, w, k) for each AUV."""
-
-    @ti.kernel
-    def run(p: array1, key: index2, clock: index2, auv: array3, estimate: array3, exchange: array3, track: array3,
-            own: array3):  # fmt: skip
-        worlds = ti.static(Stub(program, p, key, clock, auv, estimate, exchange, track, own))
-        for w in range(clock.shape[0]):
-            for k in range(auv.shape[1]):
-                function(worlds, w, k)
-
-    return run
-
-
 @ti.func
 def _send(worlds: ti.template(), w, k):
     navigation.send(worlds, w, k, 0.125)
@@ -79,9 +51,6 @@ class Fleet:
 
     def __init__(self, device: torch.device) -> None:
         r = np.random.default_rng(6)
-        p = np.zeros(len(Parameter.names))
-        for name, number in NUMBERS.items():
-            p[getattr(Parameter, name)] = number
         shape = WORLDS, AUVS
         track, own = (np.zeros((*shape, tracker.COLUMNS)) for _ in range(2))
         for each in (track, own):
@@ -97,23 +66,19 @@ class Fleet:
         auv = r.uniform(-1, 1, (*shape, len(AuvColumn.names)))
         auv[..., [AuvColumn.hovering, AuvColumn.border]] = np.eye(3)[r.integers(0, 3, shape)][..., :2]
         estimate = r.uniform(1, 5, (*shape, len(EstimateColumn.names)))
-        key = np.zeros((WORLDS, len(KeyColumn.names)), np.int32)
-        key[:, KeyColumn.world] = np.arange(WORLDS)
-        clock = np.tile(np.array([0, 7], np.int32), (WORLDS, 1))
-        arrays = (p, key, clock, auv, estimate, exchange, track, own)
-        names = ("p", "key", "clock", "auv", "estimate", "exchange", "track", "own")
-        self.tensors = {
-            name: torch.tensor(a, dtype=torch.int32 if a.dtype == np.int32 else torch.float32, device=device)
-            for name, a in zip(names, arrays, strict=True)
-        }
-        self.before = self.arrays()
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        return {name: tensor.double().cpu().numpy().copy() for name, tensor in self.tensors.items()}
+        arrays = {"auv": auv, "estimate": estimate, "exchange": exchange, "track": track, "own": own}
+        self.worlds = StubWorlds(device, NUMBERS, worlds=WORLDS, auvs=AUVS, **arrays)
+        self.before = self.worlds.numbers()
 
     def after(self, function: Any, program: Any = WATER) -> dict[str, np.ndarray]:
-        launched(function, program)(*self.tensors.values())
-        return self.arrays()
+        """All arrays after a function (worlds, w, k) has been called for each AUV."""
+
+        @ti.func
+        def of_all(worlds: ti.template(), w):
+            for k in range(worlds.auv.shape[1]):
+                function(worlds, w, k)
+
+        return self.worlds.after(of_all, program)
 
 
 @pytest.fixture
@@ -160,14 +125,6 @@ def check(track: np.ndarray, expected: tuple[np.ndarray, np.ndarray]) -> None:
         np.testing.assert_allclose(found, wanted, rtol=2e-4, atol=2e-4 if wanted.ndim == 3 else 1e-4)
 
 
-def same_but(after: dict, before: dict, changed: dict[str, list[int]]) -> None:
-    """Everything else is as it was."""
-    for name, array in after.items():
-        kept = np.delete(array, changed.get(name, []), -1) if name != "p" else array
-        wanted = np.delete(before[name], changed.get(name, []), -1) if name != "p" else before[name]
-        np.testing.assert_array_equal(kept, wanted, err_msg=name)
-
-
 EVERY = list(range(tracker.COLUMNS))
 STEP = [ExchangeColumn.step_x, ExchangeColumn.step_y]
 WAY = [ExchangeColumn.way_x, ExchangeColumn.way_y]
@@ -200,7 +157,7 @@ def test_reckoning(fleet, program):
         np.testing.assert_allclose(new[..., column], old[..., column] + more, rtol=1e-6)
     check(after["own"], moved(before["own"], new[..., STEP], adrift, np.full(adrift.shape, 0.5)))
     others = [ExchangeColumn.step_adrift, ExchangeColumn.adrift, ExchangeColumn.elapsed]
-    same_but(after, before, {"own": EVERY, "exchange": [*BIAS, *STEP, *WAY, *others]})
+    unchanged(after, before, {"own": EVERY, "exchange": [*BIAS, *STEP, *WAY, *others]})
 
 
 def test_an_auv_is_told_the_boats_filter(fleet):
@@ -211,7 +168,7 @@ def test_an_auv_is_told_the_boats_filter(fleet):
     check(after["own"], moved(before["track"], exchange[..., WAY], adrift, elapsed))
     rest = [c for c in EVERY if c not in {*STATE, *np.ravel(COVARIANCE)}]
     np.testing.assert_array_equal(after["own"][..., rest], before["track"][..., rest])
-    same_but(after, before, {"own": EVERY})
+    unchanged(after, before, {"own": EVERY})
 
 
 def test_what_a_reply_carries(fleet):
@@ -230,7 +187,7 @@ def test_what_a_reply_carries(fleet):
     }
     for name, value in wanted.items():
         np.testing.assert_allclose(new[..., getattr(ExchangeColumn, name)], value, rtol=1e-5, atol=1e-6, err_msg=name)
-    same_but(after, before, {"exchange": [getattr(ExchangeColumn, name) for name in wanted]})
+    unchanged(after, before, {"exchange": [getattr(ExchangeColumn, name) for name in wanted]})
 
 
 def test_what_a_boat_makes_of_a_reply(fleet):
@@ -255,7 +212,7 @@ def test_what_a_boat_makes_of_a_reply(fleet):
     for name, value in wanted.items():
         np.testing.assert_allclose(new[..., getattr(ExchangeColumn, name)], value, rtol=1e-5, atol=1e-5, err_msg=name)
     changed = [getattr(ExchangeColumn, name) for name in wanted]
-    same_but(after, before, {"exchange": changed, "track": EVERY})
+    unchanged(after, before, {"exchange": changed, "track": EVERY})
 
 
 def test_where_an_auv_is_expected(fleet):
@@ -278,7 +235,7 @@ def test_where_an_auv_is_expected(fleet):
         after["estimate"][..., place], x[..., :2] + reach[..., None] * velocity, rtol=1e-4, atol=1e-3
     )
     np.testing.assert_allclose(after["estimate"][..., spread], wanted, rtol=1e-3, atol=1e-3)
-    same_but(after, before, {"estimate": [*place, *spread]})
+    unchanged(after, before, {"estimate": [*place, *spread]})
 
 
 def test_both_filters_begin_at_the_estimate(fleet):
