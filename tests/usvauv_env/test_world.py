@@ -635,6 +635,13 @@ def test_bad_arguments(extreme, arguments, match):
         World(extreme, **arguments)
 
 
+def test_the_largest_number_of_worlds(extreme, monkeypatch):
+    monkeypatch.setattr("usvauv_env.world.world.MAX_WORLDS", 3)
+    assert World(extreme, num_worlds=3).num_worlds == 3
+    with pytest.raises(ScenarioError, match="num_worlds = 4: must be from 1 to 3"):
+        World(extreme, num_worlds=4)
+
+
 @pytest.mark.parametrize(("auvs", "nodes"), [(1, 1), (2, 1), (16, 500)])
 def test_other_team_sizes(auvs, nodes):
     world = World(Scenario.load("extreme", [f"auv.count={auvs}", f"nodes.count={nodes}"]), num_worlds=3)

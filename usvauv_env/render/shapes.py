@@ -41,7 +41,7 @@ def dots(image: np.ndarray, centres: np.ndarray, radius: float, colours: np.ndar
     image[place] = below + (colours[number] - below) * cover[inside, None] + 0.5
 
 
-def ring(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | int, width: int = 1) -> None:
+def ring(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | int, width: int) -> None:
     cv2.circle(image, _fixed_point(centre), round(radius * (1 << SHIFT)), colour, width, cv2.LINE_AA, SHIFT)
 
 
