@@ -9,7 +9,7 @@ import taichi as ti
 import torch
 
 from kernels import runtime
-from kernels.device_arrays import DeviceArrays
+from kernels.device_arrays import DeviceArray, DeviceArrays
 from kernels.device_flag import DeviceFlag
 from kernels.launch import Launch
 from kernels.runtime import Runtime
@@ -155,6 +155,8 @@ class TestCopies:
         def add(index: int, *shape: int) -> None:
             Launch(add_row, held.arguments[index].view(*shape), held.arguments[2])()
 
+        copied = [isinstance(argument, DeviceArray) for argument in held.arguments]
+        assert copied == 3 * [not runtime.start().shares_memory_with_torch]
         held.fetch()  # before any launch
         assert both.eq(1).all()
         add(0, 2, 3)
