@@ -51,7 +51,10 @@ def made(device) -> StubWorlds:
     shapes = {"auv": (AUVS, AuvColumn), "boat": (BOATS, BoatColumn)}
     shapes |= {"estimate": (AUVS, EstimateColumn), "exchange": (AUVS, ExchangeColumn)}
     arrays = {name: np.zeros((WORLDS, count, len(of.names))) for name, (count, of) in shapes.items()}
-    for name, extent in (("auv", 900.0), ("boat", 900.0), ("estimate", 900.0)):
+    extent = r.choice(
+        [60.0, 900.0], (WORLDS, 1, 1)
+    )  # in which even the farthest is asked twice a step, and in which not
+    for name in ("auv", "boat", "estimate"):
         arrays[name][..., :2] = r.uniform(0, extent, (*arrays[name].shape[:2], 2))  # x and y stand first in all three
     arrays["auv"][..., [AuvColumn.moved_x, AuvColumn.moved_y]] = r.uniform(-2, 2, (WORLDS, AUVS, 2))
     arrays["boat"][..., BoatColumn.elevation] = r.uniform(-5, 5, (WORLDS, BOATS))
