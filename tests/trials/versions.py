@@ -6,8 +6,9 @@
 
 Each combination gets a virtual environment of its own. pip installs torch as `constraints.txt` pins it, so that the
 lowest version of torch is only tested where the pin is changed, and uv the rest. What cannot be tried is skipped with
-one line: a Python that is not here, and a torch that would bring accelerator libraries of several gigabytes, as the
-registry's build for Linux does; a folder or index with a CPU build is named by pip's own settings.
+one line: a Python or a torch that cannot be had, and, without `--gigabytes`, a torch that would bring accelerator
+libraries of that size, as the registry's build for Linux does; a folder or index with a CPU build is named by pip's own
+settings.
 
 The installed versions are then held against the advisories that pip-audit knows, where these can be reached.
 """
@@ -28,7 +29,7 @@ ROOT = Path(__file__).parents[2]
 PYTHONS = ("3.11", "3.12", "3.13")
 RESOLUTIONS = ("lowest-direct", "highest")
 PINNED = ["--constraint", "constraints.txt", "torch"]
-ACCELERATORS = ("nvidia-", "cuda-", "triton", "none:")
+ACCELERATORS = ("nvidia-", "cuda-", "triton")
 
 
 def uv(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -66,15 +67,15 @@ def audited(python: Path) -> str:
 
 
 def torch_packages(python: Path) -> list[str]:
-    """What pip would install for torch, as `constraints.txt` pins it."""
+    """What pip would install for torch, as `constraints.txt` pins it; nothing where it finds none."""
     command = [str(python), "-m", "pip", "install", "--dry-run", "--quiet", "--report", "-", *PINNED]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode:
-        return [f"none: {done.stderr.strip().splitlines()[-1]}"]
+        return []
     return [each["metadata"]["name"] for each in json.loads(done.stdout)["install"]]
 
 
-def tried(python: str, resolution: str, tests: list[str]) -> bool:
+def tried(python: str, resolution: str, tests: list[str], workers: int, gigabytes: bool) -> bool:
     """Install and test one combination; whether nothing failed."""
     title = f"Python {python}, {resolution}"
     found = interpreter(python)
@@ -91,9 +92,11 @@ def tried(python: str, resolution: str, tests: list[str]) -> bool:
         environment = Path(place) / "venv"
         own = environment / "bin" / "python"
         uv("venv", "--quiet", "--seed", "--python", found, str(environment))
-        heavy = [name for name in torch_packages(own) if name.startswith(ACCELERATORS)]
-        if heavy:
-            print(f"{title}: resolves; not tested, torch would bring {len(heavy)} accelerator packages", flush=True)
+        packages = torch_packages(own)
+        heavy = sum(name.startswith(ACCELERATORS) for name in packages)
+        if not packages or (heavy and not gigabytes):
+            why = f"torch would bring {heavy} accelerator packages" if packages else "torch cannot be had"
+            print(f"{title}: resolves; not tested, {why}", flush=True)
             return True
         subprocess.run([str(own), "-m", "pip", "install", "--quiet", *PINNED], cwd=ROOT, check=True)
         source = ["--no-binary", "usvauv", "--editable", ".[test]"]
@@ -102,7 +105,8 @@ def tried(python: str, resolution: str, tests: list[str]) -> bool:
             print(f"{title}: cannot be installed: {installed.stderr.strip()}", flush=True)
             return False
         named = os.environ | {"PYTHONPATH": str(ROOT), "PATH": f"{own.parent}{os.pathsep}{os.environ['PATH']}"}
-        command = [str(own), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-W", "default", *tests]
+        options = ["-q", "-n", str(workers), "-p", "no:cacheprovider", "-W", "default"]
+        command = [str(own), "-m", "pytest", *options, *tests]
         done = subprocess.run(command, cwd=ROOT, env=named, capture_output=True, text=True, check=False)
         lines = done.stdout.strip().splitlines()
         failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
@@ -114,10 +118,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--python", action="append", help="all that are allowed by default")
     parser.add_argument("--resolution", action="append", choices=RESOLUTIONS, help="both by default")
+    parser.add_argument("--workers", type=int, default=2, help="processes that run tests")
+    parser.add_argument("--gigabytes", action="store_true", help="also with a torch that brings accelerator libraries")
     parser.add_argument("tests", nargs="*", default=["tests"])
     chosen = parser.parse_args()
     results = [
-        tried(python, resolution, chosen.tests)
+        tried(python, resolution, chosen.tests, chosen.workers, chosen.gigabytes)
         for python in chosen.python or PYTHONS
         for resolution in chosen.resolution or RESOLUTIONS
     ]

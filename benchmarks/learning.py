@@ -1,0 +1,53 @@
+"""Steps and updates a second of training: the default algorithm in `extreme`, in more and more worlds.
+
+    python -m benchmarks.learning --json
+    python -m benchmarks.learning --arch cuda
+
+Settings are those of `usvauv train` but for worlds and batch. A step of all worlds comes with one update. Timing begins
+after the first updates: compilation, and on a card the recording of graphs, are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+
+from benchmarks.machine import describe, parse
+from policies import Trainer, TrainingConfig
+from policies.training.trainer import WINDOW
+from usvauv_env import Scenario, World
+
+SIZES = ((128, 512), (1024, 4096), (8192, 16384))  # worlds, and transitions of each AUV in an update
+
+
+def updates_per_second(worlds: int, batch: int, reports: int) -> float:
+    """Over as many reports, of `WINDOW` steps of all worlds each."""
+    config = TrainingConfig(num_worlds=worlds, batch=batch)
+    trainer = Trainer(World(Scenario.load("extreme"), worlds, config.seed), config)
+    trainer.train(config.before_learning + WINDOW * worlds)
+    times: list[float] = []
+    trainer.train(trainer.steps + (reports + 1) * WINDOW * worlds, lambda figures: times.append(time.perf_counter()))
+    return (len(times) - 1) * WINDOW / (times[-1] - times[0])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--largest", type=int, default=SIZES[-1][0], help="worlds, at most")
+    parser.add_argument("--reports", type=int, default=5, help=f"timed, of {WINDOW} updates each")
+    arguments = parse(parser)
+    sizes = []
+    for worlds, batch in SIZES:
+        if worlds <= arguments.largest:
+            rate = updates_per_second(worlds, batch, arguments.reports)
+            sizes.append(
+                {"worlds": worlds, "batch": batch, "updates_per_second": rate, "world_steps_per_second": worlds * rate}
+            )
+            if not arguments.json:
+                print(f"{worlds} worlds, batch {batch}: {rate:.1f} updates/s, {worlds * rate:,.0f} world-steps/s")
+    if arguments.json:
+        print(json.dumps({"machine": describe(), "sizes": sizes}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
