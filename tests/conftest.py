@@ -2,6 +2,7 @@
 
 import functools
 import os
+import signal
 import sys
 from collections.abc import Callable, Generator
 from typing import Any
@@ -41,6 +42,9 @@ def untraced(work: Callable[..., None]) -> Callable[..., None]:
 def pytest_configure(config: pytest.Config) -> None:
     # Taichi's parser, which is Python, would take twice as long when its lines were counted.
     Kernel.materialize = untraced(Kernel.materialize)
+    # A shell starts what it puts into the background with Ctrl-C ignored, and so would all that tests start.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.getoption("--arch") != "auto":
         runtime.start(config.getoption("--arch"))
 
