@@ -103,6 +103,21 @@ class TestLocalEngine:
         tries = {name: int((tmp_path / name).read_text()) for name in pieces}
         assert tries == {"once": 2, "always": ATTEMPTS, "never": 1}
 
+    def test_fails_in_one_line_where_its_folder_is_removed_meanwhile(self, tmp_path, monkeypatch, capfd):
+        gone = tmp_path / "gone"
+        gone.mkdir()
+        monkeypatch.chdir(gone)
+        engine, results = Local(1, 1), []
+        engine.submit([Task("a", in_here, tmp_path, 1)])
+        engine.wait(0.0)  # which starts a process
+        gone.rmdir()
+        while not results:
+            results = engine.wait(1.0)
+        engine.close()
+        assert (results[0].how, "\n" in results[0].words) == ("failed", False)
+        assert str(gone) in results[0].words
+        assert capfd.readouterr().err == ""
+
     def test_stops_when_it_is_interrupted(self, tmp_path):
         path = tmp_path / "begun"
 

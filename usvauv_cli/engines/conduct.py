@@ -46,7 +46,7 @@ def signs_in(folder: Path) -> Iterator[Path]:
     """A new folder for signs below `folder`, which is removed at the end. Those of others there are removed first, so
     that what they left running on other machines stops.
     """
-    signs = folder / SIGNS / uuid4().hex
+    signs = folder.absolute() / SIGNS / uuid4().hex  # processes begin elsewhere
     with writing(signs):
         shutil.rmtree(signs.parent, ignore_errors=True)
         signs.mkdir(parents=True)

@@ -93,7 +93,7 @@ class Local:
         context = multiprocessing.get_context("spawn")  # a running Taichi does not survive a fork
         here, there = context.Pipe()
         process = context.Process(target=_serve, args=(there, self._cores[place]), daemon=True)
-        with _signals_kept_here(), _environment(THREADS, str(self._threads)):
+        with _signals_kept_here(), _environment(THREADS, str(self._threads)), _in_root():
             process.start()
         there.close()
         return _Worker(process, here, place)
@@ -164,6 +164,18 @@ def _signals_kept_here() -> Iterator[None]:
             yield
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _in_root() -> Iterator[None]:
+    """Let processes that are started begin in the root folder: imports fail in a folder that is removed meanwhile."""
+    here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))  # the former also where it may not be listed
+    try:
+        os.chdir("/")
+        yield
+    finally:
+        os.fchdir(here)
+        os.close(here)
 
 
 @contextmanager
