@@ -5,6 +5,9 @@ binds a kernel to its arrays, `types` names arguments and columns, `random` draw
 """
 
 import os
+import warnings
 
-# Taichi otherwise prints a banner when it is imported.
+# Taichi otherwise prints a banner when it is imported, and from Python 3.12 on there is a warning of a docstring of it
+# at each import where its files are not stored compiled.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
+warnings.filterwarnings("ignore", category=SyntaxWarning, module=r".*[/\\]taichi[/\\]")

@@ -142,6 +142,14 @@ def in_a_child(arch, *, environment=None):
     return done.stdout.strip().splitlines()[-1:], done.stderr.strip().splitlines()
 
 
+@pytest.mark.parametrize(("file", "lines"), [("/of/taichi/tools/image.py", 0), ("/of/another/tools/image.py", 1)])
+def test_warnings_of_taichis_docstrings_are_not_shown(file, lines):
+    """From Python 3.12 on, where an installer has not compiled its files."""
+    program = "import sys, warnings, kernels; warnings.warn_explicit('escape', SyntaxWarning, sys.argv[1], 1)"
+    done = subprocess.run([sys.executable, "-c", program, file], capture_output=True, text=True)
+    assert len(done.stderr.splitlines()) == lines
+
+
 def test_metal_is_refused():
     assert in_a_child("metal")[1][-1].endswith("arch: 'metal' is not one of auto, cpu, cuda, vulkan")
 

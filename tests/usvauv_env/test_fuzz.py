@@ -69,7 +69,7 @@ def without(name):
         (replaced("power", np.zeros((5, 2, 2), "i4")), "power is of type int32; expected real numbers"),
         (without("backlog"), "has no backlog"),
         (attribute("scenario", 5), "its attribute scenario is not text"),
-        (attribute("scenario", "[" * 5000), "nested too deep"),
+        (attribute("scenario", "[" * 50_000), "nested too deep"),
         (attribute("scenario", '{"auv": {"count": 3}}'), "along auv; expected 3"),
         (attribute("reward_names", "one"), "reward_terms has . along reward_term; expected 1"),
         (attribute("seed", "one"), "its attribute seed is not a whole number"),
