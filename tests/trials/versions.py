@@ -19,6 +19,7 @@ import argparse
 import importlib.util
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -110,7 +111,9 @@ def tried(python: str, resolution: str, tests: list[str], workers: int, gigabyte
         done = subprocess.run(command, cwd=ROOT, env=named, capture_output=True, text=True, check=False)
         lines = done.stdout.strip().splitlines()
         failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
-        print("\n".join([f"{title}: {lines[-1] if lines else done.stderr[-500:]}", *failed, audited(own)]), flush=True)
+        counts = [line for line in lines if re.match(r"\d+ (failed|passed|skipped|errors?)\b", line)]
+        ended = counts[-1] if counts else done.stderr[-500:]
+        print("\n".join([f"{title}: {ended}", *failed, audited(own)]), flush=True)
     return done.returncode == 0
 
 
