@@ -7,11 +7,11 @@ Pitch and roll follow from the surface's slope (`usbl.attitude`) and are measure
   and b = A r in the array's frame, the phases are κ (b_x, b_y)/√q, so
 
       H_ij = ∂(b_i/√q)/∂d_j = (A_ij − b_i r_j/q)/√q,
-      R = σ²/κ² I + ε²/q Σ (∂b/∂angle)(∂b/∂angle)ᵀ + (σ_c/c)² b bᵀ/q + H C_m Hᵀ,
+      R = σ²/κ² I + (ε² + ε_a²)/q Σ (∂b/∂angle)(∂b/∂angle)ᵀ + (σ_c/c)² b bᵀ/q + H C_p Hᵀ,
       J = Hᵀ R⁻¹ H,   C = H⁻¹ R H⁻ᵀ,
 
-  with C_m of `usbl.mounting_covariance`, and |det H| = |z b_z|/q²: the solid angle that an area on the bed has, and
-  that of the projected directions.
+  with ε_a of the alignment, C_p of `usbl.placement_covariance`, and |det H| = |z b_z|/q²: the solid angle that an area
+  on the bed has, and that of the projected directions.
 
 For a level array C is that of `kernels.planning.fisher`, with the range error for FIX and systematic errors added. The
 planner itself supposes a level array, since the tilt at a place the boat is yet to reach is unknown.
@@ -61,9 +61,10 @@ def phase_noise(link: ti.template(), k, offset: vec3, slope: vec2) -> mat2:
     by_roll = vec2(0.0, body[2])
     cosines = vec2(body[0], body[1]) / ti.sqrt(q)
     H = phase_jacobian(offset, slope)
-    common = usbl.mounting_covariance(link, k, offset, axes)
+    common = usbl.placement_covariance(link, k, offset)
+    turning = link[k, acoustic_link.ATTITUDE] + link[k, acoustic_link.ALIGNMENT]
     noise = deviation * deviation * mat2([[1.0, 0.0], [0.0, 1.0]])
-    noise += link[k, acoustic_link.ATTITUDE] / q * (by_pitch.outer_product(by_pitch) + by_roll.outer_product(by_roll))
+    noise += turning / q * (by_pitch.outer_product(by_pitch) + by_roll.outer_product(by_roll))
     noise += link[k, acoustic_link.SOUND_SPEED] * cosines.outer_product(cosines)
     return noise + H @ mat2([[common[0], common[1]], [common[1], common[2]]]) @ H.transpose()
 

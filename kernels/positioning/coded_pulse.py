@@ -43,7 +43,7 @@ PARABOLAS = 4  # to the peak of noiseless sounds
 SAMPLING = 2
 EIGENVALUE = 1e-9
 SOUNDS = 1 + reflections.REFLECTIONS
-BOUNDARIES = 6  # fields of `reflections.Boundaries`
+BOUNDARIES = len(reflections.Boundaries.members)
 
 
 class Pulses(NamedTuple):

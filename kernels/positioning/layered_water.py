@@ -29,14 +29,13 @@ from kernels.types import vec2
 DEPTH = 0  # m
 EXCESS = 1  # speed minus REFERENCE, m/s
 GRADIENT = 2  # of the layer below, 1/s
-COLUMNS = 3
 
 REFERENCE = 1500.0  # m/s
 BEYOND = 2e4  # m, thickness of the end layers of constant speed
 
 
 def layer_table(depth: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """Table of layers (N + 2, COLUMNS), float32, from increasing depths (N,), m, and the speeds (N,) there, m/s."""
+    """Table of layers (N + 2, 3), float32, from increasing depths (N,), m, and the speeds (N,) there, m/s."""
     z = np.concatenate([[depth[0] - BEYOND], depth, [depth[-1] + BEYOND]])
     c = np.concatenate([speed[:1], speed, speed[-1:]]).astype(float)
     gradient = np.append(np.diff(c) / np.diff(z), 0.0)

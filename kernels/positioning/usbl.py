@@ -252,18 +252,19 @@ def systematic_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: ma
     rise = (body[0] * body[0] + body[1] * body[1]) * lean
     x = offset[0] + axes[0, 0] * body[0] + axes[1, 0] * body[1] - axes[2, 0] * rise
     y = offset[1] + axes[0, 1] * body[0] + axes[1, 1] * body[1] - axes[2, 1] * rise
-    return mounting_covariance(link, k, offset, axes) + link[k, SOUND_SPEED] * vec3(x * x, x * y, y * y)
+    C = attitude_covariance(link[k, ALIGNMENT], offset, axes) + placement_covariance(link, k, offset)
+    return C + link[k, SOUND_SPEED] * vec3(x * x, x * y, y * y)
 
 
 @ti.func
-def mounting_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: mat3) -> vec3:
-    """`systematic_covariance` without the speed of sound: errors of alignment, heading and position."""
+def placement_covariance(link: ti.template(), k: ti.i32, offset: vec3) -> vec3:
+    """Part of `systematic_covariance` by errors of heading and position, which is the same for any measurement."""
     heading = link[k, HEADING]
-    C = attitude_covariance(link[k, ALIGNMENT], offset, axes)
-    C[0] += heading * offset[1] * offset[1] + link[k, POSITION]
-    C[1] -= heading * offset[0] * offset[1]
-    C[2] += heading * offset[0] * offset[0] + link[k, POSITION]
-    return C
+    return vec3(
+        heading * offset[1] * offset[1] + link[k, POSITION],
+        -(heading * offset[0] * offset[1]),
+        heading * offset[0] * offset[0] + link[k, POSITION],
+    )
 
 
 @ti.kernel

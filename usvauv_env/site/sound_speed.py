@@ -168,7 +168,7 @@ class SoundSpeedProfile:
         return SoundSpeedProfile(np.append(depths, 2 * depth - depths[-2::-1]), np.append(speeds, speeds[-2::-1]))
 
     def layers(self) -> np.ndarray:
-        """The profile for `kernels.positioning.rays`, (N + 2, layered_water.COLUMNS) float32."""
+        """The profile for `kernels.positioning.rays`, (N + 2, 3) float32."""
         return layer_table(self.depths, self.speeds)
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
 from kernels import runtime
@@ -173,6 +174,22 @@ class TestEvolution:
             sums = (history[:, :, 2] * moment).sum(axis=1)
             assert np.ptp(sums) < 1e-4 * np.abs(history[0, :, 2] * moment[0]).sum()
         assert np.abs(history[-1, :, :2] - history[0, :, :2]).max() > 20
+
+    def test_cores_that_grow_while_they_move(self, device):
+        """Beside the differential equation of the centres with δ² = δ0² + 4νt, by SciPy."""
+        nu, time, vortices = 3.0, 200.0, np.array(STRONG)
+        Gamma, delta2 = vortices[:, 2], vortices[:, 3] ** 2
+
+        def velocities(t, state):
+            d = state.reshape(3, 1, 2) - state.reshape(1, 3, 2)
+            r2 = (d**2).sum(-1) + np.eye(3)
+            turn = Gamma / (2 * np.pi * r2) * -np.expm1(-r2 / (delta2[:, None] + delta2 + 8 * nu * t))
+            turn[np.diag_indices(3)] = 0.0
+            return np.stack([-(turn * d[..., 1]).sum(1), (turn * d[..., 0]).sum(1)], -1).ravel()
+
+        exact = solve_ivp(velocities, (0.0, time), vortices[:, :2].ravel(), rtol=1e-10, atol=1e-10).y[:, -1]
+        end = carried(device, STRONG, 20.0, 10, viscosity=nu)[-1, :, :2]
+        assert np.abs(end - exact.reshape(3, 2)).max() < 1e-3
 
     def test_growth(self, device):
         """δ² = δ0² + 4νt, whether the centres move or not; the velocity is then that of Eq. 8 with the wider core."""

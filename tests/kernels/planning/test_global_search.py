@@ -49,6 +49,7 @@ class TestPlan:
         link, code = table(device, 3, **noise), CODES[name]
         points = all_kinds(20, 3, 99)
         out = global_search.plan_batch(link, points.to(device), code=code).double().cpu()
+        assert out.shape == (len(points), 3)
         reached = log_objective(out[:, :2], points.double(), link.double().cpu(), code)
         assert (best_by_dense_search(points, link.cpu(), code, AREA) - reached).max() < tolerance(code)
 

@@ -75,6 +75,7 @@ def test_gradient_and_hessian(device, rounding, code, attitude_error):
     boat[:40] = points[:40, 0, :2]
     link = table(device, K, attitude_error=attitude_error)
     out = objectives.log_objective_batch(link, points.to(device), boat.to(device), code=code).double().cpu()
+    assert out.shape == (len(boat), 6)
     exact = link.double().cpu()
 
     def f(boat, auvs):

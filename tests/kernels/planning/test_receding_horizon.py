@@ -95,6 +95,7 @@ class TestValue:
         world = layouts(3, 20, 3, device)
         link = links(3, device)
         found = receding_horizon.look_ahead_batch(*world[:2], link, *world[2:], outlook(criterion, steps=steps))
+        assert found.shape == (20, 3)
         plain = [array.double().cpu().numpy() for array in (*world, link)]
         for i in range(20):
             track, estimate, boat, goal = (array[i] for array in plain[:4])
@@ -150,6 +151,7 @@ class TestPlan:
         world = layouts(6, 40, count, device)
         link = links(count, device)
         found = receding_horizon.plan_batch(*world[:2], link, *world[2:], outlook(criterion))
+        assert found.shape == (40, 3)
         assert (found[:, :2] >= 0).all()
         assert (found[:, :2] <= 200).all()
         x = torch.linspace(0, 200, 41, device=device)

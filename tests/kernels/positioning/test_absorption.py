@@ -81,6 +81,12 @@ def test_pure_water(law, tolerance, temperature, coefficient):
         assert neper / f**2 == pytest.approx(coefficient * 1e-15, rel=tolerance)
 
 
+def test_pressure_lowers_the_absorption_of_pure_water():
+    """Francois and Garrison's 1 − 3.83e-5 z + 4.9e-10 z², worked out by hand for 5 km."""
+    deep, shallow = (francois_garrison(1e6, Water(salinity=0.0, depth=z)) for z in (5000.0, 0.0))
+    assert deep / shallow == pytest.approx(0.82075)
+
+
 def test_branches_of_pure_water_meet_at_20_degrees():
     below, above = (francois_garrison(1e6, Water(T, 0.0)) for T in (20.0, 20.0 + 1e-9))
     assert above == pytest.approx(below, rel=2e-3)

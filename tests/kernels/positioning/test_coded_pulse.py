@@ -10,31 +10,34 @@ import pytest
 import taichi as ti
 import torch
 from scipy import stats
+from scipy.optimize import minimize_scalar
 
-from kernels.positioning import acoustic_link, coded_pulse, codes, reflections, sonar_equation
+from kernels.positioning import acoustic_link, coded_pulse, codes, reflections, sonar_equation, usbl
 from kernels.positioning.acoustic_link import ABSORPTION, SPREADING
 from kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
-from kernels.types import array2, vec3
+from kernels.types import array1, array2, array3, vec2, vec3
+from tests.kernels.positioning.test_reflections import coefficient
 
 SIGNIFICANCE = 1e-5
 C = 1500.0
 CARRIER = 25000.0
+CARRIERS = (31000.0, CARRIER)  # of the second AUV alone anything is measured
 SPACING = 0.02
 OFFSET = (70.0, -45.0, -104.0)
 
 
 class Batch:
-    """Pulses of one code from one place, its range spread over a chip and more."""
+    """Pulses of the second AUV's code from one place, its range spread over a chip and more."""
 
     def __init__(self, device, bandwidth=8000.0, chips=80, gate=8, offset=OFFSET, slope=(0.0, 0.0), path="transponder"):
         self.device, self.slope, self.path, self.bandwidth, self.gate = device, slope, path, bandwidth, gate
         self.offset, self.code = np.array(offset), codes.codes(2, chips)
         self.pulse = self.tables()
         sonar = acoustic_link.Sonar(spacing=SPACING, sound_speed=C, path=path)
-        self.link = torch.from_numpy(acoustic_link.link_table((CARRIER,), sonar)).to(device)
+        self.link = torch.from_numpy(acoustic_link.link_table(CARRIERS, sonar)).to(device)
 
     def tables(self, sampled=False):
-        return coded_pulse.pulses(self.code[:1], (CARRIER,), self.bandwidth, self.gate, self.device, sampled=sampled)
+        return coded_pulse.pulses(self.code, CARRIERS, self.bandwidth, self.gate, self.device, sampled=sampled)
 
     def places(self, count, spread):
         stretch = 1 + spread * np.linspace(-1, 1, count) / np.linalg.norm(self.offset)
@@ -42,7 +45,7 @@ class Batch:
 
     def geometry(self, count, spread=0.5):
         slope = torch.tensor(self.slope, dtype=torch.float32, device=self.device).expand(count, 2).contiguous()
-        return self.link, torch.zeros(count, dtype=torch.int32, device=self.device), self.places(count, spread), slope
+        return self.link, torch.ones(count, dtype=torch.int32, device=self.device), self.places(count, spread), slope
 
     def measure(self, gamma, count, seed=1, spread=0.5, pulse=None, water=None):
         """(count, MEASURED) at the energy `gamma` over N0 on one hydrophone."""
@@ -109,14 +112,41 @@ def test_the_noise_has_the_codes_autocorrelation(device):
     """Both matrices of the noise, N Nᵀ: the aperiodic autocorrelation of the code through band-limited chips."""
     batch = Batch(device, chips=40, gate=4)
     lag = np.arange(4 * codes.FINE + 1) / codes.FINE
-    aperiodic = np.correlate(batch.code[0], batch.code[0], "full") / 40
+    aperiodic = np.correlate(batch.code[1], batch.code[1], "full") / 40
     expected = np.sinc((lag[:, None] - lag)[..., None] - np.arange(-39, 40)) @ aperiodic
     for sampled in (False, True):
-        N = batch.tables(sampled).noise[0].double().cpu().numpy()
+        N = batch.tables(sampled).noise[1].double().cpu().numpy()
         assert np.abs(N @ N.T - expected).max() < 3e-3
-    drawn, every = (batch.tables(sampled).noise[0].double() for sampled in (False, True))
+    drawn, every = (batch.tables(sampled).noise[1].double() for sampled in (False, True))
     assert (drawn @ drawn.T - every @ every.T).abs().max() < 1e-6
     assert drawn.shape[1] < 16 < every.shape[1]
+
+
+@ti.kernel
+def interpolate(table: array2, x: array2, out: array2):
+    for n in range(x.shape[0]):
+        out[n, 0] = coded_pulse.envelope(table, 1, x[n, 0])
+        out[n, 1] = coded_pulse.summit(vec3(x[n, 1], x[n, 2], x[n, 3]))
+
+
+def test_between_the_lags_of_a_table(device):
+    """The envelope by a cubic, nothing beyond the table; a parabola's summit, not beyond its outer points."""
+    batch = Batch(device, chips=40)
+    draw = np.random.default_rng(3)
+    lag, at = draw.uniform(-60, 60, 3000), draw.uniform(-1.5, 1.5, 3000)
+    parabola = -draw.uniform(0.1, 9, 3000) * (np.array([-1, 0, 1])[:, None] - at) ** 2 + draw.normal(size=3000)
+    out = torch.empty((3000, 2), device=device)
+    interpolate(
+        batch.pulse.envelope, torch.tensor(np.stack([lag, *parabola], axis=1), dtype=torch.float32, device=device), out
+    )
+    spectrum = np.abs(np.fft.fft(batch.code[1], 97)) ** 2 / 40 / 97  # of a record of two codes and two gates of 8
+    R = np.cos(2 * np.pi * np.outer(lag, np.fft.fftfreq(97))) @ spectrum
+    found = out.double().cpu().numpy()
+    assert found[:, 0] == pytest.approx(np.where(np.abs(lag) < 48, R, 0.0), abs=1e-5)
+    assert found[:, 1] == pytest.approx(at.clip(-1, 1), abs=1e-4)
+    valley = torch.tensor([[0.0, 3.0, 1.0, 2.0], [0.0, 2.0, 1.0, 3.0], [0.0, 1.0, 1.0, 1.0]], device=device)
+    interpolate(batch.pulse.envelope, valley, out)
+    assert out[:3, 1].tolist() == [-1.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize("gamma", [200.0, 8.0, 2.0])
@@ -131,7 +161,7 @@ def test_drawn_outputs_are_those_of_drawn_samples(device, gamma):
 def test_a_receiver_in_numpy(device, gamma):
     """Sampled pulses at exact distances, white noise, a correlator at 32 lags a chip: all quantities alike."""
     batch = Batch(device, chips=40)
-    count, code = 3_000, batch.code[0]
+    count, code = 3_000, batch.code[1]
     S, chip = np.linalg.norm(batch.offset), C / batch.bandwidth
     t = np.arange(-100, 140, 0.5)
     lag = np.arange(-4, 4 + 1e-9, 1 / 32) + np.round(S / chip) - S / chip
@@ -173,8 +203,8 @@ class TestWithoutNoise:
 
     def test_a_wrapped_axis_shows_in_the_residual(self, device):
         batch = Batch(device, offset=(90.0, 0.0, -10.0))
-        batch.link[0, acoustic_link.KAPPA] *= 1.6
-        assert batch.link[0, acoustic_link.KAPPA] * 0.99 > math.pi
+        batch.link[1, acoustic_link.KAPPA] *= 1.6
+        assert batch.link[1, acoustic_link.KAPPA] * 0.99 > math.pi
         assert np.all(np.abs(batch.measure(1e12, 8)[:, RESIDUAL]) > 3)
 
 
@@ -184,8 +214,8 @@ class TestBounds:
         """Against the information matrix of amplitudes, phases and delay of four sampled pulses; 40,000 pulses."""
         batch, gamma = Batch(device, bandwidth, chips), 1000.0
         t = np.arange(-400, chips + 400, 0.5)
-        s = waveform_of(batch.code[0], t) * math.sqrt(gamma / (2 * chips))
-        rise = (waveform_of(batch.code[0], t + 1e-4) - waveform_of(batch.code[0], t - 1e-4)) / 2e-4
+        s = waveform_of(batch.code[1], t) * math.sqrt(gamma / (2 * chips))
+        rise = (waveform_of(batch.code[1], t + 1e-4) - waveform_of(batch.code[1], t - 1e-4)) / 2e-4
         derivatives = np.zeros((9, 4, t.size), complex)
         for i in range(4):
             derivatives[i, i], derivatives[4 + i, i] = s, 1j * s
@@ -267,6 +297,17 @@ WATERS = [
 ]
 
 
+def mirrored(which, water, offset, link):
+    """The image (3,) of a place at surface or bottom, its excess path (m) and amplitude."""
+    array_depth, water_depth, roughness, *bottom = water
+    plane = array_depth if which == 0 else array_depth - water_depth
+    image = np.array([offset[0], offset[1], 2 * plane - offset[2]])
+    direct, length = np.linalg.norm(offset), np.linalg.norm(image)
+    share = coefficient(which, abs(image[2]) / length, 2 * np.pi * CARRIER / C, roughness, bottom)
+    loss = [sonar_equation.path_loss(r, *link[1, [SPREADING, ABSORPTION]].tolist()) for r in (length, direct)]
+    return image, length - direct, share * 10 ** (-(loss[0] - loss[1]) / 20)
+
+
 class TestReflections:
     @pytest.mark.parametrize("case", WATERS)
     def test_extra_variance(self, device, case):
@@ -303,11 +344,41 @@ class TestReflections:
             ratio = (1 + rho * np.exp(1j * (psi + delta))) / (1 + rho * np.exp(1j * psi))
             assert value == pytest.approx(np.angle(ratio).var(), rel=0.01)
 
+    def test_weak_reflections_are_the_means_over_their_phase(self, device):
+        """Two phasors on each hydrophone, of unequal strength where both are read at one lag; and the energy's peak."""
+        draw, count = np.random.default_rng(6), 60
+        body, image = (part / np.linalg.norm(part, axis=0) for part in draw.normal(size=(2, 3, count)))
+        rho, slope = draw.uniform(-0.01, 0.01, count), draw.uniform(-0.1, 0.1, count)
+        kappa, rate, beta2 = 2.5, 0.3, 3.0
+        out = torch.empty((count, 3), device=device)
+
+        @ti.kernel
+        def take(given: array2, out: array2):
+            for n in range(given.shape[0]):
+                body, image = (vec3(given[n, 0], given[n, 1], given[n, 2]), vec3(given[n, 3], given[n, 4], given[n, 5]))
+                width = vec2(rate, beta2)
+                found = reflections.extra_variance(kappa, body, image, given[n, 6], given[n, 7], width)
+                for j in ti.static(range(3)):
+                    out[n, j] = found[j]
+
+        given = np.stack([*body, *image, rho, slope], axis=1)
+        take(torch.tensor(given, dtype=torch.float32, device=device), out)
+        psi = np.arange(64)[:, None] * 2 * np.pi / 64
+        expected, together = [], 0.0
+        for axis in range(2):
+            half = 0.5 * kappa * (image - body)[axis]
+            uneven = 0.5 * slope * rate * kappa * image[axis] / (2 * np.pi)
+            one, other = (1 + (rho + s * uneven) * np.exp(1j * (psi + s * half)) for s in (1, -1))
+            expected.append(np.angle(one / other).var(0))
+            together = together + np.cos(psi + half) / 4 + np.cos(psi - half) / 4
+        expected.append((slope / beta2 * together).var(0))
+        assert out.double().cpu().numpy() == pytest.approx(np.stack(expected, axis=1), rel=5e-3, abs=1e-8)
+
     @pytest.mark.parametrize("which", [0, 1])
     def test_images(self, device, which):
         """Mirror images, distances and amplitudes in double precision."""
         array_depth, water_depth, roughness = 3.0, 130.0, 0.02
-        density, speed, loss_per_wavelength = bottom = reflections.SEDIMENTS["silt"]
+        bottom = reflections.SEDIMENTS["silt"]
         link = Batch(device).link
         out = torch.empty((1, 6), dtype=torch.float32, device=device)
 
@@ -315,7 +386,7 @@ class TestReflections:
         def take(which: ti.i32, link: array2, out: array2):
             boundaries = reflections.Boundaries(array_depth, water_depth, roughness, bottom[0], bottom[1], bottom[2])
             around = ti.static(reflections.Surroundings(boundaries))
-            r = reflections.reflection(which, vec3(OFFSET[0], OFFSET[1], OFFSET[2]), around, link, 0)
+            r = reflections.reflection(which, vec3(OFFSET[0], OFFSET[1], OFFSET[2]), around, link, 1)
             for j in ti.static(range(3)):
                 out[0, j] = r.source[j]
             out[0, 3] = r.slant_range
@@ -323,19 +394,69 @@ class TestReflections:
             out[0, 5] = r.amplitude
 
         take(which, link, out)
-        plane = array_depth if which == 0 else array_depth - water_depth
-        image = np.array([OFFSET[0], OFFSET[1], plane + (plane - OFFSET[2])])
-        direct, length = np.linalg.norm(OFFSET), np.linalg.norm(image)
-        k = 2 * np.pi * CARRIER / C
-        sine = abs(image[2]) / length
-        coefficient = -np.exp(-2 * (k * roughness * sine) ** 2)
-        if which == 1:  # Rayleigh's law by the vertical wave numbers
-            wave = k / speed * (1 + 1j * loss_per_wavelength / (40 * np.pi * np.log10(np.e)))
-            above, below = k * sine, np.sqrt(wave**2 - k**2 * (1 - sine**2))
-            coefficient = abs((density * above - below) / (density * above + below))
-        loss = [sonar_equation.path_loss(r, *link[0, [SPREADING, ABSORPTION]].tolist()) for r in (length, direct)]
-        amplitude = coefficient * 10 ** (-(loss[0] - loss[1]) / 20)
-        assert out[0].tolist() == pytest.approx([*image, length, length - direct, amplitude], rel=2e-5)
+        image, excess, amplitude = mirrored(which, (array_depth, water_depth, roughness, *bottom), OFFSET, link)
+        assert out[0].tolist() == pytest.approx([*image, np.linalg.norm(image), excess, amplitude], rel=2e-5)
+
+    @pytest.mark.parametrize("path", ["echo", "transponder"])
+    def test_the_peak_of_all_sounds_together(self, device, path):
+        """Delays, phases and amplitudes at exact distances; the highest energy by golden sections."""
+        water = (3.0, 112.0, 0.02, *reflections.SEDIMENTS["gravel"])
+        places = [(70.0, -45.0, -104.0), (170.0, 60.0, -108.0), (-90.0, 140.0, -6.0), (1.0, 4.0, -0.8)]
+        batch = Batch(device, chips=40, path=path)
+        heard, found = (torch.zeros((len(places), n, 4), device=device) for n in (12, 1))
+
+        @ti.kernel
+        def take(
+            envelopes: array2, noise: array3, rate: array1, link: array2, place: array2, heard: array3, found: array3
+        ):
+            for n in range(place.shape[0]):
+                tables = ti.static(coded_pulse.Pulses(envelopes, noise, rate))
+                r = vec3(place[n, 0], place[n, 1], place[n, 2])
+                axes = usbl.array_axes(vec2(0.1, -0.2))
+                boundaries = reflections.Boundaries(water[0], water[1], water[2], water[3], water[4], water[5])
+                around = ti.static(reflections.Surroundings(boundaries))
+                sounds = coded_pulse.sounds(tables, link, 1, axes @ r, r.norm(), r, axes, around)
+                disturbed = coded_pulse.disturbance(tables, link, 1, sounds)
+                for row in range(12):
+                    for j in ti.static(range(3)):
+                        heard[n, row, j] = sounds[row, j]
+                for j in ti.static(range(4)):
+                    found[n, 0, j] = disturbed[j]
+
+        take(*batch.pulse, batch.link, torch.tensor(places, device=device), heard, found)
+        pitch, roll = np.eye(3), np.eye(3)
+        pitch[::2, ::2] = [[math.cos(0.1), math.sin(0.1)], [-math.sin(0.1), math.cos(0.1)]]
+        roll[1:, 1:] = [[math.cos(-0.2), math.sin(-0.2)], [-math.sin(-0.2), math.cos(-0.2)]]
+        sides = 0.5 * SPACING * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) @ roll @ pitch
+        frequency = np.arange(0.5, 2000) / 4000  # of the code, by a record that is much longer
+        spectrum = np.abs(np.exp(-2j * np.pi * np.outer(frequency, np.arange(40))) @ batch.code[1]) ** 2 / 40 / 2000
+
+        def received(lag, late, phasor):
+            R = np.cos(2 * np.pi * np.outer(lag - late, frequency)) @ spectrum
+            return (phasor * R).reshape(3, 4).sum(0)
+
+        for place, sounds, disturbed in zip(
+            np.array(places), heard.cpu().numpy(), found.cpu().numpy()[:, 0], strict=True
+        ):
+            images = [(place, 0.0, 1.0), *(mirrored(which, water, place, batch.link) for which in (0, 1))]
+            S, late, phasor = np.linalg.norm(place), np.zeros(12), np.zeros(12, complex)
+            for n, (image, _, amplitude) in enumerate(images):
+                late[4 * n : 4 * n + 4] = np.linalg.norm(image - sides, axis=1) - S
+                phasor[4 * n : 4 * n + 4] = amplitude
+            phasor *= np.exp(-2j * np.pi * CARRIER / C * late)
+            late *= batch.bandwidth / C
+            assert sounds[:, 0] == pytest.approx(late, rel=1e-4, abs=1e-5)
+            assert sounds[:, 1] + 1j * sounds[:, 2] == pytest.approx(phasor, abs=2e-4)
+            best = minimize_scalar(
+                lambda lag, *heard: -(abs(received(lag, *heard)) ** 2).sum(),
+                bounds=(-0.7, 0.7), args=(late, phasor), options={"xatol": 1e-7},
+            )  # fmt: skip
+            out = received(best.x, late, phasor)
+            turns = np.angle(phasor[:4] / out)
+            by_hand = turns[1] - turns[0], turns[3] - turns[2]
+            metres = best.x * C / batch.bandwidth / (2 if path == "echo" else 1)
+            expected = *by_hand, metres, np.sqrt((abs(out) ** 2).mean())
+            assert disturbed == pytest.approx(expected, rel=1e-3, abs=2e-4)
 
     def test_water_that_reflects_nothing_changes_nothing(self, device):
         batch = Batch(device)

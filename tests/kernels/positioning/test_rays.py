@@ -190,6 +190,7 @@ class TestFix:
     def test_down_the_ray_to_the_source(self, device, name):
         depth, offset = self.offsets()
         arrivals, back = there_and_back(PROFILES[name], depth, offset, 1500.0, device)
+        assert (arrivals.shape, back.shape) == ((len(depth), 5), (len(depth), 3))
         assert (arrivals[:, 4] == 1).all()
         assert np.abs(back - offset).max() < 1e-3
 

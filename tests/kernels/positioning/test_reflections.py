@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from kernels.positioning import rays, reflections
-from kernels.positioning.acoustic_link import COLUMNS, SPREADING, WAVELENGTH
+from kernels.positioning.acoustic_link import ABSORPTION, COLUMNS, SPREADING, WAVELENGTH
 from kernels.types import array2, vec3
 from tests.kernels.positioning.test_rays import MELTWATER, tensor
 from usvauv_env.site.sound_speed import SoundSpeedProfile
@@ -20,6 +20,17 @@ DEPTHS = (40.0, 100.0)  # of the sources, m
 RANGES = (40.0, 150.0, 350.0, 1000.0)  # m
 PLACES = [(depth, R) for depth in DEPTHS for R in RANGES]
 SPEED = 1500.0  # m/s, of reference
+ROUGHNESS, WAVELENGTH_HERE, LOSS = 0.01, 0.06, (20.0, 40.0)  # m, m, dB a decade and dB/km
+
+
+def coefficient(which: int, sine: float, k: float, roughness: float, bottom: tuple[float, ...]) -> float:
+    """Eckart's of the surface (0), or the modulus of Rayleigh's of the bottom by the vertical wave numbers."""
+    if which == 0:
+        return -np.exp(-2 * (k * roughness * sine) ** 2)
+    density, speed, loss_per_wavelength = bottom
+    wave = k / speed * (1 + 1j * loss_per_wavelength / (40 * np.pi * np.log10(np.e)))
+    above, below = k * sine, np.sqrt(wave**2 - k**2 * (1 - sine**2))
+    return abs((density * above - below) / (density * above + below))
 
 
 def reflected(
@@ -27,7 +38,7 @@ def reflected(
 ) -> list[list[float]]:
     """Excess path (m), sine of the angle from below and amplitude over the direct sound's from each of `PLACES`."""
     link = torch.zeros((1, COLUMNS), device=device)
-    link[0, SPREADING], link[0, WAVELENGTH] = 20.0, 0.06
+    link[0, SPREADING], link[0, ABSORPTION], link[0, WAVELENGTH] = *LOSS, WAVELENGTH_HERE
     offsets = tensor([(R, 0.0, ARRAY - depth) for depth, R in PLACES], device)
     out = torch.empty((len(PLACES), 3), device=device)
     density, speed, absorption = bottom
@@ -36,7 +47,7 @@ def reflected(
     def take(link: array2, offsets: array2, layers: array2, mirrored: array2, out: array2):
         for n in range(out.shape[0]):
             offset = vec3(offsets[n, 0], offsets[n, 1], offsets[n, 2])
-            boundaries = reflections.Boundaries(ARRAY, BOTTOM, 0.0, density, speed, absorption)
+            boundaries = reflections.Boundaries(ARRAY, BOTTOM, ROUGHNESS, density, speed, absorption)
             direct = rays.refracted(layers, ARRAY, ARRAY, offset, SPEED)
             bent = ti.static(reflections.Profile(layers, mirrored, ARRAY, SPEED, direct.slant_range))
             around = ti.static(reflections.Surroundings(boundaries, bent if bending else None))
@@ -64,10 +75,27 @@ def exact(profile: SoundSpeedProfile, legs: list[tuple[float, float]], R: float)
     return xi, crossed(xi, -1)
 
 
+# Jensen, Kuperman, Porter and Schmidt (2011), Table 1.3: kg/m³, m/s, dB a wavelength; water has 1000 and 1500.
+TABLE = {
+    "clay": (1500, 1500, 0.2),
+    "silt": (1700, 1575, 1.0),
+    "sand": (1900, 1650, 0.8),
+    "gravel": (2000, 1800, 0.6),
+    "moraine": (2100, 1950, 0.4),
+}
+
+
+@pytest.mark.parametrize("name", reflections.SEDIMENTS)
+def test_sediments(name):
+    density, speed, loss = TABLE[name]
+    assert reflections.SEDIMENTS[name] == pytest.approx((density / 1000, speed / 1500, loss))
+
+
 @pytest.mark.parametrize("which", [0, 1])
 def test_paths_and_angles_where_sound_bends(device, which):
     """MELTWATER has one speed down to the array's depth, so that the reflection from the surface is exact too."""
-    found = reflected(device, which, reflections.SEDIMENTS["sand"], MELTWATER, True)
+    bottom = reflections.SEDIMENTS["sand"]
+    found = reflected(device, which, bottom, MELTWATER, True)
     there = [(0.0, ARRAY), (ARRAY, BOTTOM)][which]
     for (depth, R), (excess, sine, amplitude) in zip(PLACES, found, strict=True):
         if R == 1000.0:  # the direct ray turns
@@ -76,4 +104,9 @@ def test_paths_and_angles_where_sound_bends(device, which):
         xi, time = exact(MELTWATER, [there, [(0.0, depth), (depth, BOTTOM)][which]], R)
         assert excess == pytest.approx(SPEED * (time - direct), abs=1e-3)
         assert sine == pytest.approx((1 - 2 * which) * np.sqrt(1 - (xi * MELTWATER.at(ARRAY)) ** 2), abs=2e-6)
-        assert amplitude != 0.0
+        # Beside what the boundary takes, the longer way of straight rays.
+        at_plane = np.sqrt(1 - (xi * MELTWATER.at(BOTTOM if which else 0.0)) ** 2)
+        ways = np.hypot(R, ARRAY - depth), np.hypot(R, [ARRAY + depth, 2 * BOTTOM - ARRAY - depth][which])
+        loss = [LOSS[0] * np.log10(way) + LOSS[1] * way / 1000 for way in ways]
+        reflected_share = coefficient(which, at_plane, 2 * np.pi / WAVELENGTH_HERE, ROUGHNESS, bottom)
+        assert amplitude == pytest.approx(reflected_share * 10 ** ((loss[0] - loss[1]) / 20), rel=1e-4)

@@ -13,7 +13,7 @@ from scipy import stats
 
 from kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
 from kernels.positioning.ambient_noise import coates
-from kernels.types import vec2
+from kernels.types import array2, vec2, vec3
 
 CARRIERS = (15000.0, 18000.0)
 LEVEL = (0.0, 0.0)
@@ -93,19 +93,26 @@ class TestGeometry:
         assert np.abs(error).max() < 2e-4
 
     def test_array_lies_on_the_surface(self, device):
-        """Orthonormal axes, up along the surface's normal (−∂η/∂x, −∂η/∂y, 1), forward without a part along y."""
-        out = torch.empty((3, 3), dtype=torch.float32, device=device)
+        """Orthonormal axes, up along the surface's normal (−∂η/∂x, −∂η/∂y, 1), forward without a part along y.
+
+        An error of the heading turns all of them about the vertical.
+        """
+        out = torch.empty((6, 3), dtype=torch.float32, device=device)
         slope_x, slope_y = -0.4, 0.3
 
         @ti.kernel
         def axes(out: ti.types.ndarray(dtype=ti.f32, ndim=2)):
             for _ in range(1):
                 A = usbl.array_axes(usbl.attitude(vec2(slope_x, slope_y)))
+                B = usbl.turned(A, 0.3)
                 for i, j in ti.static(ti.ndrange(3, 3)):
                     out[i, j] = A[i, j]
+                    out[3 + i, j] = B[i, j]
 
         axes(out)
-        A = out.double().cpu().numpy()
+        A, B = out.double().cpu().numpy().reshape(2, 3, 3)
+        assert B[:, 0] + 1j * B[:, 1] == pytest.approx((A[:, 0] + 1j * A[:, 1]) * np.exp(0.3j), abs=1e-6)
+        assert np.array_equal(B[:, 2], A[:, 2])
         assert np.abs(A @ A.T - np.eye(3)).max() < 1e-6
         assert np.linalg.det(A) == pytest.approx(1, abs=1e-6)
         assert A[2] / A[2, 2] == pytest.approx(np.array([-slope_x, -slope_y, 1]), abs=1e-6)
@@ -155,6 +162,65 @@ def test_attitude_error_of_a_steep_array_far_to_the_side(device):
     assert np.abs(np.cov(error[:, :2].T) - predicted).max() < 0.01 * np.trace(predicted)
 
 
+@ti.kernel
+def covariances(link: array2, case: array2, out: array2):
+    """What is new in each fix of the second AUV at offsets and slopes (n, 5), and what fixes have in common."""
+    for n in range(case.shape[0]):
+        offset = vec3(case[n, 0], case[n, 1], case[n, 2])
+        axes = usbl.array_axes(usbl.attitude(vec2(case[n, 3], case[n, 4])))
+        new = usbl.horizontal_covariance(link, 1, offset, axes, 0.05)
+        common = usbl.systematic_covariance(link, 1, offset, axes)
+        for j in ti.static(range(3)):
+            out[n, j] = new[j]
+            out[n, 3 + j] = common[j]
+
+
+def test_covariances_are_those_of_the_derivatives_of_a_fix(device):
+    """By each error alone, by central differences of the geometry in double precision."""
+    accuracy = acoustic_link.Accuracy(0.003, 0.004, 0.006, 0.005, 0.3)
+    sonar = acoustic_link.Sonar(accuracy=accuracy, signal="code", bandwidth=500.0)
+    link = acoustic_link.link_table((9000.0, 15000.0), sonar)
+    draw = np.random.default_rng(5)
+    cases = np.concatenate(
+        [draw.uniform((-200, -200, -120), (200, 200, -60), (40, 3)), draw.uniform(-0.3, 0.3, (40, 2))], 1
+    )
+    out = torch.empty((40, 6), device=device)
+    covariances(torch.from_numpy(link).to(device), torch.tensor(cases, dtype=torch.float32, device=device), out)
+
+    def axes(pitch, roll, heading):
+        about_y = [[math.cos(pitch), 0, math.sin(pitch)], [0, 1, 0], [-math.sin(pitch), 0, math.cos(pitch)]]
+        about_x = [[1, 0, 0], [0, math.cos(roll), math.sin(roll)], [0, -math.sin(roll), math.cos(roll)]]
+        about_z = [[math.cos(heading), math.sin(heading), 0], [-math.sin(heading), math.cos(heading), 0], [0, 0, 1]]
+        return np.array(about_x) @ about_y @ about_z
+
+    def fix(case, phase_x=0.0, phase_y=0.0, stretch=0.0, pitch=0.0, roll=0.0, heading=0.0, speed=0.0):
+        """With errors of the cosines, the range (m), the attitude and heading (rad), and the speed of sound."""
+        offset, slope = case[:3], case[3:]
+        true = math.atan(slope[0]), math.atan(slope[1] * math.cos(math.atan(slope[0])))
+        S = np.linalg.norm(offset)
+        u, v, _ = (axes(*true, 0.0) @ offset / S) * (1 + speed)
+        S = (S + stretch) * (1 + speed)
+        x, y = S * (u + phase_x), S * (v + phase_y)
+        body = x, y, -math.sqrt(S * S - x * x - y * y)
+        return (axes(true[0] + pitch, true[1] + roll, heading).T @ body)[:2]
+
+    def by(case, **errors):
+        total = np.zeros((2, 2))
+        for name, deviation in errors.items():
+            moved = [fix(case, **{name: side * 1e-5}) for side in (1, -1)]
+            derivative = (moved[0] - moved[1]) / 2e-5
+            total += deviation**2 * np.outer(derivative, derivative)
+        return total
+
+    phase = 0.05 / link[1, acoustic_link.KAPPA]
+    metres = 1500 / (2 * math.pi * 500 / math.sqrt(12)) * 0.05 / math.sqrt(8) / 2
+    for case, found in zip(cases, out.double().cpu().numpy(), strict=True):
+        new = by(case, phase_x=phase, phase_y=phase, stretch=metres, pitch=0.003, roll=0.003)
+        common = by(case, pitch=0.004, roll=0.004, heading=0.006, speed=0.005) + 0.3**2 * np.eye(2)
+        for part, C in ((found[:3], new), (found[3:], common)):
+            assert part == pytest.approx(C[[0, 0, 1], [0, 1, 1]], rel=2e-4, abs=1e-4 * np.trace(C))
+
+
 def flagged(device, offset, *, slope=LEVEL, seed=9, **link):
     """Flags (DRAWS,) of fixes of one geometry, and the two probabilities predicted for it."""
     table = torch.from_numpy(acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(**link))).to(device)
@@ -172,6 +238,12 @@ def p_of_rate(sample, probability):
 
 
 class TestValidity:
+    def test_flags_are_bits_of_their_own(self):
+        names = ("DETECTED", "WRAPPED", "NO_DEPTH", "NO_RAY", "LOST", "AMBIGUOUS", "REJECTED", "SILENT")
+        bits = [getattr(usbl, name) for name in names]
+        assert sorted(bits) == [2**n for n in range(len(bits))]
+        assert sum(bits) == usbl.FLAGS
+
     def test_a_usual_fix_is_good(self, device):
         flags, detected, usable = flagged(device, (70.0, -45.0, -104.0))
         assert np.all(flags == usbl.DETECTED)
@@ -224,16 +296,28 @@ class TestValidity:
         assert 0.02 < usable < 0.98
         assert p_of_rate(usable_here, usable) > 1e-4
 
-    def test_without_noise_a_wrap_is_what_it_is(self, device):
-        """Of one axis alone the residual tells the receiver."""
-        for spacing, wrapped in ((0.033, 0), (0.1, usbl.WRAPPED | usbl.AMBIGUOUS)):
-            table = torch.from_numpy(acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(spacing=spacing))).to(
-                device
-            )
-            place = torch.tensor([[100.0, 0.0, -100.0]], device=device)
-            none = place.new_zeros(1, 6)
-            _, _, flags = usbl.flagged_fixes(table, none[:, 0].int(), place, place.new_zeros(1, 2), none)
-            assert flags.item() == usbl.DETECTED | wrapped
+    @pytest.mark.parametrize("spacing", [0.033, 0.1, 0.17])
+    def test_without_noise_a_wrap_is_what_it_is(self, device, spacing):
+        """The place and the flags by whole turns lost; of an odd number of them the residual tells the receiver."""
+        draw, n = np.random.default_rng(3), 500
+        place = draw.uniform((-200, -200, -150), (200, 200, -5), (n, 3)).astype(np.float32)
+        link = acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(spacing=spacing))
+        table, offset = torch.from_numpy(link).to(device), torch.tensor(place, device=device)
+        none = offset.new_zeros(n, 6)
+        auv = torch.ones(n, dtype=torch.int32, device=device)
+        estimate, covariance, flags = usbl.flagged_fixes(table, auv, offset, offset.new_zeros(n, 2), none)
+        assert (estimate.shape, covariance.shape, flags.shape) == ((n, 4), (n, 3), (n,))
+        S = np.linalg.norm(place.astype(float), axis=1)
+        kappa = 2 * math.pi * CARRIERS[1] * spacing / 1500
+        turns = kappa * place[:, :2] / S[:, None] / (2 * math.pi)
+        lost = np.round(turns)
+        u = (turns - lost) * 2 * math.pi / kappa
+        clear = (np.abs(np.abs(turns - lost) - 0.5).min(1) > 1e-4) & (np.abs(1 - (u**2).sum(1)) > 1e-4)
+        expected = usbl.DETECTED + usbl.WRAPPED * lost.any(1)
+        expected += usbl.AMBIGUOUS * (lost.sum(1) % 2 == 1) + usbl.NO_DEPTH * ((u**2).sum(1) > 1)
+        assert np.array_equal(flags.cpu().numpy()[clear], expected[clear])
+        assert estimate.cpu().numpy()[clear, :2] == pytest.approx((S[:, None] * u)[clear], rel=1e-4, abs=1e-3)
+        assert lost.any() == (spacing > 0.05)
 
 
 class TestLinkTable:
