@@ -324,9 +324,6 @@ def make_fix(
     measured = vec3(found[0], found[1], found[2])
     covariance = covariance_at(worlds, pose, k, measured)
     common = usbl.systematic_covariance(worlds.link, k, measured, pose.axes)
-    if ti.static(worlds.program.fleet):
-        # What fixes of one boat have in common differs from boat to boat.
-        covariance += common
     place = here + pose.displaced + vec2(found[0], found[1])
     for c in ti.static(range(2)):
         auv[w, k, AuvColumn.fix_x + c] = place[c]
@@ -335,6 +332,9 @@ def make_fix(
     auv[w, k, AuvColumn.fix_boat] = ti.cast(pose.boat, ti.f32)
     for c in ti.static(range(3)):
         auv[w, k, AuvColumn.covariance_xx + c] = covariance[c] + common[c]
+    if ti.static(worlds.program.fleet):
+        # What fixes of one boat have in common differs from boat to boat.
+        covariance += common
     return Fix(place=place, covariance=covariance, flags=flags)
 
 

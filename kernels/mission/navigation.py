@@ -115,8 +115,11 @@ def tell(worlds: ti.template(), w, k):
     exchange = ti.static(worlds.exchange)
     for c in ti.static(range(tracker.COLUMNS)):
         worlds.own[w, k, c] = worlds.track[w, k, c]
-    way = vec3(exchange[w, k, ExchangeColumn.way_x], exchange[w, k, ExchangeColumn.way_y], 0.0)
-    way[2] = exchange[w, k, ExchangeColumn.adrift]
+    way = vec3(
+        exchange[w, k, ExchangeColumn.way_x],
+        exchange[w, k, ExchangeColumn.way_y],
+        exchange[w, k, ExchangeColumn.adrift],
+    )
     move_filter(worlds, worlds.own, w, k, way, exchange[w, k, ExchangeColumn.elapsed])
 
 
@@ -139,8 +142,11 @@ def send(worlds: ti.template(), w, k, age):
 def hear(worlds: ti.template(), w, k):
     """The boat moves its filter of AUV k to the time when the reply left that it now has."""
     exchange = ti.static(worlds.exchange)
-    way = vec3(exchange[w, k, ExchangeColumn.sent_way_x], exchange[w, k, ExchangeColumn.sent_way_y], 0.0)
-    way[2] = exchange[w, k, ExchangeColumn.sent_adrift]
+    way = vec3(
+        exchange[w, k, ExchangeColumn.sent_way_x],
+        exchange[w, k, ExchangeColumn.sent_way_y],
+        exchange[w, k, ExchangeColumn.sent_adrift],
+    )
     move_filter(worlds, worlds.track, w, k, way, exchange[w, k, ExchangeColumn.sent_elapsed])
     rejected = worlds.track[w, k, tracker.REJECTED_AGE]
     worlds.track[w, k, tracker.REJECTED_AGE] = rejected + exchange[w, k, ExchangeColumn.sent_elapsed]

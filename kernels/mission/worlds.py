@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from kernels import random
-from kernels.mission.columns import Information, KeyColumn, Refraction, Schedule, Sensor
+from kernels.mission.columns import KeyColumn
 from kernels.mission.tasks.task import Task
 
 
@@ -49,7 +49,6 @@ class Program(NamedTuple):
         tracker: the boat tracks its AUVs by their commanded velocities.
         schedule: of `Schedule`.
         sensor: of `Sensor`, what AUVs reckon with.
-        tracker: the boat tracks its AUVs.
         turns: phases of a fix can lack whole turns, see `kernels.positioning.validation`.
         fleet: there is more than one boat.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
@@ -60,17 +59,17 @@ class Program(NamedTuple):
     strategy: Strategy
     target_rule: Any
     observation: tuple[Callable[..., Any], ...]
-    information: int = Information.full
-    objective_code: int = 0
-    waveform: bool = False
-    coded: bool = False
-    multipath: bool = False
-    refraction: int = Refraction.none
-    tracker: bool = False
-    schedule: int = Schedule.every_step
-    sensor: int = Sensor.none
-    turns: bool = False
-    fleet: bool = False
+    information: int
+    objective_code: int
+    waveform: bool
+    coded: bool
+    multipath: bool
+    refraction: int
+    tracker: bool
+    schedule: int
+    sensor: int
+    turns: bool
+    fleet: bool
     serial: bool = False
     constant_range: int = 0
 

@@ -15,7 +15,6 @@ from kernels.mission.columns import (
     Reply,
     TallyColumn,
 )
-from kernels.mission.serving import RELUCTANCE
 from kernels.planning import global_search, objectives
 from kernels.positioning import tracker, usbl
 from tests.links import EVERY_STEP
@@ -88,9 +87,9 @@ class TestService:
         assert server(world).tolist() == [[0, 0, 1, 1]] * 4
 
     def test_an_auv_changes_to_a_boat_that_is_clearly_nearer(self):
-        """It stays with either as long as the other is not nearer by the share of its distance, 300 m apart."""
+        """It stays with either as long as the other is not nearer by a tenth of its distance, 300 m apart."""
         world = world_of(TWO, APART)
-        border = 300 / (2 - RELUCTANCE)
+        border = 300 / (2 - 0.1)
         for away, expected in (
             (10, 0),
             (150, 0),

@@ -214,9 +214,10 @@ class TestStart:
     def test_long_waves_carry_the_vehicles(self, equations, edge):
         """Without vortices and storm: the solver's own velocity, bilinear between its cells, at AUVs and boat.
 
-        Waves of 75 s and more are resolved to a thousandth; the transports are half a substep (0.04 s) old.
+        The boat lies on the solver's elevation and its slopes. Waves of 75 s and more are resolved to a thousandth; the
+        transports are half a substep (0.04 s) old.
         """
-        only = ["current.count=0", "storm.spectrum=none", "sea.realisations=2", "sea.start_rms=0"]
+        only = ["current.count=0", "storm.spectrum=none", "sea.realisations=2", "sea.start_rms=0", "area.length=140"]
         only += [f"sea.equations={equations}", f"sea.forced_edge={edge}"]
         world = World(Scenario.load("extreme", [*only, "boat.top_speed=1e-3"]), num_worlds=64, seed=2)
         world.reset()
@@ -229,14 +230,24 @@ class TestStart:
         water = world.boat[..., BoatColumn.span("current_x", "current_y")].numpy()
         found = np.concatenate([world.current().numpy(), water], axis=1)
         p = place / cells - 0.5
-        low = np.clip(np.floor(p).astype(int), 0, 48)
+        low = np.clip(np.floor(p).astype(int), 0, np.array(fields.shape[2:0:-1]) - 2)
         (a, b), (j, i) = np.moveaxis(p - low, -1, 0)[..., None], np.moveaxis(low, -1, 0)
         sea = (np.arange(64) % 2)[:, None]
-        south = (1 - a) * fields[sea, i, j] + a * fields[sea, i, j + 1]
-        north = (1 - a) * fields[sea, i + 1, j] + a * fields[sea, i + 1, j + 1]
-        expected = (1 - b) * south + b * north
+
+        def at_places(fields):
+            south = (1 - a) * fields[sea, i, j] + a * fields[sea, i, j + 1]
+            north = (1 - a) * fields[sea, i + 1, j] + a * fields[sea, i + 1, j + 1]
+            return (1 - b) * south + b * north
+
+        expected = at_places(fields)
         assert np.abs(expected).max() > 0.05
         assert np.abs(found - expected).max() < 0.01 * np.abs(expected).max()
+        surface = world.sea.elevation()
+        slope_y, slope_x = np.gradient(surface, *cells[::-1], axis=(1, 2))
+        expected = at_places(np.stack([surface, slope_x, slope_y], -1))[:, -1]
+        found = world.boat[:, 0, BoatColumn.span("elevation", "slope_y")].numpy()
+        assert (np.abs(expected).max(0) > 0).sum() > 1  # waves along an edge have one slope
+        np.testing.assert_array_less(np.abs(found - expected).max(0), 0.02 * np.abs(expected).max(0) + 1e-7)
 
 
 class TestMotion:

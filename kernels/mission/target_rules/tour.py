@@ -106,7 +106,7 @@ def make_tour(worlds: ti.template(), w):
 def enter(worlds: ti.template(), w, first, length):
     """Send AUVs to stops evenly spaced along the tour from place `first` on, to each the nearest AUV that is left.
 
-    Returns the sum of their distances, m.
+    Where no more stops are left than AUVs each has one. Returns the sum of the AUVs' distances, m.
     """
     auv = ti.static(worlds.auv)
     num_auvs = auv.shape[1]
@@ -117,7 +117,8 @@ def enter(worlds: ti.template(), w, first, length):
     entered = 0
     for place in range(worlds.node.shape[1]):
         i = stop(worlds, w, first + place)
-        if entered < num_auvs and travelled >= length * entered / num_auvs:
+        due = travelled >= length * entered / num_auvs or worlds.node.shape[1] - place <= num_auvs - entered
+        if entered < num_auvs and due:
             nearest = -1
             for k in range(num_auvs):
                 if auv[w, k, AuvColumn.target] < 0.0:

@@ -35,8 +35,10 @@ class Stub(NamedTuple):
     program: Any
     p: Any
     link: Any
+    layers: Any
     arrivals: Any
     strategy_arguments: Any
+    rule_numbers: Any
     reward_weights: Any
     key: Any
     clock: Any
@@ -50,6 +52,7 @@ class Stub(NamedTuple):
     exchange: Any
     foresight: Any
     belief: Any
+    workspace: Any
     boat_workspace: Any
     reward_terms: Any
     reward: Any
@@ -78,8 +81,10 @@ class StubWorlds:
         shapes = {
             "p": (len(Parameter.names),),
             "link": (auvs, acoustic_link.COLUMNS),
+            "layers": (1, 3),
             "arrivals": (1, 1),
             "strategy_arguments": (2 * boats,),
+            "rule_numbers": (2,),
             "reward_weights": (9,),
             "auv": (worlds, auvs, len(AuvColumn.names)),
             "node": (worlds, nodes, len(NodeColumn.names)),
@@ -91,6 +96,7 @@ class StubWorlds:
             "exchange": (worlds, auvs, len(ExchangeColumn.names)),
             "foresight": (worlds, auvs, len(ForesightColumn.names)),
             "belief": (worlds, 1, nodes, len(BeliefColumn.names)),
+            "workspace": (worlds, 1),
             "boat_workspace": (worlds, 1),
             "reward_terms": (worlds, auvs, 9),
             "reward": (worlds, auvs),
@@ -119,15 +125,15 @@ class StubWorlds:
         """
 
         @ti.kernel
-        def run(p: array1, link: array2, arrivals: array2, strategy_arguments: array1, reward_weights: array1,
-                key: index2, clock: index2, auv: array3, node: array3, boat: array3, tally: array2, estimate: array3,
-                track: array3, own: array3, exchange: array3, foresight: array3, belief: array4,
-                boat_workspace: array2, reward_terms: array3, reward: array2, observation: array3,
-                bed: array4):  # fmt: skip
+        def run(p: array1, link: array2, layers: array2, arrivals: array2, strategy_arguments: array1,
+                rule_numbers: array1, reward_weights: array1, key: index2, clock: index2, auv: array3, node: array3,
+                boat: array3, tally: array2, estimate: array3, track: array3, own: array3, exchange: array3,
+                foresight: array3, belief: array4, workspace: array2, boat_workspace: array2, reward_terms: array3,
+                reward: array2, observation: array3, bed: array4):  # fmt: skip
             worlds = ti.static(
-                Stub(program, p, link, arrivals, strategy_arguments, reward_weights, key, clock, auv, node, boat,
-                     tally, estimate, track, own, exchange, foresight, belief, boat_workspace, reward_terms, reward,
-                     observation, StubWater(bed))
+                Stub(program, p, link, layers, arrivals, strategy_arguments, rule_numbers, reward_weights, key, clock,
+                     auv, node, boat, tally, estimate, track, own, exchange, foresight, belief, workspace,
+                     boat_workspace, reward_terms, reward, observation, StubWater(bed))
             )  # fmt: skip
             for w in range(clock.shape[0]):
                 function(worlds, w)

@@ -132,6 +132,7 @@ class Imagined:
         made = {name: np.zeros((WORLDS, count, len(of.names))) for name, (count, of) in shapes.items()}
         made["track"] = np.zeros((WORLDS, AUVS, tracker.COLUMNS))
         self.clock = np.stack([np.zeros(WORLDS), r.integers(200, 900, WORLDS)], 1).astype(np.int32)
+        self.clock[:2, 1] = 1  # the first decision; the boat is on no way yet
 
         def draw(name: str, column: int, low: float, high: float) -> None:
             made[name][..., column] = r.uniform(low, high, made[name].shape[:2])
@@ -354,7 +355,7 @@ def test_what_is_seen_of_each_auv(imagined, seen):
                 "here": imagined.heard(w, b, here, boat[BoatColumn.effort], 0.0),
                 "silent": np.minimum(elapsed / TIME, FAR) / FAR,
                 "hovers": imagined.foresight[w, :, ForesightColumn.hovers] > 0,
-                "kept": (np.arange(AUVS) == boat[BoatColumn.visits]) & (elapsed >= 2),
+                "kept": (np.arange(AUVS) == boat[BoatColumn.visits]) & (elapsed >= 2) & (imagined.clock[w, 1] > 1),
             }
             mine = imagined.served_by[w] == b
             for name, wanted in rows.items():
@@ -435,7 +436,7 @@ def test_plans(imagined, losses):
         due = over >= belief_planner.PATIENCE or np.linalg.norm(aim - row[: BoatColumn.y + 1]) < 3.0 * INTERVAL
         if visited >= 0:
             due = due or imagined.elapsed[w, visited] < 2 or imagined.served_by[w, visited] != b
-        due = due and over >= INTERVAL
+        due = (due and over >= INTERVAL) or now == 1
         assert out[w, b, 2] == due
         if not due:
             assert out[w, b, :2] == pytest.approx(aim)

@@ -48,12 +48,10 @@ def test_indices_are_whole_and_other_numbers_need_not_be(name, column):
     text, allowed = STATE[name][column]
     low, high = BOUNDS[name][:, column]
     said = words(name, column, low + 0.5)
-    assert (said is not None) == allowed.whole
+    assert (said is not None) == allowed.whole == (text in {*INDICES, "fix_flags", "reply"})
     if text in INDICES:
         assert "must be a whole number from" in said
         assert (low, high) == INDICES[text]
-    elif allowed.whole:
-        assert text in ("fix_flags", "reply")
 
 
 def test_places_lie_in_the_area_and_other_vectors_are_bounded_alike():
@@ -67,6 +65,17 @@ def test_places_lie_in_the_area_and_other_vectors_are_bounded_alike():
                     assert (x.tolist(), y.tolist()) == ([0, 300], [0, 200])
                 else:
                     assert x.tolist() == y.tolist() == [-x[1], x[1]] or text == "covariance_xx"
+
+
+@pytest.mark.parametrize("name", STATE)
+def test_zeros_are_a_state_and_bounds_are_numbers_that_one_can_remember(name):
+    """One digit and a power of ten, where a bound is no count: it stands in what a user reads."""
+    assert words(name, 0, 0.0) is None
+    assert (BOUNDS[name][0] <= 0).all()
+    for text, allowed in STATE[name]:
+        for bound in (allowed.low, allowed.high):
+            if not isinstance(bound, str) and text not in ("fix_flags", "effort"):
+                assert bound == float(f"{bound:.0e}"), text
 
 
 def test_more_cannot_overflow_than_there_are_nodes():

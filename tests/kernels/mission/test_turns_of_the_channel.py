@@ -5,13 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import taichi as ti
+import torch
 
-from kernels.mission import channel, expected_reply
+from kernels.mission import channel, expected_reply, fixes, serving
 from kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
     EstimateColumn,
     ExchangeColumn,
+    Parameter,
+    Refraction,
     Reply,
     Schedule,
     Sensor,
@@ -108,6 +111,37 @@ def spread(before: dict[str, np.ndarray]) -> np.ndarray:
     return before["estimate"][..., [EstimateColumn.covariance_xx, EstimateColumn.covariance_yy]].mean(-1)
 
 
+def begun(row: dict[str, np.ndarray], schedule: int, lasts: np.ndarray, worth: np.ndarray | None = None) -> int:
+    """Begin an exchange in a world's arrays by NumPy; how far the turn has passed on, 0 where none begins."""
+    tally, exchange, boats = row["tally"], row["exchange"], row["boat"]
+    start = max(tally[TallyColumn.channel_free], tally[TallyColumn.next_ping], -1.0)
+    if start >= 0:
+        return 0
+    may = (exchange[:, ExchangeColumn.over] == 0) | (start + lasts[..., 1] > 0)
+    count, last = len(boats), int(tally[TallyColumn.asking])
+    mine = row["estimate"][:, EstimateColumn.served_by] == np.arange(count)[:, None]
+    for turn in range(1, 2 if schedule == Schedule.all else count + 1):
+        b = (last + turn) % count
+        order = (int(boats[b, BoatColumn.asked]) + 1 + np.arange(AUVS)) % AUVS
+        if schedule == Schedule.all:
+            asked = list(range(AUVS)) if may[b, lasts[b, :, 1].argmax()] else []
+        else:
+            asked = [k for k in order if (mine & may)[b, k]]
+            if schedule == Schedule.by_need:
+                need = (start - exchange[:, ExchangeColumn.reply_at]) * worth[b]
+                asked.sort(key=lambda k, need=need: -need[k])
+            asked = asked[:1]
+        if asked:
+            exchange[asked, ExchangeColumn.reply_at] = start + lasts[b, asked, 0]
+            exchange[asked, ExchangeColumn.reply] = Reply.due
+            boats[b, BoatColumn.asked] = asked[-1]
+            tally[TallyColumn.channel_free] = start + lasts[b, asked, 1].max()
+            tally[TallyColumn.next_ping] = start + 0.7
+            tally[TallyColumn.asking] = b
+            return turn
+    return 0
+
+
 @pytest.mark.parametrize("schedule", [Schedule.all, Schedule.round_robin, Schedule.by_need])
 def test_who_is_asked(made, schedule):
     """By the first boat after the last one that has somebody to ask, if the channel is free within the step."""
@@ -123,43 +157,69 @@ def test_who_is_asked(made, schedule):
     worth = P * a * a / (a + variance)
     after = made.after(begin, SimpleNamespace(schedule=schedule, fleet=True))
     lasts = durations(before)
-    wanted = {name: before[name].copy() for name in ("exchange", "boat", "tally")}
+    wanted = {name: before[name].copy() for name in ("exchange", "boat", "tally", "estimate")}
     asked_by = set()
     for w in range(WORLDS):
-        tally, exchange, boats = (wanted[name][w] for name in ("tally", "exchange", "boat"))
-        start = max(tally[TallyColumn.channel_free], tally[TallyColumn.next_ping], -1.0)
-        if start >= 0:
-            continue
-        may = (exchange[:, ExchangeColumn.over] == 0) | (start + lasts[w, ..., 1] > 0)
-        mine = before["estimate"][w, :, EstimateColumn.served_by] == np.arange(BOATS)[:, None]
-        for turn in range(1, BOATS + 1):
-            b = int(before["tally"][w, TallyColumn.asking] + turn) % BOATS
-            order = (int(boats[b, BoatColumn.asked]) + 1 + np.arange(AUVS)) % AUVS
-            if schedule == Schedule.all:
-                asked = list(range(AUVS)) if may[b, lasts[w, b, :, 1].argmax()] else []
-            else:
-                asked = [k for k in order if (mine & may)[b, k]]
-                if schedule == Schedule.by_need:
-                    need = (start - exchange[:, ExchangeColumn.reply_at]) * worth[w, b]
-                    asked.sort(key=lambda k, need=need: -need[k])
-                asked = asked[:1]
-            if asked:
-                exchange[asked, ExchangeColumn.reply_at] = start + lasts[w, b, asked, 0]
-                exchange[asked, ExchangeColumn.reply] = Reply.due
-                boats[b, BoatColumn.asked] = asked[-1]
-                tally[TallyColumn.channel_free] = start + lasts[w, b, asked, 1].max()
-                tally[TallyColumn.next_ping] = start + 0.7
-                tally[TallyColumn.asking] = b
-                tally[TallyColumn.collisions] = 1.0
-                asked_by.add(turn)
-            if asked or schedule == Schedule.all:
-                break
+        turn = begun({name: array[w] for name, array in wanted.items()}, schedule, lasts[w], worth[w])
+        wanted["tally"][w, TallyColumn.collisions] = turn > 0
+        asked_by.add(turn)
     for name, array in wanted.items():
         np.testing.assert_allclose(after[name], array, rtol=1e-5, atol=1e-5, err_msg=name)
-    begun = wanted["tally"][:, TallyColumn.collisions]
-    assert 0.3 < begun.mean() < 0.95
-    assert asked_by == ({1} if schedule == Schedule.all else {1, 2, 3})
+    assert 0.3 < wanted["tally"][:, TallyColumn.collisions].mean() < 0.95
+    assert asked_by == ({0, 1} if schedule == Schedule.all else {0, 1, 2, 3})
     unchanged(after, before, {name: list(range(array.shape[-1])) for name, array in wanted.items()})
+
+
+@pytest.mark.parametrize("schedule", [Schedule.all, Schedule.round_robin])
+@pytest.mark.parametrize("fleet", [True, False])
+def test_all_exchanges_of_a_step(made, schedule, fleet):
+    """One after the other, as long as they end within it; the last goes on into the next step."""
+    made.arrays["p"][Parameter.packet_loss] = 0.0
+    tally, exchange = made.arrays["tally"], made.arrays["exchange"]
+    tally[:, TallyColumn.channel_free] += 1.0
+    under_way = torch.arange(WORLDS, device=tally.device) % 2 == 0
+    reply = torch.arange(WORLDS, device=tally.device) // 2 % 3 + Reply.due  # due, sent or lost
+    exchange[..., ExchangeColumn.reply_at] += 40.0  # of those that are asked no more
+    for k in (1, 2):
+        exchange[:, k, ExchangeColumn.reply] = torch.where(under_way, reply, Reply.none).to(exchange)
+        at = tally[:, TallyColumn.channel_free] - 0.2 * k
+        exchange[:, k, ExchangeColumn.reply_at] = torch.where(under_way, at, exchange[:, k, ExchangeColumn.reply_at])
+    if not fleet:
+        tally[:, TallyColumn.asking] = made.arrays["estimate"][..., EstimateColumn.served_by] = 0.0
+        made.arrays["boat"] = made.arrays["boat"][:, :1].contiguous()
+    program = SimpleNamespace(schedule=schedule, fleet=fleet, sensor=Sensor.none, refraction=Refraction.none,
+                              **dict.fromkeys(("waveform", "multipath", "turns", "tracker"), False))  # fmt: skip
+    before, after = made.numbers(), made.after(channel.exchange, program)
+    lasts = durations(before)
+    wanted = {name: before[name].copy() for name in ("exchange", "boat", "tally", "estimate")}
+    by, made_fixes = np.full((WORLDS, AUVS), -1), np.zeros(WORLDS)
+    for w in range(WORLDS):
+        row = {name: array[w] for name, array in wanted.items()}
+        tally, exchange = row["tally"], row["exchange"]
+        for column in (TallyColumn.channel_free, TallyColumn.next_ping):
+            tally[column] = max(tally[column] - 1.0, -1.0)
+        exchange[:, ExchangeColumn.reply_at] -= 1.0
+        exchange[:, ExchangeColumn.over] = 0.0
+        while (exchange[:, ExchangeColumn.reply] != Reply.none).any() or begun(row, schedule, lasts[w]):
+            reply = exchange[:, ExchangeColumn.reply]
+            leaves = (reply == Reply.due) & (exchange[:, ExchangeColumn.reply_at] <= 0)
+            reply[leaves] = Reply.sent
+            end = tally[TallyColumn.channel_free]
+            if end > 0:
+                break
+            ended = (reply == Reply.sent) | (reply == Reply.lost)
+            by[w, ended] = tally[TallyColumn.asking]
+            made_fixes[w] += ended.sum()
+            reply[ended], exchange[ended, ExchangeColumn.over] = Reply.none, 1.0
+    columns = [ExchangeColumn.reply, ExchangeColumn.over, ExchangeColumn.reply_at]
+    np.testing.assert_allclose(after["exchange"][..., columns], wanted["exchange"][..., columns], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(after["tally"], wanted["tally"], rtol=1e-5, atol=1e-5)
+    np.testing.assert_array_equal(after["boat"], wanted["boat"])
+    heard = after["auv"][..., AuvColumn.fix_flags] != usbl.SILENT
+    np.testing.assert_array_equal(heard, by >= 0)
+    np.testing.assert_array_equal(after["auv"][..., AuvColumn.fix_boat][heard], by[heard])
+    assert len(np.unique(made_fixes)) > 3
+    assert (after["estimate"][..., EstimateColumn.age] == 1).all()  # of all, also those that nobody heard
 
 
 def test_a_step_begins(made):
@@ -181,6 +241,27 @@ def test_an_episode_begins_with_the_first_boat(made):
     assert (after["tally"][:, columns] == [0, 0, BOATS - 1]).all()
     assert (after["boat"][..., BoatColumn.asked] == -1).all()
     unchanged(after, before, {"tally": columns, "boat": [BoatColumn.asked]})
+
+
+def test_nothing_is_in_the_water_when_an_episode_begins(made):
+    """Also where the one before has left exchanges; the vertical distance to the boat is that on its wave."""
+
+    @ti.func
+    def begin(worlds: ti.template(), w):
+        for k in range(worlds.auv.shape[1]):
+            channel.begin(worlds, fixes.array_pose(worlds, w, serving.server(worlds, w, k)), w, k)
+
+    made.arrays["exchange"][..., ExchangeColumn.reply] = Reply.lost
+    before = made.numbers()
+    after = made.after(begin, SimpleNamespace(fleet=True, sensor=Sensor.none, tracker=False))
+    assert (after["exchange"][..., [ExchangeColumn.reply, ExchangeColumn.reply_at]] == 0).all()
+    assert (after["auv"][..., AuvColumn.fix_flags] == usbl.SILENT).all()
+    by = before["estimate"][..., EstimateColumn.served_by].astype(int)
+    depth = 100.0 + np.take_along_axis(before["boat"][..., BoatColumn.elevation], by, 1)
+    np.testing.assert_allclose(after["estimate"][..., EstimateColumn.separation], depth, rtol=1e-6)
+    columns = [ExchangeColumn.reply, ExchangeColumn.reply_at]
+    others = {"estimate": [EstimateColumn.separation, EstimateColumn.age]}
+    unchanged(after, before, {"exchange": columns, "auv": [AuvColumn.fix_flags, AuvColumn.position_error], **others})
 
 
 def test_a_question_that_is_heard_is_answered_from_where_the_auv_was(made):
