@@ -3,14 +3,16 @@
 from dataclasses import replace
 from itertools import chain, product
 
+import numpy as np
 import pytest
 import torch
 
 from kernels.errors import UserError
+from kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, TallyColumn
 from usvauv_env import Scenario, evaluate
 from usvauv_env.record import evaluation
 from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.recorder import record
+from usvauv_env.record.recorder import EACH, Recorder, record, trace_bytes
 from usvauv_env.world.world import World
 
 
@@ -59,6 +61,51 @@ def test_batches_change_nothing_and_are_told_of(scenario, monkeypatch):
     assert [len(batch) for batch in batches] == [2, 2, 1]
     assert texts(rows) == texts(chain(*(episode_metrics(trace, first) for trace, first in traces)))
     assert steps == [2] * 20 + [1] * 10
+
+
+def test_a_batch_is_halved_until_its_records_fit(scenario, monkeypatch):
+    """What all worlds share fits once, what is of each world ten times."""
+    world = World(scenario, 1)
+    shared = EACH * world.steps
+    each = trace_bytes(world, world.steps) - shared
+    assert trace_bytes(World(scenario, 3), 7) == pytest.approx(7 / world.steps * (shared + 3 * each))
+    monkeypatch.setattr(evaluation, "World", lambda *given, **how: world)
+    monkeypatch.setattr(evaluation.memory, "SHARE", 0.5)
+    for fitting, episodes, size in ((10, 37, 10), (9.99, 37, 5), (200, 37, 37), (500, 500, 128), (0.5, 37, 1)):
+        monkeypatch.setattr(evaluation.memory, "available", lambda fitting=fitting: 2 * (shared + fitting * each))
+        assert evaluation.batch_size(scenario, episodes) == size
+
+
+def test_a_recorder_keeps_some_states_of_some_worlds(scenario):
+    world = World(scenario, 3, 5)
+    recorder = Recorder(world)
+    world.reset()
+    states = []
+    for step in range(4):
+        world.step(torch.full((3, 2, 2), 0.3 * step - 0.4))
+        recorder.add()
+        states.append([each.numpy().copy() for each in (world.auv, world.node, world.estimate, world.tally)])
+    recorder.drop_last()
+    assert len(recorder) == 3
+    trace = recorder.trace("p", np.zeros((0, 0, 0)), first=1, start=5.0, worlds=slice(1, 3))
+    assert trace.time.tolist() == [5, 6]
+    auv, _, known, tally = (np.stack([state[i][1:] for state in states[1:3]]) for i in range(4))
+    node = world.node[1:].numpy()
+    for name, expected in (
+        ("auv_position", auv[..., [AuvColumn.x, AuvColumn.y]]),
+        ("target", auv[..., AuvColumn.target]),
+        ("node_rate", node[..., NodeColumn.rate]),
+        ("node_position", node[..., [NodeColumn.x, NodeColumn.y]]),
+        ("estimate", known[..., [EstimateColumn.x, EstimateColumn.y]]),
+        ("served_by", known[..., EstimateColumn.served_by]),
+        *((name, tally[..., getattr(TallyColumn, name)]) for name in ("collisions", "packets_created", "packets_lost")),
+    ):
+        np.testing.assert_array_equal(getattr(trace, name), expected, err_msg=name)
+    backlog = np.stack([state[1][1:, :, NodeColumn.backlog] for state in states[1:3]])
+    np.testing.assert_array_equal(trace.backlog, backlog)
+    assert (trace.stream.shape, trace.stream_time.shape) == ((0, 0, 0, 2), (0,))
+    recorder.clear()
+    assert len(recorder) == 0
 
 
 def test_complete_batches_are_kept_when_a_policy_fails(scenario, monkeypatch):

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from usvauv_env.files import THIS_HOST, OutputError, atomic_write, hdf5_file
+from usvauv_env.files import THIS_HOST, HDF5File, OutputError, atomic_write, check_place, hdf5_file, sync, writing
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path):
@@ -72,6 +73,62 @@ def test_a_link_stays_a_link_and_a_device_a_device(tmp_path):
         pytest.fail("the block ran")
 
 
+def test_asking_for_a_place_leaves_it_as_it_is(tmp_path):
+    (tmp_path / "a.txt").write_text("older")
+    check_place(tmp_path / "a.txt")
+    check_place(tmp_path / "b.txt")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["older"]
+    with pytest.raises(OutputError, match="cannot be written: Is a directory"):
+        check_place(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (OSError(28, "full"), "No space left on device"),
+        (OSError("the first\nthe second"), "the first"),
+        (OSError(), "OSError"),
+        (RuntimeError("write failed (errno = 27, in x)"), "File too large"),
+        (ValueError("I/O error: os error 13"), "Permission denied"),
+        (ValueError("no such number"), None),
+        (OutputError("x: said already, code: 28"), None),
+    ],
+)
+def test_the_systems_words_whoever_reports_them(error, reason):
+    with pytest.raises(type(error) if reason is None else OutputError) as caught, writing(Path("a")):
+        raise error
+    assert caught.value is error if reason is None else str(caught.value) == f"a: cannot be written: {reason}"
+
+
+@pytest.mark.parametrize(("number", "left"), [(1, True), (10**30, True), (2**22 + 1, False)])
+def test_what_may_be_of_a_living_process_stays(tmp_path, number, left):
+    """Process 1, which may be another user's, and a number beyond the system's; 2²² is the last that Linux gives."""
+    path = tmp_path / f"a.txt.{THIS_HOST}-{number}.partial"
+    path.touch()
+    with atomic_write(tmp_path / "a.txt"):
+        pass
+    assert path.exists() is left
+
+
+def test_a_file_is_on_the_disk_before_it_has_its_name(monkeypatch, tmp_path):
+    """Nothing stays open for that."""
+    done, numbers, replace = [], [], os.replace
+
+    def fsync(number):
+        numbers.append(number)
+        done.append(os.fstat(number).st_ino)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(os, "replace", lambda *paths: done.append("renamed") or replace(*paths))
+    with atomic_write(tmp_path / "a.txt"):
+        pass
+    sync(tmp_path)
+    assert done == [(tmp_path / "a.txt").stat().st_ino, "renamed", tmp_path.stat().st_ino]
+    for number in numbers:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(number)
+
+
 class TestSizeLimit:
     """The system refuses to write more than so many bytes; every library says it in another way."""
 
@@ -105,3 +162,16 @@ class TestSizeLimit:
             file["x"] = np.zeros(5000)
         assert path.read_text() == "older"
         assert list(tmp_path.iterdir()) == [path]
+
+    def test_hdf5_is_told_that_all_went_well(self, tmp_path):
+        """The first error is kept until it is asked for; what comes after it is not written."""
+        with HDF5File(tmp_path / "a") as file:
+            file.check()
+            assert file.write(np.arange(500.0)) == 4000
+            assert file.truncate(5000) == 5000
+            assert file.truncate() == 4000
+            file.seek(0)
+            assert file.write(b"later") == 5
+            with pytest.raises(OSError, match="File too large"):
+                file.check()
+        assert (tmp_path / "a").read_bytes() == np.arange(500.0).tobytes()

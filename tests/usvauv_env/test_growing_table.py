@@ -11,7 +11,7 @@ from kernels.errors import UserError
 from usvauv_env.files import OutputError
 from usvauv_env.record.growing_table import Combination, GrowingTable
 from usvauv_env.record.metrics import COLUMNS
-from usvauv_env.record.table import write_rows
+from usvauv_env.record.table import read_rows, write_rows
 
 ABOUT = {"definition": {"seed": 3}, "batch": 4}
 PAIR = (Combination("straight", "fim", "tour"), Combination('runs/a, "b"\nc', "fim", "tour"))
@@ -55,11 +55,11 @@ def whole(tmp_path):
     return (tmp_path / "whole.csv").read_bytes()
 
 
-def partial_of(out):
-    """The partial file of all batches, as a process leaves it that is killed before the end."""
+def partial_of(out, batches=BATCHES):
+    """The partial file of some batches, as a process leaves it that is killed before the end."""
     with GrowingTable(out, resume=False) as table:
         table.begin(ABOUT)
-        for first, count in BATCHES:
+        for first, count in batches:
             for which in PAIR:
                 assert table.take(which, first, count) is None
                 table.append(which, rows_of(which, first, count))
@@ -116,20 +116,61 @@ with GrowingTable(pathlib.Path(sys.argv[1]), resume=False) as table:
     assert out.read_bytes() == whole
 
 
+def test_a_batch_drops_all_that_followed_in_the_file(tmp_path):
+    """At once, so that rows of another run are not taken for its own after a further stop."""
+    (tmp_path / "m.csv.partial").write_bytes(partial_of(tmp_path / "a.csv"))
+    with GrowingTable(tmp_path / "m.csv", resume=True) as table:
+        for which in PAIR:
+            assert table.take(which, 0, 4)
+        for which in PAIR:
+            assert table.take(which, 4, 1) is None
+            table.append(which, rows_of(which, 4, 1))
+        assert table.path.read_bytes() == partial_of(tmp_path / "b.csv", ((0, 4), (4, 1)))
+
+
+def test_rows_may_be_shorter_than_the_header(tmp_path):
+    rows = [dict.fromkeys(COLUMNS, "") | PAIR[0]._asdict() | {"episode": "0"}]
+    with GrowingTable(tmp_path / "m.csv", resume=False) as table:
+        table.begin(ABOUT)
+        table.append(PAIR[0], rows)
+        table.finish()
+    assert read_rows(tmp_path / "m.csv") == rows
+
+
+def held_files():
+    return [os.path.realpath(f"/proc/self/fd/{number}") for number in os.listdir("/proc/self/fd")]
+
+
 @pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="needs Linux's list of open files")
-def test_a_table_that_is_left_holds_no_file(tmp_path):
+def test_a_table_that_is_left_or_finished_holds_no_file(tmp_path):
     """Also while rows wait to be taken."""
     partial_of(tmp_path / "m.csv")
     with GrowingTable(tmp_path / "m.csv", resume=True) as table:
         pass
-    held = [os.path.realpath(f"/proc/self/fd/{number}") for number in os.listdir("/proc/self/fd")]
     assert table.path.exists()
-    assert str(table.path) not in held
+    assert str(table.path) not in held_files()
+    with GrowingTable(tmp_path / "m.csv", resume=True) as table:
+        assert table.take(PAIR[0], 0, 1) is None
+        table.append(PAIR[0], rows_of(PAIR[0], 0, 1))
+        table.finish()
+        assert not [name for name in held_files() if name.startswith(str(table.path))]
+
+
+def test_what_defines_the_rows_is_json_that_all_can_read(tmp_path):
+    with GrowingTable(tmp_path / "m.csv", resume=False) as table:
+        table.begin({"price": float("nan")})
+        with pytest.raises(ValueError, match="JSON"):
+            table.append(PAIR[0], rows_of(PAIR[0], 0, 1))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_without_rows_nothing_is_left(tmp_path):
     with GrowingTable(tmp_path / "m.csv", resume=False) as table:
         table.begin(ABOUT)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "m.csv.partial").write_bytes(b"# usvauv eval {")  # of a process that was killed with the first row
+    with GrowingTable(tmp_path / "m.csv", resume=True) as table:
+        assert table.about is None
     assert list(tmp_path.iterdir()) == []
 
 

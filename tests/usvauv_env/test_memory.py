@@ -1,5 +1,7 @@
 """Memory: refused before it is taken, by estimates that are near what is measured."""
 
+import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -110,6 +112,60 @@ def test_what_does_not_fit_is_refused_with_the_numbers(monkeypatch):
         require(9 * GIB, "a")
     assert words(149 * GIB) == "149 GiB"
     assert words(3 * 2**20) == "3 MiB"
+
+
+def test_the_least_of_what_limits(monkeypatch, tmp_path):
+    """The machine's free memory, what the control group leaves, and what a limit of the address space leaves."""
+    infinite, page = resource.RLIM_INFINITY, os.sysconf("SC_PAGE_SIZE")
+    limit = [infinite]
+    monkeypatch.setattr(memory, "CGROUP", tmp_path)
+    monkeypatch.setattr(memory, "_meminfo", lambda: 10 * GIB)
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (limit[0], infinite))
+    assert available() == 10 * GIB
+    (tmp_path / "memory.current").write_text("3000\n")
+    (tmp_path / "memory.max").write_text("max\n")
+    assert available() == 10 * GIB
+    (tmp_path / "memory.max").write_text("5000\n")
+    assert available() == 2000
+    (tmp_path / "memory.max").write_text("2000\n")
+    assert available() == 0
+    (tmp_path / "memory.max").unlink()
+    limit[0] = 2**50
+    assert available() == 10 * GIB
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * page
+    limit[0] = taken + GIB
+    assert available() == pytest.approx(GIB, abs=GIB / 4)
+    limit[0] = taken - GIB
+    assert available() == 0
+
+
+def test_a_graphics_card_says_itself_what_is_free(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device: (3 * GIB, 8 * GIB))
+    assert available(torch.device("cuda")) == 3 * GIB
+    monkeypatch.setattr(memory, "_meminfo", lambda: 1000)
+    assert available(torch.device("cpu")) <= 1000
+
+
+def test_free_memory_by_proc_and_without_it(monkeypatch):
+    lines = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+    total, free = (1024 * int(lines[name].split()[0]) for name in ("MemTotal", "MemAvailable"))
+    assert memory._meminfo() == pytest.approx(free, rel=0.2)
+    monkeypatch.setattr(Path, "read_text", lambda self, **options: "MemFree: 5 kB")
+    assert memory._meminfo() == pytest.approx(total, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [
+        (2**40, "1 TiB"),
+        (2**40 - 2**31, "1.02e+03 GiB"),
+        (2**30, "1 GiB"),
+        (2**30 - 2**21, "1.02e+03 MiB"),
+        (0, "0 MiB"),
+    ],
+)
+def test_a_unit_begins_at_one_of_it(number, text):
+    assert words(number) == text
 
 
 def learn(**changes):

@@ -180,6 +180,12 @@ def test_csv_has_the_promised_columns(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
 
 
+def test_a_table_makes_its_folder_and_takes_the_place_of_another(tmp_path):
+    for number in ("1", "2"):
+        write_rows(tmp_path / "a" / "b" / "m.csv", ["x"], [{"x": number}])
+    assert read_rows(tmp_path / "a" / "b" / "m.csv") == [{"x": "2"}]
+
+
 def test_trace_survives_its_file(tmp_path):
     scenario = Scenario.load("extreme", ["mission.duration=20"])
     world = World(scenario, num_worlds=2, seed=1)

@@ -56,6 +56,11 @@ def test_no_rows(shape):
     assert extremes(array) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize(("rows", "expected"), [([[2, 3], [4, 1]], (0, 4)), ([[-2, -3], [-1, -4]], (-4, 0))])
+def test_the_calm_surface_is_among_the_extremes(rows, expected):
+    assert extremes(np.array(rows)) == expected
+
+
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of the memory cannot be reset")
 def test_memory_does_not_grow_with_them():
     """125 MiB are written and read twice."""
@@ -67,19 +72,37 @@ def test_a_disk_without_room_is_refused_before(monkeypatch, tmp_path):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     usage = namedtuple("usage", "free")(2**20)
     monkeypatch.setattr(rows_on_disk.shutil, "disk_usage", lambda folder: usage)
+    with RowsOnDisk(256, (8, 128), "just fits"):
+        pass
     with pytest.raises(OutputError, match=r"^a record: takes 1.05 MiB of disk; 1 MiB are free in .* \(TMPDIR names"):
         RowsOnDisk(275, (10, 100), "a record")
 
 
-def test_a_disk_that_fills_up_is_one_line(monkeypatch, tmp_path):
+@pytest.mark.parametrize(("variable", "there", "expected"), [("a", True, "a"), ("", True, "b"), ("", False, "c")])
+def test_where_the_file_lies(monkeypatch, tmp_path, variable, there, expected):
+    """In the folder that TMPDIR names, else in one that is never in memory, else where the system has its own."""
+    monkeypatch.setenv("TMPDIR", variable and str(tmp_path / variable))
+    monkeypatch.setattr(rows_on_disk, "PLACE", str(tmp_path / "b"))
+    monkeypatch.setattr(rows_on_disk.tempfile, "tempdir", str(tmp_path / "c"))
+    for name in ("a", "b", "c") if there else ("a", "c"):
+        (tmp_path / name).mkdir()
+    asked = []
+    usage = rows_on_disk.shutil.disk_usage
+    monkeypatch.setattr(rows_on_disk.shutil, "disk_usage", lambda folder: asked.append(folder) or usage(folder))
+    with RowsOnDisk(1, (2,), "rows"):
+        assert asked == [str(tmp_path / expected)]
+
+
+@pytest.mark.parametrize("side", [64, 36])  # 16 KiB are written at once, 5 KiB when they are asked for
+def test_a_disk_that_fills_up_is_one_line(monkeypatch, tmp_path, side):
     """Here the limit of a file's size."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with RowsOnDisk(5, (64, 64), "rows") as rows:
+    with RowsOnDisk(1, (side, side), "rows") as rows:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
         try:
             with pytest.raises(OutputError, match=f"^{tmp_path}: cannot be written: File too large"):
-                rows.append(np.zeros((5, 64, 64), np.float32))
+                (rows.append(np.zeros((1, side, side), np.float32)), rows.array())
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
 

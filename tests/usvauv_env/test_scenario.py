@@ -1,5 +1,7 @@
 """Scenarios: what ships, what is refused and how."""
 
+import json
+import math
 import tomllib
 from importlib import resources
 
@@ -7,7 +9,7 @@ import pytest
 
 from tests.trials.scenarios import numbers
 from usvauv_env import Scenario, ScenarioError
-from usvauv_env.sections import TaskParameters
+from usvauv_env.sections import Section, TaskParameters
 
 
 @pytest.mark.parametrize("name", Scenario.shipped())
@@ -33,6 +35,14 @@ def test_these_ship():
         "survey",
         "wide",
     ]
+
+
+def test_what_a_file_leaves_out_is_as_in_a_calm_scenario():
+    """Each default is that of `ideal` or of `paper-ideal`: no wave, current or error comes unasked."""
+    plain, *calm = Scenario(), Scenario.load("ideal"), Scenario.load("paper-ideal")
+    for name, section in plain:
+        for field, value in section if isinstance(section, Section) else ():
+            assert value in [getattr(getattr(each, name), field) for each in calm], f"{name}.{field}"
 
 
 @pytest.mark.parametrize("name", ["paper-ideal", "paper-extreme"])
@@ -163,3 +173,171 @@ def test_carriers_of_a_larger_team_stay_below_half_a_wavelength_apart():
     assert len(set(carriers)) == 16
     assert all(12000 < f <= 18000 for f in carriers[2:])
     assert all(s.usbl.spacing < 0.5 * s.acoustics.sound_speed / f for f in carriers)
+
+
+PEAK = 0.6382 / (2 * math.pi)  # of a Lamb–Oseen vortex, over Γ/δ
+DRAWN = math.sqrt(2) / (4 * PEAK)  # Γ of three vortices that in two seconds carry one another 1 m
+TONE = "usbl.model=waveform usbl.signal=tone usbl.sampling_rate=1e6"
+SEA = "sea.gravity=10 storm.spectrum=pm storm.peak_period=10 storm.significant_height=1"
+SHALLOW = f"{SEA} area.depth=5 auv.depth=4"
+LONG = "sea.forced_edge=east area.depth=50 auv.depth=45 sea.start_rms=3 sea.regular_amplitude=5"
+SWELL = "storm.spectrum=pm sea.start_rms=1 storm.significant_height=3 storm.swells=[[4,9,1,0,1]]"
+MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.step=2"
+
+
+@pytest.mark.parametrize(
+    ("given", "field", "allowed", "refused", "said"),
+    [
+        ("", "auv.depth", 119.9, 120, "must be below area.depth, 120 m"),
+        ("auv.depth=120", "auv.separation", "demonstration", "geometry", "must be below area.depth, 120 m"),
+        ("auv.count=3", "boat.count", 3, 4, "must not be above auv.count, 3"),
+        ("area.length=100", "nodes.margin", 49.9, 50, "nodes.margin = 50: must be below half .* side, 50 m"),
+        ("area.width=100", "nodes.margin", 49.9, 50, "nodes.margin = 50: must be below half .* side, 50 m"),
+        ("area.width=100 auv.start_separation=0", "auv.start_margin", 49.9, 50, "auv.start_margin = 50: .* side, 50 m"),
+        (
+            "auv.count=4 auv.start_margin=18 area.width=236 area.length=136",
+            "auv.start_separation",
+            50,
+            50.1,
+            "most 50 m",
+        ),
+        ("", "reference.crab_speed", 1.2, 1.19, "1.2 to 2.2 m/s"),
+        ("", "reference.crab_speed", 2.2, 2.21, "1.2 to 2.2 m/s"),
+        ("mission.step=5", "nodes.arrival_rates", [1, 16, 2], [1, 17, 2], "up to 17: must not be above 16 at mission"),
+        ("mission.step=0.01", "mission.duration", 1e5, 100000.01, "10000001 steps: must be at most 10000000"),
+        ("task=station-keeping area.length=100", "stations.radius", 50, 50.1, "half the area's smaller side, 50 m"),
+        ("area.width=100", "sea.cell_size", 25, 25.1, "at most 25 m, a quarter of the area"),
+        ("area.length=100", "sea.cell_size", 25, 25.1, "at most 25 m, a quarter of the area"),
+        ('area.width=100 sea.sponge_edges=["west"]', "sea.sponge_width", 100, 100.1, "not be above 100 m"),
+        ('area.width=100 sea.sponge_edges=["west","east"]', "sea.sponge_width", 50, 50.1, "not be above 50 m"),
+        ('area.length=100 sea.sponge_edges=["south","north"]', "sea.sponge_width", 50, 50.1, "not be above 50 m"),
+        ('sea.cell_size=6 sea.sponge_edges=["west"]', "sea.sponge_width", 12, 11.9, "two sea.cell_size, 12 m"),
+        (LONG, "sea.irregular_rms", 4, 4.1, "= 25.3 m: must not be above half of area.depth, 25 m"),
+        ("area.depth=20 auv.depth=19 sea.start_rms=4", "water.bathymetry", "a.nc", "", "half of area.depth, 10 m"),
+        (f"{SEA} sea.start_rms=5", "auv.depth", 21.1, 21, "must be below the troughs of the waves, 21 m"),
+        ("sea.start_rms=5 auv.depth=20", "auv.separation", "demonstration", "geometry", "troughs of the waves, 20 m"),
+        (SWELL, "auv.depth", 9.1, 9, "must be below the troughs of the waves, 9 m"),
+        (SHALLOW, "storm.significant_height", 3, 3.1, "not be above 3 m, where such waves break"),
+        (SEA, "storm.significant_height", 15.9, 16, "storm.significant_height = 16: must not be above 15.9 m"),
+        (SEA, "storm.swells", [[15.9, 10, 1, 0, 1]], [[16, 10, 1, 0, 1]], "not be above 15.9 m"),
+        ("storm.spectrum=pm storm.significant_height=20", "water.waves", "a.nc", "", "not be above 18.9 m"),
+        ("storm.spectrum=pm storm.significant_height=9 auv.depth=9", "water.waves", "a.nc", "", "troughs of the waves"),
+        (SEA, "storm.shortest_wave", 39.7, 39.8, "twice the frequency"),  # 10 m/s² (10 s)²/8π = 39.79 m
+        (f"{SHALLOW} storm.shortest_wave=31.416", "storm.peak_period", 10.19, 10.17, "twice the frequency"),  # tanh 1
+        (MUTUAL, "current.circulation_max", 0.999 * DRAWN, 1.001 * DRAWN, "by 1 m in a step; at most .* 1 m"),
+        ("current.count=20", "current.circulation_max", 599.9 / 16 / PEAK, 600.1 / 16 / PEAK, "up to 20 m/s; allowed"),
+        (f"{TONE} usbl.carriers=[20000,10000] usbl.carrier_min=15000", "usbl.periods", 1000, 1001, "100100 samples"),
+        (f"{TONE} usbl.carriers=[20000] usbl.carrier_min=10000", "usbl.periods", 1000, 1001, "100100 samples"),
+        ("usbl.model=waveform usbl.periods=10000", "usbl.signal", "code", "tone", "at most 100000 with"),
+        ("acoustics.multipath=true acoustics.bandwidth=2000", "usbl.pulse_length", 0.5, 0.501, "1002 chips; from 16"),
+        (
+            "usbl.model=waveform acoustics.bandwidth=1000",
+            "usbl.pulse_length",
+            0.016,
+            0.015,
+            "15 chips; from 16 to 1000",
+        ),
+        ("usbl.carriers=[9000] usbl.carrier_max=20000", "usbl.sampling_rate", 40000, 39999, "two a period, 40000 Hz"),
+        ("usbl.carriers=[9000,21000]", "usbl.sampling_rate", 42000, 41999, "two a period, 42000 Hz"),
+        ("", "usbl.carrier_max", 12000, 11999, "carrier_max must not be below carrier_min"),
+        ("auv.speed_max=1.3", "auv.speed_min", 1.3, 1.31, "speed_max must not be below speed_min"),
+        ("", "nodes.buffer", 1000, 999, "start_backlog must not be above buffer"),
+        ("", "sea.irregular_period_max", 75, 74, "must not be below irregular_period_min"),
+        ("current.circulation_min=3", "current.circulation_max", 3, 2, "must not be below circulation_min"),
+        ("", "current.core_radius_max", 30, 29, "must not be below core_radius_min"),
+        ("", "sea.manning", 0, 0.01, 'needs equations = "nonlinear"'),
+        ("sea.manning=0.01", "sea.equations", "nonlinear", "linear", 'needs equations = "nonlinear"'),
+        ("", "sea.regular_amplitude", 0, 0.1, "forced_edge must name an edge"),
+        ("", "sea.irregular_rms", 0, 0.1, "forced_edge must name an edge"),
+        ('sea.radiating_edges=["west"]', "sea.sponge_edges", ["east"], ["west"], "not name an edge twice: west"),
+        ("sea.equations=nonlinear", "sea.sponge_edges", [], ["east"], "must go without sponge_edges"),
+        ("navigation.sensor=ground", "channel.schedule", "by-need", "every-step", "needs a channel.schedule other"),
+        ("navigation.sensor=none tracker.enabled=true", "channel.schedule", "every-step", "all", "goes with channel"),
+        ("acoustics.multipath=true", "usbl.signal", "code", "tone", "needs usbl.signal = code"),
+        ("acoustics.multipath=true", "auv.separation", "geometry", "demonstration", "auv.separation = geometry"),
+    ],
+)
+def test_the_limit_itself_is_allowed(given, field, allowed, refused, said):
+    """Or the last number before it; the first beyond is refused with the limit, here worked out on paper."""
+
+    def load(value):
+        return Scenario.load("ideal", [*given.split(), f"{field}={json.dumps(value)}"])
+
+    load(allowed)
+    with pytest.raises(ScenarioError, match=said):
+        load(refused)
+
+
+def test_what_follows_from_the_numbers():
+    def load(*overrides):
+        return Scenario.load("ideal", overrides)
+
+    assert [load("mission.step=2", f"mission.duration={t}").mission.steps for t in (0.5, 7.1, 8.9)] == [1, 4, 4]
+    assert load("area.width=300", "area.length=400").area.diagonal == 500
+    assert [load("auv.count=5").usbl.carrier(k, 5) for k in range(5)] == [15000, 18000, 13500, 15000, 16500]
+    assert load("usbl.pulse_length=0.02", "acoustics.bandwidth=3000").chips == 60
+    assert [load("auv.count=3", f"task={task}").targets for task in ("data-collection", "station-keeping")] == [30, 3]
+    assert load("storm.swells=[[3, 9, 1, 0, 1]]").storm.total_height == 0
+    storm = load(
+        "storm.spectrum=tma", "storm.significant_height=2", "storm.swells=[[3, 9, 1, 0.5, 4], [6, 12, 2, 1, 7]]"
+    )
+    assert storm.storm.total_height == 7
+    names = "significant_height", "peak_period", "gamma", "direction", "spreading"
+    systems = (2, 11, 2.2, math.pi, 10), (3, 9, 1, 0.5, 4), (6, 12, 2, 1, 7)
+    alone = storm.storm.model_dump() | {"swells": ()}
+    assert [each.model_dump() for each in storm.storm.systems] == [
+        alone | dict(zip(names, system, strict=True)) for system in systems
+    ]
+    drawn, fixed = ("current.count=5", "current.circulation_max=60"), "current.centres=[[1, 2], [3, 4]]"
+    assert load(*drawn).current.fastest == pytest.approx(5 * PEAK * 60 / 30)
+    assert load(*drawn, fixed).current.fastest == pytest.approx(2 * PEAK * 60 / 30)
+    assert load("current.mutual=true").current.fastest == 0
+
+
+@pytest.mark.parametrize(
+    ("override", "possible"),
+    [
+        ("usbl.pulse_length=0.004", True),  # 16 chips
+        ("usbl.pulse_length=0.00375", False),
+        ("usbl.pulse_length=0.25", True),  # 1000 chips
+        ("usbl.pulse_length=0.25025", False),
+        ("usbl.signal=tone", False),
+        ("auv.separation=demonstration", False),
+    ],
+)
+def test_who_can_have_multipath(override, possible):
+    assert Scenario.load("ideal", [override]).can_have_multipath is possible
+
+
+@pytest.mark.parametrize(
+    ("changes", "heeds"),
+    [
+        ("code statistical false", False),
+        ("code statistical true", True),
+        ("code waveform false", True),
+        ("tone waveform false", False),
+    ],
+)
+def test_who_heeds_the_form_of_pulses(changes, heeds):
+    fields = "usbl.signal", "usbl.model", "acoustics.multipath"
+    overrides = map("=".join, zip(fields, changes.split(), strict=True))
+    assert Scenario.load("ideal", list(overrides)).heeds_pulses is heeds
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("auv.x=1", "^ideal: auv.x: unknown field; allowed here: count, depth, separation"),
+        ("x=1", "^ideal: x: unknown field; allowed here: name, description, task, area"),
+        ("auv.count=0", "^ideal: auv.count = 0: input should be greater than or equal to 1$"),
+        ("auv.depth=120", "^ideal: auv.depth = 120: must be below area.depth, 120 m$"),
+        ("nodes.buffer=1", "^ideal: nodes: start_backlog must not be above buffer$"),
+        ("auv.=1", "^--set 'auv.=1': expected section.field=value"),
+        ("auv.count", "^--set 'auv.count': expected section.field=value"),
+        ("name.first=1", "^--set 'name.first=1': name is not a section$"),
+        (f"{'a.' * 32}a=1", r"^--set 'a\..*=1': nested too deep$"),
+    ],
+)
+def test_one_line_names_file_field_and_value(override, said):
+    with pytest.raises(ScenarioError, match=said):
+        Scenario.load("ideal", [override])

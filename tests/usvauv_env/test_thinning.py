@@ -110,3 +110,50 @@ def test_times_by_quadrature():
     )
     turned = next(thinning.turning(depths, speeds, array, source))
     assert thinning.times_at(turned, np.array([R / fastest]))[0] == pytest.approx(time, rel=1e-7)
+
+
+def test_times_between_rays_are_cubic():
+    """Of pieces the least counts, also where two rays end at one place; beyond the ends nothing arrives."""
+    R = np.array([1.0, 2.0, 2.0, 4.0])
+    cubic, slope = np.poly1d([0.03, -0.2, 0.9, 2.0]), np.poly1d([0.09, -0.4, 0.9])
+    branch = thinning.Branch(R, cubic(R), slope(R), np.ones(4))
+    asked = np.array([0.999, 1.0, 1.3, 2.0, 2.9, 4.0, 4.001])
+    expected = np.where((asked >= 1) & (asked <= 4), cubic(asked), np.inf)
+    np.testing.assert_allclose(thinning.times_at(branch, asked), expected)
+    folded = thinning.Branch(np.array([1.0, 3.0, 1.0]), np.array([1.0, 3.0, 5.0]), np.array([1.0, 1.0, -1.0]), R[:3])
+    assert thinning.times_at(folded, np.array([1.5]))[0] == pytest.approx(1.5)
+
+
+def test_the_depths_of_bends_are_kept():
+    """At a small tolerance the bends themselves; at a large one the line that fits best, by weights."""
+    depths = np.arange(0.0, 101.0, 5)
+    bends = np.array([0.0, 20, 35, 80, 100])
+    speeds = np.interp(depths, bends, [1500.0, 1503, 1490, 1491, 1486])
+    weights = np.linspace(1, 3, len(depths))
+    few, at = thinning.simplified(depths, speeds, weights, 0.01)
+    assert few.tolist() == bends.tolist()
+    np.testing.assert_allclose(at, np.interp(bends, depths, speeds))
+    few, at = thinning.simplified(depths, speeds, weights, 100.0)
+    assert few.tolist() == [0, 100]
+    z = np.linspace(0, 100, thinning.FIT_POINTS * len(depths))
+    line = np.polyfit(z, np.interp(z, depths, speeds), 1, w=np.interp(z, depths, weights))
+    np.testing.assert_allclose(at, np.polyval(line, few))
+    missed = np.abs(weights * (speeds - np.interp(depths, [0, 100], [1500, 1486]))).max()
+    for share in (1.001, 0.999):
+        assert (len(thinning.simplified(depths, speeds, weights, share * missed)[0]) == 2) is (share > 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "holds"),
+    [
+        (lambda c: c, True),
+        (lambda c: c * (1 + 1e-8), True),
+        (lambda c: c * (1 - 2 * thinning.TOLERANCE / 280), False),  # times over at most 283 m
+        (lambda c: c + 0.01 * np.sin(Z / 3), True),
+        (lambda c: c[::-1], False),
+    ],
+)
+def test_what_a_thinned_profile_is_held_to(change, holds):
+    speeds = 1500.0 - 0.02 * Z
+    asked = thinning.Comparison(Z, speeds, (0.0, 5.0), 100.0, 265.0)
+    assert asked.holds(Z, change(speeds)) is holds

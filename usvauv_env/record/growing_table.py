@@ -113,7 +113,6 @@ class GrowingTable:
         if len(rows) == count:
             self._placed(combination, begin, count)
             return rows
-        self._ahead.close()
         self._end, self._next = begin, None
         return None
 

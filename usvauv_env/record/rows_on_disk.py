@@ -85,6 +85,6 @@ class RowsOnDisk:
 
 
 def extremes(rows: np.ndarray) -> tuple[float, float]:
-    """Lowest and highest number, 0 of none."""
+    """Lowest and highest number, 0 among them."""
     lowest = min((float(row.min(initial=0.0)) for row in rows), default=0.0)
     return lowest, max((float(row.max(initial=0.0)) for row in rows), default=0.0)

@@ -98,7 +98,7 @@ def times_at(branch: Branch, R: np.ndarray) -> np.ndarray:
         + u**2 * (3 - 2 * u) * branch.time[1:, None]
         + dr * u * (1 - u) * ((1 - u) * branch.slowness[:-1, None] - u * branch.slowness[1:, None])
     )
-    return np.where((u >= 0) & (u <= 1), value, np.inf).min(axis=0)
+    return np.where((R - r1) * (R - r2) <= 0, value, np.inf).min(axis=0)
 
 
 def first_arrivals(depths: np.ndarray, speeds: np.ndarray, array: float, source: float, R: np.ndarray) -> np.ndarray:
