@@ -31,7 +31,7 @@ MOST_SUBSTEPS = 1_000_000
 def coarse_cells(scenario: Scenario) -> tuple[int, int]:
     """Cells (nx, ny) of about `sea.cell_size`, for training and evaluating."""
     size = scenario.sea.cell_size
-    return max(3, round(scenario.area.width / size)), max(3, round(scenario.area.length / size))
+    return round(scenario.area.width / size), round(scenario.area.length / size)
 
 
 def fine_cells(scenario: Scenario) -> tuple[int, int]:

@@ -79,6 +79,13 @@ class TestStep:
         with pytest.raises(ValueError, match=message):
             ShallowWater(**{"size": (9, 9), "cells": (9, 9), "depth": 1.0, "interval": 1.0} | changed)
 
+    def test_sponges_may_meet(self):
+        boundaries = {"south": "sponge", "north": "sponge", "west": "sponge"}
+        about = {"size": (4.5, 9), "cells": (9, 9), "depth": 1.0, "interval": 1.0, "boundaries": boundaries}
+        assert ShallowWater(**about, sponge_width=4.5).boundaries.sponge_width == 4.5
+        with pytest.raises(ValueError, match="sponge_width: 0 m must be above 0"):
+            ShallowWater(**about, sponge_width=0)
+
     def test_a_still_sea_launches_no_kernel(self, monkeypatch):
         solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, boundaries={"west": "forced"})
         solver.set_state(np.zeros((1, 10, 10)))

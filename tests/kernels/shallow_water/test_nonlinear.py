@@ -611,6 +611,17 @@ def test_refuses_what_it_cannot_solve(changed, message):
         NonlinearShallowWater(**{"size": (9, 9), "cells": (9, 9), "bed": -1.0, "interval": 1.0} | changed)
 
 
+@pytest.mark.parametrize(("above", "wet"), [(3e-6, False), (5e-6, True)])
+def test_a_surface_given_as_the_bed_is_no_water(above, wet):
+    """Within a millionth of its height, 4 m, on the eastern half; elsewhere there is water."""
+    bed = np.where(np.arange(9) < 4, -3.0, 4.0) * np.ones((5, 1))
+    solver = NonlinearShallowWater(size=(9, 5), cells=(9, 5), bed=bed, interval=1.0)
+    solver.set_state(np.maximum(0.0, bed + above), u=2.0, v=-1.0)
+    np.testing.assert_array_equal(solver.depth() > 0, (bed < 0) | wet)
+    for found, given in zip(solver.velocity(), (2.0, -1.0), strict=True):
+        np.testing.assert_array_equal(found, given * ((bed < 0) | wet))
+
+
 def test_refuses_a_state_that_is_not_finite():
     solver = NonlinearShallowWater(size=(9, 9), cells=(9, 9), bed=-1.0, interval=1.0)
     with pytest.raises(ValueError, match="finite"):

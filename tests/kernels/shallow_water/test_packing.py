@@ -1,6 +1,7 @@
 """Packed grids: the same sea in every packing and for any number of threads, and sampling between cells."""
 
 import hashlib
+import itertools
 import math
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import taichi as ti
+import torch
 
 from kernels import runtime
 from kernels.shallow_water import linear, packing, wavefront
@@ -118,6 +120,41 @@ class TestSameSea:
             np.testing.assert_array_equal(one.elevation(), other.elevation())
 
 
+class TestLayout:
+    @pytest.mark.parametrize(
+        ("num_seas", "nx", "outer"),
+        [(1, 37, 1), (1, 37, 2), (1, 16, 1), (1, 15, 2), (3, 37, 1), (33, 5, 2), (16, 4, 1)],
+    )
+    def test_numbers_lie_where_the_docstring_says(self, num_seas, nx, outer):
+        """Lane l of block b is sea 16 b + l, or holds the columns from l W on; what is filled up is 0."""
+        ny, first = 4, 2
+        made = packing.Packing(num_seas, nx, ny, outer)
+        field = np.random.default_rng(0).uniform(1, 2, (num_seas, ny, nx + 1)).astype(np.float32)
+        packed = torch.full((made.blocks, ny + 5, made.columns, LANES), -1.0)
+        made.pack(field, packed, first)
+        np.testing.assert_array_equal(made.unpack(packed, first, first + ny), field)
+        np.testing.assert_array_equal(made.unpack(packed, first + 1, first + 3), field[:, 1:3])
+        assert (packed[:, :first] == -1).all()
+        assert (packed[:, first + ny :] == -1).all()
+        assert made.strips == (num_seas == 1 and nx >= LANES)
+        width = nx + outer
+        assert made.columns == (-(-width // LANES) if made.strips else width)
+        common = made.spread(field[0, :, : nx - 1])
+        assert common.shape == (ny, made.columns, LANES)
+        for lane in range(LANES):
+            for j in range(made.columns):
+                sea, column = (0, lane * made.columns + j) if made.strips else (lane, j)
+                there = sea < num_seas and column <= nx
+                inside = packed[0, first : first + ny, j, lane]
+                if made.strips or column <= nx:
+                    assert torch.equal(inside, torch.tensor(field[sea, :, column]) if there else torch.zeros(ny))
+                expected = field[0, :, column] if column < nx - 1 else np.zeros(ny)
+                np.testing.assert_array_equal(common[:, j, lane], expected)
+        if num_seas > LANES:
+            np.testing.assert_array_equal(packed[2, first : first + ny, : nx + 1, 0], field[32])
+            assert not packed[2, first : first + ny, : nx + 1, 1:].any()
+
+
 class TestBands:
     @pytest.mark.parametrize(
         ("ny", "columns", "blocks", "substeps", "threads", "bands"),
@@ -134,9 +171,33 @@ class TestBands:
         assert 1 <= tile <= substeps
         assert tile * columns * LANES * 3 * 4 <= 2 * wavefront.CACHE
         held = [band[:2, : band[BandTable.extent, Extent.rows]].T for band in table]
-        own = [packed for pairs in held for packed, source in pairs if packed == source and packed <= ny]
-        assert sorted(own) == list(range(ny + 1))
+        own = [[packed for packed, source in pairs if packed == source and packed <= ny] for pairs in held]
+        assert sorted(itertools.chain(*own)) == list(range(ny + 1))
+        assert max(map(len, own)) - min(map(len, own)) <= 1
         assert table[:, BandTable.packed].max() == rows - 1
+
+    @pytest.mark.parametrize("threads", [1, 3, 8])
+    def test_the_cut_is_the_cheapest(self, threads):
+        """Of all that fit into the cache: waking, fetching and marching rows, half of the copied ones, and copying."""
+        wake, fetch, march, copy = wavefront.WAKE, wavefront.FETCH, wavefront.CELL, wavefront.COPY
+        for ny, columns, blocks, substeps in itertools.product(
+            (7, 63, 1023, 8191), (5, 65, 513, 2049), (1, 2, 5), (1, 40)
+        ):
+            cells = LANES * columns
+            fits = [tile for tile in range(1, substeps + 1) if tile <= 2 or 12 * cells * tile <= wavefront.CACHE]
+
+            def seconds(bands: int, tile: int, rest=(ny, blocks, substeps, cells)) -> float:
+                ny, blocks, substeps, cells = rest
+                neighbours = (0, 1, 2)[min(bands, 3) - 1]
+                rounds, rows = math.ceil(blocks * bands / threads), (ny + 1) / bands + neighbours * tile / 2
+                marching = rounds * rows * cells * (fetch + march * tile)
+                copying = min(wake, copy * cells * blocks * 2 * (bands - 1) * tile)
+                return math.ceil(substeps / tile) * (marching + copying + wake * (blocks * bands > 1))
+
+            tile, table, _ = wavefront.plan_bands(ny, columns, blocks, substeps, threads)
+            cuts = itertools.product(range(1, math.ceil(threads / blocks) + 1), fits)
+            assert tile in fits
+            assert seconds(len(table), tile) == pytest.approx(min(seconds(*cut) for cut in cuts), rel=1e-12)
 
     def test_large_grids_take_several_substeps_a_launch(self):
         tile, _, _ = wavefront.plan_bands(8191, 513, 1, 64, 1)

@@ -1,0 +1,276 @@
+"""From a scenario to the kernels' numbers: those that are computed, beside the same by hand from numbers all unlike."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from kernels.errors import UserError
+from kernels.mission.columns import Parameter, Refraction, Schedule, Sensor
+from kernels.positioning.absorption import Water, francois_garrison
+from kernels.positioning.ambient_noise import ambient_noise_laws, coates, rain_noise
+from kernels.positioning.current_process import FOREVER
+from kernels.positioning.reflections import SEDIMENTS
+from kernels.positioning.sea_wind import height_of_developed_sea, wind_of_developed_sea
+from kernels.positioning.waveform import FEWEST_PERIODS
+from usvauv_env import Scenario, ScenarioError
+from usvauv_env.site.site import Site
+from usvauv_env.site.sound_speed import SoundSpeedProfile
+from usvauv_env.world import tables
+from usvauv_env.world.boat_strategies import StrategyChoice
+from usvauv_env.world.current_statistics import current_bound, current_model
+
+NUMBERS = {
+    "area": {"width": 300, "length": 250, "depth": 140},
+    "mission": {"step": 0.5},
+    "auv": {"count": 3, "depth": 60, "hover_radius": 11, "speed_max": 2.5},
+    "nodes": {
+        "count": 12, "arrival_rates": [2, 3, 7], "payload": 4, "source_power": 0.1, "frequency": 24000,
+        "bandwidth": 8000,
+    },
+    "acoustics": {
+        "sound_speed": 1480, "sound_speed_error": 5, "spreading": 17, "water_temperature": 12, "water_salinity": 34,
+        "ph": 7.9, "shipping": 0.3, "wind": 9, "rain": 6, "sediment": "gravel",
+    },
+    "usbl": {
+        "gnss_correlation_time": 30, "periods": 40, "carrier_min": 13000, "pulse_length": 0.02, "lever_arm_error": 0.4,
+        "gnss_error": 0.3, "attitude_error": 0.01, "alignment_error": 0.02, "heading_error": 0.03, "array_depth": 7,
+    },
+    "navigation": {"velocity_noise": 0.3, "velocity_bias": 0.2, "bias_correlation_time": 90},
+    "reference": {"straight_speed": 1.6},
+    "boat": {"noise_level": 55, "top_speed": 3},
+}  # fmt: skip
+CONSEQUENCES = ("reference_rate", "service_time", "auv_speed", "data_level")  # of several choices
+
+
+def site(**changes: dict) -> Site:
+    """Of `NUMBERS`, with changes by section."""
+    return Site(Scenario.from_dict({name: NUMBERS.get(name, {}) | changes.get(name, {}) for name in NUMBERS | changes}))
+
+
+def packed(place: Site) -> dict[str, float]:
+    numbers = tables.pack_parameters(place, tables.link_table(place))
+    assert numbers.dtype == np.float32
+    return dict(zip(Parameter.names, numbers.tolist(), strict=True))
+
+
+def test_numbers_that_are_computed():
+    """Rate of the data link: B log₂(1 + 10^(SNR/10)) over the slant range from hovering to the bed."""
+    found, place = packed(site()), site()
+    noise = 10 * math.log10(10 ** (coates(24000, 0.3, 9) / 10) + 10 ** (rain_noise(24000, 6) / 10) + 0)
+    level = 170.77 + 10 * math.log10(0.1) - noise - 10 * math.log10(8000)
+    alpha = francois_garrison(24000, Water(12, 34, 7.9, 30))
+    slant = math.hypot(140 - 60, 11)
+    snr = level - 17 * math.log10(slant) - alpha * slant / 1000
+    rate = 8000 * math.log2(1 + 10 ** (snr / 10)) / 1e6
+    expected = {
+        "diagonal": math.hypot(300, 250),
+        "farthest": math.sqrt(300**2 + 250**2 + 60**2),
+        "sound_speed_error": 5 / 1480,
+        "gnss_memory": math.exp(-0.5 / 30),
+        "signal_length": 0.02,
+        "velocity_walk": 0.09,
+        "bias_memory": math.exp(-0.5 / 90),
+        "velocity_variance": 1.6**2 / 2,
+        "velocity_memory": math.sqrt(300 * 250 / 12) / 1.6,
+        "auv_speed": 2.5 + current_bound(place),
+        "separation_node": 0.0,
+        "data_level": level,
+        "data_absorption": alpha,
+        "rate_mean": 4.0,
+        "rate_variance": 14 / 3,
+        "reference_rate": rate,
+        "service_time": tables.SERVICE_FILL * 4 / rate,
+        "array_depth": 7,
+        "water_depth": 7 + 140,
+        "roughness": height_of_developed_sea(9) / 4,
+        **dict(zip(("bottom_density", "bottom_speed", "bottom_absorption"), SEDIMENTS["gravel"], strict=True)),
+        "current_variance": 0.0,
+        "correlation_time": FOREVER,
+    }
+    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-5)
+    assert found["bottom_density"] != found["bottom_speed"]
+
+
+@pytest.mark.parametrize(
+    ("section", "field", "value", "name", "expected"),
+    [
+        ("usbl", "signal", "tone", "signal_length", 40 / 13000),
+        ("auv", "separation", "demonstration", "separation_node", 60.0),
+        ("auv", "refused_power", "hovering", "refused_hovers", 1.0),
+        ("auv", "action", "polar", "polar", 1.0),
+        ("nodes", "rate_law", "demonstration", "data_demonstration", 1.0),
+        ("reward", "distance_form", "distance", "progress", 0.0),
+        ("reward", "service_form", "hovering", "service_hovering", 1.0),
+        ("reward", "proximity_form", "pair", "proximity_once", 1.0),
+        ("current", "count", 1, "random_vortices", 1.0),
+        ("current", "centres", [[1, 2]], "random_vortices", 0.0),
+        ("acoustics", "wind", 0, "roughness", 0.0),
+    ],
+)
+def test_numbers_that_depend_on_a_choice(section, field, value, name, expected):
+    plain = packed(site())
+    found = packed(site(**{section: {field: value}}))
+    assert found[name] == pytest.approx(expected)
+    if field != "centres":
+        assert plain[name] != pytest.approx(expected)
+    changed = [other for other in Parameter.names if other not in CONSEQUENCES and found[other] != plain[other]]
+    assert changed == ([] if field == "centres" else [name])
+
+
+def test_given_centres_are_not_drawn_although_a_number_is_given():
+    assert packed(site(current={"count": 3, "centres": [[1, 2], [3, 4]]}))["random_vortices"] == 0.0
+
+
+@pytest.mark.parametrize("demonstration", [False, True])
+def test_rate_of_the_demonstration(demonstration):
+    """Its law has 10^SNR in place of 10^(SNR/10), its separation the AUVs' depth, not their height."""
+    law = {"nodes": {"rate_law": "demonstration"}} if demonstration else {}
+    apart = {"auv": {"separation": "demonstration"}}
+    found = packed(site(**law, **apart))
+    slant = math.hypot(60, 11)
+    snr = found["data_level"] - 17 * math.log10(slant) - found["data_absorption"] * slant / 1000
+    assert snr > 10
+    rate = 8e-3 * (snr / (1 if demonstration else 10)) * math.log2(10)
+    assert found["reference_rate"] == pytest.approx(rate, rel=0.02)
+
+
+@pytest.mark.parametrize(("sensor", "tracked"), [("none", False), ("none", True), ("ground", False), ("water", False)])
+def test_what_a_filter_takes_for_the_current(sensor, tracked):
+    """The water's model where a filter meets it, else the bias of a log over ground, else nothing that changes."""
+    place = site(
+        tracker={"enabled": tracked},
+        navigation={"sensor": sensor},
+        channel={"schedule": "all" if sensor != "none" else "every-step"},
+        storm={"spectrum": "pm", "significant_height": 2},
+    )
+    found = packed(place)
+    expected = {"none": (0.0, FOREVER), "ground": (0.2**2, 90.0)}.get(sensor)
+    if expected is None or tracked:
+        expected = current_model(place, tables.link_table(place))
+    assert (found["current_variance"], found["correlation_time"]) == pytest.approx(expected)
+
+
+class TestSound:
+    PROFILE = (0, 1500), (140, 1430)  # 0.5 m/s slower a metre
+
+    @pytest.mark.parametrize(
+        ("refraction", "code", "speed"),
+        [
+            ("array", Refraction.ignored, 1500.0),
+            ("mean", Refraction.ignored, 30 / math.log(1500 / 1470)),
+            ("corrected", Refraction.corrected, 30 / math.log(1500 / 1470)),
+        ],
+    )
+    def test_speed_of_a_profile(self, refraction, code, speed):
+        """Of the array, or the way over the time, z/∫dz/c, down to the AUVs at 60 m."""
+        place = site(acoustics={"sound_speed_profile": self.PROFILE}, usbl={"refraction": refraction})
+        assert tables.sound_speed(place) == pytest.approx(speed)
+        assert program(place).refraction == code
+        plain = site(usbl={"refraction": refraction})
+        assert (tables.sound_speed(plain), program(plain).refraction) == (1480.0, Refraction.none)
+
+    @pytest.mark.parametrize(
+        ("storm", "trough"),
+        [
+            ({"spectrum": "pm", "significant_height": 3.0, "swells": [[4.0, 14.0, 2.0, 0.3, 9.0]]}, 5.0),
+            ({"spectrum": "none", "significant_height": 2.0}, 2.0),
+            ({"spectrum": "pm", "significant_height": 6.0}, 3.5),
+        ],
+    )
+    def test_profile_is_thinned_for_arrays_down_to_the_troughs(self, monkeypatch, storm, trough):
+        """At most half way down to the AUVs; over all horizontal ranges of the area and depths of the water."""
+        asked = []
+        monkeypatch.setattr(SoundSpeedProfile, "thinned", lambda self, *given: asked.append(given))
+        tables.sound_profile(site(storm=storm, auv={"depth": 7 if trough == 3.5 else 60}))
+        ((arrays, *others),) = asked
+        assert arrays == pytest.approx((0.0, trough / 2, trough))
+        assert others == [7 if trough == 3.5 else 60, pytest.approx(math.hypot(300, 250)), 140.0]
+
+
+def program(place: Site):
+    strategy = StrategyChoice.parse(None, place.scenario).strategy
+    return tables.program(place, strategy, tables.link_table(place))
+
+
+def test_what_is_compiled():
+    plain, other = site(), site(
+        usbl={"model": "waveform", "signal": "tone", "periods": FEWEST_PERIODS},
+        acoustics={"multipath": False},
+        boat={"count": 2},
+        channel={"schedule": "round-robin"},
+        navigation={"sensor": "water"},
+    )  # fmt: skip
+    names = ("waveform", "coded", "multipath", "schedule", "sensor", "fleet")
+    assert [getattr(program(plain), name) for name in names] == [
+        *(False, True, False, Schedule.every_step, Sensor.none, False)
+    ]
+    assert [getattr(program(other), name) for name in names] == [
+        *(True, False, False, Schedule.round_robin, Sensor.water, True)
+    ]
+    assert program(site(tracker={"enabled": True})).tracker
+    assert not program(plain).tracker
+    for model, signal in (("statistical", "tone"), ("waveform", "code")):
+        program(site(usbl={"model": model, "signal": signal, "periods": FEWEST_PERIODS - 1}))
+    with pytest.raises(ScenarioError, match=rf"periods = {FEWEST_PERIODS - 1}: must be at least {FEWEST_PERIODS} with"):
+        program(site(usbl={"model": "waveform", "signal": "tone", "periods": FEWEST_PERIODS - 1}))
+
+
+class TestWindAndNoise:
+    def test_wind(self):
+        storm = {"spectrum": "pm", "significant_height": 3}
+        blown = {"acoustics": {"wind": "storm"}}
+        assert tables.wind(site(storm=storm)) == 9.0
+        assert tables.wind(site(storm=storm, **blown)) == wind_of_developed_sea(3)
+        assert tables.wind(site(**blown)) == 0.0
+
+    def test_roughness_is_a_quarter_of_the_height(self):
+        storm = {"spectrum": "pm", "significant_height": 3.0, "swells": [[4.0, 14.0, 2.0, 0.3, 9.0]]}
+        assert tables.roughness(site(storm=storm)) == pytest.approx(5 / 4)
+
+    def test_own_noise_falls_by_six_decibels_an_octave(self):
+        scenario = site().scenario
+        found = [tables.own_noise(scenario, frequency) for frequency in (15000.0, 30000.0)]
+        assert found == pytest.approx([55, 55 - 20 * math.log10(2)])
+        assert tables.own_noise(site(boat={"noise_level": 0}).scenario, 15000.0) == -math.inf
+
+    @pytest.mark.parametrize("sign", [-1, 1])
+    def test_levels_of_a_plugin_up_to_the_loudest_and_the_faintest(self, monkeypatch, sign):
+        level = sign * tables.LOUDEST
+        monkeypatch.setitem(ambient_noise_laws._items, "own", lambda *given: level)
+        scenario = site(acoustics={"ambient_noise": "own", "rain": 0}).scenario
+        assert tables.noise_law(scenario)(1e4, 0.0, 0.0) == pytest.approx(level)
+        level *= 1.0001
+        with pytest.raises(UserError, match="a level from -200 to 200 dB"):
+            tables.noise_law(scenario)(1e4, 0.0, 0.0)
+
+    def test_errors_beside_noise(self):
+        """Those of the array's place and of the boat's add up as variances."""
+        expected = {"attitude": 0.01, "alignment": 0.02, "heading": 0.03, "sound_speed": 5 / 1480, "position": 0.5}
+        assert vars(tables.accuracy(site().scenario)) == pytest.approx(expected)
+
+
+def test_workspace_and_numbers_of_the_target_rule():
+    """One number where the rule has none, so that no array is empty."""
+    for rule, numbers in (("greedy:0.3", [pytest.approx(0.3)]), ("tour", [0.0])):
+        scenario = site(nodes={"target_rule": rule}).scenario
+        assert tables.rule_numbers(scenario).tolist() == numbers
+        assert tables.rule_workspace(scenario) == 1
+    assert tables.rule_workspace(site(nodes={"target_rule": "rollout:90"}).scenario) > 12
+
+
+def test_numbers_and_weights_of_a_task():
+    """In the order in which it declares them: as the scenario gives them, else its defaults; one number where none."""
+    terms = (("power", None), ("own", 5.0), ("distance", None), ("given", 6.0))
+    about = SimpleNamespace(
+        task_parameters=SimpleNamespace(numbers={"b": 20.0, "given": 60.0, "power": 7.0}),
+        task_definition=SimpleNamespace(
+            parameters=(("a", 1.0), ("b", 2.0)),
+            reward_terms=[SimpleNamespace(name=name, weight=weight) for name, weight in terms],
+        ),
+        reward=SimpleNamespace(power=-0.25, distance=0.75),
+    )
+    assert tables.task_parameters(about).tolist() == [1.0, 20.0]
+    assert tables.reward_weights(about).tolist() == [-0.25, 5.0, 0.75, 60.0]
+    assert tables.task_parameters(site().scenario).tolist() == [0.0]
