@@ -11,12 +11,12 @@ from mcap_ros2.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
 from tests.usvauv_cli.test_video import synthetic_trace
-from usvauv_env.exchange import formats
+from usvauv_env.exchange import formats, rerun_recording
 from usvauv_env.exchange.poses import Poses, triangles
 from usvauv_env.exchange.tables import tables
 from usvauv_env.record.collection import served
 from usvauv_env.record.trace import VARIABLES
-from usvauv_env.render.style import auv_colour
+from usvauv_env.render.style import SEA, auv_colour
 from usvauv_env.site.site import Site
 
 STEPS = 60
@@ -37,23 +37,50 @@ def trace():
 def messages(trace, tmp_path_factory):
     path = tmp_path_factory.mktemp("mcap") / "mission.mcap"
     formats.write(trace, "mcap", path, world=1)
-    with path.open("rb") as file:
-        found = {}
-        for _, channel, message, content in make_reader(
-            file, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages():
-            found.setdefault(channel.topic, []).append((message.log_time, content))
-    return found
+    return read(path, "mcap")
 
 
 @pytest.fixture(scope="module")
 def entities(trace, tmp_path_factory):
     path = tmp_path_factory.mktemp("rrd") / "mission.rrd"
     formats.write(trace, "rrd", path, world=1)
-    reader = RrdReader(path)
-    assert len(reader.blueprints()) == 1
+    assert len(RrdReader(path).blueprints()) == 1
+    return read(path, "rrd")
+
+
+@pytest.fixture(scope="module")
+def wide():
+    """World 0 of another: 300 m by 200 m, a step of 0.3 s, AUV 0 at rest at first, boat and data that move."""
+    made = synthetic_trace(steps=7, worlds=2, area=(300.0, 200.0), nodes=4, seed=5)
+    random = np.random.default_rng(4)
+    velocity, slope = made.auv_velocity.copy(), made.boat_surface.copy()
+    velocity[:3, :, 0] = 0.0
+    velocity[3, :, 0], velocity[4:, :, 0] = (-1.0, 2.0), 0.0
+    slope[..., 1:] = random.normal(size=slope[..., 1:].shape)
+    covariance = random.uniform(1, 3, made.fix_covariance.shape) * (1, 0.2, 1)
+    return replace(
+        made,
+        time=0.3 * made.time,
+        auv_velocity=velocity,
+        boat_surface=slope,
+        fix_covariance=covariance,
+        estimate_covariance=2 * covariance,
+        power=random.uniform(90, 200, made.power.shape),
+        backlog=random.uniform(0, 99, made.backlog.shape),
+    )
+
+
+def read(path, form):
+    if form == "mcap":
+        with path.open("rb") as file:
+            found = {}
+            for _, channel, message, content in make_reader(
+                file, decoder_factories=[DecoderFactory()]
+            ).iter_decoded_messages():
+                found.setdefault(channel.topic, []).append((message.log_time, content))
+        return found
     found = {}
-    for chunk in reader.stream().to_chunks():
+    for chunk in RrdReader(path).stream().to_chunks():
         key = (chunk.entity_path, "constant") if chunk.is_static else chunk.entity_path
         found.setdefault(key, []).append(chunk.to_record_batch().to_pandas())
     return {key: tables[0] if isinstance(key, str) else pd.concat(tables, axis=1) for key, tables in found.items()}
@@ -112,7 +139,46 @@ class TestTables:
                 np.testing.assert_allclose(read[column], values, rtol=1e-6)
 
 
+def rotated(turn, vector):
+    """A vector turned by a quaternion x, y, z, w."""
+    return vector + 2 * np.cross(turn[:3], np.cross(turn[:3], vector) + turn[3] * np.asarray(vector))
+
+
 class TestPoses:
+    def test_everything_is_at_its_place_and_height(self, wide):
+        poses, depth = Poses.of(wide), wide.scenario.auv.depth
+        for name, places in (("auvs", wide.auv_position), ("fixes", wide.fix), ("estimates", wide.estimate)):
+            expected = np.concatenate([places[:, 0], np.full((7, 2, 1), -depth)], -1)
+            np.testing.assert_array_equal(getattr(poses, name), expected)
+        np.testing.assert_array_equal(poses.boats[..., :2], wide.boat_position[:, 0])
+        np.testing.assert_array_equal(poses.boats[..., 2], wide.boat_surface[:, 0, :, 0])
+        np.testing.assert_array_equal(poses.nodes[:, :2], wide.node_position[0])
+        assert (poses.nodes[:, 2] == -wide.scenario.area.depth).all()
+        sea = poses.sea.reshape(7, *wide.surface.shape[1:], 3)
+        rows, columns = np.indices(wide.surface.shape[1:])
+        for step in (0, 6):
+            np.testing.assert_allclose(sea[step, ..., 0], (columns + 0.5) * 300 / 64)
+            np.testing.assert_allclose(sea[step, ..., 1], (rows + 0.5) * 200 / 48)
+            np.testing.assert_array_equal(sea[step, ..., 2], wide.surface[step])
+
+    def test_turns_are_unit_and_those_of_ways_and_slopes(self, wide):
+        poses = Poses.of(wide)
+        for turn in (poses.auv_turn, poses.boat_turn):
+            np.testing.assert_allclose(np.linalg.norm(turn, axis=-1), 1)
+        way = np.array([-1.0, 2.0, 0.0]) / np.sqrt(5)
+        for t in range(7):
+            ahead = (1.0, 0.0, 0.0) if t < 3 else way  # east before it has moved
+            np.testing.assert_allclose(rotated(poses.auv_turn[t, 0], np.array([1.0, 0, 0])), ahead, atol=1e-12)
+            x, y = wide.boat_surface[t, 0, 0, 1:]
+            normal = np.array([-x, -y, 1.0]) / np.sqrt(1 + x * x + y * y)
+            np.testing.assert_allclose(rotated(poses.boat_turn[t, 0], np.array([0, 0, 1.0])), normal, atol=1e-12)
+            assert poses.boat_turn[t, 0, 2] == 0  # the least turn
+
+    def test_a_sea_that_was_not_recorded_has_no_points(self):
+        calm = synthetic_trace(steps=2, sea=False)
+        assert Poses.of(calm).sea.shape[0] == 0
+        assert triangles(calm).shape == (0, 3)
+
     def test_a_boat_lies_on_the_slope_of_the_water(self, trace):
         x, y, z, w = Poses.of(trace).boat_turn[0, 0]
         up = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)  # third column of the turn's matrix
@@ -188,44 +254,147 @@ class TestMcap:
         columns = np.frombuffer(bytes(nodes.data), "<f4").reshape(nodes.width, nodes.point_step // 4)
         np.testing.assert_array_equal(columns[:, 3], trace.backlog[4, 1].astype(np.float32))
 
+    @pytest.fixture(scope="class")
+    @classmethod
+    def bag(cls, wide, tmp_path_factory):
+        path = tmp_path_factory.mktemp("wide") / "wide.mcap"
+        water = wide.scenario.water.model_copy(update={"latitude": 22.51, "longitude": 114.02})
+        formats.write(replace(wide, scenario=wide.scenario.model_copy(update={"water": water})), "mcap", path)
+        return read(path, "mcap")
+
+    def test_messages_have_all_of_their_fields(self, wide, bag):
+        poses, t = Poses.of(wide), 4
+
+        def near(*pairs):
+            for message, expected in pairs:
+                names = ("x", "y", "z", "w")[: len(expected)]
+                np.testing.assert_allclose([getattr(message, name) for name in names], expected, atol=1e-9)
+
+        for topic, each in bag.items():
+            when, message = each[t]
+            assert when == round(wide.time[t] * 1e9), topic
+            header = message.transforms[0].header if topic == "/tf" else message.header
+            assert header.stamp.sec * 10**9 + header.stamp.nanosec == when
+            assert header.stamp.nanosec == 500_000_000
+            assert header.frame_id == "map"
+        for k in (0, 1):
+            pose, twist = bag[f"/auv_{k}/pose"][t][1].pose, bag[f"/auv_{k}/velocity"][t][1].twist
+            near((pose.position, poses.auvs[t, k]), (pose.orientation, poses.auv_turn[t, k]))
+            near((twist.linear, [*wide.auv_velocity[t, 0, k], 0]), (twist.angular, [0, 0, 0]))
+            for name, places, covariance in (
+                ("fix", poses.fixes, wide.fix_covariance),
+                ("estimate", poses.estimates, wide.estimate_covariance),
+            ):
+                pose = bag[f"/auv_{k}/{name}"][t][1].pose
+                near((pose.pose.position, places[t, k]), (pose.pose.orientation, (0, 0, 0, 1)))
+                matrix, (xx, xy, yy) = np.reshape(pose.covariance, (6, 6)), covariance[t, 0, k]
+                np.testing.assert_array_equal(matrix[:2, :2], [[xx, xy], [xy, yy]])
+                assert not matrix[2].any()
+                assert not matrix[:2, 2:].any()
+                turn = matrix[3:, 3:]
+                assert (turn == np.diag(turn.diagonal())).all()
+                assert (turn.diagonal() > 1e3).all()  # unknown
+        pose, goal = bag["/usv_0/pose"][t][1].pose, bag["/usv_0/goal"][t][1].point
+        near((pose.position, poses.boats[t, 0]), (pose.orientation, poses.boat_turn[t, 0]))
+        near((goal, [*wide.boat_goal[t, 0, 0], 0]))
+        bodies = [("auv_0", poses.auvs[t, 0], poses.auv_turn[t, 0]), ("auv_1", poses.auvs[t, 1], poses.auv_turn[t, 1])]
+        bodies += [("usv_0", poses.boats[t, 0], poses.boat_turn[t, 0])]
+        for (name, place, turn), each in zip(bodies, bag["/tf"][t][1].transforms, strict=True):
+            assert each.child_frame_id == name
+            near((each.transform.translation, place), (each.transform.rotation, turn))
+            fix = bag[f"/{name}/navsat"][t][1]
+            assert fix.altitude == place[2]
+            assert fix.latitude == pytest.approx(22.51, abs=0.01)
+            assert fix.longitude == pytest.approx(114.02, abs=0.01)
+            assert (fix.status.status, fix.status.service, fix.position_covariance_type) == (0, 0, 0)  # as in UNKNOWN
+            assert not any(fix.position_covariance)
+
+    @pytest.mark.parametrize(("topic", "count", "fields"), [("/nodes", 4, 4), ("/sea", 48 * 64, 3)])
+    def test_clouds_are_one_row_of_dense_points(self, wide, bag, topic, count, fields):
+        cloud, poses = bag[topic][4][1], Poses.of(wide)
+        assert (cloud.height, cloud.width, cloud.point_step, cloud.row_step) == (
+            1,
+            count,
+            4 * fields,
+            4 * fields * count,
+        )
+        assert not cloud.is_bigendian
+        assert cloud.is_dense
+        points = np.frombuffer(bytes(cloud.data), "<f4").reshape(count, fields)
+        expected = poses.sea[4] if topic == "/sea" else np.column_stack([poses.nodes, wide.backlog[4, 0]])
+        np.testing.assert_allclose(points, expected, rtol=1e-6)
+
 
 class TestRerun:
-    def test_positions_over_time(self, trace, entities):
-        for name, places in (("auv_1", trace.auv_position[:, 1, 1]), ("usv_0", trace.boat_position[:, 1, 0])):
-            frame = entities[f"/scene/{name}"]
-            read = np.stack([row[0] for row in frame["Points3D:positions"]])
-            np.testing.assert_allclose(read[:, :2], places, rtol=1e-6)
-            seconds = pd.to_timedelta(frame["mission"]).dt.total_seconds()
-            np.testing.assert_array_equal(seconds, trace.time)
+    @pytest.fixture(scope="class")
+    @classmethod
+    def scene(cls, wide, tmp_path_factory):
+        path = tmp_path_factory.mktemp("scene") / "wide.rrd"
+        formats.write(wide, "rrd", path)
+        return read(path, "rrd")
 
-    def test_places_on_earth(self, trace, entities):
-        for name, places in (("auv_0", trace.auv_position[:, 1, 0]), ("usv_0", trace.boat_position[:, 1, 0])):
-            latitude, longitude = np.stack([row[0] for row in entities[f"/earth/{name}"]["GeoPoints:positions"]]).T
-            back = np.column_stack(Site(trace.scenario).frame.to_local(longitude, latitude))
-            np.testing.assert_allclose(back, places, atol=1e-6)
+    def test_curves_and_what_does_not_change(self, wide, scene):
+        poses = Poses.of(wide)
+        assert not any("/earth" in (key if isinstance(key, str) else key[0]) for key in scene)
+        for k in (0, 1):
+            error = np.hypot(*(poses.estimates - poses.auvs)[:, k, :2].T)
+            for name, values in (("error", error), ("power", wide.power[:, 0, k])):
+                np.testing.assert_allclose(np.concatenate(scene[f"/{name}/auv_{k}"]["Scalars:scalars"]), values)
+                assert scene[f"/{name}/auv_{k}", "constant"]["SeriesLines:names"][0][0] == f"auv_{k}"
+            frame, fixes = scene[f"/scene/fixes/auv_{k}"], scene[f"/scene/fixes/auv_{k}", "constant"]
+            red = int(fixes["Ellipsoids3D:colors"][0][0]).to_bytes(4)[0]
+            assert red == auv_colour(k)[2]
+            for t in range(7):
+                half, turn = (
+                    np.asarray(frame[f"Ellipsoids3D:{name}"][t][0], float) for name in ("half_sizes", "quaternions")
+                )
+                axes = np.array([rotated(turn, axis) for axis in np.eye(3)[:2]])[:, :2]
+                xx, xy, yy = wide.fix_covariance[t, 0, k]
+                np.testing.assert_allclose(axes.T @ np.diag(half[:2] ** 2 / 4) @ axes, [[xx, xy], [xy, yy]], rtol=1e-5)
+                assert 0 < half[2] < 0.1
+                np.testing.assert_allclose(frame["Ellipsoids3D:centers"][t][0], poses.fixes[t, k], rtol=1e-6)
+        np.testing.assert_allclose(np.concatenate(scene["/backlog"]["Scalars:scalars"]), wide.backlog[:, 0].sum(1))
+        nodes = scene["/scene/nodes", "constant"]
+        np.testing.assert_allclose(np.stack(nodes["Points3D:positions"][0]), poses.nodes, rtol=1e-6)
+        radii = [scene[f"/scene/{name}", "constant"]["Points3D:radii"][0][0] for name in ("auv_0", "usv_0", "nodes")]
+        assert radii[0] == radii[1] == pytest.approx(2 * radii[2])
+        assert 0.005 < radii[0] / np.hypot(300, 200) < 0.01
+        assert ("/scene", "constant") in scene
 
-    def test_colours_are_those_of_the_video(self, entities):
-        for k in range(2):
-            blue, green, red = auv_colour(k)
-            for place, kind in ((f"/scene/auv_{k}", "Points3D"), (f"/error/auv_{k}", "SeriesLines")):
-                colour = int(entities[place, "constant"][f"{kind}:colors"][0][0])
-                assert colour.to_bytes(4) == bytes((red, green, blue, 255))
+    def test_the_sea_is_coloured_from_its_lowest_to_its_highest(self, wide, scene):
+        frame, poses = scene["/scene/sea"], Poses.of(wide)
+        assert len(frame) == 7
+        limit = np.abs(wide.surface).max()
+        for t in (0, 5):
+            np.testing.assert_allclose(np.stack(frame["Mesh3D:vertex_positions"][t]), poses.sea[t], rtol=1e-6)
+            colours = np.array([list(int(each).to_bytes(4))[:3] for each in frame["Mesh3D:vertex_colors"][t]])
+            for channel in range(3):
+                stops = [colour[2 - channel] for colour in SEA]
+                expected = np.interp(wide.surface[t].ravel(), np.linspace(-limit, limit, len(SEA)), stops)
+                np.testing.assert_allclose(colours[:, channel], expected, atol=1)
+        shown = np.stack(scene["/scene/sea", "constant"]["Mesh3D:triangle_indices"][0])
+        np.testing.assert_array_equal(shown, triangles(wide))
 
-    def test_ellipses_are_two_standard_deviations(self, trace, entities):
-        frame = entities["/scene/fixes/auv_0"]
-        assert len(frame) == STEPS - 1
-        half, turn = (frame[f"Ellipsoids3D:{name}"][0][0] for name in ("half_sizes", "quaternions"))
-        angle = 2 * np.arctan2(turn[2], turn[3])
-        axes = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        matrix = axes @ np.diag(half[:2] ** 2 / 4) @ axes.T
-        xx, xy, yy = trace.fix_covariance[0, 1, 0]
-        np.testing.assert_allclose(matrix, [[xx, xy], [xy, yy]], rtol=1e-5)
+    def test_a_run_without_sea_or_fixes_has_neither(self, wide, tmp_path):
+        calm = replace(wide, surface=np.zeros((0, 0, 0), np.float32), fix=np.full_like(wide.fix, np.nan))
+        for form in ("rrd", "mcap"):
+            formats.write(calm, form, tmp_path / f"calm.{form}")
+        assert not {"/sea", "/auv_0/fix"} & read(tmp_path / "calm.mcap", "mcap").keys()
+        found = {key if isinstance(key, str) else key[0] for key in read(tmp_path / "calm.rrd", "rrd")}
+        assert not {"/scene/sea", "/scene/fixes/auv_0"} & found
+        assert {"/scene/auv_1", "/scene/usv_0", "/error/auv_0"} < found
 
-    def test_sea_and_curves(self, trace, entities):
-        assert len(entities["/scene/sea"]) == STEPS
-        assert {"/earth/auv_0", "/error/auv_0", "/power/auv_1", "/backlog"} < entities.keys()
-        read = np.concatenate(entities["/backlog"]["Scalars:scalars"])
-        np.testing.assert_allclose(read, trace.backlog[:, 1].sum(-1))
+    def test_the_layout_has_trails_of_all_that_moves_and_a_map_where_there_is_a_place(self, wide, trace):
+        for which, places in ((wide, False), (trace, True)):
+            blueprint = rerun_recording._layout(which)
+            scene, beside = blueprint.root_container.contents
+            assert set(scene.visualizer_overrides) == {"/scene/auv_0", "/scene/auv_1", "/scene/usv_0"}
+            assert [view.name for view in beside.contents] == ["Map"] * places + [*rerun_recording.CURVES.values()]
+            assert blueprint.collapse_panels
+            assert blueprint.root_container.column_shares[0] > blueprint.root_container.column_shares[1]
+            ranges = scene.visualizer_overrides["/scene/auv_0"].ranges.as_arrow_array().to_pylist()[0]
+            assert ranges["timeline"] == "mission"
+            assert ranges["range"]["start"] < 0 == ranges["range"]["end"]
 
 
 class TestCommand:

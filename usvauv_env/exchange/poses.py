@@ -69,7 +69,7 @@ def _sea(trace: Trace) -> np.ndarray:
         (np.arange(rows) + 0.5) * area.length / max(rows, 1),
     )
     plane = np.stack(np.meshgrid(x, y), axis=-1)
-    return _raised(np.broadcast_to(plane, (steps, *plane.shape)), trace.surface).reshape(steps, -1, 3)
+    return _raised(np.broadcast_to(plane, (steps, *plane.shape)), trace.surface).reshape(steps, rows * columns, 3)
 
 
 def _headings(velocity: np.ndarray) -> np.ndarray:
