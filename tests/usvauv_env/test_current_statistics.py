@@ -1,6 +1,7 @@
 """The current at the AUVs by the scenario, part by part: against closed forms and means of fields on fine grids."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -129,6 +130,13 @@ class TestParts:
         still = with_flow()
         still.current.velocity[:] = 0
         assert current_parts(still) == [(0.0, 0.0)]
+
+    def test_a_current_that_changes_with_time_counts_as_it_is_at_the_begin(self):
+        steady, changing = with_flow(), with_flow()
+        twice = np.concatenate([steady.current.velocity, 2 * steady.current.velocity])
+        vars(changing)["current"] = replace(changing.current, times=np.array([0.0, 2.0]), velocity=twice)
+        assert changing.current.at(1.0) == pytest.approx(1.5 * steady.current.at(0.0))
+        assert current_parts(changing) == current_parts(steady)
 
 
 class TestModel:

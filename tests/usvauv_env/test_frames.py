@@ -568,7 +568,11 @@ class TestMapAxes:
 
 
 class TestLegend:
-    @pytest.mark.parametrize(("symbol", "words"), [*ENTRIES, *STATION_ENTRIES, *FORESIGHT], ids=lambda x: str(x)[:24])
+    @pytest.mark.parametrize(
+        ("symbol", "words"),
+        [*ENTRIES, *STATION_ENTRIES, *FORESIGHT],
+        ids=lambda x: x if isinstance(x, str) else x.__name__,
+    )
     def test_each_symbol_is_in_the_middle_of_its_place(self, symbol, words):
         """40 × 20 pixels of the design, at its middle, at any size."""
         for unit in (1, 3):
@@ -599,7 +603,8 @@ class TestLegend:
         rows = sorted({float(at[1]) for _, at in placed})
         assert len(rows) == len(entries) // 2
         assert np.ptp(np.diff(rows)) < 1e-6
-        stripes = [card for card in page.cards if card != box]
+        ground, *stripes = page.cards
+        assert ground == box
         assert [stripe.left + stripe.width / 2 for stripe in stripes] == [at[0] for _, at in placed[:2]]
         assert stripes[1].left - stripes[0].left == box.width / 2
         bottom = said[next(text for text in said if "EC:" in text)]

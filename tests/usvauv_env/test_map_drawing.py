@@ -277,7 +277,7 @@ class TestMap:
         else:
             assert view._node_radius + 2 < view._hover_radius < view._node_radius + 12
 
-    def test_lines_of_worth_are_at_their_metres_and_brighter_where_it_is_more(self):
+    def test_lines_of_worth_are_at_their_metres_and_brighter_where_it_is_more(self, monkeypatch):
         view, _ = recorded(mission(), 0)
         line = np.array([(10.0, 20.0), (50.0, 90.0)])
         view._field = SimpleNamespace(lines=lambda t: [(0.2, [line]), (0.8, [line, 2 * line])])
@@ -288,6 +288,10 @@ class TestMap:
         np.testing.assert_allclose(second, [view.view.pixel(line), view.view.pixel(2 * line)])
         assert ink == style.FIELD
         assert 0 < faint < 0.5 * bright < 0.5
+        drawn = []
+        monkeypatch.setattr(view, "_draw_field", drawn.append)
+        view.draw(np.zeros((720, 1280, 3), np.uint8), 3)
+        assert drawn == [3]
 
     @pytest.mark.parametrize("unit", [1, 2])
     def test_places_too_near_to_be_told_apart_are_drawn_once(self, monkeypatch, unit):
