@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 
 from benchmarks.machine import describe, parse
+from benchmarks.seeds import Turns
 from policies import Trainer, TrainingConfig
 from policies.training.trainer import WINDOW
 from usvauv_env import Scenario, World
@@ -22,13 +22,11 @@ SIZES = ((128, 512), (1024, 4096), (8192, 16384))  # worlds, and transitions of 
 
 
 def updates_per_second(worlds: int, batch: int, reports: int) -> float:
-    """Over as many reports, of `WINDOW` steps of all worlds each."""
+    """Over as many intervals between two reports, of `WINDOW` steps of all worlds each."""
     config = TrainingConfig(num_worlds=worlds, batch=batch)
     trainer = Trainer(World(Scenario.load("extreme"), worlds, config.seed), config)
-    trainer.train(config.before_learning + WINDOW * worlds)
-    times: list[float] = []
-    trainer.train(trainer.steps + (reports + 1) * WINDOW * worlds, lambda figures: times.append(time.perf_counter()))
-    return (len(times) - 1) * WINDOW / (times[-1] - times[0])
+    seconds, _ = Turns(trainer, trainer, (reports + 1) * WINDOW).take()
+    return reports * WINDOW / seconds
 
 
 def main() -> None:
