@@ -111,8 +111,8 @@ def tried(python: str, resolution: str, tests: list[str], workers: int, gigabyte
         done = subprocess.run(command, cwd=ROOT, env=named, capture_output=True, text=True, check=False)
         lines = done.stdout.strip().splitlines()
         failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
-        counts = [line for line in lines if re.match(r"\d+ (failed|passed|skipped|errors?)\b", line)]
-        ended = counts[-1] if counts else done.stderr[-500:]
+        counts = (line for line in reversed(lines) if re.match(r"\d+ (failed|passed|skipped|errors?)\b", line))
+        ended = next(counts, done.stderr[-500:])
         print("\n".join([f"{title}: {ended}", *failed, audited(own)]), flush=True)
     return done.returncode == 0
 
