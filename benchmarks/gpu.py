@@ -33,7 +33,7 @@ BENCHMARKS = {  # options, and those of `--small`
     "worlds": ([], ["--largest=4", "--seconds=0.1"]),
     "plan": ([], ["--trials=120", "--seconds=0.1"]),
     "usbl": ([], ["--count=1000", "--seconds=0.1"]),
-    "learning": ([], ["--largest=128", "--reports=1"]),
+    "learning": ([], ["--largest=128", "--updates=50"]),
 }
 DESCRIBE = """
 import json, sys

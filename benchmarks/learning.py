@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import argparse
 import json
+from time import perf_counter
 
 from benchmarks.machine import describe, parse
-from benchmarks.seeds import Turns
 from policies import Trainer, TrainingConfig
 from policies.training.trainer import WINDOW
 from usvauv_env import Scenario, World
@@ -21,23 +21,26 @@ from usvauv_env import Scenario, World
 SIZES = ((128, 512), (1024, 4096), (8192, 16384))  # worlds, and transitions of each AUV in an update
 
 
-def updates_per_second(worlds: int, batch: int, reports: int) -> float:
-    """Over as many intervals between two reports, of `WINDOW` steps of all worlds each."""
+def updates_per_second(worlds: int, batch: int, updates: int) -> float:
+    """From the first report on of about as many updates after those of the first steps."""
     config = TrainingConfig(num_worlds=worlds, batch=batch)
     trainer = Trainer(World(Scenario.load("extreme"), worlds, config.seed), config)
-    seconds, _ = Turns(trainer, trainer, (reports + 1) * WINDOW).take()
-    return reports * WINDOW / seconds
+    trainer.train(config.before_learning + WINDOW * worlds)
+    marks: list[tuple[float, int]] = []
+    trainer.train(trainer.steps + updates * worlds, lambda figures: marks.append((perf_counter(), figures["updates"])))
+    (begin, before), (end, after) = marks[0], marks[-1]
+    return (after - before) / (end - begin)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--largest", type=int, default=SIZES[-1][0], help="worlds, at most")
-    parser.add_argument("--reports", type=int, default=5, help=f"timed, of {WINDOW} updates each")
+    parser.add_argument("--updates", type=int, default=500, help="timed, but for those before the first report")
     arguments = parse(parser)
     sizes = []
     for worlds, batch in SIZES:
         if worlds <= arguments.largest:
-            rate = updates_per_second(worlds, batch, arguments.reports)
+            rate = updates_per_second(worlds, batch, arguments.updates)
             sizes.append(
                 {"worlds": worlds, "batch": batch, "updates_per_second": rate, "world_steps_per_second": worlds * rate}
             )
