@@ -7,8 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from usvauv_env.render import panel_elements, shapes
+from usvauv_env.render import panel_elements, shapes, symbols
 from usvauv_env.render import text as texts
+from usvauv_env.render.bodies import Body
+from usvauv_env.render.canvas import Canvas
 
 
 class Words(NamedTuple):
@@ -65,4 +67,16 @@ def page(monkeypatch):
 
     monkeypatch.setattr(shapes, "stroke", stroked)
     monkeypatch.setattr(shapes, "fill", filled)
+    return made
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """What is drawn on a canvas, by kind: its arguments."""
+    made = {}
+    for name in ("line", "circle", "trail", "pieces"):
+        monkeypatch.setattr(Canvas, name, lambda _, *rest, name=name: made.setdefault(name, []).append(rest))
+    for name in ("cross", "fix", "foreseen", "badge", "station"):
+        monkeypatch.setattr(symbols, name, lambda _, *rest, name=name: made.setdefault(name, []).append(rest))
+    monkeypatch.setattr(Body, "draw", lambda body, _, *rest: made.setdefault("body", []).append((body, *rest)))
     return made
