@@ -11,8 +11,9 @@ is wrong.
 
 Results are appended to `--out`, a file of JSON lines, and mutants that are in it are not run again, so that a run can
 be stopped and continued; `--survivors` runs those again that were not killed. A timeout counts as noticed: on a busy
-machine these are to be run again. Survivors that no test can notice are in `survivors.toml`, each with its reason. At
-the end the tests that killed are run on the unchanged tree: one that fails there has killed nothing.
+machine these are to be run again. `survivors.toml` has survivors that were looked at, each with its kind and reason:
+those whose results are the same, or differ only in speed, do not count in the rate; choices, which a test could only
+repeat, do. At the end the tests that killed are run on the unchanged tree: one that fails there has killed nothing.
 """
 
 from __future__ import annotations
@@ -170,30 +171,31 @@ def wilson(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
     return (centre - half) / (1 + z * z / n), (centre + half) / (1 + z * z / n)
 
 
-def excused() -> Mapping[str, str]:
-    """Reasons of the survivors that no test can notice, by the mutant's key."""
-    return {each["key"]: each["reason"] for each in tomllib.loads(SURVIVORS.read_text())["survivor"]}
+def kinds() -> Mapping[str, str]:
+    """Kinds of the survivors that were looked at, by the mutant's key."""
+    return {each["key"]: each["kind"] for each in tomllib.loads(SURVIVORS.read_text())["survivor"]}
 
 
-def report(results: list[dict], reasons: Mapping[str, str]) -> None:
+def report(results: list[dict], kinds: Mapping[str, str]) -> None:
     """Print what was tried and what survived."""
     rooms = collections.defaultdict(collections.Counter)
     unexplained = []
     for result in results:
         status = result["status"]
-        if status == "survived" and result["key"] in reasons:
-            status = "explained"
-        elif status == "survived":
+        if status == "survived":
+            status = kinds.get(result["key"], status)
+        if status == "survived":
             unexplained.append(result)
         rooms[".".join(result["file"].removesuffix(".py").split("/")[:2])][status] += 1
     rooms["all"] = sum(rooms.values(), collections.Counter())
-    columns = ("killed", "timeout", "survived", "explained")
+    columns = ("killed", "timeout", "survived", "choice", "equivalent", "speed")
     print(f"{'room':28}{'tried':>7}", *(f"{name:>10}" for name in columns))
     for room, counts in sorted(rooms.items(), key=lambda item: (item[0] == "all", item[0])):
         print(f"{room:28}{counts.total():7}", *(f"{counts[name]:10}" for name in columns))
-    noticed, tried = rooms["all"]["killed"] + rooms["all"]["timeout"], rooms["all"].total() - rooms["all"]["explained"]
+    counts = rooms["all"]
+    noticed, tried = counts["killed"] + counts["timeout"], counts.total() - counts["equivalent"] - counts["speed"]
     low, high = wilson(noticed, tried)
-    print(f"noticed {noticed} of {tried} without an explanation: {noticed / tried:.1%}, 95 % {low:.1%} to {high:.1%}")
+    print(f"noticed {noticed} of {tried} that change results: {noticed / tried:.1%}, 95 % {low:.1%} to {high:.1%}")
     for result in unexplained:
         print(f"\nsurvived: {result['file']}:{result['line']} ({result['operator']}, {result['key']})")
         print("\n".join(result["diff"]))
@@ -248,7 +250,7 @@ def main() -> None:
         done = run(ROOT, sorted(killers), set())
         if done is None or done.returncode:
             sys.exit(f"tests that noticed a mutant fail without it:\n{done.stdout[-2000:] if done else 'no end'}")
-    report([known[mutant.key] for mutant in sample], excused())
+    report([known[mutant.key] for mutant in sample], kinds())
 
 
 if __name__ == "__main__":

@@ -65,6 +65,17 @@ class TestPaper:
         torch.testing.assert_close(with_error, without, rtol=1e-5, atol=1e-6)
 
 
+def derivatives(boat, points, link, code):
+    """Value (n,), gradient (n, 2) and second derivatives xx, xy and yy (n, 3) by automatic differentiation."""
+
+    def f(boat, auvs):
+        return log_objective(boat, auvs, link, code)
+
+    curvature = vmap(jacrev(grad(f)))(boat, points)
+    second = torch.stack([curvature[:, 0, 0], curvature[:, 0, 1], curvature[:, 1, 1]], 1)
+    return f(boat, points), vmap(grad(f))(boat, points), second
+
+
 @pytest.mark.parametrize("attitude_error", [0.0, 0.003])
 @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
 def test_gradient_and_hessian(device, rounding, code, attitude_error):
@@ -76,18 +87,22 @@ def test_gradient_and_hessian(device, rounding, code, attitude_error):
     link = table(device, K, attitude_error=attitude_error)
     out = objectives.log_objective_batch(link, points.to(device), boat.to(device), code=code).double().cpu()
     assert out.shape == (len(boat), 6)
-    exact = link.double().cpu()
-
-    def f(boat, auvs):
-        return log_objective(boat, auvs, exact, code)
-
-    boat, points = boat.double(), points.double()
-    assert (out[:, 0] - f(boat, points)).abs().max() < 3e-5 * rounding
-    gradient, curvature = vmap(grad(f))(boat, points), vmap(jacrev(grad(f)))(boat, points)
-    curvature = torch.stack([curvature[:, 0, 0], curvature[:, 0, 1], curvature[:, 1, 1]], 1)
+    value, gradient, curvature = derivatives(boat.double(), points.double(), link.double().cpu(), code)
+    assert (out[:, 0] - value).abs().max() < 3e-5 * rounding
     for got, expected in ((out[:, 1:3], gradient), (out[:, 3:], curvature)):
         scale = expected.abs().amax(1, keepdim=True)
         assert ((got - expected).abs() / (scale + 0.01 * scale.max())).max() < 1e-4 * rounding
+
+
+@pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+def test_curvature_straight_above_one_auv(device, rounding, code):
+    """No horizontal direction leads to it there, and the gradient vanishes."""
+    point = torch.tensor([[[60.0, 80.0, -100.0]]])
+    link = table(device, 1)
+    out = objectives.log_objective_batch(link, point.to(device), point[:, 0, :2].contiguous().to(device), code=code)
+    _, _, curvature = derivatives(point[:, 0, :2].double(), point.double(), link.double().cpu(), code)
+    assert out[0, 1:3].abs().max() < 1e-6
+    torch.testing.assert_close(out[:, 3:].double().cpu(), curvature, rtol=1e-4 * rounding, atol=1e-9)
 
 
 @pytest.mark.parametrize("measurement", ["phase", "fix"])

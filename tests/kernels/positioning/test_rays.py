@@ -194,6 +194,14 @@ class TestFix:
         assert (arrivals[:, 4] == 1).all()
         assert np.abs(back - offset).max() < 1e-3
 
+    @pytest.mark.parametrize("name", ["thermocline", "duct"])
+    def test_up_the_ray_to_a_source_in_a_crest(self, device, name):
+        """Two metres and more above the mean surface, where the sound is as fast as there."""
+        offset = np.array([[3.0, 4.0, 112.0], [40.0, -30.0, 115.0], [-60.0, 10.0, 113.0]])
+        arrivals, back = there_and_back(PROFILES[name], np.full(3, 110.0), offset, 1500.0, device)
+        assert (arrivals[:, 4] == 1).all()
+        assert np.abs(back - offset).max() < 1e-3
+
     def test_at_constant_speed_it_is_geometry(self, device):
         depth, offset = self.offsets()
         arrivals, _ = there_and_back(SoundSpeedProfile.constant(1500.0), depth, offset, 1500.0, device)
