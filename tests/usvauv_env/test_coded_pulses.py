@@ -41,6 +41,11 @@ def rms(error):
     return math.sqrt(np.mean(error**2))
 
 
+def slowly(cases):
+    """Names of the cases; those with bent rays, which take longer than the others together, are slow."""
+    return [pytest.param(name, marks=pytest.mark.slow) if name.endswith("bent") else name for name in cases]
+
+
 UNDISTURBED = {
     "104 dB": ["acoustics.source_level=104"],
     "110 dB": ["acoustics.source_level=110"],
@@ -56,7 +61,7 @@ def test_the_shortest_and_the_longest_pulse(length, chips):
     assert Scenario.load("ideal", changes).chips == chips
 
 
-@pytest.mark.parametrize("case", UNDISTURBED)
+@pytest.mark.parametrize("case", slowly(UNDISTURBED))
 def test_errors_without_reflections(device, case):
     """The same rms within 3 %, from an E/N0 of 15 dB on, 6 dB over the threshold of detection."""
     statistical, sampled = both(device, UNDISTURBED[case])
@@ -88,7 +93,7 @@ REFLECTING = {
 }
 
 
-@pytest.mark.parametrize("case", REFLECTING)
+@pytest.mark.parametrize("case", slowly(REFLECTING))
 def test_errors_with_reflections(device, case):
     """The same rms within 5 %, and the same share of good fixes within 0.05, of pulses that reflections disturb."""
     statistical, sampled = both(device, [*REFLECTING[case], "acoustics.multipath=true"])
