@@ -171,7 +171,7 @@ def wilson(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
     return (centre - half) / (1 + z * z / n), (centre + half) / (1 + z * z / n)
 
 
-def kinds() -> Mapping[str, str]:
+def survivor_kinds() -> Mapping[str, str]:
     """Kinds of the survivors that were looked at, by the mutant's key."""
     return {each["key"]: each["kind"] for each in tomllib.loads(SURVIVORS.read_text())["survivor"]}
 
@@ -250,7 +250,7 @@ def main() -> None:
         done = run(ROOT, sorted(killers), set())
         if done is None or done.returncode:
             sys.exit(f"tests that noticed a mutant fail without it:\n{done.stdout[-2000:] if done else 'no end'}")
-    report([known[mutant.key] for mutant in sample], kinds())
+    report([known[mutant.key] for mutant in sample], survivor_kinds())
 
 
 if __name__ == "__main__":
