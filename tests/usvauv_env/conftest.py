@@ -1,6 +1,8 @@
-"""What frames of videos write and draw, recorded."""
+"""What frames of videos write and draw, recorded; a limit of a file's size."""
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -28,6 +30,23 @@ class Words(NamedTuple):
         """Row half way between the highest and the lowest of its letters."""
         lit = np.flatnonzero((texts._mask(self.text, self.size, False)[0][..., 0] > 90).any(1))
         return self.place[1] + (lit[0] + lit[-1]) / 2
+
+
+@pytest.fixture
+def size_limit() -> Callable[[], AbstractContextManager[None]]:
+    """Blocks in which the system lets no file grow beyond 4 KiB; pytest writes its report outside of them."""
+    resource = pytest.importorskip("resource")
+
+    @contextmanager
+    def limited() -> Iterator[None]:
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    return limited
 
 
 @pytest.fixture

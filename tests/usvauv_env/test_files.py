@@ -132,40 +132,39 @@ def test_a_file_is_on_the_disk_before_it_has_its_name(monkeypatch, tmp_path):
 class TestSizeLimit:
     """The system refuses to write more than so many bytes; every library says it in another way."""
 
-    @pytest.fixture(autouse=True)
-    def limit(self):
-        resource = pytest.importorskip("resource")
-        before = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-        yield
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    @pytest.fixture
+    def refused(self, size_limit, tmp_path):
+        """Function that writes a file in place of an older one and is refused."""
 
-    def refused(self, path, write):
-        path.write_text("older")
-        with pytest.raises(OutputError) as caught, atomic_write(path) as partial:
-            write(partial)
-        assert str(caught.value) == f"{path}: cannot be written: File too large"
-        assert path.read_text() == "older"
-        assert list(path.parent.iterdir()) == [path]
+        def check(write):
+            path = tmp_path / "a"
+            path.write_text("older")
+            with size_limit(), pytest.raises(OutputError) as caught, atomic_write(path) as partial:
+                write(partial)
+            assert str(caught.value) == f"{path}: cannot be written: File too large"
+            assert path.read_text() == "older"
+            assert list(tmp_path.iterdir()) == [path]
 
-    def test_python(self, tmp_path):
-        self.refused(tmp_path / "a", lambda path: path.write_bytes(bytes(5000)))
+        return check
 
-    def test_safetensors(self, tmp_path):
-        self.refused(tmp_path / "a", lambda path: save_file({"a": torch.zeros(5000)}, path))
+    def test_python(self, refused):
+        refused(lambda path: path.write_bytes(bytes(5000)))
 
-    def test_hdf5(self, tmp_path):
+    def test_safetensors(self, refused):
+        refused(lambda path: save_file({"a": torch.zeros(5000)}, path))
+
+    def test_hdf5(self, size_limit, tmp_path):
         path = tmp_path / "a"
         path.write_text("older")
         refused = pytest.raises(OutputError, match="a: cannot be written: File too large")
-        with refused, hdf5_file(path) as disk, h5py.File(disk, "w") as file:
+        with size_limit(), refused, hdf5_file(path) as disk, h5py.File(disk, "w") as file:
             file["x"] = np.zeros(5000)
         assert path.read_text() == "older"
         assert list(tmp_path.iterdir()) == [path]
 
-    def test_hdf5_is_told_that_all_went_well(self, tmp_path):
+    def test_hdf5_is_told_that_all_went_well(self, size_limit, tmp_path):
         """The first error is kept until it is asked for; what comes after it is not written."""
-        with HDF5File(tmp_path / "a") as file:
+        with size_limit(), HDF5File(tmp_path / "a") as file:
             file.check()
             assert file.write(np.arange(500.0)) == 4000
             assert file.truncate(5000) == 5000

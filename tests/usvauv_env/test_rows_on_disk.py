@@ -1,6 +1,5 @@
 """Rows in a file: they are what was appended, take no memory, and refuse in one line what the disk lacks."""
 
-import resource
 import subprocess
 import sys
 from collections import namedtuple
@@ -94,17 +93,12 @@ def test_where_the_file_lies(monkeypatch, tmp_path, variable, there, expected):
 
 
 @pytest.mark.parametrize("side", [64, 36])  # 16 KiB are written at once, 5 KiB when they are asked for
-def test_a_disk_that_fills_up_is_one_line(monkeypatch, tmp_path, side):
+def test_a_disk_that_fills_up_is_one_line(monkeypatch, size_limit, tmp_path, side):
     """Here the limit of a file's size."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with RowsOnDisk(1, (side, side), "rows") as rows:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-        try:
-            with pytest.raises(OutputError, match=f"^{tmp_path}: cannot be written: File too large"):
-                (rows.append(np.zeros((1, side, side), np.float32)), rows.array())
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    refused = pytest.raises(OutputError, match=f"^{tmp_path}: cannot be written: File too large")
+    with RowsOnDisk(1, (side, side), "rows") as rows, size_limit(), refused:
+        (rows.append(np.zeros((1, side, side), np.float32)), rows.array())
 
 
 def test_a_folder_that_is_not_there(monkeypatch, tmp_path):
