@@ -24,6 +24,7 @@ from taichi.lang.ast import ast_transformer_utils
 
 from kernels.errors import UserError
 
+CACHED = 1 << 30  # bytes of compiled kernels kept on disk; those of a scenario take up to 20 MB, Taichi keeps 100 MB
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
 FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
 ITERATIONS = 16  # of a loop that a thread takes at a time
@@ -119,6 +120,7 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
                 arch=getattr(ti, arch),
                 cpu_max_num_threads=threads,
                 offline_cache=True,
+                offline_cache_max_size_of_files=CACHED,
                 fast_math=False,
                 debug=bool(os.environ.get(DEBUG)),
                 # By default a thread gets at least 512 iterations, so that a shorter loop runs on one thread.

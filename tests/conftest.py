@@ -13,7 +13,9 @@ import torch
 from taichi.lang.kernel_impl import Kernel
 
 from kernels import runtime
+from kernels.registry import Registry
 from usvauv_cli import app
+from usvauv_env import plugins
 
 # Read by Taichi at its start, also in child processes. Its repeated passes over a kernel take three quarters of the
 # compiling of a world and save a tenth of a step; `test_golden` checks that they change no bit.
@@ -95,3 +97,13 @@ def run_usvauv(tmp_path, monkeypatch, capfd):
         return app.run(), *capfd.readouterr()
 
     return run
+
+
+@pytest.fixture
+def own_registries(monkeypatch):
+    """What plugins and the test itself register ends with the test."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith(("kernels.", "usvauv_env.", "policies.")):
+            for registry in [value for value in vars(module).values() if isinstance(value, Registry)]:
+                monkeypatch.setattr(registry, "_items", dict(registry._items))
+    monkeypatch.setattr(plugins, "_paths", [])

@@ -12,8 +12,9 @@ import pytest
 
 import policies
 import usvauv_env
+from kernels.mission.columns import AuvColumn, NodeColumn
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario
+from usvauv_env import Scenario, World, plugins
 from usvauv_env.world import observation
 
 ROOT = Path(__file__).parents[1]
@@ -23,22 +24,22 @@ CALL = "import sys; sys.argv[0] = 'usvauv'; from usvauv_cli.app import main; mai
 SHORT = ("--set", "mission.duration=60", "--episodes", "2")
 
 
-def usvauv(folder, *arguments, plugin=None):
-    """Run the command in a folder, with a copy of an example there as plugin."""
-    if plugin:
-        shutil.copy(ROOT / "examples" / "plugins" / plugin, folder)
-        arguments = (*arguments, "--plugin", plugin)
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", CALL, *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+pytestmark = pytest.mark.usefixtures("own_registries")
 
 
-def evaluated(folder, *arguments, plugin):
-    """Rows of the CSV of `usvauv eval` with the policy `straight` in a short `ideal`."""
-    done = usvauv(folder, "eval", "ideal", "--policy", "straight", *SHORT, *arguments, plugin=plugin)
-    assert done.returncode == 0, done.stderr
-    with (folder / "metrics.csv").open() as stream:
-        return list(csv.DictReader(stream))
+@pytest.fixture
+def evaluated(run_usvauv, tmp_path):
+    """Function: rows of the CSV of `usvauv eval` with a plugin of the examples, `straight` in a short `ideal`."""
+
+    def run(plugin: str, *options: str) -> list[dict[str, str]]:
+        shutil.copy(ROOT / "examples" / "plugins" / plugin, tmp_path)
+        chosen = ("ideal", "--policy", "straight", *SHORT, *options, "--plugin", plugin)
+        code, _, stderr = run_usvauv("eval", *chosen)
+        assert code == 0, stderr
+        with (tmp_path / "metrics.csv").open() as stream:
+            return list(csv.DictReader(stream))
+
+    return run
 
 
 def test_documentation_shows_the_files():
@@ -51,84 +52,65 @@ def test_table_of_the_observation_is_the_one_printed():
     assert observation.table() in (ROOT / "docs" / "interfaces.md").read_text(encoding="utf-8")
 
 
-def test_task(tmp_path):
+def test_task(evaluated):
     chosen = ("--set", "task=survey", "--set", "auv.count=3")
-    near = evaluated(tmp_path, *chosen, plugin="task.py")
-    far = evaluated(tmp_path, *chosen, "--set", "task_parameters.radius=60", plugin="task.py")
+    wide = (*chosen, "--set", "task_parameters.radius=60")
+    near, far = evaluated("task.py", *chosen), evaluated("task.py", *wide)
     visits = [sum(float(row["visits"]) for row in rows) for rows in (near, far)]
     assert visits[1] > 2 * visits[0] > 0
-    weighted = evaluated(
-        tmp_path,
-        *chosen,
-        *("--set", "task_parameters.radius=60", "--set", "task_parameters.visit=30"),
-        plugin="task.py",
-    )
+    weighted = evaluated("task.py", *wide, "--set", "task_parameters.visit=30")
     for row, other in zip(far, weighted, strict=True):
         gained = 20 * float(row["visits"]) / 60
         assert float(other["arps"]) - float(row["arps"]) == pytest.approx(gained, rel=1e-5)
 
 
-def test_boat_strategy(tmp_path):
-    rows = evaluated(tmp_path, "--usv", "above:0", "--usv", "above:1", "--usv", "fim", plugin="boat_strategy.py")
+def test_boat_strategy(run_usvauv, evaluated):
+    rows = evaluated("boat_strategy.py", "--usv", "above:0", "--usv", "above:1", "--usv", "fim")
     assert [row["usv"] for row in rows[::2]] == ["above:0", "above:1", "fim"]
     assert len({row["position_error_mean"] for row in rows}) == len(rows)
-    refused = usvauv(tmp_path, "eval", "--usv", "above:2", plugin="boat_strategy.py")
-    assert refused.returncode == 2
-    assert refused.stderr.strip() == "error: usv: 'above:2': the AUV must be from 0 to 1"
+    code, _, stderr = run_usvauv("eval", "--usv", "above:2", "--plugin", "boat_strategy.py")
+    assert (code, stderr.strip()) == (2, "error: usv: 'above:2': the AUV must be from 0 to 1")
 
 
-def test_target_rule(tmp_path):
+def test_target_rule(evaluated):
     setting = ("--set", "mission.duration=300", "--set", "nodes.count=6", "--targets")
-    oldest, rate = (evaluated(tmp_path, *setting, rule, plugin="target_rule.py") for rule in ("oldest", "rate"))
+    oldest, rate = (evaluated("target_rule.py", *setting, rule) for rule in ("oldest", "rate"))
     assert [row["targets"] for row in oldest] == ["oldest"] * len(oldest)
     assert sum(float(row["jain"]) for row in oldest) > sum(float(row["jain"]) for row in rate)
 
 
-def test_noise_law(tmp_path):
-    quiet, loud = (
-        evaluated(
-            tmp_path,
-            *(part for change in EVERY_STEP for part in ("--set", change)),
-            "--set",
-            "acoustics.ambient_noise=wind-only",
-            "--set",
-            f"acoustics.wind={wind}",
-            plugin="noise_law.py",
-        )
-        for wind in (1, 4)
-    )
+def test_noise_law(evaluated):
+    changes = [*EVERY_STEP, "acoustics.ambient_noise=wind-only"]
+    options = [part for change in changes for part in ("--set", change)]
+    quiet, loud = (evaluated("noise_law.py", *options, "--set", f"acoustics.wind={wind}") for wind in (1, 4))
     for a, b in zip(quiet, loud, strict=True):
         # Two doublings of the wind are 10 dB, which amplitudes of noise have as a factor √10.
         assert float(b["fix_error_median"]) == pytest.approx(10**0.5 * float(a["fix_error_median"]), rel=0.1)
 
 
-def test_observation_term(tmp_path):
-    script = """
-from usvauv_env import Scenario, World, plugins
-plugins.load("observation_term.py")
-world = World(Scenario.load("ideal", ['observation.extra=["backlog"]']), 3)
-plain = World(Scenario.load("ideal"), 3)
-assert world.observation_size == plain.observation_size + 1
-from kernels.mission.columns import AuvColumn, NodeColumn
-observation = world.reset()
-assert (observation[..., :-1] == plain.reset()).all()
-target = world.auv[..., AuvColumn.target].long()
-backlog = world.node[..., NodeColumn.backlog].gather(1, target)
-(index,) = range(*world.observation_layout.slice("backlog").indices(world.observation_size))
-assert (observation[..., index] - backlog / 5000).abs().max() < 1e-6
-assert backlog.min() > 0
-"""
-    shutil.copy(ROOT / "examples" / "plugins" / "observation_term.py", tmp_path)
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    (tmp_path / "script.py").write_text(script)
-    subprocess.run([sys.executable, "script.py"], cwd=tmp_path, env=environment, check=True, timeout=300)
+def test_observation_term():
+    plain = World(Scenario.load("ideal"), 3)
+    plugins.load(ROOT / "examples" / "plugins" / "observation_term.py")
+    world = World(Scenario.load("ideal", ['observation.extra=["backlog"]']), 3)
+    assert world.observation_size == plain.observation_size + 1
+    observation = world.reset()
+    assert (observation[..., :-1] == plain.reset()).all()
+    target = world.auv[..., AuvColumn.target].long()
+    backlog = world.node[..., NodeColumn.backlog].gather(1, target)
+    (index,) = range(*world.observation_layout.slice("backlog").indices(world.observation_size))
+    assert (observation[..., index] - backlog / 5000).abs().max() < 1e-6
+    assert backlog.min() > 0
 
 
 def test_a_policy_of_ones_own(tmp_path):
-    """By MODULE:CLASS it gives the rows that `evaluate` gives for the class, in `eval` and beside a shipped policy."""
+    """By MODULE:CLASS it gives the rows that `evaluate` gives for the class, in `eval` and beside a shipped policy.
+
+    In a process of its own, which imports the module from the working directory.
+    """
     shutil.copy(OWN_POLICY, tmp_path)
-    done = usvauv(tmp_path, "eval", "ideal", "--policy", "own_policy:Nearing", "--policy", "straight", *SHORT)
-    assert done.returncode == 0, done.stderr
+    chosen = ("eval", "ideal", "--policy", "own_policy:Nearing", "--policy", "straight", *SHORT)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    subprocess.run([sys.executable, "-c", CALL, *chosen], cwd=tmp_path, env=environment, check=True, timeout=300)
     with (tmp_path / "metrics.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [row.pop("policy") for row in rows] == ["own_policy:Nearing"] * 2 + ["straight"] * 2
@@ -151,9 +133,9 @@ def test_a_policy_of_ones_own(tmp_path):
         ),
     ],
 )
-def test_a_plugin_that_cannot_be_loaded_gives_one_line(tmp_path, text, message):
+def test_a_plugin_that_cannot_be_loaded_gives_one_line(run_usvauv, tmp_path, text, message):
     if text:
         (tmp_path / "broken.py").write_text(text)
-    done = usvauv(tmp_path, "eval", "--plugin", "broken.py")
-    assert (done.returncode, done.stderr.strip()) == (2, f"error: {message}")
+    code, _, stderr = run_usvauv("eval", "--plugin", "broken.py")
+    assert (code, stderr.strip()) == (2, f"error: {message}")
     assert not (tmp_path / "metrics.csv").exists()

@@ -77,6 +77,7 @@ class TestStart:
         assert runtime.start("cpu", asked) == runtime.Runtime("cpu", torch.device("cpu"), threads)
         assert (started["arch"], started["cpu_max_num_threads"]) == (ti.cpu, threads)
         assert started["offline_cache"]
+        assert started["offline_cache_max_size_of_files"] > 1e8  # as many as Taichi keeps by itself
 
     @pytest.mark.parametrize("card", [False, True])
     def test_auto_takes_the_card_that_torch_sees(self, monkeypatch, card):

@@ -25,22 +25,7 @@ from usvauv_env.record.recorder import record
 from usvauv_env.world.boat_strategies import BoatStrategy, boat_strategies
 from usvauv_env.world.observation import ObservationTerm, observation_terms
 
-REGISTRIES = (
-    ALGORITHMS,
-    HEURISTICS,
-    ambient_noise_laws,
-    boat_strategies,
-    observation_terms,
-    target_rules,
-    task_metrics,
-)
-
-
-@pytest.fixture(autouse=True)
-def _registries(monkeypatch):
-    """What a test registers is gone after it."""
-    for registry in REGISTRIES:
-        monkeypatch.setattr(registry, "_items", dict(registry._items))
+pytestmark = pytest.mark.usefixtures("own_registries")
 
 
 def fails():

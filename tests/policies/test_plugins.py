@@ -11,20 +11,11 @@ import torch
 
 import policies
 from policies import PolicyError, Trainer
-from policies.algorithms import ALGORITHMS
-from policies.heuristics import HEURISTICS
 from tests.policies.toy import LEARNING, ToyWorld, scenario
 from usvauv_env import plugins
 
+pytestmark = pytest.mark.usefixtures("own_registries")
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plugins"
-
-
-@pytest.fixture(autouse=True)
-def _registries(monkeypatch):
-    """What a test registers is gone after it."""
-    for registry in (ALGORITHMS, HEURISTICS):
-        monkeypatch.setattr(registry, "_items", dict(registry._items))
-    monkeypatch.setattr(plugins, "_paths", [])
 
 
 def load(name: str, folder: Path) -> None:

@@ -8,12 +8,9 @@ import pytest
 import torch
 
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
-from kernels.mission.tasks.task import tasks
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World, plugins
-from usvauv_env.record.metrics import task_metrics
 from usvauv_env.world.arrays import STATE
-from usvauv_env.world.observation import observation_terms
 
 PLUGIN = Path(__file__).parents[2] / "examples" / "plugins" / "task.py"
 TRACKED = [*EVERY_STEP, "tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]
@@ -111,11 +108,8 @@ def test_held_against_the_border_of_every_side():
 
 
 @pytest.fixture
-def _plugin(monkeypatch):
+def _plugin(own_registries):
     """The plugin's task, gone after the test."""
-    for registry in (tasks, observation_terms, task_metrics):
-        monkeypatch.setattr(registry, "_items", dict(registry._items))
-    monkeypatch.setattr(plugins, "_paths", [])
     plugins.load(PLUGIN)
 
 
