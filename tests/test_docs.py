@@ -51,7 +51,7 @@ def is_call(span: str) -> bool:
 
 
 def snippets() -> Iterator:
-    """Python of each page as it stands; if it names a scenario, in slow tests with all others."""
+    """Python of each page as it stands, and in slow tests with every other scenario for those that it names."""
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         found = [block for block in blocks(text) if is_python(block) and page.stem != "extending"]  # files of plugins
@@ -59,8 +59,9 @@ def snippets() -> Iterator:
         calls = [span for span in spans(text) if is_call(span)]
         if calls:
             found.append("\n".join(["import gymnasium, policies, usvauv_env, usvauv_env.faces.torchrl_env", *calls]))
+        if found:
+            yield pytest.param(found, id=page.stem)
         for number, code in enumerate(found):
-            yield pytest.param([code], id=f"{page.stem}-{number}")
             if NAMED.search(code):
                 rest = [other for name in SCENARIOS if (other := NAMED.sub(f'"{name}"', code)) != code]
                 yield pytest.param(rest, id=f"{page.stem}-{number}-others", marks=pytest.mark.slow)
@@ -79,12 +80,12 @@ def commands() -> Iterator:
                 yield pytest.param(words, id=f"{page.stem}: {' '.join(words)[:60]}")
 
 
-@pytest.mark.parametrize("variants", list(snippets()))
-def test_python_runs(tmp_path, variants):
-    """In a process of its own, so that what it registers ends with it."""
+@pytest.mark.parametrize("codes", list(snippets()))
+def test_python_runs(tmp_path, codes):
+    """In a process of their own, so that what they register ends with it."""
     run = "import json, sys\nfor code in json.load(sys.stdin):\n    print(code, file=sys.stderr)\n    exec(code, {})"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command, told = [sys.executable, "-c", run], json.dumps(variants)
+    command, told = [sys.executable, "-c", run], json.dumps(codes)
     done = subprocess.run(
         command, input=told, capture_output=True, text=True, check=False, cwd=tmp_path, env=environment
     )

@@ -138,13 +138,13 @@ def test_simulate_shows_another_boat_in_the_same_world_beside_it(tmp_path, run_u
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.nc", "a.webm"]
 
 
-def test_eval_pairs_worlds(tmp_path):
-    done = usvauv(
+def test_eval_pairs_worlds(tmp_path, run_usvauv):
+    code, stdout, _ = run_usvauv(
         *("eval", "extreme", "--policy", "straight", "--policy", "random", "--usv", "fim", "--usv", "centroid"),
         *("--episodes", 3, "--seed", 5, "--out", "m.csv", *SHORT),
-        cwd=tmp_path,
     )
-    assert "±" in done.stdout
+    assert code == 0
+    assert "±" in stdout
     with (tmp_path / "m.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert tuple(rows[0])[: len(COLUMNS)] == COLUMNS
@@ -190,9 +190,11 @@ def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monke
     assert [path.name for path in tmp_path.iterdir() if path.suffix != ""] == [f"{name}.py"]
 
 
-def test_eval_repeats_itself(tmp_path):
-    for name in ("a.csv", "b.csv"):
-        usvauv("eval", "--policy", "crab", "--episodes", 2, "--out", name, *SHORT, cwd=tmp_path)
+def test_eval_repeats_itself(tmp_path, run_usvauv):
+    """In a process of its own as in one that has done other things before."""
+    command = ("eval", "--policy", "crab", "--episodes", 2, *SHORT, "--out")
+    usvauv(*command, "a.csv", cwd=tmp_path)
+    assert run_usvauv(*command, "b.csv")[0] == 0
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
@@ -206,7 +208,7 @@ def test_train_then_resume_then_eval(tmp_path, run_usvauv):
         code, _, stderr = run_usvauv(*options, "--steps", 800, *more)
         assert code == 2
         assert word in stderr
-    usvauv("train", "--out", "run", "--steps", 800, "--resume", cwd=tmp_path)
+    assert run_usvauv("train", "--out", "run", "--steps", 800, "--resume")[0] == 0
     assert json.loads((tmp_path / "run" / "last" / "policy.json").read_text())["steps"] == 800
     assert run_usvauv("eval", "--policy", "run/last", "--episodes", 1, "--out", "m.csv", *SHORT)[0] == 0
 

@@ -15,7 +15,8 @@ from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeC
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World
 
-STEPS, WORLDS, SIDE = 80, 12, 200.0
+STEPS, WORLDS = 80, 12
+SIDES = {"x": 240.0, "y": 160.0}  # of the area, m: the diagonal's mirror exchanges them
 LOUD = ["acoustics.source_level=240", "usbl.attitude_error=0", "storm.spectrum=none"]
 COLUMNS = {
     "auv": AuvColumn.names,
@@ -46,7 +47,7 @@ def image(name: str, mirror: str) -> tuple[str, float, float]:
             0.0,
         )
     if name == mirror or name.endswith(f"_{mirror}"):
-        return name, -1.0, SIDE if name in PLACES else 0.0
+        return name, -1.0, SIDES[mirror] if name in PLACES else 0.0
     return name, 1.0, 0.0
 
 
@@ -69,12 +70,15 @@ def mirrored_action(action: torch.Tensor, mirror: str) -> torch.Tensor:
 @pytest.mark.parametrize(("usv", "edge", "seed"), [("fim", "east", 1), ("centroid", "north", 2)])
 @pytest.mark.parametrize("mirror", ["x", "y", "diagonal"])
 def test_mirrored_worlds_have_mirrored_futures(mirror, usv, edge, seed):
-    def built(side: str) -> World:
-        world = World(Scenario.load("extreme", [*EVERY_STEP, *LOUD, f"sea.forced_edge={side}"]), WORLDS, seed, usv)
+    def built(edge: str, width: float, length: float) -> World:
+        place = [f"sea.forced_edge={edge}", f"area.width={width}", f"area.length={length}"]
+        world = World(Scenario.load("extreme", [*EVERY_STEP, *LOUD, *place]), WORLDS, seed, usv)
         world.reset()
         return world
 
-    one, other = built(edge), built(EDGES[mirror][edge])
+    sides = list(SIDES.values())
+    one = built(edge, *sides)
+    other = built(EDGES[mirror][edge], *(sides[::-1] if mirror == "diagonal" else sides))
     state = other.state()
     other.load_state(state | {name: mirrored(name, getattr(one, name), mirror) for name in COLUMNS})
     generator = torch.Generator().manual_seed(seed)
