@@ -20,8 +20,8 @@ class TestTraining:
             ("sac", {}),
             ("td3", {}),
             ("ddpg", {}),
-            pytest.param("ddpg", {"shared": True}, marks=pytest.mark.slow),
-            pytest.param("sac", {"frame": "world"}, marks=pytest.mark.slow),
+            ("ddpg", {"shared": True}),
+            ("sac", {"frame": "world"}),
             ("sac", {"frame": "guided"}),
         ],
     )
