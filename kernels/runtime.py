@@ -24,7 +24,7 @@ from taichi.lang.ast import ast_transformer_utils
 
 from kernels.errors import UserError
 
-CACHED = 1 << 30  # bytes of compiled kernels kept on disk; those of a scenario take 3 MB, in tests 13 MB
+CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
 FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
 ITERATIONS = 16  # of a loop that a thread takes at a time
