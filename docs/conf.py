@@ -15,6 +15,7 @@ extensions = [
     "autoapi.extension",  # docstrings from the source, which is not imported: kernels are shown as they are written
     "sphinx_gallery.gen_gallery",  # runs the examples
     "docstrings",
+    "navigation",
     "pictures",
     "reference_pages",
 ]

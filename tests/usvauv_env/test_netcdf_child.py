@@ -12,6 +12,7 @@ import scipy.io
 from scipy.io import netcdf_file
 
 from usvauv_env.netcdf import child
+from usvauv_env.netcdf.remote import NetcdfError, open_remote
 
 VALUES = np.arange(60, dtype="<f4").reshape(3, 4, 5) / 7
 
@@ -88,6 +89,29 @@ def test_parts_are_those_of_the_file(packed, monkeypatch):
     for (about, data), (_, wanted) in zip(found, parts, strict=True):
         assert about == {"dtype": "<f4", "shape": list(wanted.shape)}
         assert data == wanted.tobytes()
+
+
+def test_the_reader_asks_for_what_its_key_says(packed):
+    keys = [
+        ((slice(None), slice(None), slice(None)), VALUES),
+        ((1, slice(1, 4, 2), -1), VALUES[1, 1:4:2, -1]),
+        ((slice(-2, None), -2, [0, 1, 4]), VALUES[-2:, -2, [0, 1, 4]]),
+        ((np.int64(2), 3, np.array([2])), VALUES[2, 3, [2]]),
+        ((slice(2, 2), 0, slice(None)), VALUES[2:2, 0]),
+        ((0, 0, 0), VALUES[0, 0, 0]),
+    ]
+    with open_remote(packed) as file:
+        assert set(file.variables) >= {"speed", "names", "nothing", "depth"}
+        speed = file.variables["speed"]
+        for key, wanted in keys:
+            np.testing.assert_array_equal(speed.read(key), wanted)
+            assert speed.read(key).dtype == "<f4"
+        assert file.variables["names"].read((slice(1, 3),)).tolist() == ["süd", ""]
+        assert file.variables["depth"].read(()) == 12.5
+        allowed = 1032 * packed.stat().st_size + 2**20  # deflate packs no closer
+        speed.check_size(allowed)
+        with pytest.raises(NetcdfError, match=f"speed: {allowed + 1:,} bytes are asked for; at most {allowed:,}"):
+            speed.check_size(allowed + 1)
 
 
 def test_what_has_no_parts_is_given_whole(packed, monkeypatch):

@@ -601,10 +601,14 @@ class TestObservation:
         scenario = Scenario.load("extreme", only)
         world = World(scenario, num_worlds=4, seed=1)
         run(world, 20)
-        o = world.observation.double().numpy()
-        bearing = o[..., world.observation_layout.slice("target")] / np.linalg.norm(
-            o[..., world.observation_layout.slice("target")], axis=-1, keepdims=True
-        )
+        target = world.auv[0, 0, AuvColumn.target].long()
+        world.auv[0, 0, AuvColumn.span("x", "y")] = world.node[0, target, NodeColumn.span("x", "y")]
+        world.auv[0, 0, AuvColumn.hover] = 30.0  # it stays at its target, where the beams point to the east
+        o = world.step(torch.zeros(4, 2, 2))[0].double().numpy()
+        towards = o[..., world.observation_layout.slice("target")]
+        assert (np.linalg.norm(towards, axis=-1) == 0.0).tolist() == [[True, False], *[[False, False]] * 3]
+        towards[0, 0] = 1.0, 0.0
+        bearing = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
         for point, (reach, turn) in enumerate((reach, turn) for reach in (25.0, 50.0) for turn in (-1.0, 0.0, 1.0)):
             c, s = math.cos(turn), math.sin(turn)
             beam = np.stack((c * bearing[..., 0] - s * bearing[..., 1], s * bearing[..., 0] + c * bearing[..., 1]), -1)

@@ -117,7 +117,7 @@ class RemoteVariable:
             )
 
     def read(self, key: tuple[Any, ...]) -> np.ndarray:
-        """A part by one slice, index or list of indices per dimension; not to be written to.
+        """A part by slices and indices, and at most one rising list of indices; not to be written to.
 
         Raises:
             NetcdfError: it is more than can be in the file, or cannot be read.
