@@ -44,6 +44,8 @@ def untraced(work: Callable[..., None]) -> Callable[..., None]:
 def pytest_configure(config: pytest.Config) -> None:
     # Taichi's parser, which is Python, would take twice as long when its lines were counted.
     Kernel.materialize = untraced(Kernel.materialize)
+    # One kernel for any number of worlds, run by the calling thread: pytest's workers keep the other cores busy.
+    runtime.FEW_TASKS = sys.maxsize
     # A shell starts what it puts into the background with Ctrl-C ignored, and so would all that tests start.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

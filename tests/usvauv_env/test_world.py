@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from kernels import runtime
 from kernels.flow import airy
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
 from kernels.types import Level
@@ -75,6 +76,14 @@ class TestRandomNumbers:
         with pytest.raises(ScenarioError, match="seed: each world has one of its own"):
             record(world, lambda observation: pytest.fail("a step was made"), "straight")
         assert World(extreme, 3, 5, first_world=2).seed == 5
+
+    @pytest.mark.cpu("number of threads")
+    def test_the_same_in_the_calling_thread_and_in_all(self, extreme, monkeypatch):
+        worlds = 3 * runtime.ITERATIONS  # more than a thread takes at a time
+        alone = run(World(extreme, worlds, seed=3), 40)
+        monkeypatch.setattr(runtime, "FEW_TASKS", 0)
+        together = run(World(extreme, worlds, seed=3), 40)
+        assert all(np.array_equal(alone[name], together[name]) for name in alone)
 
     @pytest.mark.slow
     @pytest.mark.cpu("number of threads")
@@ -582,6 +591,7 @@ class TestObservation:
         scenario = Scenario.load("extreme", ["auv.count=3", "observation.current=vector"])
         world = World(scenario, num_worlds=16, seed=1)
         run(world, 40)
+        assert world.observation_size == 13
         o, own, diagonal = world.observation, world.own_position, math.hypot(200, 200)
         others = world.estimate[..., EstimateColumn.span("x", "y")]  # as the boat has them
         assert o.shape == (16, 3, 2 * 2 + 6 + 3)
@@ -622,12 +632,6 @@ class TestObservation:
                     expected[w] += np.stack((-turning * dy, turning * dx), -1)
             found = o[..., 11 + 2 * point : 13 + 2 * point]
             np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4)
-
-    @pytest.mark.parametrize(("current", "size"), [("none", 8), ("speed", 9), ("vector", 11), ("profile", 23)])
-    def test_size(self, current, size):
-        world = World(Scenario.load("ideal", [*EVERY_STEP, f"observation.current={current}"]), num_worlds=2)
-        assert world.reset().shape == (2, 2, size)
-        assert world.observation_size == size
 
 
 @pytest.mark.parametrize(

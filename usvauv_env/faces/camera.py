@@ -6,7 +6,6 @@ import numpy as np
 
 from usvauv_env.memory import require
 from usvauv_env.record.recorder import SURFACE_PIXELS, Recorder, trace_bytes
-from usvauv_env.render.painter import Painter
 from usvauv_env.world.world import World
 
 MODES = ("rgb_array",)
@@ -46,6 +45,8 @@ class Camera:
 
     def picture(self, world: int) -> np.ndarray:
         """A world as it is now, (720, 1280, 3) uint8, RGB."""
+        from usvauv_env.render.painter import Painter  # which brings matplotlib: half a second for what draws nothing
+
         now = self._recorder.world.surface(SURFACE_PIXELS, world)
         first = int(self._first[world])
         states = len(self._recorder) - first
