@@ -10,10 +10,12 @@ import contextlib
 import functools
 import io
 import os
+import textwrap
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -172,8 +174,8 @@ def _silent_stderr() -> Iterator[None]:
 def _speed_up_reading_of_kernels() -> None:
     """Halve the time in which Taichi reads the source of a kernel, as each process does, also of one compiled before.
 
-    For its error messages Taichi composes an extract of the source for each expression, and it reads the source of a
-    function again at each call of it. Here messages have file and line only, and a source is read once.
+    For its error messages Taichi composes an extract of the source for each expression, and at each call of a function
+    it reads and wraps its source again. Here messages have file and line only, and a source is read once.
     """
 
     def position(context, node) -> str:
@@ -184,6 +186,8 @@ def _speed_up_reading_of_kernels() -> None:
     transformer.get_pos_info = position
     for name in ("getsourcelines", "getsourcefile"):
         setattr(kernel_impl, name, functools.cache(getattr(kernel_impl, name)))
+    lines: Any = SimpleNamespace(fill=functools.cache(textwrap.fill), dedent=functools.cache(textwrap.dedent))
+    kernel_impl.textwrap = lines
 
 
 @contextlib.contextmanager
