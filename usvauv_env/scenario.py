@@ -19,32 +19,11 @@ from kernels.errors import UserError
 from kernels.mission.tasks.task import Task, tasks
 from kernels.positioning.codes import FEWEST_CHIPS
 from usvauv_env import text_files
-from usvauv_env.sections import (
-    Acoustics,
-    Area,
-    Auv,
-    Boat,
-    Channel,
-    Current,
-    Mission,
-    Navigation,
-    Nodes,
-    Observation,
-    Planner,
-    Reference,
-    Reward,
-    Sea,
-    Section,
-    Stations,
-    Storm,
-    TaskParameters,
-    Tracker,
-    Usbl,
-    Water,
-    known,
-    one_line,
-    section,
-)
+from usvauv_env.sections.fields import Section, known, one_line, section
+from usvauv_env.sections.sea import Area, Current, Mission, Sea, Storm, Water
+from usvauv_env.sections.sound import Acoustics, Channel, Usbl
+from usvauv_env.sections.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
+from usvauv_env.sections.vehicles import Auv, Boat, Navigation, Planner, Tracker
 
 MOST_SAMPLES = 100_000  # of a tone that is received sample by sample; about 10 ms a fix
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations

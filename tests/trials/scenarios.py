@@ -22,7 +22,7 @@ from kernels.errors import UserError
 from kernels.mission.columns import AuvColumn, BoatColumn
 from tests.links import EVERY_STEP
 from usvauv_env import Scenario, World
-from usvauv_env.sections import Section
+from usvauv_env.sections.fields import Section
 
 STEPS = 12
 LONGEST = 2e8  # cell steps of a mission step that the trial has time for

@@ -26,7 +26,7 @@ from usvauv_env.render.running_metrics import RunningMetrics, figures
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
 from usvauv_env.render.text import shorten, text_width, write
 from usvauv_env.scenario import Scenario
-from usvauv_env.sections import Area
+from usvauv_env.sections.sea import Area
 
 
 def synthetic_trace(

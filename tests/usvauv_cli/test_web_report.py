@@ -14,6 +14,7 @@ from pyproj import CRS, Transformer
 from scipy import stats
 
 import policies
+from kernels.planning.team import MAX_AUVS
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
 from usvauv_cli import columns
 from usvauv_cli.evaluation.comparison import Comparison
@@ -33,7 +34,8 @@ from usvauv_env.record.collection import age
 from usvauv_env.record.growing_table import Combination
 from usvauv_env.record.metrics import EpisodeMetrics, usable
 from usvauv_env.record.trace import VARIABLES
-from usvauv_env.sections import MAX_AUVS, MAX_NODES, MAX_VORTICES
+from usvauv_env.sections.sea import MAX_VORTICES
+from usvauv_env.sections.task import MAX_NODES
 from usvauv_env.site import georeference
 from usvauv_env.site.site import Site
 

@@ -9,7 +9,8 @@ import pytest
 
 from tests.trials.scenarios import numbers
 from usvauv_env import Scenario, ScenarioError
-from usvauv_env.sections import Section, TaskParameters
+from usvauv_env.sections.fields import Section
+from usvauv_env.sections.task import TaskParameters
 
 
 @pytest.mark.parametrize("name", Scenario.shipped())

@@ -13,7 +13,7 @@ from kernels.errors import UserError
 from tests.usvauv_env.ocean_files import FRAME, cmems, gebco
 from tests.usvauv_env.wave_files import era5
 from usvauv_env import Scenario
-from usvauv_env.sections import FARTHEST
+from usvauv_env.sections.fields import FARTHEST
 from usvauv_env.site import cf, cf_ocean, interpolation, wave_source
 from usvauv_env.site.cf import Axis, Field, OceanError
 from usvauv_env.site.local_frame import LocalFrame

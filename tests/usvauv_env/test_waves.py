@@ -13,7 +13,7 @@ from usvauv_cli.sea_view.spectra import target_spectrum, wanted
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.sea.build import build_short_waves
 from usvauv_env.sea.storm import band, cumulative, total_height, wave_systems
-from usvauv_env.sections import Storm
+from usvauv_env.sections.sea import Storm
 from usvauv_env.site.local_frame import LocalFrame
 from usvauv_env.site.site import Site
 from usvauv_env.site.waves import WaveSpectrum

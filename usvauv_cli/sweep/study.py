@@ -22,7 +22,7 @@ from usvauv_cli.evaluation.definition import digests
 from usvauv_env import text_files
 from usvauv_env.record.metrics import FIGURES, task_metrics
 from usvauv_env.scenario import Scenario
-from usvauv_env.sections import Section, known, one_line
+from usvauv_env.sections.fields import Section, known, one_line
 from usvauv_env.world.boat_strategies import StrategyChoice
 
 OF_TRAINING = ("steps", "worlds", "shared", "learn")

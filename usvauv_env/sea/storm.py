@@ -32,7 +32,7 @@ import torch
 from kernels import runtime
 from kernels.flow import airy
 from usvauv_env.scenario import ScenarioError
-from usvauv_env.sections import Storm
+from usvauv_env.sections.sea import Storm
 from usvauv_env.site.site import Site
 from usvauv_env.site.waves import Partition, WaveSpectrum
 

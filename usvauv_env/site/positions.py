@@ -13,7 +13,7 @@ import numpy as np
 
 from kernels.errors import UserError
 from usvauv_env.scenario import Scenario
-from usvauv_env.sections import FARTHEST
+from usvauv_env.sections.fields import FARTHEST
 from usvauv_env.site.site import Site
 
 ANGLE = re.compile(r"(\d+(?:\.\d+)?)°?(?:(\d+(?:\.\d+)?)['′’](?:(\d+(?:\.\d+)?)[\"″”])?)?([NSEW])")

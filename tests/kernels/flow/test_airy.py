@@ -12,7 +12,7 @@ from scipy.stats import kstest
 
 from kernels.flow import airy
 from usvauv_env.sea.storm import AirySea, band, build_storm, spread
-from usvauv_env.sections import Storm
+from usvauv_env.sections.sea import Storm
 
 G, H = 9.81, 120.0
 STORM = {

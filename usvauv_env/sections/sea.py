@@ -1,0 +1,226 @@
+"""Sections of a scenario about its water: area and time, long and short waves, files of real water, vortices."""
+
+from __future__ import annotations
+
+import math
+from datetime import date, datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+
+from kernels.shallow_water.boundaries import Side
+from usvauv_env.sections.fields import Place, Section
+
+MAX_VORTICES = 64
+TOGETHER = 16  # vortices; of more than these no more are taken to lie at one place
+VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
+FASTEST_WATER = 20.0  # m/s; the fastest tidal streams reach 11
+MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at a second each
+
+WaveHeight = Annotated[float, Field(ge=0.001, le=30)]
+WavePeriod = Annotated[float, Field(ge=0.5, le=30)]
+Enhancement = Annotated[float, Field(ge=1, le=20)]
+Direction = Annotated[float, Field(ge=-7, le=7)]
+Spreading = Annotated[float, Field(ge=0, le=1000)]
+Centre = Annotated[
+    Annotated[tuple[Place, Place], Tag("metres")] | Annotated[str, Tag("degrees")],
+    Discriminator(lambda value: "degrees" if isinstance(value, str) else "metres"),
+]
+
+
+class Area(Section):
+    width: float = Field(200.0, ge=40, le=20000, description="extent in x (east), m")
+    length: float = Field(200.0, ge=40, le=20000, description="extent in y (north), m")
+    depth: float = Field(120.0, ge=5, le=11000, description="water depth h, m")
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the area's diagonal, m."""
+        return math.hypot(self.width, self.length)
+
+
+class Mission(Section):
+    step: float = Field(1.0, ge=0.01, le=10, description="mission step, s")
+    duration: float = Field(
+        1000.0, ge=0.01, le=1e7, description="length of an episode, s; the nearest whole number of steps, at least one"
+    )
+
+    @property
+    def steps(self) -> int:
+        """Mission steps in an episode."""
+        return max(1, round(self.duration / self.step))
+
+    @model_validator(mode="after")
+    def _check(self) -> Mission:
+        if self.steps > MOST_STEPS:
+            raise ValueError(f"duration / step = {self.steps} steps: must be at most {MOST_STEPS}")
+        return self
+
+
+class Sea(Section):
+    """Shallow-water surface (Eq. 6), its forcing at one edge and its start."""
+
+    equations: Literal["linear", "nonlinear"] = Field(
+        "linear", description="linear long waves, or nonlinear ones with bores and dry shores, which cost far more"
+    )
+    cell_size: float = Field(
+        4.0, ge=0.05, le=1000, description="grid spacing while training and evaluating, m; about: cells fill the area"
+    )
+    fine_cells: int = Field(512, ge=16, le=8192, description="cells along the longer side when simulated live")
+    gravity: float = Field(9.81, ge=1, le=30, description="gravitational acceleration g, m/s²")
+    drag: float = Field(0.0, ge=0, le=1, description="linear bottom drag rate, 1/s; keeps a resonant basin finite")
+    manning: float = Field(
+        0.0, ge=0, le=0.2, description="Manning's n of the bed with nonlinear equations, s/m^(1/3); sand 0.02 to 0.03"
+    )
+    update_interval: float = Field(
+        1.0,
+        ge=0.01,
+        le=86400,
+        description="time between updates of the long waves, s, whatever the mission step: they stand for up to it",
+    )
+    realisations: int = Field(
+        16, ge=1, le=4096, description="different seas in a batch; world w sails on sea w modulo this"
+    )
+    forced_edge: Literal["none", "west", "east", "south", "north"] = Field(
+        "none", description="edge where the elevation is prescribed"
+    )
+    forcing: Literal["elevation", "incident"] = Field(
+        "elevation",
+        description="what is prescribed there: the elevation, or the wave that comes in, while others leave",
+    )
+    radiating_edges: tuple[Side, ...] = Field(
+        (), description="edges that long waves leave through; edges not named anywhere are reflecting walls"
+    )
+    sponge_edges: tuple[Side, ...] = Field((), description="edges with a layer in front that absorbs waves")
+    sponge_width: float = Field(40.0, ge=0.1, le=20000, description="width of that layer, m")
+    regular_amplitude: float = Field(
+        0.0, ge=0, le=30, description="amplitude of the regular wave or tide at the forced edge, m"
+    )
+    regular_period: float = Field(43200.0, ge=1, le=1e7, description="its period, s (Table 1's tide: 43200)")
+    irregular_rms: float = Field(
+        0.0, ge=0, le=10, description="rms elevation of the irregular long waves at the forced edge, m"
+    )
+    irregular_components: int = Field(16, ge=1, le=256, description="number of their components, equal energy each")
+    irregular_period_min: float = Field(75.0, ge=1, le=1e6, description="their shortest period, s")
+    irregular_period_max: float = Field(300.0, ge=1, le=1e6, description="their longest period, s")
+    start_rms: float = Field(
+        0.0, ge=0, le=10, description="rms elevation of the seeded standing waves the sea starts with, m"
+    )
+    start_modes: int = Field(4, ge=1, le=16, description="highest number of half wavelengths across the area in them")
+
+    @model_validator(mode="after")
+    def _check(self) -> Sea:
+        if self.irregular_period_max < self.irregular_period_min:
+            raise ValueError("irregular_period_max must not be below irregular_period_min")
+        if self.forced_edge == "none" and (self.regular_amplitude > 0 or self.irregular_rms > 0):
+            raise ValueError("forced_edge must name an edge when regular_amplitude or irregular_rms is above 0")
+        named = (self.forced_edge, *self.radiating_edges, *self.sponge_edges)
+        for side in named:
+            if named.count(side) > 1:
+                raise ValueError(f"forced_edge, radiating_edges and sponge_edges must not name an edge twice: {side}")
+        if self.equations == "nonlinear" and self.sponge_edges:
+            raise ValueError('equations = "nonlinear" must go without sponge_edges')
+        if self.manning > 0 and self.equations == "linear":
+            raise ValueError(f'manning = {self.manning:g}: needs equations = "nonlinear"; linear ones have drag')
+        return self
+
+
+class Storm(Section):
+    """Short waves: a directional Airy sea upon the long waves of `Sea`."""
+
+    spectrum: Literal["none", "jonswap", "pm", "tma"] = Field(
+        "none", description="JONSWAP, Pierson–Moskowitz, TMA (JONSWAP in water of finite depth), or no short waves"
+    )
+    significant_height: WaveHeight = Field(6.5, description="significant height Hs = 4 √m0, m; WMO sea state 7: 6 to 9")
+    peak_period: WavePeriod = Field(11.0, description="peak period Tp, s")
+    gamma: Enhancement = Field(2.2, description="peak enhancement γ; Pierson–Moskowitz has 1")
+    direction: Direction = Field(math.pi, description="mean direction of travel, from east towards north, rad")
+    spreading: Spreading = Field(10.0, description="s of the spreading cos^2s(½Δθ)")
+    swells: tuple[tuple[WaveHeight, WavePeriod, Enhancement, Direction, Spreading], ...] = Field(
+        (),
+        max_length=8,
+        description="further wave systems of that spectrum, [[Hs m, Tp s, γ, direction rad, spreading], ...], as above",
+    )
+    components: int = Field(64, ge=8, le=1024, description="number of component waves of each system in a sea")
+    shortest_wave: float = Field(
+        20.0, ge=0.1, le=1000, description="shortest wave length that moves and tilts the boat, m"
+    )
+
+    @property
+    def systems(self) -> tuple[Storm, ...]:
+        """The wind sea, then each swell, as storms without swells; none without a spectrum."""
+        if self.spectrum == "none":
+            return ()
+        names = "significant_height", "peak_period", "gamma", "direction", "spreading"
+        alone = self.model_copy(update={"swells": ()})
+        swells = (alone.model_copy(update=dict(zip(names, swell, strict=True))) for swell in self.swells)
+        return alone, *swells
+
+    @property
+    def total_height(self) -> float:
+        """Significant height of all systems together, 4 √Σm0, m; 0 without a spectrum."""
+        return math.hypot(*(system.significant_height for system in self.systems))
+
+
+class Water(Section):
+    """The real bed, currents and waves, read from NetCDF files (`usvauv_env.site`)."""
+
+    bathymetry: str = Field("", description="file with the depth of the bed; empty: flat at area.depth")
+    currents: str = Field("", description="file with currents, added to the vortices; empty: none")
+    waves: str = Field(
+        "", description="file with wave spectra or partitions, in place of the storm's systems; empty: none"
+    )
+    longitude: float = Field(
+        0.0, ge=-180, le=360, description="longitude of the area's south-west corner, degrees east"
+    )
+    latitude: float = Field(0.0, ge=-85, le=85, description="latitude of the area's south-west corner, degrees north")
+    start: str = Field("", description="ISO time at which the mission begins; empty: the first of the file")
+
+    @field_validator("start", mode="before")
+    @classmethod
+    def _as_text(cls, value: Any) -> Any:
+        """TOML has times of its own: an unquoted one is taken as what it says."""
+        return value.isoformat() if isinstance(value, date | datetime) else value
+
+
+class Current(Section):
+    """Superposed Lamb–Oseen vortices (Eq. 8)."""
+
+    centres: tuple[Centre, ...] = Field(
+        (),
+        max_length=MAX_VORTICES,
+        description='fixed vortex centres [[x, y], ...], m, or ["22.51N,114.02E", ...]; empty: drawn anew each episode',
+    )
+    count: int = Field(0, ge=0, le=MAX_VORTICES, description="number of vortices drawn when no centres are given")
+    circulation_min: float = Field(0.0, ge=0, le=1e5, description="smallest |Γ|, m²/s")
+    circulation_max: float = Field(0.0, ge=0, le=1e5, description="largest |Γ|, m²/s")
+    alternate: bool = Field(True, description="draw the sign of Γ at random; false: all turn anticlockwise")
+    core_radius_min: float = Field(30.0, ge=1, le=20000, description="smallest core radius δ, m")
+    core_radius_max: float = Field(30.0, ge=1, le=20000, description="largest core radius δ, m")
+    viscosity: float = Field(
+        0.0, ge=0, le=1000, description="eddy viscosity ν by which cores spread, dδ²/dt = 4ν, m²/s"
+    )
+    mutual: bool = Field(False, description="vortices carry one another")
+
+    @model_validator(mode="after")
+    def _check(self) -> Current:
+        if self.circulation_max < self.circulation_min:
+            raise ValueError("circulation_max must not be below circulation_min")
+        if self.core_radius_max < self.core_radius_min:
+            raise ValueError("core_radius_max must not be below core_radius_min")
+        if self.fastest > FASTEST_WATER:
+            raise ValueError(
+                f"circulation_max = {self.circulation_max:g} at core_radius_min = {self.core_radius_min:g}:"
+                f" the vortices together turn at up to {self.fastest:.3g} m/s; allowed are {FASTEST_WATER:g} m/s"
+            )
+        return self
+
+    @property
+    def fastest(self) -> float:
+        """Sum of the peak speeds of all vortices, or of as many as lie `TOGETHER`, m/s."""
+        return min(self.vortices, TOGETHER) * VORTEX_PEAK * self.circulation_max / self.core_radius_min
+
+    @property
+    def vortices(self) -> int:
+        """Number of vortices in a world."""
+        return len(self.centres) or self.count

@@ -1,0 +1,108 @@
+"""Sections of a scenario about boats and AUVs: how they move, what they reckon with, what boats plan by."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from kernels.mission.vehicle import FASTEST
+from kernels.planning.team import MAX_AUVS
+from usvauv_env.sections.fields import Distance, Section
+
+
+class Navigation(Section):
+    """What an AUV reckons with between fixes, and what it learns of them: a filter of its own."""
+
+    sensor: Literal["none", "ground", "water"] = Field(
+        "none",
+        description="an AUV has its position from the boat; or it reckons with its velocity over ground (Doppler log)"
+        " or through the water, and is told of its fixes by interrogations",
+    )
+    velocity_noise: float = Field(
+        0.02, ge=0, le=10, description="standard deviation of that velocity's white error in one second, per axis, m/s"
+    )
+    velocity_bias: float = Field(
+        0.03, ge=0, le=10, description="standard deviation of its bias, log and compass together, per axis, m/s"
+    )
+    bias_correlation_time: float = Field(300.0, ge=0.1, le=1e7, description="time in which the bias changes, s")
+    homing_range: Distance = Field(
+        0.0, description="horizontal distance within which an AUV hears its node and knows the way to it, m"
+    )
+
+
+class Boat(Section):
+    count: int = Field(1, ge=1, le=4, description="number of boats; each serves the AUVs nearest to it")
+    noise_level: float = Field(
+        0.0,
+        ge=0,
+        le=150,
+        description="the boat's own noise at its array at top speed and 15 kHz, dB re 1 µPa²/Hz; 60 dB less a decade of"
+        " speed, 20 dB a decade of frequency; 0: none",
+    )
+    top_speed: float = Field(4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s")
+    drifts: bool = Field(True, description="the current carries the boat")
+    strategy: str = Field("fim", description="where it goes, as the option --usv takes it")
+
+
+class Planner(Section):
+    """What the boat maximises when it plans by Fisher information (Eq. 2–3)."""
+
+    measurement: Literal["phase", "fix"] = Field(
+        "phase", description="information of Eq. 1's phases at known depth, or of the whole fix (phases and delay)"
+    )
+    noise: Literal["range", "constant"] = Field(
+        "range", description="phase noise that grows with range by the sonar equation, or one constant"
+    )
+    objective: Literal["d", "a", "e", "sum", "paper"] = Field(
+        "d",
+        description="information on all positions by its determinant (d), its inverse's trace (a) or least eigenvalue"
+        " (e), determinant of the paper's sum (sum), or what Eq. 3 prints (paper)",
+    )
+    horizon: int = Field(10, ge=1, le=1000, description="steps that `fim-horizon` looks ahead")
+
+
+class Tracker(Section):
+    """Kalman filter of each AUV's position and current, from its commanded velocity and its fixes."""
+
+    enabled: bool = Field(False, description="the AUVs' positions are those of a tracker, not of the last fix")
+    current_reading: float = Field(
+        0.0,
+        ge=0,
+        le=10,
+        description="standard deviation of an AUV's current meter, which the tracker reads, m/s; 0: there is none",
+    )
+
+
+class Auv(Section):
+    count: int = Field(2, ge=1, le=MAX_AUVS, description="number of AUVs")
+    depth: float = Field(100.0, ge=0.5, le=11000, description="cruise depth, m")
+    separation: Literal["geometry", "demonstration"] = Field(
+        "geometry",
+        description="vertical distances by geometry, or the demonstration's: auv.depth both to boat and to node",
+    )
+    speed_min: float = Field(1.2, ge=0.01, le=FASTEST, description="lowest speed through the water, m/s")
+    speed_max: float = Field(
+        2.2, ge=0.01, le=FASTEST, description="highest speed through the water, m/s; the power law holds up to 2.5"
+    )
+    action: Literal["vector", "polar"] = Field(
+        "vector", description="action as a velocity vector, or as (heading, speed)"
+    )
+    start_margin: Distance = Field(10.0, description="least distance from the border at the start, m")
+    start_separation: Distance = Field(20.0, description="least distance between AUVs at the start, m")
+    refused_power: Literal["travelling", "hovering"] = Field(
+        "travelling",
+        description="power of a move refused at the border: as of one made (travelling), or of hovering (the"
+        " demonstration's)",
+    )
+    safe_distance: Distance = Field(12.0, description="distance below which the reward punishes proximity, m")
+    collision_distance: Distance = Field(5.0, description="distance below which a step counts as a collision, m")
+    hover_radius: float = Field(
+        6.0, ge=0.01, le=20000, description="horizontal distance at which an AUV starts to serve its node, m"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Auv:
+        if self.speed_max < self.speed_min:
+            raise ValueError("speed_max must not be below speed_min")
+        return self
