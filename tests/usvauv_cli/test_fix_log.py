@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kernels.errors import UserError
-from tests.usvauv_cli.test_video import synthetic_trace
+from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv_cli.fix_log.estimate import auvs_of_log, estimate
 from usvauv_cli.fix_log.reader import Fixes, read_log
 from usvauv_cli.fix_log.sentences import BadLine, Boat, Geographic, Heading, Relative, parse

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kernels.errors import UserError
-from tests.usvauv_cli.test_video import synthetic_trace
+from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv_cli.mission_video import ENDINGS, VideoSettings, render
 from usvauv_env import Scenario
 from usvauv_env.render.comparison import Comparison, differences

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
-from tests.usvauv_cli.test_video import synthetic_trace
+from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv_env.exchange import formats, rerun_recording
 from usvauv_env.exchange.poses import Poses, triangles
 from usvauv_env.exchange.tables import tables

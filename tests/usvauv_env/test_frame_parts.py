@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tests.usvauv_cli.test_video import synthetic_trace
+from tests.usvauv_env.made_traces import synthetic_trace
 from tests.usvauv_env.test_frames import LAYOUT, overlap, stations
 from usvauv_env.render import style
 from usvauv_env.render.comparison import Comparison, differences

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tests.usvauv_cli.test_video import synthetic_trace
+from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv_env.render import glass_box, panel_elements, style
 from usvauv_env.render import text as texts
 from usvauv_env.render.canvas import Canvas

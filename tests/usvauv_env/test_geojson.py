@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pyproj import CRS, Transformer
 
-from tests.usvauv_cli.test_video import synthetic_trace
+from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv_cli import app
 from usvauv_env import Scenario, geojson
 from usvauv_env.record.collection import served

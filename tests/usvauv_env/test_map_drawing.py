@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kernels.positioning import usbl
-from tests.usvauv_cli.test_video import synthetic_trace, with_second_boat
+from tests.usvauv_env.made_traces import synthetic_trace, with_second_boat
 from usvauv_env.render import map as mission_map
 from usvauv_env.render import style, symbols
 from usvauv_env.render.exchanges import Exchanges

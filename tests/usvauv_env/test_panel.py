@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.usvauv_cli.test_video import synthetic_trace
+from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv_env.render import shapes, style, symbols
 from usvauv_env.render.depth_section import DepthSection
 from usvauv_env.render.frame_layout import Layout, Rectangle

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kernels.positioning import usbl
-from tests.usvauv_cli.test_video import synthetic_trace, with_second_boat
+from tests.usvauv_env.made_traces import synthetic_trace, with_second_boat
 from tests.usvauv_env.test_frames import LAYOUT, stations
 from usvauv_env.record.metrics import target_distance
 from usvauv_env.render import depth_section, popups, shapes, side_panel, style, symbols

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kernels.positioning import usbl
-from tests.usvauv_cli.test_video import synthetic_trace, with_second_boat
+from tests.usvauv_env.made_traces import synthetic_trace, with_second_boat
 from usvauv_env.render import perspective, style, symbols
 from usvauv_env.render.camera import Camera, Swing
 from usvauv_env.render.canvas import Canvas
