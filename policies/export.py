@@ -50,6 +50,12 @@ def export(policy: LearnedPolicy, path: Path) -> None:
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise PolicyError(f'ONNX export needs {" and ".join(missing)}: pip install -c constraints.txt -e ".[onnx]"')
+    with atomic_write(path) as partial:
+        _program(policy).save(partial)
+
+
+def _program(policy: LearnedPolicy) -> torch.onnx.ONNXProgram:
+    """The policy's graph and what the file says of it."""
     scenario = policy.scenario
     layout = observed(Site(scenario))
     example = torch.zeros((EXAMPLE_WORLDS, scenario.auv.count, len(layout)))
@@ -85,8 +91,7 @@ def export(policy: LearnedPolicy, path: Path) -> None:
         action=json.dumps([row._asdict() for row in commanded(scenario)]),
         policy=json.dumps(about),
     )
-    with atomic_write(path) as partial:
-        program.save(partial)
+    return program
 
 
 @contextmanager
