@@ -615,6 +615,7 @@ class TestObservation:
         world.auv[0, 0, AuvColumn.span("x", "y")] = world.node[0, target, NodeColumn.span("x", "y")]
         world.auv[0, 0, AuvColumn.hover] = 30.0  # it stays at its target, where the beams point to the east
         o = world.step(torch.zeros(4, 2, 2))[0].double().numpy()
+        assert o.shape == (4, 2, world.observation_size) == (4, 2, 23)
         towards = o[..., world.observation_layout.slice("target")]
         assert (np.linalg.norm(towards, axis=-1) == 0.0).tolist() == [[True, False], *[[False, False]] * 3]
         towards[0, 0] = 1.0, 0.0
@@ -632,6 +633,12 @@ class TestObservation:
                     expected[w] += np.stack((-turning * dy, turning * dx), -1)
             found = o[..., 11 + 2 * point : 13 + 2 * point]
             np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4)
+
+    @pytest.mark.parametrize(("current", "size"), [("none", 8), ("speed", 9)])
+    def test_size(self, current, size):
+        world = World(Scenario.load("ideal", [*EVERY_STEP, f"observation.current={current}"]), num_worlds=2)
+        assert world.reset().shape == (2, 2, size)
+        assert world.observation_size == size
 
 
 @pytest.mark.parametrize(

@@ -305,10 +305,6 @@ class TestSizes:
             *(17, slice(4, 5), True, False),
         )
 
-    @pytest.mark.parametrize(("current", "size"), [("none", 8), ("speed", 9), ("vector", 11), ("profile", 23)])
-    def test_size_follows_the_scenario(self, current, size):
-        assert ObservationLayout.of(Scenario.load("ideal", [f"observation.current={current}"])).size == size
-
     def test_beams_of_a_profile_are_told_apart(self):
         """By two distances, the nearer first, and from right to left, each with both components."""
         texts = iter(quantities("current_profile", 2))
