@@ -1,4 +1,4 @@
-"""The list of all pages that stands beside each: rendered once, where Sphinx takes two thirds of a build for it."""
+"""The list of all pages that stands beside each: rendered once; Sphinx does it anew for each page."""
 
 from __future__ import annotations
 
