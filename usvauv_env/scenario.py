@@ -19,8 +19,9 @@ from kernels.errors import UserError
 from kernels.mission.tasks.task import Task, tasks
 from kernels.positioning.codes import FEWEST_CHIPS
 from usvauv_env import text_files
+from usvauv_env.sections.area import Area, Mission
 from usvauv_env.sections.fields import Section, known, one_line, section
-from usvauv_env.sections.sea import Area, Current, Mission, Sea, Storm, Water
+from usvauv_env.sections.sea import Current, Sea, Storm, Water
 from usvauv_env.sections.sound import Acoustics, Channel, Usbl
 from usvauv_env.sections.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
 from usvauv_env.sections.vehicles import Auv, Boat, Navigation, Planner, Tracker

@@ -10,7 +10,7 @@ from tests.usvauv_env.made_traces import paint, synthetic_trace
 from usvauv_cli.mission_video import VideoSettings, render
 from usvauv_env.files import OutputError
 from usvauv_env.render.frame_layout import Layout
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from usvauv_env.render.map import error_axes
 from usvauv_env.render.painter import Painter
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
 from usvauv_env.scenario import Scenario
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 
 class TestMap:

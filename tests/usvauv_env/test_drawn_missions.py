@@ -21,7 +21,7 @@ from usvauv_env.render.plots import RecordedPlot
 from usvauv_env.render.reply_field import ReplyField
 from usvauv_env.render.running_metrics import RunningMetrics, figures
 from usvauv_env.scenario import Scenario
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 
 class TestPings:

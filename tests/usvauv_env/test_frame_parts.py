@@ -19,7 +19,7 @@ from usvauv_env.render.plots import LivePlot, Plot, RecordedPlot, SectionPlot
 from usvauv_env.render.running_metrics import RunningMetrics
 from usvauv_env.render.sea_layers import COLOURS, colour_scale
 from usvauv_env.render.text import clock
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 
 class TestPlots:

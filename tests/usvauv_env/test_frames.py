@@ -16,7 +16,7 @@ from usvauv_env.render.legend import ENTRIES, STATION_ENTRIES
 from usvauv_env.render.painter import Look, painter_of
 from usvauv_env.render.running_metrics import RunningMetrics, figures
 from usvauv_env.scenario import Scenario
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 LAYOUT = Layout.fit(1280, 720, Area())
 

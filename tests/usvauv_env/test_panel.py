@@ -15,7 +15,7 @@ from usvauv_env.render.legend import ENTRIES, STATION_ENTRIES, draw_legend
 from usvauv_env.render.panel_elements import Bars
 from usvauv_env.render.plots import Plot
 from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 LAYOUT = Layout.fit(1280, 720, Area())
 BOX = Rectangle(100, 100, 500, 200)

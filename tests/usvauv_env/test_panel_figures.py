@@ -22,7 +22,7 @@ from usvauv_env.render.painter import Look, Painter
 from usvauv_env.render.popups import FRAMES, Popups
 from usvauv_env.render.running_metrics import MEDIAN_WINDOW, RunningMetrics, _heading, _service_share, figures
 from usvauv_env.render.scene import track
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 
 def random():

@@ -12,7 +12,7 @@ from usvauv_env.render.camera import Swing
 from usvauv_env.render.frame_layout import MapView, Rectangle
 from usvauv_env.render.sea_layers import COLOURS, CurrentStreaks, SeaSurface, elevation_limit
 from usvauv_env.render.sea_shading import SeaShading
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 
 class TestRelief:

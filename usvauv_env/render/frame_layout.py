@@ -10,7 +10,7 @@ import numpy as np
 
 from usvauv_env.render import style
 from usvauv_env.render.style import Theme
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 
 class Rectangle(NamedTuple):

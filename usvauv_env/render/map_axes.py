@@ -11,7 +11,7 @@ from usvauv_env.render.frame_layout import Layout, MapView, nice, nice_above
 from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface, colour_scale
 from usvauv_env.render.text import text_width, write
 from usvauv_env.scenario import Scenario
-from usvauv_env.sections.sea import Area
+from usvauv_env.sections.area import Area
 
 
 class Scene(Protocol):
