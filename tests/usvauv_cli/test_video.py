@@ -97,3 +97,6 @@ class TestFile:
             assert str(tmp_path / place) in str(caught.value)
             assert "\n" not in str(caught.value)
         assert sorted(tmp_path.rglob("*")) == before
+
+    def test_one_step(self, tmp_path):
+        assert render([synthetic_trace(steps=1)], tmp_path / "one.mp4", VideoSettings((320, 320))).frames == 1

@@ -11,7 +11,6 @@ import pytest
 
 from kernels.positioning import usbl
 from tests.usvauv_env.made_traces import paint, place, synthetic_trace, with_second_boat
-from usvauv_cli.mission_video import VideoSettings, render
 from usvauv_env.record.metrics import episode_metrics
 from usvauv_env.record.trace import Trace
 from usvauv_env.render.exchanges import PING_FRAMES, pings
@@ -243,9 +242,6 @@ class TestAnyShape:
             difference = cv2.max(above, below).max(-1)
             assert (difference > 60).sum() < 120
             assert (difference > 100).sum() < 12
-
-    def test_one_step(self, tmp_path):
-        assert render([synthetic_trace(steps=1)], tmp_path / "one.mp4", VideoSettings((320, 320))).frames == 1
 
     def test_other_worlds_are_not_shown(self):
         trace = synthetic_trace(steps=4, worlds=3)
