@@ -5,6 +5,7 @@ import pytest
 from benchmarks import learning
 
 
+@pytest.mark.slow
 def test_a_rate_is_updates_over_their_time(monkeypatch):
     """By a clock that ticks fifty times slower than updates are done; reports come at unequal distances."""
     trainers, made = [], learning.Trainer

@@ -1,9 +1,12 @@
 """The benchmark of several seeds times what it says."""
 
+import pytest
+
 from benchmarks import seeds
 from policies import TrainingConfig
 
 
+@pytest.mark.slow
 def test_a_piece_is_timed_between_its_reports(monkeypatch):
     clock = iter(range(1000))
     monkeypatch.setattr(seeds, "clocks", lambda: (float(tick := next(clock)), 0.5 * tick))

@@ -190,6 +190,7 @@ class TestClear:
         apart = torch.tensor(places[0]) - torch.tensor(places[1])
         assert float(first @ apart) > 0
 
+    @pytest.mark.slow
     def test_it_ends_nearly_all_proximity(self):
         scenario = Scenario.load("extreme", ["mission.duration=300"])
         rows = evaluate(scenario, policies.named("clear:50", "pace:50"), episodes=32, seed=7, targets="greedy")

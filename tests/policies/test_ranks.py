@@ -199,7 +199,11 @@ class TestCommand:
         ("options", "said"),
         [
             (["--worlds", "1"], "worlds = 1: must be at least 2, one for each rank"),
-            (["--seeds", "2"], "--seeds: several seeds are trained in one process, not by torchrun"),
+            pytest.param(
+                ["--seeds", "2"],
+                "--seeds: several seeds are trained in one process, not by torchrun",
+                marks=pytest.mark.slow,
+            ),
         ],
     )
     def test_torchrun_and_one_line_of_an_error(self, tmp_path, options, said):

@@ -20,9 +20,9 @@ class TestTraining:
             ("sac", {}),
             ("td3", {}),
             ("ddpg", {}),
-            ("ddpg", {"shared": True}),
-            ("sac", {"frame": "world"}),
-            ("sac", {"frame": "guided"}),
+            pytest.param("ddpg", {"shared": True}, marks=pytest.mark.slow),
+            pytest.param("sac", {"frame": "world"}, marks=pytest.mark.slow),
+            pytest.param("sac", {"frame": "guided"}, marks=pytest.mark.slow),
         ],
     )
     def test_each_algorithm_solves_the_toy_task(self, algorithm, changes):

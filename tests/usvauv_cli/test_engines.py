@@ -12,53 +12,13 @@ from pathlib import Path
 import pytest
 
 from kernels.errors import UserError
-from tests.usvauv_cli import slurm_here
-from usvauv_cli.engines import local, on_slurm
+from tests.usvauv_cli import slurm_here, work
+from usvauv_cli.engines import on_slurm
 from usvauv_cli.engines.conduct import ATTEMPTS, Engine, conduct, signs_in
 from usvauv_cli.engines.local import Local
 from usvauv_cli.engines.on_ray import OnRay
 from usvauv_cli.engines.on_slurm import OnSlurm
-from usvauv_cli.engines.task import Ended, Signs, Stopped, Task
-
-
-def cores_of_process(path: Path, signs: Signs) -> None:
-    import torch
-
-    from kernels import runtime
-
-    threads = [os.environ[local.THREADS], runtime.start().threads, torch.get_num_threads()]
-    time.sleep(0.5)  # so that another process gets the other piece
-    path.write_text(json.dumps([os.getpid(), sorted(os.sched_getaffinity(0)), *threads]))
-
-
-def killed(path: Path, times: int, signs: Signs) -> None:
-    tries = int(path.read_text()) if path.exists() else 0
-    path.write_text(str(tries + 1))
-    if tries < times:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-
-def until_stopped(path: Path, signs: Signs) -> None:
-    path.touch()
-    while not signs.stopping():
-        time.sleep(0.05)
-    raise Stopped
-
-
-def waits_at_first(path: Path, signs: Signs) -> None:
-    path.write_text("2" if path.exists() else "1")
-    while path.read_text() == "1":
-        time.sleep(0.05)
-
-
-def alone(busy: Path, signs: Signs) -> None:
-    busy.mkdir()
-    time.sleep(0.3)
-    busy.rmdir()
-
-
-def in_here(signs: Signs) -> None:
-    assert Path.cwd().name == "here"
+from usvauv_cli.engines.task import Ended, Task
 
 
 def conducted(engine: Engine, folder: Path, watch=lambda: None, **pieces) -> dict[str, Ended]:
@@ -74,7 +34,7 @@ def conducted(engine: Engine, folder: Path, watch=lambda: None, **pieces) -> dic
 def test_a_task_begins_where_it_was_made(tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    task = Task("a", in_here, tmp_path, 1)
+    task = Task("a", work.in_here, tmp_path, 1)
     monkeypatch.chdir(tmp_path)
     assert task() == Ended("a", "done")
     assert Path.cwd() == tmp_path / "here"
@@ -86,7 +46,7 @@ class TestLocalEngine:
         cores = sorted(os.sched_getaffinity(0))
         if len(cores) < 2:
             pytest.skip("one core")
-        conducted(Local(2, 1), tmp_path, **{name: partial(cores_of_process, tmp_path / name) for name in "ab"})
+        conducted(Local(2, 1), tmp_path, **{name: partial(work.cores_of_process, tmp_path / name) for name in "ab"})
         (one, mine, *threads), (other, theirs, *_) = (json.loads((tmp_path / name).read_text()) for name in "ab")
         assert one != other
         assert sorted(mine + theirs) == cores[:2]
@@ -95,7 +55,7 @@ class TestLocalEngine:
     def test_does_again_what_a_killed_process_had_and_nothing_else(self, tmp_path):
         pieces = {"once": 1, "always": 99, "never": 0}
         results = conducted(
-            Local(1, 1), tmp_path, **{n: partial(killed, tmp_path / n, times) for n, times in pieces.items()}
+            Local(1, 1), tmp_path, **{n: partial(work.killed, tmp_path / n, times) for n, times in pieces.items()}
         )
         assert {name: result.how for name, result in results.items()} == {
             "once": "done", "always": "lost", "never": "done",
@@ -108,7 +68,7 @@ class TestLocalEngine:
         gone.mkdir()
         monkeypatch.chdir(gone)
         engine, results = Local(1, 1), []
-        engine.submit([Task("a", in_here, tmp_path, 1)])
+        engine.submit([Task("a", work.in_here, tmp_path, 1)])
         engine.wait(0.0)  # which starts a process
         gone.rmdir()
         while not results:
@@ -126,13 +86,9 @@ class TestLocalEngine:
                 raise KeyboardInterrupt
 
         with signs_in(tmp_path) as signs:
-            tasks = [Task(name, partial(until_stopped, path), signs, 1, "cpu") for name in "ab"]
+            tasks = [Task(name, partial(work.until_stopped, path), signs, 1, "cpu") for name in "ab"]
             with pytest.raises(KeyboardInterrupt):
                 conduct(Local(1, 1), tasks, signs, pytest.fail, interrupt)
-
-
-def failing(signs: Signs) -> None:
-    raise UserError("the last line")
 
 
 @pytest.fixture(params=["installed", "stand_in"])
@@ -153,7 +109,7 @@ class TestSlurmEngine:
         return OnSlurm(folder / "slurm", "batch", jobs, 1, 1.0, 0.0, 0.1)
 
     def test_gives_results_failures_and_what_is_lost(self, slurm, tmp_path):
-        pieces = {"fails": failing, "once": partial(killed, tmp_path / "once", 1)}
+        pieces = {"fails": work.failing, "once": partial(work.killed, tmp_path / "once", 1)}
         results = conducted(self.engine(tmp_path), tmp_path, **pieces)
         assert results == {"fails": Ended("fails", "failed", "the last line"), "once": Ended("once", "done")}
         assert (tmp_path / "once").read_text() == "2"
@@ -167,13 +123,14 @@ class TestSlurmEngine:
                 cancelled.extend(subprocess.check_output(command, text=True).split())
                 subprocess.check_call(["scancel", *cancelled])
 
-        results = conducted(self.engine(tmp_path), tmp_path, watch, a=partial(waits_at_first, path))
+        results = conducted(self.engine(tmp_path), tmp_path, watch, a=partial(work.waits_at_first, path))
         assert results == {"a": Ended("a", "done")}
         assert len(cancelled) == 1
         assert path.read_text() == "2"
 
+    @pytest.mark.slow
     def test_has_no_more_at_a_time_than_it_may(self, slurm, tmp_path):
-        pieces = {name: partial(alone, tmp_path / "busy") for name in "abc"}
+        pieces = {name: partial(work.alone, tmp_path / "busy") for name in "abc"}
         results = conducted(self.engine(tmp_path, 1), tmp_path, **pieces)
         assert {result.how for result in results.values()} == {"done"}
 
@@ -181,7 +138,7 @@ class TestSlurmEngine:
         """The same command makes other signs, and removes those that its jobs look for."""
         left, path = self.engine(tmp_path), tmp_path / "begun"
         with signs_in(tmp_path) as signs:
-            left.submit([Task("a", partial(until_stopped, path), signs, 1, "cpu")])
+            left.submit([Task("a", partial(work.until_stopped, path), signs, 1, "cpu")])
             assert left.wait(0.1) == []
             while not path.exists():
                 time.sleep(0.1)
@@ -191,7 +148,7 @@ class TestSlurmEngine:
     def test_refuses_a_partition_that_is_not_there(self, slurm, tmp_path):
         engine = OnSlurm(tmp_path / "slurm", "nowhere", 2, 1, 1.0, 0.0, 0.1)
         with signs_in(tmp_path) as signs, pytest.raises(UserError) as refused:
-            conduct(engine, [Task("a", failing, signs, 1, "cpu")], signs, pytest.fail)
+            conduct(engine, [Task("a", work.failing, signs, 1, "cpu")], signs, pytest.fail)
         assert str(refused.value).startswith("--slurm nowhere: sbatch: error: invalid partition specified")
         assert "\n" not in str(refused.value)
 
@@ -200,18 +157,6 @@ class TestSlurmEngine:
         monkeypatch.setenv("PATH", "")
         with pytest.raises(UserError, match="--slurm batch: Could not detect"):
             self.engine(tmp_path)
-
-
-def on_node(folder: Path, name: str, signs: Signs) -> None:
-    """Tells where it is, waits until pieces there may end, and counts that it has."""
-    import ray
-
-    node = ray.get_runtime_context().get_node_id()
-    (folder / f"{name}-{node}").touch()
-    while not (folder / f"go on-{node}").exists():
-        time.sleep(0.05)
-    with (folder / "ended").open("a") as file:
-        print(name, file=file)
 
 
 # Of Ray's own making: pipes and processes of nodes that are gone, and what later versions of libraries change.
@@ -251,7 +196,7 @@ class TestRayEngine:
                 (tmp_path / f"go on-{other}").touch()
 
         engine = OnRay(cluster.address, 1, 1, 0.5, 0.0)
-        results = conducted(engine, tmp_path, watch, **{n: partial(on_node, tmp_path, n) for n in "abc"})
+        results = conducted(engine, tmp_path, watch, **{n: partial(work.on_node, tmp_path, n) for n in "abc"})
         assert {name: result.how for name, result in results.items()} == dict.fromkeys("abc", "done")
         assert removed
         assert sorted((tmp_path / "ended").read_text().split()) == ["a", "b", "c"]
@@ -259,7 +204,7 @@ class TestRayEngine:
 
     def test_gives_failures_and_what_is_lost(self, tmp_path):
         pytest.importorskip("ray", reason="needs the extra scale")
-        pieces = {"fails": failing, "once": partial(killed, tmp_path / "once", 1)}
+        pieces = {"fails": work.failing, "once": partial(work.killed, tmp_path / "once", 1)}
         results = conducted(OnRay("local", 1, 1, 0.5, 0.0), tmp_path, **pieces)
         assert results == {"fails": Ended("fails", "failed", "the last line"), "once": Ended("once", "done")}
         assert (tmp_path / "once").read_text() == "2"

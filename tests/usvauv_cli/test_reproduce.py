@@ -273,6 +273,7 @@ def test_an_interrupted_evaluation_leaves_no_table(tmp_path):
     assert list(tmp_path.rglob("*.partial")) == []
 
 
+@pytest.mark.slow
 def test_processes_do_what_one_does(tmp_path, whole, monkeypatch):
     plugin, loaded_by = tmp_path / "plugin.py", tmp_path / "loaded_by"
     plugin.write_text(f"import os\nwith open({str(loaded_by)!r}, 'a') as file: print(os.getpid(), file=file)")

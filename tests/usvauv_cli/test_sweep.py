@@ -342,6 +342,7 @@ def test_a_command_that_is_killed_loses_and_repeats_nothing_on_ray(tmp_path):
     assert len(counted(tmp_path / "a")) == 2 * 2
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no such limit")
 def test_a_full_disk_of_one_process_fails_its_run_and_leaves_no_half(tmp_path, run_usvauv, monkeypatch):
     """In the process of one of two runs no file can grow beyond a few kilobytes, which are less than its table has."""

@@ -157,6 +157,7 @@ def test_without_pyarrow_there_is_no_stale_parquet(made, tmp_path, capsys, monke
     assert not (tmp_path / "results.parquet").exists()
 
 
+@pytest.mark.slow
 def test_the_largest_page_is_below_its_bound(made, tmp_path):
     methods, tasks = report.MOST_METHODS + 20, report.MOST_TASKS + 6
     one = {"runs": 1, "value": 1234.5678, "low": 1000.1, "high": 2000.1}

@@ -223,6 +223,7 @@ class TestPlayer:
         assert episode.age == pytest.approx(age(long)[:, 0].mean(axis=0))
 
 
+@pytest.mark.slow
 def test_the_largest_page_is_below_its_bound(made, tmp_path):
     """As many AUVs, boats, nodes and vortices as there can be, many combinations, with names that need escapes."""
     auvs, boats, nodes, vortices, steps, count = MAX_AUVS, 4, MAX_NODES, MAX_VORTICES, 800, 16

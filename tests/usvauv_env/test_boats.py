@@ -165,7 +165,9 @@ class TestFixes:
         farthest = math.hypot(world.scenario.area.diagonal, world.scenario.auv.depth)
         torch.testing.assert_close(found, 2 * farthest / slant)
 
-    @pytest.mark.parametrize("changes", [TWO, [*CHANNEL, "channel.schedule=round-robin"]])
+    @pytest.mark.parametrize(
+        "changes", [TWO, pytest.param([*CHANNEL, "channel.schedule=round-robin"], marks=pytest.mark.slow)]
+    )
     def test_a_boat_that_serves_nobody_changes_nothing(self, changes):
         """The second boat is in a corner, the AUVs are all nearer to the first."""
         central = [*changes, "auv.start_margin=160"]
@@ -273,7 +275,7 @@ class TestPlans:
                     goal = world.boat[w, b, BoatColumn.span("goal_x", "goal_y")]
                     torch.testing.assert_close(goal, best[0, :2], atol=0.05, rtol=0)
 
-    @pytest.mark.parametrize("usv", ["fim-greedy", "fim-horizon"])
+    @pytest.mark.parametrize("usv", ["fim-greedy", pytest.param("fim-horizon", marks=pytest.mark.slow)])
     def test_other_searches_too(self, usv):
         """Two clusters far apart have a boat each."""
         tracked = ["tracker.enabled=true"] if usv == "fim-horizon" else []
@@ -330,6 +332,7 @@ class TestPlans:
         ):
             world.load_state(state)
 
+    @pytest.mark.slow
     def test_fixes_of_two_boats_go_together(self):
         """Their errors differ, and fixes are rejected no more often for it."""
         world = World(Scenario.load("extreme", ["auv.count=4", "boat.count=2"]), 60, 5, "centroid")

@@ -169,7 +169,10 @@ class TestFilters:
         [
             ["channel.turn_around=1", "auv.count=4", "channel.schedule=by-need"],
             ["channel.schedule=all", "usbl.packet_loss=0.3"],
-            ["channel.turn_around=1", "navigation.velocity_bias=0.2", "navigation.bias_correlation_time=50"],
+            pytest.param(
+                ["channel.turn_around=1", "navigation.velocity_bias=0.2", "navigation.bias_correlation_time=50"],
+                marks=pytest.mark.slow,
+            ),
             ["channel.turn_around=1", "usbl.gnss_error=1", "usbl.heading_error=0.01"],
         ],
     )

@@ -41,9 +41,12 @@ def rms(error):
     return math.sqrt(np.mean(error**2))
 
 
+SLOW = ("bent", "shallow, bent", "steep, mirror")
+
+
 def slowly(cases):
-    """Names of the cases; those with bent rays, which take longer than the others together, are slow."""
-    return [pytest.param(name, marks=pytest.mark.slow) if name.endswith("bent") else name for name in cases]
+    """Names of the cases; slow are those with bent rays and that of steep ones, which take longer than all others."""
+    return [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in cases]
 
 
 UNDISTURBED = {
@@ -103,6 +106,7 @@ def test_errors_with_reflections(device, case):
     assert rms(sampled[0]) > (1.005 if case == "shallow, clay" else 1.5) * rms(alone)
 
 
+@pytest.mark.slow
 def test_reflections_through_water_of_one_speed_are_straight(device):
     changes = [*REFLECTING["shallow, breeze"], "acoustics.multipath=true"]
     straight = fixes(device, changes)[0]

@@ -87,8 +87,15 @@ print(found[0] / taken)
 """
 
 
+WHAT = [
+    pytest.param(TRACE, id="trace", marks=pytest.mark.slow),
+    pytest.param(VIDEO, id="video"),
+    pytest.param(LEARNING, id="learning", marks=pytest.mark.slow),
+]
+
+
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of the memory cannot be reset")
-@pytest.mark.parametrize("what", [TRACE, VIDEO, LEARNING], ids=["trace", "video", "learning"])
+@pytest.mark.parametrize("what", WHAT)
 def test_the_estimate_of_other_things_is_near_what_they_take(what):
     """Within a factor of 2 of the growth of the resident memory's peak."""
     done = subprocess.run([sys.executable, "-c", GROWTH + what], capture_output=True, text=True, check=True)

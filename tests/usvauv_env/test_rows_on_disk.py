@@ -60,6 +60,7 @@ def test_the_calm_surface_is_among_the_extremes(rows, expected):
     assert extremes(np.array(rows)) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of the memory cannot be reset")
 def test_memory_does_not_grow_with_them():
     """125 MiB are written and read twice."""

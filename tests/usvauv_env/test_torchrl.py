@@ -287,7 +287,10 @@ class TestRefusals:
 
     @pytest.mark.parametrize(
         ("library", "module", "what"),
-        [("torchrl", "torchrl_env", "TorchRL face"), ("benchmarl", "benchmarl_task", "BenchMARL task")],
+        [
+            ("torchrl", "torchrl_env", "TorchRL face"),
+            pytest.param("benchmarl", "benchmarl_task", "BenchMARL task", marks=pytest.mark.slow),
+        ],
     )
     def test_without_the_library(self, library, module, what):
         """The package does not import it; the face names the extra that brings it."""

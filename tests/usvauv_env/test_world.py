@@ -483,6 +483,7 @@ class TestTask:
             for targets in world.auv[..., AuvColumn.target].tolist():
                 assert len(set(targets)) == 6
 
+    @pytest.mark.slow
     def test_services_are_worth_their_way(self, extreme):
         """No serving of one empty node after another: with α = 0.05 many services carry next to nothing."""
         empty = {}

@@ -133,6 +133,7 @@ class TestMissions:
         longest = elapsed.gather(1, chosen[:, None])[:, 0] / elapsed.max(dim=1).values
         assert longest.median() > 0.9
 
+    @pytest.mark.slow
     def test_belief_keeps_auvs_on_their_way_that_centroid_loses(self):
         """Data and longest silence in the same 24 worlds, 600 s."""
         results = {}

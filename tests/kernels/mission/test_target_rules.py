@@ -357,6 +357,7 @@ class TestKnowledge:
         assert (mean >= low * (1 - 1e-3)).all()
         assert (mean <= high * (1 + 1e-3)).all()
 
+    @pytest.mark.slow
     def test_with_rates_known_backlogs_are_expected_without_bias(self):
         world = World(Scenario.load("ideal", [*EVERY_STEP, "nodes.information=rates"]), 32, seed=4, targets="rate")
         for _ in run(world, 300):
@@ -403,6 +404,7 @@ class TestKnowledge:
         assert visited.any()
         assert (estimate - 40).abs().max() < 0.01  # the mean of the rates: all visits found full buffers
 
+    @pytest.mark.slow
     def test_without_communication_two_tours_meet(self):
         """The rule knows no other AUV's target."""
         overrides = [*EVERY_STEP, "nodes.information=own-visits", "auv.count=3", "nodes.count=5"]
@@ -415,9 +417,11 @@ class TestKnowledge:
     @pytest.mark.parametrize(
         "rule",
         [
-            *(pytest.param(name, marks=pytest.mark.slow) for name in ("greedy", "nearest", "rate")),
+            *(
+                pytest.param(name, marks=pytest.mark.slow)
+                for name in ("greedy", "nearest", "rate", "learned:untrained")
+            ),
             "rollout",
-            "learned:untrained",
         ],
     )
     def test_without_communication_each_keeps_to_its_sector(self, rule):

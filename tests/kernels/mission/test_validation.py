@@ -32,9 +32,12 @@ def moved(world, by):
     [
         [],
         ["tracker.enabled=true"],
-        ["usbl.model=waveform"],
+        pytest.param(["usbl.model=waveform"], marks=pytest.mark.slow),
         ["usbl.packet_loss=0.3", "usbl.latency=0.3"],
-        ["acoustics.sound_speed_profile=[[0, 1522], [20, 1522.3], [50, 1492], [200, 1490]]"],
+        pytest.param(
+            ["acoustics.sound_speed_profile=[[0, 1522], [20, 1522.3], [50, 1492], [200, 1490]]"],
+            marks=pytest.mark.slow,
+        ),
         ["usbl.spacing=0.11", "tracker.enabled=true"],
     ],
     ids=str,

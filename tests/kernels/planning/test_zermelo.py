@@ -454,6 +454,7 @@ class TestPolicy:
         assert lost.sum() > 3
         torch.testing.assert_close(action[lost], fallback[lost])
 
+    @pytest.mark.slow
     def test_more_services_than_crab_in_extreme(self):
         scenario = Scenario.load("extreme", ["mission.duration=500"])
         served = {}

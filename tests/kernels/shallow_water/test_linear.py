@@ -260,7 +260,7 @@ print(status("VmHWM") - before, held)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the peak of the process from Linux")
-@pytest.mark.parametrize("bed", ["flat", "rough"])
+@pytest.mark.parametrize("bed", [pytest.param("flat", marks=pytest.mark.slow), "rough"])
 def test_memory_is_that_of_the_fields(bed):
     """Peak of construction, start and first interval over what was there before: within 10% of the arrays held."""
     command = [sys.executable, "-c", MEMORY, bed]

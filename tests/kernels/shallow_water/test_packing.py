@@ -74,7 +74,8 @@ class TestSameSea:
 
     @pytest.mark.cpu("number of threads")
     @pytest.mark.parametrize(
-        ("threads", "cache", "copy", "serially"), [(1, 2**20, 1.0, True), (7, 1, 1.0, False), (7, 1, 0.0, True)]
+        ("threads", "cache", "copy", "serially"),
+        [(1, 2**20, 1.0, True), pytest.param(7, 1, 1.0, False, marks=pytest.mark.slow), (7, 1, 0.0, True)],
     )
     def test_any_number_of_threads_gives_the_same_bits(self, threads, cache, copy, serially):
         """Threads decide into how many bands the rows are cut, here one or seven, most with neighbours on both sides,

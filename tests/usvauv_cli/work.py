@@ -1,0 +1,67 @@
+"""Pieces of work for tests of the engines, in a module that the processes which do them load at once."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+from kernels.errors import UserError
+from usvauv_cli.engines.task import Signs, Stopped
+
+
+def cores_of_process(path: Path, signs: Signs) -> None:
+    import torch
+
+    from kernels import runtime
+    from usvauv_cli.engines import local
+
+    threads = [os.environ[local.THREADS], runtime.start().threads, torch.get_num_threads()]
+    time.sleep(0.5)  # so that another process gets the other piece
+    path.write_text(json.dumps([os.getpid(), sorted(os.sched_getaffinity(0)), *threads]))
+
+
+def killed(path: Path, times: int, signs: Signs) -> None:
+    tries = int(path.read_text()) if path.exists() else 0
+    path.write_text(str(tries + 1))
+    if tries < times:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def until_stopped(path: Path, signs: Signs) -> None:
+    path.touch()
+    while not signs.stopping():
+        time.sleep(0.05)
+    raise Stopped
+
+
+def waits_at_first(path: Path, signs: Signs) -> None:
+    path.write_text("2" if path.exists() else "1")
+    while path.read_text() == "1":
+        time.sleep(0.05)
+
+
+def alone(busy: Path, signs: Signs) -> None:
+    busy.mkdir()
+    time.sleep(0.3)
+    busy.rmdir()
+
+
+def in_here(signs: Signs) -> None:
+    assert Path.cwd().name == "here"
+
+
+def failing(signs: Signs) -> None:
+    raise UserError("the last line")
+
+
+def on_node(folder: Path, name: str, signs: Signs) -> None:
+    """Tells where it is, waits until pieces there may end, and counts that it has."""
+    import ray
+
+    node = ray.get_runtime_context().get_node_id()
+    (folder / f"{name}-{node}").touch()
+    while not (folder / f"go on-{node}").exists():
+        time.sleep(0.05)
+    with (folder / "ended").open("a") as file:
+        print(name, file=file)
