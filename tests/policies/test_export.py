@@ -51,7 +51,10 @@ def untrained(scenario: Scenario, **settings) -> LearnedPolicy:
     return LearnedPolicy("untrained", scenario, config.frame, standardizer, actor, config.shared)
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(
+    scope="module",
+    params=["shipped", "alone", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("shared", "deterministic"))],
+)
 def exported(request, tmp_path_factory):
     """A policy, the session that runs its file, and the file."""
     name, overrides, settings = KINDS[request.param]

@@ -179,6 +179,7 @@ def test_learns_in_survey():
 class TestCommand:
     SHORT = ("ideal", "--iterations", "1", "--worlds", "2", "--set", "mission.duration=5", "--policy", "straight")
 
+    @pytest.mark.slow
     def test_writes_a_rule(self, run_usvauv, tmp_path):
         code, stdout, stderr = run_usvauv("train-targets", *self.SHORT, "--out", "rule.json")
         assert (code, stderr) == (0, "")

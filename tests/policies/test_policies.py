@@ -77,7 +77,11 @@ class TestFace:
 
 
 @pytest.mark.parametrize(
-    "name", ["ideal", "extreme", "paper-ideal", "paper-extreme", "station-keeping", "survey", "wide"]
+    "name",
+    [
+        *("ideal", "extreme", "paper-ideal", "paper-extreme", "station-keeping"),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("survey", "wide")),
+    ],
 )
 def test_the_default_policy_acts_in_every_scenario_and_area(name):
     world = World(Scenario.load(name, ["area.width=150", "area.length=120"]), 2)

@@ -72,7 +72,7 @@ class TestOneSeedIsAsAlone:
         [
             ({}, 2),
             ({"algorithm": "td3", "renewal": False}, 1),
-            ({"algorithm": "ddpg", "shared": True, "frame": "world"}, 1),
+            pytest.param({"algorithm": "ddpg", "shared": True, "frame": "world"}, 1, marks=pytest.mark.slow),
             pytest.param({"shared": True, "updates": 2}, 1, marks=pytest.mark.slow),
         ],
         ids=str,

@@ -62,6 +62,7 @@ class TestEarned:
         assert all((decisions.time[decisions.world == w].diff() >= learned_visits.INTERVAL).all() for w in range(8))
 
 
+@pytest.mark.slow
 def test_each_of_several_boats_decides_about_its_own():
     """At the start each AUV is a candidate of one boat, and only candidates are ever chosen."""
     world, act = flown("mission.duration=200", "boat.count=2")

@@ -205,6 +205,7 @@ class TestData:
 
 
 class TestSeaSimulation:
+    @pytest.mark.slow
     def test_vortices_that_change_are_those_of_the_world(self, tmp_path):
         scenario = Scenario.load("extreme", ["current.mutual=true", "current.viscosity=2", "sea.realisations=1"])
         world = World(scenario, 1, 5, "hold:0,0")

@@ -275,7 +275,8 @@ class TestPlans:
                     goal = world.boat[w, b, BoatColumn.span("goal_x", "goal_y")]
                     torch.testing.assert_close(goal, best[0, :2], atol=0.05, rtol=0)
 
-    @pytest.mark.parametrize("usv", ["fim-greedy", pytest.param("fim-horizon", marks=pytest.mark.slow)])
+    @pytest.mark.slow
+    @pytest.mark.parametrize("usv", ["fim-greedy", "fim-horizon"])
     def test_other_searches_too(self, usv):
         """Two clusters far apart have a boat each."""
         tracked = ["tracker.enabled=true"] if usv == "fim-horizon" else []

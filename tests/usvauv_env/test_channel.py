@@ -173,7 +173,9 @@ class TestFilters:
                 ["channel.turn_around=1", "navigation.velocity_bias=0.2", "navigation.bias_correlation_time=50"],
                 marks=pytest.mark.slow,
             ),
-            ["channel.turn_around=1", "usbl.gnss_error=1", "usbl.heading_error=0.01"],
+            pytest.param(
+                ["channel.turn_around=1", "usbl.gnss_error=1", "usbl.heading_error=0.01"], marks=pytest.mark.slow
+            ),
         ],
     )
     def test_the_auvs_filters_are_consistent(self, changes):

@@ -123,6 +123,44 @@ def test_partitions(change, said, tmp_path):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("make", "name", "most", "more"),
+    [
+        (lambda: ww3(STORM), "wnd", 60.0, 60.1),
+        (lambda: partitions(PARTS), "phs0", 30.0, 30.1),
+        (lambda: partitions(PARTS), "ptp0", 30.0, 30.1),
+        (lambda: partitions(PARTS), "ptp0", 0.5, 0.4),
+        (lambda: partitions(PARTS), "pdir0", 720.0, 721.0),
+        (lambda: partitions(PARTS), "pdir0", -360.0, -361.0),
+    ],
+)
+def test_up_to_the_bound_and_no_further(make, name, most, more, tmp_path):
+    waves_of(values(name, everywhere(most))(make()), tmp_path)
+    with pytest.raises(OceanError, match=f"waves.nc: {name}: .*; allowed: "):
+        waves_of(values(name, everywhere(more))(make()), tmp_path)
+
+
+@pytest.mark.parametrize(("name", "least"), [("frequency", 3), ("direction", 4)])
+def test_as_few_as_allowed_and_no_fewer(name, least, tmp_path):
+    def some(count):
+        dataset = ww3((5.0, 11.0, 90.0, 1))
+        step = dataset.sizes[name] // count if name == "direction" else 1  # which must go round the circle
+        return dataset.isel({name: slice(0, count * step, step)})
+
+    waves_of(some(least), tmp_path)
+    with pytest.raises(OceanError, match=f"waves.nc: {name}: .*; allowed: "):
+        waves_of(some(least - 1), tmp_path)
+
+
+def test_frequencies_up_to_ten_hertz(tmp_path):
+    def up_to(highest):
+        return values("frequency", put(-1, highest))(ww3(STORM))
+
+    waves_of(up_to(10.0), tmp_path)
+    with pytest.raises(OceanError, match=r"frequency: .*, ..., 10.01; allowed: three or more, rising, 0 to 10 Hz"):
+        waves_of(up_to(10.01), tmp_path)
+
+
 @pytest.mark.parametrize("make", [lambda: ww3(STORM), lambda: partitions(PARTS, hours=(1_100_000.0, 1_100_006.0))])
 @pytest.mark.parametrize("start", ["2014-08-22T23:00:00", "2026-01-01"])
 def test_times_that_the_file_does_not_have(make, start, tmp_path):

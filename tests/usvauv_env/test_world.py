@@ -635,7 +635,7 @@ class TestObservation:
             found = o[..., 11 + 2 * point : 13 + 2 * point]
             np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4)
 
-    @pytest.mark.parametrize(("current", "size"), [("none", 8), ("speed", 9)])
+    @pytest.mark.parametrize(("current", "size"), [pytest.param("none", 8, marks=pytest.mark.slow), ("speed", 9)])
     def test_size(self, current, size):
         world = World(Scenario.load("ideal", [*EVERY_STEP, f"observation.current={current}"]), num_worlds=2)
         assert world.reset().shape == (2, 2, size)

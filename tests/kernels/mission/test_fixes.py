@@ -138,7 +138,7 @@ class TestLost:
         assert 0.3 < heard.mean() < 0.7
         np.testing.assert_array_equal(whole.fix[0][heard], holed.fix[0][heard])
 
-    @pytest.mark.parametrize("model", ["statistical", "waveform"])
+    @pytest.mark.parametrize("model", ["statistical", pytest.param("waveform", marks=pytest.mark.slow)])
     def test_a_tone_too_weak_is_not_detected(self, model):
         trace = voyage(["acoustics.source_level=132", f"usbl.model={model}"], worlds=4, steps=5)
         assert (trace.fix_flags & usbl.DETECTED == 0).all()

@@ -85,7 +85,9 @@ def seen(world, w, k, taken, state, now):
     return features, free
 
 
-@pytest.mark.parametrize("information", ["full", pytest.param("rates", marks=pytest.mark.slow), "visits", "own-visits"])
+@pytest.mark.parametrize(
+    "information", ["full", *(pytest.param(name, marks=pytest.mark.slow) for name in ("rates", "visits")), "own-visits"]
+)
 def test_sees_and_scores(tmp_path, information):
     numbers = weights(3)
     scenario = Scenario.load("ideal", [*UNEQUAL, f"nodes.information={information}"])

@@ -133,7 +133,13 @@ def rollout(scenario: Scenario, seen: Seen, w: int, k: int, discount: float = 90
 
 
 @pytest.mark.parametrize(
-    ("rule", "value"), [("greedy:0.1", greedy), ("nearest", nearest), ("rate", rate), ("rollout", rollout)]
+    ("rule", "value"),
+    [
+        ("greedy:0.1", greedy),
+        pytest.param("nearest", nearest, marks=pytest.mark.slow),
+        pytest.param("rate", rate, marks=pytest.mark.slow),
+        ("rollout", rollout),
+    ],
 )
 def test_choices(rule, value):
     world = World(Scenario.load("ideal", CALM), 8, seed=5, targets=rule)

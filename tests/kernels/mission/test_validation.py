@@ -57,8 +57,10 @@ def test_wraps_are_undone(settings):
     assert off.max() < (40 if "usbl.packet_loss=0.3" in settings else 8)
 
 
-@pytest.mark.parametrize("spacing", [0.033, 0.06])
-@pytest.mark.parametrize("tracked", [False, True])
+@pytest.mark.parametrize(
+    ("tracked", "spacing"),
+    [(False, 0.06), (True, 0.06), *(pytest.param(t, 0.033, marks=pytest.mark.slow) for t in (False, True))],
+)
 def test_a_kidnapped_auv_is_found(spacing, tracked):
     """Without a tracker once it can have gone that far, at 2.2 m/s and the fastest water; with one by three fixes."""
     scenario = Scenario.load("extreme", [*PLAIN, f"usbl.spacing={spacing}", f"tracker.enabled={str(tracked).lower()}"])

@@ -30,7 +30,10 @@ def cases(K, seed, tables, n):
 
 
 @pytest.mark.parametrize("K", [3, 6])
-@pytest.mark.parametrize("name", [name for name in CODES if name[0] in "des"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow) if name == "e phase" else name for name in CODES if name[0] in "des"],
+)
 def test_finds_the_global_maximum(device, name, K):
     for side, link, points in cases(K, 1000 + K, 12, 30):
         out = global_search.plan_batch(link.to(device), points.to(device), code=CODES[name], width=side, length=side)
