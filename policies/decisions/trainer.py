@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from kernels.mission.candidate_scores import UNTRAINED, Network
 from policies.decisions.network import TYPICAL, Scores, Value, split
 from policies.evaluation import EVALUATION_SEED_OFFSET, evaluate
-from policies.loading import acting
+from policies.loading import acting, check
 from usvauv_env import Scenario
 from usvauv_env.files import atomic_write
 from usvauv_env.world.world import World
@@ -159,12 +159,16 @@ class DecisionTrainer:
             steering: policy of the AUVs, as `policies.load` takes it.
             config, usv, targets, arch: settings, boat, target rule and architecture; what learns takes the place of
                 boat or target rule.
+
+        Raises:
+            PolicyError: as `policies.load`, before there is a world.
         """
 
         def worlds(count: int, seed: int, name: str = f"learned:{UNTRAINED}") -> World:
             chosen = {"usv": usv, "targets": targets, learner.argument: name}
             return World(scenario, count, seed, chosen["usv"], chosen["targets"], arch=arch)
 
+        check(steering, scenario)  # before kernels are compiled
         self.world = worlds(config.worlds, config.seed)
         self._evaluated_in = partial(worlds, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET)
         self._evaluation = self._evaluated_in()

@@ -201,7 +201,9 @@ class TestCommand:
             (["--policy", "nobody"], ["nobody"]),
         ],
     )
-    def test_bad_input(self, run_usvauv, tmp_path, arguments, parts):
+    def test_bad_input(self, run_usvauv, tmp_path, monkeypatch, arguments, parts):
+        """Before there is a world."""
+        monkeypatch.setattr("policies.decisions.trainer.World", lambda *_, **__: pytest.fail("made a world"))
         code, _, stderr = run_usvauv("train-targets", *self.SHORT, *arguments)
         assert code == 2
         assert len(stderr.strip().splitlines()) == 1
