@@ -249,6 +249,19 @@ def check_loops(iterations: int, what: str) -> None:
         raise Unsupported(f"{what} takes {iterations} iterations of a thread, which devices cut short after {LONGEST}")
 
 
+@ti.func
+def loops_are_cut(length) -> bool:
+    """Whether the device has ended loops of this thread: it then ends a further one too.
+
+    Args:
+        length: 2 or more, of an array's axis: were it known to the compiler, there would be no loop.
+    """
+    turns = 0
+    for _ in range(length):
+        turns += 1
+    return turns < length
+
+
 def one_task_a_thread() -> int | None:
     """`block_dim` of a loop of few long tasks: 1 on a CPU, where threads take as many tasks at a time.
 

@@ -55,7 +55,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """What is there now stays to the end: searching it for cycles again and again takes a fiftieth of all time."""
+    """What is there now stays to the end, and need not be searched for cycles again and again."""
     gc.freeze()
 
 

@@ -54,7 +54,7 @@ def main() -> NoReturn:
     code = run(interruption)
     for signum in SIGNALS:  # all is done; a traceback from the interpreter's end would be noise
         signal.signal(signum, signal.SIG_IGN)
-    gc.freeze()  # the interpreter's end searches all else for cycles, which takes half a second
+    gc.freeze()  # all that is there, which the interpreter's end would search for cycles
     sys.exit(code)
 
 

@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from kernels import runtime
 from kernels.flow import airy
 from kernels.flow.current import Water
 from kernels.mission import reset, step
@@ -125,7 +126,5 @@ def run(
         if ti.static(program.constant_range > 0):
             # A device in software leaves all loops once a thread has done 65,535 iterations: `docs/architectures.md`.
             # `World` looks for the infinite number. Reading the observation keeps that of worlds that are not chosen.
-            turns = 0
-            for _ in range(clock.shape[1]):
-                turns += 1
-            observation[w, 0, 0] = ti.select(turns < clock.shape[1], ti.math.inf, observation[w, 0, 0])
+            cut = runtime.loops_are_cut(clock.shape[1])
+            observation[w, 0, 0] = ti.select(cut, ti.math.inf, observation[w, 0, 0])

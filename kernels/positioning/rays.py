@@ -18,6 +18,7 @@ varying layer velocity", Geophysical Prospecting 67 (2019), for t as the unknown
 import taichi as ti
 import torch
 
+from kernels import runtime
 from kernels.positioning.layered_water import (
     DEPTH,
     EXCESS,
@@ -222,6 +223,19 @@ def follow(layers: ti.template(), depth: ti.f32, direction: vec3, slant_range: t
     return vec3(to_metres * across[0], to_metres * across[1], depth - z)
 
 
+@ti.func
+def or_nan(number: ti.f32, length) -> ti.f32:
+    """A result, or NaN where the device has cut short the search for it, see `runtime.loops_are_cut`."""
+    return ti.select(runtime.loops_are_cut(length), ti.math.nan, number)
+
+
+def _whole(out: torch.Tensor, layers: torch.Tensor) -> torch.Tensor:
+    """What a kernel has found, refused where a device has cut short a search."""
+    if runtime.start().arch == "vulkan" and out[:, -1].isnan().any():
+        raise runtime.Unsupported(f"rays through {layers.shape[0]} layers take loops that this device cuts short")
+    return out
+
+
 @ti.kernel
 def _eigenrays(layers: array2, ends: array2, surface: ti.f32, out: array2):
     for n in range(ends.shape[0]):
@@ -230,7 +244,7 @@ def _eigenrays(layers: array2, ends: array2, surface: ti.f32, out: array2):
         out[n, 1] = ray.upper_cosine
         out[n, 2] = ray.lower_cosine
         out[n, 3] = ray.time
-        out[n, 4] = ti.f32(ray.exists)
+        out[n, 4] = or_nan(ti.f32(ray.exists), ends.shape[1])
 
 
 def eigenrays(layers: torch.Tensor, ends: torch.Tensor, surface: float = 0.0) -> torch.Tensor:
@@ -241,7 +255,7 @@ def eigenrays(layers: torch.Tensor, ends: torch.Tensor, surface: float = 0.0) ->
     """
     out = torch.empty((ends.shape[0], 5), dtype=torch.float32, device=ends.device)
     _eigenrays(layers, ends, surface, out)
-    return out
+    return _whole(out, layers)
 
 
 @ti.kernel
@@ -251,7 +265,7 @@ def _arrivals(layers: array2, depth: array1, offset: array2, c: ti.f32, surface:
         for j in ti.static(range(3)):
             out[n, j] = arrival.direction[j]
         out[n, 3] = arrival.slant_range
-        out[n, 4] = ti.f32(arrival.exists)
+        out[n, 4] = or_nan(ti.f32(arrival.exists), offset.shape[1])
 
 
 def arrivals(
@@ -260,7 +274,7 @@ def arrivals(
     """`refracted` for many arrays at depths (n,) and offsets (n, 3), m: (n, 5) direction, range (m), existence."""
     out = torch.empty((offset.shape[0], 5), dtype=torch.float32, device=offset.device)
     _arrivals(layers, depth, offset, c, surface, out)
-    return out
+    return _whole(out, layers)
 
 
 @ti.kernel
@@ -268,12 +282,13 @@ def _positions(layers: array2, depth: array1, arrival: array2, c: ti.f32, out: a
     for n in range(arrival.shape[0]):
         direction = vec3(arrival[n, 0], arrival[n, 1], arrival[n, 2])
         source = follow(layers, depth[n], direction, arrival[n, 3], c)
-        for j in ti.static(range(3)):
+        for j in ti.static(range(2)):
             out[n, j] = source[j]
+        out[n, 2] = or_nan(source[2], arrival.shape[1])
 
 
 def positions(layers: torch.Tensor, depth: torch.Tensor, arrival: torch.Tensor, c: float) -> torch.Tensor:
     """`follow` for many arrivals (n, 5) of `arrivals` at arrays at depths (n,), m: (n, 3) offsets, m."""
     out = torch.empty((arrival.shape[0], 3), dtype=torch.float32, device=arrival.device)
     _positions(layers, depth, arrival, c, out)
-    return out
+    return _whole(out, layers)
