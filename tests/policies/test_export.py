@@ -16,6 +16,7 @@ from policies.export import export
 from policies.frames import ACTION_SIZE, FRAMES
 from policies.standardizer import Standardizer
 from tests.links import EVERY_STEP
+from tests.slowly import slowly
 from usvauv_env import Scenario, World
 from usvauv_env.files import OutputError
 from usvauv_env.site.site import Site
@@ -51,10 +52,7 @@ def untrained(scenario: Scenario, **settings) -> LearnedPolicy:
     return LearnedPolicy("untrained", scenario, config.frame, standardizer, actor, config.shared)
 
 
-@pytest.fixture(
-    scope="module",
-    params=["shipped", "alone", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("shared", "deterministic"))],
-)
+@pytest.fixture(scope="module", params=slowly(KINDS, "shared", "deterministic"))
 def exported(request, tmp_path_factory):
     """A policy, the session that runs its file, and the file."""
     name, overrides, settings = KINDS[request.param]

@@ -13,6 +13,7 @@ from policies import PolicyError, Trainer
 from policies.frames import TargetFrame, WorldFrame
 from policies.guidance import rotate, unit, unrotate
 from tests.policies.toy import LEARNING, ToyWorld, scenario
+from tests.slowly import slowly
 from usvauv_env import Scenario, World, evaluate
 
 
@@ -78,10 +79,7 @@ class TestFace:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        *("ideal", "extreme", "paper-ideal", "paper-extreme", "station-keeping"),
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("survey", "wide")),
-    ],
+    slowly(["ideal", "extreme", "paper-ideal", "paper-extreme", "station-keeping", "survey", "wide"], "survey", "wide"),
 )
 def test_the_default_policy_acts_in_every_scenario_and_area(name):
     world = World(Scenario.load(name, ["area.width=150", "area.length=120"]), 2)

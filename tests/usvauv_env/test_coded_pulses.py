@@ -10,6 +10,7 @@ from scipy import stats
 
 from kernels.mission.columns import AuvColumn
 from kernels.positioning import acoustic_link, usbl
+from tests.slowly import slowly
 from tests.usvauv_env.test_fix_accuracy import QUIET, WORLDS, errors_of_fixes
 from usvauv_env import Scenario, ScenarioError, multipath
 from usvauv_env.positioning import solve
@@ -41,14 +42,6 @@ def rms(error):
     return math.sqrt(np.mean(error**2))
 
 
-SLOW = ("bent", "shallow, bent", "steep, mirror")
-
-
-def slowly(cases):
-    """Names of the cases; slow are those with bent rays and that of steep ones, which take longer than all others."""
-    return [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in cases]
-
-
 UNDISTURBED = {
     "104 dB": ["acoustics.source_level=104"],
     "110 dB": ["acoustics.source_level=110"],
@@ -64,7 +57,7 @@ def test_the_shortest_and_the_longest_pulse(length, chips):
     assert Scenario.load("ideal", changes).chips == chips
 
 
-@pytest.mark.parametrize("case", slowly(UNDISTURBED))
+@pytest.mark.parametrize("case", slowly(UNDISTURBED, "bent"))
 def test_errors_without_reflections(device, case):
     """The same rms within 3 %, from an E/N0 of 15 dB on, 6 dB over the threshold of detection."""
     statistical, sampled = both(device, UNDISTURBED[case])
@@ -96,7 +89,7 @@ REFLECTING = {
 }
 
 
-@pytest.mark.parametrize("case", slowly(REFLECTING))
+@pytest.mark.parametrize("case", slowly(REFLECTING, "shallow, bent", "steep, mirror"))
 def test_errors_with_reflections(device, case):
     """The same rms within 5 %, and the same share of good fixes within 0.05, of pulses that reflections disturb."""
     statistical, sampled = both(device, [*REFLECTING[case], "acoustics.multipath=true"])

@@ -9,6 +9,7 @@ import torch
 
 from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from tests.links import EVERY_STEP
+from tests.slowly import slowly
 from usvauv_env import Scenario, World, plugins
 from usvauv_env.world.arrays import STATE
 
@@ -121,12 +122,11 @@ ALONE = {
     "station-keeping": ("station-keeping", ["auv.count=5"], "centroid"),
     "plugin": ("extreme", ["task=survey"], "centroid"),
 }
-ALONE_CASES = [pytest.param(case, marks=pytest.mark.slow) if case == "waveform" else case for case in ALONE]
 SEEDS = (4, (1 << 64) - 1, 4 + (1 << 32), 4)
 
 
 @pytest.mark.usefixtures("_plugin")
-@pytest.mark.parametrize("case", ALONE_CASES)
+@pytest.mark.parametrize("case", slowly(ALONE, "waveform"))
 def test_alone_as_in_a_batch(case):
     """World 9 of another batch, of a single one, and where the others are reset in between: the same bits.
 
@@ -154,7 +154,7 @@ def test_alone_as_in_a_batch(case):
 
 
 @pytest.mark.usefixtures("_plugin")
-@pytest.mark.parametrize("case", ALONE_CASES)
+@pytest.mark.parametrize("case", slowly(ALONE, "waveform"))
 def test_each_with_a_seed_of_its_own_as_alone(case):
     """Two episodes of worlds of different seeds, two of them of the same one: the bits of each seed's world 0."""
     name, changes, usv = ALONE[case]

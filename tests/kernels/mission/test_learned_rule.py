@@ -13,6 +13,7 @@ from kernels.mission.target_rules import learned
 from kernels.mission.target_rules.learned import FEATURES, Feature
 from tests.kernels.mission.test_target_rules import CALM, choices, rollout, run
 from tests.links import EVERY_STEP
+from tests.slowly import slowly
 from usvauv_env import Scenario, ScenarioError, World
 
 CAPACITY, HOVER = 5000.0, 6.0
@@ -85,9 +86,7 @@ def seen(world, w, k, taken, state, now):
     return features, free
 
 
-@pytest.mark.parametrize(
-    "information", ["full", *(pytest.param(name, marks=pytest.mark.slow) for name in ("rates", "visits")), "own-visits"]
-)
+@pytest.mark.parametrize("information", slowly(["full", "rates", "visits", "own-visits"], "rates", "visits"))
 def test_sees_and_scores(tmp_path, information):
     numbers = weights(3)
     scenario = Scenario.load("ideal", [*UNEQUAL, f"nodes.information={information}"])

@@ -16,6 +16,7 @@ from kernels.mission.target_rules import knowledge
 from kernels.types import array2
 from tests.kernels.mission.test_packets import steer
 from tests.links import EVERY_STEP
+from tests.slowly import slowly
 from usvauv_env import Scenario, ScenarioError, World
 from usvauv_env.site.site import Site
 from usvauv_env.world.tables import reference_rate
@@ -422,13 +423,10 @@ class TestKnowledge:
 
     @pytest.mark.parametrize(
         "rule",
-        [
-            *(
-                pytest.param(name, marks=pytest.mark.slow)
-                for name in ("greedy", "nearest", "rate", "learned:untrained")
-            ),
-            "rollout",
-        ],
+        slowly(
+            ["greedy", "nearest", "rate", "rollout", "learned:untrained"],
+            *("greedy", "nearest", "rate", "learned:untrained"),
+        ),
     )
     def test_without_communication_each_keeps_to_its_sector(self, rule):
         """Sectors are the cycles of the rule `sectors`; they do not depend on the rule."""

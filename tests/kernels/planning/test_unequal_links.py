@@ -7,6 +7,7 @@ import torch
 from kernels.planning import global_search, objectives
 from kernels.positioning import acoustic_link
 from tests.kernels.planning.reference import CODES, best_by_dense_search, log_objective
+from tests.slowly import slowly
 
 LARGEST_GAP = 1e-3  # in ln of the objective
 
@@ -30,10 +31,7 @@ def cases(K, seed, tables, n):
 
 
 @pytest.mark.parametrize("K", [3, 6])
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow) if name == "e phase" else name for name in CODES if name[0] in "des"],
-)
+@pytest.mark.parametrize("name", slowly([name for name in CODES if name[0] in "des"], "e phase"))
 def test_finds_the_global_maximum(device, name, K):
     for side, link, points in cases(K, 1000 + K, 12, 30):
         out = global_search.plan_batch(link.to(device), points.to(device), code=CODES[name], width=side, length=side)
