@@ -68,6 +68,12 @@ class TestPlots:
         assert not any(overlap(a.place, b.place) for a, b in combinations(page.words, 2))
         np.testing.assert_allclose(plot.y(np.array([low / 10, high * 10])), [box.bottom - 1, box.top])
 
+    @pytest.mark.parametrize(("height", "values"), [(33, ["0.1", "0.2", "0.5"]), (18, ["0.1", "0.5"]), (6, ["0.1"])])
+    def test_numbers_without_room_are_left_out(self, page, height, values):
+        Plot(self.still(), self.BOX._replace(height=height), 0.08, 0.6, 100.0, LAYOUT, log=True)
+        assert [words.text for words in page.words if words.anchor == "right"] == values
+        assert not any(overlap(a.place, b.place) for a, b in combinations(page.words, 2))
+
     def test_a_section_has_distances_below(self, page):
         SectionPlot(self.still(), self.BOX, -1.0, 1.0, 300.0, LAYOUT)
         places = {words.text: words.position[0] for words in page.words if words.anchor == "centre"}
@@ -220,6 +226,17 @@ class TestMapAxes:
         assert not any("a note" in words.text for words in page.words)
         assert any(words.text == "metres east →" for words in page.words)
         assert any(words.text == "metres north ↑" for words in page.words)
+
+    @pytest.mark.parametrize("size", [(1280, 720), (640, 360)])
+    def test_a_map_beside_another_keeps_to_its_half(self, page, size):
+        trace = synthetic_trace(steps=3, area=(600.0, 600.0)).episode(0)
+        other = replace(trace, policy="another")
+        Comparison(trace, other, size, style.DARK, 1.0)
+        lefts = [words.place[0] for words in page.words if words.text.startswith(("sea surface", "current "))]
+        half = size[0] / 2
+        assert len(lefts) == (4 if size[0] > 1000 else 2)
+        assert all(0 < left < half for left in lefts[: len(lefts) // 2])
+        assert all(half < left for left in lefts[len(lefts) // 2 :])
 
     def test_the_colour_scale_goes_from_the_lowest_to_the_highest(self):
         picture = colour_scale(256, 7)

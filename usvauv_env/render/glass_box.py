@@ -12,7 +12,7 @@ from usvauv_env.render.camera import Camera
 from usvauv_env.render.canvas import Canvas
 from usvauv_env.render.frame_layout import Layout, nice_above
 from usvauv_env.render.scene import Scene
-from usvauv_env.render.text import write
+from usvauv_env.render.text import text_width, write
 from usvauv_env.render.wave_sheet import Columns, Sheet
 
 COARSE = 4  # pixels of the picture to one of the water's light
@@ -55,6 +55,14 @@ def paint_water(canvas: Canvas, columns: Columns, bed: float, sheet: Sheet) -> N
     above, below = (np.stack([columns.x - 2 * columns.first, line - top], 1) for line in (sheet.horizon, foot))
     cv2.fillPoly(mask, [np.rint(np.concatenate([above, below[::-1]])).astype(np.int32)], 255)
     cv2.copyTo(large[: region.shape[0], : region.shape[1]], mask, region)
+
+
+def _labels_apart(places: np.ndarray, width: float, height: float) -> int:
+    """Every how many of the places (N, 2) in a row can have a label of that width and height, pixels."""
+    if len(places) < 2:
+        return 1
+    across, up = np.abs(np.diff(places, axis=0)).min(axis=0)
+    return max(1, math.ceil(min(width / max(across, 1e-3), height / max(up, 1e-3))))
 
 
 class Frame:
@@ -110,12 +118,15 @@ class Frame:
             anchor, gap = ("left", 3 * unit) if ends[0, 1, 0] > ends[0, 0, 0] else ("right", -3 * unit)
             words = [f"{tick:g}" for tick in self._ticks[axis]]
             words[-1] += " m"
-            for text, (_, (x, y)) in zip(words, ends, strict=True):
+            every = _labels_apart(ends[:, 1], text_width(words[-1], size), size)
+            for text, (_, (x, y)) in list(zip(words, ends, strict=True))[(len(words) - 1) % every :: every]:
                 write(picture, text, (x + gap, y + 10 * unit), size, style.DARK.muted, anchor=anchor)
         corners = np.array([(near[0], -near[1]), (-near[0], near[1])])
         left = corners[np.argmin(corners @ camera.right)]
-        for depth in self._depths:
-            x, y = camera.pixel(np.array([*left, -depth * self._scene.depths]))
+        marks = [np.array([*left, -depth * self._scene.depths]) for depth in self._depths]
+        places = camera.pixel(np.array(marks))
+        every = _labels_apart(places, math.inf, size)
+        for depth, (x, y) in list(zip(self._depths, places, strict=True))[::every]:
             shapes.stroke(picture, np.array([(x, y), (x - 5 * unit, y)]), style.DARK.muted)
             words = f"−{depth:g} m" if depth else "0 m"
             write(picture, words, (x - 8 * unit, y + 4 * unit), size, style.DARK.muted, anchor="right")

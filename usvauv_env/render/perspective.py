@@ -22,6 +22,7 @@ from usvauv_env.render.text import shorten, text_width, write
 from usvauv_env.render.wave_sheet import Columns, Sheet, look
 
 OPACITY = 0.78  # of the surface before what is below
+LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note
 BOAT_LENGTH = 0.085  # as drawn, of the area's longer side
 
 
@@ -86,6 +87,8 @@ class PerspectiveView:
         """Words and scale that do not move, on the backdrop."""
         unit, size, picture = self._layout.unit, 11 * self._layout.unit, self._backdrop
         height, width = picture.shape[:2]
+        if height < LEAST_WITH_WORDS * unit:
+            return
         text = f"{self.scene.note}, vehicles enlarged"
         write(
             picture,

@@ -74,8 +74,12 @@ class Plot:
     def _draw_axes(self) -> None:
         """Grid lines, the values at the left, the times below."""
         box, size, unit, still = self.box, 10.5 * self._unit, self._unit, self._still
+        above = math.inf
         for tick in self._value_ticks():
             row = float(self.y(tick))
+            if above - row < size:  # no room for the number
+                continue
+            above = row
             shapes.stroke(still, np.array([(box.left, row), (box.right, row)]), self._theme.line)
             write(still, f"{tick:g}", (box.left - 5 * unit, row + 0.36 * size), size, self._theme.muted, anchor="right")
         for time, words in self._time_ticks():
