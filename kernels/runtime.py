@@ -262,6 +262,27 @@ def loops_are_cut(length) -> bool:
     return turns < length
 
 
+@ti.func
+def or_nan(number, length):
+    """A result, or NaN where the device has cut short the search for it; `length` as for `loops_are_cut`."""
+    return ti.select(loops_are_cut(length), ti.math.nan, number)
+
+
+def whole(results: torch.Tensor, what: str) -> torch.Tensor:
+    """The same results, in whose last column `or_nan` has marked those that a device has cut short.
+
+    Args:
+        results: (n, columns) float32.
+        what: takes the loops, with a verb, for the message.
+
+    Raises:
+        Unsupported: some are marked.
+    """
+    if start().arch == "vulkan" and results[:, -1].isnan().any():
+        raise Unsupported(f"{what} loops that this device cuts short")
+    return results
+
+
 def one_task_a_thread() -> int | None:
     """`block_dim` of a loop of few long tasks: 1 on a CPU, where threads take as many tasks at a time.
 

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 import torch
 
+from kernels import runtime
 from kernels.flow import long_waves, regular_grid, vortex
 from kernels.types import Level, array1, array3, array4, index1, mask1, vec2
 
@@ -128,6 +129,7 @@ def particle_paths(
     Returns:
         (N, count + 1, 2) float32, m.
     """
+    runtime.check_loops(count * (1 + 2 * vortices.shape[1]), f"a path of {count} steps")
     path = points[:, None].repeat(1, count + 1, 1).contiguous()
     _trace_paths(vortices.contiguous(), stream.contiguous(), level, *size, step, path)
     return path

@@ -20,6 +20,7 @@ All of them suppose a level array at its present elevation.
 import taichi as ti
 import torch
 
+from kernels import runtime
 from kernels.planning.cutting_planes import centre_of_gravity
 from kernels.planning.fisher import log_T, mat2x3
 from kernels.planning.newton_ascent import ROUNDING, Region, ascend, clip
@@ -177,8 +178,9 @@ def _batch(
         start = vec2(place[i, 0], place[i, 1])
         size = vec2(width, length)
         best = search(team, code, start, ti.static(Region(size, start, reach, limited)))
-        for j in ti.static(range(3)):
+        for j in ti.static(range(2)):
             out[i, j] = best[j]
+        out[i, 2] = runtime.or_nan(best[2], out.shape[1])
 
 
 def plan_batch(
@@ -224,4 +226,4 @@ def greedy_batch(
     check_team(points, boat)
     out = points.new_empty((points.shape[0], 3))
     _batch(link, points, boat, code, reach < ANYWHERE, reach, width, length, out)
-    return out
+    return runtime.whole(out, f"the best place for {points.shape[1]} AUVs takes")

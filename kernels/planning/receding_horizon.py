@@ -22,6 +22,7 @@ one, A does not.
 import taichi as ti
 import torch
 
+from kernels import runtime
 from kernels.planning import fisher
 from kernels.planning.jet import product, ratio
 from kernels.planning.team import Team, member, squared_separation
@@ -215,6 +216,9 @@ def plan_batch(
     length: float = 200.0,
 ) -> torch.Tensor:
     """`plan` for many worlds: track (n, K, COLUMNS), estimate (n, K, 3), boat, goal (n, 2); goal and value (n, 3)."""
+    count = track.shape[1]
+    loops = (count + 3 + MAX_EVALUATIONS) * count * outlook.steps
+    runtime.check_loops(loops, f"a goal for {count} AUVs and {outlook.steps} steps ahead")
     out = track.new_empty((track.shape[0], 3))
     _batch(track, estimate, link, boat, goal, outlook, True, width, length, out)
     return out

@@ -223,17 +223,9 @@ def follow(layers: ti.template(), depth: ti.f32, direction: vec3, slant_range: t
     return vec3(to_metres * across[0], to_metres * across[1], depth - z)
 
 
-@ti.func
-def or_nan(number: ti.f32, length) -> ti.f32:
-    """A result, or NaN where the device has cut short the search for it, see `runtime.loops_are_cut`."""
-    return ti.select(runtime.loops_are_cut(length), ti.math.nan, number)
-
-
 def _whole(out: torch.Tensor, layers: torch.Tensor) -> torch.Tensor:
-    """What a kernel has found, refused where a device has cut short a search."""
-    if runtime.start().arch == "vulkan" and out[:, -1].isnan().any():
-        raise runtime.Unsupported(f"rays through {layers.shape[0]} layers take loops that this device cuts short")
-    return out
+    """What a kernel has found, see `runtime.whole`."""
+    return runtime.whole(out, f"rays through {layers.shape[0]} layers take")
 
 
 @ti.kernel
@@ -244,7 +236,7 @@ def _eigenrays(layers: array2, ends: array2, surface: ti.f32, out: array2):
         out[n, 1] = ray.upper_cosine
         out[n, 2] = ray.lower_cosine
         out[n, 3] = ray.time
-        out[n, 4] = or_nan(ti.f32(ray.exists), ends.shape[1])
+        out[n, 4] = runtime.or_nan(ti.f32(ray.exists), ends.shape[1])
 
 
 def eigenrays(layers: torch.Tensor, ends: torch.Tensor, surface: float = 0.0) -> torch.Tensor:
@@ -265,7 +257,7 @@ def _arrivals(layers: array2, depth: array1, offset: array2, c: ti.f32, surface:
         for j in ti.static(range(3)):
             out[n, j] = arrival.direction[j]
         out[n, 3] = arrival.slant_range
-        out[n, 4] = or_nan(ti.f32(arrival.exists), offset.shape[1])
+        out[n, 4] = runtime.or_nan(ti.f32(arrival.exists), offset.shape[1])
 
 
 def arrivals(
@@ -284,7 +276,7 @@ def _positions(layers: array2, depth: array1, arrival: array2, c: ti.f32, out: a
         source = follow(layers, depth[n], direction, arrival[n, 3], c)
         for j in ti.static(range(2)):
             out[n, j] = source[j]
-        out[n, 2] = or_nan(source[2], arrival.shape[1])
+        out[n, 2] = runtime.or_nan(source[2], arrival.shape[1])
 
 
 def positions(layers: torch.Tensor, depth: torch.Tensor, arrival: torch.Tensor, c: float) -> torch.Tensor:

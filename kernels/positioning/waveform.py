@@ -29,7 +29,7 @@ from typing import NamedTuple
 import taichi as ti
 import torch
 
-from kernels import random
+from kernels import random, runtime
 from kernels.positioning import acoustic_link, usbl
 from kernels.positioning.tone import (
     TWO_PI,
@@ -373,6 +373,7 @@ def _fixes(
         flags[n] = ti.cast(found[4], ti.i32)
         for j in ti.static(range(MEASURED)):
             measurement[n, j] = measured[j]
+        measurement[n, MEASURED - 1] = runtime.or_nan(measured[MEASURED - 1], measurement.shape[1])
 
 
 def fixes(
@@ -406,4 +407,4 @@ def fixes(
     measurement = torch.empty((count, MEASURED), dtype=torch.float32, device=offset.device)
     keys = seed & 0xFFFFFFFF, seed >> 32
     _fixes(link, auv, offset, slope, *keys, bool(sampled), estimate, flags, measurement)
-    return estimate, flags, measurement
+    return estimate, flags, runtime.whole(measurement, "the samples of a tone take")

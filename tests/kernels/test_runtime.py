@@ -1,5 +1,6 @@
 """Taichi as this project starts it."""
 
+import math
 import os
 import subprocess
 import sys
@@ -13,7 +14,9 @@ import torch
 from taichi.lang import impl, kernel_impl
 
 from kernels import runtime
-from kernels.planning import zermelo
+from kernels.flow import current
+from kernels.planning import global_search, receding_horizon, zermelo
+from kernels.positioning import acoustic_link, tracker, waveform
 from kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 PATIENCE = 1 << 28  # looks at the other turn, a second or more
@@ -200,6 +203,37 @@ def test_what_vulkan_cannot_do_is_refused(monkeypatch):
         zermelo.solve(*6 * [nothing], size=(1.0, 1.0), radius=1.0)
     with pytest.raises(runtime.Unsupported, match="nonlinear sea"):
         NonlinearShallowWater(size=(1.0, 1.0), cells=(4, 4), bed=-1.0, interval=1.0)
+    field = {"level": 0, "size": (9.0, 9.0), "step": 1.0}
+    with pytest.raises(runtime.Unsupported, match=f"a path of 30000 steps takes {30000 * 3} iterations"):
+        current.particle_paths(torch.zeros(1, 1, 4), torch.zeros(1, 1, 1, 2), torch.zeros(1, 2), count=30000, **field)
+    tracks = torch.zeros(1, 16, tracker.COLUMNS), torch.zeros(1, 16, 3), torch.zeros(16, acoustic_link.COLUMNS)
+    places = torch.zeros(2, 1, 2)
+    outlook = receding_horizon.outlook_for("d", variance=0.2, correlation_time=180.0, steps=96)
+    with pytest.raises(runtime.Unsupported, match=f"a goal for 16 AUVs and 96 steps ahead takes {16 * 43 * 96} iter"):
+        receding_horizon.plan_batch(*tracks, *places, outlook)
+
+
+@pytest.mark.parametrize("arch", ["cpu", "vulkan"])
+@pytest.mark.parametrize("work", [(global_search, "_batch"), (waveform, "_fixes")], ids=["plan", "tones"])
+def test_what_a_device_has_cut_short_is_refused(monkeypatch, arch, work):
+    """Of two results the second; a CPU cuts none, and what is not a number is then what it was asked for."""
+    cut = [0.0, math.nan]
+    monkeypatch.setattr(runtime, "_running", runtime.Runtime(arch, torch.device("cpu"), 2))
+    monkeypatch.setattr(*work, lambda *given: given[-1].fill_(1.0)[:, -1].add_(torch.tensor(cut)))
+    link = torch.from_numpy(acoustic_link.link_table([15e3, 18e3], acoustic_link.Sonar()))
+    places = torch.zeros(2, 3)
+    row = torch.zeros(2, dtype=torch.int32)
+
+    def results():
+        if work[0] is waveform:
+            return waveform.fixes(link, row, places, places[:, :2], 1)[-1]
+        return global_search.plan_batch(link, places[:, None].repeat(1, 2, 1), code=0)
+
+    if arch == "vulkan":
+        with pytest.raises(runtime.Unsupported, match=r"(best place for 2 AUVs|samples of a tone) takes? loops that"):
+            results()
+        cut[1] = 0.0
+    assert results()[0].isfinite().all()
 
 
 def test_upload(device):

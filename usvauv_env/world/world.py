@@ -454,6 +454,8 @@ class World:
             mask: (num_worlds,) bool, the worlds of which it is wanted; the others' stays.
             margin: distance of the grid's edges from those of the area, m.
         """
+        columns = flow.shape[2]
+        runtime.check_loops(columns * (1 + self.vortex.shape[1]), f"a row of {columns} currents")
         current.on_grid(
             self._area,
             self.vortex,
