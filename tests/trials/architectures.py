@@ -53,7 +53,7 @@ def run(arch: str, steps: int, worlds: int, seed: int, out: Path) -> None:
             "boat m": boat[..., BoatColumn.span("x", "y")],
             "wave m": boat[..., BoatColumn.elevation],
             "reward": reward.cpu().numpy(),
-            "sea m": np.abs(world.sea.elevation()).max(axis=(1, 2))[world._sea_index.cpu().numpy()],
+            "sea m": np.abs(world.sea.elevation()).max(axis=(1, 2))[world._water.sea_index.cpu().numpy()],
             "events": auv[..., [AuvColumn.target, AuvColumn.hovering]],
             "services": auv[..., AuvColumn.service_rate] > 0,
         }

@@ -19,6 +19,7 @@ from usvauv_env.site.site import Site
 from usvauv_env.world import world as module
 from usvauv_env.world.boat_strategies import boat_strategies
 from usvauv_env.world.observation import observation_terms
+from usvauv_env.world.water import WorldWater
 
 RECKONS = ("navigation.sensor=ground", "channel.schedule=all")
 WAVES = ("sea.forced_edge=west", "sea.regular_amplitude=0.2", "sea.regular_period=60", "storm.spectrum=pm")
@@ -63,12 +64,12 @@ class TestSeas:
         changes, own = "sea.realisations=4", [(3, (5 + w) % 4) for w in range(3)]
         part, alone = (make(changes, num_worlds=3, first_world=5, batch=batch) for batch in (8, None))
         for world in (part, alone):
-            assert [world._seas[sea] for sea in world._sea_index] == own
-        assert part._seas == [(3, sea) for sea in range(4)]
-        assert len(alone._seas) == 3
+            assert [world._water.seas[sea] for sea in world._water.sea_index] == own
+        assert part._water.seas == [(3, sea) for sea in range(4)]
+        assert len(alone._water.seas) == 3
         with pytest.raises(ScenarioError, match="batch = 7: must be at least first_world"):
             make(changes, num_worlds=3, first_world=5, batch=7)
-        assert part._seas_of(2) == [(3 + 2 * 2**64, sea) for sea in range(4)]
+        assert part._water.seas_of(2) == [(3 + 2 * 2**64, sea) for sea in range(4)]
 
     def test_one_fine_sea_for_one_world(self):
         fine = make("sea.fine_cells=24", num_worlds=1, fine_sea=True)
@@ -90,8 +91,8 @@ class TestSeas:
     def test_begin_anew_when_all_are_reset(self, monkeypatch):
         """Not at the first reset, for which they are made; not for some; always for all."""
         begun = []
-        begin = World._begin_sea
-        monkeypatch.setattr(World, "_begin_sea", lambda world, episode: (begun.append(episode), begin(world, episode)))
+        begin = WorldWater.begin
+        monkeypatch.setattr(WorldWater, "begin", lambda water, episode: (begun.append(episode), begin(water, episode)))
         world = make(*WAVES)
         world.reset()
         steps(world, 2)
@@ -121,10 +122,10 @@ class TestSeas:
         world = make()
         world.reset()
         for done in range(5):
-            assert (world._stream == min(done, 2.5)).all()
-            assert world._stream.shape == (len(Level.names), 3, 4, 2)
+            assert (world._water.stream == min(done, 2.5)).all()
+            assert world._water.stream.shape == (len(Level.names), 3, 4, 2)
             steps(world, 1)
-        assert make("mission.step=0.5")._stream.shape == (len(Level.names), 3, 4, 2)
+        assert make("mission.step=0.5")._water.stream.shape == (len(Level.names), 3, 4, 2)
 
 
 class TestStep:
@@ -222,7 +223,7 @@ class TestGoingOn:
         world.load_state(state)
         assert (world.auv[..., AuvColumn.x] == 42).all()
         assert world._clock.tolist() == [[0, 3], [0, 3]]
-        assert (world._sea_episode, world._steps_since_sea) == (0, 3)
+        assert (world._water.episode, world._water.steps) == (0, 3)
         assert world.sea.time == world.storm.time == 3
         np.testing.assert_array_equal(world.sea.elevation(), elevation)
         assert state["sea_episode"].tolist() == [0, 3]

@@ -20,7 +20,7 @@ from kernels.mission.columns import (
 )
 from kernels.mission.observation import BEAM_ANGLE, BEAM_CELL
 from kernels.positioning import tracker
-from usvauv_env import Scenario, ScenarioError, World
+from usvauv_env import Scenario, ScenarioError
 from usvauv_env.world import arrays, global_state
 from usvauv_env.world.adjustable import ADJUSTABLE, DECISIONS, check_adjustable, check_continues
 from usvauv_env.world.boat_agent import LONGEST, boat_observed, observe_boats
@@ -28,6 +28,7 @@ from usvauv_env.world.boat_strategies import BoatStrategy, StrategyChoice, boat_
 from usvauv_env.world.observation import POSITION_BOUND, ObservationLayout, quantities, table
 from usvauv_env.world.seeds import Seeds
 from usvauv_env.world.state_check import LATEST, check_state
+from usvauv_env.world.water import WorldWater
 
 AREA = ("area.width=300", "area.length=200")
 TRACKS = ("tracker.enabled=true",)
@@ -370,8 +371,8 @@ def test_long_waves_are_averaged_over_whole_blocks(pixels, factor):
     """Of the world's own sea, 7 × 5 cells of 3 × 2 m; what does not fill a block is left out in the north and east."""
     seas = np.random.default_rng(0).normal(size=(3, 5, 7)).astype(np.float32)
     own = SimpleNamespace(elevation=lambda: seas, dx=3.0, dy=2.0)
-    world = SimpleNamespace(sea=own, _sea_index=torch.tensor([0, 2]))
-    found, x, y = World.long_waves(world, pixels, 1)
+    water = SimpleNamespace(long_waves=own, sea_index=torch.tensor([0, 2]))
+    found, x, y = WorldWater.mean_elevation(water, pixels, 1)
     rows, columns = 5 // factor, 7 // factor
     assert found.shape == (rows, columns) == (len(y), len(x))
     for i in range(rows):
@@ -388,5 +389,5 @@ def test_long_waves_are_averaged_over_whole_blocks(pixels, factor):
 )
 def test_a_sea_is_named_by_its_worlds(count, said):
     """Eight of them at most, counted from the first world."""
-    world = SimpleNamespace(_sea_index=torch.tensor([1, 0, 0] * count), _first_world=4)
-    assert World._sea_of_worlds(world, 1).endswith(said)
+    water = SimpleNamespace(sea_index=torch.tensor([1, 0, 0] * count), _first_world=4)
+    assert WorldWater.named(water, 1).endswith(said)

@@ -30,13 +30,10 @@ from kernels.mission.state_ranges import LARGEST
 from kernels.mission.target_rules import target_rules
 from kernels.mission.tasks.task import tasks
 from kernels.positioning import coded_pulse, tracker
-from kernels.types import Level
 from usvauv_env.memory import require
 from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells, stacked_forcing
 from usvauv_env.sea.long_waves import LongWaves
 from usvauv_env.sea.storm import AirySea
-from usvauv_env.sea.watch import SeaWatch
 from usvauv_env.site.site import Site
 from usvauv_env.world import arrays, tables
 from usvauv_env.world.adjustable import check_adjustable, check_continues
@@ -45,11 +42,10 @@ from usvauv_env.world.boat_strategies import AGENT, StrategyChoice, boat_strateg
 from usvauv_env.world.observation import ObservationLayout, observation_terms
 from usvauv_env.world.seeds import Seeds
 from usvauv_env.world.state_check import bounds_of, check_state, first_outside
+from usvauv_env.world.water import WorldWater
 
 MAX_WORLDS = 1 << 22
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
-NAMED = 8  # of the worlds on a sea, in a message
-ROUNDING = 1e-6  # of a ratio of times
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
 
 
@@ -125,10 +121,7 @@ class World:
         self.observation_layout = ObservationLayout.of(scenario)
         self.observation_size = self.observation_layout.size
         self.device = runtime.start(arch).device
-        self._first_world, self._fine_sea = first_world, fine_sea
-        whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)
-        self._seas, index = whole.seas(scenario.sea.realisations)
-        self._sea_index = torch.from_numpy(index[own : own + num_worlds].astype(np.int32)).to(self.device)
+        self._first_world = first_world
         self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
 
         foresees = self.strategy.strategy.functions.foresees
@@ -150,10 +143,6 @@ class World:
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
         self._action = self._zeros(num_worlds, self.num_auvs, 2)
         self._fault = DeviceFlag(self._numbers, LARGEST)
-        self._flow = self.site.current
-        self._stream = (
-            self._zeros(len(Level.names), 1, 1, 2) if self._flow is None else self._upload(self._flow.at(0.0))
-        )
         self._evolve_vortices = None
         eddies = scenario.current
         if eddies.viscosity > 0 or eddies.mutual:
@@ -165,7 +154,10 @@ class World:
                 eddies.mutual,
             )
         self._constants = self._upload_tables()
-        self._begin_sea(episode=0)
+        whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)
+        worlds = slice(own, own + num_worlds)
+        self._water = WorldWater(self.site, whole, worlds, first_world=first_world, fine=fine_sea, device=self.device)
+        self._bind()
 
     def _zeros(self, *shape: int) -> torch.Tensor:
         return torch.zeros(shape, dtype=torch.float32, device=self.device)
@@ -184,12 +176,12 @@ class World:
     @property
     def sea(self) -> LongWaves:
         """The long waves that the worlds sail on."""
-        return self._sea
+        return self._water.long_waves
 
     @property
     def storm(self) -> AirySea:
         """The short waves."""
-        return self._storm
+        return self._water.storm
 
     @property
     def rule_numbers(self) -> torch.Tensor:
@@ -215,8 +207,9 @@ class World:
         """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation."""
         if mask is None:
             episode = int(self._clock[0, 0]) + 1
-            if (episode, 0) != (self._sea_episode, self._steps_since_sea):  # the seas are not at its beginning yet
-                self._begin_sea(episode)
+            if not self._water.is_at_beginning_of(episode):
+                self._water.begin(episode)
+                self._bind()
             self._chosen.fill_(1)
         else:
             self._chosen.copy_(mask)
@@ -255,10 +248,7 @@ class World:
             raise ScenarioError(f"boat_action: {needs}, but the boat's strategy is {self.strategy.name!r}")
         if boat_action is not None:
             self._steer_boats(boat_action.detach())
-        self._steps_since_sea += 1
-        for _ in range(self._sea_updates(self._steps_since_sea) - self._sea_updates(self._steps_since_sea - 1)):
-            self._watch.advance()
-        self._set_clock()
+        self._water.advance()
         if self._evolve_vortices:
             self._evolve_vortices()
         self._action.copy_(action.detach())
@@ -305,9 +295,7 @@ class World:
         """Everything that decides the future of the worlds, as copies; `load_state` brings it back bit for bit."""
         own = {name: getattr(self, name).clone() for name in STATE}
         own["clock"] = self._clock.clone()
-        own["sea"], own["sea_clock"] = self.sea.state()
-        own["sea_episode"] = torch.tensor([self._sea_episode, self._steps_since_sea])
-        return own
+        return own | self._water.state()
 
     def load_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Go back to a state that `state` gave for a world of the same scenario, seed and size.
@@ -316,11 +304,8 @@ class World:
             ScenarioError: a tensor is missing, has another shape or type, or a number that it cannot have.
         """
         check_state(state, self.state(), self.scenario)
-        episode, steps = state["sea_episode"].tolist()
-        self._begin_sea(episode)
-        self._steps_since_sea = steps
-        self.sea.load_state(state["sea"], state["sea_clock"])
-        self._set_clock()
+        self._water.load_state(state)
+        self._bind()
         for name in STATE:
             getattr(self, name).copy_(state[name])
         self._clock.copy_(state["clock"])
@@ -342,11 +327,8 @@ class World:
         self._constants = self._upload_tables()
         if redrawn:
             self._redraw_circulations()
-        seas = self._seas_of(self._sea_episode)
-        self.sea.set_forcing(*stacked_forcing(scenario, seas))
-        self._storm = build_short_waves(self.site, seas)
+        self._water.go_on_under(self.site)
         self._bind()
-        self._set_clock()
 
     def _redraw_circulations(self) -> None:
         tables, clock, drawn = self._constants, self._clock.clone(), self.vortex.clone()
@@ -407,14 +389,6 @@ class World:
                 + (f" (uses {plugins})" if plugins else "")
             )
 
-    def _sea_of_worlds(self, index: int) -> str:
-        """The worlds that sail on a sea, in words."""
-        worlds = ((self._sea_index == index).nonzero().flatten() + self._first_world).tolist()
-        names = ", ".join(map(str, worlds[:NAMED])) + (
-            f" and {len(worlds) - NAMED} more" if len(worlds) > NAMED else ""
-        )
-        return f"sea of world{'s' if len(worlds) > 1 else ''} {names}"
-
     def _first_fault(self) -> tuple[int, str]:
         """Index of the first world with a number that cannot be, and what it is."""
         bounds = bounds_of(self.scenario)
@@ -459,13 +433,13 @@ class World:
         current.on_grid(
             self._area,
             self.vortex,
-            self._stream,
+            self._water.stream,
             self._constants["bed"],
             *self.sea.transports,
             *self.sea.units,
             self.sea.nx,
             self.sea.ny,
-            self._sea_index,
+            self._water.sea_index,
             mask.to(self.device, torch.uint8).contiguous(),
             margin,
             flow,
@@ -507,39 +481,12 @@ class World:
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),
         }
 
-    def _seas_of(self, episode: int) -> list[tuple[int, int]]:
-        """Seed and index of each sea of an episode."""
-        return [(seed + (episode << 64), index) for seed, index in self._seas]
-
-    def _begin_sea(self, episode: int) -> None:
-        """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
-        seas = self._seas_of(episode)
-        cells = fine_cells(self.scenario) if self._fine_sea else None
-        self._sea = build_sea(self.site, seas, cells)
-        deepest = float(self.site.still_depth((self._sea.nx, self._sea.ny)).max())
-        self._watch = SeaWatch(self._sea, deepest, self._sea_of_worlds)
-        self._storm = build_short_waves(self.site, seas)
-        self._bind()
-        self._steps_since_sea = 0
-        self._sea_episode = episode
-        self._set_clock()
-
     def _bind(self) -> None:
         """Compile the mission's kernels, where they are not, for the tables and the sea as they are now."""
-        (eta, U, V), (unit_x, unit_y) = self.sea.fields, self.sea.units
         arguments = {
             **self._constants,
             "vortex": self.vortex,
-            "stream": self._stream,
-            "eta": eta,
-            "U": U,
-            "V": V,
-            "unit_x": unit_x,
-            "unit_y": unit_y,
-            "nx": self.sea.nx,
-            "ny": self.sea.ny,
-            "sea_index": self._sea_index,
-            "wave": self.storm.wave,
+            **self._water.arguments(),
             "chosen": self._chosen,
             "clock": self._clock,
             "action": self._action,
@@ -556,33 +503,14 @@ class World:
                 raise ScenarioError(f"{plugins}: {in_words(error)}") from error
             raise
 
-    def _sea_updates(self, steps: int) -> int:
-        """Updates of the long waves in some mission steps: as many as bring them to the steps' end or beyond it."""
-        return math.ceil(steps * self.scenario.mission.step / self.scenario.sea.update_interval - ROUNDING)
-
-    def _set_clock(self) -> None:
-        """Bring storm and real current to the time since the seas started."""
-        time = self._steps_since_sea * self.scenario.mission.step
-        self._storm.set_time(time)
-        if self._flow is not None and len(self._flow.times) > 1:
-            # Seas run on where only some worlds are reset; the current then stays as it was at the end of the file.
-            runtime.upload(self._flow.at(min(time, self._flow.times[-1])), self._stream)
-
     def _upload(self, numbers: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(np.ascontiguousarray(numbers, np.float32)).to(self.device)
 
     def surface(self, pixels: int, world: int = 0) -> np.ndarray:
         """Elevation of a world's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
         elevation, x, y = self.long_waves(pixels, world)
-        return elevation + self.storm.elevation(int(self._sea_index[world]), x, y)
+        return elevation + self.storm.elevation(int(self._water.sea_index[world]), x, y)
 
     def long_waves(self, pixels: int, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same of the long waves alone, and the middles x (X,) and y (Y,) of what is averaged, m."""
-        elevation = self.sea.elevation()[int(self._sea_index[world])]
-        factor = -(-max(elevation.shape) // pixels)
-        rows, columns = (size // factor for size in elevation.shape)
-        blocks = elevation[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)
-        x, y = (
-            (np.arange(count) + 0.5) * (factor * cell) for count, cell in ((columns, self.sea.dx), (rows, self.sea.dy))
-        )
-        return blocks.mean(axis=(1, 3), dtype=np.float32), x, y
+        return self._water.mean_elevation(pixels, world)

@@ -1,0 +1,161 @@
+"""The water that worlds sail on: long waves, storm and real current, on one clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+
+from kernels import runtime
+from kernels.types import Level
+from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells, stacked_forcing
+from usvauv_env.sea.long_waves import LongWaves
+from usvauv_env.sea.storm import AirySea
+from usvauv_env.sea.watch import SeaWatch
+from usvauv_env.site.site import Site
+from usvauv_env.world.seeds import Seeds
+
+NAMED = 8  # of the worlds on a sea, in a message
+ROUNDING = 1e-6  # of a ratio of times
+
+
+class WorldWater:
+    """Seas of a batch of worlds, the storm upon them, and the real current. Begins with those of episode 0.
+
+    Args:
+        site: whose water it is.
+        seeds: of all worlds whose seas are solved.
+        worlds: which of these sail here.
+        first_world: number of the first that sails here, for messages.
+        fine: solve the sea on `sea.fine_cells` cells instead of on `sea.cell_size`.
+        device: of the tensors.
+
+    Attributes:
+        seas: seed and index of each sea.
+        sea_index: (W,) int32, on which of the seas a world sails.
+        stream: (levels, rows, columns, 2) float32, the real current now, m/s, `kernels.flow.current.Water`.
+        long_waves, storm: of the episode.
+        episode: of the seas. steps: of a mission since they started.
+    """
+
+    long_waves: LongWaves
+    storm: AirySea
+    episode: int
+    steps: int
+
+    def __init__(
+        self, site: Site, seeds: Seeds, worlds: slice, *, first_world: int, fine: bool, device: torch.device
+    ) -> None:
+        self._site, self._first_world, self._fine = site, first_world, fine
+        self.seas, index = seeds.seas(site.scenario.sea.realisations)
+        self.sea_index = torch.from_numpy(index[worlds].astype(np.int32)).to(device)
+        self._flow = site.current
+        still = np.zeros((len(Level.names), 1, 1, 2), np.float32)
+        self.stream = torch.from_numpy(still if self._flow is None else self._flow.at(0.0)).to(device)
+        self.begin(0)
+
+    def begin(self, episode: int) -> None:
+        """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
+        seas, scenario = self.seas_of(episode), self._site.scenario
+        self.long_waves = build_sea(self._site, seas, fine_cells(scenario) if self._fine else None)
+        deepest = float(self._site.still_depth((self.long_waves.nx, self.long_waves.ny)).max())
+        self._watch = SeaWatch(self.long_waves, deepest, self.named)
+        self.storm = build_short_waves(self._site, seas)
+        self.episode, self.steps = episode, 0
+        self._set_clock()
+
+    def is_at_beginning_of(self, episode: int) -> bool:
+        """Whether the seas are those of an episode, and have not moved yet."""
+        return (self.episode, self.steps) == (episode, 0)
+
+    def advance(self) -> None:
+        """One mission step.
+
+        Raises:
+            DivergenceError: a sea is not finite or has run away.
+        """
+        done = self._updates(self.steps)
+        self.steps += 1
+        for _ in range(self._updates(self.steps) - done):
+            self._watch.advance()
+        self._set_clock()
+
+    def go_on_under(self, site: Site) -> None:
+        """Go on with the forcing and the storm of another site, see `usvauv_env.world.adjustable`."""
+        self._site = site
+        seas = self.seas_of(self.episode)
+        self.long_waves.set_forcing(*stacked_forcing(site.scenario, seas))
+        self.storm = build_short_waves(site, seas)
+        self._set_clock()
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Copies of what decides the future of the water; `load_state` brings it back bit for bit."""
+        fields, clock = self.long_waves.state()
+        return {"sea": fields, "sea_clock": clock, "sea_episode": torch.tensor([self.episode, self.steps])}
+
+    def load_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Go back to what `state` gave."""
+        episode, steps = state["sea_episode"].tolist()
+        self.begin(episode)
+        self.steps = steps
+        self.long_waves.load_state(state["sea"], state["sea_clock"])
+        self._set_clock()
+
+    def arguments(self) -> dict[str, Any]:
+        """What the mission's kernel reads of the water, by the names of its arguments."""
+        sea = self.long_waves
+        (eta, U, V), (unit_x, unit_y) = sea.fields, sea.units
+        return {
+            "stream": self.stream,
+            "eta": eta,
+            "U": U,
+            "V": V,
+            "unit_x": unit_x,
+            "unit_y": unit_y,
+            "nx": sea.nx,
+            "ny": sea.ny,
+            "sea_index": self.sea_index,
+            "wave": self.storm.wave,
+        }
+
+    def mean_elevation(self, pixels: int, world: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Elevation of a world's long waves averaged to at most `pixels` on the longer side.
+
+        Returns:
+            (Y, X), row 0 in the south, m; the middles x (X,) and y (Y,) of what is averaged, m.
+        """
+        sea = self.long_waves
+        elevation = sea.elevation()[int(self.sea_index[world])]
+        factor = -(-max(elevation.shape) // pixels)
+        rows, columns = (size // factor for size in elevation.shape)
+        blocks = elevation[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)
+        x, y = ((np.arange(count) + 0.5) * (factor * cell) for count, cell in ((columns, sea.dx), (rows, sea.dy)))
+        return blocks.mean(axis=(1, 3), dtype=np.float32), x, y
+
+    def seas_of(self, episode: int) -> list[tuple[int, int]]:
+        """Seed and index of each sea of an episode."""
+        return [(seed + (episode << 64), index) for seed, index in self.seas]
+
+    def named(self, index: int) -> str:
+        """A sea, by the worlds that sail on it."""
+        worlds = ((self.sea_index == index).nonzero().flatten() + self._first_world).tolist()
+        names = ", ".join(map(str, worlds[:NAMED])) + (
+            f" and {len(worlds) - NAMED} more" if len(worlds) > NAMED else ""
+        )
+        return f"sea of world{'s' if len(worlds) > 1 else ''} {names}"
+
+    def _updates(self, steps: int) -> int:
+        """Updates of the long waves in some mission steps: as many as bring them to the steps' end or beyond it."""
+        scenario = self._site.scenario
+        return math.ceil(steps * scenario.mission.step / scenario.sea.update_interval - ROUNDING)
+
+    def _set_clock(self) -> None:
+        """Bring storm and real current to the time since the seas started."""
+        time = self.steps * self._site.scenario.mission.step
+        self.storm.set_time(time)
+        if self._flow is not None and len(self._flow.times) > 1:
+            # Seas run on where only some worlds are reset; the current then stays as it was at the end of the file.
+            runtime.upload(self._flow.at(min(time, self._flow.times[-1])), self.stream)
