@@ -12,7 +12,7 @@ Times count from the end of the present mission step, s; what lies before is neg
 
 import taichi as ti
 
-from kernels.mission import expected_reply, fixes, navigation, serving
+from kernels.mission import expected_reply, fixes, navigation, reception, serving
 from kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -119,7 +119,7 @@ def answer(worlds: ti.template(), w, k):
 
 
 @ti.func
-def receive(worlds: ti.template(), pose: fixes.ArrayPose, w, k, age):
+def receive(worlds: ti.template(), pose: reception.ArrayPose, w, k, age):
     """The reply of AUV k arrives `age` seconds before the end of the step, if it does."""
     there = vec2(worlds.exchange[w, k, ExchangeColumn.sent_x], worlds.exchange[w, k, ExchangeColumn.sent_y])
     lost = is_lost(worlds, w, k)[1]
@@ -154,7 +154,7 @@ def open_channel(worlds: ti.template(), w):
 
 
 @ti.func
-def begin(worlds: ti.template(), pose: fixes.ArrayPose, w, k):
+def begin(worlds: ti.template(), pose: reception.ArrayPose, w, k):
     """Nothing is in the water when an episode begins, and AUV k is where it is deployed."""
     worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
     worlds.exchange[w, k, ExchangeColumn.reply_at] = 0.0
@@ -195,7 +195,7 @@ def exchange(worlds: ti.template(), w):
     """All exchanges of this step: those that end in it give fixes, the last may go on into the next."""
     begin_step(worlds, w)
     count = worlds.auv.shape[1]
-    pose = fixes.array_pose(worlds, w, 0)
+    pose = reception.array_pose(worlds, w, 0)
     under_way = False
     for k in range(count):
         under_way = under_way or worlds.exchange[w, k, ExchangeColumn.reply] != Reply.none
@@ -212,7 +212,7 @@ def exchange(worlds: ti.template(), w):
             end = worlds.tally[w, TallyColumn.channel_free]
             if end <= 0.0:
                 if ti.static(worlds.program.fleet):
-                    pose = fixes.array_pose(worlds, w, ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32))
+                    pose = reception.array_pose(worlds, w, ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32))
                 for k in range(count):
                     reply = worlds.exchange[w, k, ExchangeColumn.reply]
                     if reply == Reply.sent or reply == Reply.lost:
@@ -221,7 +221,7 @@ def exchange(worlds: ti.template(), w):
                 going_on = True
     for b in range(worlds.boat.shape[1]):
         if ti.static(worlds.program.fleet):
-            pose = fixes.array_pose(worlds, w, b)
+            pose = reception.array_pose(worlds, w, b)
         for k in range(count):
             if serving.serves(worlds, w, b, k):
                 fixes.finish(worlds, pose, w, k)

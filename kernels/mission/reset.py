@@ -6,7 +6,7 @@ import taichi as ti
 
 from kernels import random
 from kernels.flow.vortex import Vortex
-from kernels.mission import boat, channel, fixes, navigation, observation, serving
+from kernels.mission import boat, channel, fixes, navigation, observation, reception, serving
 from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
 from kernels.mission.motion import distance_between
 from kernels.mission.worlds import address, key, uniforms
@@ -113,7 +113,7 @@ def begin_episode(worlds: ti.template(), w):
     for b in range(worlds.boat.shape[1]):
         boat.ride(worlds, w, b)
         boat.locate(worlds, w, b)
-        pose = fixes.array_pose(worlds, w, b)
+        pose = reception.array_pose(worlds, w, b)
         for k in range(num_auvs):
             if serving.serves(worlds, w, b, k):
                 fixes.begin_estimate(worlds, pose, w, k)

@@ -14,7 +14,7 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels.mission import channel, fixes, navigation, serving
+from kernels.mission import channel, fixes, navigation, reception, serving
 from kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -131,7 +131,7 @@ def fleet(
 def write_pose(worlds: ti.template(), w):
     """The poses of the arrays of all boats, boat b's into the observation of AUV b."""
     for b in range(worlds.boat.shape[1]):
-        pose = fixes.array_pose(worlds, w, b)
+        pose = reception.array_pose(worlds, w, b)
         for i in ti.static(range(3)):
             for j in ti.static(range(3)):
                 worlds.observation[w, b, 3 * i + j] = pose.axes[i, j]
@@ -156,7 +156,7 @@ AGE = 0.3  # s, of replies
 @ti.func
 def receive(worlds: ti.template(), w):
     for k in range(AUVS):
-        pose = fixes.array_pose(worlds, w, serving.server(worlds, w, k))
+        pose = reception.array_pose(worlds, w, serving.server(worlds, w, k))
         channel.receive(worlds, pose, w, k, AGE)
         fixes.finish(worlds, pose, w, k)
     write_pose(worlds, w)
@@ -517,7 +517,7 @@ def test_a_deployed_auv_is_known_to_a_centimetre_but_for_what_fixes_have_in_comm
     def begin(worlds: ti.template(), w):
         for k in range(AUVS):
             b = serving.server(worlds, w, k)
-            fixes.begin_estimate(worlds, fixes.array_pose(worlds, w, b), w, k)
+            fixes.begin_estimate(worlds, reception.array_pose(worlds, w, b), w, k)
         write_pose(worlds, w)
 
     made = fleet(device)
@@ -564,7 +564,7 @@ class Paths(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What `fixes.sounds` reads of the worlds."""
+    """What `reception.sounds` reads of the worlds."""
 
     program: Any
     p: Any
@@ -584,9 +584,9 @@ def _hear(program: ti.template(), p: array1, link: array2, layers: array2, mirro
         axes = usbl.array_axes(ti.math.vec2(0.1, -0.2))
         S = away.norm()
         body = 0.98 * (axes @ away) / S
-        pose = fixes.ArrayPose(boat=1, axes=axes, measured=axes, displaced=0.0, slowness=0.98, effort=0.0)
-        arrival = fixes.Arrival(offset=away, body=body, slant_range=S, path=0.98 * S, loss=0.0)
-        found = fixes.sounds(worlds, pose, arrival, n, 1)
+        pose = reception.ArrayPose(boat=1, axes=axes, measured=axes, displaced=0.0, slowness=0.98, effort=0.0)
+        arrival = reception.Arrival(offset=away, body=body, slant_range=S, path=0.98 * S, loss=0.0)
+        found = reception.sounds(worlds, pose, arrival, n, 1)
         limits = reflections.Boundaries(
             array_depth=around[n, 0],
             water_depth=around[n, 1],

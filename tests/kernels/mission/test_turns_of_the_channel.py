@@ -7,7 +7,7 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.mission import channel, expected_reply, fixes, serving
+from kernels.mission import channel, expected_reply, reception, serving
 from kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -249,7 +249,7 @@ def test_nothing_is_in_the_water_when_an_episode_begins(made):
     @ti.func
     def begin(worlds: ti.template(), w):
         for k in range(worlds.auv.shape[1]):
-            channel.begin(worlds, fixes.array_pose(worlds, w, serving.server(worlds, w, k)), w, k)
+            channel.begin(worlds, reception.array_pose(worlds, w, serving.server(worlds, w, k)), w, k)
 
     made.arrays["exchange"][..., ExchangeColumn.reply] = Reply.lost
     before = made.numbers()

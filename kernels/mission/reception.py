@@ -1,0 +1,269 @@
+"""The array on a boat: how it lies, what it receives of an AUV's signal, and the place that it measures of it."""
+
+import math
+
+import taichi as ti
+
+from kernels import random
+from kernels.mission.columns import BoatColumn, Draw, Parameter, Refraction
+from kernels.mission.worlds import Worlds, address, key, normals
+from kernels.positioning import acoustic_link, coded_pulse, rays, reflections, usbl, validation, waveform
+from kernels.positioning.validation import Expectation
+from kernels.types import mat3, vec2, vec3, vec4, vec6
+
+
+@ti.dataclass
+class ArrayPose:
+    """The array on its wave, and what is known of it.
+
+    Attributes:
+        boat: index of the boat that has it.
+        axes: of the array in the world's frame, see `usbl.array_axes`.
+        measured: the same as the sensors of attitude and heading have them.
+        displaced: error of the array's position, m.
+        slowness: slowness of sound over that which fixes are computed with.
+        effort: speed of the boat through the water over its top speed.
+    """
+
+    boat: ti.i32
+    axes: mat3
+    measured: mat3
+    displaced: vec2
+    slowness: ti.f32
+    effort: ti.f32
+
+
+@ti.dataclass
+class Arrival:
+    """A signal on its way to the array.
+
+    Attributes:
+        offset: from array to AUV, m.
+        body: direction of the AUV in the array's true frame.
+        slant_range: straight distance, m.
+        path: the distance that the sound's delay stands for, m.
+        loss: of `acoustic_link.further_loss`, dB.
+    """
+
+    offset: vec3
+    body: vec3
+    slant_range: ti.f32
+    path: ti.f32
+    loss: ti.f32
+
+
+@ti.dataclass
+class Signal:
+    """What the array measures of a signal: phase differences and residual in rad modulo one turn, slant range in m."""
+
+    phase: vec2
+    residual: ti.f32
+    slant_range: ti.f32
+    amplitude: ti.f32
+
+
+@ti.func
+def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
+    """Pose of the array of boat b in this step, the same for all AUVs.
+
+    Errors of mounting, heading, lever arm and speed of sound last for an episode, those of pitch and roll are new in
+    each step, that of the boat's position is a Gauss–Markov process.
+    """
+    p = ti.static(worlds.p)
+    boat = ti.static(worlds.boat)
+    slope = p[Parameter.tilt] * vec2(boat[w, b, BoatColumn.slope_x], boat[w, b, BoatColumn.slope_y])
+    angles = usbl.attitude(slope)
+    noise = normals(worlds, w, Draw.attitude, b)
+    lasting = random.normals(address(worlds, w, 0, Draw.calibration, b), key(worlds, w))
+    lever = random.normals(address(worlds, w, 0, Draw.lever_arm, b), key(worlds, w))
+    error = p[Parameter.attitude_error] * vec2(noise[0], noise[1])
+    error += p[Parameter.alignment_error] * vec2(lasting[0], lasting[1])
+    gnss = vec2(boat[w, b, BoatColumn.gnss_x], boat[w, b, BoatColumn.gnss_y])
+    return ArrayPose(
+        boat=b,
+        axes=usbl.array_axes(angles),
+        measured=usbl.turned(usbl.array_axes(angles + error), p[Parameter.heading_error] * lasting[2]),
+        displaced=gnss + p[Parameter.lever_arm_error] * vec2(lever[0], lever[1]),
+        slowness=1.0 / (1.0 + p[Parameter.sound_speed_error] * lasting[3]),
+        effort=boat[w, b, BoatColumn.effort],
+    )
+
+
+@ti.func
+def sounds(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k):
+    """What the hydrophones receive of a coded pulse, as `coded_pulse.sounds` has it.
+
+    The array lies at its depth below the surface as it is there; it and the AUVs rise and sink over a level bottom.
+    """
+    p = ti.static(worlds.p)
+    boundaries = reflections.Boundaries(
+        array_depth=p[Parameter.array_depth],
+        water_depth=p[Parameter.water_depth] + worlds.boat[w, pose.boat, BoatColumn.elevation],
+        roughness=p[Parameter.roughness],
+        density=p[Parameter.bottom_density],
+        speed=p[Parameter.bottom_speed],
+        absorption=p[Parameter.bottom_absorption],
+    )
+    z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
+    direct = arrival.path / pose.slowness
+    speed = p[Parameter.sound_speed]
+    bent = ti.static(reflections.Profile(worlds.layers, worlds.mirrored_layers, z, speed, direct))
+    around = ti.static(surroundings(worlds, boundaries, bent))
+    body = arrival.path * arrival.body
+    return coded_pulse.sounds(worlds.pulses, worlds.link, k, body, arrival.path, arrival.offset, pose.axes, around)
+
+
+def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> reflections.Surroundings:
+    """What an array hears reflected."""
+    if not worlds.program.multipath:
+        return reflections.Surroundings()
+    if worlds.program.refraction == Refraction.none:
+        return reflections.Surroundings(boundaries)
+    return reflections.Surroundings(boundaries, profile)
+
+
+@ti.func
+def sample(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, sigma, draw: random.uint4, w, k) -> vec6:
+    """The sampled signal of AUV k as the receiver measures it, columns of `waveform`."""
+    link = ti.static(worlds.link)
+    measured = vec6(0.0)
+    if ti.static(worlds.program.coded):
+        heard = sounds(worlds, pose, arrival, w, k)
+        noise = ti.static(worlds.pulse_noise)
+        coded_pulse.draw(noise, w, draw, key(worlds, w))
+        energy = 1.0 / (sigma * sigma)
+        measured = coded_pulse.measure(worlds.pulses, link, k, arrival.path, energy, heard, noise, w)
+    else:
+        stream = random.philox(draw, key(worlds, w))
+        at = arrival.path * arrival.body
+        measured = waveform.measure(link, k, at, arrival.path, sigma, stream, waveform.PROJECTED)
+    return measured
+
+
+@ti.func
+def receive(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k) -> Signal:
+    """What the array measures of a signal of AUV k."""
+    link = ti.static(worlds.link)
+    draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
+    sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.loss)
+    phase = vec2(0.0, 0.0)
+    residual = 0.0
+    slant_range = arrival.path
+    amplitude = 0.0
+    if ti.static(worlds.program.waveform):
+        measured = sample(worlds, pose, arrival, sigma, draw, w, k)
+        phase = vec2(measured[waveform.PHASE_X], measured[waveform.PHASE_Y])
+        residual = measured[waveform.RESIDUAL]
+        slant_range += measured[waveform.RANGE_ERROR]
+        amplitude = measured[waveform.AMPLITUDE]
+    else:
+        body = arrival.body
+        if ti.static(worlds.program.multipath):
+            heard = sounds(worlds, pose, arrival, w, k)
+            disturbed = coded_pulse.disturbance(worlds.pulses, link, k, heard)
+            body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
+            slant_range += disturbed[2]
+            sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)
+        noise = random.normals(draw, key(worlds, w))
+        residual_noise = 0.0
+        if ti.static(worlds.program.turns):
+            residual_noise = normals(worlds, w, Draw.residual, k)[0]
+        measured = usbl.measure(link, k, body, slant_range, sigma, noise, residual_noise)
+        phase = vec2(usbl.wrap(measured.phase[0]), usbl.wrap(measured.phase[1]))
+        residual = measured.residual
+        slant_range = measured.slant_range
+        amplitude = measured.amplitude
+    return Signal(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude)
+
+
+@ti.func
+def locate(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slant_range) -> vec3:
+    """The offset (m) from the array of what is heard from a direction, by the rays that the receiver reckons with."""
+    found = slant_range * direction
+    if ti.static(worlds.program.refraction == Refraction.corrected):
+        z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
+        below = vec3(direction[0], direction[1], -1.0)
+        found = rays.follow(worlds.layers, z, below, slant_range, worlds.p[Parameter.sound_speed])
+    return found
+
+
+@ti.func
+def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> vec3:
+    """Covariance (xx, xy, yy) in m² of a fix's own errors at the offset that the receiver measured."""
+    loss = acoustic_link.further_loss(worlds.link, k, offset, pose.effort)
+    sigma = acoustic_link.phase_deviation(worlds.link, k, offset.norm(), loss)
+    return usbl.horizontal_covariance(worlds.link, k, offset, pose.axes, sigma)
+
+
+@ti.func
+def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, expected: Expectation, w, k):
+    """Phase differences of a signal of AUV k with the turns that they most probably lack, and 1 where others are near.
+
+    See `kernels.positioning.validation`. `length` as of `usbl.located`.
+    """
+    link = ti.static(worlds.link)
+    odd = usbl.odd_turns(signal.residual)
+    most = validation.most_turns(link, k, length)
+    kappa = length * link[k, acoustic_link.KAPPA]
+    phase = signal.phase
+    best = validation.NO_CANDIDATE
+    second = validation.NO_CANDIDATE
+    for m in range(-most, most + 1):
+        for n in range(-most, most + 1):
+            candidate = signal.phase + 2.0 * math.pi * vec2(m, n)
+            if ((m + n) & 1) == odd and candidate.norm_sqr() <= kappa * kappa:
+                found = usbl.located(link, k, candidate, candidate, signal.amplitude, pose.measured, length)
+                offset = locate(worlds, pose, w, found.vector, signal.slant_range)
+                loss = acoustic_link.further_loss(link, k, offset, pose.effort)
+                sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
+                covariance = covariance_at(worlds, pose, k, offset)
+                badness = validation.badness(link, k, expected, offset, covariance, sigma)
+                if badness < best:
+                    second = best
+                    best = badness
+                    phase = candidate
+                elif badness < second:
+                    second = badness
+    return phase, ti.cast(second - best < validation.GATE, ti.i32)
+
+
+@ti.func
+def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expectation, w, k) -> vec4:
+    """The offset (m) from boat to AUV k that a fix gives, and its flags.
+
+    Args:
+        offset: the true one, m. expected: the one that the receiver expects.
+    """
+    layers = ti.static(worlds.layers)
+    link = ti.static(worlds.link)
+    refraction = ti.static(worlds.program.refraction)
+    S = ti.max(offset.norm(), 1e-3)
+    direction = offset / S
+    path = S
+    length = 1.0
+    flags = 0
+    if ti.static(refraction != Refraction.none):
+        c = worlds.p[Parameter.sound_speed]
+        z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
+        ray = rays.refracted(layers, z, z, offset, c)
+        direction = ray.direction
+        path = ray.slant_range
+        if ray.exists == 0:
+            flags = usbl.NO_RAY
+        if ti.static(refraction == Refraction.corrected):
+            length = c / rays.sound_speed(layers, z)
+    # Where sound is slower than supposed, it comes later and less across the array.
+    body = pose.slowness * (pose.axes @ direction)
+    loss = acoustic_link.further_loss(link, k, offset, pose.effort)
+    arrival = Arrival(offset=offset, body=body, slant_range=S, path=pose.slowness * path, loss=loss)
+    signal = receive(worlds, pose, arrival, w, k)
+    phase = signal.phase
+    ambiguous = 0
+    if ti.static(worlds.program.turns):
+        phase, ambiguous = whole_turns(worlds, signal, length, pose, expected, w, k)
+    true_phase = link[k, acoustic_link.KAPPA] * vec2(body[0], body[1])
+    found = usbl.located(link, k, true_phase, phase, signal.amplitude, pose.measured, length)
+    place = locate(worlds, pose, w, found.vector, signal.slant_range)
+    if flags == 0:
+        flags = found.flags | usbl.AMBIGUOUS * ambiguous
+    return vec4(place[0], place[1], place[2], ti.cast(flags, ti.f32))
