@@ -64,11 +64,16 @@ def pytest_sessionfinish() -> None:
     ti.reset()
 
 
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what is about CPUs alone where kernels run elsewhere."""
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None, None, None]:
+    """Skip what is about CPUs alone where kernels run elsewhere, and fixtures that the architecture refuses."""
     marker = item.get_closest_marker("cpu")
     if marker and not runtime.start().on_cpu:
         pytest.skip(f"about CPUs alone: {marker.args[0]}")
+    try:
+        return (yield)
+    except runtime.Unsupported as error:
+        pytest.skip(str(error))
 
 
 @pytest.hookimpl(wrapper=True)
