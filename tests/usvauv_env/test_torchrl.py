@@ -302,6 +302,7 @@ class TestRefusals:
         )
 
 
+@pytest.mark.cpu("asks for the CPU by its name")
 def test_what_benchmarl_asks_of_its_task(short, monkeypatch):
     """Here without the library, whose experiments `test_benchmarl` runs in an environment of their own."""
     base = type("TaskClass", (), {"__init__": lambda self, name, config: self.__dict__.update(config=config)})
