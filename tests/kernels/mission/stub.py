@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 import torch
 
+from kernels import runtime
 from kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -124,6 +125,8 @@ class StubWorlds:
             program: what the function reads of `kernels.mission.worlds.Program`.
         """
 
+        copied = not runtime.start().shares_memory_with_torch
+
         @ti.kernel
         def run(p: array1, link: array2, layers: array2, arrivals: array2, strategy_arguments: array1,
                 rule_numbers: array1, reward_weights: array1, key: index2, clock: index2, auv: array3, node: array3,
@@ -137,6 +140,12 @@ class StubWorlds:
             )  # fmt: skip
             for w in range(clock.shape[0]):
                 function(worlds, w)
+                if ti.static(copied):  # at a launch only what a kernel reads is sent, and all that it writes is fetched
+                    read = tally[w, 0] + workspace[w, 0] + boat_workspace[w, 0] + reward[w, 0] + belief[w, 0, 0, 0]
+                    read += auv[w, 0, 0] + node[w, 0, 0] + boat[w, 0, 0] + estimate[w, 0, 0] + track[w, 0, 0]
+                    read += own[w, 0, 0] + exchange[w, 0, 0] + foresight[w, 0, 0] + reward_terms[w, 0, 0]
+                    if read + observation[w, 0, 0] > 1e38:
+                        reward[w, 0] = 0.0
 
         run(*(self.arrays[name] for name in Stub._fields[1:]))
         return self.numbers()
