@@ -371,7 +371,7 @@ def _fixes(
         for j in ti.static(range(4)):
             estimate[n, j] = found[j]
         flags[n] = ti.cast(found[4], ti.i32)
-        for j in ti.static(range(MEASURED)):
+        for j in ti.static(range(MEASURED - 1)):
             measurement[n, j] = measured[j]
         measurement[n, MEASURED - 1] = runtime.or_nan(measured[MEASURED - 1], measurement.shape[1])
 
