@@ -56,7 +56,7 @@ class Comparison:
             self._tiles.append(Rectangle(left, row, across, tiles))
             room = Rectangle(left + round(36 * unit), margin + title + round(28 * unit), across - round(40 * unit), 0)
             room = room._replace(height=row - gap - round(40 * unit) - room.top)
-            layout = Layout(width, height, unit, _fitted(room, trace), room, None, theme)
+            layout = Layout(width, height, unit, _fitted(room, trace), room, None, theme, left)
             self._layouts.append(layout)
             view = MissionMap(trace, self._running[side], layout)
             self._maps.append(view)

@@ -49,6 +49,7 @@ class Layout:
         map: the operating area. panel: numbers and plots.
         legend: below the map if there is room, else below the panel if there is room, else None.
         theme: colours around the map.
+        left: of the part of the frame that the map and its scales keep to, pixels.
     """
 
     width: int
@@ -58,6 +59,7 @@ class Layout:
     panel: Rectangle
     legend: Rectangle | None
     theme: Theme = style.DARK
+    left: int = 0
 
     @classmethod
     def fit(cls, width: int, height: int, area: Area, with_legend: bool = True, theme: Theme = style.DARK) -> Layout:

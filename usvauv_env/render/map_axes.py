@@ -69,9 +69,8 @@ def _scale_bar(picture: np.ndarray, scene: Scene, layout: Layout, below: float) 
 
 def _scales(picture: np.ndarray, scene: Scene, layout: Layout) -> float:
     """Draw colour scale and, where there is room, speed scale above the map; returns their left end, pixels."""
-    unit, size, panel = layout.unit, 11 * layout.unit, layout.panel
+    unit, size = layout.unit, 11 * layout.unit
     right, line = layout.map.right, layout.map.top - 8 * unit
-    leftmost = panel.left - 36 * unit if panel.left <= layout.map.left else 0  # of two maps side by side
 
     def words(text: str, gap: float) -> None:
         nonlocal right
@@ -92,7 +91,7 @@ def _scales(picture: np.ndarray, scene: Scene, layout: Layout) -> float:
     speed = nice(streaks.fastest)
     tail, middle = speed * streaks.tail * scene.view.per_metre, line - 4 * unit
     text = f"current {speed:g} m/s"
-    if right - text_width(text, size) - 6 * unit - tail < leftmost:
+    if right - text_width(text, size) - 6 * unit - tail < layout.left:
         return right
     words(text, 6)
     shapes.stroke(picture, np.array([(right - tail, middle), (right, middle)]), layout.theme.muted, layout.px(1.5))
