@@ -289,10 +289,12 @@ class TestAfloat:
         assert BOX.width - note.position[0] == pytest.approx(BOX.height - note.position[1], abs=2)
         rows = np.flatnonzero((view._backdrop == COLOURS[255].astype(np.uint8)).all(-1).any(1))
         assert high.place[1] <= rows.min() + 2 < rows.max() - 4 < high.position[1]
-        for size, shown in (((300, 200), True), ((180, 200), False), ((300, 17), False)):
+        for size, shown in (((300, 150), True), ((180, 200), False), ((300, 149), False)):
             page.words.clear()
             PerspectiveView(trace, RunningMetrics.of(trace), Rectangle(0, 0, *size), LAYOUT)
-            assert ("+5 m" in {words.text for words in page.words}) == shown
+            said = {words.text for words in page.words}
+            assert ("+5 m" in said) == shown
+            assert any("vehicles enlarged" in text or text.endswith("…") for text in said) == (size[1] >= 150)
 
     def test_each_frame_is_drawn_over_the_room(self):
         view = view_of(mission())

@@ -101,7 +101,7 @@ class PerspectiveView:
         line, right = round(18 * unit), width - 10 * unit
         high, low = (f"+{limit:g} m", f"sea surface  −{limit:g}") if limit else ("flat sea", "")
         across, up, gap = round(90 * unit), round(9 * unit), 6 * unit
-        if text_width(high + low, size) + across + 2 * gap > right or line > height:
+        if text_width(high + low, size) + across + 2 * gap > right:
             return
         write(picture, high, (right, line), size, style.DARK.muted, anchor="right")
         if limit:
