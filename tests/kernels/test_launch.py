@@ -204,3 +204,28 @@ def test_a_flag_on_a_card_is_seen_one_look_later(device, monkeypatch):
         seen.append(flag.raised())
         runtime.synchronize()
     assert seen == [False, False, True, False, True, False, True, False]
+
+
+@ti.kernel
+def count_up(turns: ti.types.ndarray(dtype=ti.i32, ndim=1), found: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+    for i in range(turns.shape[0]):
+        count = 0
+        for _ in range(turns[i]):
+            count += 1
+        found[i, 0] = ti.cast(count, ti.f32)
+        found[i, 1] = runtime.or_nan(found[i, 0], found.shape[1])
+
+
+@pytest.mark.parametrize("turns", [10, runtime.LONGEST + 1000])
+def test_what_a_device_cuts_short_is_marked(device, turns):
+    """A CPU cuts nothing short, nor does a graphics card; a device in software leaves the longer loop."""
+    found = torch.zeros((1, 2), device=device)
+    count_up(torch.tensor([turns], dtype=torch.int32, device=device), found)
+    cut = found[0, 0].item() != turns
+    assert not (cut and (runtime.start().on_cpu or turns < runtime.LONGEST))
+    assert found[0, 1].isnan().item() == cut
+    if cut:
+        with pytest.raises(runtime.Unsupported, match="it takes loops that this device cuts short"):
+            runtime.whole(found, "it takes")
+    else:
+        assert runtime.whole(found, "it takes") is found

@@ -332,6 +332,12 @@ class TestWords:
             with pytest.raises(error, match="world" if error is DivergenceError else "2 AUVs and 30 nodes"):
                 world._stop_at_fault()
 
+    def test_a_row_of_currents_that_a_device_would_cut_short(self, monkeypatch):
+        world = make()
+        monkeypatch.setattr(module.runtime, "start", lambda: SimpleNamespace(arch="vulkan"))
+        with pytest.raises(module.runtime.Unsupported, match="a row of 32768 currents takes 65536 iterations"):
+            world.current_field(torch.zeros(2, 2, 32768, 2), torch.ones(2, dtype=torch.bool))
+
     def test_a_term_of_the_observation_is_named(self):
         world = make()
         place = world.observation_layout.slice("position")
