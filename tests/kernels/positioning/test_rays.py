@@ -9,7 +9,6 @@ import torch
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from kernels import runtime
 from kernels.positioning import rays
 from usvauv_env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 
@@ -350,19 +349,3 @@ def test_without_gsw(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == "gsw" else find(name, *a))
     with pytest.raises(SoundSpeedError, match="need the library gsw: pip install gsw"):
         SoundSpeedProfile.from_water([(0, 10, 35), (9, 10, 35)], latitude=50)
-
-
-@pytest.mark.parametrize("arch", ["cpu", "vulkan"])
-@pytest.mark.parametrize("name", ["eigenrays", "arrivals", "positions"])
-def test_a_search_that_a_device_has_cut_short_is_refused(monkeypatch, arch, name):
-    """Of two rays the second; a CPU cuts none, and what is not a number is then what it was asked for."""
-    ends = torch.ones(2, 5 if name == "positions" else 3)
-    arguments = (ends,) if name == "eigenrays" else (torch.ones(2), ends, 1500.0)
-    cut = [0.0, math.nan]
-    monkeypatch.setattr(runtime, "_running", runtime.Runtime(arch, torch.device("cpu"), 2))
-    monkeypatch.setattr(rays, f"_{name}", lambda *given: given[-1].fill_(1.0)[:, -1].add_(torch.tensor(cut)))
-    if arch == "vulkan":
-        with pytest.raises(runtime.Unsupported, match="rays through 7 layers take loops that this device cuts short"):
-            getattr(rays, name)(torch.zeros(7, 3), *arguments)
-        cut[1] = 0.0
-    assert getattr(rays, name)(torch.zeros(7, 3), *arguments)[0].tolist() == [1.0] * (3 if name == "positions" else 5)
