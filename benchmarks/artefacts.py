@@ -17,10 +17,10 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from usvauv_env.render.style import THEMES
+from usvauv.env.render.style import THEMES
 
 ROOT = Path(__file__).parents[1]
-USVAUV = (sys.executable, "-c", "from usvauv_cli.app import main; main()")
+USVAUV = (sys.executable, "-c", "from usvauv.cli.app import main; main()")
 
 
 class Artefact(NamedTuple):

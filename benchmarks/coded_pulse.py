@@ -11,9 +11,9 @@ import numpy as np
 import torch
 
 from benchmarks.machine import batch, best_time
-from kernels import runtime
-from kernels.positioning import acoustic_link, coded_pulse, codes, waveform
-from kernels.positioning.reflections import SEDIMENTS
+from usvauv.kernels import runtime
+from usvauv.kernels.positioning import acoustic_link, coded_pulse, codes, waveform
+from usvauv.kernels.positioning.reflections import SEDIMENTS
 
 CARRIER = 25000.0
 BANDWIDTH = 8000.0

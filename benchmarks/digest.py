@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import torch
 
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
 
 STEPS = 40
 WAVEFORM = ["usbl.model=waveform", "usbl.signal=tone"]

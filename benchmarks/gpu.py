@@ -19,7 +19,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from usvauv_env.files import atomic_write
+from usvauv.env.files import atomic_write
 
 LIMIT = 3600  # s, of a part
 TESTS = {
@@ -38,7 +38,7 @@ BENCHMARKS = {  # options, and those of `--small`
 DESCRIBE = """
 import json, sys
 from benchmarks.machine import describe
-from kernels import runtime
+from usvauv.kernels import runtime
 try:
     runtime.start(sys.argv[1])
     print(json.dumps(describe()))

@@ -14,9 +14,9 @@ import json
 from time import perf_counter
 
 from benchmarks.machine import describe, parse
-from policies import Trainer, TrainingConfig
-from policies.training.trainer import WINDOW
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.policies import Trainer, TrainingConfig
+from usvauv.policies.training.trainer import WINDOW
 
 SIZES = ((128, 512), (1024, 4096), (8192, 16384))  # worlds, and transitions of each AUV in an update
 

@@ -17,10 +17,10 @@ import sys
 import time
 
 from benchmarks.machine import describe, parse
-from usvauv_cli.live.server import listen, serve
-from usvauv_cli.live.session import Session
-from usvauv_cli.live.show import INTERVAL, Show
-from usvauv_env import Scenario
+from usvauv.cli.live.server import listen, serve
+from usvauv.cli.live.session import Session
+from usvauv.cli.live.show import INTERVAL, Show
+from usvauv.env import Scenario
 
 SPEEDS = {"real time": 1.0, "as fast as possible": math.inf}
 WARM_UP = 2.0  # s

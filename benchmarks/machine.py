@@ -11,7 +11,7 @@ from pathlib import Path
 
 import torch
 
-from kernels import runtime
+from usvauv.kernels import runtime
 
 
 def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:

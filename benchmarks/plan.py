@@ -25,12 +25,12 @@ import torch
 from scipy.optimize import differential_evolution
 
 from benchmarks.machine import batch, best_time, describe, parse
-from kernels import runtime
-from kernels.planning import global_search, objectives, tilted_array
-from kernels.positioning import acoustic_link
-from usvauv_env import Scenario
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv.env import Scenario
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels import runtime
+from usvauv.kernels.planning import global_search, objectives, tilted_array
+from usvauv.kernels.positioning import acoustic_link
 
 SIDE = 200.0
 TEAMS = (2, 4, 8, 16)

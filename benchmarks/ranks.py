@@ -22,11 +22,11 @@ import torch
 from torch import multiprocessing
 
 from benchmarks.machine import describe
-from policies import TrainingConfig
-from policies.algorithms import ALGORITHMS, Batch, Sizes
-from policies.frames import ACTION_SIZE, FRAMES
-from policies.training.ranks import VARIABLES, Ranks, joined
-from usvauv_env import Scenario
+from usvauv.env import Scenario
+from usvauv.policies import TrainingConfig
+from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
+from usvauv.policies.frames import ACTION_SIZE, FRAMES
+from usvauv.policies.training.ranks import VARIABLES, Ranks, joined
 
 ROUNDS, WARM_UP = 200, 20
 

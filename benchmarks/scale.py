@@ -25,25 +25,25 @@ from tempfile import TemporaryDirectory
 
 import torch
 
-import policies
 from benchmarks.machine import best_time, describe
-from kernels import runtime
-from kernels.errors import UserError
-from policies import TrainingConfig
-from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-from policies.training.trainer import EVALUATIONS
-from usvauv_cli.commands.train import STEPS
-from usvauv_cli.engines.conduct import Engine, conduct, signs_in
-from usvauv_cli.engines.local import Local
-from usvauv_cli.engines.on_ray import OnRay
-from usvauv_cli.engines.task import Signs, Task
-from usvauv_env import Scenario, World
+from usvauv import policies
+from usvauv.cli.commands.train import STEPS
+from usvauv.cli.engines.conduct import Engine, conduct, signs_in
+from usvauv.cli.engines.local import Local
+from usvauv.cli.engines.on_ray import OnRay
+from usvauv.cli.engines.task import Signs, Task
+from usvauv.env import Scenario, World
+from usvauv.kernels import runtime
+from usvauv.kernels.errors import UserError
+from usvauv.policies import TrainingConfig
+from usvauv.policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv.policies.training.trainer import EVALUATIONS
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = "extreme"
-IMPORTS = "import policies, usvauv_env"
+IMPORTS = "import usvauv.env; from usvauv import policies"
 FIRST_STEP = (
-    f"{IMPORTS}, time; begun = time.perf_counter(); from usvauv_env import Scenario, World;"
+    f"{IMPORTS}, time; begun = time.perf_counter(); from usvauv.env import Scenario, World;"
     f"world = World(Scenario.load('{SCENARIO}'), 4, 0); observation = world.reset();"
     "world.step(policies.load('clear', world).act(observation)); print(time.perf_counter() - begun)"
 )
@@ -157,7 +157,7 @@ def runs_an_hour(jobs: int) -> float:
     with TemporaryDirectory() as folder:
         study = Path(folder, "study.toml")
         study.write_text(STUDY, encoding="utf-8")
-        command = ["-m", "usvauv_cli", "sweep", str(study), "--jobs", str(jobs), "--out", str(Path(folder, "out"))]
+        command = ["-m", "usvauv.cli", "sweep", str(study), "--jobs", str(jobs), "--out", str(Path(folder, "out"))]
         begun = time.perf_counter()
         subprocess.run([sys.executable, *command], cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
         return 8 * 3600 / (time.perf_counter() - begun)

@@ -17,8 +17,8 @@ import torch
 
 from benchmarks import dam_break
 from benchmarks.machine import best_time, describe, parse
-from kernels import runtime
-from kernels.shallow_water.linear import ShallowWater
+from usvauv.kernels import runtime
+from usvauv.kernels.shallow_water.linear import ShallowWater
 
 DEPTH, GRAVITY = 120.0, 9.81
 STEPS_PER_LAUNCH = 64

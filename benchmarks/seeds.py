@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from benchmarks.machine import describe
-from kernels import runtime
-from policies import Seeds, Trainer, TrainingConfig
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.kernels import runtime
+from usvauv.policies import Seeds, Trainer, TrainingConfig
 
 SCENARIO = "extreme"
 

@@ -11,11 +11,11 @@ import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
-import policies
 from examples.stable_baselines3_sac import REWARD_SCALE
-from policies.frames import FRAMES, Frame
-from usvauv_env import Scenario
-from usvauv_env.faces.sb3_env import AuvVecEnv
+from usvauv import policies
+from usvauv.env import Scenario
+from usvauv.env.faces.sb3_env import AuvVecEnv
+from usvauv.policies.frames import FRAMES, Frame
 
 DEFAULT_WORLDS = 4
 

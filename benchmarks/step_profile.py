@@ -23,9 +23,9 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from benchmarks.machine import describe
-from kernels import runtime
-from usvauv_cli.figure_theme import Ground, write_pair
-from usvauv_env import Scenario, World
+from usvauv.cli.figure_theme import Ground, write_pair
+from usvauv.env import Scenario, World
+from usvauv.kernels import runtime
 
 BATCHES = (1, 64, 4096)
 UNAIDED = "navigation.sensor=none"

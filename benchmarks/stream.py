@@ -19,7 +19,7 @@ from pathlib import Path
 
 from benchmarks.machine import describe, parse
 
-CALL = [sys.executable, "-c", "from usvauv_cli.app import main; main()"]
+CALL = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 MISSION = ("ideal", "--policy", "straight", "--policy", "crab", "--set", "mission.duration=2")
 
 

@@ -23,9 +23,9 @@ import torch
 
 from benchmarks import coded_pulse
 from benchmarks.machine import batch, best_time, describe, parse
-from kernels import runtime
-from kernels.positioning import acoustic_link, usbl, waveform
-from kernels.positioning.fix_probability import good_probability
+from usvauv.kernels import runtime
+from usvauv.kernels.positioning import acoustic_link, usbl, waveform
+from usvauv.kernels.positioning.fix_probability import good_probability
 
 CARRIER = 15000.0
 SAMPLING_RATE = 2.016e6

@@ -21,21 +21,21 @@ from pathlib import Path
 
 import numpy as np
 
-import policies
 from benchmarks.machine import describe
-from usvauv_cli.encoder import video_file
-from usvauv_cli.mission_video import VideoSettings, render
-from usvauv_env import Scenario, Trace, World
-from usvauv_env.record.metrics import position_error
-from usvauv_env.record.recorder import record
-from usvauv_env.render.painter import VIEWS, Look
+from usvauv import policies
+from usvauv.cli.encoder import video_file
+from usvauv.cli.mission_video import VideoSettings, render
+from usvauv.env import Scenario, Trace, World
+from usvauv.env.record.metrics import position_error
+from usvauv.env.record.recorder import record
+from usvauv.env.render.painter import VIEWS, Look
 
 SIZES = ("640x360", "1280x720", "1920x1080", "3840x2160")
 BASELINE = "matplotlib"
 ANIMATED = 60  # frames of the animation, which is slow
 MISSIONS = (300, 1200)  # steps of those that the commands show
 COMMAND = """
-from usvauv_cli.app import run
+from usvauv.cli.app import run
 code = run()
 from benchmarks.video import peak_memory
 print(peak_memory())

@@ -23,10 +23,10 @@ from collections.abc import Callable
 
 import torch
 
-import policies
 from benchmarks.machine import best_time, describe, parse
-from kernels import runtime
-from usvauv_env import Scenario, World
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.kernels import runtime
 
 ACTIONS = 16  # different sets of random actions, taken in turn
 TRAINING_STEPS = 10  # of all worlds, between two looks at the clock
@@ -36,7 +36,7 @@ VMAS_TASKS = {"navigation": {"n_agents": 2}, "simple_spread": {}}
 START = """
 import json, sys, time
 import torch, policies
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
 scenario = Scenario.load("extreme")
 begin = time.perf_counter()
 world = World(scenario, 512, arch=sys.argv[1])

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer.cli import get_docs_for_click
 
-from usvauv_cli.parser import app as usvauv
-from usvauv_env import Scenario
+from usvauv.cli.parser import app as usvauv
+from usvauv.env import Scenario
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.utils.tensorboard import SummaryWriter
 
-import usvauv_env  # noqa: F401 - registers the environment
+import usvauv.env  # noqa: F401 - registers the environment
 
 
 def perceptron(inputs: int, outputs: int) -> nn.Sequential:

@@ -3,8 +3,8 @@
 import gymnasium
 import numpy as np
 
-from usvauv_env import Scenario  # importing usvauv_env registers the environment
-from usvauv_env.world.observation import ObservationLayout
+from usvauv.env import Scenario  # importing usvauv.env registers the environment
+from usvauv.env.world.observation import ObservationLayout
 
 
 def main(num_envs: int = 512, steps: int = 1000) -> float:

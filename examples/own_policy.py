@@ -5,9 +5,9 @@ In this folder: `usvauv eval --policy own_policy:Nearing --policy straight`; or 
 
 from torch import Tensor
 
-import policies
-from usvauv_env import World, evaluate
-from usvauv_env.record.metrics import mean_figures
+from usvauv import policies
+from usvauv.env import World, evaluate
+from usvauv.env.record.metrics import mean_figures
 
 SLOWING = 100.0  # m from the target
 

@@ -1,6 +1,6 @@
 """One mission through PettingZoo: every AUV is an agent of its own and moves at random."""
 
-from usvauv_env import parallel_env
+from usvauv.env import parallel_env
 
 
 def main(max_steps: int = 1000) -> dict[str, float]:

@@ -13,12 +13,12 @@ from typing import Any
 import taichi as ti
 import torch
 
-from kernels import runtime
+from usvauv.kernels import runtime
 
 
 @dataclass(frozen=True)
 class DeviceArray:
-    """Argument of a `kernels.launch.Launch` in place of a tensor.
+    """Argument of a `usvauv.kernels.launch.Launch` in place of a tensor.
 
     Attributes:
         tensor: that it stands for.

@@ -3,10 +3,10 @@
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.device_arrays import DeviceArray
-from kernels.launch import Launch
-from kernels.types import array1, index1
+from usvauv.kernels import runtime
+from usvauv.kernels.device_arrays import DeviceArray
+from usvauv.kernels.launch import Launch
+from usvauv.kernels.types import array1, index1
 
 
 @ti.kernel

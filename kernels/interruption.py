@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from kernels.errors import UserError
+from usvauv.kernels.errors import UserError
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SIGPIPE = 13  # by its POSIX number, which `signal` does not name on Windows

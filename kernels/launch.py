@@ -15,7 +15,7 @@ from taichi.lang import impl
 from taichi.lang.util import cook_dtype
 from taichi.types.utils import is_signed
 
-from kernels.device_arrays import DeviceArray, DeviceArrays
+from usvauv.kernels.device_arrays import DeviceArray, DeviceArrays
 
 SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
 
@@ -26,7 +26,8 @@ class Launch:
     Args:
         kernel: a `ti.kernel` without return value.
         arguments: all its arguments by position. Tensors must be contiguous, stay on the kernel's device and keep their
-            memory: they are held, and read and written at each call. Those of `kernels.device_arrays` are not copied.
+            memory: they are held, and read and written at each call. Those of `usvauv.kernels.device_arrays` are not
+            copied.
 
     Raises:
         ValueError: a tensor is not contiguous.

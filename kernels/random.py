@@ -7,7 +7,7 @@ episode, step, draw). So an episode is the same for any number of worlds and thr
 
 import taichi as ti
 
-from kernels.types import vec2, vec4
+from usvauv.kernels.types import vec2, vec4
 
 uint2 = ti.types.vector(2, ti.u32)
 uint4 = ti.types.vector(4, ti.u32)

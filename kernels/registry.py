@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from kernels.errors import UserError, blaming, wrong_return
+from usvauv.kernels.errors import UserError, blaming, wrong_return
 
 T = TypeVar("T")
-SHIPPED = tuple(
-    f"{Path(__file__).parents[1] / package}{os.sep}" for package in ("kernels", "usvauv_env", "policies", "usvauv_cli")
-)
 
 
 class Registry(Mapping[str, T], Generic[T]):
@@ -34,7 +29,7 @@ class Registry(Mapping[str, T], Generic[T]):
         self._error = error
         self._form = form
         self._items: dict[str, T] = {}
-        self._files: dict[str, str] = {}
+        self._files: dict[str, str] = {}  # of items that plugins registered
 
     def register(self, name: str, item: T) -> T:
         """Add an item under a name that is not taken yet; returns the item.
@@ -49,13 +44,14 @@ class Registry(Mapping[str, T], Generic[T]):
         if not (issubclass(item, self._form) if isinstance(item, type) else isinstance(item, self._form)):
             raise self._error(f"{self.kind} {name!r}: is {item!r}: must be a {self._form.__name__}")
         self._items[name] = item
-        self._files[name] = sys._getframe(1).f_code.co_filename
+        caller = sys._getframe(1)
+        if caller.f_globals["__name__"].partition(".")[0] != "usvauv":
+            self._files[name] = caller.f_code.co_filename
         return item
 
     def described(self, name: str) -> str:
         """An item in words, with the file that registered it if that is none of the packages'; else empty."""
-        file = self._files.get(name, "")
-        return f"{self.kind} {name!r} of {file}" if file and not file.startswith(SHIPPED) else ""
+        return f"{self.kind} {name!r} of {self._files[name]}" if name in self._files else ""
 
     @contextmanager
     def calling(self, name: str) -> Iterator[None]:

@@ -24,7 +24,7 @@ import torch
 from taichi.lang import impl, kernel_impl
 from taichi.lang.ast import ast_transformer_utils
 
-from kernels.errors import UserError
+from usvauv.kernels.errors import UserError
 
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
@@ -143,6 +143,14 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
     device = torch.device("cuda" if arch == "cuda" else "cpu")
     _running = Runtime(arch, device, threads)
     return _running
+
+
+def stop() -> None:
+    """End Taichi where it runs, and write what it has compiled to its cache."""
+    global _running
+    if _running is not None:
+        _running = None
+        ti.reset()
 
 
 def free_cache() -> None:

@@ -11,7 +11,7 @@ def _in_class_body(level_of_class_stackframe: int) -> bool:
     """Whether the caller that many frames above is the body of a class.
 
     Taichi's decorators ask this. Their own way reads the caller's source, which takes as long for the 600 functions of
-    the kernels as all other imports of `usvauv_env` but torch's and Taichi's.
+    the kernels as all other imports of `usvauv.env` but torch's and Taichi's.
     """
     return "__qualname__" in sys._getframe(level_of_class_stackframe).f_locals
 

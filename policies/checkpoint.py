@@ -24,16 +24,16 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from policies.algorithms import ALGORITHMS, Sizes
-from policies.config import TrainingConfig
-from policies.frames import ACTION_SIZE, FRAMES
-from policies.learned import LearnedPolicy
-from policies.policy import PolicyError
-from policies.standardizer import Standardizer
-from usvauv_env import text_files
-from usvauv_env.files import sync, writing
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.swap import found, replace_folder
+from usvauv.env import text_files
+from usvauv.env.files import sync, writing
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.swap import found, replace_folder
+from usvauv.policies.algorithms import ALGORITHMS, Sizes
+from usvauv.policies.config import TrainingConfig
+from usvauv.policies.frames import ACTION_SIZE, FRAMES
+from usvauv.policies.learned import LearnedPolicy
+from usvauv.policies.policy import PolicyError
+from usvauv.policies.standardizer import Standardizer
 
 FORMAT = 2  # 1 had a guided frame without repulsion
 POLICY, TRAINING = "policy", "training"
@@ -71,7 +71,7 @@ def write(directory: Path, parts: Mapping[str, Part]) -> None:
 def clean(run: Path) -> None:
     """Put back what a killed process was replacing in the directory of a run, and remove what it had not completed.
 
-    To be called by the one process that writes there, see `usvauv_env.lock`.
+    To be called by the one process that writes there, see `usvauv.env.lock`.
 
     Raises:
         OutputError: the directory cannot be written.
@@ -227,7 +227,7 @@ def _is_texts(value: object) -> bool:
 
 
 def _is_resumption(value: object) -> bool:
-    """Whether this is an entry of "resumed", see `policies.training.provenance`."""
+    """Whether this is an entry of "resumed", see `usvauv.policies.training.provenance`."""
     if not isinstance(value, dict) or not _is_count(value.get("steps")):
         return False
     texts = (text for name, text in value.items() if name not in ("steps", "plugins"))

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from policies.algorithms import ALGORITHMS
-from policies.frames import FRAMES
-from policies.policy import PolicyError
+from usvauv.policies.algorithms import ALGORITHMS
+from usvauv.policies.frames import FRAMES
+from usvauv.policies.policy import PolicyError
 
 MOST_LAYERS, WIDEST = 16, 8192
 MOST = 1_000_000_000

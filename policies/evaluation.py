@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from policies.learned import LearnedPolicy
-from policies.loading import acting
-from usvauv_env.record.metrics import episode_metrics, mean_figures
-from usvauv_env.record.recorder import record
-from usvauv_env.world.world import World
+from usvauv.env.record.metrics import episode_metrics, mean_figures
+from usvauv.env.record.recorder import record
+from usvauv.env.world.world import World
+from usvauv.policies.learned import LearnedPolicy
+from usvauv.policies.loading import acting
 
 EVALUATION_EPISODES = 32
 EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained in

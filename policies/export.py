@@ -13,11 +13,11 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from policies.learned import LearnedPolicy
-from policies.policy import PolicyError
-from usvauv_env.files import atomic_write
-from usvauv_env.site.site import Site
-from usvauv_env.world.observation import commanded, observed
+from usvauv.env.files import atomic_write
+from usvauv.env.site.site import Site
+from usvauv.env.world.observation import commanded, observed
+from usvauv.policies.learned import LearnedPolicy
+from usvauv.policies.policy import PolicyError
 
 NEEDED = ("onnx", "onnxscript")
 EXAMPLE_WORLDS = 3  # any number but 1, which the exporter takes for a constant

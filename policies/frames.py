@@ -14,11 +14,11 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from kernels.registry import Registry
-from policies.guidance import TINY, SpeedToFly, clear_of_others, command, crab, rotate, unit, unrotate
-from policies.policy import PolicyError
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.observation import ObservationLayout
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.observation import ObservationLayout
+from usvauv.kernels.registry import Registry
+from usvauv.policies.guidance import TINY, SpeedToFly, clear_of_others, command, crab, rotate, unit, unrotate
+from usvauv.policies.policy import PolicyError
 
 ACTION_SIZE = 2
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
@@ -45,7 +45,7 @@ class Frame:
         self._places = dict(self.layout)
 
     def term(self, observation: Tensor, name: str) -> Tensor:
-        """A term of the observation, (W, K, n), see `usvauv_env.world.observation`.
+        """A term of the observation, (W, K, n), see `usvauv.env.world.observation`.
 
         Raises:
             KeyError: the scenario does not have it.

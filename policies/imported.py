@@ -12,10 +12,10 @@ from typing import Any
 
 from torch import Tensor
 
-from kernels.errors import blaming, in_words, wrong_return
-from policies.policy import Policy, PolicyError
-from usvauv_env.record.evaluation import act_of
-from usvauv_env.world.world import World
+from usvauv.env.record.evaluation import act_of
+from usvauv.env.world.world import World
+from usvauv.kernels.errors import blaming, in_words, wrong_return
+from usvauv.policies.policy import Policy, PolicyError
 
 IDENTIFIER = r"[^\W\d]\w*"
 NAME = re.compile(rf"{IDENTIFIER}(\.{IDENTIFIER})*:{IDENTIFIER}")
@@ -41,7 +41,7 @@ def find(name: str) -> Callable[[World], Any]:
 
 
 class Imported(Policy):
-    """What MODULE:CLASS gives for a world: an object with `act`, or a function, as `usvauv_env.evaluate` takes it.
+    """What MODULE:CLASS gives for a world: an object with `act`, or a function, as `usvauv.env.evaluate` takes it.
 
     Attributes:
         described: its name and the module's file, for error messages.

@@ -9,11 +9,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from policies.frames import FRAMES
-from policies.networks import StackedMLP, stack, unstack
-from policies.policy import Policy, PolicyError
-from policies.standardizer import Standardizer
-from usvauv_env.scenario import Scenario
+from usvauv.env.scenario import Scenario
+from usvauv.policies.frames import FRAMES
+from usvauv.policies.networks import StackedMLP, stack, unstack
+from usvauv.policies.policy import Policy, PolicyError
+from usvauv.policies.standardizer import Standardizer
 
 
 class LearnedPolicy(Policy):

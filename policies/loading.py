@@ -13,20 +13,20 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from kernels.errors import blaming, wrong_return
-from policies import imported
-from policies.checkpoint import BEST, LAST, load_policy
-from policies.heuristics import HEURISTICS
-from policies.learned import LearnedPolicy
-from policies.policy import Policy, PolicyError
-from usvauv_env.record.evaluation import Act
-from usvauv_env.scenario import Scenario
-from usvauv_env.swap import found
-from usvauv_env.world.world import World
+from usvauv.env.record.evaluation import Act
+from usvauv.env.scenario import Scenario
+from usvauv.env.swap import found
+from usvauv.env.world.world import World
+from usvauv.kernels.errors import blaming, wrong_return
+from usvauv.policies import imported
+from usvauv.policies.checkpoint import BEST, LAST, load_policy
+from usvauv.policies.heuristics import HEURISTICS
+from usvauv.policies.learned import LearnedPolicy
+from usvauv.policies.policy import Policy, PolicyError
 
 
 def _shipped() -> Path:
-    return Path(str(resources.files("policies") / "trained"))
+    return Path(str(resources.files("usvauv.policies") / "trained"))
 
 
 def trained() -> list[str]:
@@ -55,7 +55,7 @@ def load(name: str | Path, world: World) -> Policy:
         name: one of `available()`; a heuristic's argument follows a colon: `straight:SPEED`, `crab:SPEED` or
             `zermelo:SPEED` with a speed in m/s, `pace:PRICE` or `clear:PRICE` with a price of time in W; else
             the path of a checkpoint, or of a training run, whose best checkpoint is then taken; else MODULE:CLASS, see
-            `policies.imported`.
+            `usvauv.policies.imported`.
         world: the world whose observations it will get; its speed limits and recorded speeds are used.
 
     Raises:
@@ -103,7 +103,7 @@ def acting(name: str | Path, world: World) -> Act:
 
 
 def named(*names: str) -> dict[str, Callable[[World], Act]]:
-    """Policies by name, as `usvauv_env.evaluate` takes them."""
+    """Policies by name, as `usvauv.env.evaluate` takes them."""
     return {name: partial(acting, name) for name in names}
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from kernels.errors import UserError
-from usvauv_env.scenario import Scenario
+from usvauv.env.scenario import Scenario
+from usvauv.kernels.errors import UserError
 
 
 class PolicyError(UserError, ValueError):

@@ -13,10 +13,10 @@ import taichi as ti
 import torch
 from taichi.lang.kernel_impl import Kernel
 
-from kernels import runtime
-from kernels.registry import Registry
-from usvauv_cli import app
-from usvauv_env import plugins
+from usvauv.cli import app
+from usvauv.env import plugins
+from usvauv.kernels import runtime
+from usvauv.kernels.registry import Registry
 
 # Read by Taichi at its start, also in child processes. Its repeated passes over a kernel take three quarters of the
 # compiling of a world and save a tenth of a step; `test_golden` checks that they change no bit.
@@ -116,7 +116,7 @@ def run_usvauv(tmp_path, monkeypatch, capfd):
 def own_registries(monkeypatch):
     """What plugins and the test itself register ends with the test."""
     for name, module in list(sys.modules.items()):
-        if name.startswith(("kernels.", "usvauv_env.", "policies.")):
+        if name.startswith("usvauv."):
             for registry in [value for value in vars(module).values() if isinstance(value, Registry)]:
                 monkeypatch.setattr(registry, "_items", dict(registry._items))
     monkeypatch.setattr(plugins, "_paths", [])

@@ -29,8 +29,8 @@ import numpy as np
 import torch
 
 from benchmarks.digest import REFRACTION, SEAS, TRACKED, mission_arrays
-from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn, TallyColumn
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn, TallyColumn
 
 FILE = Path(__file__).with_name("golden.json")
 TOLERANCE = 2e-3  # of a number of the trace: m, m/s, W, packets

@@ -1,7 +1,8 @@
-"""Which modules import which, read from the source; `python -m tests.import_graph` prints the graph between rooms.
+"""Which modules import which, read from the source.
 
 A room is a folder directly under a package, or a module that stands directly in it. Imports inside functions and those
-for type checkers count like the others. Importing `kernels.flow.airy` does not count as importing `kernels`.
+for type checkers count like the others. Importing `usvauv.kernels.flow.airy` does not count as importing
+`usvauv.kernels`.
 """
 
 import ast
@@ -9,7 +10,8 @@ from collections.abc import Iterator, Mapping, Set
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("kernels", "usvauv_env", "policies", "usvauv_cli")  # from the lowest to the highest
+FOLDERS = ("kernels", "usvauv_env", "policies", "usvauv_cli", "src/usvauv")  # from the lowest to the highest
+PACKAGES = tuple(f"usvauv.{folder.removeprefix('usvauv_')}" for folder in FOLDERS[:-1])
 
 Graph = Mapping[str, Set[str]]  # name → names that it imports
 
@@ -17,9 +19,9 @@ Graph = Mapping[str, Set[str]]  # name → names that it imports
 def sources() -> dict[str, Path]:
     """File of each module, by its dotted name."""
     found = {}
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            parts = path.relative_to(ROOT).with_suffix("").parts
+    for package, folder in zip((*PACKAGES, "usvauv"), FOLDERS, strict=True):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            parts = (package, *path.relative_to(ROOT / folder).with_suffix("").parts)
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
@@ -46,14 +48,14 @@ def module_graph() -> Graph:
         name: frozenset(
             target if target in files else target.rpartition(".")[0]
             for target in imported(path)
-            if target.partition(".")[0] in PACKAGES
+            if target.partition(".")[0] == "usvauv"
         )
         for name, path in files.items()
     }
 
 
 def room(module: str) -> str:
-    return ".".join(module.split(".")[:2])
+    return ".".join(module.split(".")[:3])
 
 
 def room_graph(modules: Graph) -> Graph:
@@ -83,43 +85,3 @@ def circle(graph: Graph) -> list[str]:
         if found := search(name, []):
             return found
     return []
-
-
-def reachable(graph: Graph, name: str) -> set[str]:
-    """Everything that `name` imports, itself or through others."""
-    found: set[str] = set()
-    waiting = [name]
-    while waiting:
-        new = graph[waiting.pop()] - found
-        found |= new
-        waiting.extend(new)
-    return found
-
-
-def reduced(graph: Graph) -> Graph:
-    """The imports of a graph without circles that do not follow from the others."""
-    return {
-        name: frozenset(t for t in targets if not any(t in reachable(graph, other) for other in targets - {t}))
-        for name, targets in graph.items()
-    }
-
-
-def mermaid(graph: Graph) -> str:
-    """The reduced graph as a Mermaid flow chart: arrows from a room to the rooms that it imports."""
-    edges = {name: targets for name, targets in sorted(reduced(graph).items()) if targets}
-    drawn = sorted(edges.keys() | {target for targets in edges.values() for target in targets})
-    lines = ["flowchart TB"]
-    for package in reversed(PACKAGES):
-        nodes = [f"{node(name)}[{name.rpartition('.')[2]}]" for name in drawn if name.partition(".")[0] == package]
-        lines += [f"    subgraph {package}", f"        {'; '.join(nodes)}", "    end"]
-    lines += [f"    {node(name)} --> {' & '.join(map(node, sorted(targets)))}" for name, targets in edges.items()]
-    return "\n".join(lines)
-
-
-def node(name: str) -> str:
-    """Mermaid's name of a room; a package's own must not be that of the box around its rooms."""
-    return name if "." in name else f"{name}.__init__"
-
-
-if __name__ == "__main__":
-    print(mermaid(room_graph(module_graph())))

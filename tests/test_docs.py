@@ -15,16 +15,17 @@ from pathlib import Path
 import pytest
 import typer
 
-import usvauv_env
-from usvauv_cli.parser import app
-from usvauv_env import plugins
+from usvauv import env
+from usvauv.cli.parser import app
+from usvauv.env import plugins
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md")), *sorted((ROOT / "docs").glob("*.md"))]
-SCENARIOS = sorted(path.stem for path in (Path(usvauv_env.__file__).parent / "scenarios").glob("*.toml"))
+SCENARIOS = sorted(path.stem for path in (Path(env.__file__).parent / "scenarios").glob("*.toml"))
 NAMED = re.compile(rf"""(["'])(?:{"|".join(SCENARIOS)})\1""")  # a scenario's name in quotation marks
 PLACE = re.compile(
-    r"(?:kernels|usvauv_env|policies|usvauv_cli|tests|benchmarks|examples|docs)(?:/[\w./-]*|[.](?!md)[\w.]*\w)"
+    r"(?:src|kernels|usvauv_env|policies|usvauv_cli|tests|benchmarks|examples|docs)(?:/[\w./-]*|[.](?!md)[\w.]*\w)"
+    r"|usvauv[.](?!plugins)[\w.]*\w"
 )
 
 
@@ -47,7 +48,7 @@ def is_python(block: str) -> bool:
 
 def is_call(span: str) -> bool:
     """Whether a span can be run as it stands: a call of a public function with a scenario's name."""
-    return re.match(r"(?:gymnasium|usvauv_env|policies)\.[\w.]+\(", span) is not None and bool(NAMED.search(span))
+    return re.match(r"(?:gymnasium|usvauv\.env|policies)\.[\w.]+\(", span) is not None and bool(NAMED.search(span))
 
 
 def snippets() -> Iterator:
@@ -58,7 +59,9 @@ def snippets() -> Iterator:
         found += re.findall(r'python -c "(.*)"', text)
         calls = [span for span in spans(text) if is_call(span)]
         if calls:
-            found.append("\n".join(["import gymnasium, policies, usvauv_env, usvauv_env.faces.torchrl_env", *calls]))
+            found.append(
+                "\n".join(["import gymnasium, usvauv.env.faces.torchrl_env; from usvauv import policies", *calls])
+            )
         if found:
             yield pytest.param(found, id=page.stem)
         for number, code in enumerate(found):

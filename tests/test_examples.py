@@ -10,10 +10,10 @@ import pytest
 import torch
 from gymnasium.wrappers import FlattenObservation
 
-import usvauv_env
+from usvauv import env
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-EXTREME = Path(usvauv_env.__file__).parent / "scenarios" / "extreme.toml"
+EXTREME = Path(env.__file__).parent / "scenarios" / "extreme.toml"
 
 
 @pytest.fixture(scope="module")

@@ -10,17 +10,16 @@ from pathlib import Path
 
 import pytest
 
-import policies
-import usvauv_env
-from kernels.mission.columns import AuvColumn, NodeColumn
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, World, plugins
-from usvauv_env.world import observation
+from usvauv import env, policies
+from usvauv.env import Scenario, World, plugins
+from usvauv.env.world import observation
+from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 
 ROOT = Path(__file__).parents[1]
 OWN_POLICY = ROOT / "examples" / "own_policy.py"
 EXAMPLES = [OWN_POLICY, *sorted((ROOT / "examples" / "plugins").glob("*.py"))]
-CALL = "import sys; sys.argv[0] = 'usvauv'; from usvauv_cli.app import main; main()"
+CALL = "import sys; sys.argv[0] = 'usvauv'; from usvauv.cli.app import main; main()"
 SHORT = ("--set", "mission.duration=60", "--episodes", "2")
 
 
@@ -117,7 +116,7 @@ def test_a_policy_of_ones_own(tmp_path):
     example = runpy.run_path(str(OWN_POLICY))
     compared = {"own": example["Nearing"], **policies.named("straight")}
     scenario = Scenario.load("ideal", ["mission.duration=60"])
-    evaluated = [row.columns() for row in usvauv_env.evaluate(scenario, compared, episodes=2)]
+    evaluated = [row.columns() for row in env.evaluate(scenario, compared, episodes=2)]
     assert [row.pop("policy") for row in evaluated] == ["own", "own", "straight", "straight"]
     assert rows == [{name: str(value) for name, value in row.items()} for row in evaluated]
 

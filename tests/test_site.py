@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from docs import pictures, reference_pages
-from usvauv_env import Scenario
-from usvauv_env.record import trace
+from usvauv.env import Scenario
+from usvauv.env.record import trace
 
 ROOT = Path(__file__).parents[1]
 PURE = {  # numbers without a unit
@@ -65,7 +65,7 @@ def test_docstrings_become_markup():
     pytest.importorskip("astroid")
     from docs.docstrings import convert
 
-    docstring = """|Γ| of `vortex`, see `kernels.flow.vortex`, a*b.
+    docstring = """|Γ| of `vortex`, see `usvauv.kernels.flow.vortex`, a*b.
 
     η = a_0
 
@@ -77,7 +77,7 @@ Args:
 Returns:
     Two: texts."""
     assert convert(docstring.splitlines()) == [
-        *(r"\\|Γ\\| of ``vortex``, see `kernels.flow.vortex`, a\\*b.".replace("\\\\", "\\"), ""),
+        *(r"\\|Γ\\| of ``vortex``, see `usvauv.kernels.flow.vortex`, a\\*b.".replace("\\\\", "\\"), ""),
         *("::", "", "    η = a_0", ""),
         *("", ".. rubric:: Arguments", "", "- ``x``: first,", "  on two lines.", "- ``y`` alone", "  "),
         *("", ".. rubric:: Returns", "", "Two: texts."),

@@ -11,18 +11,17 @@ from zipfile import ZipFile
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("kernels", "usvauv_env", "policies", "usvauv_cli")
+FOLDERS = {"src/usvauv": "", "kernels": "kernels/", "usvauv_env": "env/", "policies": "policies/", "usvauv_cli": "cli/"}
 
 MISSION = """
 import sys
 from importlib.metadata import version
 from pathlib import Path
 
-import kernels, policies, usvauv_cli, usvauv_env
-from usvauv_env import Scenario, World
+import usvauv
+from usvauv import Scenario, World, policies
 
-for package in (kernels, policies, usvauv_cli, usvauv_env):
-    assert Path(package.__file__).is_relative_to(sys.argv[1]), package
+assert Path(usvauv.__file__).is_relative_to(sys.argv[1])
 world = World(Scenario.load("extreme"), num_worlds=3, seed=0)
 policy = policies.load("sac-extreme", world)
 observation = world.reset()
@@ -37,9 +36,9 @@ print(policy.name, version("usvauv"))
 def wheel(tmp_path_factory) -> Path:
     """The wheel of a copy of the tree, because building one leaves files beside the sources."""
     tree = tmp_path_factory.mktemp("tree")
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tree)
-    for name in PACKAGES:
+    for name in FOLDERS:
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
     pip("wheel", tree, "--no-build-isolation", "--wheel-dir", tree)
     (path,) = tree.glob("*.whl")
@@ -68,7 +67,7 @@ def pip(*arguments: object) -> None:
 
 
 def output(folder: Path, target: Path, *command: object) -> str:
-    """What a command prints that is run in an empty folder and finds the four packages in `target`."""
+    """What a command prints that is run in an empty folder and finds the package in `target`."""
     environment = {**os.environ, "PYTHONPATH": str(target)}
     done = subprocess.run(
         [sys.executable, *map(str, command)], capture_output=True, text=True, check=False, cwd=folder, env=environment
@@ -79,10 +78,12 @@ def output(folder: Path, target: Path, *command: object) -> str:
 
 def test_it_holds_each_file_of_the_packages(wheel):
     files = {
-        path.relative_to(ROOT).as_posix() for name in PACKAGES for path in (ROOT / name).rglob("*") if path.is_file()
+        f"usvauv/{inside}{path.relative_to(ROOT / folder).as_posix()}"
+        for folder, inside in FOLDERS.items()
+        for path in (ROOT / folder).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
     }
-    files = {name for name in files if "__pycache__" not in name}
-    assert {f"{name}/py.typed" for name in PACKAGES} < files
+    assert "usvauv/py.typed" in files
     with ZipFile(wheel) as archive:
         assert {name for name in archive.namelist() if ".dist-info/" not in name} == files
 
@@ -94,6 +95,6 @@ def test_a_shipped_policy_sails(installed, tmp_path):
 
 def test_the_command_lists_the_scenarios(installed, tmp_path):
     shown = output(tmp_path, installed, installed / "bin" / "usvauv", "scenarios")
-    names = [path.stem for path in (installed / "usvauv_env" / "scenarios").glob("*.toml")]
+    names = [path.stem for path in (installed / "usvauv" / "env" / "scenarios").glob("*.toml")]
     assert len(names) >= 5
     assert all(name in shown for name in names)

@@ -1,6 +1,6 @@
-"""`python -m usvauv_cli`: the same as `usvauv`, for launchers that take a module."""
+"""`python -m usvauv.cli`: the same as `usvauv`, for launchers that take a module."""
 
-from usvauv_cli.app import main
+from usvauv.cli.app import main
 
 if __name__ == "__main__":
     main()

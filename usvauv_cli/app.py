@@ -16,8 +16,8 @@ import sys
 import threading
 from typing import Any, NoReturn
 
-from kernels.errors import UserError
-from kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption, in_thread
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption, in_thread
 
 FAILED = 2
 LEADS = "WORLD_SIZE" not in os.environ or os.environ.get("RANK", "0") == "0"  # what launchers of several processes set
@@ -54,6 +54,8 @@ def main() -> NoReturn:
     code = run(interruption)
     for signum in SIGNALS:  # all is done; a traceback from the interpreter's end would be noise
         signal.signal(signum, signal.SIG_IGN)
+    if (runtime := sys.modules.get("usvauv.kernels.runtime")) is not None:
+        runtime.stop()  # now, because Taichi writes no cache at its end when the objects below are left alone
     gc.freeze()  # all that is there, which the interpreter's end would search for cycles
     sys.exit(code)
 
@@ -84,7 +86,7 @@ def run(interruption: Interruption | None = None) -> int:
 def _command() -> int:
     import typer
 
-    from usvauv_cli.parser import app
+    from usvauv.cli.parser import app
 
     command = typer.main.get_command(app)
     try:

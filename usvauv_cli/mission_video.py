@@ -10,12 +10,13 @@ from pathlib import Path
 
 import cv2
 
-from kernels.errors import UserError
-from usvauv_cli import encoder
-from usvauv_cli.encoder import FORMATS, even, one_drawing_thread, video_file
-from usvauv_env.files import OutputError, atomic_write
-from usvauv_env.record.trace import Trace
-from usvauv_env.render.painter import Frames, Look, painter_of
+from usvauv.cli import encoder
+from usvauv.cli.encoder import FORMATS, even, one_drawing_thread, video_file
+from usvauv.env.files import OutputError, atomic_write
+from usvauv.env.memory import require
+from usvauv.env.record.trace import Trace
+from usvauv.env.render.painter import Frames, Look, painter_of
+from usvauv.kernels.errors import UserError
 
 PICTURE = ".png"
 ENDINGS = (*FORMATS, PICTURE)
@@ -53,7 +54,7 @@ class VideoSettings:
         if self.at is not None and ending != PICTURE:
             raise UserError(f"--at {self.at:g}: is of a picture; --out {out} does not end in {PICTURE}")
         size = even(self.size, out)
-        encoder.require(encoder.video_bytes(*size), f"--size {size[0]}x{size[1]}")
+        require(encoder.video_bytes(*size), f"--size {size[0]}x{size[1]}")
 
     def pace(self, step: float) -> tuple[int, Fraction]:
         """Mission steps of `step` seconds from one frame to the next, and frames a second."""

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands import (
+from usvauv.cli.commands import (
     doctor,
     evaluate,
     export,

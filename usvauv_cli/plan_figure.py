@@ -15,11 +15,11 @@ from matplotlib.patches import Ellipse
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator
 
-from usvauv_cli.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
-from usvauv_cli.objectives import NAMES
-from usvauv_env.positioning import BoatPlace, Landscape, Plan
-from usvauv_env.render import style
-from usvauv_env.render.palette import CATEGORICAL
+from usvauv.cli.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
+from usvauv.cli.objectives import NAMES
+from usvauv.env.positioning import BoatPlace, Landscape, Plan
+from usvauv.env.render import style
+from usvauv.env.render.palette import CATEGORICAL
 
 SIGMAS = 2
 # Upper bounds on a drawn semi-major axis over the shorter side of the area: from the optimum, from any place.
@@ -76,7 +76,7 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     """Draw the result of a plan and save it, the format by the file's suffix.
 
     Args:
-        result, landscape: of `usvauv_env.positioning.solve`.
+        result, landscape: of `usvauv.env.positioning.solve`.
         path: file to write.
     """
     width, length = result.area.width, result.area.length

@@ -13,14 +13,14 @@ from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 
-from usvauv_cli import tables
-from usvauv_cli.columns import HEADINGS
-from usvauv_cli.console import LINE_EVERY
-from usvauv_cli.evaluation import estimates
-from usvauv_cli.evaluation.comparison import Comparison, labels
-from usvauv_env.record.metrics import EpisodeMetrics
-from usvauv_env.record.trace import Trace
-from usvauv_env.scenario import Scenario
+from usvauv.cli import tables
+from usvauv.cli.columns import HEADINGS
+from usvauv.cli.console import LINE_EVERY
+from usvauv.cli.evaluation import estimates
+from usvauv.cli.evaluation.comparison import Comparison, labels
+from usvauv.env.record.metrics import EpisodeMetrics
+from usvauv.env.record.trace import Trace
+from usvauv.env.scenario import Scenario
 
 # Column of the CSV → digits after the point.
 SHOWN = {

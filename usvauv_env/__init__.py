@@ -6,17 +6,17 @@ environments.
 
 from gymnasium.envs.registration import register
 
-from usvauv_env.faces.pettingzoo_env import parallel_env
-from usvauv_env.record.evaluation import evaluate
-from usvauv_env.record.metrics import EpisodeMetrics
-from usvauv_env.record.trace import Trace, TraceError
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.world.world import World
+from usvauv.env.faces.pettingzoo_env import parallel_env
+from usvauv.env.record.evaluation import evaluate
+from usvauv.env.record.metrics import EpisodeMetrics
+from usvauv.env.record.trace import Trace, TraceError
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.world.world import World
 
 __all__ = ["EpisodeMetrics", "Scenario", "ScenarioError", "Trace", "TraceError", "World", "evaluate", "parallel_env"]
 
 register(
     id="usvauv/DataCollection-v0",
-    entry_point="usvauv_env.faces.gymnasium_env:DataCollectionEnv",
-    vector_entry_point="usvauv_env.faces.gymnasium_env:DataCollectionVectorEnv",
+    entry_point="usvauv.env.faces.gymnasium_env:DataCollectionEnv",
+    vector_entry_point="usvauv.env.faces.gymnasium_env:DataCollectionVectorEnv",
 )

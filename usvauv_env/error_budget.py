@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import torch
 
-from kernels.planning import fisher, tilted_array
-from kernels.positioning import acoustic_link
-from usvauv_env.fix_prediction import Position
-from usvauv_env.scenario import Scenario
+from usvauv.env.fix_prediction import Position
+from usvauv.env.scenario import Scenario
+from usvauv.kernels.planning import fisher, tilted_array
+from usvauv.kernels.positioning import acoustic_link
 
 ERRORS = {
     "pitch and roll": acoustic_link.ATTITUDE,
@@ -36,7 +36,7 @@ def error_budget(
     """Horizontal rms error (m) of a good fix of each AUV, by cause: "noise", `ERRORS` and `SUM`.
 
     Args:
-        link: of `usvauv_env.world.tables.link_table`.
+        link: of `usvauv.env.world.tables.link_table`.
         auvs, boat, measurement, slope: as for `fix_prediction.predict`.
     """
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from kernels.errors import UserError
+from usvauv.kernels.errors import UserError
 
 # How libraries that do not raise OSError name the system's error number: HDF5, safetensors.
 ERROR_NUMBER = re.compile(r"\b(?:errno = |os error |code: )(\d+)")
@@ -127,7 +127,7 @@ class HDF5File(io.FileIO):
     """A file to be written by HDF5, which crashes the process when it cannot close a file.
 
     HDF5 is told that every write succeeded; `check` raises the first one that failed. Nor does HDF5 survive an
-    exception while it calls these methods: use it within `kernels.interruption.deferred`.
+    exception while it calls these methods: use it within `usvauv.kernels.interruption.deferred`.
     """
 
     def __init__(self, path: Path) -> None:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from kernels.planning import fisher, tilted_array
-from kernels.positioning import acoustic_link, fix_probability, rays, usbl
+from usvauv.kernels.planning import fisher, tilted_array
+from usvauv.kernels.positioning import acoustic_link, fix_probability, rays, usbl
 
 LARGEST_VARIANCE = 1e16  # m²; an axis of more than 10⁸ m is unbounded
 ROUNDING = 1e-3  # relative, of variances in single precision
@@ -64,8 +64,8 @@ def predict(
     """What to expect of one fix of every AUV from a boat.
 
     Args:
-        link: (K, acoustic_link.COLUMNS) float32, of `kernels.positioning.acoustic_link.link_table`.
-        layers: of `kernels.positioning.rays`, to tell whether there is a direct ray; None: always.
+        link: (K, acoustic_link.COLUMNS) float32, of `usvauv.kernels.positioning.acoustic_link.link_table`.
+        layers: of `usvauv.kernels.positioning.rays`, to tell whether there is a direct ray; None: always.
         auvs: position of each.
         boat: x and y, m.
         measurement: "fix" or "phase".
@@ -109,7 +109,7 @@ def reception(
 
     The signal excess is the level over that at which a tone's expected amplitude is the detection threshold. With
     a = √8/σ, which grows by 20 log10 with the level (twice as fast under the demonstration's noise law), this amplitude
-    is √(a² + 7), see `kernels.positioning.usbl`.
+    is √(a² + 7), see `usvauv.kernels.positioning.usbl`.
 
     Returns:
         Four (n,) float64: standard deviation of the phase differences, rad; signal excess, dB; probability that the

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from kernels.positioning import acoustic_link
-from usvauv_env.fix_prediction import LEAST_GOOD, FixError, Position
-from usvauv_env.scenario import Scenario
+from usvauv.env.fix_prediction import LEAST_GOOD, FixError, Position
+from usvauv.env.scenario import Scenario
+from usvauv.kernels.positioning import acoustic_link
 
 LARGEST_RAISE = 30  # dB, a thousand times the power; no source louder than that, or than LOUDEST, is proposed
 LOUDEST = 230.0  # dB re 1 µPa at 1 m

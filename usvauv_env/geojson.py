@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from kernels.errors import UserError
-from usvauv_env.files import atomic_write
-from usvauv_env.positioning import AuvPosition, BoatPlace, Plan
-from usvauv_env.record.collection import served
-from usvauv_env.record.trace import Trace
-from usvauv_env.scenario import Scenario
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.site import Site
+from usvauv.env.files import atomic_write
+from usvauv.env.positioning import AuvPosition, BoatPlace, Plan
+from usvauv.env.record.collection import served
+from usvauv.env.record.trace import Trace
+from usvauv.env.scenario import Scenario
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.site import Site
+from usvauv.kernels.errors import UserError
 
 ENDING = ".geojson"
 DIGITS = 8  # of degrees; 1 mm

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from kernels.errors import UserError
+from usvauv.kernels.errors import UserError
 
 SHARE = 0.8  # of what is free that one thing may take
 CGROUP = Path("/sys/fs/cgroup")

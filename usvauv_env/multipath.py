@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import torch
 
-from kernels import runtime
-from kernels.positioning import coded_pulse
-from kernels.positioning.acoustic_link import KAPPA
-from usvauv_env.error_budget import SUM, error_budget
-from usvauv_env.fix_prediction import Position
-from usvauv_env.site.site import Site
-from usvauv_env.world import tables
+from usvauv.env.error_budget import SUM, error_budget
+from usvauv.env.fix_prediction import Position
+from usvauv.env.site.site import Site
+from usvauv.env.world import tables
+from usvauv.kernels import runtime
+from usvauv.kernels.positioning import coded_pulse
+from usvauv.kernels.positioning.acoustic_link import KAPPA
 
 DISTANCE = 0.25  # of an AUV from the boat in `warning`, over the area's diagonal
 
@@ -21,7 +21,7 @@ DISTANCE = 0.25  # of an AUV from the boat in `warning`, over the area's diagona
 def errors(site: Site, link: torch.Tensor, auvs: Sequence[Position], boat: tuple[float, float]) -> list[float]:
     """Horizontal rms error (m) by reflections of a fix of each AUV by a level array.
 
-    The closed form of `kernels.positioning.reflections`: it supposes reflections weaker than the direct sound.
+    The closed form of `usvauv.kernels.positioning.reflections`: it supposes reflections weaker than the direct sound.
 
     Args:
         link, boat: as for `fix_prediction.predict`.

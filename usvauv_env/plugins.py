@@ -12,7 +12,7 @@ import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from kernels.errors import UserError, in_words
+from usvauv.kernels.errors import UserError, in_words
 
 GROUP = "usvauv.plugins"
 _paths: list[Path] = []

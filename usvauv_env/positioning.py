@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.planning import global_search, objectives
-from usvauv_env import multipath
-from usvauv_env.error_budget import SUM, error_budget
-from usvauv_env.fix_prediction import FixError, Position, predict
-from usvauv_env.fix_warnings import warnings_of
-from usvauv_env.scenario import Scenario
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table, sound_profile
+from usvauv.env import multipath
+from usvauv.env.error_budget import SUM, error_budget
+from usvauv.env.fix_prediction import FixError, Position, predict
+from usvauv.env.fix_warnings import warnings_of
+from usvauv.env.scenario import Scenario
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table, sound_profile
+from usvauv.kernels import runtime
+from usvauv.kernels.planning import global_search, objectives
 
 LARGEST_ERROR = 1e8  # m; beyond, an error is unbounded
 REFLECTIONS = "reflections"  # in the budget
@@ -124,7 +124,7 @@ def solve(
         objective, measurement: as in the scenario's section `planner`.
         slope: ∂η/∂x and ∂η/∂y of the surface that the array lies on, for the errors predicted. The best place is that
             of a level array.
-        arch: architecture of the kernels, see `kernels.runtime.start`.
+        arch: architecture of the kernels, see `usvauv.kernels.runtime.start`.
     """
     device = runtime.start(arch).device
     site = Site(scenario)

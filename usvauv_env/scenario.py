@@ -1,7 +1,7 @@
 """A scenario: every number of a simulation, validated and frozen.
 
 A scenario is read from TOML (a shipped name or a path); unknown fields are refused. `Scenario.to_toml` writes it back
-with each field's description as a comment. The fields themselves are in `usvauv_env.sections`.
+with each field's description as a comment. The fields themselves are in `usvauv.env.sections`.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from kernels.errors import UserError
-from kernels.mission.tasks.task import Task, tasks
-from kernels.positioning.codes import FEWEST_CHIPS
-from usvauv_env import text_files
-from usvauv_env.sections.area import Area, Mission
-from usvauv_env.sections.fields import Section, known, one_line, section
-from usvauv_env.sections.sea import Current, Sea, Storm, Water
-from usvauv_env.sections.sound import Acoustics, Channel, Usbl
-from usvauv_env.sections.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
-from usvauv_env.sections.vehicles import Auv, Boat, Navigation, Planner, Tracker
+from usvauv.env import text_files
+from usvauv.env.sections.area import Area, Mission
+from usvauv.env.sections.fields import Section, known, one_line, section
+from usvauv.env.sections.sea import Current, Sea, Storm, Water
+from usvauv.env.sections.sound import Acoustics, Channel, Usbl
+from usvauv.env.sections.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
+from usvauv.env.sections.vehicles import Auv, Boat, Navigation, Planner, Tracker
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.mission.tasks.task import Task, tasks
+from usvauv.kernels.positioning.codes import FEWEST_CHIPS
 
 MOST_SAMPLES = 100_000  # of a tone that is received sample by sample; about 10 ms a fix
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
@@ -256,7 +256,7 @@ class Scenario(Section):
     @staticmethod
     def shipped() -> list[str]:
         """Names of the scenarios inside the package."""
-        folder = resources.files("usvauv_env") / "scenarios"
+        folder = resources.files("usvauv.env") / "scenarios"
         return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
     @classmethod
@@ -334,7 +334,7 @@ def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
     """Content of a scenario's file and how to call it in messages."""
     name = str(name_or_path)
     if name in Scenario.shipped():
-        text = (resources.files("usvauv_env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
+        text = (resources.files("usvauv.env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
         return text_files.parse(text, "TOML"), name
     try:
         return text_files.read(name_or_path, "TOML"), name

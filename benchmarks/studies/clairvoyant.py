@@ -12,16 +12,16 @@ import math
 import numpy as np
 import taichi as ti
 
-import policies
 from benchmarks.machine import describe
-from kernels.mission import belief_planner, boat_strategies
-from kernels.mission.columns import AuvColumn, ForesightColumn
-from kernels.mission.worlds import Strategy
-from usvauv_env import Scenario, World
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.recorder import record
-from usvauv_env.world.boat_strategies import BoatStrategy
-from usvauv_env.world.boat_strategies import boat_strategies as strategies
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.world.boat_strategies import BoatStrategy
+from usvauv.env.world.boat_strategies import boat_strategies as strategies
+from usvauv.kernels.mission import belief_planner, boat_strategies
+from usvauv.kernels.mission.columns import AuvColumn, ForesightColumn
+from usvauv.kernels.mission.worlds import Strategy
 
 LEVELS = {150: 140, 200: 142, 300: 145}  # horizontal range, m → source level, dB
 

@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
-from usvauv_env import EpisodeMetrics, Scenario, evaluate
+from usvauv import policies
+from usvauv.env import EpisodeMetrics, Scenario, evaluate
 
 WIDE = ("nodes.count=60", "auv.count=4", "area.width=400", "area.length=400", "current.count=16")
 WIDER = ("nodes.count=120", "auv.count=8", "area.width=600", "area.length=600", "current.count=36")

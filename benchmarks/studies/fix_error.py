@@ -20,15 +20,15 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-import policies
 from benchmarks.machine import describe
-from usvauv_cli.figure_theme import Ground, write_pair
-from usvauv_env import Scenario, World
-from usvauv_env.record import error_bound
-from usvauv_env.record.metrics import own_error, position_error, usable
-from usvauv_env.record.recorder import record
-from usvauv_env.record.trace import Trace
-from usvauv_env.render.palette import looks
+from usvauv import policies
+from usvauv.cli.figure_theme import Ground, write_pair
+from usvauv.env import Scenario, World
+from usvauv.env.record import error_bound
+from usvauv.env.record.metrics import own_error, position_error, usable
+from usvauv.env.record.recorder import record
+from usvauv.env.record.trace import Trace
+from usvauv.env.render.palette import looks
 
 SCENARIOS = ("ideal", "extreme")
 TEAMS = (2, 3, 4, 5, 6)

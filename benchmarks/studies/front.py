@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
-from usvauv_cli.figure_theme import Ground, write_pair
-from usvauv_env import evaluate
-from usvauv_env.render.palette import MARKERS, looks
+from usvauv import policies
+from usvauv.cli.figure_theme import Ground, write_pair
+from usvauv.env import evaluate
+from usvauv.env.render.palette import MARKERS, looks
 
 SCENARIO = "extreme"
 CURVES = {

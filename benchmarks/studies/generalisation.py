@@ -16,16 +16,16 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
-from kernels import runtime
-from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-from usvauv_cli import console
-from usvauv_cli.engines import training
-from usvauv_cli.engines.local import finish
-from usvauv_cli.engines.task import Signs
-from usvauv_env import EpisodeMetrics, Scenario, World, evaluate
+from usvauv import policies
+from usvauv.cli import console
+from usvauv.cli.engines import training
+from usvauv.cli.engines.local import finish
+from usvauv.cli.engines.task import Signs
+from usvauv.env import EpisodeMetrics, Scenario, World, evaluate
+from usvauv.kernels import runtime
+from usvauv.policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 
 PROFILE = "observation.current=profile"
 TRAINED = {

@@ -19,18 +19,18 @@ import numba
 import numpy as np
 import taichi as ti
 
-import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import head, interval, line
-from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
-from kernels.mission.target_rules import TargetRule, knowledge, rollout, target_rules
-from usvauv_env import Scenario, World
-from usvauv_env.record.collection import served
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.recorder import record
-from usvauv_env.record.trace import Trace
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import reference_rate
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.env.record.collection import served
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.record.trace import Trace
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import reference_rate
+from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
+from usvauv.kernels.mission.target_rules import TargetRule, knowledge, rollout, target_rules
 
 STOPS = 120  # nodes of an AUV in a plan
 MOVES = 400_000  # of the annealing, in each world

@@ -4,7 +4,7 @@
 
 `ideal` with a fix in each step and no error but noise, the boat in the middle of the area, AUVs all over it. For each
 water and wind: the surface's and the bottom's excess delay in chips of 1/B for an AUV at the middle distance; the root
-mean square error of good fixes by noise alone, by the closed form of `kernels.positioning.reflections`, by the
+mean square error of good fixes by noise alone, by the closed form of `usvauv.kernels.positioning.reflections`, by the
 statistical model and by sampled pulses; the share of sampled fixes that are good without and with reflections. Then
 the time of a step of all worlds over the number of fixes.
 """
@@ -19,13 +19,13 @@ import numpy as np
 import torch
 
 from benchmarks.machine import best_time, describe
-from kernels import runtime
-from kernels.mission.columns import AuvColumn
-from kernels.positioning import usbl
-from usvauv_env import Scenario, World, multipath
-from usvauv_env.error_budget import error_budget
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import boundaries, link_table
+from usvauv.env import Scenario, World, multipath
+from usvauv.env.error_budget import error_budget
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import boundaries, link_table
+from usvauv.kernels import runtime
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.positioning import usbl
 
 QUIET = (
     "channel.schedule=every-step",

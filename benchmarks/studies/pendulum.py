@@ -24,12 +24,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
 from benchmarks.machine import describe
-from policies import TrainingConfig
-from policies.algorithms import ALGORITHMS, Learner, Sizes
-from policies.networks import stack, unstack
-from policies.standardizer import Standardizer
-from policies.training.noise import CorrelatedNoise
-from policies.training.replay import Replay
+from usvauv.policies import TrainingConfig
+from usvauv.policies.algorithms import ALGORITHMS, Learner, Sizes
+from usvauv.policies.networks import stack, unstack
+from usvauv.policies.standardizer import Standardizer
+from usvauv.policies.training.noise import CorrelatedNoise
+from usvauv.policies.training.replay import Replay
 
 ENVIRONMENT = "Pendulum-v1"
 SIZES = Sizes(stack=1, observation=3, action=1)

@@ -19,13 +19,13 @@ import torch
 from matplotlib.figure import Figure
 
 from benchmarks.machine import batch, best_time, describe
-from kernels import runtime
-from kernels.positioning import rays, usbl
-from usvauv_cli.figure_theme import Ground, write_pair
-from usvauv_env import Scenario
-from usvauv_env.site.site import Site
-from usvauv_env.site.sound_speed import SoundSpeedProfile
-from usvauv_env.world.tables import link_table
+from usvauv.cli.figure_theme import Ground, write_pair
+from usvauv.env import Scenario
+from usvauv.env.site.site import Site
+from usvauv.env.site.sound_speed import SoundSpeedProfile
+from usvauv.env.world.tables import link_table
+from usvauv.kernels import runtime
+from usvauv.kernels.positioning import rays, usbl
 
 DEPTH = 100.0  # of the source, m
 PROFILES = {  # depth, m, and speed, m/s

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usvauv_env import EpisodeMetrics
+from usvauv.env import EpisodeMetrics
 
 
 def figure(rows: Sequence[EpisodeMetrics], name: str) -> np.ndarray:

@@ -15,18 +15,18 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-import policies
 from benchmarks.machine import describe
 from benchmarks.studies.table import head, line
-from kernels.mission.columns import EstimateColumn, Parameter
-from kernels.mission.worlds import Strategy
-from kernels.positioning import acoustic_link, usbl
-from kernels.types import mat3, vec2, vec3
-from usvauv_env import Scenario, World
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.recorder import record
-from usvauv_env.world.boat_strategies import BoatStrategy
-from usvauv_env.world.boat_strategies import boat_strategies as strategies
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.world.boat_strategies import BoatStrategy
+from usvauv.env.world.boat_strategies import boat_strategies as strategies
+from usvauv.kernels.mission.columns import EstimateColumn, Parameter
+from usvauv.kernels.mission.worlds import Strategy
+from usvauv.kernels.positioning import acoustic_link, usbl
+from usvauv.kernels.types import mat3, vec2, vec3
 
 SCENARIOS = {"extreme": "clear", "ideal": "clear", "wide": "pace"}
 COARSE, FINE = 17, 9  # places a side: of the area, then of the square between the neighbours of the best

@@ -17,16 +17,16 @@ from typing import Any
 import numpy as np
 import torch
 
-import policies
 from benchmarks.machine import describe
-from kernels import runtime
-from kernels.positioning import usbl
-from usvauv_env import Scenario, World
-from usvauv_env.record.metrics import position_error
-from usvauv_env.record.recorder import record
-from usvauv_env.record.trace import Trace
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.env.record.metrics import position_error
+from usvauv.env.record.recorder import record
+from usvauv.env.record.trace import Trace
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels import runtime
+from usvauv.kernels.positioning import usbl
 
 SPACINGS = (0.033, 0.045, 0.06)
 BOATS = ("fim", "hold:0,0")

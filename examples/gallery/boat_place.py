@@ -9,8 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Ellipse
 
-from usvauv_env import Scenario
-from usvauv_env.positioning import solve
+from usvauv.env import Scenario
+from usvauv.env.positioning import solve
 
 # %%
 # Three AUVs, at x, y and depth in metres. This is what ``usvauv plan`` computes.

@@ -8,9 +8,9 @@ Eight AUVs out of hearing of one another: what they bring in depends on whom the
 import matplotlib.pyplot as plt
 import numpy as np
 
-import policies
-from usvauv_env import Scenario, evaluate
-from usvauv_env.record.metrics import values_of
+from usvauv import policies
+from usvauv.env import Scenario, evaluate
+from usvauv.env.record.metrics import values_of
 
 # %%
 # Episode number e of every strategy takes place in the same world: same sea, nodes, currents and packets. So

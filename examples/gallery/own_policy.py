@@ -8,9 +8,9 @@ Anything that turns observations into actions can steer: here one that heads for
 import matplotlib.pyplot as plt
 from torch import Tensor
 
-import policies
-from usvauv_env import Scenario, World, evaluate
-from usvauv_env.record.metrics import mean_figures
+from usvauv import policies
+from usvauv.env import Scenario, World, evaluate
+from usvauv.env.record.metrics import mean_figures
 
 # %%
 # A policy is made for a world and gets observations (W, K, O), for W worlds of K AUVs. Actions are velocities through

@@ -9,14 +9,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 import taichi as ti
 
-import policies
-from kernels.mission.columns import EstimateColumn
-from kernels.mission.worlds import Strategy
-from kernels.types import vec2
-from usvauv_env import Scenario, World
-from usvauv_env.record.metrics import position_error
-from usvauv_env.record.recorder import record
-from usvauv_env.world.boat_strategies import BoatStrategy, boat_strategies
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.env.record.metrics import position_error
+from usvauv.env.record.recorder import record
+from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
+from usvauv.kernels.mission.columns import EstimateColumn
+from usvauv.kernels.mission.worlds import Strategy
+from usvauv.kernels.types import vec2
 
 # %%
 # The function runs inside the mission's kernel, for all worlds at once. It gets the state of the worlds and returns

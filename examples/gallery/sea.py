@@ -8,9 +8,9 @@ Long waves by shallow-water equations and a storm upon them, without vehicles, a
 import matplotlib.pyplot as plt
 import numpy as np
 
-from usvauv_cli.sea_view.figure import spectrum, target_spectrum
-from usvauv_env import Scenario
-from usvauv_env.sea_alone.simulation import SeaSimulation
+from usvauv.cli.sea_view.figure import spectrum, target_spectrum
+from usvauv.env import Scenario
+from usvauv.env.sea_alone.simulation import SeaSimulation
 
 # %%
 # The sea that a mission of the same scenario and seed has, on 64 × 64 cells, every half second for five minutes.

@@ -14,9 +14,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray
 
-from usvauv_env import Scenario
-from usvauv_env.sea.build import build_short_waves
-from usvauv_env.site.site import Site
+from usvauv.env import Scenario
+from usvauv.env.sea.build import build_short_waves
+from usvauv.env.site.site import Site
 
 # %%
 # Spectra by Pierson and Moskowitz: Hs, Tp, the direction that waves travel to, clockwise from north, and s of the

@@ -6,8 +6,8 @@ usvauv train --plugin examples/plugins/algorithm.py --algorithm ensemble
 import torch
 from torch import Tensor
 
-from policies.algorithms import ALGORITHMS, Batch
-from policies.algorithms.deterministic import DeterministicLearner
+from usvauv.policies.algorithms import ALGORITHMS, Batch
+from usvauv.policies.algorithms.deterministic import DeterministicLearner
 
 
 class EnsembleDDPG(DeterministicLearner):

@@ -2,10 +2,10 @@
 
 import taichi as ti
 
-from kernels.mission.columns import EstimateColumn
-from kernels.mission.worlds import Strategy
-from kernels.types import vec2
-from usvauv_env.world.boat_strategies import BoatStrategy, boat_strategies
+from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
+from usvauv.kernels.mission.columns import EstimateColumn
+from usvauv.kernels.mission.worlds import Strategy
+from usvauv.kernels.types import vec2
 
 
 @ti.func

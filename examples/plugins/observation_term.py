@@ -2,8 +2,8 @@
 
 import taichi as ti
 
-from kernels.mission.columns import AuvColumn, NodeColumn, Parameter
-from usvauv_env.world.observation import ObservationTerm, observation_terms
+from usvauv.env.world.observation import ObservationTerm, observation_terms
+from usvauv.kernels.mission.columns import AuvColumn, NodeColumn, Parameter
 
 
 @ti.func

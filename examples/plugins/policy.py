@@ -5,9 +5,9 @@ usvauv eval extreme --plugin examples/plugins/policy.py --policy lead:20 --polic
 
 from torch import Tensor
 
-from policies.guidance import command, unit
-from policies.heuristics import HEURISTICS, Heuristic
-from usvauv_env import Scenario
+from usvauv.env import Scenario
+from usvauv.policies.guidance import command, unit
+from usvauv.policies.heuristics import HEURISTICS, Heuristic
 
 
 class Lead(Heuristic):

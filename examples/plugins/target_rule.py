@@ -2,8 +2,8 @@
 
 import taichi as ti
 
-from kernels.mission.columns import BeliefColumn
-from kernels.mission.target_rules import TargetRule, best_free, knowledge, target_rules
+from usvauv.kernels.mission.columns import BeliefColumn
+from usvauv.kernels.mission.target_rules import TargetRule, best_free, knowledge, target_rules
 
 
 @ti.func

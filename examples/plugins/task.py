@@ -2,13 +2,13 @@
 
 import taichi as ti
 
-from kernels.mission import rewards
-from kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
-from kernels.mission.motion import distance_to_target, travel
-from kernels.mission.tasks.task import RewardTerm, Task, tasks
-from kernels.mission.worlds import uniforms
-from usvauv_env.record.metrics import Metric, task_metrics
-from usvauv_env.world.observation import ObservationTerm, observation_terms
+from usvauv.env.record.metrics import Metric, task_metrics
+from usvauv.env.world.observation import ObservationTerm, observation_terms
+from usvauv.kernels.mission import rewards
+from usvauv.kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
+from usvauv.kernels.mission.motion import distance_to_target, travel
+from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
+from usvauv.kernels.mission.worlds import uniforms
 
 
 @ti.func

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.flow import long_waves, regular_grid, vortex
-from kernels.types import Level, array1, array3, array4, index1, mask1, vec2
+from usvauv.kernels import runtime
+from usvauv.kernels.flow import long_waves, regular_grid, vortex
+from usvauv.kernels.types import Level, array1, array3, array4, index1, mask1, vec2
 
 
 class Water(NamedTuple):
@@ -18,7 +18,7 @@ class Water(NamedTuple):
         stream: (levels, rows, columns, 2) real current at each `Level`, m/s, `regular_grid`; of one row there is none.
         width, length: of the area, m.
         bed: (1, rows, columns, 1) depth h, m, `regular_grid`.
-        eta: packed elevation of the long waves, m, `kernels.shallow_water.packing`.
+        eta: packed elevation of the long waves, m, `usvauv.kernels.shallow_water.packing`.
         U, V: packed transports of the long waves.
         unit_x, unit_y: what makes m²/s of `U` and `V`.
         nx, ny: number of cells.

@@ -2,9 +2,9 @@
 
 import taichi as ti
 
-from kernels.flow import regular_grid
-from kernels.shallow_water import packing
-from kernels.types import vec2
+from usvauv.kernels.flow import regular_grid
+from usvauv.kernels.shallow_water import packing
+from usvauv.kernels.types import vec2
 
 SHALLOWEST = 1.0  # m; over less water a transport makes no velocity that a vehicle would meet
 
@@ -14,7 +14,7 @@ def velocity(water: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) at (x, y), m: the transports of a sea, bilinear between their faces, over the depth.
 
     The linear solver's transports are half a substep older than its elevation, and so is this. In the outer half cell
-    the nearest polynomial is continued. `water` is a `kernels.flow.current.Water` of at least 3 cells each way.
+    the nearest polynomial is continued. `water` is a `usvauv.kernels.flow.current.Water` of at least 3 cells each way.
     """
     nx, ny = water.nx, water.ny
     p = ti.math.clamp(x / water.width, 0.0, 1.0) * nx

@@ -16,9 +16,9 @@ keeps the impulse Σ Γ_i X_i and, in ideal fluid, the energy; cores do not defo
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.launch import Launch
-from kernels.types import Columns, array2, array3, vec2
+from usvauv.kernels import runtime
+from usvauv.kernels.launch import Launch
+from usvauv.kernels.types import Columns, array2, array3, vec2
 
 TWO_PI = 6.283185307179586
 FAR = 17.4  # r²/δ² from which on 1 − e^{−r²/δ²} is 1 in single precision

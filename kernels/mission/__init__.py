@@ -3,4 +3,4 @@
 `run.run` is the kernel, `worlds.Worlds` the arrays that its functions pass on. A shipped task is imported here.
 """
 
-from kernels.mission.tasks import data_collection, station_keeping  # noqa: F401 - they register themselves
+from usvauv.kernels.mission.tasks import data_collection, station_keeping  # noqa: F401 - they register themselves

@@ -26,11 +26,11 @@ Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
 
 import taichi as ti
 
-from kernels.mission import expected_reply, serving
-from kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
-from kernels.planning.team import each_auv
-from kernels.positioning import tracker
-from kernels.types import vec2, vec3
+from usvauv.kernels.mission import expected_reply, serving
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
+from usvauv.kernels.planning.team import each_auv
+from usvauv.kernels.positioning import tracker
+from usvauv.kernels.types import vec2, vec3
 
 INTERVAL = 5.0  # s, of a step of the rollout, and the least between two plans
 STEPS = 60  # of a rollout

@@ -2,12 +2,12 @@
 
 import taichi as ti
 
-from kernels.flow import airy, current
-from kernels.mission import serving
-from kernels.mission.columns import BoatColumn, Draw, Parameter
-from kernels.mission.worlds import normals
-from kernels.shallow_water import packing
-from kernels.types import Level, vec2
+from usvauv.kernels.flow import airy, current
+from usvauv.kernels.mission import serving
+from usvauv.kernels.mission.columns import BoatColumn, Draw, Parameter
+from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.shallow_water import packing
+from usvauv.kernels.types import Level, vec2
 
 LARGEST = 1e12  # m, of a goal
 

@@ -5,12 +5,12 @@ Each boat minds the AUVs that it serves; one that serves none stays where it is.
 
 import taichi as ti
 
-from kernels.mission import belief_planner, learned_visits, serving
-from kernels.mission.columns import BoatColumn, Parameter
-from kernels.mission.worlds import Strategy
-from kernels.planning import global_search, objectives, receding_horizon
-from kernels.planning.team import Team, indices
-from kernels.types import vec2
+from usvauv.kernels.mission import belief_planner, learned_visits, serving
+from usvauv.kernels.mission.columns import BoatColumn, Parameter
+from usvauv.kernels.mission.worlds import Strategy
+from usvauv.kernels.planning import global_search, objectives, receding_horizon
+from usvauv.kernels.planning.team import Team, indices
+from usvauv.kernels.types import vec2
 
 
 @ti.func

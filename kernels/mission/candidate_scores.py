@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import taichi as ti
 
-from kernels.mission.worlds import uniforms
-from kernels.types import Columns
+from usvauv.kernels.mission.worlds import uniforms
+from usvauv.kernels.types import Columns
 
 UNTRAINED = "untrained"  # in place of a file
 HIDDEN = 32

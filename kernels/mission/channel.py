@@ -12,8 +12,8 @@ Times count from the end of the present mission step, s; what lies before is neg
 
 import taichi as ti
 
-from kernels.mission import expected_reply, fixes, navigation, reception, serving
-from kernels.mission.columns import (
+from usvauv.kernels.mission import expected_reply, fixes, navigation, reception, serving
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
     Draw,
@@ -24,8 +24,8 @@ from kernels.mission.columns import (
     Sensor,
     TallyColumn,
 )
-from kernels.mission.worlds import uniforms
-from kernels.types import ivec2, vec2
+from usvauv.kernels.mission.worlds import uniforms
+from usvauv.kernels.types import ivec2, vec2
 
 
 @ti.func

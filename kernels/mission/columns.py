@@ -1,6 +1,6 @@
 """Columns of the mission's arrays (float32), and what a random draw is for. W worlds, K AUVs, B boats, M nodes."""
 
-from kernels.types import Columns
+from usvauv.kernels.types import Columns
 
 
 class KeyColumn(Columns):
@@ -113,7 +113,7 @@ class AuvColumn(Columns):
     fix_y: int
     heard_x: int  # where it was when the signal of its fix left it, m
     heard_y: int
-    fix_flags: int  # bits of `kernels.positioning.usbl`
+    fix_flags: int  # bits of `usvauv.kernels.positioning.usbl`
     fix_boat: int  # index of the boat that made it
     moved_x: int  # displacement in the last step, m
     moved_y: int
@@ -137,7 +137,7 @@ class EstimateColumn(Columns):
     covariance_xy: int
     covariance_yy: int
     age: int  # of the last fix used when the next one is made, s; without a tracker
-    served_by: int  # index of the boat that serves it, see `kernels.mission.serving`
+    served_by: int  # index of the boat that serves it, see `usvauv.kernels.mission.serving`
 
 
 class ExchangeColumn(Columns):

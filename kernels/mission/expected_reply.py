@@ -2,9 +2,9 @@
 
 import taichi as ti
 
-from kernels.mission.columns import BoatColumn, EstimateColumn, Parameter
-from kernels.positioning import acoustic_link
-from kernels.types import vec2, vec3
+from usvauv.kernels.mission.columns import BoatColumn, EstimateColumn, Parameter
+from usvauv.kernels.positioning import acoustic_link
+from usvauv.kernels.types import vec2, vec3
 
 LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
 

@@ -2,13 +2,13 @@
 
 import taichi as ti
 
-from kernels.mission import navigation, serving
-from kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Sensor
-from kernels.mission.reception import ArrayPose, array_pose, covariance_at, measure
-from kernels.mission.worlds import normals, uniforms
-from kernels.positioning import tracker, usbl, validation
-from kernels.positioning.validation import Expectation
-from kernels.types import vec2, vec3
+from usvauv.kernels.mission import navigation, serving
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Sensor
+from usvauv.kernels.mission.reception import ArrayPose, array_pose, covariance_at, measure
+from usvauv.kernels.mission.worlds import normals, uniforms
+from usvauv.kernels.positioning import tracker, usbl, validation
+from usvauv.kernels.positioning.validation import Expectation
+from usvauv.kernels.types import vec2, vec3
 
 DEPLOYMENT_VARIANCE = 1e-4  # of the place where an AUV is deployed, m²
 
@@ -100,7 +100,7 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
 
     The fix that is there at the end of a step was received `latency` earlier, of a tone that had left the AUV S/c
     before. Without a tracker the estimate is the last fix that the receiver could use (`usbl.usable`); one farther away
-    than the AUV can have gone since is not used, see `kernels.positioning.validation`.
+    than the AUV can have gone since is not used, see `usvauv.kernels.positioning.validation`.
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)

@@ -1,9 +1,9 @@
 """A learned boat: a small network says which AUV it visits next, or that it goes to the mean of them all.
 
-The network is that of `kernels.mission.candidate_scores`; its first feature compares the candidates by the rollouts of
-`kernels.mission.belief_planner`, so that before training the boat chooses as `belief` does. A decision holds until the
-boat has heard whom it went to, has arrived, or `PATIENCE` is over. Weights come from a file that `usvauv train-boat`
-writes (`policies/decisions`).
+The network is that of `usvauv.kernels.mission.candidate_scores`; its first feature compares the candidates by the
+rollouts of `usvauv.kernels.mission.belief_planner`, so that before training the boat chooses as `belief` does. A
+decision holds until the boat has heard whom it went to, has arrived, or `PATIENCE` is over. Weights come from a file
+that `usvauv train-boat` writes (`policies/decisions`).
 
 For other features the boat imagines the way to each candidate, straight and at its top speed, while AUVs go on to the
 nodes that they head for, and how probably it hears each of them on the way.
@@ -12,11 +12,11 @@ nodes that they head for, and how probably it hears each of them on the way.
 import taichi as ti
 import torch
 
-from kernels.mission import belief_planner, candidate_scores, expected_reply, serving
-from kernels.mission.belief_planner import INTERVAL, NOBODY
-from kernels.mission.candidate_scores import HEAD, Decision, Network
-from kernels.mission.columns import BoatColumn, Draw, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
-from kernels.types import Columns, vec2, vec3
+from usvauv.kernels.mission import belief_planner, candidate_scores, expected_reply, serving
+from usvauv.kernels.mission.belief_planner import INTERVAL, NOBODY
+from usvauv.kernels.mission.candidate_scores import HEAD, Decision, Network
+from usvauv.kernels.mission.columns import BoatColumn, Draw, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
+from usvauv.kernels.types import Columns, vec2, vec3
 
 PATIENCE = 30.0  # s, the longest time between them
 SAMPLES = 8  # of an imagined way

@@ -2,9 +2,9 @@
 
 import taichi as ti
 
-from kernels.mission import vehicle
-from kernels.mission.columns import AuvColumn, NodeColumn, Parameter
-from kernels.types import vec2
+from usvauv.kernels.mission import vehicle
+from usvauv.kernels.mission.columns import AuvColumn, NodeColumn, Parameter
+from usvauv.kernels.types import vec2
 
 
 @ti.func

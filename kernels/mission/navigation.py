@@ -12,17 +12,17 @@ reply that the boat has heard, an interrogation the boat's filter as of that rep
 
 - the AUV's filter (`own`) is the boat's as it was last told, moved on by what the AUV has measured since.
 
-Both are filters of `kernels.positioning.tracker`, whose current here is the water's, or the log's bias reversed.
+Both are filters of `usvauv.kernels.positioning.tracker`, whose current here is the water's, or the log's bias reversed.
 
 Source: Gelb, "Applied Optimal Estimation" (1974), §3.6 and §4.5, for integrated Gauss–Markov processes.
 """
 
 import taichi as ti
 
-from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, ExchangeColumn, Parameter, Sensor
-from kernels.mission.worlds import normals
-from kernels.positioning import tracker
-from kernels.types import vec2, vec3
+from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, ExchangeColumn, Parameter, Sensor
+from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.positioning import tracker
+from usvauv.kernels.types import vec2, vec3
 
 
 @ti.func

@@ -1,17 +1,17 @@
 """Terms of an AUV's observation: each function writes one term, from a given index on.
 
-What a term's numbers mean, their units and ranges stand in `usvauv_env.world.observation`.
+What a term's numbers mean, their units and ranges stand in `usvauv.env.world.observation`.
 """
 
 import math
 
 import taichi as ti
 
-from kernels.flow import airy, current
-from kernels.mission import navigation
-from kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter, Sensor, TallyColumn
-from kernels.mission.motion import distance_to_target, target_of
-from kernels.types import Level, vec2
+from usvauv.kernels.flow import airy, current
+from usvauv.kernels.mission import navigation
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter, Sensor, TallyColumn
+from usvauv.kernels.mission.motion import distance_to_target, target_of
+from usvauv.kernels.types import Level, vec2
 
 # A horizontal current profiler measures on beams towards the target and BEAM_ANGLE to its right and left, at
 # PROFILE_CELLS distances BEAM_CELL apart.

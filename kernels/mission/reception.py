@@ -4,12 +4,13 @@ import math
 
 import taichi as ti
 
-from kernels import random
-from kernels.mission.columns import BoatColumn, Draw, Parameter, Refraction
-from kernels.mission.worlds import Worlds, address, key, normals
-from kernels.positioning import acoustic_link, coded_pulse, rays, reflections, usbl, validation, waveform
-from kernels.positioning.validation import Expectation
-from kernels.types import mat3, vec2, vec3, vec4, vec6
+from usvauv.kernels import random
+from usvauv.kernels.mission.columns import BoatColumn, Draw, Parameter, Refraction
+from usvauv.kernels.mission.worlds import Worlds, address, key, normals
+from usvauv.kernels.positioning import acoustic_link, coded_pulse, rays, reflections, usbl, validation, waveform
+from usvauv.kernels.positioning.layered_water import sound_speed
+from usvauv.kernels.positioning.validation import Expectation
+from usvauv.kernels.types import mat3, vec2, vec3, vec4, vec6
 
 
 @ti.dataclass
@@ -199,7 +200,7 @@ def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> ve
 def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, expected: Expectation, w, k):
     """Phase differences of a signal of AUV k with the turns that they most probably lack, and 1 where others are near.
 
-    See `kernels.positioning.validation`. `length` as of `usbl.located`.
+    See `usvauv.kernels.positioning.validation`. `length` as of `usbl.located`.
     """
     link = ti.static(worlds.link)
     odd = usbl.odd_turns(signal.residual)
@@ -251,7 +252,7 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
         if ray.exists == 0:
             flags = usbl.NO_RAY
         if ti.static(refraction == Refraction.corrected):
-            length = c / rays.sound_speed(layers, z)
+            length = c / sound_speed(layers, z)
     # Where sound is slower than supposed, it comes later and less across the array.
     body = pose.slowness * (pose.axes @ direction)
     loss = acoustic_link.further_loss(link, k, offset, pose.effort)

@@ -4,13 +4,13 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import random
-from kernels.flow.vortex import Vortex
-from kernels.mission import boat, channel, fixes, navigation, observation, reception, serving
-from kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
-from kernels.mission.motion import distance_between
-from kernels.mission.worlds import address, key, uniforms
-from kernels.types import array1, array2, array3, index2
+from usvauv.kernels import random
+from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.mission import boat, channel, fixes, navigation, observation, reception, serving
+from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
+from usvauv.kernels.mission.motion import distance_between
+from usvauv.kernels.mission.worlds import address, key, uniforms
+from usvauv.kernels.types import array1, array2, array3, index2
 
 START_ATTEMPTS = 256
 

@@ -2,11 +2,11 @@
 
 import taichi as ti
 
-from kernels.mission import serving
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter, TallyColumn
-from kernels.mission.motion import distance_between
-from kernels.mission.tasks.task import RewardTerm
-from kernels.types import vec3
+from usvauv.kernels.mission import serving
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter, TallyColumn
+from usvauv.kernels.mission.motion import distance_between
+from usvauv.kernels.mission.tasks.task import RewardTerm
+from usvauv.kernels.types import vec3
 
 
 @ti.func

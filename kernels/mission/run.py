@@ -2,14 +2,14 @@
 
 import taichi as ti
 
-from kernels import runtime
-from kernels.flow import airy
-from kernels.flow.current import Water
-from kernels.mission import reset, step
-from kernels.mission.columns import Parameter
-from kernels.mission.worlds import Worlds
-from kernels.positioning.coded_pulse import Pulses
-from kernels.types import Columns, array1, array2, array3, array4, index1, index2, mask1
+from usvauv.kernels import runtime
+from usvauv.kernels.flow import airy
+from usvauv.kernels.flow.current import Water
+from usvauv.kernels.mission import reset, step
+from usvauv.kernels.mission.columns import Parameter
+from usvauv.kernels.mission.worlds import Worlds
+from usvauv.kernels.positioning.coded_pulse import Pulses
+from usvauv.kernels.types import Columns, array1, array2, array3, array4, index1, index2, mask1
 
 
 class Phase(Columns):

@@ -6,8 +6,8 @@ more than the share `RELUCTANCE`. Where there is one boat, nothing of this is co
 
 import taichi as ti
 
-from kernels.mission.columns import BoatColumn, EstimateColumn
-from kernels.types import vec2
+from usvauv.kernels.mission.columns import BoatColumn, EstimateColumn
+from usvauv.kernels.types import vec2
 
 RELUCTANCE = 0.1  # of the distance to the boat that serves it
 LLOYD_ITERATIONS = 8

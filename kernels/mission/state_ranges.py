@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kernels.flow.vortex import Vortex
-from kernels.mission.columns import (
+from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
     BoatColumn,
@@ -20,8 +20,8 @@ from kernels.mission.columns import (
     Reply,
     TallyColumn,
 )
-from kernels.positioning import tracker, usbl
-from kernels.types import Columns
+from usvauv.kernels.positioning import tracker, usbl
+from usvauv.kernels.types import Columns
 
 
 class Range(NamedTuple):

@@ -6,8 +6,8 @@ a world's history does not depend on how many others run beside it or on threads
 
 import taichi as ti
 
-from kernels.mission import boat, channel, fixes, motion, navigation, observation, rewards, serving
-from kernels.mission.columns import Schedule, Sensor
+from usvauv.kernels.mission import boat, channel, fixes, motion, navigation, observation, rewards, serving
+from usvauv.kernels.mission.columns import Schedule, Sensor
 
 
 @ti.func

@@ -2,8 +2,8 @@
 
 import taichi as ti
 
-from kernels.mission.columns import Parameter
-from kernels.types import vec2
+from usvauv.kernels.mission.columns import Parameter
+from usvauv.kernels.types import vec2
 
 FASTEST = 2.5  # m/s, up to which the fitted efficiency is meant; near 3.25 m/s it falls through zero
 

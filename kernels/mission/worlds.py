@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import random
-from kernels.mission.columns import KeyColumn
-from kernels.mission.tasks.task import Task
+from usvauv.kernels import random
+from usvauv.kernels.mission.columns import KeyColumn
+from usvauv.kernels.mission.tasks.task import Task
 
 
 def no_workspace(num_auvs: int, num_boats: int) -> int:
@@ -21,7 +21,7 @@ class Strategy(NamedTuple):
     Attributes:
         start: (worlds, w, b) → vec2, where boat b begins, m; the AUVs' estimated positions are then the true ones.
         goal: (worlds, w, b) → vec2, where it should be next, m.
-        foresees: it foresees the AUVs' ways, see `kernels.mission.belief_planner`.
+        foresees: it foresees the AUVs' ways, see `usvauv.kernels.mission.belief_planner`.
         workspace: (number of AUVs, of boats) → how many numbers of its own it needs in each world,
             `worlds.boat_workspace[w, :]`; what is in them is lost between two calls.
     """
@@ -38,10 +38,10 @@ class Program(NamedTuple):
     Attributes:
         task: what the AUVs have to do.
         strategy: of the boats.
-        target_rule: a `kernels.mission.target_rules.rule.TargetRule`, which node an AUV heads for next.
+        target_rule: a `usvauv.kernels.mission.target_rules.rule.TargetRule`, which node an AUV heads for next.
         information: of `Information`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
-        objective_code: what the boat maximises, of `kernels.planning.objectives.objective_code`.
+        objective_code: what the boat maximises, of `usvauv.kernels.planning.objectives.objective_code`.
         waveform: fixes by sampled signals, not by the statistical model.
         coded: the signal is a coded pulse, not a tone.
         multipath: the array hears reflections from surface and bottom too.
@@ -49,10 +49,10 @@ class Program(NamedTuple):
         tracker: the boat tracks its AUVs by their commanded velocities.
         schedule: of `Schedule`.
         sensor: of `Sensor`, what AUVs reckon with.
-        turns: phases of a fix can lack whole turns, see `kernels.positioning.validation`.
+        turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.validation`.
         fleet: there is more than one boat.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
-        constant_range: number of worlds, or 0, see `kernels.runtime.constant_range`.
+        constant_range: number of worlds, or 0, see `usvauv.kernels.runtime.constant_range`.
     """
 
     task: Task
@@ -80,11 +80,11 @@ class Worlds(NamedTuple):
     Attributes:
         program: what is compiled.
         p: (P,) numbers of the scenario, `Parameter`.
-        link: (K, C) acoustic constants of each AUV, `kernels.positioning.acoustic_link.link_table`.
-        pulses: `kernels.positioning.coded_pulse.Pulses` of the AUVs, where they are used.
-        layers: (N, 3) sound speed profile, `kernels.positioning.rays`.
+        link: (K, C) acoustic constants of each AUV, `usvauv.kernels.positioning.acoustic_link.link_table`.
+        pulses: `usvauv.kernels.positioning.coded_pulse.Pulses` of the AUVs, where they are used.
+        layers: (N, 3) sound speed profile, `usvauv.kernels.positioning.rays`.
         mirrored_layers: (M, 3) the same with its mirror image below the bottom, for reflections.
-        arrivals: (R, .) table of Poisson arrivals, `kernels.mission.poisson_table`.
+        arrivals: (R, .) table of Poisson arrivals, `usvauv.kernels.mission.poisson_table`.
         fixed_vortex: (V, 4) vortices that are not drawn at random.
         strategy_arguments: (≥ 1,) numbers that the boat strategy was given.
         rule_numbers: (≥ 1,) numbers of the target rule.
@@ -92,7 +92,7 @@ class Worlds(NamedTuple):
         reward_weights: (R,) weights of the reward terms.
         observation_first: (terms,) int32, index of the first number of each term.
         key: (W, .) int32 `KeyColumn`, the seed of each world.
-        water: `kernels.flow.current.Water`.
+        water: `usvauv.kernels.flow.current.Water`.
         clock: (W, 2) int32, episode and mission steps done.
         action: (W, K, 2) in [−1, 1].
         auv: (W, K, A) `AuvColumn`.
@@ -100,7 +100,7 @@ class Worlds(NamedTuple):
         boat: (W, B, F) `BoatColumn`.
         tally: (W, T) `TallyColumn`.
         estimate: (W, K, E) `EstimateColumn`.
-        track: (W, K, T) the boat's filters, where it has any, `kernels.positioning.tracker`.
+        track: (W, K, T) the boat's filters, where it has any, `usvauv.kernels.positioning.tracker`.
         own: (W, K, T) the AUVs' own, where they have any.
         exchange: (W, K, X) `ExchangeColumn`, where there is a channel.
         foresight: (W, K, F) `ForesightColumn`, where the boat's strategy foresees the AUVs.

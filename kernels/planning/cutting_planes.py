@@ -16,10 +16,10 @@ get stuck there, or on plateaus, where the attitude error outweighs the noise.
 
 import taichi as ti
 
-from kernels.planning.newton_ascent import ROUNDING, clamp, clip
-from kernels.planning.objectives import log_variance, worst
-from kernels.planning.team import member, position, squared_separation
-from kernels.types import vec2, vec3
+from usvauv.kernels.planning.newton_ascent import ROUNDING, clamp, clip
+from usvauv.kernels.planning.objectives import log_variance, worst
+from usvauv.kernels.planning.team import member, position, squared_separation
+from usvauv.kernels.types import vec2, vec3
 
 MOST_CUTS = 64
 MOST_CORNERS = 16  # there are rarely more than seven

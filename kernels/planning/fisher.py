@@ -19,15 +19,15 @@ absorption; a constant σ gives 1 and 0. These constants are in `acoustic_link.l
   dropped: a = T, b = 0.
 
 The attitude error is common to all fixes of one step; the resulting correlation between AUVs is neglected.
-`kernels.planning.tilted_array` has J for an array that does not lie level.
+`usvauv.kernels.planning.tilted_array` has J for an array that does not lie level.
 """
 
 import taichi as ti
 import torch
 
-from kernels.planning.team import Team, member, position, squared_separation
-from kernels.positioning.acoustic_link import ATTITUDE, DECAY, LEVEL, POWER, REFERENCE
-from kernels.types import array2, array3, vec2, vec3
+from usvauv.kernels.planning.team import Team, member, position, squared_separation
+from usvauv.kernels.positioning.acoustic_link import ATTITUDE, DECAY, LEVEL, POWER, REFERENCE
+from usvauv.kernels.types import array2, array3, vec2, vec3
 
 PHASE = 0
 FIX = 1

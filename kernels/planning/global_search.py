@@ -1,7 +1,8 @@
-"""Global maximum of an objective of `kernels.planning.objectives` over the boat's place, in the area or within reach.
+"""Global maximum of an objective of `usvauv.kernels.planning.objectives` over the boat's place, in the area or within
+reach.
 
-One or more ascents (`kernels.planning.newton_ascent`) in the area, or in a disc round the boat where its reach is
-limited:
+One or more ascents (`usvauv.kernels.planning.newton_ascent`) in the area, or in a disc round the boat where its reach
+is limited:
 
 - D, SUM, PAPER can have several local maxima, above AUVs that are far apart for their depth and between them. So there
   is an ascent from a given place, from the AUVs' mean, and from each AUV that is not close to one tried before; and no
@@ -12,7 +13,7 @@ limited:
   so there ascents start on the ring of every AUV. Within a reach the ascents start at the point of it nearest to each
   of these places.
 - A has one maximum, and one ascent.
-- E has one maximum too, which cutting planes enclose (`kernels.planning.cutting_planes`).
+- E has one maximum too, which cutting planes enclose (`usvauv.kernels.planning.cutting_planes`).
 
 All of them suppose a level array at its present elevation.
 """
@@ -20,14 +21,14 @@ All of them suppose a level array at its present elevation.
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.planning.cutting_planes import centre_of_gravity
-from kernels.planning.fisher import log_T, mat2x3
-from kernels.planning.newton_ascent import ROUNDING, Region, ascend, clip
-from kernels.planning.objectives import PAPER, A, D, E, log_objective, objective_of
-from kernels.planning.team import Team, check_team, each_auv, mean_position, member, position, squared_separation
-from kernels.positioning.acoustic_link import ATTITUDE
-from kernels.types import array2, array3, vec2, vec3
+from usvauv.kernels import runtime
+from usvauv.kernels.planning.cutting_planes import centre_of_gravity
+from usvauv.kernels.planning.fisher import log_T, mat2x3
+from usvauv.kernels.planning.newton_ascent import ROUNDING, Region, ascend, clip
+from usvauv.kernels.planning.objectives import PAPER, A, D, E, log_objective, objective_of
+from usvauv.kernels.planning.team import Team, check_team, each_auv, mean_position, member, position, squared_separation
+from usvauv.kernels.positioning.acoustic_link import ATTITUDE
+from usvauv.kernels.types import array2, array3, vec2, vec3
 
 RING_STARTS = 8
 TWO_PI = 6.283185307179586

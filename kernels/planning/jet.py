@@ -6,7 +6,7 @@ by a constant are those of vectors.
 
 import taichi as ti
 
-from kernels.types import vec2, vec3, vec6
+from usvauv.kernels.types import vec2, vec3, vec6
 
 VALUE, X, Y, XX, XY, YY = range(6)
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import taichi as ti
 
-from kernels.planning.jet import VALUE, XX, XY, YY, X, Y
-from kernels.planning.objectives import log_objective
-from kernels.planning.team import position, squared_separation
-from kernels.types import vec2, vec3, vec6
+from usvauv.kernels.planning.jet import VALUE, XX, XY, YY, X, Y
+from usvauv.kernels.planning.objectives import log_objective
+from usvauv.kernels.planning.team import position, squared_separation
+from usvauv.kernels.types import vec2, vec3, vec6
 
 MAX_EVALUATIONS = 60
 ROUNDING = 4e-7  # of ln of an objective, relative to 1 + its size

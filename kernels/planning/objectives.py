@@ -1,12 +1,12 @@
 """What the planner maximises: optimality criteria of the information on all positions, and the paper's (Eq. 2–3).
 
 K positions are estimated. Their information matrix J is block diagonal with the blocks J_k of
-`kernels.planning.fisher`. Objectives are evaluated as logarithms, here with v_k = 1/T_k, and q and z as there:
+`usvauv.kernels.planning.fisher`. Objectives are evaluated as logarithms, here with v_k = 1/T_k, and q and z as there:
 
 - D: ln det J = Σ_k ln det J_k, the volume of the error ellipsoid. A block gives −2 ln v (FIX), −2 ln (v q/z²) (PHASE).
 - A: −ln tr J⁻¹, the sum of all variances. A block has the trace 2v (FIX), v (1 + q²/z⁴) (PHASE).
 - E: ln of the least eigenvalue of J, the worst axis of the worst-located AUV. A block has −ln v, −ln (v q²/z⁴).
-- SUM and PAPER: the paper's Eq. 2 and Eq. 3, see `kernels.planning.paper_objective`.
+- SUM and PAPER: the paper's Eq. 2 and Eq. 3, see `usvauv.kernels.planning.paper_objective`.
 
 D, A and E depend on the AUVs' distances only, and every variance grows with distance, so the maximum lies in the AUVs'
 convex hull. Both variances of a block are convex functions of the boat's place. So A, whose tr J⁻¹ is their sum, and E,
@@ -16,10 +16,10 @@ whose 1/λ is their maximum, have no local maximum except the global one; D can 
 import taichi as ti
 import torch
 
-from kernels.planning import jet, paper_objective
-from kernels.planning.fisher import FIX, MEASUREMENTS, PHASE, log_strength
-from kernels.planning.team import Team, check_team, member, position, squared_separation
-from kernels.types import array2, array3, vec2, vec3, vec6
+from usvauv.kernels.planning import jet, paper_objective
+from usvauv.kernels.planning.fisher import FIX, MEASUREMENTS, PHASE, log_strength
+from usvauv.kernels.planning.team import Team, check_team, member, position, squared_separation
+from usvauv.kernels.types import array2, array3, vec2, vec3, vec6
 
 OBJECTIVES = ("d", "a", "e", "sum", "paper")
 D, A, E, SUM, PAPER = range(5)

@@ -1,8 +1,8 @@
 """The paper's objective: ln det of the information summed over the AUVs (Eq. 2), and Eq. 3a as it is printed.
 
 The sum treats the fixes as measurements of one offset common to all, so one very good fix makes up for a bad one and
-the boat parks above one AUV. With J_k = a_k I + b_k n_k n_kᵀ of `kernels.planning.fisher`, P = J_11, Q = J_22, R =
-J_12,
+the boat parks above one AUV. With J_k = a_k I + b_k n_k n_kᵀ of `usvauv.kernels.planning.fisher`, P = J_11, Q = J_22, R
+= J_12,
 
     det J = P Q − R² + E,
 
@@ -18,10 +18,10 @@ of Cauchy and Schwarz R² ≤ (1 − 1/K) P Q: the difference is at least 1/K of
 
 import taichi as ti
 
-from kernels.planning import jet
-from kernels.planning.fisher import PHASE, coefficients, log_signal, log_strength, times_T
-from kernels.planning.team import each_auv, member, position, squared_separation
-from kernels.types import mat3, vec2, vec3, vec6
+from usvauv.kernels.planning import jet
+from usvauv.kernels.planning.fisher import PHASE, coefficients, log_signal, log_strength, times_T
+from usvauv.kernels.planning.team import each_auv, member, position, squared_separation
+from usvauv.kernels.types import mat3, vec2, vec3, vec6
 
 
 @ti.func

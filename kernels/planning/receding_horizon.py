@@ -11,8 +11,8 @@ trace:
 
 Criteria, means over the steps of the covariance after the fix: D, −Σ_k 2 ln a, ln det of the posterior information on
 all positions; A, −Σ_k 2 a, minus the trace of its inverse; E, −max_k a with each AUV's mean a, minus the inverse of its
-least eigenvalue. Their derivatives by the goal are first-order jets (`kernels.planning.jet`) through the recursion. The
-water's current on the boat and its heave are neglected.
+least eigenvalue. Their derivatives by the goal are first-order jets (`usvauv.kernels.planning.jet`) through the
+recursion. The water's current on the boat and its heave are neglected.
 
 The gain over planning one step is small: the position of the boat matters, the prior hardly does, and a boat faster
 than the AUVs is always there in time. The criterion matters more: D gives up an AUV far away for a better fix of a near
@@ -22,12 +22,12 @@ one, A does not.
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.planning import fisher
-from kernels.planning.jet import product, ratio
-from kernels.planning.team import Team, member, squared_separation
-from kernels.positioning import tracker
-from kernels.types import array2, array3, vec2, vec3
+from usvauv.kernels import runtime
+from usvauv.kernels.planning import fisher
+from usvauv.kernels.planning.jet import product, ratio
+from usvauv.kernels.planning.team import Team, member, squared_separation
+from usvauv.kernels.positioning import tracker
+from usvauv.kernels.types import array2, array3, vec2, vec3
 
 CRITERIA = ("d", "a", "e")
 D, A, E = range(3)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 import torch
 
-from kernels.types import vec2
+from usvauv.kernels.types import vec2
 
 MAX_AUVS = 16
 each_auv = ti.types.vector(MAX_AUVS, ti.f32)

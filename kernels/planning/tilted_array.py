@@ -13,16 +13,16 @@ Pitch and roll follow from the surface's slope (`usbl.attitude`) and are measure
   with ε_a of the alignment, C_p of `usbl.placement_covariance`, and |det H| = |z b_z|/q²: the solid angle that an area
   on the bed has, and that of the projected directions.
 
-For a level array C is that of `kernels.planning.fisher`, with the range error for FIX and systematic errors added. The
-planner itself supposes a level array, since the tilt at a place the boat is yet to reach is unknown.
+For a level array C is that of `usvauv.kernels.planning.fisher`, with the range error for FIX and systematic errors
+added. The planner itself supposes a level array, since the tilt at a place the boat is yet to reach is unknown.
 """
 
 import taichi as ti
 import torch
 
-from kernels.planning.fisher import PHASE
-from kernels.positioning import acoustic_link, usbl
-from kernels.types import array2, index1, mat2, vec2, vec3
+from usvauv.kernels.planning.fisher import PHASE
+from usvauv.kernels.positioning import acoustic_link, usbl
+from usvauv.kernels.types import array2, index1, mat2, vec2, vec3
 
 
 @ti.func

@@ -31,9 +31,9 @@ from typing import NamedTuple
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.flow import regular_grid
-from kernels.types import array1, array3, array4, mask2, vec2
+from usvauv.kernels import runtime
+from usvauv.kernels.flow import regular_grid
+from usvauv.kernels.types import array1, array3, array4, mask2, vec2
 
 UNREACHABLE = 1e9
 DIRECTIONS = 64  # tried before the best is refined

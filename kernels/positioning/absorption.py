@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import taichi as ti
 
-from kernels.registry import Registry
+from usvauv.kernels.registry import Registry
 
 
 class Water(NamedTuple):

@@ -31,11 +31,11 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
-from kernels.positioning import sonar_equation
-from kernels.positioning.absorption import thorp
-from kernels.positioning.ambient_noise import NoiseLaw, coates
-from kernels.positioning.bubbles import bubble_loss
-from kernels.types import vec3
+from usvauv.kernels.positioning import sonar_equation
+from usvauv.kernels.positioning.absorption import thorp
+from usvauv.kernels.positioning.ambient_noise import NoiseLaw, coates
+from usvauv.kernels.positioning.bubbles import bubble_loss
+from usvauv.kernels.types import vec3
 
 # Columns of the link table, one row an AUV.
 KAPPA = 0  # 2πf d/c, phase difference per direction cosine, rad
@@ -104,7 +104,7 @@ class Sonar:
         path: "echo" or "transponder".
         spreading: loss a decade of range, dB.
         absorption: law of the absorption, Hz → dB/km.
-        ambient_noise: law of the noise density, see `kernels.positioning.ambient_noise`.
+        ambient_noise: law of the noise density, see `usvauv.kernels.positioning.ambient_noise`.
         shipping, wind: arguments of that law, 0 to 1 and m/s.
         noise_law: "density" or "demonstration".
         signal: "tone" or "code".

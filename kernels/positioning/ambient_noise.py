@@ -16,8 +16,8 @@ from collections.abc import Callable
 import numpy as np
 import taichi as ti
 
-from kernels.positioning.sonar_equation import log10, power_of_10
-from kernels.registry import Registry
+from usvauv.kernels.positioning.sonar_equation import log10, power_of_10
+from usvauv.kernels.registry import Registry
 
 # Density of the noise of rain of 1 mm/h, dB re 1 µPa²/Hz, at frequencies in Hz; straight lines over log f between them.
 RAIN_FREQUENCIES = (1e3, 2e3, 5e3, 1e4, 2e4, 5.02e4, 1e5)

@@ -3,9 +3,9 @@
 The reference for the statistical model of a coded pulse, and a model of missions: with γ = E/N0 on one hydrophone, E
 the pulse's energy, a phase difference has the variance 1/γ and the delay 1/(8γβ²), β = 2πB/√12.
 
-Signal. Hydrophone i receives √γ s(t − t_i) e^{−2πjf t_i} at complex baseband (`kernels.positioning.codes`) in white
-Gaussian noise. The wavefront is a sphere (`waveform.arrivals`). With `water` the AUV's images are heard too
-(`kernels.positioning.reflections`). An echo goes out and back; its reflections come back only.
+Signal. Hydrophone i receives √γ s(t − t_i) e^{−2πjf t_i} at complex baseband (`usvauv.kernels.positioning.codes`) in
+white Gaussian noise. The wavefront is a sphere (`waveform.arrivals`). With `water` the AUV's images are heard too
+(`usvauv.kernels.positioning.reflections`). An echo goes out and back; its reflections come back only.
 
 Receiver. The gate is `gate` chips of 1/B long, its middle within half a chip of the arrival.
 
@@ -30,12 +30,12 @@ import numpy as np
 import taichi as ti
 import torch
 
-from kernels import random
-from kernels.positioning import acoustic_link, codes, reflections, usbl, waveform
-from kernels.positioning.codes import FINE
-from kernels.positioning.tone import TWO_PI, fraction
-from kernels.positioning.waveform import MEASURED
-from kernels.types import array1, array2, array3, index1, mat3, vec2, vec3, vec4, vec6
+from usvauv.kernels import random
+from usvauv.kernels.positioning import acoustic_link, codes, reflections, usbl, waveform
+from usvauv.kernels.positioning.codes import FINE
+from usvauv.kernels.positioning.tone import TWO_PI, fraction
+from usvauv.kernels.positioning.waveform import MEASURED
+from usvauv.kernels.types import array1, array2, array3, index1, mat3, vec2, vec3, vec4, vec6
 
 COARSE = 4
 STEP = FINE // COARSE

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kernels.flow import airy
+from usvauv.kernels.flow import airy
 
 FOREVER = 1e9  # s, correlation time of a current that does not change
 

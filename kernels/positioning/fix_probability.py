@@ -1,12 +1,12 @@
-"""Probability that a fix can be used, by the statistical model of `kernels.positioning.usbl`."""
+"""Probability that a fix can be used, by the statistical model of `usvauv.kernels.positioning.usbl`."""
 
 import math
 
 import numpy as np
 import torch
 
-from kernels.positioning.acoustic_link import KAPPA, THRESHOLD
-from kernels.positioning.usbl import fixes
+from usvauv.kernels.positioning.acoustic_link import KAPPA, THRESHOLD
+from usvauv.kernels.positioning.usbl import fixes
 
 
 def good_probability(

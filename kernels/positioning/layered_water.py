@@ -23,7 +23,7 @@ Source: Jensen, Kuperman, Porter, Schmidt, "Computational Ocean Acoustics" (2011
 import numpy as np
 import taichi as ti
 
-from kernels.types import vec2
+from usvauv.kernels.types import vec2
 
 # Columns of the table of layers, one row a depth; a layer extends from its row to the next.
 DEPTH = 0  # m

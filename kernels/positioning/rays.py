@@ -7,7 +7,7 @@ every cosine is w = A/√(1 + t²), A = √(1 + k t²), k = 1 − c²/c_m² ≥ 
 
 r(t) increases and is concave, so Newton's method from any point left of the root converges to it without overshoot.
 t = R/(vertical distance), the straight line's, is left of the root. Beyond the range of the ray that is horizontal at
-the fastest depth `kernels.positioning.turning_rays` looks for a ray that turns.
+the fastest depth `usvauv.kernels.positioning.turning_rays` looks for a ray that turns.
 
 Source: Fang and Chen, "A fast and robust two-point ray tracing method in layered media with constant or linearly
 varying layer velocity", Geophysical Prospecting 67 (2019), for t as the unknown.
@@ -18,8 +18,8 @@ varying layer velocity", Geophysical Prospecting 67 (2019), for t as the unknown
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.positioning.layered_water import (
+from usvauv.kernels import runtime
+from usvauv.kernels.positioning.layered_water import (
     DEPTH,
     EXCESS,
     GRADIENT,
@@ -32,8 +32,8 @@ from kernels.positioning.layered_water import (
     layer_time,
     sound_speed,
 )
-from kernels.positioning.turning_rays import turning_ray
-from kernels.types import array1, array2, vec2, vec3
+from usvauv.kernels.positioning.turning_rays import turning_ray
+from usvauv.kernels.types import array1, array2, vec2, vec3
 
 FLATTEST = 1e5  # tan θ at which a ray counts as horizontal
 ROUNDS = 60  # at most, of Newton's method; 2 or 3 are usual, near the last direct ray t grows by half in each

@@ -37,9 +37,10 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels.positioning import acoustic_link, rays, sonar_equation
-from kernels.positioning.tone import TWO_PI
-from kernels.types import vec2, vec3
+from usvauv.kernels.positioning import acoustic_link, rays, sonar_equation
+from usvauv.kernels.positioning.layered_water import sound_speed
+from usvauv.kernels.positioning.tone import TWO_PI
+from usvauv.kernels.types import vec2, vec3
 
 SEDIMENTS = {  # density and speed of sound over the water's, absorption in dB a wavelength
     "clay": (1.5, 1.0, 0.2),
@@ -138,7 +139,7 @@ def bent(which: ti.i32, offset: vec3, level: ti.f32, profile: ti.template()):
     else:
         image = vec3(offset[0], offset[1], 2.0 * level - offset[2])
         arrival = rays.refracted(profile.mirrored, profile.depth, profile.depth, image, profile.speed)
-    across = vec2(arrival.direction[0], arrival.direction[1]) / profile.speed * rays.sound_speed(profile.layers, plane)
+    across = vec2(arrival.direction[0], arrival.direction[1]) / profile.speed * sound_speed(profile.layers, plane)
     return arrival, ti.sqrt(ti.max(1.0 - across.norm_sqr(), 0.0))
 
 

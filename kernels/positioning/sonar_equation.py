@@ -1,15 +1,15 @@
 """Sonar equation: absorption, transmission loss, noise level, signal-to-noise ratio and data rate.
 
 Scalar laws, callable from kernels (in f32) and from Python (in double precision). Levels are in dB re 1 µPa,
-frequencies in Hz, also where the source's fit takes kHz. Laws of absorption are in `kernels.positioning.absorption`,
-laws of noise in `kernels.positioning.ambient_noise`.
+frequencies in Hz, also where the source's fit takes kHz. Laws of absorption are in
+`usvauv.kernels.positioning.absorption`, laws of noise in `usvauv.kernels.positioning.ambient_noise`.
 
 Source: Shannon, doi 10.1109/JRPROC.1949.232969.
 """
 
 import taichi as ti
 
-from kernels.positioning.absorption import thorp
+from usvauv.kernels.positioning.absorption import thorp
 
 LN10 = 2.302585092994046
 LOG2_OF_10 = 3.321928094887362

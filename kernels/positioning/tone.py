@@ -19,8 +19,8 @@ import math
 
 import taichi as ti
 
-from kernels import random
-from kernels.types import vec2, vec3, vec4
+from usvauv.kernels import random
+from usvauv.kernels.types import vec2, vec3, vec4
 
 TWO_PI = 2.0 * math.pi
 

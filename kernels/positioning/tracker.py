@@ -5,10 +5,10 @@ State (x, y, c_x, c_y). Over a time t in which the AUV is carried by the water (
     x ← x + t (v + c),   c ← ρ c + w,   ρ = e^{−t/τ},   w ~ N(0, σ² (1 − ρ²) I),   fix = x + n,   n ~ N(0, R),
 
 v the commanded velocity through the water, R the fix's predicted covariance. For an Ornstein–Uhlenbeck current, whose
-σ² and τ are those of `kernels.positioning.current_process`, and Gaussian fixes this is the least-squares estimate. A
-fix in Cartesian coordinates and v in the world's frame make the filter linear; only R is linearised. The covariance
-consists of 2 × 2 blocks A (position), B (position, current), C (current) and is updated in Joseph's form, a sum of
-squares, with I − gain written as R S⁻¹, which does not cancel: it stays positive definite in single precision.
+σ² and τ are those of `usvauv.kernels.positioning.current_process`, and Gaussian fixes this is the least-squares
+estimate. A fix in Cartesian coordinates and v in the world's frame make the filter linear; only R is linearised. The
+covariance consists of 2 × 2 blocks A (position), B (position, current), C (current) and is updated in Joseph's form, a
+sum of squares, with I − gain written as R S⁻¹, which does not cancel: it stays positive definite in single precision.
 
 The attitude error is common to all fixes of a moment. R contains it, so every AUV's filter is consistent by itself; the
 correlation between AUVs is not used. The error of a relative position is therefore smaller than the two covariances
@@ -27,9 +27,9 @@ detections).
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.positioning.validation import GATE, Expectation, squared_innovation
-from kernels.types import array2, array3, mat2, vec2, vec3
+from usvauv.kernels import runtime
+from usvauv.kernels.positioning.validation import GATE, Expectation, squared_innovation
+from usvauv.kernels.types import array2, array3, mat2, vec2, vec3
 
 # Columns of a track: the state, the upper triangle of its covariance, whether the AUV is adrift and its last commanded
 # velocity through the water (0 where it is not); how many fixes in a row were rejected and agree with one another, the

@@ -20,7 +20,7 @@ A direct ray that is horizontal to within 1e-5 where it is fastest is found in t
 
 import taichi as ti
 
-from kernels.positioning.layered_water import (
+from usvauv.kernels.positioning.layered_water import (
     DEPTH,
     EXCESS,
     GRADIENT,
@@ -31,7 +31,7 @@ from kernels.positioning.layered_water import (
     layer_at,
     layer_time,
 )
-from kernels.types import vec2
+from usvauv.kernels.types import vec2
 
 DIRECT, BELOW, ABOVE = 0, 1, 2  # where a ray turns
 NEVER = 1e30  # s

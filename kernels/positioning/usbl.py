@@ -6,13 +6,14 @@ slant range S = |r| they measure
     Δφ_x = 2πf d x'/(c S) + n_x,  Δφ_y = 2πf d y'/(c S) + n_y,  n ~ N(0, σ²),   Ŝ = S + n_S,
     x̂' = c Ŝ Δφ_x/(2πf d),  ŷ' likewise,  ẑ' = −√(Ŝ² − x̂'² − ŷ'²).
 
-`kernels.positioning.acoustic_link` has σ and the deviation of the range, which is independent of both differences.
+`usvauv.kernels.positioning.acoustic_link` has σ and the deviation of the range, which is independent of both
+differences.
 
 Validity. With a² = 2/σ² the four hydrophones together measure the amplitude R = √(4a² + 7) + n over the noise (a
 noncentral χ of 8 degrees of freedom, to 3e-3 where signals are detected), and their phases scatter with σ² 2a/R. A fix
 is DETECTED where R is above the link's threshold. It has WRAPPED where a phase difference has left (−π, π], as it can
 with d near half a wavelength or above, and has NO_DEPTH where x̂'² + ŷ'² > Ŝ², as it can near the horizon. It is good
-where its flags are DETECTED and nothing else. `kernels.positioning.waveform` measures sampled tones instead;
+where its flags are DETECTED and nothing else. `usvauv.kernels.positioning.waveform` measures sampled tones instead;
 `docs/positioning.md` compares both.
 
 Residual. Of phases p on four hydrophones with the variance σ²/2 each, (p_3 + p_4)/2 − (p_1 + p_2)/2 is independent of
@@ -31,7 +32,7 @@ import math
 import taichi as ti
 import torch
 
-from kernels.positioning.acoustic_link import (
+from usvauv.kernels.positioning.acoustic_link import (
     ALIGNMENT,
     ATTITUDE,
     HEADING,
@@ -43,7 +44,7 @@ from kernels.positioning.acoustic_link import (
     phase_deviation,
     range_deviation,
 )
-from kernels.types import array2, index1, mat3, vec2, vec3, vec4, vec5
+from usvauv.kernels.types import array2, index1, mat3, vec2, vec3, vec4, vec5
 
 # Bits of a fix's flags.
 DETECTED = 1  # the tone is above the detection threshold; known to the receiver

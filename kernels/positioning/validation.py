@@ -27,8 +27,8 @@ import math
 import numpy as np
 import taichi as ti
 
-from kernels.positioning import acoustic_link
-from kernels.types import mat2, vec2, vec3
+from usvauv.kernels.positioning import acoustic_link
+from usvauv.kernels.types import mat2, vec2, vec3
 
 GATE = -2.0 * math.log(1e-3)
 DEPTH_TOLERANCE = 0.01  # of the slant range: bent rays, and the error of the AUV's depth

@@ -1,11 +1,11 @@
 """USBL fixes from the tones themselves: four sampled hydrophones, phases by least squares, delay by correlation.
 
-The reference for the statistical model of `kernels.positioning.usbl`.
+The reference for the statistical model of `usvauv.kernels.positioning.usbl`.
 
 Signal. Hydrophone i at ±d/2 on x or y receives, from t_i on, sin 2π(νn − t_i), `periods` periods long, in white
-Gaussian noise of the standard deviation σ_n of the sonar equation at the true slant range (`kernels.positioning.tone`).
-The wavefront is a sphere about the AUV, computed without cancellation: r_i − S = (d²/4 − 2 r·p_i)/(r_i + S). An echo
-is sent from the array's centre.
+Gaussian noise of the standard deviation σ_n of the sonar equation at the true slant range
+(`usvauv.kernels.positioning.tone`). The wavefront is a sphere about the AUV, computed without cancellation: r_i − S =
+(d²/4 − 2 r·p_i)/(r_i + S). An echo is sent from the array's centre.
 
 Receiver. The gate opens GATE periods before the expected arrival, and the tone arrives within the period that follows
 the expected arrival. A search of the whole record is supposed to have brought the receiver there;
@@ -29,9 +29,9 @@ from typing import NamedTuple
 import taichi as ti
 import torch
 
-from kernels import random, runtime
-from kernels.positioning import acoustic_link, usbl
-from kernels.positioning.tone import (
+from usvauv.kernels import random, runtime
+from usvauv.kernels.positioning import acoustic_link, usbl
+from usvauv.kernels.positioning.tone import (
     TWO_PI,
     Record,
     edge,
@@ -45,7 +45,7 @@ from kernels.positioning.tone import (
     sum_of_part,
     tone_edges,
 )
-from kernels.types import array2, index1, mat3, vec2, vec3, vec4, vec5, vec6
+from usvauv.kernels.types import array2, index1, mat3, vec2, vec3, vec4, vec5, vec6
 
 GATE = 2
 LAST_WINDOW = 2 * GATE  # windows begin at the periods 0 to LAST_WINDOW
@@ -71,7 +71,7 @@ class Blocks(NamedTuple):
 
     Attributes:
         sums: (BLOCKS, 8), of each block the real parts on the four hydrophones, then the imaginary parts.
-        edges: (BLOCKS + 1, 3), the edges between them, see `kernels.positioning.tone`.
+        edges: (BLOCKS + 1, 3), the edges between them, see `usvauv.kernels.positioning.tone`.
     """
 
     sums: ti.Matrix

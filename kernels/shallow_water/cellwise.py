@@ -1,8 +1,8 @@
 """Shallow water forward–backward in time with a thread for each cell: the GPU backend.
 
-The same sums in the same order on the same packed fields as in `kernels.shallow_water.wavefront`, in two launches a
-substep: all transports, then all elevations. Neighbouring threads work on neighbouring numbers. A wavefront has too few
-threads for a GPU.
+The same sums in the same order on the same packed fields as in `usvauv.kernels.shallow_water.wavefront`, in two
+launches a substep: all transports, then all elevations. Neighbouring threads work on neighbouring numbers. A wavefront
+has too few threads for a GPU.
 """
 
 from collections.abc import Sequence
@@ -11,13 +11,13 @@ import numpy as np
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.device_arrays import DeviceArray
-from kernels.launch import Launch
-from kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
-from kernels.shallow_water.packing import LANES, Packing
-from kernels.shallow_water.wavefront import Basin, Options, elevation_outside
-from kernels.types import array1, index1, vec4
+from usvauv.kernels import runtime
+from usvauv.kernels.device_arrays import DeviceArray
+from usvauv.kernels.launch import Launch
+from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
+from usvauv.kernels.shallow_water.packing import LANES, Packing
+from usvauv.kernels.shallow_water.wavefront import Basin, Options, elevation_outside
+from usvauv.kernels.types import array1, index1, vec4
 
 
 @ti.kernel
@@ -46,7 +46,7 @@ def transports(
     Args:
         coefficient_row: (ny + 1,), the row of coefficients of each row.
         substep: of the interval, which `prescribed` is read at.
-        constant_range: see `kernels.runtime.constant_range`.
+        constant_range: see `usvauv.kernels.runtime.constant_range`.
 
     All else is what `wavefront.march` takes, its vectors' numbers one after the other.
     """

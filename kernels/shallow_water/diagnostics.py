@@ -8,8 +8,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 import torch
 
-from kernels.shallow_water.boundaries import GEOMETRY
-from kernels.shallow_water.discretisation import Discretisation
+from usvauv.kernels.shallow_water.boundaries import GEOMETRY
+from usvauv.kernels.shallow_water.discretisation import Discretisation
 
 
 class Diagnostics(ABC):

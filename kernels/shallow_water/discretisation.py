@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from kernels.shallow_water.boundaries import ELEVATION_FACTOR, GEOMETRY, RADIATING, Boundaries, Side
-from kernels.shallow_water.packing import LANES, Packing
+from usvauv.kernels.shallow_water.boundaries import ELEVATION_FACTOR, GEOMETRY, RADIATING, Boundaries, Side
+from usvauv.kernels.shallow_water.packing import LANES, Packing
 
 CHUNK = 1 << 15  # cells that the host works on at a time: its f64 copies stay small against the fields
 
 
 class Discretisation:
-    """The scheme of `kernels.shallow_water.linear.ShallowWater` over one bed, in NumPy and f64 by chunks of rows.
+    """The scheme of `usvauv.kernels.shallow_water.linear.ShallowWater` over one bed, in NumPy and f64 by chunks of
+    rows.
 
     Args:
         packing: of the fields.

@@ -1,7 +1,7 @@
 """Time step of the nonlinear solver: second-order finite volumes, along x and along y in turn.
 
-The equations are in `kernels.shallow_water.nonlinear`, the fluxes in `kernels.shallow_water.riemann`, layout and
-boundaries in `kernels.shallow_water.ghost_cells`.
+The equations are in `usvauv.kernels.shallow_water.nonlinear`, the fluxes in `usvauv.kernels.shallow_water.riemann`,
+layout and boundaries in `usvauv.kernels.shallow_water.ghost_cells`.
 
 Instead of the depth h the state is D = h − max(−b, 0), the water over that of the still sea: the elevation at sea, the
 depth on land. Rounding is then that of the wave, not that of the depth, and the still sea is exactly 0.
@@ -13,11 +13,11 @@ from collections import namedtuple
 
 import taichi as ti
 
-from kernels import runtime
-from kernels.shallow_water.ghost_cells import fill_column_ghosts, fill_row_ghosts, vector_index
-from kernels.shallow_water.packing import LANES, vector, vectors
-from kernels.shallow_water.riemann import flux, half_slopes, half_step, lower_face, upper_face
-from kernels.types import array1, columns, index1, index2, vec2
+from usvauv.kernels import runtime
+from usvauv.kernels.shallow_water.ghost_cells import fill_column_ghosts, fill_row_ghosts, vector_index
+from usvauv.kernels.shallow_water.packing import LANES, vector, vectors
+from usvauv.kernels.shallow_water.riemann import flux, half_slopes, half_step, lower_face, upper_face
+from usvauv.kernels.types import array1, columns, index1, index2, vec2
 
 doubles1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
 doubles2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
@@ -154,7 +154,7 @@ def take_step(basin: ti.template()):
 
 @ti.func
 def read_cell(basin: ti.template(), axis: ti.template(), p: ti.i32):
-    """The cells at vector p, as a struct of `kernels.shallow_water.riemann` with u along the axis.
+    """The cells at vector p, as a struct of `usvauv.kernels.shallow_water.riemann` with u along the axis.
 
     Args:
         basin: see `Basin`.

@@ -11,10 +11,10 @@ from collections import namedtuple
 
 import taichi as ti
 
-from kernels.shallow_water.boundaries import SOUTH
-from kernels.shallow_water.packing import LANES
-from kernels.shallow_water.riemann import TINY
-from kernels.types import columns, vec2
+from usvauv.kernels.shallow_water.boundaries import SOUTH
+from usvauv.kernels.shallow_water.packing import LANES
+from usvauv.kernels.shallow_water.riemann import TINY
+from usvauv.kernels.types import columns, vec2
 
 WALL, RADIATING, FORCED, INCIDENT = range(4)
 
@@ -40,7 +40,7 @@ def fill_row_ghosts(basin: ti.template(), i: ti.i32, r: ti.f32, tide: vec2):
     """The ghosts of row i of the state.
 
     Args:
-        basin: see `kernels.shallow_water.finite_volume.Basin`.
+        basin: see `usvauv.kernels.shallow_water.finite_volume.Basin`.
         i: the row.
         r: length of the sweep over the size of a cell, s/m.
         tide: prescribed elevation at the beginning of the sweep and at its end, m.

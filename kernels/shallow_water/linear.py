@@ -9,15 +9,15 @@ from functools import cached_property
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.device_arrays import DeviceArrays
-from kernels.launch import Launch
-from kernels.shallow_water.boundaries import Boundaries, Boundary, Side
-from kernels.shallow_water.cellwise import CellwiseBackend
-from kernels.shallow_water.diagnostics import Diagnostics
-from kernels.shallow_water.discretisation import Discretisation
-from kernels.shallow_water.packing import LANES, Packing
-from kernels.shallow_water.wavefront import WavefrontBackend
+from usvauv.kernels import runtime
+from usvauv.kernels.device_arrays import DeviceArrays
+from usvauv.kernels.launch import Launch
+from usvauv.kernels.shallow_water.boundaries import Boundaries, Boundary, Side
+from usvauv.kernels.shallow_water.cellwise import CellwiseBackend
+from usvauv.kernels.shallow_water.diagnostics import Diagnostics
+from usvauv.kernels.shallow_water.discretisation import Discretisation
+from usvauv.kernels.shallow_water.packing import LANES, Packing
+from usvauv.kernels.shallow_water.wavefront import WavefrontBackend
 
 COURANT = 0.95  # fraction of the stability limit that a substep may use
 
@@ -63,7 +63,7 @@ class ShallowWater(Diagnostics):
         limit: largest stable substep 1/√(g h_max (1/Δx² + 1/Δy²)), s.
         substeps, time_step: substeps of an interval, and their length Δt ≤ 0.95 limit, s.
         boundaries: kinds of the four sides.
-        fields: packed η, U and V, as arguments of a `kernels.launch.Launch`.
+        fields: packed η, U and V, as arguments of a `usvauv.kernels.launch.Launch`.
 
     Raises:
         ValueError: fewer than 3 cells, no water at all, a negative or non-finite depth, an unknown side or kind, or a
@@ -134,7 +134,7 @@ class ShallowWater(Diagnostics):
 
     @property
     def eta(self) -> torch.Tensor:
-        """Packed elevation (blocks, rows, W, LANES), m; see `kernels.shallow_water.packing`."""
+        """Packed elevation (blocks, rows, W, LANES), m; see `usvauv.kernels.shallow_water.packing`."""
         return self._packed()[0]
 
     @property

@@ -10,12 +10,12 @@ from typing import Literal
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.launch import Launch
-from kernels.shallow_water.boundaries import EAST, WEST, Side, complete_kinds
-from kernels.shallow_water.finite_volume import Clock, step
-from kernels.shallow_water.ghost_cells import FORCED, INCIDENT, RADIATING, WALL
-from kernels.shallow_water.packing import LANES
+from usvauv.kernels import runtime
+from usvauv.kernels.launch import Launch
+from usvauv.kernels.shallow_water.boundaries import EAST, WEST, Side, complete_kinds
+from usvauv.kernels.shallow_water.finite_volume import Clock, step
+from usvauv.kernels.shallow_water.ghost_cells import FORCED, INCIDENT, RADIATING, WALL
+from usvauv.kernels.shallow_water.packing import LANES
 
 NonlinearBoundary = Literal["wall", "radiating", "forced", "incident"]
 
@@ -35,12 +35,12 @@ class NonlinearShallowWater:
     with the depth h = η − b between the surface z = η and the bed z = b; z = 0 is the mean level. Finite volumes on
     cell averages: limited linear reconstruction of surface, depth and velocity, half a step from these slopes
     (van Leer's MUSCL–Hancock scheme), hydrostatic reconstruction at the faces, HLLE flux, and Strang's splitting into
-    steps along x and along y (`kernels.shallow_water.riemann`, `kernels.shallow_water.finite_volume`).
+    steps along x and along y (`usvauv.kernels.shallow_water.riemann`, `usvauv.kernels.shallow_water.finite_volume`).
     Second order where the flow is smooth; bores have the right speed; lakes at rest stay at rest; depth stays positive
     and mass is conserved to rounding. Steps are chosen on the device: Δt times the speed of the fastest wave over Δx or
     Δy is 0.95, and less beside dry land and where the bed jumps from cell to cell (`SHORE` and `ROUGH` of
-    `kernels.shallow_water.finite_volume`). Flow that is mirrored stays mirrored to the last bit; x and y exchanged give
-    the same within the error of the splitting.
+    `usvauv.kernels.shallow_water.finite_volume`). Flow that is mirrored stays mirrored to the last bit; x and y
+    exchanged give the same within the error of the splitting.
 
     It costs more than the linear solver and damps short waves, which that one does not: it is for waves that are high
     against the depth, currents that are fast against the celerity, and land that gets wet.
@@ -233,7 +233,7 @@ class NonlinearShallowWater:
         return column - self._first_column[lane], lane
 
     def _halo_table(self) -> list[tuple[int, ...]]:
-        """The table `halo` of `kernels.shallow_water.finite_volume.step`."""
+        """The table `halo` of `usvauv.kernels.shallow_water.finite_volume.step`."""
         table = []
         for j in (-2, -1, self._columns, self._columns + 1):
             for lane in range(LANES):

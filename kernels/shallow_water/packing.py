@@ -20,7 +20,7 @@ import numpy as np
 import taichi as ti
 import torch
 
-from kernels.types import vec3
+from usvauv.kernels.types import vec3
 
 LANES = 16
 vector = ti.types.vector(LANES, ti.f32)

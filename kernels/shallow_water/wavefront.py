@@ -1,6 +1,6 @@
 """Shallow water forward–backward in time on a packed Arakawa C grid: the CPU backend, which marches bands of rows.
 
-The layout of the fields is in `kernels.shallow_water.packing`.
+The layout of the fields is in `usvauv.kernels.shallow_water.packing`.
 """
 
 import itertools
@@ -12,11 +12,11 @@ import numpy as np
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.launch import Launch
-from kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
-from kernels.shallow_water.packing import LANES, Packing, vector, vectors
-from kernels.types import columns, index3, vec4
+from usvauv.kernels import runtime
+from usvauv.kernels.launch import Launch
+from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
+from usvauv.kernels.shallow_water.packing import LANES, Packing, vector, vectors
+from usvauv.kernels.types import columns, index3, vec4
 
 # Compile-time options: whether lanes are strips of one sea, any boundary radiates, any sponge damps, the calling thread
 # marches all bands, and whether it makes all copies.

@@ -3,13 +3,13 @@
 From outside: `ALGORITHMS`, the classes by name; `Learner`, what a new one derives from, and the types it is given.
 """
 
-from kernels.registry import Registry
-from policies.algorithms.ddpg import DDPG
-from policies.algorithms.learner import Batch, Learner, Settings
-from policies.algorithms.sac import SAC
-from policies.algorithms.td3 import TD3
-from policies.networks import Sizes
-from policies.policy import PolicyError
+from usvauv.kernels.registry import Registry
+from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.algorithms.learner import Batch, Learner, Settings
+from usvauv.policies.algorithms.sac import SAC
+from usvauv.policies.algorithms.td3 import TD3
+from usvauv.policies.networks import Sizes
+from usvauv.policies.policy import PolicyError
 
 ALGORITHMS: Registry[type[Learner]] = Registry("algorithm", PolicyError, Learner)
 ALGORITHMS.register("sac", SAC)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from policies.algorithms.deterministic import DeterministicLearner
-from policies.algorithms.learner import Batch
+from usvauv.policies.algorithms.deterministic import DeterministicLearner
+from usvauv.policies.algorithms.learner import Batch
 
 
 class DDPG(DeterministicLearner):

@@ -8,8 +8,8 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from policies.algorithms.learner import Learner, Settings
-from policies.networks import Critic, DeterministicActor, Sizes
+from usvauv.policies.algorithms.learner import Learner, Settings
+from usvauv.policies.networks import Critic, DeterministicActor, Sizes
 
 
 class DeterministicLearner(Learner[DeterministicActor]):

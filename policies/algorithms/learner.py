@@ -10,8 +10,8 @@ from typing import ClassVar, Generic, Protocol, TypeVar
 import torch
 from torch import Tensor, nn
 
-from policies.cuda_graph import Recorded
-from policies.networks import Sizes, StackedMLP
+from usvauv.policies.cuda_graph import Recorded
+from usvauv.policies.networks import Sizes, StackedMLP
 
 AVERAGED = 200  # updates, time constant of the averaged actor
 # One fused operation for all parameters; torch has no public name for it.

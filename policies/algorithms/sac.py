@@ -11,8 +11,8 @@ import copy
 import torch
 from torch import Tensor, nn
 
-from policies.algorithms.learner import Batch, Learner, Settings
-from policies.networks import Critic, GaussianActor, Sizes
+from usvauv.policies.algorithms.learner import Batch, Learner, Settings
+from usvauv.policies.networks import Critic, GaussianActor, Sizes
 
 
 class SAC(Learner[GaussianActor]):

@@ -9,8 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from policies.algorithms.deterministic import DeterministicLearner
-from policies.algorithms.learner import Batch
+from usvauv.policies.algorithms.deterministic import DeterministicLearner
+from usvauv.policies.algorithms.learner import Batch
 
 SMOOTHING, SMOOTHING_LIMIT = 0.2, 0.5  # standard deviation of the target policy's noise, and its bound
 DELAY = 2  # updates of the critics for each of the actor

@@ -3,8 +3,8 @@
 From outside: `DecisionTrainer` with `NODES` or `VISITS`, and `DecisionConfig`.
 """
 
-from policies.decisions.nodes import NODES
-from policies.decisions.trainer import DecisionConfig, DecisionTrainer
-from policies.decisions.visits import VISITS
+from usvauv.policies.decisions.nodes import NODES
+from usvauv.policies.decisions.trainer import DecisionConfig, DecisionTrainer
+from usvauv.policies.decisions.visits import VISITS
 
 __all__ = ["NODES", "VISITS", "DecisionConfig", "DecisionTrainer"]

@@ -5,14 +5,15 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from kernels.mission.candidate_scores import HEAD, HIDDEN, Decision, Network
+from usvauv.kernels.mission.candidate_scores import HEAD, HIDDEN, Decision, Network
 
 TYPICAL = 10.0  # Mbit, of a value
 BLOCKED = -1e9  # score of a candidate that may not be chosen
 
 
 class Scores(nn.Module):
-    """Scores of candidates, as `kernels.mission.candidate_scores.score` has them; at first by one feature alone."""
+    """Scores of candidates, as `usvauv.kernels.mission.candidate_scores.score` has them; at first by one feature
+    alone."""
 
     def __init__(self, form: Network) -> None:
         super().__init__()

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import torch
 
-from kernels.mission.candidate_scores import Decision
-from kernels.mission.columns import AuvColumn
-from kernels.mission.target_rules import learned
-from policies.decisions.trainer import Act, DecisionConfig, Decisions, Learner
-from usvauv_env.world.world import World
+from usvauv.env.world.world import World
+from usvauv.kernels.mission.candidate_scores import Decision
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.mission.target_rules import learned
+from usvauv.policies.decisions.trainer import Act, DecisionConfig, Decisions, Learner
 
 
 def collect(world: World, act: Act, horizon: float) -> Decisions:

@@ -18,13 +18,13 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from kernels.mission.candidate_scores import UNTRAINED, Network
-from policies.decisions.network import TYPICAL, Scores, Value, split
-from policies.evaluation import EVALUATION_SEED_OFFSET, evaluate
-from policies.loading import acting, check
-from usvauv_env import Scenario
-from usvauv_env.files import atomic_write
-from usvauv_env.world.world import World
+from usvauv.env import Scenario
+from usvauv.env.files import atomic_write
+from usvauv.env.world.world import World
+from usvauv.kernels.mission.candidate_scores import UNTRAINED, Network
+from usvauv.policies.decisions.network import TYPICAL, Scores, Value, split
+from usvauv.policies.evaluation import EVALUATION_SEED_OFFSET, evaluate
+from usvauv.policies.loading import acting, check
 
 EVALUATE_EVERY = 10  # iterations
 EVALUATION_EPISODES = 128  # with few of them the best of many evaluations is the luckiest
@@ -66,7 +66,7 @@ class Decisions:
     """D decisions, in the order of their worlds and times.
 
     Attributes:
-        seen: (D, ·) as the worlds left them, see `kernels.mission.candidate_scores`.
+        seen: (D, ·) as the worlds left them, see `usvauv.kernels.mission.candidate_scores`.
         world: (D,) of each.
         time: (D,) s.
         earned: (D,) Mbit, as they count at the time of the decision.

@@ -11,12 +11,12 @@ import math
 
 import torch
 
-from kernels.mission import learned_visits
-from kernels.mission.candidate_scores import Decision
-from kernels.mission.columns import AuvColumn
-from kernels.positioning import tracker
-from policies.decisions.trainer import Act, DecisionConfig, Decisions, Learner
-from usvauv_env.world.world import World
+from usvauv.env.world.world import World
+from usvauv.kernels.mission import learned_visits
+from usvauv.kernels.mission.candidate_scores import Decision
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.positioning import tracker
+from usvauv.policies.decisions.trainer import Act, DecisionConfig, Decisions, Learner
 
 
 def collect(world: World, act: Act, horizon: float) -> Decisions:

@@ -3,15 +3,15 @@
 From outside: `HEURISTICS`, the classes by name, and `Heuristic`, what a new one derives from.
 """
 
-from kernels.registry import Registry
-from policies.heuristics.clear import Clear
-from policies.heuristics.constant_speed import Crab, Straight
-from policies.heuristics.heuristic import Heuristic
-from policies.heuristics.keep import Keep
-from policies.heuristics.pace import Pace
-from policies.heuristics.random import Random
-from policies.heuristics.zermelo import Zermelo
-from policies.policy import PolicyError
+from usvauv.kernels.registry import Registry
+from usvauv.policies.heuristics.clear import Clear
+from usvauv.policies.heuristics.constant_speed import Crab, Straight
+from usvauv.policies.heuristics.heuristic import Heuristic
+from usvauv.policies.heuristics.keep import Keep
+from usvauv.policies.heuristics.pace import Pace
+from usvauv.policies.heuristics.random import Random
+from usvauv.policies.heuristics.zermelo import Zermelo
+from usvauv.policies.policy import PolicyError
 
 HEURISTICS: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristic)
 HEURISTICS.register("straight", Straight)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from policies.guidance import clear_of_others
-from policies.heuristics.pace import Pace
-from usvauv_env.world.world import World
+from usvauv.env.world.world import World
+from usvauv.policies.guidance import clear_of_others
+from usvauv.policies.heuristics.pace import Pace
 
 
 class Clear(Pace):

@@ -7,9 +7,9 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from policies.guidance import command, crab, unit
-from policies.heuristics.heuristic import Heuristic, number
-from usvauv_env.scenario import Scenario
+from usvauv.env.scenario import Scenario
+from usvauv.policies.guidance import command, crab, unit
+from usvauv.policies.heuristics.heuristic import Heuristic, number
 
 
 class ConstantSpeed(Heuristic):

@@ -6,10 +6,10 @@ from typing import Any
 
 from torch import Tensor
 
-from policies.policy import Policy
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.observation import ObservationLayout
-from usvauv_env.world.world import World
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.world import World
+from usvauv.policies.policy import Policy
 
 
 class Heuristic(Policy):

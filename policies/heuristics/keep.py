@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from policies.guidance import command, unit
-from policies.heuristics.heuristic import Heuristic
+from usvauv.policies.guidance import command, unit
+from usvauv.policies.heuristics.heuristic import Heuristic
 
 
 class Keep(Heuristic):

@@ -8,10 +8,10 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from policies.guidance import SpeedToFly, command, crab, unit
-from policies.heuristics.heuristic import Heuristic, number
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.world import World
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.world import World
+from usvauv.policies.guidance import SpeedToFly, command, crab, unit
+from usvauv.policies.heuristics.heuristic import Heuristic, number
 
 
 class Pace(Heuristic):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from policies.heuristics.heuristic import Heuristic
-from usvauv_env.world.world import World
+from usvauv.env.world.world import World
+from usvauv.policies.heuristics.heuristic import Heuristic
 
 SEED = 0
 

@@ -7,10 +7,10 @@ import math
 import torch
 from torch import Tensor
 
-from kernels.planning import zermelo
-from policies.guidance import command, unit
-from policies.heuristics.constant_speed import Crab
-from usvauv_env.world.world import World
+from usvauv.env.world.world import World
+from usvauv.kernels.planning import zermelo
+from usvauv.policies.guidance import command, unit
+from usvauv.policies.heuristics.constant_speed import Crab
 
 RENEWAL = 10.0  # s between two solutions of Zermelo's problem for the same target
 SPACING = 4.0  # m, of the grid on which it is solved
@@ -23,8 +23,8 @@ class Zermelo(Crab):
     """Follows the path of least time at one speed through the water, in the true current: an upper bound.
 
     It knows the current everywhere in the area, as it is at the moment, without the storm (Zermelo's problem, see
-    `kernels.planning.zermelo`). The path is solved for when the target changes and every `RENEWAL` seconds. Where no
-    path exists it acts as `crab`.
+    `usvauv.kernels.planning.zermelo`). The path is solved for when the target changes and every `RENEWAL` seconds.
+    Where no path exists it acts as `crab`.
     """
 
     reference = "zermelo_speed"

@@ -3,8 +3,8 @@
 From outside: `Trainer`, `Seeds` and `TrainingWorld`; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
 """
 
-from policies.training.seeds import Seeds
-from policies.training.trainer import Trainer
-from policies.training.world import TrainingWorld
+from usvauv.policies.training.seeds import Seeds
+from usvauv.policies.training.trainer import Trainer
+from usvauv.policies.training.world import TrainingWorld
 
 __all__ = ["Seeds", "Trainer", "TrainingWorld"]

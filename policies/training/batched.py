@@ -11,14 +11,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from kernels.errors import DivergenceError
-from policies.algorithms import ALGORITHMS
-from policies.cuda_graph import Recorded
-from policies.policy import PolicyError
-from policies.standardizer import Standardizer
-from policies.training.replay import Replay
-from policies.training.trainer import Trainer, explore, learn, learning_bytes
-from usvauv_env.memory import require
+from usvauv.env.memory import require
+from usvauv.kernels.errors import DivergenceError
+from usvauv.policies.algorithms import ALGORITHMS
+from usvauv.policies.cuda_graph import Recorded
+from usvauv.policies.policy import PolicyError
+from usvauv.policies.standardizer import Standardizer
+from usvauv.policies.training.replay import Replay
+from usvauv.policies.training.trainer import Trainer, explore, learn, learning_bytes
 
 # What a step of a `TrainingWorld` returns.
 Step = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]

@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from policies.training.ranks import ALONE, Ranks
-from policies.training.world import TrainingWorld
+from usvauv.policies.training.ranks import ALONE, Ranks
+from usvauv.policies.training.world import TrainingWorld
 
 
 class Meter:

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from usvauv_env import plugins
+from usvauv.env import plugins
 
 
 def provenance(begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",)) -> dict[str, Any]:

@@ -16,8 +16,8 @@ import torch
 import torch.distributed as dist
 from torch import Tensor
 
-from kernels import runtime
-from kernels.errors import UserError
+from usvauv.kernels import runtime
+from usvauv.kernels.errors import UserError
 
 VARIABLES = "RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE"  # of the environment, set by torchrun
 CARDS = "CUDA_VISIBLE_DEVICES"
@@ -147,7 +147,7 @@ def joined(arch: str) -> Iterator[Ranks]:
     each other.
 
     Args:
-        arch: where to run, see `kernels.runtime.start`, which this starts.
+        arch: where to run, see `usvauv.kernels.runtime.start`, which this starts.
 
     Raises:
         UserError: the environment is not that of torchrun, or only some ranks have a card.
@@ -165,7 +165,7 @@ def joined(arch: str) -> Iterator[Ranks]:
     os.environ[CARDS] = cards[local] if local < len(cards) and cards[local] else str(local)
     running = runtime.start(arch, max(1, runtime.available_cores() // here))
     nodes = [f"--nnodes={count // here}"] if count > here else []
-    ranks = Ranks(rank, count, ("torchrun", *nodes, f"--nproc-per-node={here}", "-m", "usvauv_cli"))
+    ranks = Ranks(rank, count, ("torchrun", *nodes, f"--nproc-per-node={here}", "-m", "usvauv.cli"))
     with ranks._reaching():
         dist.init_process_group("cpu:gloo,cuda:nccl" if running.arch == "cuda" else "gloo", timeout=PATIENCE)
     if not ranks.agree(running.arch == "cuda"):

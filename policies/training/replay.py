@@ -7,9 +7,9 @@ import copy
 import torch
 from torch import Tensor
 
-from policies.algorithms import Batch
-from policies.networks import stack
-from usvauv_env.memory import require
+from usvauv.env.memory import require
+from usvauv.policies.algorithms import Batch
+from usvauv.policies.networks import stack
 
 # Name in a checkpoint → attribute.
 STORED = {

@@ -9,9 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from policies.algorithms.learner import Learner
-from policies.policy import PolicyError
-from policies.training.replay import STORED, Replay
+from usvauv.policies.algorithms.learner import Learner
+from usvauv.policies.policy import PolicyError
+from usvauv.policies.training.replay import STORED, Replay
 
 LARGEST = 1e12  # of a weight, a moment, a feature or a reward
 LATEST = 10**15  # steps, updates

@@ -9,10 +9,10 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
-from kernels.interruption import Stop, stoppable
-from policies.policy import PolicyError
-from policies.training.batched import BatchedRuns, naming
-from policies.training.trainer import WINDOW, Trainer
+from usvauv.kernels.interruption import Stop, stoppable
+from usvauv.policies.policy import PolicyError
+from usvauv.policies.training.batched import BatchedRuns, naming
+from usvauv.policies.training.trainer import WINDOW, Trainer
 
 Figures = list[dict[str, Any]]
 Write = Callable[[dict[str, Any]], None]

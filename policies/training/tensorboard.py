@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from usvauv_env.files import writing
+from usvauv.env.files import writing
 
 AXES = ("steps", "total", "seconds", "eta", "evaluated_at")  # figures that are no curves of their own
 

@@ -16,26 +16,26 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from kernels.errors import DivergenceError
-from kernels.interruption import Stop, stoppable
-from policies import checkpoint
-from policies.algorithms import ALGORITHMS, Batch, Learner, Sizes
-from policies.checkpoint import BEST, FORMAT, LAST, POLICY, TRAINING
-from policies.config import TrainingConfig
-from policies.cuda_graph import Recorded
-from policies.frames import ACTION_SIZE, FRAMES
-from policies.learned import LearnedPolicy
-from policies.networks import stack, unstack
-from policies.policy import PolicyError
-from policies.standardizer import Standardizer
-from policies.training.meter import Meter
-from policies.training.noise import CorrelatedNoise
-from policies.training.ranks import ALONE, Ranks
-from policies.training.replay import Replay
-from policies.training.saved_run import check_counters, check_tensors, first_not_finite
-from policies.training.tensorboard import scalar_writer
-from policies.training.world import TrainingWorld
-from usvauv_env.memory import require
+from usvauv.env.memory import require
+from usvauv.kernels.errors import DivergenceError
+from usvauv.kernels.interruption import Stop, stoppable
+from usvauv.policies import checkpoint
+from usvauv.policies.algorithms import ALGORITHMS, Batch, Learner, Sizes
+from usvauv.policies.checkpoint import BEST, FORMAT, LAST, POLICY, TRAINING
+from usvauv.policies.config import TrainingConfig
+from usvauv.policies.cuda_graph import Recorded
+from usvauv.policies.frames import ACTION_SIZE, FRAMES
+from usvauv.policies.learned import LearnedPolicy
+from usvauv.policies.networks import stack, unstack
+from usvauv.policies.policy import PolicyError
+from usvauv.policies.standardizer import Standardizer
+from usvauv.policies.training.meter import Meter
+from usvauv.policies.training.noise import CorrelatedNoise
+from usvauv.policies.training.ranks import ALONE, Ranks
+from usvauv.policies.training.replay import Replay
+from usvauv.policies.training.saved_run import check_counters, check_tensors, first_not_finite
+from usvauv.policies.training.tensorboard import scalar_writer
+from usvauv.policies.training.world import TrainingWorld
 
 TINY = 1e-6
 WINDOW = 100  # steps of all worlds between two reports

@@ -7,11 +7,11 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from usvauv_env.scenario import Scenario
+from usvauv.env.scenario import Scenario
 
 
 class TrainingWorld(Protocol):
-    """W worlds of K AUVs, stepped, truncated and reset together; `usvauv_env.World` is one.
+    """W worlds of K AUVs, stepped, truncated and reset together; `usvauv.env.World` is one.
 
     Attributes:
         scenario: sizes, speed limits, layout of the observation, form of the action.

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from benchmarks.studies.pendulum import EPISODES, PUBLISHED, PUBLISHED_EPISODES, SETTINGS, Pendulum, measure
-from policies import TrainingConfig
+from usvauv.policies import TrainingConfig
 
 
 def test_an_untrained_policy_is_far_below():

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks import seeds
-from policies import TrainingConfig
+from usvauv.policies import TrainingConfig
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from benchmarks import train
-from policies.frames import TargetFrame
-from usvauv_env import Scenario
+from usvauv.env import Scenario
+from usvauv.policies.frames import TargetFrame
 
 
 class Clock:

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from kernels.shallow_water.linear import ShallowWater
 from tests.cases.case import Case
 from tests.cases.plain import GRAVITY, SIDES, centres, faces, from_wall, many, waves
+from usvauv.kernels.shallow_water.linear import ShallowWater
 
 SECOND = (1.9, 2.2)
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from kernels.shallow_water.nonlinear import NonlinearShallowWater
 from tests.cases import solutions
 from tests.cases.case import Case, relative_L1
 from tests.cases.plain import SIDES, centres
+from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 
 def dam_break(n: int, behind: float, before: float) -> dict[str, float]:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from kernels.shallow_water.linear import ShallowWater
+from usvauv.kernels.shallow_water.linear import ShallowWater
 
 GRAVITY = 9.81
 ROUNDING = 2.0**-24  # half a unit in the last place of an f32 number near one

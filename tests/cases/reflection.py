@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kernels.shallow_water.linear import ShallowWater
 from tests.cases.case import Case
 from tests.cases.plain import GRAVITY, SIDES, centres, faces
+from usvauv.kernels.shallow_water.linear import ShallowWater
 
 DEPTH = 50.0
 CELERITY = math.sqrt(GRAVITY * DEPTH)

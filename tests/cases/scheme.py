@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 
-from kernels.shallow_water.linear import ShallowWater
 from tests.cases.case import Case
 from tests.cases.plain import GRAVITY, ROUNDING, PlainScheme, centres, many, rough_bed, waves
+from usvauv.kernels.shallow_water.linear import ShallowWater
 
 
 def eigenmode(n: int) -> dict[str, float]:

@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
-from kernels.shallow_water.nonlinear import NonlinearShallowWater
 from tests.cases.plain import GRAVITY as g
 from tests.cases.plain import SIDES, centres
+from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 
 def channel(cells: int, length: float, along_y: bool = False, **others) -> NonlinearShallowWater:

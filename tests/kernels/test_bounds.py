@@ -1,6 +1,6 @@
 """The debug mode: kernels that check every index, run over missions and seas; an index out of bounds ends the process.
 
-Taichi's check cannot raise an error here (`kernels.runtime.start`), so each run is a process of its own.
+Taichi's check cannot raise an error here (`usvauv.kernels.runtime.start`), so each run is a process of its own.
 """
 
 import os
@@ -9,12 +9,12 @@ import sys
 
 import pytest
 
-from kernels.runtime import DEBUG
 from tests.links import EVERY_STEP
+from usvauv.kernels.runtime import DEBUG
 
 MISSION = """
 import sys, torch
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
 
 world = World(Scenario.load(sys.argv[1], sys.argv[3:]), 3, 0, sys.argv[2])
 world.reset()

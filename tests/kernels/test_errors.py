@@ -2,7 +2,7 @@
 
 import pytest
 
-from kernels.errors import LONGEST, SHOWN, UserError, blaming, in_words, wrong_return
+from usvauv.kernels.errors import LONGEST, SHOWN, UserError, blaming, in_words, wrong_return
 
 
 @pytest.mark.parametrize("excess", [-1, 0, 1, 5000])

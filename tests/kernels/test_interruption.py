@@ -5,9 +5,9 @@ import threading
 
 import pytest
 
-from kernels import interruption as module
-from kernels.errors import UserError
-from kernels.interruption import PATIENCE, SIGNALS, Interrupted, Interruption, deferred, in_thread, stoppable
+from usvauv.kernels import interruption as module
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.interruption import PATIENCE, SIGNALS, Interrupted, Interruption, deferred, in_thread, stoppable
 
 
 @pytest.fixture

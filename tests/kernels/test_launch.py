@@ -8,12 +8,12 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.device_arrays import DeviceArray, DeviceArrays
-from kernels.device_flag import DeviceFlag
-from kernels.launch import Launch
-from kernels.runtime import Runtime
-from kernels.types import vec3
+from usvauv.kernels import runtime
+from usvauv.kernels.device_arrays import DeviceArray, DeviceArrays
+from usvauv.kernels.device_flag import DeviceFlag
+from usvauv.kernels.launch import Launch
+from usvauv.kernels.runtime import Runtime
+from usvauv.kernels.types import vec3
 
 
 @ti.kernel

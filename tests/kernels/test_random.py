@@ -8,9 +8,9 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels import random
-from kernels.mission.columns import Draw
 from tests.import_graph import sources
+from usvauv.kernels import random
+from usvauv.kernels.mission.columns import Draw
 
 
 @ti.kernel

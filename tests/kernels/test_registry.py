@@ -2,9 +2,9 @@
 
 import pytest
 
-from kernels.errors import UserError
-from kernels.positioning.absorption import absorption_laws
-from kernels.registry import Registry
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.positioning.absorption import absorption_laws
+from usvauv.kernels.registry import Registry
 
 
 class Wrong(UserError):

@@ -13,11 +13,11 @@ import taichi as ti
 import torch
 from taichi.lang import impl, kernel_impl
 
-from kernels import runtime
-from kernels.flow import current
-from kernels.planning import global_search, receding_horizon, zermelo
-from kernels.positioning import acoustic_link, rays, tracker, waveform
-from kernels.shallow_water.nonlinear import NonlinearShallowWater
+from usvauv.kernels import runtime
+from usvauv.kernels.flow import current
+from usvauv.kernels.planning import global_search, receding_horizon, zermelo
+from usvauv.kernels.positioning import acoustic_link, rays, tracker, waveform
+from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 PATIENCE = 1 << 28  # looks at the other turn, a second or more
 

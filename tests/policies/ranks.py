@@ -12,12 +12,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from kernels import runtime
-from policies import PolicyError, Trainer, TrainingConfig
-from policies.algorithms import ALGORITHMS, Batch, Sizes
-from policies.standardizer import Standardizer
-from policies.training.ranks import ALONE, Ranks, joined
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.kernels import runtime
+from usvauv.policies import PolicyError, Trainer, TrainingConfig
+from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
+from usvauv.policies.standardizer import Standardizer
+from usvauv.policies.training.ranks import ALONE, Ranks, joined
 
 ALGORITHM_NAMES = "sac", "td3", "ddpg"
 SIZES, BATCH, UPDATES = Sizes(2, 6, 2), 32, 100

@@ -13,11 +13,11 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-import policies
-from policies import PolicyError, Trainer, TrainingConfig, checkpoint
 from tests.policies.toy import ToyWorld, scenario
-from usvauv_env import swap
-from usvauv_env.files import OutputError
+from usvauv import policies
+from usvauv.env import swap
+from usvauv.env.files import OutputError
+from usvauv.policies import PolicyError, Trainer, TrainingConfig, checkpoint
 
 CONFIG = TrainingConfig(num_worlds=8, hidden=(16, 16), batch=32, warmup=200, n_step=3, replay=4000)
 

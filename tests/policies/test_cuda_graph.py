@@ -8,12 +8,12 @@ import copy
 import pytest
 import torch
 
-from policies import TrainingConfig
-from policies.algorithms import ALGORITHMS, Batch, Sizes
-from policies.cuda_graph import WARM_UP, Recorded
-from policies.training import Trainer
 from tests.nothing_waits import NothingWaits
 from tests.policies.toy import LEARNING, ToyWorld, scenario, seeded
+from usvauv.policies import TrainingConfig
+from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
+from usvauv.policies.cuda_graph import WARM_UP, Recorded
+from usvauv.policies.training import Trainer
 
 SIZES = Sizes(stack=2, observation=5, action=2)
 CALLS = 3 * WARM_UP + 5

@@ -8,19 +8,19 @@ import onnxruntime
 import pytest
 import torch
 
-import policies
-from policies import LearnedPolicy, PolicyError, TrainingConfig
-from policies import export as exporting
-from policies.algorithms import ALGORITHMS, Sizes
-from policies.export import export
-from policies.frames import ACTION_SIZE, FRAMES
-from policies.standardizer import Standardizer
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
-from usvauv_env import Scenario, World
-from usvauv_env.files import OutputError
-from usvauv_env.site.site import Site
-from usvauv_env.world.observation import ObservationLayout, commanded, observed
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.env.files import OutputError
+from usvauv.env.site.site import Site
+from usvauv.env.world.observation import ObservationLayout, commanded, observed
+from usvauv.policies import LearnedPolicy, PolicyError, TrainingConfig
+from usvauv.policies import export as exporting
+from usvauv.policies.algorithms import ALGORITHMS, Sizes
+from usvauv.policies.export import export
+from usvauv.policies.frames import ACTION_SIZE, FRAMES
+from usvauv.policies.standardizer import Standardizer
 
 KINDS = {
     "shipped": ("extreme", None, {}),

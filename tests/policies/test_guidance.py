@@ -9,11 +9,11 @@ import pytest
 import torch
 from scipy.optimize import minimize_scalar
 
-import policies
-from policies.frames import BORDER_MARGIN, PRICE, GuidedFrame
-from policies.guidance import SPEEDS, SpeedToFly, clear_of_others, crab, unit
 from tests.policies.toy import ToyWorld, scenario
-from usvauv_env import Scenario
+from usvauv import policies
+from usvauv.env import Scenario
+from usvauv.policies.frames import BORDER_MARGIN, PRICE, GuidedFrame
+from usvauv.policies.guidance import SPEEDS, SpeedToFly, clear_of_others, crab, unit
 
 
 def directions(count, seed=0):

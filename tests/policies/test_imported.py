@@ -5,9 +5,9 @@ import sys
 import pytest
 import torch
 
-import policies
-from policies import PolicyError
 from tests.policies.toy import ToyWorld, scenario
+from usvauv import policies
+from usvauv.policies import PolicyError
 
 TEXT = """
 import math

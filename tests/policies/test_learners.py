@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 import torch
 
-from policies.algorithms import ALGORITHMS, Batch, Sizes
-from policies.networks import ACTION_GAIN, Critic, DeterministicActor, GaussianActor, StackedMLP, stack, unstack
-from policies.standardizer import Standardizer
-from policies.training.noise import CorrelatedNoise
-from policies.training.replay import Replay
 from tests.policies.toy import LEARNING, seeded
+from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
+from usvauv.policies.networks import ACTION_GAIN, Critic, DeterministicActor, GaussianActor, StackedMLP, stack, unstack
+from usvauv.policies.standardizer import Standardizer
+from usvauv.policies.training.noise import CorrelatedNoise
+from usvauv.policies.training.replay import Replay
 
 CPU = torch.device("cpu")
 

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 import torch
 
-import policies
-from kernels.interruption import Interrupted
-from kernels.mission.target_rules import learned, parse
-from kernels.mission.target_rules.learned import FEATURES, Feature
-from policies.decisions import NODES, DecisionConfig, DecisionTrainer
-from policies.decisions.network import Scores, split
-from policies.decisions.trainer import Decisions, advantages
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, World
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.kernels.interruption import Interrupted
+from usvauv.kernels.mission.target_rules import learned, parse
+from usvauv.kernels.mission.target_rules.learned import FEATURES, Feature
+from usvauv.policies.decisions import NODES, DecisionConfig, DecisionTrainer
+from usvauv.policies.decisions.network import Scores, split
+from usvauv.policies.decisions.trainer import Decisions, advantages
 
 SMALL = (*EVERY_STEP, "auv.count=3", "nodes.count=12", "nodes.arrival_rates=[1,30]", "nodes.information=visits")
 
@@ -203,7 +203,7 @@ class TestCommand:
     )
     def test_bad_input(self, run_usvauv, tmp_path, monkeypatch, arguments, parts):
         """Before there is a world."""
-        monkeypatch.setattr("policies.decisions.trainer.World", lambda *_, **__: pytest.fail("made a world"))
+        monkeypatch.setattr("usvauv.policies.decisions.trainer.World", lambda *_, **__: pytest.fail("made a world"))
         code, _, stderr = run_usvauv("train-targets", *self.SHORT, *arguments)
         assert code == 2
         assert len(stderr.strip().splitlines()) == 1
@@ -236,7 +236,7 @@ class TestCommand:
 
     @pytest.mark.slow
     def test_ctrl_c_keeps_the_best(self, tmp_path):
-        command = [sys.executable, "-c", "from usvauv_cli.app import main; main()", "train-targets", *self.SHORT]
+        command = [sys.executable, "-c", "from usvauv.cli.app import main; main()", "train-targets", *self.SHORT]
         command[command.index("--iterations") + 1] = "100000"
         run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         deadline = time.monotonic() + 600  # on a busy machine

@@ -8,22 +8,22 @@ import pytest
 import taichi as ti
 import torch
 
-import policies
-from kernels.errors import UserError
-from kernels.mission.target_rules import TargetRule, target_rules
-from kernels.mission.worlds import Strategy
-from kernels.positioning.ambient_noise import ambient_noise_laws
-from kernels.types import vec2
-from policies import PolicyError, Trainer
-from policies.algorithms import ALGORITHMS
-from policies.algorithms.ddpg import DDPG
-from policies.heuristics import HEURISTICS, Heuristic
 from tests.policies.toy import LEARNING, ToyWorld, scenario
-from usvauv_env import Scenario, World
-from usvauv_env.record.metrics import Metric, episode_metrics, task_metrics
-from usvauv_env.record.recorder import record
-from usvauv_env.world.boat_strategies import BoatStrategy, boat_strategies
-from usvauv_env.world.observation import ObservationTerm, observation_terms
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.env.record.metrics import Metric, episode_metrics, task_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
+from usvauv.env.world.observation import ObservationTerm, observation_terms
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.mission.target_rules import TargetRule, target_rules
+from usvauv.kernels.mission.worlds import Strategy
+from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws
+from usvauv.kernels.types import vec2
+from usvauv.policies import PolicyError, Trainer
+from usvauv.policies.algorithms import ALGORITHMS
+from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.heuristics import HEURISTICS, Heuristic
 
 pytestmark = pytest.mark.usefixtures("own_registries")
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import torch
 
-import policies
-from policies import PolicyError, Trainer
 from tests.policies.toy import LEARNING, ToyWorld, scenario
-from usvauv_env import plugins
+from usvauv import policies
+from usvauv.env import plugins
+from usvauv.policies import PolicyError, Trainer
 
 pytestmark = pytest.mark.usefixtures("own_registries")
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plugins"

@@ -8,13 +8,13 @@ import re
 import pytest
 import torch
 
-import policies
-from policies import PolicyError, Trainer
-from policies.frames import TargetFrame, WorldFrame
-from policies.guidance import rotate, unit, unrotate
 from tests.policies.toy import LEARNING, ToyWorld, scenario
 from tests.slowly import slowly
-from usvauv_env import Scenario, World, evaluate
+from usvauv import policies
+from usvauv.env import Scenario, World, evaluate
+from usvauv.policies import PolicyError, Trainer
+from usvauv.policies.frames import TargetFrame, WorldFrame
+from usvauv.policies.guidance import rotate, unit, unrotate
 
 
 def observe(toy, worlds=64, seed=0):

@@ -14,14 +14,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from kernels.errors import UserError
-from policies.checkpoint import TRAINING, read
-from policies.standardizer import Standardizer
-from policies.training.ranks import Ranks, joined
 from tests.policies import ranks as program
 from tests.policies.ranks import ALGORITHM_NAMES, STOP, TOTAL, WORLDS
 from tests.policies.test_resume import same
-from usvauv_env import ScenarioError, World
+from usvauv.env import ScenarioError, World
+from usvauv.kernels.errors import UserError
+from usvauv.policies.checkpoint import TRAINING, read
+from usvauv.policies.standardizer import Standardizer
+from usvauv.policies.training.ranks import Ranks, joined
 
 pytestmark = pytest.mark.cpu("processes that share one machine")
 ROOT = Path(__file__).parents[2]
@@ -179,7 +179,7 @@ class TestRun:
 
 class TestCommand:
     SMALL = (*("--learn", "hidden=8,8", "--learn", "batch=8", "--learn", "n_step=2"), "--set", "mission.duration=12")
-    BEGIN = ("-m", "usvauv_cli", "train", "extreme", "--worlds", WORLDS, "--usv", "centroid", *SMALL)
+    BEGIN = ("-m", "usvauv.cli", "train", "extreme", "--worlds", WORLDS, "--usv", "centroid", *SMALL)
 
     @pytest.mark.slow
     def test_a_signal_to_one_ends_all_and_saves(self, tmp_path):
@@ -207,7 +207,7 @@ class TestCommand:
         ],
     )
     def test_torchrun_and_one_line_of_an_error(self, tmp_path, options, said):
-        command = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2", "-m", "usvauv_cli", "train"]
+        command = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2", "-m", "usvauv.cli", "train"]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         done = subprocess.run(
             [*command, *options, "--out", str(tmp_path / "run")],

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 import torch
 
-import policies
-from policies import Trainer, TrainingConfig
-from policies.checkpoint import POLICY, TRAINING, read
-from policies.training.provenance import provenance
-from usvauv_cli import app
-from usvauv_env import Scenario, World
+from usvauv import policies
+from usvauv.cli import app
+from usvauv.env import Scenario, World
+from usvauv.policies import Trainer, TrainingConfig
+from usvauv.policies.checkpoint import POLICY, TRAINING, read
+from usvauv.policies.training.provenance import provenance
 
 # With filters and their memory. 4 worlds of 12 steps an episode: one ends after 48 world-steps.
 SCENARIO = ["mission.duration=12"]

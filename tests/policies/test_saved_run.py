@@ -5,10 +5,10 @@ import math
 import pytest
 import torch
 
-from kernels.errors import DivergenceError
-from policies import PolicyError, checkpoint
-from policies.checkpoint import LAST, TRAINING
 from tests.trials.checkpoints import STEPS, trainer
+from usvauv.kernels.errors import DivergenceError
+from usvauv.policies import PolicyError, checkpoint
+from usvauv.policies.checkpoint import LAST, TRAINING
 
 
 @pytest.fixture(scope="module")

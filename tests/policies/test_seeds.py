@@ -9,14 +9,14 @@ import signal
 import pytest
 import torch
 
-from kernels.errors import DivergenceError
-from policies import PolicyError, Seeds, Trainer, TrainingConfig
-from policies.algorithms import ALGORITHMS
-from policies.algorithms.ddpg import DDPG
-from policies.checkpoint import LAST, POLICY, TRAINING, read
-from policies.networks import stack, unstack
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.kernels.errors import DivergenceError
+from usvauv.policies import PolicyError, Seeds, Trainer, TrainingConfig
+from usvauv.policies.algorithms import ALGORITHMS
+from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.checkpoint import LAST, POLICY, TRAINING, read
+from usvauv.policies.networks import stack, unstack
 
 SEEDS = (3, 4, 9)
 SHORT = dataclasses.replace(LEARNING, num_worlds=8, hidden=(16, 16), batch=32, warmup=160, replay=8 * 64)

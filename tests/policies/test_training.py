@@ -7,10 +7,10 @@ import dataclasses
 import pytest
 import torch
 
-from policies import PolicyError, Trainer, TrainingConfig
-from policies.algorithms import ALGORITHMS, Sizes
-from policies.algorithms.learner import AVERAGED
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
+from usvauv.policies import PolicyError, Trainer, TrainingConfig
+from usvauv.policies.algorithms import ALGORITHMS, Sizes
+from usvauv.policies.algorithms.learner import AVERAGED
 
 
 class TestTraining:
@@ -85,7 +85,7 @@ class TestTraining:
         assert int(trainer.replay.end.sum()) == 2
 
     def test_trains_in_the_real_world(self):
-        from usvauv_env import Scenario, World
+        from usvauv.env import Scenario, World
 
         config = dataclasses.replace(LEARNING, num_worlds=4, warmup=80, hidden=(16,), batch=32)
         trainer = Trainer(World(Scenario.load("extreme"), num_worlds=4, seed=5), config)

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import torch
 
-import policies
-from kernels.mission import learned_visits
-from kernels.mission.columns import AuvColumn
-from kernels.mission.learned_visits import FEATURES
-from kernels.positioning import tracker
-from policies.decisions import VISITS
-from policies.decisions.network import Scores, split
-from policies.decisions.visits import earned_until_next
-from usvauv_env import Scenario, World
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.kernels.mission import learned_visits
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.mission.learned_visits import FEATURES
+from usvauv.kernels.positioning import tracker
+from usvauv.policies.decisions import VISITS
+from usvauv.policies.decisions.network import Scores, split
+from usvauv.policies.decisions.visits import earned_until_next
 
 FOUR = ["auv.count=4", "nodes.count=12"]
 

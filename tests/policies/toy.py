@@ -1,14 +1,14 @@
-"""A small world with the interface of `usvauv_env.World`, in plain torch: points that visit targets in a square."""
+"""A small world with the interface of `usvauv.env.World`, in plain torch: points that visit targets in a square."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-import policies
-from policies import TrainingConfig
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.observation import ObservationLayout
+from usvauv import policies
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.observation import ObservationLayout
+from usvauv.policies import TrainingConfig
 
 # Small networks on one core: a second thread only waits for the first.
 torch.set_num_threads(1)

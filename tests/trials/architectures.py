@@ -34,9 +34,9 @@ QUANTITIES = {
 
 def run(arch: str, steps: int, worlds: int, seed: int, out: Path) -> None:
     """One run, in this process: an array (steps, worlds, …) of each quantity and of the events."""
-    import policies
-    from kernels.mission.columns import AuvColumn, BoatColumn
-    from usvauv_env import Scenario, World
+    from usvauv import policies
+    from usvauv.env import Scenario, World
+    from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
 
     world = World(Scenario.load("extreme"), worlds, seed, arch=arch)
     policy = policies.load("straight", world)

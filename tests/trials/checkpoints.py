@@ -23,12 +23,12 @@ from typing import Any
 import torch
 from safetensors.torch import load_file, save_file
 
-from kernels.errors import UserError
-from policies import Trainer, TrainingConfig, read_run
-from policies.training.provenance import provenance
 from tests.trials.fuzz import require_finite
-from usvauv_env import Scenario, World
-from usvauv_env.world.boat_strategies import StrategyChoice
+from usvauv.env import Scenario, World
+from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.kernels.errors import UserError
+from usvauv.policies import Trainer, TrainingConfig, read_run
+from usvauv.policies.training.provenance import provenance
 
 WORLDS, STEPS, MORE = 4, 64, 12
 NUMBERS = (math.nan, math.inf, -math.inf, 1e9, -1.0, 0.5, 3e38, 1e-40, 255.0)

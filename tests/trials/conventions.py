@@ -23,11 +23,11 @@ REQUIRED = "Errors"
 
 def files(folder: Path) -> list[tuple[Path, bool]]:
     """Written files, and whether each has a date."""
-    import policies
-    from usvauv_env import Scenario, World
-    from usvauv_env.record.recorder import record
-    from usvauv_env.sea_alone.netcdf import SeaFile
-    from usvauv_env.sea_alone.simulation import SeaSimulation, first_vortices
+    from usvauv import policies
+    from usvauv.env import Scenario, World
+    from usvauv.env.record.recorder import record
+    from usvauv.env.sea_alone.netcdf import SeaFile
+    from usvauv.env.sea_alone.simulation import SeaSimulation, first_vortices
 
     made = []
     for name, changes in (("nowhere", []), ("place", PLACE), ("date", DATE)):

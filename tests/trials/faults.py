@@ -34,13 +34,13 @@ from pathlib import Path
 import av
 import xarray
 
-from policies import checkpoint
-from policies.policy import PolicyError
 from tests.trials.kills import BEGIN, CPU
-from usvauv_cli import app, parser, plan_figure, report, sea_view  # noqa: F401  imported once, for all forks
-from usvauv_cli.reproduction import targets  # noqa: F401
+from usvauv.cli import app, parser, plan_figure, report, sea_view  # noqa: F401  imported once, for all forks
+from usvauv.cli.reproduction import targets  # noqa: F401
+from usvauv.policies import checkpoint
+from usvauv.policies.policy import PolicyError
 
-CALL = "from usvauv_cli.app import main; main()"
+CALL = "from usvauv.cli.app import main; main()"
 STUDY = Path(__file__).with_name("study.toml")
 PLAN = ["plan", "--auv", "60,80,100", "--auv", "150,120,90"]
 SEA = ["sea", "ideal", "--duration", "2", "--resolution", "20", "--interval", "0.25", "--out"]

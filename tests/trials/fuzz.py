@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from usvauv_env import Scenario
+    from usvauv.env import Scenario
 
 PATIENCE = 60.0  # s for one case
 ROOM = 6 << 30  # bytes of data that a process may have
@@ -120,7 +120,7 @@ def sometimes_run(r: random.Random, setting: Scenario) -> None:
 
 
 def fuzz_toml(r: random.Random, folder: Path) -> None:
-    from usvauv_env import Scenario
+    from usvauv.env import Scenario
 
     path = folder / "case.toml"
     text = Scenario.load(r.choice(Scenario.shipped())).to_toml().encode()
@@ -140,7 +140,7 @@ def fuzz_toml(r: random.Random, folder: Path) -> None:
 
 
 def fuzz_override(r: random.Random, folder: Path) -> None:
-    from usvauv_env import Scenario
+    from usvauv.env import Scenario
 
     base = Scenario.load("extreme").to_dict()
     sections = [name for name, value in base.items() if isinstance(value, dict) and value]
@@ -157,7 +157,7 @@ def fuzz_override(r: random.Random, folder: Path) -> None:
 
 
 def fuzz_learn(r: random.Random, folder: Path) -> None:
-    from policies.config import TUNABLE, TrainingConfig
+    from usvauv.policies.config import TUNABLE, TrainingConfig
 
     name = r.choice(TUNABLE) if r.random() < 0.9 else r.choice(TEXTS)
     config = TrainingConfig().changed([f"{name}={r.choice((str(wild(r)), repr(10 ** r.uniform(-20, 20))))}"])
@@ -165,11 +165,11 @@ def fuzz_learn(r: random.Random, folder: Path) -> None:
 
 
 def fuzz_plan(r: random.Random, folder: Path) -> None:
-    from usvauv_cli.commands.plan import surface_slope, with_team
-    from usvauv_cli.objectives import MEASUREMENTS, OBJECTIVES
-    from usvauv_env import Scenario
-    from usvauv_env.positioning import solve
-    from usvauv_env.site.positions import auv_position, boat_position
+    from usvauv.cli.commands.plan import surface_slope, with_team
+    from usvauv.cli.objectives import MEASUREMENTS, OBJECTIVES
+    from usvauv.env import Scenario
+    from usvauv.env.positioning import solve
+    from usvauv.env.site.positions import auv_position, boat_position
 
     overrides = []
     for field in ("usbl.attitude_error", "usbl.spacing", "acoustics.source_level", "acoustics.bandwidth", "area.width"):
@@ -205,14 +205,14 @@ def fuzz_plan(r: random.Random, folder: Path) -> None:
     assert 0 <= answer.optimum.x <= area.width
     assert 0 <= answer.optimum.y <= area.length
     if r.random() < 0.01:
-        from usvauv_cli import plan_figure
+        from usvauv.cli import plan_figure
 
         plan_figure.draw(answer, landscape, folder / "plan.png")
     assert text
 
 
 def fuzz_checkpoint(r: random.Random, folder: Path) -> None:
-    import policies
+    from usvauv import policies
 
     name = r.choice(policies.trained())
     place = folder / "checkpoint"
@@ -229,7 +229,7 @@ def fuzz_checkpoint(r: random.Random, folder: Path) -> None:
 
 
 def fuzz_plugin(r: random.Random, folder: Path) -> None:
-    from usvauv_env import plugins
+    from usvauv.env import plugins
 
     sources = sorted((Path(__file__).parents[2] / "examples" / "plugins").glob("*.py"))
     path = folder / f"case{r.randrange(10**9)}.py"
@@ -242,7 +242,7 @@ def fuzz_arguments(r: random.Random, folder: Path) -> None:
     """Command lines that end before work begins: each has an option that is refused, or asks for little."""
     import contextlib
 
-    from usvauv_cli import app
+    from usvauv.cli import app
 
     words = [
         "simulate",
@@ -278,7 +278,7 @@ def fuzz_arguments(r: random.Random, folder: Path) -> None:
     assert not said.startswith("error: unexpected "), said
     assert "Traceback" not in said, said
     if code:
-        from kernels.errors import UserError
+        from usvauv.kernels.errors import UserError
 
         raise UserError(said.strip())
 
@@ -310,7 +310,7 @@ def fuzz_attributes(r: random.Random, folder: Path, change=attributes_changed) -
     import numpy as np
 
     from tests.usvauv_env import ocean_files as ocean
-    from usvauv_env.site.cf_ocean import read_bathymetry, read_flow
+    from usvauv.env.site.cf_ocean import read_bathymetry, read_flow
 
     path = folder / "case.nc"
     warnings.simplefilter("ignore")
@@ -333,10 +333,10 @@ def fuzz_bytes(r: random.Random, folder: Path) -> None:
 
 
 def fuzz_trace(r: random.Random, folder: Path) -> None:
-    from policies import load
-    from usvauv_env import Scenario, Trace, World
-    from usvauv_env.record.metrics import episode_metrics
-    from usvauv_env.record.recorder import record
+    from usvauv.env import Scenario, Trace, World
+    from usvauv.env.record.metrics import episode_metrics
+    from usvauv.env.record.recorder import record
+    from usvauv.policies import load
 
     whole = folder / "whole.nc"
     if not whole.exists():
@@ -351,7 +351,7 @@ def fuzz_trace(r: random.Random, folder: Path) -> None:
 
 def run_case(kind: str, seed: int, number: int, folder: Path) -> str:
     """Outcome of one case: "accepted", "refused", or what went wrong."""
-    from kernels.errors import UserError
+    from usvauv.kernels.errors import UserError
 
     r = random.Random(f"{kind}-{seed}-{number}")
     try:

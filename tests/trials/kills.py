@@ -23,10 +23,10 @@ from pathlib import Path
 
 import torch
 
-from policies import checkpoint
-from policies.policy import PolicyError
-from usvauv_cli import app, parser  # noqa: F401  imported once, for all forks
-from usvauv_env import swap
+from usvauv.cli import app, parser  # noqa: F401  imported once, for all forks
+from usvauv.env import swap
+from usvauv.policies import checkpoint
+from usvauv.policies.policy import PolicyError
 
 CPU = torch.device("cpu")
 PARTS = (checkpoint.POLICY, checkpoint.TRAINING)

@@ -18,11 +18,11 @@ from typing import Any
 import torch
 from pydantic.fields import FieldInfo
 
-from kernels.errors import UserError
-from kernels.mission.columns import AuvColumn, BoatColumn
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, World
-from usvauv_env.sections.fields import Section
+from usvauv.env import Scenario, World
+from usvauv.env.sections.fields import Section
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
 
 STEPS = 12
 LONGEST = 2e8  # cell steps of a mission step that the trial has time for

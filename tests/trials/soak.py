@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-import policies
-from kernels.mission.columns import AuvColumn, BoatColumn
-from usvauv_env import Scenario, World
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
 
 SAMPLES = 60
 GROWTH = {"memory MiB": 0.02, "open files": 0.0}  # share

@@ -14,13 +14,13 @@ from pathlib import Path
 import av
 import pytest
 
-import usvauv_env
-from kernels.errors import UserError
-from usvauv_env import Trace, plugins
-from usvauv_env.lock import locked
-from usvauv_env.record.metrics import COLUMNS
+from usvauv import env
+from usvauv.env import Trace, plugins
+from usvauv.env.lock import locked
+from usvauv.env.record.metrics import COLUMNS
+from usvauv.kernels.errors import UserError
 
-COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()"]
+COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 SHORT = ["--set", "mission.duration=12"]
 LOADING = "loading torch and Taichi …\n"  # first line of `train`
 
@@ -242,14 +242,14 @@ def test_a_policy_of_another_team_is_told_of(run_usvauv, command):
 
 
 def test_train_says_what_it_does_before_what_takes_long(tmp_path, run_usvauv, monkeypatch):
-    without_torch = "import sys; sys.modules['torch'] = None; from usvauv_cli.app import main; main()"
+    without_torch = "import sys; sys.modules['torch'] = None; from usvauv.cli.app import main; main()"
     done = subprocess.run([sys.executable, "-c", without_torch, "train"], capture_output=True, text=True, cwd=tmp_path)
     assert done.stdout == LOADING
 
     def fail(*_: object, **__: object) -> None:
         raise UserError("no world")
 
-    monkeypatch.setattr(usvauv_env, "World", fail)
+    monkeypatch.setattr(env, "World", fail)
     assert run_usvauv("train", "--out", "run") == (2, f"{LOADING}compiling the world …\n", "error: no world\n")
 
 
@@ -305,7 +305,7 @@ def test_a_refusal_of_the_system_is_named_also_where_a_library_wraps_it(run_usva
         except FileNotFoundError as refusal:
             raise RuntimeError("\n## Exception summary\n") from refusal
 
-    monkeypatch.setattr("policies.load_learned", vanished)
+    monkeypatch.setattr("usvauv.policies.load_learned", vanished)
     assert run_usvauv("export", "sac-extreme") == (2, "", "error: No such file or directory\n")
 
 
@@ -313,7 +313,7 @@ def test_an_unexpected_error_is_one_line_that_says_how_to_see_more(run_usvauv, m
     def fail(*arguments):
         raise ZeroDivisionError("division\nby zero")
 
-    monkeypatch.setattr("usvauv_env.Scenario.load", fail)
+    monkeypatch.setattr("usvauv.env.Scenario.load", fail)
     code, _, stderr = run_usvauv("scenarios", "extreme")
     assert code == 2
     assert stderr == "error: unexpected ZeroDivisionError: division by zero (set USVAUV_TRACEBACK=1 to see where)\n"

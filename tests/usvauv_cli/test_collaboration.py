@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
-from usvauv_cli.reproduction import collaboration, targets
-from usvauv_cli.reproduction.collaboration import AXES, FIGURES, NEAR, PERFECT, Missions
-from usvauv_cli.reproduction.settings import FULL
-from usvauv_cli.reproduction.work import Work
-from usvauv_env.record.table import read_rows, write_rows
+from usvauv.cli.reproduction import collaboration, targets
+from usvauv.cli.reproduction.collaboration import AXES, FIGURES, NEAR, PERFECT, Missions
+from usvauv.cli.reproduction.settings import FULL
+from usvauv.cli.reproduction.work import Work
+from usvauv.env.record.table import read_rows, write_rows
 
 TINY = dataclasses.replace(FULL, wide_episodes=2, overrides=("mission.duration=20", "nodes.count=20"))
 

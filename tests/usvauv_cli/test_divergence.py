@@ -6,9 +6,9 @@ import sys
 
 import xarray
 
-from usvauv_cli import app
-from usvauv_env import Trace, World
-from usvauv_env.sea_alone.simulation import SeaSimulation
+from usvauv.cli import app
+from usvauv.env import Trace, World
+from usvauv.env.sea_alone.simulation import SeaSimulation
 
 SCENARIO = ("--set", "mission.duration=8", "--set", "sea.fine_cells=32", "--set", "sea.cell_size=20")
 
@@ -71,7 +71,7 @@ def test_sea_keeps_the_records_before(tmp_path, capsys, monkeypatch):
         whole(self)
 
     monkeypatch.setattr(SeaSimulation, "advance", advance)
-    monkeypatch.setattr("usvauv_cli.commands.sea.TRIAL_SECONDS", 0.0)
+    monkeypatch.setattr("usvauv.cli.commands.sea.TRIAL_SECONDS", 0.0)
     out = tmp_path / "s.nc"
     code, _, error = run(capsys, monkeypatch, "sea", "extreme", *SCENARIO, "--duration", 20, "--out", out)
     assert code == 2

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from usvauv_cli.commands import doctor
+from usvauv.cli.commands import doctor
 
 GOOD = {"rate": 100.0, "threads": 2, "observation": [0.1, 0.2], "reward": [1.0], "sea": [0.5]}
 

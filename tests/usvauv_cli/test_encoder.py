@@ -8,7 +8,7 @@ import av
 import numpy as np
 import pytest
 
-from usvauv_cli.encoder import FORMATS, video_file
+from usvauv.cli.encoder import FORMATS, video_file
 
 
 def gradients(count: int) -> list[np.ndarray]:

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from kernels.errors import UserError
 from tests.usvauv_cli import slurm_here, work
-from usvauv_cli.engines import on_slurm
-from usvauv_cli.engines.conduct import ATTEMPTS, Engine, conduct, signs_in
-from usvauv_cli.engines.local import Local
-from usvauv_cli.engines.on_ray import OnRay
-from usvauv_cli.engines.on_slurm import OnSlurm
-from usvauv_cli.engines.task import Ended, Task
+from usvauv.cli.engines import on_slurm
+from usvauv.cli.engines.conduct import ATTEMPTS, Engine, conduct, signs_in
+from usvauv.cli.engines.local import Local
+from usvauv.cli.engines.on_ray import OnRay
+from usvauv.cli.engines.on_slurm import OnSlurm
+from usvauv.cli.engines.task import Ended, Task
+from usvauv.kernels.errors import UserError
 
 
 def conducted(engine: Engine, folder: Path, watch=lambda: None, **pieces) -> dict[str, Ended]:

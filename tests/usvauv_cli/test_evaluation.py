@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from usvauv_cli import report
-from usvauv_cli.evaluation.comparison import LEAST_EPISODES, Comparison, labels
-from usvauv_cli.evaluation.definition import first_difference
-from usvauv_cli.evaluation.estimates import EXACT, Estimate, Moments, t_quantile, words
-from usvauv_env import World, memory
-from usvauv_env.record import evaluation
-from usvauv_env.record.growing_table import Combination
-from usvauv_env.record.metrics import FIGURES
-from usvauv_env.record.recorder import EACH
+from usvauv.cli import report
+from usvauv.cli.evaluation.comparison import LEAST_EPISODES, Comparison, labels
+from usvauv.cli.evaluation.definition import first_difference
+from usvauv.cli.evaluation.estimates import EXACT, Estimate, Moments, t_quantile, words
+from usvauv.env import World, memory
+from usvauv.env.record import evaluation
+from usvauv.env.record.growing_table import Combination
+from usvauv.env.record.metrics import FIGURES
+from usvauv.env.record.recorder import EACH
 
 ONE, TWO, THREE = (Combination(name, "fim", "tour") for name in ("one", "two", "three"))
 EVAL = ("eval", "ideal", "--policy", "straight", "--policy", "random", "--set", "mission.duration=2", "--seed", 3)
@@ -209,7 +209,7 @@ def test_only_the_same_command_goes_on(tmp_path, run_usvauv, stopping):
 
 def test_it_ends_when_differences_are_known_well_enough(tmp_path, run_usvauv, stopping, monkeypatch):
     """Of pairs that are complete, at the first end of a batch; resumed as well."""
-    monkeypatch.setattr("usvauv_cli.evaluation.comparison.LEAST_EPISODES", 8)
+    monkeypatch.setattr("usvauv.cli.evaluation.comparison.LEAST_EPISODES", 8)
     asked = (*EVAL, "--episodes", 40, "--score", "energy_wh", "--against", "random", "--out", "m.csv")
     run_usvauv(*asked)
     with (tmp_path / "m.csv").open() as stream:

@@ -7,14 +7,14 @@ from functools import reduce
 import numpy as np
 import pytest
 
-from kernels.errors import UserError
 from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv_cli.fix_log.estimate import auvs_of_log, estimate
-from usvauv_cli.fix_log.reader import Fixes, read_log
-from usvauv_cli.fix_log.sentences import BadLine, Boat, Geographic, Heading, Relative, parse
-from usvauv_env import Scenario
-from usvauv_env.exchange import formats
-from usvauv_env.site.local_frame import LocalFrame
+from usvauv.cli.fix_log.estimate import auvs_of_log, estimate
+from usvauv.cli.fix_log.reader import Fixes, read_log
+from usvauv.cli.fix_log.sentences import BadLine, Boat, Geographic, Heading, Relative, parse
+from usvauv.env import Scenario
+from usvauv.env.exchange import formats
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.kernels.errors import UserError
 
 HERE = LocalFrame(8.87, 50.02)
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.flow.vortex import Vortex
-from kernels.mission.columns import BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn
-from kernels.positioning import tracker
-from usvauv_cli.live import shapes
-from usvauv_cli.live.requests import Requests
-from usvauv_cli.live.session import Session, changed
-from usvauv_cli.live.sliders import SLIDERS
-from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv.cli.live import shapes
+from usvauv.cli.live.requests import Requests
+from usvauv.cli.live.session import Session, changed
+from usvauv.cli.live.sliders import SLIDERS
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.mission.columns import BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn
+from usvauv.kernels.positioning import tracker
 
 CHROMIUM = Path("/usr/bin/chromium")
 SMALL = ["sea.fine_cells=32", "mission.duration=60", "current.mutual=false", "current.viscosity=0"]
@@ -232,8 +232,8 @@ def test_sliders_and_choices_in_a_tab_change_the_world(running):
     playwright = pytest.importorskip("playwright.sync_api")
     if not CHROMIUM.exists():
         pytest.skip(f"there is no {CHROMIUM}")
-    from usvauv_cli.live.server import listen, serve
-    from usvauv_cli.live.show import Show
+    from usvauv.cli.live.server import listen, serve
+    from usvauv.cli.live.show import Show
 
     asked = []
 
@@ -273,7 +273,7 @@ def test_sliders_and_choices_in_a_tab_change_the_world(running):
 
 
 def test_where_a_ray_meets_a_height():
-    from usvauv_cli.live.controls import meeting
+    from usvauv.cli.live.controls import meeting
 
     origin, way = np.array([0.0, 0.0, 10.0]), np.array([1.0, 0.0, -2.0])
     assert meeting(origin, way, 0.0) == pytest.approx([5.0, 0.0, 0.0])

@@ -10,8 +10,8 @@ from urllib.request import urlopen
 
 import pytest
 
-from kernels.errors import UserError
-from usvauv_cli.live import server
+from usvauv.cli.live import server
+from usvauv.kernels.errors import UserError
 
 viser = pytest.importorskip("viser")
 from websockets.exceptions import InvalidStatus  # noqa: E402  # comes with viser
@@ -107,7 +107,7 @@ def test_without_viser_one_line_names_the_extra(run_usvauv, monkeypatch):
 
 def test_the_command_prints_its_address_and_ctrl_c_ends_it():
     start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    start += "; from usvauv_cli.app import main; main()"
+    start += "; from usvauv.cli.app import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", start, "live", "extreme", "--set", "sea.fine_cells=32"],
         stdout=subprocess.PIPE,

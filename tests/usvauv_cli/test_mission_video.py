@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from kernels.errors import UserError
 from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv_cli.mission_video import ENDINGS, VideoSettings, render
-from usvauv_env import Scenario
-from usvauv_env.render.comparison import Comparison, differences
-from usvauv_env.render.painter import VIEWS, Look, painter_of
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.render.style import DARK, THEMES
+from usvauv.cli.mission_video import ENDINGS, VideoSettings, render
+from usvauv.env import Scenario
+from usvauv.env.render.comparison import Comparison, differences
+from usvauv.env.render.painter import VIEWS, Look, painter_of
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.style import DARK, THEMES
+from usvauv.kernels.errors import UserError
 
 SMALL = (320, 320)
 CODECS = {".mp4": "h264", ".webm": "vp9", ".gif": "gif", ".webp": "webp"}

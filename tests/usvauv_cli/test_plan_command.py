@@ -9,13 +9,13 @@ import pytest
 import torch
 from matplotlib import image
 
-from kernels.planning import global_search, objectives
-from kernels.positioning import usbl
 from tests.links import TILTING, TILTING_OPTIONS
-from usvauv_cli.plan_figure import draw
-from usvauv_env import Scenario, positioning
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv.cli.plan_figure import draw
+from usvauv.env import Scenario, positioning
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.positioning import usbl
 
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
 POSITIONS = [(60.0, 80.0, 100.0), (150.0, 120.0, 40.0)]

@@ -7,13 +7,13 @@ import re
 import pytest
 import torch
 
-from kernels.positioning import usbl
 from tests.links import TILTING, TILTING_OPTIONS
-from usvauv_env import Scenario
-from usvauv_env.fix_prediction import FixError
-from usvauv_env.fix_warnings import reason
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv.env import Scenario
+from usvauv.env.fix_prediction import FixError
+from usvauv.env.fix_warnings import reason
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels.positioning import usbl
 
 WIDE = ["--set", "area.width=2000", "--set", "area.length=2000"]
 FAR = ["--auv", "60,80,100", "--auv", "1500,1200,90", *WIDE]

@@ -5,11 +5,11 @@ import math
 
 import pytest
 
-from kernels.errors import UserError
-from usvauv_env import Scenario
-from usvauv_env.site.positions import angle, auv_position, coordinates, look_geographic
-from usvauv_env.world.boat_strategies import StrategyChoice
-from usvauv_env.world.tables import fixed_vortices
+from usvauv.env import Scenario
+from usvauv.env.site.positions import angle, auv_position, coordinates, look_geographic
+from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.env.world.tables import fixed_vortices
+from usvauv.kernels.errors import UserError
 
 CORNER = {"water.latitude": 22.51, "water.longitude": 114.02}
 PLACED = Scenario.load("extreme", [f"{name}={value}" for name, value in CORNER.items()])

@@ -18,15 +18,15 @@ import numpy as np
 import pytest
 import torch
 
-import policies
-from kernels.errors import UserError
-from policies import TrainingConfig, checkpoint
-from usvauv_cli.reproduction import fig3, fig4b, fixes, paper, pool, settings, table2, targets
-from usvauv_cli.reproduction.runs import TESTED, Heuristic, Learned
-from usvauv_cli.reproduction.settings import FULL, METHODS, QUICK, Settings
-from usvauv_env.record.table import read_rows, write_rows
+from usvauv import policies
+from usvauv.cli.reproduction import fig3, fig4b, fixes, paper, pool, settings, table2, targets
+from usvauv.cli.reproduction.runs import TESTED, Heuristic, Learned
+from usvauv.cli.reproduction.settings import FULL, METHODS, QUICK, Settings
+from usvauv.env.record.table import read_rows, write_rows
+from usvauv.kernels.errors import UserError
+from usvauv.policies import TrainingConfig, checkpoint
 
-COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()"]
+COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 TINY_RUN = {"num_worlds": 4, "hidden": (8,), "batch": 16, "warmup": 40, "n_step": 2, "replay": 400}
 TINY = Settings(
     methods=tuple(dataclasses.replace(m, config=dataclasses.replace(m.config, **TINY_RUN)) for m in METHODS),
@@ -248,7 +248,7 @@ def test_a_stopped_run_goes_on_bit_for_bit(tmp_path, monkeypatch):
     in_one_go = run.place(tmp_path / "one")
 
     # During training; the evaluation of the untrained policy takes the first 20 reports.
-    monkeypatch.setattr("policies.training.trainer.WINDOW", 5)
+    monkeypatch.setattr("usvauv.policies.training.trainer.WINDOW", 5)
     folder = tmp_path / "two"
     with pytest.raises(KeyboardInterrupt):
         pool._alone([run], TINY, folder, interrupting(22))
@@ -277,7 +277,7 @@ def test_an_interrupted_evaluation_leaves_no_table(tmp_path):
 def test_processes_do_what_one_does(tmp_path, whole, monkeypatch):
     plugin, loaded_by = tmp_path / "plugin.py", tmp_path / "loaded_by"
     plugin.write_text(f"import os\nwith open({str(loaded_by)!r}, 'a') as file: print(os.getpid(), file=file)")
-    monkeypatch.setattr("usvauv_env.plugins.loaded", lambda: [plugin])
+    monkeypatch.setattr("usvauv.env.plugins.loaded", lambda: [plugin])
     pieces = [Heuristic("straight", ESC), Heuristic("crab", "paper-ideal")]
     pool.run(pieces, TINY, tmp_path, 2, print)
     assert len(set(loaded_by.read_text().split())) == 2

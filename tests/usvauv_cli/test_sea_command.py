@@ -21,25 +21,25 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from tests.usvauv_env.ocean_files import cmems, eastward, northward, write
-from usvauv_cli import app
-from usvauv_cli.commands import sea as sea_command
-from usvauv_cli.commands.sea import sink
-from usvauv_cli.figure_theme import log_ticks
-from usvauv_cli.sea_view import figure
-from usvauv_cli.sea_view.block import Block
-from usvauv_cli.sea_view.section import Section
-from usvauv_cli.sea_view.spectra import measured, spectrum, target_spectrum, wanted
-from usvauv_cli.sea_view.surface import LevelSurface
-from usvauv_cli.sea_view.video import SeaPainter, SeaVideo
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.render import style
-from usvauv_env.render.frame_layout import Layout, MapView, Rectangle
-from usvauv_env.sea.build import build_sea, build_short_waves
-from usvauv_env.sea.storm import cumulative
-from usvauv_env.sea_alone.netcdf import SeaFile
-from usvauv_env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.site import Site
+from usvauv.cli import app
+from usvauv.cli.commands import sea as sea_command
+from usvauv.cli.commands.sea import sink
+from usvauv.cli.figure_theme import log_ticks
+from usvauv.cli.sea_view import figure
+from usvauv.cli.sea_view.block import Block
+from usvauv.cli.sea_view.section import Section
+from usvauv.cli.sea_view.spectra import measured, spectrum, target_spectrum, wanted
+from usvauv.cli.sea_view.surface import LevelSurface
+from usvauv.cli.sea_view.video import SeaPainter, SeaVideo
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.render import style
+from usvauv.env.render.frame_layout import Layout, MapView, Rectangle
+from usvauv.env.sea.build import build_sea, build_short_waves
+from usvauv.env.sea.storm import cumulative
+from usvauv.env.sea_alone.netcdf import SeaFile
+from usvauv.env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.site import Site
 
 STEADY = ["current.mutual=false", "current.viscosity=0"]
 STILL = ["storm.spectrum=none", "sea.irregular_rms=0", "sea.start_rms=0", "current.count=0"]
@@ -564,7 +564,7 @@ def test_ctrl_c_before_the_first_record_leaves_nothing(tmp_path, monkeypatch, ca
 
 
 def test_ctrl_c_keeps_what_there_is(tmp_path):
-    command = [sys.executable, "-c", "from usvauv_cli.app import main; main()", "sea", "--out", "a.nc"]
+    command = [sys.executable, "-c", "from usvauv.cli.app import main; main()", "sea", "--out", "a.nc"]
     options = ["--duration", "100000", "--resolution", "4"]
     with subprocess.Popen(
         [*command, *options], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -15,14 +15,14 @@ import pytest
 from rich.console import Console
 from safetensors.torch import load_file, save_file
 
-from kernels.errors import UserError
-from usvauv_cli.sweep import summary
-from usvauv_cli.sweep.board import Board
-from usvauv_cli.sweep.study import Evaluation, Resources, Run, key_of, plan, read
-from usvauv_env.record.table import read_rows
+from usvauv.cli.sweep import summary
+from usvauv.cli.sweep.board import Board
+from usvauv.cli.sweep.study import Evaluation, Resources, Run, key_of, plan, read
+from usvauv.env.record.table import read_rows
+from usvauv.kernels.errors import UserError
 
 ROOT = Path(__file__).parents[2]
-COMMAND = [sys.executable, "-c", "from usvauv_cli.app import main; main()"]
+COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 SHORT = 'set = ["mission.duration=12"]'
 MINE = """
 import os, signal

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
-from usvauv_cli.sweep import report, results, summary
-from usvauv_cli.sweep.run import FAILURE, MADE, RESULT
-from usvauv_cli.sweep.study import Study, read
-from usvauv_env.record.metrics import EpisodeMetrics
-from usvauv_env.record.table import read_rows, write_rows
+from usvauv.cli.sweep import report, results, summary
+from usvauv.cli.sweep.run import FAILURE, MADE, RESULT
+from usvauv.cli.sweep.study import Study, read
+from usvauv.env.record.metrics import EpisodeMetrics
+from usvauv.env.record.table import read_rows, write_rows
 
 LARGEST = 3_000_000  # bytes of a page
 FIGURES = {"scores", "aggregates", "profiles", "improvement", "learning"}

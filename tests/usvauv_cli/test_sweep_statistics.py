@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from usvauv_cli.sweep import summary
-from usvauv_cli.sweep.statistics import improvement, interquartile_mean, interval, mean, median, normalised, profile
-from usvauv_cli.sweep.study import Evaluation
+from usvauv.cli.sweep import summary
+from usvauv.cli.sweep.statistics import improvement, interquartile_mean, interval, mean, median, normalised, profile
+from usvauv.cli.sweep.study import Evaluation
 
 DRAW = np.random.default_rng(3)
 ONE, OTHER = ([DRAW.normal(shift, 1.0, 10) for _ in range(3)] for shift in (0.4, 0.0))

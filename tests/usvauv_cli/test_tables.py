@@ -8,12 +8,12 @@ import pytest
 import torch
 from rich.console import Console
 
-from policies import TrainingConfig
-from policies.algorithms import ALGORITHMS, Batch, Sizes
-from usvauv_cli import report, tables
-from usvauv_cli.evaluation.comparison import Comparison
-from usvauv_env.record.growing_table import Combination
-from usvauv_env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
+from usvauv.cli import report, tables
+from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.env.record.growing_table import Combination
+from usvauv.env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
+from usvauv.policies import TrainingConfig
+from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
 
 LONG = [f"runs/a/very/long/folder/of/many/runs/number-{n}/best" for n in range(12)]
 OF_TASK = ("lost_mbit", "aoi_mean", "aoi_peak", "aoi_largest", "jain", "joule_per_mbit")

@@ -7,11 +7,11 @@ import sys
 
 import pytest
 
-import policies
-from policies import TrainingConfig, checkpoint
-from policies.training import batched
 from tests.policies.test_seeds import same_runs
-from usvauv_cli import app, report
+from usvauv import policies
+from usvauv.cli import app, report
+from usvauv.policies import TrainingConfig, checkpoint
+from usvauv.policies.training import batched
 
 BEGIN = ["train", "ideal", "--worlds", "4", "--set", "mission.duration=12"]
 SMALL = {"hidden": (8, 8), "batch": 16, "n_step": 2, "warmup": 24, "replay": 4000}

@@ -13,14 +13,13 @@ import pytest
 from pyproj import CRS, Transformer
 from scipy import stats
 
-import policies
-from kernels.planning.team import MAX_AUVS
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
-from usvauv_cli import columns
-from usvauv_cli.evaluation.comparison import Comparison
-from usvauv_cli.web_report import figure_style, figures, page
-from usvauv_cli.web_report.player import at_arrows
-from usvauv_cli.web_report.recordings import (
+from usvauv import policies
+from usvauv.cli import columns
+from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.cli.web_report import figure_style, figures, page
+from usvauv.cli.web_report.player import at_arrows
+from usvauv.cli.web_report.recordings import (
     ERRORS,
     MOST_SHOWN,
     Recordings,
@@ -29,15 +28,16 @@ from usvauv_cli.web_report.recordings import (
     front_episodes,
     thinned,
 )
-from usvauv_env import Scenario, evaluate
-from usvauv_env.record.collection import age
-from usvauv_env.record.growing_table import Combination
-from usvauv_env.record.metrics import EpisodeMetrics, usable
-from usvauv_env.record.trace import VARIABLES
-from usvauv_env.sections.sea import MAX_VORTICES
-from usvauv_env.sections.task import MAX_NODES
-from usvauv_env.site import georeference
-from usvauv_env.site.site import Site
+from usvauv.env import Scenario, evaluate
+from usvauv.env.record.collection import age
+from usvauv.env.record.growing_table import Combination
+from usvauv.env.record.metrics import EpisodeMetrics, usable
+from usvauv.env.record.trace import VARIABLES
+from usvauv.env.sections.sea import MAX_VORTICES
+from usvauv.env.sections.task import MAX_NODES
+from usvauv.env.site import georeference
+from usvauv.env.site.site import Site
+from usvauv.kernels.planning.team import MAX_AUVS
 
 LARGEST = 3_000_000  # bytes of a page
 EPISODES = 3

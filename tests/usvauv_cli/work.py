@@ -6,15 +6,15 @@ import signal
 import time
 from pathlib import Path
 
-from kernels.errors import UserError
-from usvauv_cli.engines.task import Signs, Stopped
+from usvauv.cli.engines.task import Signs, Stopped
+from usvauv.kernels.errors import UserError
 
 
 def cores_of_process(path: Path, signs: Signs) -> None:
     import torch
 
-    from kernels import runtime
-    from usvauv_cli.engines import local
+    from usvauv.cli.engines import local
+    from usvauv.kernels import runtime
 
     threads = [os.environ[local.THREADS], runtime.start().threads, torch.get_num_threads()]
     time.sleep(0.5)  # so that another process gets the other piece

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from usvauv_env.render import panel_elements, shapes, symbols
-from usvauv_env.render import text as texts
-from usvauv_env.render.bodies import Body
-from usvauv_env.render.canvas import Canvas
+from usvauv.env.render import panel_elements, shapes, symbols
+from usvauv.env.render import text as texts
+from usvauv.env.render.bodies import Body
+from usvauv.env.render.canvas import Canvas
 
 
 class Words(NamedTuple):
@@ -69,7 +69,7 @@ def page(monkeypatch):
         draw_card(picture, box, layout)
 
     for name, module in list(sys.modules.items()):
-        if name.startswith("usvauv_env.render.") and name.split(".")[-1] not in ("symbols", "popups", "text"):
+        if name.startswith("usvauv.env.render.") and name.split(".")[-1] not in ("symbols", "popups", "text"):
             for attribute, original, new in (("write", texts.write, note), ("draw_card", draw_card, card)):
                 if getattr(module, attribute, None) is original:
                     monkeypatch.setattr(module, attribute, new)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
-from usvauv_env.render.painter import Painter
-from usvauv_env.scenario import Scenario
+from usvauv.env.record.trace import Trace
+from usvauv.env.render.painter import Painter
+from usvauv.env.scenario import Scenario
 
 
 def synthetic_trace(

@@ -9,7 +9,7 @@ BenchMARL wants another TorchRL than the extra `torchrl`, so in an environment o
 import pytest
 import torch
 
-from usvauv_env import Scenario, ScenarioError, World
+from usvauv.env import Scenario, ScenarioError, World
 
 pytest.importorskip("benchmarl", reason="needs the extra benchmarl")
 
@@ -17,7 +17,7 @@ from benchmarl.algorithms import IddpgConfig, MappoConfig
 from benchmarl.experiment import Experiment, ExperimentConfig
 from benchmarl.models import MlpConfig
 
-from usvauv_env.faces.benchmarl_task import DataCollectionTask
+from usvauv.env.faces.benchmarl_task import DataCollectionTask
 
 pytestmark = pytest.mark.filterwarnings("ignore:SyncDataCollector has been deprecated:DeprecationWarning")
 

@@ -7,11 +7,18 @@ import pytest
 import torch
 from pettingzoo.test import parallel_api_test
 
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, ForesightColumn, NodeColumn
-from kernels.positioning import tracker
-from usvauv_env import Scenario, ScenarioError, World, parallel_env
-from usvauv_env.world.boat_agent import boat_observed, observe_boats
-from usvauv_env.world.global_state import global_state, size
+from usvauv.env import Scenario, ScenarioError, World, parallel_env
+from usvauv.env.world.boat_agent import boat_observed, observe_boats
+from usvauv.env.world.global_state import global_state, size
+from usvauv.kernels.mission.columns import (
+    AuvColumn,
+    BoatColumn,
+    EstimateColumn,
+    ExchangeColumn,
+    ForesightColumn,
+    NodeColumn,
+)
+from usvauv.kernels.positioning import tracker
 
 TWO = Scenario.load("wide", ["auv.count=3", "boat.count=2", "nodes.count=20", "mission.duration=40"])
 DIAGONAL = math.hypot(600, 600)
@@ -112,7 +119,7 @@ def test_boats_are_a_group_of_the_torchrl_environment():
     pytest.importorskip("torchrl")
     from torchrl.envs.utils import check_env_specs
 
-    from usvauv_env.faces.torchrl_env import DataCollectionTorchRLEnv
+    from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
 
     env = DataCollectionTorchRLEnv(TWO, 4, 5, "agent")
     check_env_specs(env)

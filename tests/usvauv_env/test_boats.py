@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.columns import (
+from tests.links import EVERY_STEP
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.record.trace import Trace
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
     EstimateColumn,
@@ -15,13 +20,8 @@ from kernels.mission.columns import (
     Reply,
     TallyColumn,
 )
-from kernels.planning import global_search, objectives
-from kernels.positioning import tracker, usbl
-from tests.links import EVERY_STEP
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.recorder import record
-from usvauv_env.record.trace import Trace
+from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.positioning import tracker, usbl
 
 WIDE = ["area.width=400", "area.length=400"]
 TWO = [*EVERY_STEP, *WIDE, "auv.count=4", "boat.count=2"]

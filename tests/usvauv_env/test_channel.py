@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-import policies
-from kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn
-from kernels.positioning import tracker, usbl
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, ScenarioError, World
+from usvauv import policies
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn
+from usvauv.kernels.positioning import tracker, usbl
 
 SOUND = [
     *EVERY_STEP,

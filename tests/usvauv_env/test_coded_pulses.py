@@ -8,14 +8,14 @@ import pytest
 import torch
 from scipy import stats
 
-from kernels.mission.columns import AuvColumn
-from kernels.positioning import acoustic_link, usbl
 from tests.slowly import slowly
 from tests.usvauv_env.test_fix_accuracy import QUIET, WORLDS, errors_of_fixes
-from usvauv_env import Scenario, ScenarioError, multipath
-from usvauv_env.positioning import solve
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv.env import Scenario, ScenarioError, multipath
+from usvauv.env.positioning import solve
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.positioning import acoustic_link, usbl
 
 SHALLOW = ["area.width=1000", "area.length=1000", "sea.cell_size=20", "auv.depth=40", "area.depth=60"]
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.columns import AuvColumn
-from policies import load
 from tests.usvauv_env.test_metrics import small_trace
-from usvauv_env import Scenario, Trace, World
-from usvauv_env.record import collection
-from usvauv_env.record.metrics import episode_metrics, mean_figures
-from usvauv_env.record.recorder import record
+from usvauv.env import Scenario, Trace, World
+from usvauv.env.record import collection
+from usvauv.env.record.metrics import episode_metrics, mean_figures
+from usvauv.env.record.recorder import record
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.policies import load
 
 
 def served_once() -> Trace:

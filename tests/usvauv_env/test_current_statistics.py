@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from kernels.positioning import acoustic_link
-from kernels.types import Level
-from usvauv_env import Scenario
-from usvauv_env.sea.forcing import speed_bound
-from usvauv_env.sea.storm import band
-from usvauv_env.site.cf_ocean import Flow
-from usvauv_env.site.site import Site
-from usvauv_env.world.current_statistics import current_bound, current_model, current_parts
-from usvauv_env.world.tables import fixed_vortices, link_table
+from usvauv.env import Scenario
+from usvauv.env.sea.forcing import speed_bound
+from usvauv.env.sea.storm import band
+from usvauv.env.site.cf_ocean import Flow
+from usvauv.env.site.site import Site
+from usvauv.env.world.current_statistics import current_bound, current_model, current_parts
+from usvauv.env.world.tables import fixed_vortices, link_table
+from usvauv.kernels.positioning import acoustic_link
+from usvauv.kernels.types import Level
 
 WIDTH, LENGTH, DEPTH, G = 300.0, 200.0, 120.0, 9.81
 OBLONG = [f"area.width={WIDTH:g}", f"area.length={LENGTH:g}"]

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.made_traces import paint, place, synthetic_trace
-from usvauv_env.render import style, symbols
-from usvauv_env.render.frame_layout import MapView, Rectangle
-from usvauv_env.render.map import error_axes
-from usvauv_env.render.painter import Painter
-from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
-from usvauv_env.scenario import Scenario
-from usvauv_env.sections.area import Area
+from usvauv.env.render import style, symbols
+from usvauv.env.render.frame_layout import MapView, Rectangle
+from usvauv.env.render.map import error_axes
+from usvauv.env.render.painter import Painter
+from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface
+from usvauv.env.scenario import Scenario
+from usvauv.env.sections.area import Area
 
 
 class TestMap:

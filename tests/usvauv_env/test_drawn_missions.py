@@ -9,18 +9,18 @@ import cv2
 import numpy as np
 import pytest
 
-from kernels.positioning import usbl
 from tests.usvauv_env.made_traces import paint, place, synthetic_trace, with_second_boat
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.trace import Trace
-from usvauv_env.render.exchanges import PING_FRAMES, pings
-from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.painter import Look, Painter, painter_of
-from usvauv_env.render.plots import RecordedPlot
-from usvauv_env.render.reply_field import ReplyField
-from usvauv_env.render.running_metrics import RunningMetrics, figures
-from usvauv_env.scenario import Scenario
-from usvauv_env.sections.area import Area
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.trace import Trace
+from usvauv.env.render.exchanges import PING_FRAMES, pings
+from usvauv.env.render.frame_layout import Layout, Rectangle
+from usvauv.env.render.painter import Look, Painter, painter_of
+from usvauv.env.render.plots import RecordedPlot
+from usvauv.env.render.reply_field import ReplyField
+from usvauv.env.render.running_metrics import RunningMetrics, figures
+from usvauv.env.scenario import Scenario
+from usvauv.env.sections.area import Area
+from usvauv.kernels.positioning import usbl
 
 
 class TestPings:
@@ -226,7 +226,7 @@ class TestAnyShape:
             """Letters are fitted to whole pixels, so that their widths have no scale."""
             return np.full((round(size), round(0.6 * size * len(text)), 1), 255, np.uint16), round(size)
 
-        monkeypatch.setattr("usvauv_env.render.text._mask", block)
+        monkeypatch.setattr("usvauv.env.render.text._mask", block)
         trace, small, frames = synthetic_trace(steps=13), (1280, 720), []
         off = trace.estimate + np.array([6.0, 0.0])
         trace = replace(trace, estimate=off, foreseen_position=off + np.array([0.0, 7.0]))

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.errors import DivergenceError
-from kernels.flow.airy import wavenumber
-from kernels.shallow_water.packing import LANES, Packing
-from usvauv_env import Scenario, ScenarioError
-from usvauv_env.sea import build, storm, uneven_bed
-from usvauv_env.sea.forcing import BoundaryWave, add_response, boundary_wave, start_elevation
-from usvauv_env.sea.storm import _as_storm, band, build_storm, cut_off, moment, total_height, wave_systems
-from usvauv_env.sea.watch import SeaWatch
-from usvauv_env.site.site import Site
-from usvauv_env.site.waves import Partition, Waves, WaveSpectrum
+from usvauv.env import Scenario, ScenarioError
+from usvauv.env.sea import build, storm, uneven_bed
+from usvauv.env.sea.forcing import BoundaryWave, add_response, boundary_wave, start_elevation
+from usvauv.env.sea.storm import _as_storm, band, build_storm, cut_off, moment, total_height, wave_systems
+from usvauv.env.sea.watch import SeaWatch
+from usvauv.env.site.site import Site
+from usvauv.env.site.waves import Partition, Waves, WaveSpectrum
+from usvauv.kernels.errors import DivergenceError
+from usvauv.kernels.flow.airy import wavenumber
+from usvauv.kernels.shallow_water.packing import LANES, Packing
 
 G, DEPTH = 9.81, 40.0
 LONG = {"significant_height": 1.0, "peak_period": 20.0}

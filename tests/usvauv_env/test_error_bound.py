@@ -8,13 +8,13 @@ import pytest
 import torch
 from scipy.optimize import brentq
 
-from kernels.planning import global_search, objectives
 from tests.usvauv_env.test_trace import random_trace
-from usvauv_env.error_budget import SUM, error_budget
-from usvauv_env.record import error_bound
-from usvauv_env.record.trace import VARIABLES
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv.env.error_budget import SUM, error_budget
+from usvauv.env.record import error_bound
+from usvauv.env.record.trace import VARIABLES
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels.planning import global_search, objectives
 
 
 def test_the_variance_is_that_of_a_fix_from_the_best_place(device):

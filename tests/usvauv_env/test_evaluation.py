@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.errors import UserError
-from kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, TallyColumn
-from usvauv_env import Scenario, evaluate
-from usvauv_env.record import evaluation
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.recorder import EACH, Recorder, record, trace_bytes
-from usvauv_env.world.world import World
+from usvauv.env import Scenario, evaluate
+from usvauv.env.record import evaluation
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.recorder import EACH, Recorder, record, trace_bytes
+from usvauv.env.world.world import World
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, TallyColumn
 
 
 @pytest.fixture(scope="module")

@@ -11,13 +11,13 @@ from mcap_ros2.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
 from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv_env.exchange import formats, rerun_recording
-from usvauv_env.exchange.poses import Poses, triangles
-from usvauv_env.exchange.tables import tables
-from usvauv_env.record.collection import served
-from usvauv_env.record.trace import VARIABLES
-from usvauv_env.render.style import SEA, auv_colour
-from usvauv_env.site.site import Site
+from usvauv.env.exchange import formats, rerun_recording
+from usvauv.env.exchange.poses import Poses, triangles
+from usvauv.env.exchange.tables import tables
+from usvauv.env.record.collection import served
+from usvauv.env.record.trace import VARIABLES
+from usvauv.env.render.style import SEA, auv_colour
+from usvauv.env.site.site import Site
 
 STEPS = 60
 

@@ -16,13 +16,13 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test, 
 from pettingzoo.utils import parallel_to_aec
 
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, ScenarioError, World, parallel_env
-from usvauv_env.faces.camera import FPS, SIZE
-from usvauv_env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
-from usvauv_env.record.recorder import record
-from usvauv_env.render.painter import Painter
-from usvauv_env.site.site import Site
-from usvauv_env.world.spaces import auv_observation_space
+from usvauv.env import Scenario, ScenarioError, World, parallel_env
+from usvauv.env.faces.camera import FPS, SIZE
+from usvauv.env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
+from usvauv.env.record.recorder import record
+from usvauv.env.render.painter import Painter
+from usvauv.env.site.site import Site
+from usvauv.env.world.spaces import auv_observation_space
 
 NAME = "usvauv/DataCollection-v0"
 SEEDS = [7, (1 << 64) - 1, 7 + (1 << 32)]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.errors import DivergenceError
-from kernels.mission.columns import AuvColumn
-from kernels.mission.state_ranges import STATE
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.sea_alone.simulation import SeaSimulation
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.sea_alone.simulation import SeaSimulation
+from usvauv.kernels.errors import DivergenceError
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.mission.state_ranges import STATE
 
 WORLDS = 4
 

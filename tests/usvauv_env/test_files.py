@@ -11,7 +11,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from usvauv_env.files import THIS_HOST, HDF5File, OutputError, atomic_write, check_place, hdf5_file, sync, writing
+from usvauv.env.files import THIS_HOST, HDF5File, OutputError, atomic_write, check_place, hdf5_file, sync, writing
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path):

@@ -7,15 +7,15 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.mission.columns import AuvColumn, BoatColumn
-from kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
-from kernels.positioning.ambient_noise import coates
-from kernels.types import vec3
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, World
-from usvauv_env.error_budget import error_budget
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv.env import Scenario, World
+from usvauv.env.error_budget import error_budget
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
+from usvauv.kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
+from usvauv.kernels.positioning.ambient_noise import coates
+from usvauv.kernels.types import vec3
 
 QUIET = [
     *EVERY_STEP,

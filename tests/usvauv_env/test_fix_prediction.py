@@ -7,14 +7,14 @@ import pytest
 import torch
 from scipy.stats import norm
 
-from kernels.positioning import acoustic_link
-from usvauv_env import Scenario
-from usvauv_env.error_budget import error_budget
-from usvauv_env.fix_prediction import LARGEST_VARIANCE, LEAST_GOOD, FixError, ellipse, predict, wrap_probability
-from usvauv_env.fix_warnings import cause, reach, reason, warnings_of
-from usvauv_env.positioning import root_mean_square
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv.env import Scenario
+from usvauv.env.error_budget import error_budget
+from usvauv.env.fix_prediction import LARGEST_VARIANCE, LEAST_GOOD, FixError, ellipse, predict, wrap_probability
+from usvauv.env.fix_warnings import cause, reach, reason, warnings_of
+from usvauv.env.positioning import root_mean_square
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels.positioning import acoustic_link
 
 
 def error(**known) -> FixError:

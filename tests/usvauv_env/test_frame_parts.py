@@ -9,17 +9,17 @@ import pytest
 
 from tests.usvauv_env.made_traces import synthetic_trace
 from tests.usvauv_env.test_frames import LAYOUT, overlap, stations
-from usvauv_env.render import style
-from usvauv_env.render.comparison import Comparison, differences
-from usvauv_env.render.frame_layout import Layout, Rectangle, nice
-from usvauv_env.render.legend import ENTRIES, FORESIGHT, ON_MAP, STATION_ENTRIES, draw_legend
-from usvauv_env.render.map import MissionMap
-from usvauv_env.render.map_axes import draw_map_axes
-from usvauv_env.render.plots import LivePlot, Plot, RecordedPlot, SectionPlot
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.render.sea_layers import COLOURS, colour_scale
-from usvauv_env.render.text import clock
-from usvauv_env.sections.area import Area
+from usvauv.env.render import style
+from usvauv.env.render.comparison import Comparison, differences
+from usvauv.env.render.frame_layout import Layout, Rectangle, nice
+from usvauv.env.render.legend import ENTRIES, FORESIGHT, ON_MAP, STATION_ENTRIES, draw_legend
+from usvauv.env.render.map import MissionMap
+from usvauv.env.render.map_axes import draw_map_axes
+from usvauv.env.render.plots import LivePlot, Plot, RecordedPlot, SectionPlot
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.sea_layers import COLOURS, colour_scale
+from usvauv.env.render.text import clock
+from usvauv.env.sections.area import Area
 
 
 class TestPlots:
@@ -274,8 +274,8 @@ class TestLegend:
             ((lambda _, at, layout, words=words: placed.append((words, at))), words) for _, words in entries
         )
         name = "ENTRIES" if task == "data-collection" else "STATION_ENTRIES"
-        monkeypatch.setattr(f"usvauv_env.render.legend.{name}", recorded[: len(recorded) - 2 * foresees])
-        monkeypatch.setattr("usvauv_env.render.legend.FORESIGHT", recorded[len(recorded) - 2 * foresees :])
+        monkeypatch.setattr(f"usvauv.env.render.legend.{name}", recorded[: len(recorded) - 2 * foresees])
+        monkeypatch.setattr("usvauv.env.render.legend.FORESIGHT", recorded[len(recorded) - 2 * foresees :])
         box = Rectangle(100, 200, 520, 146)
         draw_legend(np.zeros((720, 1280, 3), np.uint8), box, LAYOUT, task, foresees)
         assert [words for words, _ in placed] == [words for _, words in entries]

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv_env.render import glass_box, panel_elements, style
-from usvauv_env.render import text as texts
-from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.frame_layout import Layout, MapView, Rectangle, design_unit, nice, nice_above
-from usvauv_env.render.legend import ENTRIES, STATION_ENTRIES
-from usvauv_env.render.painter import Look, painter_of
-from usvauv_env.render.running_metrics import RunningMetrics, figures
-from usvauv_env.scenario import Scenario
-from usvauv_env.sections.area import Area
+from usvauv.env.render import glass_box, panel_elements, style
+from usvauv.env.render import text as texts
+from usvauv.env.render.canvas import Canvas
+from usvauv.env.render.frame_layout import Layout, MapView, Rectangle, design_unit, nice, nice_above
+from usvauv.env.render.legend import ENTRIES, STATION_ENTRIES
+from usvauv.env.render.painter import Look, painter_of
+from usvauv.env.render.running_metrics import RunningMetrics, figures
+from usvauv.env.scenario import Scenario
+from usvauv.env.sections.area import Area
 
 LAYOUT = Layout.fit(1280, 720, Area())
 

@@ -4,10 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-import policies
 from tests.trials.fuzz import run_case
-from usvauv_env import Scenario, Trace, TraceError, World
-from usvauv_env.record.recorder import record
+from usvauv import policies
+from usvauv.env import Scenario, Trace, TraceError, World
+from usvauv.env.record.recorder import record
 
 
 @pytest.mark.parametrize(

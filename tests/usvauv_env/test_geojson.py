@@ -9,11 +9,11 @@ import pytest
 from pyproj import CRS, Transformer
 
 from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv_cli import app
-from usvauv_env import Scenario, geojson
-from usvauv_env.record.collection import served
-from usvauv_env.site import georeference
-from usvauv_env.site.local_frame import LocalFrame
+from usvauv.cli import app
+from usvauv.env import Scenario, geojson
+from usvauv.env.record.collection import served
+from usvauv.env.site import georeference
+from usvauv.env.site.local_frame import LocalFrame
 
 CORNER = LocalFrame(114.02, 22.51)
 PLACED = {"water": {"longitude": 114.02, "latitude": 22.51}}

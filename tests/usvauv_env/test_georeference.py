@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from pyproj import CRS, Transformer
 
-from usvauv_env import Scenario
-from usvauv_env.site import georeference
-from usvauv_env.site.cf import OceanError
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.site import Site
+from usvauv.env import Scenario
+from usvauv.env.site import georeference
+from usvauv.env.site.cf import OceanError
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.site import Site
 
 
 @pytest.mark.parametrize("latitude", [-85.0, -33.0, 0.0, 22.51, 80.0])

@@ -7,11 +7,11 @@ import sys
 
 import pytest
 
-from kernels.errors import UserError
-from usvauv_env.files import OutputError
-from usvauv_env.record.growing_table import Combination, GrowingTable
-from usvauv_env.record.metrics import COLUMNS
-from usvauv_env.record.table import read_rows, write_rows
+from usvauv.env.files import OutputError
+from usvauv.env.record.growing_table import Combination, GrowingTable
+from usvauv.env.record.metrics import COLUMNS
+from usvauv.env.record.table import read_rows, write_rows
+from usvauv.kernels.errors import UserError
 
 ABOUT = {"definition": {"seed": 3}, "batch": 4}
 PAIR = (Combination("straight", "fim", "tour"), Combination('runs/a, "b"\nc', "fim", "tour"))

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
-from usvauv_env import Scenario, World, plugins
-from usvauv_env.world.arrays import STATE
+from usvauv.env import Scenario, World, plugins
+from usvauv.env.world.arrays import STATE
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 
 PLUGIN = Path(__file__).parents[2] / "examples" / "plugins" / "task.py"
 TRACKED = [*EVERY_STEP, "tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]

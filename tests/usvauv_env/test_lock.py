@@ -12,13 +12,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from usvauv_env import lock
-from usvauv_env.files import OutputError
-from usvauv_env.lock import NAME, locked
+from usvauv.env import lock
+from usvauv.env.files import OutputError
+from usvauv.env.lock import NAME, locked
 
 HOLD = """
 import sys, time, pathlib
-from usvauv_env.lock import locked
+from usvauv.env.lock import locked
 with locked(pathlib.Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)

@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kernels.positioning import usbl
 from tests.usvauv_env.made_traces import synthetic_trace, with_second_boat
-from usvauv_env.render import map as mission_map
-from usvauv_env.render import style, symbols
-from usvauv_env.render.exchanges import Exchanges
-from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.map import REFRESH, SIGMAS, TRAIL, MissionMap
-from usvauv_env.render.running_metrics import RunningMetrics
+from usvauv.env.render import map as mission_map
+from usvauv.env.render import style, symbols
+from usvauv.env.render.exchanges import Exchanges
+from usvauv.env.render.frame_layout import Layout, Rectangle
+from usvauv.env.render.map import REFRESH, SIGMAS, TRAIL, MissionMap
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.kernels.positioning import usbl
 
 WIDTH, LENGTH = 320.0, 200.0
 PLACES = (

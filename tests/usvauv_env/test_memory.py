@@ -9,21 +9,21 @@ from pathlib import Path
 import pytest
 import torch
 
-from policies import Trainer, TrainingConfig
-from policies.training.replay import Replay
 from tests.policies.toy import ToyWorld, scenario
-from usvauv_cli.encoder import video_file
-from usvauv_env import Scenario, World, memory
-from usvauv_env.memory import MemoryNeeded, available, require, words
-from usvauv_env.record.recorder import record
-from usvauv_env.sea_alone.simulation import SeaSimulation
+from usvauv.cli.encoder import video_file
+from usvauv.env import Scenario, World, memory
+from usvauv.env.memory import MemoryNeeded, available, require, words
+from usvauv.env.record.recorder import record
+from usvauv.env.sea_alone.simulation import SeaSimulation
+from usvauv.policies import Trainer, TrainingConfig
+from usvauv.policies.training.replay import Replay
 
 GIB = 2**30
 MEASURE = """
 import re
-from usvauv_env import Scenario, World
-from usvauv_env.sea.build import build_sea, sea_bytes
-from usvauv_env.site.site import Site
+from usvauv.env import Scenario, World
+from usvauv.env.sea.build import build_sea, sea_bytes
+from usvauv.env.site.site import Site
 
 def peak():
     return 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1])  # not the parent's
@@ -52,9 +52,9 @@ def growth(make):
     return status("VmHWM:") - before
 """
 TRACE = """
-from usvauv_env import Scenario, World
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.recorder import record, trace_bytes
+from usvauv.env import Scenario, World
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.recorder import record, trace_bytes
 import torch
 world, rest = World(Scenario.load("ideal"), 1000), torch.zeros(1000, 2, 2)
 record(world, lambda _: rest, "rest", steps=2)
@@ -62,7 +62,7 @@ print(trace_bytes(world, 40) / growth(lambda: episode_metrics(record(world, lamb
 """
 VIDEO = """
 import numpy as np
-from usvauv_cli.encoder import video_bytes, video_file
+from usvauv.cli.encoder import video_bytes, video_file
 picture = np.zeros((1080, 1920, 3), np.uint8)
 def video():
     with tempfile.TemporaryDirectory() as folder, video_file(Path(folder) / "v.mp4", 1920, 1080, 30) as append:
@@ -72,8 +72,8 @@ def video():
 print(video_bytes(1920, 1080) / growth(video))
 """
 LEARNING = """
-from policies import Trainer, TrainingConfig
-from policies.training.trainer import learning_bytes
+from usvauv.policies import Trainer, TrainingConfig
+from usvauv.policies.training.trainer import learning_bytes
 from tests.policies.toy import ToyWorld, scenario
 def run(width):
     config = TrainingConfig(num_worlds=8, shared=True, hidden=(width, width), batch=64, n_step=2, warmup=16, replay=80)

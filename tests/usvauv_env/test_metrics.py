@@ -8,14 +8,14 @@ import pytest
 import torch
 import xarray
 
-import policies
-from kernels.positioning import usbl
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, Trace, TraceError, World
-from usvauv_env.record.metrics import COLUMNS, energy_consumption, episode_metrics, usable
-from usvauv_env.record.recorder import record
-from usvauv_env.record.table import read_rows, write_rows
-from usvauv_env.record.trace import VARIABLES
+from usvauv import policies
+from usvauv.env import Scenario, Trace, TraceError, World
+from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, usable
+from usvauv.env.record.recorder import record
+from usvauv.env.record.table import read_rows, write_rows
+from usvauv.env.record.trace import VARIABLES
+from usvauv.kernels.positioning import usbl
 
 
 def small_trace() -> Trace:

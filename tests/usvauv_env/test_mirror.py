@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.flow.vortex import Vortex
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
 
 STEPS, WORLDS = 80, 12
 SIDES = {"x": 240.0, "y": 160.0}  # of the area, m: the diagonal's mirror exchanges them

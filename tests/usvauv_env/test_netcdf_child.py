@@ -11,8 +11,8 @@ import pytest
 import scipy.io
 from scipy.io import netcdf_file
 
-from usvauv_env.netcdf import child
-from usvauv_env.netcdf.remote import NetcdfError, open_remote
+from usvauv.env.netcdf import child
+from usvauv.env.netcdf.remote import NetcdfError, open_remote
 
 VALUES = np.arange(60, dtype="<f4").reshape(3, 4, 5) / 7
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.ocean_files import cmems, write
-from usvauv_env.netcdf import remote
-from usvauv_env.netcdf.reader import load, open_file
-from usvauv_env.netcdf.remote import NetcdfError
+from usvauv.env.netcdf import remote
+from usvauv.env.netcdf.reader import load, open_file
+from usvauv.env.netcdf.remote import NetcdfError
 
 
 @pytest.fixture

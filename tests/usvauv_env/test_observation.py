@@ -5,10 +5,10 @@ import re
 
 import pytest
 
-from usvauv_env import Scenario
-from usvauv_env.site.site import Site
-from usvauv_env.world.current_statistics import current_bound
-from usvauv_env.world.observation import ObservationLayout, commanded, observation_terms, observed, quantities, table
+from usvauv.env import Scenario
+from usvauv.env.site.site import Site
+from usvauv.env.world.current_statistics import current_bound
+from usvauv.env.world.observation import ObservationLayout, commanded, observation_terms, observed, quantities, table
 
 
 @pytest.mark.parametrize("num_auvs", [1, 2, 5])

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.ocean_files import BED_FRAME, HOURS, LATITUDES, LONGITUDES, bed_of, cmems, flow_of, sloping, write
-from usvauv_env.netcdf import remote
-from usvauv_env.site.cf import OceanError
-from usvauv_env.site.cf_ocean import read_bathymetry
+from usvauv.env.netcdf import remote
+from usvauv.env.site.cf import OceanError
+from usvauv.env.site.cf_ocean import read_bathymetry
 
 
 def attributes(name, **new):

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv_env.render import shapes, style, symbols
-from usvauv_env.render.depth_section import DepthSection
-from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.legend import ENTRIES, STATION_ENTRIES, draw_legend
-from usvauv_env.render.panel_elements import Bars
-from usvauv_env.render.plots import Plot
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.sections.area import Area
+from usvauv.env.render import shapes, style, symbols
+from usvauv.env.render.depth_section import DepthSection
+from usvauv.env.render.frame_layout import Layout, Rectangle
+from usvauv.env.render.legend import ENTRIES, STATION_ENTRIES, draw_legend
+from usvauv.env.render.panel_elements import Bars
+from usvauv.env.render.plots import Plot
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.sections.area import Area
 
 LAYOUT = Layout.fit(1280, 720, Area())
 BOX = Rectangle(100, 100, 500, 200)
@@ -136,8 +136,8 @@ def test_legend_of_stations_has_no_data():
 
 
 def test_labels_of_services_keep_apart(monkeypatch):
-    from usvauv_env.render import popups
-    from usvauv_env.render.painter import Painter
+    from usvauv.env.render import popups
+    from usvauv.env.render.painter import Painter
 
     trace = synthetic_trace(steps=2, auvs=6)
     shape = trace.delivered.shape

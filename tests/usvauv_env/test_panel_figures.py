@@ -7,22 +7,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from kernels.positioning import usbl
 from tests.usvauv_env.made_traces import synthetic_trace, with_second_boat
 from tests.usvauv_env.test_frames import LAYOUT, stations
-from usvauv_env.record.metrics import target_distance
-from usvauv_env.render import depth_section, popups, shapes, side_panel, style, symbols
-from usvauv_env.render.depth_section import DepthSection
-from usvauv_env.render.exchanges import HEARD_FRAMES, PING_FRAMES, Exchanges
-from usvauv_env.render.fix_insets import FixInsets
-from usvauv_env.render.frame_layout import MapView, Rectangle, nice
-from usvauv_env.render.itinerary import NEXT, Itinerary
-from usvauv_env.render.map import TRAIL
-from usvauv_env.render.painter import Look, Painter
-from usvauv_env.render.popups import FRAMES, Popups
-from usvauv_env.render.running_metrics import MEDIAN_WINDOW, RunningMetrics, _heading, _service_share, figures
-from usvauv_env.render.scene import track
-from usvauv_env.sections.area import Area
+from usvauv.env.record.metrics import target_distance
+from usvauv.env.render import depth_section, popups, shapes, side_panel, style, symbols
+from usvauv.env.render.depth_section import DepthSection
+from usvauv.env.render.exchanges import HEARD_FRAMES, PING_FRAMES, Exchanges
+from usvauv.env.render.fix_insets import FixInsets
+from usvauv.env.render.frame_layout import MapView, Rectangle, nice
+from usvauv.env.render.itinerary import NEXT, Itinerary
+from usvauv.env.render.map import TRAIL
+from usvauv.env.render.painter import Look, Painter
+from usvauv.env.render.popups import FRAMES, Popups
+from usvauv.env.render.running_metrics import MEDIAN_WINDOW, RunningMetrics, _heading, _service_share, figures
+from usvauv.env.render.scene import track
+from usvauv.env.sections.area import Area
+from usvauv.kernels.positioning import usbl
 
 
 def random():

@@ -6,20 +6,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kernels.errors import UserError
-from kernels.mission.columns import Parameter, Refraction, Schedule, Sensor
-from kernels.positioning.absorption import Water, francois_garrison
-from kernels.positioning.ambient_noise import ambient_noise_laws, coates, rain_noise
-from kernels.positioning.current_process import FOREVER
-from kernels.positioning.reflections import SEDIMENTS
-from kernels.positioning.sea_wind import height_of_developed_sea, wind_of_developed_sea
-from kernels.positioning.waveform import FEWEST_PERIODS
-from usvauv_env import Scenario, ScenarioError
-from usvauv_env.site.site import Site
-from usvauv_env.site.sound_speed import SoundSpeedProfile
-from usvauv_env.world import tables
-from usvauv_env.world.boat_strategies import StrategyChoice
-from usvauv_env.world.current_statistics import current_bound, current_model
+from usvauv.env import Scenario, ScenarioError
+from usvauv.env.site.site import Site
+from usvauv.env.site.sound_speed import SoundSpeedProfile
+from usvauv.env.world import tables
+from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.env.world.current_statistics import current_bound, current_model
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.mission.columns import Parameter, Refraction, Schedule, Sensor
+from usvauv.kernels.positioning.absorption import Water, francois_garrison
+from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws, coates, rain_noise
+from usvauv.kernels.positioning.current_process import FOREVER
+from usvauv.kernels.positioning.reflections import SEDIMENTS
+from usvauv.kernels.positioning.sea_wind import height_of_developed_sea, wind_of_developed_sea
+from usvauv.kernels.positioning.waveform import FEWEST_PERIODS
 
 NUMBERS = {
     "area": {"width": 300, "length": 250, "depth": 140},

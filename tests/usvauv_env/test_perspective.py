@@ -8,22 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kernels.positioning import usbl
 from tests.usvauv_env.made_traces import synthetic_trace, with_second_boat
-from usvauv_env.record.trace import Trace
-from usvauv_env.render import bodies, style, symbols
-from usvauv_env.render.camera import SWING_FRAMES, Camera, Swing
-from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.itinerary import Itinerary
-from usvauv_env.render.map import SIGMAS
-from usvauv_env.render.perspective import PerspectiveView
-from usvauv_env.render.popups import Popups
-from usvauv_env.render.reply_field import ReplyField
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.render.scene import Scene
-from usvauv_env.render.sea_shading import SeaShading
-from usvauv_env.render.wave_sheet import Columns, look
-from usvauv_env.scenario import Scenario
+from usvauv.env.record.trace import Trace
+from usvauv.env.render import bodies, style, symbols
+from usvauv.env.render.camera import SWING_FRAMES, Camera, Swing
+from usvauv.env.render.frame_layout import Layout, Rectangle
+from usvauv.env.render.itinerary import Itinerary
+from usvauv.env.render.map import SIGMAS
+from usvauv.env.render.perspective import PerspectiveView
+from usvauv.env.render.popups import Popups
+from usvauv.env.render.reply_field import ReplyField
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.scene import Scene
+from usvauv.env.render.sea_shading import SeaShading
+from usvauv.env.render.wave_sheet import Columns, look
+from usvauv.env.scenario import Scenario
+from usvauv.kernels.positioning import usbl
 
 SIDES = (200.0, 160.0)
 WIDTH, HEIGHT = 640, 480

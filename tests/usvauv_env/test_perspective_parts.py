@@ -7,23 +7,23 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from kernels.positioning import usbl
 from tests.usvauv_env.made_traces import synthetic_trace, with_second_boat
-from usvauv_env.render import perspective, style, symbols
-from usvauv_env.render.camera import Camera, Swing
-from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.exchanges import Exchanges
-from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.itinerary import Itinerary
-from usvauv_env.render.map import SIGMAS
-from usvauv_env.render.perspective import PerspectiveView
-from usvauv_env.render.reply_field import EVERY, LEVELS, ReplyField
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.render.scene import Scene, track
-from usvauv_env.render.sea_layers import COLOURS
-from usvauv_env.render.sound import Sound
-from usvauv_env.render.wave_sheet import Columns, look
-from usvauv_env.scenario import Scenario
+from usvauv.env.render import perspective, style, symbols
+from usvauv.env.render.camera import Camera, Swing
+from usvauv.env.render.canvas import Canvas
+from usvauv.env.render.exchanges import Exchanges
+from usvauv.env.render.frame_layout import Layout, Rectangle
+from usvauv.env.render.itinerary import Itinerary
+from usvauv.env.render.map import SIGMAS
+from usvauv.env.render.perspective import PerspectiveView
+from usvauv.env.render.reply_field import EVERY, LEVELS, ReplyField
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.scene import Scene, track
+from usvauv.env.render.sea_layers import COLOURS
+from usvauv.env.render.sound import Sound
+from usvauv.env.render.wave_sheet import Columns, look
+from usvauv.env.scenario import Scenario
+from usvauv.kernels.positioning import usbl
 
 SIDES = (300.0, 160.0)
 BOX = Rectangle(30, 20, 640, 460)

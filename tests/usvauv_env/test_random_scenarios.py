@@ -5,9 +5,9 @@ import random
 import pytest
 import torch
 
-from kernels.mission.columns import AuvColumn
 from tests.trials.scenarios import LONGEST, effort, random_overrides, run
-from usvauv_env import Scenario, ScenarioError, World
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.kernels.mission.columns import AuvColumn
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.test_memory import GROWTH
-from usvauv_env.files import OutputError
-from usvauv_env.record import rows_on_disk
-from usvauv_env.record.rows_on_disk import RowsOnDisk, extremes
+from usvauv.env.files import OutputError
+from usvauv.env.record import rows_on_disk
+from usvauv.env.record.rows_on_disk import RowsOnDisk, extremes
 
 READING = """
 import numpy as np
-from usvauv_env.record.rows_on_disk import RowsOnDisk, extremes
+from usvauv.env.record.rows_on_disk import RowsOnDisk, extremes
 def through():
     with RowsOnDisk(2000, (128, 128), "rows") as rows:
         for n in range(2000):

@@ -7,9 +7,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor, VecNormalize
 
-from usvauv_env import Scenario, World
-from usvauv_env.faces.camera import SIZE
-from usvauv_env.faces.sb3_env import AuvVecEnv
+from usvauv.env import Scenario, World
+from usvauv.env.faces.camera import SIZE
+from usvauv.env.faces.sb3_env import AuvVecEnv
 
 STEPS, WORLDS, AUVS = 4, 3, 2
 

@@ -8,16 +8,16 @@ from importlib import resources
 import pytest
 
 from tests.trials.scenarios import numbers
-from usvauv_env import Scenario, ScenarioError
-from usvauv_env.sections.fields import Section
-from usvauv_env.sections.task import TaskParameters
+from usvauv.env import Scenario, ScenarioError
+from usvauv.env.sections.fields import Section
+from usvauv.env.sections.task import TaskParameters
 
 
 @pytest.mark.parametrize("name", Scenario.shipped())
 class TestShipped:
     def test_file_states_and_explains_every_field(self, name):
         """The file is what `to_toml` prints: nothing is left to a default, each field has its comment."""
-        text = (resources.files("usvauv_env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
+        text = (resources.files("usvauv.env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
         assert text == Scenario.load(name).to_toml()
         fields = [line for line in text.splitlines() if line and not line.startswith("[")]
         assert all("  # " in line and line.split("  # ")[1].strip() for line in fields)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.columns import BoatColumn
-from kernels.shallow_water.packing import Packing
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.sea.build import build_sea, coarse_cells, fine_cells
-from usvauv_env.sea.forcing import draw_boundary_wave
-from usvauv_env.site.site import Site
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.sea.build import build_sea, coarse_cells, fine_cells
+from usvauv.env.sea.forcing import draw_boundary_wave
+from usvauv.env.site.site import Site
+from usvauv.kernels.mission.columns import BoatColumn
+from usvauv.kernels.shallow_water.packing import Packing
 
 SIDES = ["west", "east", "south", "north"]
 

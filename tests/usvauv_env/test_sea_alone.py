@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from usvauv_env import Scenario, ScenarioError
-from usvauv_env.sea_alone import netcdf, simulation
-from usvauv_env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
-from usvauv_env.sections.sea import Water
-from usvauv_env.site.site import Site
+from usvauv.env import Scenario, ScenarioError
+from usvauv.env.sea_alone import netcdf, simulation
+from usvauv.env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
+from usvauv.env.sections.sea import Water
+from usvauv.env.site.site import Site
 
 WIDTH, LENGTH, SHAPE = 210.0, 100.0, (7, 5)  # cells of 30 × 20 m
 WAVES = {"forced_edge": "west", "irregular_rms": 0.5}

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.test_map_drawing import Recorder
-from usvauv_env.render import sea_layers, sea_shading, style
-from usvauv_env.render.camera import Swing
-from usvauv_env.render.frame_layout import MapView, Rectangle
-from usvauv_env.render.sea_layers import COLOURS, CurrentStreaks, SeaSurface, elevation_limit
-from usvauv_env.render.sea_shading import SeaShading
-from usvauv_env.sections.area import Area
+from usvauv.env.render import sea_layers, sea_shading, style
+from usvauv.env.render.camera import Swing
+from usvauv.env.render.frame_layout import MapView, Rectangle
+from usvauv.env.render.sea_layers import COLOURS, CurrentStreaks, SeaSurface, elevation_limit
+from usvauv.env.render.sea_shading import SeaShading
+from usvauv.env.sections.area import Area
 
 
 class TestRelief:

@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from usvauv_env.render import shapes, style, symbols
-from usvauv_env.render.camera import Camera
-from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.shapes import Overlay
-from usvauv_env.render.text import clock, shorten, text_width, write
+from usvauv.env.render import shapes, style, symbols
+from usvauv.env.render.camera import Camera
+from usvauv.env.render.canvas import Canvas
+from usvauv.env.render.shapes import Overlay
+from usvauv.env.render.text import clock, shorten, text_width, write
 
 WHITE, BLACK, INK = (255, 255, 255), (0, 0, 0), (40, 200, 120)
 AT = np.array([70.3, 48.6])

@@ -9,17 +9,17 @@ import pytest
 import xarray
 from scipy.interpolate import RegularGridInterpolator
 
-from kernels.errors import UserError
 from tests.usvauv_env.ocean_files import FRAME, cmems, gebco
 from tests.usvauv_env.wave_files import era5
-from usvauv_env import Scenario
-from usvauv_env.sections.fields import FARTHEST
-from usvauv_env.site import cf, cf_ocean, interpolation, wave_source
-from usvauv_env.site.cf import Axis, Field, OceanError
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.positions import angle, auv_position, boat_position, coordinates, far_position, look_geographic
-from usvauv_env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
-from usvauv_env.site.waves import Partition, Waves, WaveSpectrum
+from usvauv.env import Scenario
+from usvauv.env.sections.fields import FARTHEST
+from usvauv.env.site import cf, cf_ocean, interpolation, wave_source
+from usvauv.env.site.cf import Axis, Field, OceanError
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.positions import angle, auv_position, boat_position, coordinates, far_position, look_geographic
+from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
+from usvauv.env.site.waves import Partition, Waves, WaveSpectrum
+from usvauv.kernels.errors import UserError
 
 EARTH = 6378137.0
 EAST, NORTH = {"units": "degrees_east"}, {"units": "degrees_north"}

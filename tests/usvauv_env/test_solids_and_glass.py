@@ -10,13 +10,13 @@ import pytest
 
 from tests.usvauv_env.test_frames import overlap
 from tests.usvauv_env.test_perspective_parts import LAYOUT, SIDES
-from usvauv_env.render import bodies, glass_box
-from usvauv_env.render.bodies import Body
-from usvauv_env.render.camera import Swing
-from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.scene import Scene
-from usvauv_env.render.wave_sheet import Columns, look
-from usvauv_env.scenario import Scenario
+from usvauv.env.render import bodies, glass_box
+from usvauv.env.render.bodies import Body
+from usvauv.env.render.camera import Swing
+from usvauv.env.render.canvas import Canvas
+from usvauv.env.render.scene import Scene
+from usvauv.env.render.wave_sheet import Columns, look
+from usvauv.env.scenario import Scenario
 
 
 class TestSolids:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.ocean_files import sloping, write
-from usvauv_cli.sea_view.spectra import target_spectrum, wanted
-from usvauv_env import Scenario, ScenarioError
-from usvauv_env.sea.uneven_bed import group_speed, shallowest_right, warning
-from usvauv_env.site.site import Site
-from usvauv_env.world.current_statistics import current_bound, current_parts
+from usvauv.cli.sea_view.spectra import target_spectrum, wanted
+from usvauv.env import Scenario, ScenarioError
+from usvauv.env.sea.uneven_bed import group_speed, shallowest_right, warning
+from usvauv.env.site.site import Site
+from usvauv.env.world.current_statistics import current_bound, current_parts
 
 SWELL = "storm.swells=[[3.0, 16.0, 3.3, 0.5, 40.0]]"
 ALONE = ["storm.significant_height=3", "storm.peak_period=16", "storm.gamma=3.3", "storm.spreading=40"]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from usvauv_env import swap
+from usvauv.env import swap
 
 
 @pytest.fixture

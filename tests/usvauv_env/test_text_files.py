@@ -5,8 +5,8 @@ import os
 
 import pytest
 
-from usvauv_env import text_files
-from usvauv_env.text_files import TextFileError
+from usvauv.env import text_files
+from usvauv.env.text_files import TextFileError
 
 
 def nested(levels):

@@ -5,12 +5,12 @@ import pytest
 import torch
 from scipy.integrate import quad
 
-from kernels.positioning import rays
-from usvauv_env.scenario import Scenario
-from usvauv_env.site import thinning
-from usvauv_env.site.site import Site
-from usvauv_env.site.sound_speed import SoundSpeedProfile
-from usvauv_env.world.tables import sound_profile
+from usvauv.env.scenario import Scenario
+from usvauv.env.site import thinning
+from usvauv.env.site.site import Site
+from usvauv.env.site.sound_speed import SoundSpeedProfile
+from usvauv.env.world.tables import sound_profile
+from usvauv.kernels.positioning import rays
 
 Z = np.arange(0.0, 200.0, 1.0)
 CASTS = {  # m/s

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 import torch
 
-from kernels import runtime
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.site.site import Site
-from usvauv_env.world.spaces import auv_observation_space
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.site.site import Site
+from usvauv.env.world.spaces import auv_observation_space
+from usvauv.kernels import runtime
 
 pytest.importorskip("torchrl")
 
 from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs, step_mdp
 
-from usvauv_env.faces import torchrl_env
-from usvauv_env.faces.torchrl_env import DataCollectionTorchRLEnv
+from usvauv.env.faces import torchrl_env
+from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
 
 STEPS = 5
 OBSERVATION, ACTION, REWARD = ("agents", "observation"), ("agents", "action"), ("agents", "reward")
@@ -295,7 +295,7 @@ class TestRefusals:
     def test_without_the_library(self, library, module, what):
         """The package does not import it; the face names the extra that brings it."""
         absent = f"import sys, usvauv_env; assert '{library}' not in sys.modules; sys.modules['{library}'] = None"
-        code = f"{absent}; import usvauv_env.faces.{module}"
+        code = f"{absent}; import usvauv.env.faces.{module}"
         run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         assert run.stderr.splitlines()[-1] == (
             f'ModuleNotFoundError: the {what} needs the extra {library}: pip install "usvauv[{library}]"'

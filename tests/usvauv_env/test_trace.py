@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import xarray
 
-from kernels.positioning import usbl
-from usvauv_env import Scenario, Trace, TraceError
-from usvauv_env.netcdf import remote
-from usvauv_env.record import trace as trace_module
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.trace import INTEGERS, LARGEST, VARIABLES
-from usvauv_env.site.local_frame import LocalFrame
+from usvauv.env import Scenario, Trace, TraceError
+from usvauv.env.netcdf import remote
+from usvauv.env.record import trace as trace_module
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.trace import INTEGERS, LARGEST, VARIABLES
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.kernels.positioning import usbl
 
 STEP, STEPS, WORLDS, AUVS, BOATS, NODES = 2.0, 11, 3, 4, 2, 5
 SIZES = {

@@ -5,12 +5,12 @@ import math
 import pytest
 import torch
 
-from kernels import runtime
-from kernels.errors import DivergenceError
-from kernels.mission.columns import AuvColumn
 from tests.links import EVERY_STEP
 from tests.nothing_waits import NothingWaits
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.kernels import runtime
+from usvauv.kernels.errors import DivergenceError
+from usvauv.kernels.mission.columns import AuvColumn
 
 WORLDS = 4
 

@@ -7,17 +7,17 @@ import pytest
 import torch
 import xarray
 
-from kernels.flow import vortex
-from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
-from kernels.positioning import sonar_equation
 from tests.links import EVERY_STEP
 from tests.usvauv_env.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.sea.build import build_sea
-from usvauv_env.site.cf_ocean import read_bathymetry
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import data_level
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.sea.build import build_sea
+from usvauv.env.site.cf_ocean import read_bathymetry
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import data_level
+from usvauv.kernels.flow import vortex
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from usvauv.kernels.positioning import sonar_equation
 
 PLACE = ["area.width=4000", "area.length=3000", "sea.cell_size=100", "water.longitude=5.01", "water.latitude=60.01"]
 FRAME = LocalFrame(5.01, 60.01)
@@ -98,8 +98,8 @@ class TestRealCurrent:
         assert len({Scenario.load("ideal", [*PLACE, text]).water.start for text in texts}) == 1
 
     def test_trace_keeps_it(self, currents, tmp_path):
-        from usvauv_env.record.recorder import record
-        from usvauv_env.record.trace import Trace
+        from usvauv.env.record.recorder import record
+        from usvauv.env.record.trace import Trace
 
         world = World(Scenario.load("ideal", [*PLACE, f"water.currents={currents}"]), 1, seed=1)
         felt = []
@@ -124,7 +124,7 @@ class TestRealCurrent:
 
     def test_trace_lies_on_its_own_input(self, currents, tmp_path):
         """Read by xarray alone: the current at the file's longitudes, latitudes and times."""
-        from usvauv_env.record.recorder import record
+        from usvauv.env.record.recorder import record
 
         changes = [f"water.currents={currents}", "water.start=1950-01-01T03:00:00"]
         world = World(Scenario.load("ideal", [*PLACE, *changes]), 2, seed=1)
@@ -149,7 +149,7 @@ class TestRealCurrent:
             assert all({"long_name", "units"} & set(file[name].attrs) for name in file.variables)
 
     def test_no_place_and_no_date_without_one(self, tmp_path):
-        from usvauv_env.record.recorder import record
+        from usvauv.env.record.recorder import record
 
         world = World(Scenario.load("ideal"), 1, seed=1)
         record(world, lambda observation: torch.zeros(1, 2, 2), "none", steps=3, surface=True).save(tmp_path / "t.nc")
@@ -189,7 +189,7 @@ class TestRealBed:
             grids.append(arguments[-1])
             return read_bathymetry(*arguments)
 
-        monkeypatch.setattr("usvauv_env.site.site.read_bathymetry", read)
+        monkeypatch.setattr("usvauv.env.site.site.read_bathymetry", read)
         site = Site(self.scenario(slope))
         assert grids == []
         for _ in range(2):

@@ -6,10 +6,10 @@ import pytest
 from tests.usvauv_env.ocean_files import cmems
 from tests.usvauv_env.test_ocean_refusals import attributes, curvilinear, put, values, without
 from tests.usvauv_env.wave_files import era5, fields, partitions, waves_of, ww3
-from usvauv_env.netcdf import remote
-from usvauv_env.site.cf import OceanError
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.wave_files import read_waves
+from usvauv.env.netcdf import remote
+from usvauv.env.site.cf import OceanError
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.wave_files import read_waves
 
 STORM = (5.0, 11.0, 90.0, 10)
 PARTS = (4.0, 9.0, 270.0, 30.0)

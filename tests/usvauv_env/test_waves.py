@@ -5,20 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from kernels.positioning.sea_wind import wind_of_developed_sea
 from tests.usvauv_env.ocean_files import cmems, write
 from tests.usvauv_env.wave_files import era5, fields, partitions, scenario_of, spectrum_of, waves_of, ww3
-from usvauv_cli.sea_view.section import heading
-from usvauv_cli.sea_view.spectra import target_spectrum, wanted
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.sea.build import build_short_waves
-from usvauv_env.sea.storm import band, cumulative, total_height, wave_systems
-from usvauv_env.sections.sea import Storm
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.site import Site
-from usvauv_env.site.waves import WaveSpectrum
-from usvauv_env.world.current_statistics import current_bound, current_parts
-from usvauv_env.world.tables import wind
+from usvauv.cli.sea_view.section import heading
+from usvauv.cli.sea_view.spectra import target_spectrum, wanted
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.sea.build import build_short_waves
+from usvauv.env.sea.storm import band, cumulative, total_height, wave_systems
+from usvauv.env.sections.sea import Storm
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.site import Site
+from usvauv.env.site.waves import WaveSpectrum
+from usvauv.env.world.current_statistics import current_bound, current_parts
+from usvauv.env.world.tables import wind
+from usvauv.kernels.positioning.sea_wind import wind_of_developed_sea
 
 WIND_SEA = (5.0, 11.0, 90.0, 10)  # Hs, Tp, travels towards the east, s
 SWELL = (2.0, 16.0, 210.0, 40)  # towards the south-south-west

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import torch
 
-from kernels import runtime
-from kernels.flow import airy
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
-from kernels.types import Level
 from tests.links import EVERY_STEP
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.record.recorder import record
-from usvauv_env.sea.build import build_short_waves
-from usvauv_env.site.site import Site
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.record.recorder import record
+from usvauv.env.sea.build import build_short_waves
+from usvauv.env.site.site import Site
+from usvauv.kernels import runtime
+from usvauv.kernels.flow import airy
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
+from usvauv.kernels.types import Level
 
 
 def steer(observation: torch.Tensor, num_auvs: int = 2, share: float = 0.7) -> torch.Tensor:
@@ -663,7 +663,7 @@ def test_bad_arguments(extreme, arguments, match):
 
 
 def test_the_largest_number_of_worlds(extreme, monkeypatch):
-    monkeypatch.setattr("usvauv_env.world.world.MAX_WORLDS", 3)
+    monkeypatch.setattr("usvauv.env.world.world.MAX_WORLDS", 3)
     assert World(extreme, num_worlds=3).num_worlds == 3
     with pytest.raises(ScenarioError, match="num_worlds = 4: must be from 1 to 3"):
         World(extreme, num_worlds=4)

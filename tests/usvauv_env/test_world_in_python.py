@@ -7,19 +7,26 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.errors import DivergenceError
-from kernels.flow.vortex import Vortex
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, ForesightColumn, NodeColumn
-from kernels.mission.target_rules import target_rules
-from kernels.positioning import coded_pulse, tracker
-from kernels.types import Level
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.sea_alone.simulation import first_vortices
-from usvauv_env.site.site import Site
-from usvauv_env.world import world as module
-from usvauv_env.world.boat_strategies import boat_strategies
-from usvauv_env.world.observation import observation_terms
-from usvauv_env.world.water import WorldWater
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.sea_alone.simulation import first_vortices
+from usvauv.env.site.site import Site
+from usvauv.env.world import world as module
+from usvauv.env.world.boat_strategies import boat_strategies
+from usvauv.env.world.observation import observation_terms
+from usvauv.env.world.water import WorldWater
+from usvauv.kernels.errors import DivergenceError
+from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.mission.columns import (
+    AuvColumn,
+    BoatColumn,
+    EstimateColumn,
+    ExchangeColumn,
+    ForesightColumn,
+    NodeColumn,
+)
+from usvauv.kernels.mission.target_rules import target_rules
+from usvauv.kernels.positioning import coded_pulse, tracker
+from usvauv.kernels.types import Level
 
 RECKONS = ("navigation.sensor=ground", "channel.schedule=all")
 WAVES = ("sea.forced_edge=west", "sea.regular_amplitude=0.2", "sea.regular_period=60", "storm.spectrum=pm")

@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.boat_strategies import FIM
-from kernels.mission.columns import (
+from usvauv.env import Scenario, ScenarioError
+from usvauv.env.world import arrays, global_state
+from usvauv.env.world.adjustable import ADJUSTABLE, DECISIONS, check_adjustable, check_continues
+from usvauv.env.world.boat_agent import LONGEST, boat_observed, observe_boats
+from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice, boat_strategies
+from usvauv.env.world.observation import POSITION_BOUND, ObservationLayout, quantities, table
+from usvauv.env.world.seeds import Seeds
+from usvauv.env.world.state_check import LATEST, check_state
+from usvauv.env.world.water import WorldWater
+from usvauv.kernels.mission.boat_strategies import FIM
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
     BoatColumn,
@@ -18,17 +27,8 @@ from kernels.mission.columns import (
     NodeColumn,
     TallyColumn,
 )
-from kernels.mission.observation import BEAM_ANGLE, BEAM_CELL
-from kernels.positioning import tracker
-from usvauv_env import Scenario, ScenarioError
-from usvauv_env.world import arrays, global_state
-from usvauv_env.world.adjustable import ADJUSTABLE, DECISIONS, check_adjustable, check_continues
-from usvauv_env.world.boat_agent import LONGEST, boat_observed, observe_boats
-from usvauv_env.world.boat_strategies import BoatStrategy, StrategyChoice, boat_strategies
-from usvauv_env.world.observation import POSITION_BOUND, ObservationLayout, quantities, table
-from usvauv_env.world.seeds import Seeds
-from usvauv_env.world.state_check import LATEST, check_state
-from usvauv_env.world.water import WorldWater
+from usvauv.kernels.mission.observation import BEAM_ANGLE, BEAM_CELL
+from usvauv.kernels.positioning import tracker
 
 AREA = ("area.width=300", "area.length=200")
 TRACKS = ("tracker.enabled=true",)

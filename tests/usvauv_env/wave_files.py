@@ -5,10 +5,10 @@ import math
 import numpy as np
 import xarray
 
-from usvauv_env import Scenario
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.wave_files import read_waves
-from usvauv_env.site.waves import WaveSpectrum
+from usvauv.env import Scenario
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.wave_files import read_waves
+from usvauv.env.site.waves import WaveSpectrum
 
 FRAME = LocalFrame(5.0, 60.0)
 SIZE = 2000.0

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from kernels.interruption import Interrupted
-from usvauv_cli import tables
+from usvauv.cli import tables
+from usvauv.kernels.interruption import Interrupted
 
 if TYPE_CHECKING:
-    from policies.decisions import DecisionTrainer
+    from usvauv.policies.decisions import DecisionTrainer
 
 
 def learn(trainer: DecisionTrainer, baselines: Sequence[str], out: Path, about: dict[str, Any]) -> None:

@@ -21,14 +21,14 @@ STEPS = 5
 TRIAL = """
 import json, sys, time
 import torch
-from kernels import runtime
+from usvauv.kernels import runtime
 arch, steps = sys.argv[1], int(sys.argv[2])
 try:
     running = runtime.start(arch)
 except runtime.RuntimeUnavailable as error:
     print(json.dumps({"absent": str(error)}))
     sys.exit()
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
 world = World(Scenario.load("extreme"), 4)
 world.reset()
 action = torch.full((4, world.num_auvs, 2), 0.3, device=running.device)
@@ -96,8 +96,8 @@ def doctor() -> None:
     """
     import torch
 
-    from kernels import runtime
-    from usvauv_cli import tables
+    from usvauv.cli import tables
+    from usvauv.kernels import runtime
 
     def show(name: str, text: str) -> None:
         typer.echo(tables.wrapped(f"{name:<13} {text}", 14))

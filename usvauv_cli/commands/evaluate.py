@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from kernels.errors import UserError
-from usvauv_cli.commands.options import (
+from usvauv.cli.commands.options import (
     BOATS,
     POLICIES,
     TARGETS,
@@ -24,6 +23,7 @@ from usvauv_cli.commands.options import (
     tell_of_team,
     writable,
 )
+from usvauv.kernels.errors import UserError
 
 
 def evaluate(
@@ -93,17 +93,17 @@ def evaluate(
 
     `usvauv eval --policy clear --policy pace --episodes 100000 --until-halfwidth 0.05`
     """
-    import policies
-    from usvauv_cli import console, report
-    from usvauv_cli.evaluation import batches
-    from usvauv_cli.evaluation.comparison import Comparison
-    from usvauv_cli.evaluation.definition import definition, first_difference
-    from usvauv_cli.web_report.recordings import Recordings, collects_data, front_episodes
-    from usvauv_env import Scenario
-    from usvauv_env.record.evaluation import WORLDS_PER_BATCH, batch_size
-    from usvauv_env.record.growing_table import Combination, GrowingTable
-    from usvauv_env.record.metrics import FIGURES, task_metrics
-    from usvauv_env.world.boat_strategies import StrategyChoice
+    from usvauv import policies
+    from usvauv.cli import console, report
+    from usvauv.cli.evaluation import batches
+    from usvauv.cli.evaluation.comparison import Comparison
+    from usvauv.cli.evaluation.definition import definition, first_difference
+    from usvauv.cli.web_report.recordings import Recordings, collects_data, front_episodes
+    from usvauv.env import Scenario
+    from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
+    from usvauv.env.record.growing_table import Combination, GrowingTable
+    from usvauv.env.record.metrics import FIGURES, task_metrics
+    from usvauv.env.world.boat_strategies import StrategyChoice
 
     at_least("--episodes", episodes, 1)
     if until is not None:
@@ -175,6 +175,6 @@ def evaluate(
             typer.echo(f"--until-halfwidth {until:g}: not reached in {comparison.episodes} episodes")
     typer.echo(f"{table.count} episodes written to {out}")
     if report_folder:
-        from usvauv_cli.web_report import page
+        from usvauv.cli.web_report import page
 
         typer.echo(f"report: {page.write(report_folder, setting, seed, comparison, recordings).resolve()}")

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from kernels.errors import UserError
-from usvauv_cli.commands.options import Overrides, Plugins, make_folder, writable
+from usvauv.cli.commands.options import Overrides, Plugins, make_folder, writable
+from usvauv.kernels.errors import UserError
 
 
 def export(
@@ -78,10 +78,10 @@ def export(
 
 
 def _export_policy(policy: str, scenario: str | None, onnx: Path | None, overrides: list[str] | tuple[()]) -> None:
-    import policies
-    from policies.export import export as write
-    from usvauv_env import Scenario
-    from usvauv_env.world.observation import ObservationLayout
+    from usvauv import policies
+    from usvauv.env import Scenario
+    from usvauv.env.world.observation import ObservationLayout
+    from usvauv.policies.export import export as write
 
     if overrides and scenario is None:
         raise UserError("--set: name the scenario whose fields it changes, after the policy")
@@ -94,8 +94,8 @@ def _export_policy(policy: str, scenario: str | None, onnx: Path | None, overrid
 
 
 def _export_trace(path: Path, to: str, out: Path | None, episode: int) -> None:
-    from usvauv_env import Trace
-    from usvauv_env.exchange import formats
+    from usvauv.env import Trace
+    from usvauv.env.exchange import formats
 
     if to not in formats.WRITERS:
         raise UserError(f"--to {to!r}: allowed are {', '.join(formats.WRITERS)}")

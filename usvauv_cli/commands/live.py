@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from kernels.interruption import stoppable
-from usvauv_cli.commands.options import (
+from usvauv.cli.commands.options import (
     POLICIES,
     Arch,
     Overrides,
@@ -19,6 +18,7 @@ from usvauv_cli.commands.options import (
     Usv,
     tell_of_team,
 )
+from usvauv.kernels.interruption import stoppable
 
 
 def live(
@@ -47,10 +47,10 @@ def live(
 
     `usvauv live wide --policy sac-wide --open`
     """
-    from usvauv_cli.live.server import listen, serve
-    from usvauv_cli.live.session import Session
-    from usvauv_cli.live.show import Show
-    from usvauv_env import Scenario
+    from usvauv.cli.live.server import listen, serve
+    from usvauv.cli.live.session import Session
+    from usvauv.cli.live.show import Show
+    from usvauv.env import Scenario
 
     setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
     with listen(port) as listening, serve(listening, f"usvauv {setting.name}") as (server, address):

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kernels.errors import UserError
+from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv_env import Scenario
+    from usvauv.env import Scenario
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
 Seed = Annotated[int, typer.Option(help="Seed from 0 up; the same seed gives the same result.")]
@@ -48,7 +48,7 @@ def _load_plugins(context: typer.Context, files: list[Path] | None) -> list[Path
     """
     if context.command.name == "train":
         typer.echo("loading torch and Taichi …")
-    from usvauv_env import plugins
+    from usvauv.env import plugins
 
     plugins.load_installed()
     for file in files or ():
@@ -70,7 +70,7 @@ Plugins = Annotated[
 
 def tell_of_team(name: str, scenario: Scenario) -> None:
     """Say so where a trained policy that ships was trained with another number of AUVs than a scenario has."""
-    import policies
+    from usvauv import policies
 
     if name in policies.trained():
         count, trained = scenario.auv.count, policies.load_learned(name).scenario.auv.count
@@ -82,8 +82,8 @@ def tell_of_team(name: str, scenario: Scenario) -> None:
 
 def tell_of_reflections(scenario: Scenario) -> None:
     """Say so where reflections that a scenario leaves out would be the largest error of fixes."""
-    from usvauv_env.multipath import warning
-    from usvauv_env.site.site import Site
+    from usvauv.env.multipath import warning
+    from usvauv.env.site.site import Site
 
     if line := warning(Site(scenario)):
         typer.echo(f"warning: {line}", err=True)
@@ -91,8 +91,8 @@ def tell_of_reflections(scenario: Scenario) -> None:
 
 def tell_of_bed(scenario: Scenario) -> None:
     """Say so where the storm is wrong over a scenario's bed."""
-    from usvauv_env.sea.uneven_bed import warning
-    from usvauv_env.site.site import Site
+    from usvauv.env.sea.uneven_bed import warning
+    from usvauv.env.site.site import Site
 
     if line := warning(Site(scenario)):
         typer.echo(f"warning: {line}", err=True)
@@ -115,7 +115,7 @@ def writable(path: Path, option: str, endings: Sequence[str]) -> Path:
         UserError: it has another ending than those allowed (in lower case), is a folder, its folder is missing, or it
             cannot be written.
     """
-    from usvauv_env.files import OutputError, check_place
+    from usvauv.env.files import OutputError, check_place
 
     if os.path.isdir(path):
         raise UserError(f"{option} {path}: is a folder, expected a file name")

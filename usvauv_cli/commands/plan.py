@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kernels.errors import UserError
-from usvauv_cli.commands.options import Arch, Overrides, Plugins, writable
-from usvauv_cli.objectives import MEASUREMENTS, NAMES, OBJECTIVES
+from usvauv.cli.commands.options import Arch, Overrides, Plugins, writable
+from usvauv.cli.objectives import MEASUREMENTS, NAMES, OBJECTIVES
+from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv_cli.fix_log.estimate import Estimate
-    from usvauv_env import Scenario
-    from usvauv_env.positioning import BoatPlace, Plan
+    from usvauv.cli.fix_log.estimate import Estimate
+    from usvauv.env import Scenario
+    from usvauv.env.positioning import BoatPlace, Plan
 
 FORMATS = (".png", ".pdf", ".svg", ".geojson")
 MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
@@ -135,10 +135,10 @@ def plan(
     import json
     from dataclasses import asdict, replace
 
-    from usvauv_env import Scenario, geojson
-    from usvauv_env.files import atomic_write
-    from usvauv_env.positioning import solve
-    from usvauv_env.site.positions import DEGREES, auv_position, boat_position, look_geographic
+    from usvauv.env import Scenario, geojson
+    from usvauv.env.files import atomic_write
+    from usvauv.env.positioning import solve
+    from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic
 
     setting, estimates, bad = Scenario.load(scenario, overrides or ()), [], []
     objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)
@@ -148,7 +148,7 @@ def plan(
     if log:
         if auvs:
             raise UserError("--log: gives the AUVs; leave --auv out")
-        from usvauv_cli.fix_log.estimate import auvs_of_log
+        from usvauv.cli.fix_log.estimate import auvs_of_log
 
         estimates, setting, bad = auvs_of_log(log, setting)
         auvs = [(found.x, found.y, found.depth) for found in estimates]
@@ -188,7 +188,7 @@ def plan(
     if out and out.suffix.lower() == geojson.ENDING:
         geojson.write(out, geojson.of_plan(result, setting))
     elif out:
-        from usvauv_cli import plan_figure
+        from usvauv.cli import plan_figure
 
         plan_figure.draw(result, landscape, out)
     if not to_stdout:
@@ -216,7 +216,7 @@ def surface_slope(text: str) -> tuple[float, float]:
     Raises:
         UserError: it is not.
     """
-    from usvauv_env.site.positions import numbers
+    from usvauv.env.site.positions import numbers
 
     x, y = numbers("--slope", text, "SX,SY", "")
     if not (abs(x) <= 1 and abs(y) <= 1):
@@ -230,7 +230,7 @@ def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Sce
     Raises:
         UserError: more than it can have.
     """
-    from kernels.planning.team import MAX_AUVS
+    from usvauv.kernels.planning.team import MAX_AUVS
 
     if len(auvs) > MAX_AUVS:
         raise UserError(f"--auv: {len(auvs)} AUVs given, at most {MAX_AUVS} are possible")
@@ -262,7 +262,7 @@ def expectation(place: BoatPlace) -> str:
 
 def print_budget(name: str, place: BoatPlace) -> None:
     """Print the errors of a fix of each AUV from a place, by cause."""
-    from usvauv_cli import tables
+    from usvauv.cli import tables
 
     headings = [f"error by cause, {name}, rms m", *(f"AUV {k}" for k in range(1, len(place.errors) + 1))]
     causes = [(cause, *map(metres, values)) for cause, values in place.budget.items() if any(values)]
@@ -271,7 +271,7 @@ def print_budget(name: str, place: BoatPlace) -> None:
 
 def print_estimates(estimates: list[Estimate]) -> None:
     """Print where each AUV is by its fixes, and how much they scatter."""
-    from usvauv_cli import tables
+    from usvauv.cli import tables
 
     rows = [
         (str(k), found.name, str(found.fixes), f"{found.x:.1f}", f"{found.y:.1f}", f"{found.depth:.1f}",
@@ -284,9 +284,9 @@ def print_estimates(estimates: list[Estimate]) -> None:
 
 def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
-    from usvauv_cli import tables
-    from usvauv_env.fix_prediction import LEAST_GOOD
-    from usvauv_env.site.positions import coordinates
+    from usvauv.cli import tables
+    from usvauv.env.fix_prediction import LEAST_GOOD
+    from usvauv.env.site.positions import coordinates
 
     best = result.optimum
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from kernels.errors import UserError
-from usvauv_cli.commands.options import Plugins, writable
-from usvauv_cli.commands.video_options import (
+from usvauv.cli.commands.options import Plugins, writable
+from usvauv.cli.commands.video_options import (
     At,
     Fps,
     Size,
@@ -18,6 +17,7 @@ from usvauv_cli.commands.video_options import (
     ViewOption,
     video_settings,
 )
+from usvauv.kernels.errors import UserError
 
 
 def replay(
@@ -54,8 +54,8 @@ def replay(
 
     `usvauv replay mission.nc --out mission.geojson`
     """
-    from usvauv_cli import console, mission_video
-    from usvauv_env import Trace, geojson
+    from usvauv.cli import console, mission_video
+    from usvauv.env import Trace, geojson
 
     out = out or Path(f"{traces[0].stem}.mp4")
     mapped = out.suffix.lower() == geojson.ENDING

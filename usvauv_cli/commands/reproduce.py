@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands.options import Plugins, at_least, make_folder
+from usvauv.cli.commands.options import Plugins, at_least, make_folder
 
 
 def reproduce(
@@ -30,10 +30,10 @@ def reproduce(
 
     `usvauv reproduce table2 --out full`
     """
-    from kernels import runtime
-    from usvauv_cli.reproduction.settings import FULL, QUICK
-    from usvauv_cli.reproduction.targets import reproduce
-    from usvauv_env.lock import locked
+    from usvauv.cli.reproduction.settings import FULL, QUICK
+    from usvauv.cli.reproduction.targets import reproduce
+    from usvauv.env.lock import locked
+    from usvauv.kernels import runtime
 
     jobs = runtime.available_cores() if jobs is None else jobs
     at_least("--jobs", jobs, 1)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands.options import Overrides, Plugins
+from usvauv.cli.commands.options import Overrides, Plugins
 
 
 def scenarios(
@@ -18,8 +18,8 @@ def scenarios(
 
     **Example:** `usvauv scenarios extreme --set auv.count=4 > mine.toml`, then `usvauv simulate mine.toml`
     """
-    from usvauv_cli import tables
-    from usvauv_env import Scenario
+    from usvauv.cli import tables
+    from usvauv.env import Scenario
 
     if scenario:
         typer.echo(Scenario.load(scenario, overrides or ()).to_toml(), nl=False)

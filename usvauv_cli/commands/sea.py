@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 
-from kernels.errors import DivergenceError, UserError
-from kernels.interruption import Stop, stoppable
-from usvauv_cli.commands.options import (
+from usvauv.cli.commands.options import (
     Arch,
     Overrides,
     Plugins,
@@ -23,9 +21,11 @@ from usvauv_cli.commands.options import (
     tell_of_bed,
     writable,
 )
+from usvauv.kernels.errors import DivergenceError, UserError
+from usvauv.kernels.interruption import Stop, stoppable
 
 if TYPE_CHECKING:
-    from usvauv_env.sea_alone.simulation import SeaSimulation
+    from usvauv.env.sea_alone.simulation import SeaSimulation
 
 FIGURES = (".png", ".pdf", ".svg")
 FORMATS = (".mp4", ".nc", *FIGURES)
@@ -94,10 +94,10 @@ def sea(
 
     `usvauv sea --out calm.png --set storm.spectrum=none --set sea.irregular_rms=0.5`
     """
-    from usvauv_cli import console
-    from usvauv_env import Scenario
-    from usvauv_env.render.text import clock
-    from usvauv_env.sea_alone.simulation import SeaSimulation, cells, first_vortices
+    from usvauv.cli import console
+    from usvauv.env import Scenario
+    from usvauv.env.render.text import clock
+    from usvauv.env.sea_alone.simulation import SeaSimulation, cells, first_vortices
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
@@ -173,17 +173,17 @@ def sink(
     """The file that the suffix of `out` asks for; it appears when the context ends, and not at all after an error."""
     kind = out.suffix.lower()
     if kind == ".nc":
-        from usvauv_env.sea_alone.netcdf import SeaFile
+        from usvauv.env.sea_alone.netcdf import SeaFile
 
         return SeaFile(out, water)
-    from usvauv_env.sea_alone.simulation import survey
+    from usvauv.env.sea_alone.simulation import survey
 
     if kind == ".mp4":
-        from usvauv_cli.sea_view.video import SeaVideo
+        from usvauv.cli.sea_view.video import SeaVideo
 
         expected = survey(water.scenario, water.seed, (records - 1) * water.interval)
         return SeaVideo(out, water, expected, records, pixels, fps)
-    from usvauv_cli.sea_view.figure import SeaFigure
+    from usvauv.cli.sea_view.figure import SeaFigure
 
     return SeaFigure(out, water, records)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from usvauv_cli.commands.options import (
+from usvauv.cli.commands.options import (
     POLICIES,
     Arch,
     Overrides,
@@ -23,7 +23,7 @@ from usvauv_cli.commands.options import (
     tell_of_team,
     writable,
 )
-from usvauv_cli.commands.video_options import (
+from usvauv.cli.commands.video_options import (
     At,
     Fps,
     Size,
@@ -35,8 +35,8 @@ from usvauv_cli.commands.video_options import (
 )
 
 if TYPE_CHECKING:
-    from usvauv_env import Scenario, Trace
-    from usvauv_env.record.recorder import Diverged
+    from usvauv.env import Scenario, Trace
+    from usvauv.env.record.recorder import Diverged
 
 
 def simulate(
@@ -84,11 +84,11 @@ def simulate(
 
     `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
-    import policies
-    from usvauv_cli import console, mission_video, report
-    from usvauv_env import Scenario
-    from usvauv_env.record.metrics import episode_metrics
-    from usvauv_env.world.boat_strategies import StrategyChoice
+    from usvauv import policies
+    from usvauv.cli import console, mission_video, report
+    from usvauv.env import Scenario
+    from usvauv.env.record.metrics import episode_metrics
+    from usvauv.env.world.boat_strategies import StrategyChoice
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
@@ -147,11 +147,11 @@ def simulated(
     run: Run, scenario: Scenario, seed: int, duration: float | None, arch: str
 ) -> tuple[Trace, Diverged | None]:
     """The record of a mission on a finely resolved sea, and what ended it before its time."""
-    import policies
-    from usvauv_cli import console
-    from usvauv_env import World
-    from usvauv_env.memory import give_back
-    from usvauv_env.record.recorder import Diverged, record
+    from usvauv import policies
+    from usvauv.cli import console
+    from usvauv.env import World
+    from usvauv.env.memory import give_back
+    from usvauv.env.record.recorder import Diverged, record
 
     world = World(run.scenario(scenario), 1, seed, run.usv, fine_sea=True, arch=arch)
     act = policies.acting(run.policy, world)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kernels.errors import UserError
-from usvauv_cli.commands.options import Plugins, at_least, make_folder
+from usvauv.cli.commands.options import Plugins, at_least, make_folder
+from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv_cli.engines.conduct import Engine
-    from usvauv_cli.sweep.study import Resources
+    from usvauv.cli.engines.conduct import Engine
+    from usvauv.cli.sweep.study import Resources
 
 MOST_JOBS = 1000  # of a Slurm array at a time, unless told otherwise
 
@@ -48,8 +48,8 @@ def sweep(
 
     `usvauv sweep examples/study.toml --slurm batch --jobs 100`
     """
-    from usvauv_cli.sweep import results
-    from usvauv_cli.sweep.study import read
+    from usvauv.cli.sweep import results
+    from usvauv.cli.sweep.study import read
 
     at_least("--jobs", 1 if jobs is None else jobs, 1)
     if ray is not None and slurm is not None:
@@ -65,11 +65,11 @@ def sweep(
 
 
 def _engine(resources: Resources, folder: Path, ray: str | None, slurm: str | None, jobs: int | None) -> Engine:
-    from kernels import runtime
-    from usvauv_cli.engines.local import Local
-    from usvauv_cli.engines.on_ray import OnRay
-    from usvauv_cli.engines.on_slurm import OnSlurm
-    from usvauv_env import memory
+    from usvauv.cli.engines.local import Local
+    from usvauv.cli.engines.on_ray import OnRay
+    from usvauv.cli.engines.on_slurm import OnSlurm
+    from usvauv.env import memory
+    from usvauv.kernels import runtime
 
     if ray not in (None, "local") and jobs is not None:
         raise UserError(f"--jobs {jobs}: must go without --ray {ray}, whose resources decide")

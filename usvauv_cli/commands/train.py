@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kernels.errors import UserError
-from kernels.interruption import Interrupted
-from usvauv_cli.commands.options import (
+from usvauv.cli.commands.options import (
     Arch,
     Overrides,
     Plugins,
@@ -24,10 +22,12 @@ from usvauv_cli.commands.options import (
     at_least,
     make_folder,
 )
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.interruption import Interrupted
 
 if TYPE_CHECKING:
-    from policies import Seeds, Trainer, TrainingConfig
-    from usvauv_env import Scenario
+    from usvauv.env import Scenario
+    from usvauv.policies import Seeds, Trainer, TrainingConfig
 
     Run = tuple[Scenario, TrainingConfig, dict[str, Any]]  # a run's scenario, settings, and JSON of where it was saved
 
@@ -83,17 +83,17 @@ def train(
 
     `usvauv train ideal --seeds 8 --out runs/eight`
 
-    `torchrun --nproc-per-node 2 -m usvauv_cli train --out runs/second`
+    `torchrun --nproc-per-node 2 -m usvauv.cli train --out runs/second`
     """
-    import policies
-    from kernels import runtime
-    from policies.checkpoint import LAST, clean
-    from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-    from policies.training.provenance import provenance
-    from policies.training.ranks import joined
-    from usvauv_cli import report
-    from usvauv_env import Scenario, World
-    from usvauv_env.lock import locked
+    from usvauv import policies
+    from usvauv.cli import report
+    from usvauv.env import Scenario, World
+    from usvauv.env.lock import locked
+    from usvauv.kernels import runtime
+    from usvauv.policies.checkpoint import LAST, clean
+    from usvauv.policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+    from usvauv.policies.training.provenance import provenance
+    from usvauv.policies.training.ranks import joined
 
     with joined(arch) as ranks, ExitStack() as stack:
 
@@ -211,7 +211,7 @@ def _folders(out: Path) -> dict[int, Path]:
 
 def _show(show: Callable[[dict], None], trainer: Trainer | Seeds, figures: dict | list[dict]) -> None:
     """Show figures; when nobody reads them any more, stop, so that what was learned is saved."""
-    from usvauv_cli import report
+    from usvauv.cli import report
 
     try:
         show(report.of_seeds(figures) if isinstance(figures, list) else figures)

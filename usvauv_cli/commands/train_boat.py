@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands.decisions import learn
-from usvauv_cli.commands.options import (
+from usvauv.cli.commands.decisions import learn
+from usvauv.cli.commands.options import (
     Arch,
     Overrides,
     Plugins,
@@ -48,11 +48,11 @@ def train_boat(
 
     `usvauv eval wide --usv learned:boat.json --usv visit`
     """
-    import policies
-    from kernels.errors import UserError
-    from policies.decisions import VISITS, DecisionTrainer
-    from policies.training.provenance import provenance
-    from usvauv_env import Scenario
+    from usvauv import policies
+    from usvauv.env import Scenario
+    from usvauv.kernels.errors import UserError
+    from usvauv.policies.decisions import VISITS, DecisionTrainer
+    from usvauv.policies.training.provenance import provenance
 
     at_least("--iterations", iterations, 1)
     at_least("--worlds", worlds, 1)

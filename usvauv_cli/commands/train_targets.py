@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from usvauv_cli.commands.decisions import learn
-from usvauv_cli.commands.options import (
+from usvauv.cli.commands.decisions import learn
+from usvauv.cli.commands.options import (
     Arch,
     Overrides,
     Plugins,
@@ -48,10 +48,10 @@ def train_targets(
 
     `usvauv eval survey --policy clear --targets learned:own.json --targets tour`
     """
-    import policies
-    from policies.decisions import NODES, DecisionTrainer
-    from policies.training.provenance import provenance
-    from usvauv_env import Scenario
+    from usvauv import policies
+    from usvauv.env import Scenario
+    from usvauv.policies.decisions import NODES, DecisionTrainer
+    from usvauv.policies.training.provenance import provenance
 
     at_least("--iterations", iterations, 1)
     at_least("--worlds", worlds, 1)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kernels.errors import UserError
-from usvauv_cli.commands.options import at_least, parse_size, writable
+from usvauv.cli.commands.options import at_least, parse_size, writable
+from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv_cli.mission_video import VideoSettings
+    from usvauv.cli.mission_video import VideoSettings
 
 VideoOut = Annotated[
     Path | None,
@@ -36,9 +36,9 @@ def video_settings(
     Raises:
         UserError: an option has a value that is not allowed, or the file cannot be written.
     """
-    from usvauv_cli.mission_video import ENDINGS, VideoSettings
-    from usvauv_env.render.painter import VIEWS, Look
-    from usvauv_env.render.style import THEMES
+    from usvauv.cli.mission_video import ENDINGS, VideoSettings
+    from usvauv.env.render.painter import VIEWS, Look
+    from usvauv.env.render.style import THEMES
 
     at_least("--fps", fps, 1)
     if speedup is not None:

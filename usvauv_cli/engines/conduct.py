@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Protocol
 from uuid import uuid4
 
-from kernels.interruption import deferred
-from usvauv_cli.engines.task import REPORT, STOP, Ended, Task, reported
-from usvauv_env.files import writing
+from usvauv.cli.engines.task import REPORT, STOP, Ended, Task, reported
+from usvauv.env.files import writing
+from usvauv.kernels.interruption import deferred
 
 ATTEMPTS = 3  # at a piece that does not end by itself
 UNFINISHED = ("lost", "stopped")

@@ -15,12 +15,12 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import NamedTuple
 
-from kernels import runtime
-from kernels.errors import UserError
-from kernels.interruption import SIGNALS, deferred, in_thread
-from usvauv_cli.engines.conduct import conduct, signs_in
-from usvauv_cli.engines.task import Ended, Signs, Task, reported
-from usvauv_env import plugins
+from usvauv.cli.engines.conduct import conduct, signs_in
+from usvauv.cli.engines.task import Ended, Signs, Task, reported
+from usvauv.env import plugins
+from usvauv.kernels import runtime
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.interruption import SIGNALS, deferred, in_thread
 
 THREADS = "OMP_NUM_THREADS"  # environment variable that libraries read when they are loaded
 LOST = "a process was ended from outside, perhaps for lack of memory"

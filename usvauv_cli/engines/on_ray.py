@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from kernels.errors import UserError
-from kernels.interruption import SIGNALS
-from usvauv_cli.engines.local import LOST
-from usvauv_cli.engines.task import Ended, Task
+from usvauv.cli.engines.local import LOST
+from usvauv.cli.engines.task import Ended, Task
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.interruption import SIGNALS
 
 # Else Ray tells other processes of this machine, and its makers, and warns of what a later version does.
 SETTINGS = {"RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0", "RAY_USAGE_STATS_ENABLED": "0"}

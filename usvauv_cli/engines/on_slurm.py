@@ -16,9 +16,9 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from kernels.errors import UserError, in_words
-from usvauv_cli.engines.local import LOST, THREADS
-from usvauv_cli.engines.task import Ended, Task
+from usvauv.cli.engines.local import LOST, THREADS
+from usvauv.cli.engines.task import Ended, Task
+from usvauv.kernels.errors import UserError, in_words
 
 LOOK = 0.2  # seconds between two looks for results
 ASK = 10.0  # seconds between two questions to Slurm; a job without a result that has ended at two of them is lost

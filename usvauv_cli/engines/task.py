@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from kernels.errors import UserError, in_words
+from usvauv.kernels.errors import UserError, in_words
 
 STOP = "stop"  # the sign to stop
 REPORT = 0.3  # seconds between two looks at a sign, and between two reports
@@ -86,7 +86,7 @@ class Task:
         do: does it, unless it is done already.
         signs: folder of the signs; it exists.
         threads: of Taichi's kernels.
-        arch: as `kernels.runtime.start` takes it.
+        arch: as `usvauv.kernels.runtime.start` takes it.
         plugins: files to load first.
         directory: where relative paths begin.
     """
@@ -101,8 +101,8 @@ class Task:
 
     def __call__(self) -> Ended:
         """Do the piece in this process; whatever it raises becomes the answer."""
-        from kernels import runtime
-        from usvauv_env import plugins
+        from usvauv.env import plugins
+        from usvauv.kernels import runtime
 
         signs = Signs(self.signs, self.name)
         try:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import policies
-from policies import checkpoint
-from usvauv_cli.engines.task import Stopped
+from usvauv import policies
+from usvauv.cli.engines.task import Stopped
+from usvauv.policies import checkpoint
 
 EVALUATION_STEP = 12  # world-steps of training that take as long as one step of an evaluation's worlds
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from usvauv_cli.evaluation.comparison import Comparison
-from usvauv_env.record.evaluation import MakePolicy, evaluate_batch
-from usvauv_env.record.growing_table import Combination, GrowingTable
-from usvauv_env.record.trace import Trace
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.world import World
+from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.env.record.evaluation import MakePolicy, evaluate_batch
+from usvauv.env.record.growing_table import Combination, GrowingTable
+from usvauv.env.record.trace import Trace
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.world import World
 
 
 @dataclass(frozen=True)

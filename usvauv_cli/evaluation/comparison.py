@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from usvauv_cli.evaluation.estimates import Estimate, Moments
-from usvauv_env.record.growing_table import Combination
-from usvauv_env.record.metrics import COLUMNS, FIGURES
+from usvauv.cli.evaluation.estimates import Estimate, Moments
+from usvauv.env.record.growing_table import Combination
+from usvauv.env.record.metrics import COLUMNS, FIGURES
 
 LEAST_EPISODES = 64  # before an interval is believed to be short
 

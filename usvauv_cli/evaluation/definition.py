@@ -9,13 +9,13 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from kernels import runtime
-from policies import imported
-from policies.checkpoint import BEST, LAST, POLICY
-from policies.policy import PolicyError
-from usvauv_env import plugins
-from usvauv_env.record.growing_table import Combination
-from usvauv_env.scenario import Scenario
+from usvauv.env import plugins
+from usvauv.env.record.growing_table import Combination
+from usvauv.env.scenario import Scenario
+from usvauv.kernels import runtime
+from usvauv.policies import imported
+from usvauv.policies.checkpoint import BEST, LAST, POLICY
+from usvauv.policies.policy import PolicyError
 
 
 def definition(scenario: Scenario, combinations: Iterable[Combination], seed: int, arch: str) -> dict[str, Any]:

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kernels.errors import UserError
-from usvauv_cli.fix_log.reader import Fixes, read_log
-from usvauv_env import Scenario
+from usvauv.cli.fix_log.reader import Fixes, read_log
+from usvauv.env import Scenario
+from usvauv.kernels.errors import UserError
 
 LAST = 7  # fixes that give the place; of an AUV that turns, older ones say little about where it is
 FEWEST = 4  # fixes of which the scatter is known

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kernels.errors import UserError
-from kernels.positioning.usbl import UNUSABLE
-from usvauv_cli.fix_log import sentences
-from usvauv_cli.fix_log.sentences import BadLine, Boat, Geographic, Heading
-from usvauv_env import Scenario
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.site import Site
+from usvauv.cli.fix_log import sentences
+from usvauv.cli.fix_log.sentences import BadLine, Boat, Geographic, Heading
+from usvauv.env import Scenario
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.site import Site
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.positioning.usbl import UNUSABLE
 
 METRES, DEGREES = ("x", "y"), ("latitude", "longitude")
 DAY = 86400.0

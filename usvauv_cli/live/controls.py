@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from kernels.errors import UserError
-from usvauv_cli.live.history import KEPT
-from usvauv_cli.live.requests import Requests
-from usvauv_cli.live.scene import OPACITY, Scene
-from usvauv_cli.live.session import Session
-from usvauv_cli.live.sliders import SLIDERS
-from usvauv_env.record.metrics import EpisodeMetrics
-from usvauv_env.render.style import auv_colour
-from usvauv_env.render.text import clock
+from usvauv.cli.live.history import KEPT
+from usvauv.cli.live.requests import Requests
+from usvauv.cli.live.scene import OPACITY, Scene
+from usvauv.cli.live.session import Session
+from usvauv.cli.live.sliders import SLIDERS
+from usvauv.env.record.metrics import EpisodeMetrics
+from usvauv.env.render.style import auv_colour
+from usvauv.env.render.text import clock
+from usvauv.kernels.errors import UserError
 
 SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "30 ×": 30.0, "as fast as possible": math.inf}
 STATUS_EVERY = 0.25  # s

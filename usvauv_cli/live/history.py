@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usvauv_env.sea.storm import AirySea
+from usvauv.env.sea.storm import AirySea
 
 KEPT = 900  # states
 

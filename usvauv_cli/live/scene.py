@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
-from usvauv_cli.live import shapes
-from usvauv_cli.live.history import History, Moment
-from usvauv_cli.live.session import Session
-from usvauv_env.render import style
-from usvauv_env.render.map import error_axes
+from usvauv.cli.live import shapes
+from usvauv.cli.live.history import History, Moment
+from usvauv.cli.live.session import Session
+from usvauv.env.render import style
+from usvauv.env.render.map import error_axes
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 
 TRAIL = 90  # states
 ELLIPSE = 40  # points

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from kernels.errors import UserError
+from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
     import viser

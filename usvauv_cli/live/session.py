@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import torch
 
-import policies
-from kernels.errors import DivergenceError, UserError
-from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
-from kernels.mission.target_rules import target_rules
-from usvauv_cli.live.history import History, Moment, Snapshot
-from usvauv_cli.live.sliders import SLIDERS
-from usvauv_cli.live.surface import SurfaceGrid
-from usvauv_env.memory import require
-from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
-from usvauv_env.record.recorder import Recorder, trace_bytes
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
-from usvauv_env.world.world import World
+from usvauv import policies
+from usvauv.cli.live.history import History, Moment, Snapshot
+from usvauv.cli.live.sliders import SLIDERS
+from usvauv.cli.live.surface import SurfaceGrid
+from usvauv.env.memory import require
+from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
+from usvauv.env.record.recorder import Recorder, trace_bytes
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
+from usvauv.env.world.world import World
+from usvauv.kernels.errors import DivergenceError, UserError
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from usvauv.kernels.mission.target_rules import target_rules
 
 BUDGET = 0.012  # s of stepping from one picture to the next
 FLOW_POINTS = 13  # on the longer side of the area
@@ -48,7 +48,7 @@ class Session:
         ended: why the mission cannot go on; empty while it can.
 
     Raises:
-        UserError: as `World`, `policies.load` and `usvauv_env.memory.require`.
+        UserError: as `World`, `policies.load` and `usvauv.env.memory.require`.
     """
 
     def __init__(

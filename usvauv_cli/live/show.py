@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from kernels.interruption import Stop
-from usvauv_cli.live.controls import Controls
-from usvauv_cli.live.history import Moment
-from usvauv_cli.live.scene import Scene
-from usvauv_cli.live.session import Session
+from usvauv.cli.live.controls import Controls
+from usvauv.cli.live.history import Moment
+from usvauv.cli.live.scene import Scene
+from usvauv.cli.live.session import Session
+from usvauv.kernels.interruption import Stop
 
 LONGEST = 0.25  # s of real time that pass from one picture to the next; more is lost, as while a world is compiled
 INTERVAL = 1 / 30  # s from one picture to the next, at best

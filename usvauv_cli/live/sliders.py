@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from usvauv_env.scenario import Scenario
+from usvauv.env.scenario import Scenario
 
 Changes = dict[str, dict[str, float]]  # section → field → value
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from usvauv_env.sea.storm import AirySea
-from usvauv_env.world.world import World
+from usvauv.env.sea.storm import AirySea
+from usvauv.env.world.world import World
 
 POINTS = 104  # at most, on the longer side
 

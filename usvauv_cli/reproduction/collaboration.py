@@ -11,16 +11,17 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-import policies
-from usvauv_cli.figure_theme import Ground, write_pair
-from usvauv_cli.reproduction import figure
-from usvauv_cli.reproduction.settings import WIDE, Settings
-from usvauv_cli.reproduction.work import EVALUATION_STEP, Piece, Work
-from usvauv_env import World
-from usvauv_env.record.metrics import COLUMNS, episode_metrics
-from usvauv_env.record.recorder import record
-from usvauv_env.record.table import read_rows, write_rows
-from usvauv_env.render.palette import looks
+from usvauv import policies
+from usvauv.cli.engines.training import EVALUATION_STEP
+from usvauv.cli.figure_theme import Ground, write_pair
+from usvauv.cli.reproduction import figure
+from usvauv.cli.reproduction.settings import WIDE, Settings
+from usvauv.cli.reproduction.work import Piece, Work
+from usvauv.env import World
+from usvauv.env.record.metrics import COLUMNS, episode_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.record.table import read_rows, write_rows
+from usvauv.env.render.palette import looks
 
 NAME = "collaboration"
 STEERING = "pace"

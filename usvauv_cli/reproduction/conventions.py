@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 
-from usvauv_cli.reproduction import paper
-from usvauv_cli.reproduction.settings import PHYSICAL, Settings
-from usvauv_env.scenario import Scenario
+from usvauv.cli.reproduction import paper
+from usvauv.cli.reproduction.settings import PHYSICAL, Settings
+from usvauv.env.scenario import Scenario
 
 # Subject; what the paper (P) or its demonstration (D) has; fields of the scenario that hold what was done here.
 SCENARIO = (

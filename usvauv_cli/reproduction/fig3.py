@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-import policies
-from usvauv_cli.figure_theme import Ground, write_pair
-from usvauv_cli.reproduction import figure, paper
-from usvauv_cli.reproduction.runs import Learned
-from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import Piece
-from usvauv_env.record.table import write_rows
-from usvauv_env.render.palette import looks
+from usvauv import policies
+from usvauv.cli.figure_theme import Ground, write_pair
+from usvauv.cli.reproduction import figure, paper
+from usvauv.cli.reproduction.runs import Learned
+from usvauv.cli.reproduction.settings import Settings
+from usvauv.cli.reproduction.work import Piece
+from usvauv.env.record.table import write_rows
+from usvauv.env.render.palette import looks
 
 NAME = "fig3"
 METHODS = ("ddpg", "sac")

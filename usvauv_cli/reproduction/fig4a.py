@@ -14,17 +14,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-import policies
-from kernels import runtime
-from kernels.flow import vortex
-from usvauv_cli.figure_theme import OUTLINE, Ground, write_pair
-from usvauv_cli.reproduction import figure, paper
-from usvauv_cli.reproduction.runs import Learned
-from usvauv_cli.reproduction.settings import PHYSICAL, Settings
-from usvauv_env import Trace, World
-from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
-from usvauv_env.record.recorder import record
-from usvauv_env.record.table import write_rows
+from usvauv import policies
+from usvauv.cli.figure_theme import OUTLINE, Ground, write_pair
+from usvauv.cli.reproduction import figure, paper
+from usvauv.cli.reproduction.runs import Learned
+from usvauv.cli.reproduction.settings import PHYSICAL, Settings
+from usvauv.env import Trace, World
+from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.record.table import write_rows
+from usvauv.kernels import runtime
+from usvauv.kernels.flow import vortex
 
 NAME = "fig4a"
 COLUMNS = ("scenario", "time", "vehicle", "x", "y")

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from usvauv_cli.figure_theme import Ground, log_ticks, write_pair
-from usvauv_cli.reproduction import figure, paper
-from usvauv_cli.reproduction.fixes import BOUND, FixErrors, results
-from usvauv_cli.reproduction.settings import PHYSICAL, STRATEGIES, Settings
-from usvauv_cli.reproduction.work import Piece
-from usvauv_env.record.table import read_rows, write_rows
-from usvauv_env.render.palette import looks
+from usvauv.cli.figure_theme import Ground, log_ticks, write_pair
+from usvauv.cli.reproduction import figure, paper
+from usvauv.cli.reproduction.fixes import BOUND, FixErrors, results
+from usvauv.cli.reproduction.settings import PHYSICAL, STRATEGIES, Settings
+from usvauv.cli.reproduction.work import Piece
+from usvauv.env.record.table import read_rows, write_rows
+from usvauv.env.render.palette import looks
 
 NAME = "fig4b"
 SCENARIOS = (paper.CONDITIONS["ESC"], PHYSICAL)

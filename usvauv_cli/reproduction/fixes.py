@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-import policies
-from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import EVALUATION_STEP, Work
-from usvauv_env import World
-from usvauv_env.record import error_bound
-from usvauv_env.record.metrics import position_error
-from usvauv_env.record.recorder import record
-from usvauv_env.record.table import write_rows
+from usvauv import policies
+from usvauv.cli.engines.training import EVALUATION_STEP
+from usvauv.cli.reproduction.settings import Settings
+from usvauv.cli.reproduction.work import Work
+from usvauv.env import World
+from usvauv.env.record import error_bound
+from usvauv.env.record.metrics import position_error
+from usvauv.env.record.recorder import record
+from usvauv.env.record.table import write_rows
 
 BOUND = "bound"
 OVER_TIME = ("time", "median", "lower_quartile", "upper_quartile")

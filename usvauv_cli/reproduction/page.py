@@ -9,13 +9,13 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from kernels.mission.vehicle import travelling_power
-from policies.evaluation import EVALUATION_SEED_OFFSET
-from usvauv_cli.reproduction import collaboration, conventions, fig3, fig4a, fig4b, paper, table2
-from usvauv_cli.reproduction.fixes import BOUND
-from usvauv_cli.reproduction.settings import Settings
-from usvauv_env.files import atomic_write
-from usvauv_env.record.metrics import EpisodeMetrics
+from usvauv.cli.reproduction import collaboration, conventions, fig3, fig4a, fig4b, paper, table2
+from usvauv.cli.reproduction.fixes import BOUND
+from usvauv.cli.reproduction.settings import PHYSICAL, Settings
+from usvauv.env.files import atomic_write
+from usvauv.env.record.metrics import EpisodeMetrics
+from usvauv.kernels.mission.vehicle import travelling_power
+from usvauv.policies.evaluation import EVALUATION_SEED_OFFSET
 
 RESULTS = "reproduction"
 LOWEST_EC = min(figures["ec"][0] for figures in paper.TABLE_2.values())
@@ -167,7 +167,7 @@ def fig4a_section(episodes: dict[str, EpisodeMetrics]) -> str:
     policy = next(iter(episodes.values())).policy
     parts = [
         "## Fig. 4(a)",
-        f"One episode in ESC and, with the same policy, one in `{fig4a.PHYSICAL}`, whose currents it was never trained"
+        f"One episode in ESC and, with the same policy, one in `{PHYSICAL}`, whose currents it was never trained"
         f" in. Policy: {policy}, the run whose best policy scored highest on the worlds it was chosen by. The paper"
         " gives no numbers for its trajectories.",
         picture(fig4a.NAME, "Trajectories of AUVs and USV"),

@@ -8,12 +8,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from kernels.interruption import stoppable
-from usvauv_cli import console
-from usvauv_cli.engines.local import finish
-from usvauv_cli.engines.task import Signs, Stopped
-from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import Piece, Work
+from usvauv.cli import console
+from usvauv.cli.engines.local import finish
+from usvauv.cli.engines.task import Signs, Stopped
+from usvauv.cli.reproduction.settings import Settings
+from usvauv.cli.reproduction.work import Piece, Work
+from usvauv.kernels.interruption import stoppable
 
 FIRST_PIECE = 20.0  # seconds of work by which the time of the whole is estimated
 

@@ -14,21 +14,21 @@ from typing import Any
 import numpy as np
 import torch
 
-import policies
-from policies import checkpoint
-from policies.evaluation import EVALUATION_SEED_OFFSET
-from policies.training.provenance import provenance
-from usvauv_cli.engines import training
-from usvauv_cli.engines.training import EVALUATION_STEP
-from usvauv_cli.reproduction.paper import CONDITIONS
-from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import Work
-from usvauv_env import World
-from usvauv_env.files import writing
-from usvauv_env.lock import locked
-from usvauv_env.record.metrics import COLUMNS, episode_metrics
-from usvauv_env.record.recorder import record
-from usvauv_env.record.table import write_rows
+from usvauv import policies
+from usvauv.cli.engines import training
+from usvauv.cli.engines.training import EVALUATION_STEP
+from usvauv.cli.reproduction.paper import CONDITIONS
+from usvauv.cli.reproduction.settings import Settings
+from usvauv.cli.reproduction.work import Work
+from usvauv.env import World
+from usvauv.env.files import writing
+from usvauv.env.lock import locked
+from usvauv.env.record.metrics import COLUMNS, episode_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.record.table import write_rows
+from usvauv.policies import checkpoint
+from usvauv.policies.evaluation import EVALUATION_SEED_OFFSET
+from usvauv.policies.training.provenance import provenance
 
 TESTED = ("method", "trained_in", "run", "updates", *COLUMNS, "collaboration")
 

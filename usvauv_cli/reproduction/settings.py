@@ -11,11 +11,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from kernels.errors import UserError
-from policies import TrainingConfig
-from usvauv_cli.reproduction.paper import CONDITIONS
-from usvauv_env.files import atomic_write
-from usvauv_env.scenario import Scenario
+from usvauv.cli.reproduction.paper import CONDITIONS
+from usvauv.env.files import atomic_write
+from usvauv.env.scenario import Scenario
+from usvauv.kernels.errors import UserError
+from usvauv.policies import TrainingConfig
 
 PHYSICAL = "extreme"  # our own scenario, set beside the paper's in Fig. 4
 WIDE = "wide"  # and that in which the boat's strategy decides

@@ -12,13 +12,13 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from usvauv_cli.figure_theme import Ground, write_pair
-from usvauv_cli.reproduction import figure, paper
-from usvauv_cli.reproduction.runs import Heuristic, Learned
-from usvauv_cli.reproduction.settings import HEURISTICS, Settings
-from usvauv_cli.reproduction.work import Piece
-from usvauv_env.record.table import read_rows, write_rows
-from usvauv_env.render.palette import looks
+from usvauv.cli.figure_theme import Ground, write_pair
+from usvauv.cli.reproduction import figure, paper
+from usvauv.cli.reproduction.runs import Heuristic, Learned
+from usvauv.cli.reproduction.settings import HEURISTICS, Settings
+from usvauv.cli.reproduction.work import Piece
+from usvauv.env.record.table import read_rows, write_rows
+from usvauv.env.render.palette import looks
 
 NAME = "table2"
 OTHERS = ("services", "delivered_mbit", "collisions", "border", "arps_without_eq5")

@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import policies
-from kernels.errors import UserError
-from usvauv_cli.reproduction import collaboration, fig3, fig4a, fig4b, page, pool, settings, table2
-from usvauv_cli.reproduction.runs import Learned
-from usvauv_cli.reproduction.settings import Settings
-from usvauv_cli.reproduction.work import Piece
-from usvauv_env.files import atomic_write
+from usvauv import policies
+from usvauv.cli.reproduction import collaboration, fig3, fig4a, fig4b, page, pool, settings, table2
+from usvauv.cli.reproduction.runs import Learned
+from usvauv.cli.reproduction.settings import Settings
+from usvauv.cli.reproduction.work import Piece
+from usvauv.env.files import atomic_write
+from usvauv.kernels.errors import UserError
 
 FIGURES = ("table2", "fig3", "fig4a", "fig4b")
 TARGETS = (*FIGURES, "all", collaboration.NAME)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from usvauv_cli.engines.task import Stopped
-from usvauv_cli.engines.training import EVALUATION_STEP
-from usvauv_cli.reproduction.settings import Settings
+from usvauv.cli.engines.task import Stopped
+from usvauv.cli.engines.training import EVALUATION_STEP
+from usvauv.cli.reproduction.settings import Settings
 
 
 @dataclass(frozen=True)

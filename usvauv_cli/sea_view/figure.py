@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from usvauv_cli.figure_theme import (
+from usvauv.cli.figure_theme import (
     BACKGROUND,
     CARD,
     LINE,
@@ -27,16 +27,16 @@ from usvauv_cli.figure_theme import (
     style_axes,
     web,
 )
-from usvauv_cli.sea_view.section import Section
-from usvauv_cli.sea_view.spectra import SHORTEST, measured, spectrum, target_spectrum, wanted
-from usvauv_cli.sea_view.surface import SHADED, LevelSurface
-from usvauv_cli.sea_view.video import LONG_WAVES, land, thumbnail, weather
-from usvauv_env.memory import require
-from usvauv_env.render import style
-from usvauv_env.render.frame_layout import MapView, Rectangle
-from usvauv_env.render.text import clock
-from usvauv_env.sea.storm import total_height, wave_systems
-from usvauv_env.sea_alone.simulation import SeaSimulation
+from usvauv.cli.sea_view.section import Section
+from usvauv.cli.sea_view.spectra import SHORTEST, measured, spectrum, target_spectrum, wanted
+from usvauv.cli.sea_view.surface import SHADED, LevelSurface
+from usvauv.cli.sea_view.video import LONG_WAVES, land, thumbnail, weather
+from usvauv.env.memory import require
+from usvauv.env.render import style
+from usvauv.env.render.frame_layout import MapView, Rectangle
+from usvauv.env.render.text import clock
+from usvauv.env.sea.storm import total_height, wave_systems
+from usvauv.env.sea_alone.simulation import SeaSimulation
 
 LEVELS = LinearSegmentedColormap.from_list("levels", [web(colour) for colour in style.SEA])
 MAPS = 4

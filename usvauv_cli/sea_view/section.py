@@ -7,8 +7,8 @@ import math
 import cv2
 import numpy as np
 
-from usvauv_env.sea.storm import wave_systems
-from usvauv_env.site.site import Site
+from usvauv.env.sea.storm import wave_systems
+from usvauv.env.site.site import Site
 
 POINTS = 241
 INWARDS = {"west": 0.0, "south": math.pi / 2, "east": math.pi, "north": -math.pi / 2}  # from an edge, rad

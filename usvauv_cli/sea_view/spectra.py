@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv_env.sea.storm import System, cumulative, density, moment, total_height, wave_systems
-from usvauv_env.site.site import Site
+from usvauv.env.sea.storm import System, cumulative, density, moment, total_height, wave_systems
+from usvauv.env.site.site import Site
 
 SHORTEST = 16  # least number of records for a spectrum
 

@@ -10,14 +10,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from usvauv_cli.encoder import even, expected_bytes, one_drawing_thread, video_file
-from usvauv_cli.sea_view.block import Block
-from usvauv_cli.sea_view.section import Section
-from usvauv_cli.sea_view.surface import SHADED, LevelSurface
-from usvauv_env.render import shapes, style, symbols
-from usvauv_env.render.frame_layout import Layout, MapView, Rectangle, nice_above
-from usvauv_env.render.map_axes import draw_map_axes
-from usvauv_env.render.panel_elements import (
+from usvauv.cli.encoder import even, expected_bytes, one_drawing_thread, video_file
+from usvauv.cli.sea_view.block import Block
+from usvauv.cli.sea_view.section import Section
+from usvauv.cli.sea_view.surface import SHADED, LevelSurface
+from usvauv.env.render import shapes, style, symbols
+from usvauv.env.render.frame_layout import Layout, MapView, Rectangle, nice_above
+from usvauv.env.render.map_axes import draw_map_axes
+from usvauv.env.render.panel_elements import (
     draw_card,
     draw_clock,
     fill_tiles,
@@ -26,12 +26,12 @@ from usvauv_env.render.panel_elements import (
     write_heading,
     write_title,
 )
-from usvauv_env.render.plots import LivePlot, SectionPlot
-from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
-from usvauv_env.render.shapes import Overlay
-from usvauv_env.render.text import write
-from usvauv_env.sea.storm import wave_systems
-from usvauv_env.sea_alone.simulation import SeaSimulation, Surface
+from usvauv.env.render.plots import LivePlot, SectionPlot
+from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface
+from usvauv.env.render.shapes import Overlay
+from usvauv.env.render.text import write
+from usvauv.env.sea.storm import wave_systems
+from usvauv.env.sea_alone.simulation import SeaSimulation, Surface
 
 TRIAL = 12  # pictures by which the size of the file is estimated
 LONG_WAVES = style.colour("#ffb020")

@@ -1,4 +1,4 @@
 """Studies of many runs: the file that names them, a folder for each run, their results and what they say.
 
-`results.sweep` is the entrance; where the runs are done is an engine of `usvauv_cli.engines`.
+`results.sweep` is the entrance; where the runs are done is an engine of `usvauv.cli.engines`.
 """

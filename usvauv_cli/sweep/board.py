@@ -11,10 +11,10 @@ from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 
-from usvauv_cli import tables
-from usvauv_cli.engines.task import Ended
-from usvauv_cli.sweep.study import Planned
-from usvauv_cli.sweep.summary import LONGEST, Labels
+from usvauv.cli import tables
+from usvauv.cli.engines.task import Ended
+from usvauv.cli.sweep.study import Planned
+from usvauv.cli.sweep.summary import LONGEST, Labels
 
 MOST_ROWS = 14  # of running runs
 

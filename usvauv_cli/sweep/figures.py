@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from usvauv_cli.web_report.figure_style import (
+from usvauv.cli.web_report.figure_style import (
     INK,
     MUTED,
     colour,
@@ -22,7 +22,7 @@ from usvauv_cli.web_report.figure_style import (
     rows_of_legend,
     style_axes,
 )
-from usvauv_cli.web_report.figures import shortened
+from usvauv.cli.web_report.figures import shortened
 
 NAMES = {"iqm": "interquartile mean", "median": "median", "mean": "mean"}
 ROW = 0.15  # inches of a row of points

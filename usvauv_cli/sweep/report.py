@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import policies
-from policies.policy import PolicyError
-from usvauv_cli import tables
-from usvauv_cli.sweep import figures, statistics, summary
-from usvauv_cli.sweep.run import FAILURE, finished, seconds
-from usvauv_cli.sweep.study import Planned, Study
-from usvauv_cli.web_report import document
-from usvauv_env.files import writing
+from usvauv import policies
+from usvauv.cli import tables
+from usvauv.cli.sweep import figures, statistics, summary
+from usvauv.cli.sweep.run import FAILURE, finished, seconds
+from usvauv.cli.sweep.study import Planned, Study
+from usvauv.cli.web_report import document
+from usvauv.env.files import writing
+from usvauv.policies.policy import PolicyError
 
 # What is shown at most, so that the page stays below 3 MB.
 METHODS, TASKS = 12, 12  # of figures

@@ -1,9 +1,9 @@
 """A study from its file to its results: what is left is done, then tables are written.
 
-DIR/runs/HASH/      a run, see `usvauv_cli.sweep.run`
+DIR/runs/HASH/      a run, see `usvauv.cli.sweep.run`
 DIR/results.csv     one row for each run and episode: `FIRST`, then the columns of `usvauv eval`; also as .parquet
-DIR/summary.json    see `usvauv_cli.sweep.summary`
-DIR/report/         see `usvauv_cli.sweep.report`
+DIR/summary.json    see `usvauv.cli.sweep.summary`
+DIR/report/         see `usvauv.cli.sweep.report`
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from kernels.errors import UserError
-from usvauv_cli.engines.conduct import Engine, conduct, signs_in
-from usvauv_cli.engines.task import Ended, Task, reported
-from usvauv_cli.sweep import report, summary
-from usvauv_cli.sweep.board import Board
-from usvauv_cli.sweep.run import FAILURE, RESULT, Perform, finished
-from usvauv_cli.sweep.study import Planned, Study
-from usvauv_env import plugins
-from usvauv_env.files import atomic_write
-from usvauv_env.lock import locked
-from usvauv_env.record.metrics import EpisodeMetrics
-from usvauv_env.record.table import read_rows, write_rows
+from usvauv.cli.engines.conduct import Engine, conduct, signs_in
+from usvauv.cli.engines.task import Ended, Task, reported
+from usvauv.cli.sweep import report, summary
+from usvauv.cli.sweep.board import Board
+from usvauv.cli.sweep.run import FAILURE, RESULT, Perform, finished
+from usvauv.cli.sweep.study import Planned, Study
+from usvauv.env import plugins
+from usvauv.env.files import atomic_write
+from usvauv.env.lock import locked
+from usvauv.env.record.metrics import EpisodeMetrics
+from usvauv.env.record.table import read_rows, write_rows
+from usvauv.kernels.errors import UserError
 
 TABLE = "results.csv"
 FIRST = ("run", "method", "task", "training_seed")

@@ -20,18 +20,17 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import policies
-import usvauv_env
-from policies.checkpoint import clean
-from policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-from policies.training.provenance import provenance
-from policies.training.trainer import EVALUATIONS
-from usvauv_cli.engines import training
-from usvauv_cli.engines.task import Signs, Stopped
-from usvauv_env import Scenario, World
-from usvauv_env.files import OutputError, atomic_write, writing
-from usvauv_env.lock import locked
-from usvauv_env.record.table import write_rows
+from usvauv import env, policies
+from usvauv.cli.engines import training
+from usvauv.cli.engines.task import Signs, Stopped
+from usvauv.env import Scenario, World
+from usvauv.env.files import OutputError, atomic_write, writing
+from usvauv.env.lock import locked
+from usvauv.env.record.table import write_rows
+from usvauv.policies.checkpoint import clean
+from usvauv.policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv.policies.training.provenance import provenance
+from usvauv.policies.training.trainer import EVALUATIONS
 
 RESULT = "episodes.csv"
 DEFINITION = "run.json"
@@ -111,7 +110,7 @@ class Perform:
             if signs.stopping():
                 raise Stopped
 
-        rows = usvauv_env.evaluate(
+        rows = env.evaluate(
             scenario,
             {name: partial(policies.acting, self.place if config else name)},
             episodes=wanted["episodes"],

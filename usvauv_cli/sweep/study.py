@@ -16,14 +16,14 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-import policies
-from kernels.errors import UserError
-from usvauv_cli.evaluation.definition import digests
-from usvauv_env import text_files
-from usvauv_env.record.metrics import FIGURES, task_metrics
-from usvauv_env.scenario import Scenario
-from usvauv_env.sections.fields import Section, known, one_line
-from usvauv_env.world.boat_strategies import StrategyChoice
+from usvauv import policies
+from usvauv.cli.evaluation.definition import digests
+from usvauv.env import text_files
+from usvauv.env.record.metrics import FIGURES, task_metrics
+from usvauv.env.scenario import Scenario
+from usvauv.env.sections.fields import Section, known, one_line
+from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.kernels.errors import UserError
 
 OF_TRAINING = ("steps", "worlds", "shared", "learn")
 LISTS = ("set", "learn")  # fields that are lists themselves; several of these are a list of lists
@@ -80,7 +80,7 @@ class Resources(Section):
 
     @property
     def arch(self) -> str:
-        """As `kernels.runtime.start` takes it."""
+        """As `usvauv.kernels.runtime.start` takes it."""
         return "cuda" if self.gpu else "cpu"
 
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from usvauv_cli import tables
-from usvauv_cli.evaluation.estimates import digits
-from usvauv_cli.sweep import statistics
-from usvauv_cli.sweep.statistics import Interval, interval
-from usvauv_cli.sweep.study import OF_TRAINING, Evaluation, Planned
+from usvauv.cli import tables
+from usvauv.cli.evaluation.estimates import digits
+from usvauv.cli.sweep import statistics
+from usvauv.cli.sweep.statistics import Interval, interval
+from usvauv.cli.sweep.study import OF_TRAINING, Evaluation, Planned
 
 LEVELS = (0.0, 0.25, 0.5, 0.75, 0.9)  # of the profiles that are printed
 COMPARED = 20  # methods of which all pairs are compared

@@ -12,10 +12,10 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from kernels import runtime
-from policies.training.provenance import provenance
-from usvauv_cli.web_report import figure_style
-from usvauv_env.files import atomic_write
+from usvauv.cli.web_report import figure_style
+from usvauv.env.files import atomic_write
+from usvauv.kernels import runtime
+from usvauv.policies.training.provenance import provenance
 
 PACKAGES = ("usvauv", "taichi", "torch", "numpy")
 NOTHING_EXTERNAL = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
@@ -77,7 +77,7 @@ def write(folder: Path, template: str, title: str, file: Mapping[str, str], arch
 
 def text(name: str) -> str:
     """A file of this package."""
-    return resources.files("usvauv_cli").joinpath(name).read_text(encoding="utf-8")
+    return resources.files("usvauv.cli").joinpath(name).read_text(encoding="utf-8")
 
 
 def _variables() -> str:

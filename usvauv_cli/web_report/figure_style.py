@@ -19,9 +19,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from usvauv_cli import figure_theme
-from usvauv_env.files import atomic_write
-from usvauv_env.render.palette import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
+from usvauv.cli import figure_theme
+from usvauv.env.files import atomic_write
+from usvauv.env.render.palette import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
 
 COLUMN = 3.4  # width, inches
 LIGHT = {

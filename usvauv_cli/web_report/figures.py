@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from usvauv_cli.evaluation.comparison import Comparison
-from usvauv_cli.evaluation.estimates import words
-from usvauv_cli.web_report import graticule
-from usvauv_cli.web_report.figure_style import (
+from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.cli.evaluation.estimates import words
+from usvauv.cli.web_report import graticule
+from usvauv.cli.web_report.figure_style import (
     AGES,
     COLUMN,
     INK,
@@ -31,9 +31,9 @@ from usvauv_cli.web_report.figure_style import (
     rows_of_legend,
     style_axes,
 )
-from usvauv_cli.web_report.recordings import ERRORS, PERIODS, Recording, collects_data, fix_quantiles
-from usvauv_env.scenario import Scenario
-from usvauv_env.site.site import Site
+from usvauv.cli.web_report.recordings import ERRORS, PERIODS, Recording, collects_data, fix_quantiles
+from usvauv.env.scenario import Scenario
+from usvauv.env.site.site import Site
 
 
 def front(names: Sequence[str], comparison: Comparison) -> Figure:

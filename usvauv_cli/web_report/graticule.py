@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from usvauv_cli.web_report.figure_style import INK, LINE
-from usvauv_env.render.frame_layout import nice, nice_above
-from usvauv_env.site.local_frame import LocalFrame
+from usvauv.cli.web_report.figure_style import INK, LINE
+from usvauv.env.render.frame_layout import nice, nice_above
+from usvauv.env.site.local_frame import LocalFrame
 
 STEPS = (1, 2, 4, 5, 10)  # none is more than twice the one before, so that two lines wanted are one at least
 POINTS = 33  # of a line; parallels and meridians are curved on a plane

@@ -8,15 +8,15 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
-from kernels import runtime
-from usvauv_cli import columns
-from usvauv_cli.evaluation import estimates
-from usvauv_cli.evaluation.comparison import Comparison, labels
-from usvauv_cli.web_report import document, figures
-from usvauv_cli.web_report.player import player_data
-from usvauv_cli.web_report.recordings import Recordings, collects_data, front_episodes
-from usvauv_env.record.growing_table import Combination
-from usvauv_env.scenario import Scenario
+from usvauv.cli import columns
+from usvauv.cli.evaluation import estimates
+from usvauv.cli.evaluation.comparison import Comparison, labels
+from usvauv.cli.web_report import document, figures
+from usvauv.cli.web_report.player import player_data
+from usvauv.cli.web_report.recordings import Recordings, collects_data, front_episodes
+from usvauv.env.record.growing_table import Combination
+from usvauv.env.scenario import Scenario
+from usvauv.kernels import runtime
 
 
 class Cell(NamedTuple):

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from usvauv_cli.web_report.recordings import Episode
-from usvauv_env.render.palette import CATEGORICAL
-from usvauv_env.scenario import Scenario
+from usvauv.cli.web_report.recordings import Episode
+from usvauv.env.render.palette import CATEGORICAL
+from usvauv.env.scenario import Scenario
 
 ARROWS = 18  # of the current, along the longer side of the area
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from usvauv_env.record import collection
-from usvauv_env.record.growing_table import Combination
-from usvauv_env.record.metrics import usable
-from usvauv_env.record.trace import Trace
-from usvauv_env.scenario import Scenario
+from usvauv.env.record import collection
+from usvauv.env.record.growing_table import Combination
+from usvauv.env.record.metrics import usable
+from usvauv.env.record.trace import Trace
+from usvauv.env.scenario import Scenario
 
 MOST_SHOWN = 12  # combinations with an episode and a line in the figures
 FRONT_EPISODES = 2400  # points of episodes in the figure of the front

@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 from pathlib import Path
 
-from kernels.errors import UserError
-from usvauv_env.record.trace import Trace
+from usvauv.env.record.trace import Trace
+from usvauv.kernels.errors import UserError
 
 FOLDERS = ("csv", "parquet")  # formats with a file for each table
 WRITERS = {"csv": "tables", "parquet": "tables", "mcap": "ros2", "rrd": "rerun_recording"}
@@ -32,7 +32,7 @@ def write(trace: Trace, form: str, path: Path, world: int = 0) -> None:
             raise UserError(
                 f'--to {form}: needs the extra {extra} ({error.name} is missing): pip install "usvauv[{extra}]"'
             ) from None
-    writer = import_module(f"usvauv_env.exchange.{WRITERS[form]}")
+    writer = import_module(f"usvauv.env.exchange.{WRITERS[form]}")
     if form in FOLDERS:
         writer.write(trace, path, form)
     else:

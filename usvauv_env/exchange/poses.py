@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
+from usvauv.env.record.trace import Trace
 
 
 class Poses(NamedTuple):

@@ -13,11 +13,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from usvauv_env.exchange.poses import Poses, triangles
-from usvauv_env.files import atomic_write
-from usvauv_env.record.trace import Trace
-from usvauv_env.render.style import SEA, WHITE, auv_colour
-from usvauv_env.site.site import Site
+from usvauv.env.exchange.poses import Poses, triangles
+from usvauv.env.files import atomic_write
+from usvauv.env.record.trace import Trace
+from usvauv.env.render.style import SEA, WHITE, auv_colour
+from usvauv.env.site.site import Site
 
 TIME = "mission"
 TRAIL = 60.0  # s

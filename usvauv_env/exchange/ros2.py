@@ -25,10 +25,10 @@ import numpy as np
 from mcap.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from usvauv_env.exchange.poses import Poses
-from usvauv_env.files import atomic_write
-from usvauv_env.record.trace import Trace
-from usvauv_env.site.site import Site
+from usvauv.env.exchange.poses import Poses
+from usvauv.env.files import atomic_write
+from usvauv.env.record.trace import Trace
+from usvauv.env.site.site import Site
 
 FRAME = "map"
 FLOAT32 = 7  # sensor_msgs/PointField

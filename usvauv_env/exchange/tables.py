@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from usvauv_env.files import atomic_write
-from usvauv_env.record.collection import served
-from usvauv_env.record.trace import VARIABLES, Trace
+from usvauv.env.files import atomic_write
+from usvauv.env.record.collection import served
+from usvauv.env.record.trace import VARIABLES, Trace
 
 Table = dict[str, np.ndarray]
 
@@ -30,7 +30,7 @@ PARTS = {
 def tables(trace: Trace) -> dict[str, Table]:
     """Columns (N,) of the tables of `ROWS`, of "fixes" and of "services"; all worlds of the trace.
 
-    A column is named after its variable of `usvauv_env.record.trace.VARIABLES`, with the part of it behind: "fix_x".
+    A column is named after its variable of `usvauv.env.record.trace.VARIABLES`, with the part of it behind: "fix_x".
     What does not change with time is repeated. "fixes" has a row for each detected reply, "services" one for each
     completed service.
     """

@@ -1,6 +1,6 @@
 """BenchMARL's view of the TorchRL face: `DataCollectionTask`, for its experiments, algorithms and models.
 
-Groups, keys and seeds are those of `usvauv_env.faces.torchrl_env`. This module needs the extra `benchmarl`, which goes
+Groups, keys and seeds are those of `usvauv.env.faces.torchrl_env`. This module needs the extra `benchmarl`, which goes
 with a TorchRL below 0.12; nothing else in the package imports it.
 """
 
@@ -12,7 +12,7 @@ from typing import cast
 
 import torch
 
-from usvauv_env.scenario import Scenario
+from usvauv.env.scenario import Scenario
 
 try:
     from benchmarl.environments.common import TaskClass  # pyright: ignore[reportMissingImports]
@@ -26,7 +26,7 @@ except ModuleNotFoundError as missing:
 from torchrl.data import Composite
 from torchrl.envs import EnvBase
 
-from usvauv_env.faces.torchrl_env import DataCollectionTorchRLEnv
+from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
 
 
 class DataCollectionTask(TaskClass):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv_env.memory import require
-from usvauv_env.record.recorder import SURFACE_PIXELS, Recorder, trace_bytes
-from usvauv_env.world.world import World
+from usvauv.env.memory import require
+from usvauv.env.record.recorder import SURFACE_PIXELS, Recorder, trace_bytes
+from usvauv.env.world.world import World
 
 MODES = ("rgb_array",)
 SIZE = 1280, 720
@@ -45,7 +45,7 @@ class Camera:
 
     def picture(self, world: int) -> np.ndarray:
         """A world as it is now, (720, 1280, 3) uint8, RGB."""
-        from usvauv_env.render.painter import Painter  # brings matplotlib, which most runs need not
+        from usvauv.env.render.painter import Painter  # brings matplotlib, which most runs need not
 
         now = self._recorder.world.surface(SURFACE_PIXELS, world)
         first = int(self._first[world])

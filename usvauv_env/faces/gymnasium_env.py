@@ -2,7 +2,7 @@
 
 Both control the team: K AUVs, O numbers in an AUV's observation, W worlds. NumPy in and out, new arrays each call.
 
-    observation  (K, O) float32   as `usvauv_env.world.world.World` tabulates it, clamped into `observation_space`
+    observation  (K, O) float32   as `usvauv.env.world.world.World` tabulates it, clamped into `observation_space`
     action       (K, 2) float32   in [−1, 1], as in `World`; what lies outside is clipped
     reward       sum of the AUVs' rewards
     terminated   always False: nothing ends a mission before its time
@@ -25,10 +25,10 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from usvauv_env.faces.camera import FPS, MODES, Camera, check_mode
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.spaces import action_space, auv_observation_space
-from usvauv_env.world.world import World
+from usvauv.env.faces.camera import FPS, MODES, Camera, check_mode
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.spaces import action_space, auv_observation_space
+from usvauv.env.world.world import World
 
 
 def _observe(world: World, space: gymnasium.Space[Any]) -> np.ndarray:

@@ -10,19 +10,19 @@ import numpy as np
 from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 
-from usvauv_env.faces.camera import FPS, MODES
-from usvauv_env.faces.gymnasium_env import DataCollectionEnv
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.boat_agent import observe_boats
-from usvauv_env.world.boat_strategies import AGENT
-from usvauv_env.world.global_state import global_state, size
-from usvauv_env.world.spaces import action_space, auv_observation_space, boat_observation_space
+from usvauv.env.faces.camera import FPS, MODES
+from usvauv.env.faces.gymnasium_env import DataCollectionEnv
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.boat_agent import observe_boats
+from usvauv.env.world.boat_strategies import AGENT
+from usvauv.env.world.global_state import global_state, size
+from usvauv.env.world.spaces import action_space, auv_observation_space, boat_observation_space
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     """One mission with the agents "auv_0", "auv_1", …, all of them until its time is over.
 
-    observation (O,) and action (2,) of an agent are those of one AUV in `usvauv_env.world.world.World`, clamped into
+    observation (O,) and action (2,) of an agent are those of one AUV in `usvauv.env.world.world.World`, clamped into
     their spaces; reward is the AUV's own. `terminated` is always False and all are truncated in the same step. An
     agent's
     info: "reward_terms" (R,), "measures" (6,), and "horizon_ended", that a service ended its value horizon (only with
@@ -30,8 +30,8 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` gives the
     mission so far as a picture, (720, 1280, 3) uint8.
 
-    With usv = "agent" the boats are agents too, "usv_0", …: observation and action of `usvauv_env.world.boat_agent`,
-    reward the mean of the AUVs', an empty info. `state()` is `usvauv_env.world.global_state`, for centralised critics.
+    With usv = "agent" the boats are agents too, "usv_0", …: observation and action of `usvauv.env.world.boat_agent`,
+    reward the mean of the AUVs', an empty info. `state()` is `usvauv.env.world.global_state`, for centralised critics.
     """
 
     metadata = {  # noqa: RUF012 - PettingZoo defines it as a class attribute

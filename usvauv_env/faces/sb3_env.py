@@ -2,7 +2,7 @@
 
 W worlds, K AUVs, O numbers in an AUV's observation; environment w·K + k is AUV k of world w, and all share one policy.
 
-    observation  (W·K, O)  float32  as `usvauv_env.world.world.World` tabulates it, clamped into `observation_space`
+    observation  (W·K, O)  float32  as `usvauv.env.world.world.World` tabulates it, clamped into `observation_space`
     action       (W·K, 2)  float32  in [−1, 1]; what lies outside is clipped
     reward       (W·K,)    float32  the AUV's own, times `reward_scale`
     done         (W·K,)    bool     the mission's time is over; the observation is then the next mission's first
@@ -22,8 +22,8 @@ import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 
-from usvauv_env.faces.gymnasium_env import DataCollectionVectorEnv
-from usvauv_env.scenario import Scenario
+from usvauv.env.faces.gymnasium_env import DataCollectionVectorEnv
+from usvauv.env.scenario import Scenario
 
 try:
     from stable_baselines3.common.vec_env import VecEnv

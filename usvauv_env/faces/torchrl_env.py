@@ -13,7 +13,7 @@ episode is the root's. Tensors are new each step and stay on the world's device.
     "terminated"                         (W, 1)     bool     always False: nothing ends a mission before its time
     "truncated", "done"                  (W, 1)     bool     the mission's time is over
 
-With the strategy "agent" the B boats are a group of their own, "boats", see `usvauv_env.world.boat_agent`:
+With the strategy "agent" the B boats are a group of their own, "boats", see `usvauv.env.world.boat_agent`:
 
     ("boats", "action")                  (W, B, 2)  float32  in [−1, 1]
     ("boats", "observation")             (W, B, .)  float32  clamped into the spec's bounds
@@ -30,11 +30,11 @@ from pathlib import Path
 
 import torch
 
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.boat_agent import observe_boats
-from usvauv_env.world.boat_strategies import AGENT
-from usvauv_env.world.spaces import action_space, auv_observation_space, boat_observation_space
-from usvauv_env.world.world import World
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.boat_agent import observe_boats
+from usvauv.env.world.boat_strategies import AGENT
+from usvauv.env.world.spaces import action_space, auv_observation_space, boat_observation_space
+from usvauv.env.world.world import World
 
 try:
     from tensordict import TensorDict, TensorDictBase
@@ -60,7 +60,7 @@ class DataCollectionTorchRLEnv(EnvBase):
         num_worlds: number of missions W.
         seed: as for `World`; by default one at random.
         usv: the boat's strategy, see `World`.
-        arch: where to run, see `kernels.runtime.start`.
+        arch: where to run, see `usvauv.kernels.runtime.start`.
 
     Raises:
         ScenarioError: an argument out of range, or an unknown strategy.

@@ -1,4 +1,4 @@
-"""The process that reads one NetCDF file for `usvauv_env.netcdf.reader`.
+"""The process that reads one NetCDF file for `usvauv.env.netcdf.reader`.
 
 A damaged file can make the HDF5 library run for ever, crash, or ask for any amount of memory. Run by its path, this
 program imports nothing of the package and starts in a quarter of a second.

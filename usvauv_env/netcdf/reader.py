@@ -1,4 +1,4 @@
-"""NetCDF files as xarray datasets whose values are read by another process, see `usvauv_env.netcdf.remote`.
+"""NetCDF files as xarray datasets whose values are read by another process, see `usvauv.env.netcdf.remote`.
 
 Fill values and packing are decoded as the CF conventions define them (https://cfconventions.org), times are not.
 """
@@ -18,7 +18,7 @@ from xarray.backends import BackendArray
 from xarray.backends.common import AbstractDataStore
 from xarray.core import indexing
 
-from usvauv_env.netcdf.remote import NetcdfError, RemoteFile, RemoteVariable, open_remote
+from usvauv.env.netcdf.remote import NetcdfError, RemoteFile, RemoteVariable, open_remote
 
 
 class _RemoteArray(BackendArray):

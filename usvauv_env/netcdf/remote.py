@@ -1,6 +1,6 @@
 """NetCDF files read by another process, within limits of time and memory, as they are: nothing is decoded.
 
-NetCDF-4 is read with h5netcdf, NetCDF-3 with SciPy where it is installed. `usvauv_env.netcdf.reader` decodes.
+NetCDF-4 is read with h5netcdf, NetCDF-3 with SciPy where it is installed. `usvauv.env.netcdf.reader` decodes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kernels.errors import UserError
+from usvauv.kernels.errors import UserError
 
 PATIENCE = 30.0  # s to open a file, or to begin to read from it
 SLOWEST = 5e6  # bytes/s of a part and the chunks that it cuts through
@@ -34,7 +34,7 @@ class NetcdfError(UserError, ValueError):
 
 
 class _Child:
-    """The process that reads a file, see `usvauv_env.netcdf.child`."""
+    """The process that reads a file, see `usvauv.env.netcdf.child`."""
 
     def __init__(self, path: Path, engine: str) -> None:
         self.path = path

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
+from usvauv.env.record.trace import Trace
 
 
 def served(trace: Trace) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

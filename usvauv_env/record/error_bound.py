@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.planning import global_search, objectives
-from kernels.positioning import acoustic_link, usbl
-from usvauv_env.record.trace import Trace
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv.env.record.trace import Trace
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels import runtime
+from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.positioning import acoustic_link, usbl
 
 COMMON = ("ALIGNMENT", "POSITION", "HEADING", "SOUND_SPEED")  # columns of the link table, see `acoustic_link`
 

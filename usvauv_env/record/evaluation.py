@@ -8,13 +8,13 @@ from typing import Any, Protocol
 
 from torch import Tensor
 
-from kernels.errors import UserError
-from usvauv_env import memory
-from usvauv_env.record.metrics import EpisodeMetrics, episode_metrics
-from usvauv_env.record.recorder import EACH, record, trace_bytes
-from usvauv_env.record.trace import Trace
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.world import World
+from usvauv.env import memory
+from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
+from usvauv.env.record.recorder import EACH, record, trace_bytes
+from usvauv.env.record.trace import Trace
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.world import World
+from usvauv.kernels.errors import UserError
 
 WORLDS_PER_BATCH = 128  # at most
 

@@ -17,11 +17,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from kernels.errors import UserError
-from kernels.interruption import deferred
-from usvauv_env.files import OutputError, atomic_write, writing
-from usvauv_env.lock import open_locked
-from usvauv_env.record.metrics import COLUMNS
+from usvauv.env.files import OutputError, atomic_write, writing
+from usvauv.env.lock import open_locked
+from usvauv.env.record.metrics import COLUMNS
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.interruption import deferred
 
 MARK = b"# usvauv eval "
 

@@ -1,7 +1,7 @@
 """Figures of merit of an episode, made from a trace and nothing else.
 
 `sdr`, `ec` and `arps` are Table 2's sum data rate, energy consumption and average reward per time step. They miss
-where data come from and how old they are: visiting near nodes often raises all three. `usvauv_env.record.collection`
+where data come from and how old they are: visiting near nodes often raises all three. `usvauv.env.record.collection`
 has figures that it does not raise.
 """
 
@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from kernels.positioning.usbl import DETECTED, UNUSABLE, WRAPPED
-from kernels.registry import Registry
-from usvauv_env.record import collection
-from usvauv_env.record.trace import Trace
+from usvauv.env.record import collection
+from usvauv.env.record.trace import Trace
+from usvauv.kernels.positioning.usbl import DETECTED, UNUSABLE, WRAPPED
+from usvauv.kernels.registry import Registry
 
 
 @dataclass(frozen=True)

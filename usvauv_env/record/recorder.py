@@ -9,14 +9,14 @@ from contextlib import nullcontext
 import numpy as np
 import torch
 
-from kernels.errors import DivergenceError
-from kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
-from kernels.positioning.usbl import DETECTED
-from kernels.types import Level
-from usvauv_env.memory import require
-from usvauv_env.record.rows_on_disk import RowsOnDisk
-from usvauv_env.record.trace import Trace
-from usvauv_env.world.world import World
+from usvauv.env.memory import require
+from usvauv.env.record.rows_on_disk import RowsOnDisk
+from usvauv.env.record.trace import Trace
+from usvauv.env.world.world import World
+from usvauv.kernels.errors import DivergenceError
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
+from usvauv.kernels.positioning.usbl import DETECTED
+from usvauv.kernels.types import Level
 
 SURFACE_PIXELS = 128
 KEPT = 2.5  # times that a state is in memory: as recorded, together with the others, and what is made of it

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from usvauv_env.files import OutputError, writing
-from usvauv_env.memory import words
+from usvauv.env.files import OutputError, writing
+from usvauv.env.memory import words
 
 PLACE = "/var/tmp"  # unlike /tmp never in memory
 

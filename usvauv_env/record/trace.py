@@ -14,23 +14,23 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from kernels.errors import UserError
-from kernels.interruption import deferred
-from usvauv_env import text_files
-from usvauv_env.files import hdf5_file
-from usvauv_env.record.rows_on_disk import RowsOnDisk
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.site import georeference
-from usvauv_env.site.cf import OceanError
-from usvauv_env.site.cf_ocean import parse_time
-from usvauv_env.site.interpolation import at_time
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.site import Site
+from usvauv.env import text_files
+from usvauv.env.files import hdf5_file
+from usvauv.env.record.rows_on_disk import RowsOnDisk
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.site import georeference
+from usvauv.env.site.cf import OceanError
+from usvauv.env.site.cf_ocean import parse_time
+from usvauv.env.site.interpolation import at_time
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.site import Site
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.interruption import deferred
 
 if TYPE_CHECKING:  # most runs read and write no NetCDF
     import h5netcdf
 
-    from usvauv_env.netcdf.remote import RemoteVariable
+    from usvauv.env.netcdf.remote import RemoteVariable
 
 
 class Variable(NamedTuple):
@@ -190,7 +190,7 @@ class Trace:
             TraceError: not such a file: a missing field, another type or size, a number that is not finite or beyond
                 `LARGEST`.
         """
-        from usvauv_env.netcdf import remote
+        from usvauv.env.netcdf import remote
 
         try:
             with remote.open_remote(path) as (variables, attributes):

@@ -2,5 +2,5 @@
 
 `painter.painter_of` is the entrance for missions: the map with its panel (`painter`), the sea in perspective
 (`sea_frame`, `perspective`), two missions side by side (`comparison`). Map, panel elements, plots and colours are
-also used by the views of the sea alone in `usvauv_cli.sea_view` and by the figures.
+also used by the views of the sea alone in `usvauv.cli.sea_view` and by the figures.
 """

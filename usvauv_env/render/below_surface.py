@@ -7,17 +7,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from usvauv_env.record.collection import age
-from usvauv_env.record.trace import Trace
-from usvauv_env.render import bodies, shapes, style, symbols
-from usvauv_env.render.camera import Camera
-from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.itinerary import Itinerary
-from usvauv_env.render.map import OLD, error_axes
-from usvauv_env.render.popups import Popups
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.render.scene import WATER, Scene, track
+from usvauv.env.record.collection import age
+from usvauv.env.record.trace import Trace
+from usvauv.env.render import bodies, shapes, style, symbols
+from usvauv.env.render.camera import Camera
+from usvauv.env.render.canvas import Canvas
+from usvauv.env.render.frame_layout import Layout, Rectangle
+from usvauv.env.render.itinerary import Itinerary
+from usvauv.env.render.map import OLD, error_axes
+from usvauv.env.render.popups import Popups
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.scene import WATER, Scene, track
 
 AUV_LENGTH = 0.06  # as drawn, of the area's longer side
 SMALL = 300  # height up to which a view leaves words to the map beside it, pixels of the design

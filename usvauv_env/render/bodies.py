@@ -8,9 +8,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from usvauv_env.render import shapes, style
-from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.style import Colour
+from usvauv.env.render import shapes, style
+from usvauv.env.render.canvas import Canvas
+from usvauv.env.render.style import Colour
 
 LIGHT = np.array([-0.42, -0.25, 0.87])  # unit vector to the light: east, north, up
 FACTOR = 3  # by which bodies are drawn magnified before they are averaged

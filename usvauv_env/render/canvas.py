@@ -7,9 +7,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from usvauv_env.render import shapes, style
-from usvauv_env.render.camera import Camera
-from usvauv_env.render.style import Colour
+from usvauv.env.render import shapes, style
+from usvauv.env.render.camera import Camera
+from usvauv.env.render.style import Colour
 
 TRAIL_PIECES = 5  # of one colour each
 

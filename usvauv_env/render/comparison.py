@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from kernels.errors import UserError
-from usvauv_env.record.trace import Trace
-from usvauv_env.render.frame_layout import Layout, Rectangle, design_unit
-from usvauv_env.render.map import MissionMap
-from usvauv_env.render.map_axes import draw_map_axes
-from usvauv_env.render.panel_elements import (
+from usvauv.env.record.trace import Trace
+from usvauv.env.render.frame_layout import Layout, Rectangle, design_unit
+from usvauv.env.render.map import MissionMap
+from usvauv.env.render.map_axes import draw_map_axes
+from usvauv.env.render.panel_elements import (
     draw_card,
     draw_clock,
     fill_tiles,
@@ -18,9 +17,10 @@ from usvauv_env.render.panel_elements import (
     write_heading,
     write_title,
 )
-from usvauv_env.render.plots import RecordedPlot
-from usvauv_env.render.running_metrics import RunningMetrics, figures
-from usvauv_env.render.style import Colour, Theme
+from usvauv.env.render.plots import RecordedPlot
+from usvauv.env.render.running_metrics import RunningMetrics, figures
+from usvauv.env.render.style import Colour, Theme
+from usvauv.kernels.errors import UserError
 
 LOWEST = 1e-3  # m, of the error plot
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from kernels.positioning import usbl
-from usvauv_env.record.trace import Trace
+from usvauv.env.record.trace import Trace
+from usvauv.kernels.positioning import usbl
 
 PING_FRAMES = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
 HEARD_FRAMES = 6.0  # in which the line to an AUV that was heard fades to 1/e

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
-from usvauv_env.render import shapes, style, symbols
-from usvauv_env.render.frame_layout import Layout, MapView, Rectangle, nice
-from usvauv_env.render.map import error_axes
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.render.text import text_width, write
+from usvauv.env.record.trace import Trace
+from usvauv.env.render import shapes, style, symbols
+from usvauv.env.render.frame_layout import Layout, MapView, Rectangle, nice
+from usvauv.env.render.map import error_axes
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.text import text_width, write
 
 FIXES = 60  # shown at a time
 

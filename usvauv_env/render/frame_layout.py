@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv_env.render import style
-from usvauv_env.render.style import Theme
-from usvauv_env.sections.area import Area
+from usvauv.env.render import style
+from usvauv.env.render.style import Theme
+from usvauv.env.sections.area import Area
 
 
 class Rectangle(NamedTuple):

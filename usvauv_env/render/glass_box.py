@@ -7,13 +7,13 @@ import math
 import cv2
 import numpy as np
 
-from usvauv_env.render import shapes, style
-from usvauv_env.render.camera import Camera
-from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.frame_layout import Layout, nice_above
-from usvauv_env.render.scene import Scene
-from usvauv_env.render.text import text_width, write
-from usvauv_env.render.wave_sheet import Columns, Sheet
+from usvauv.env.render import shapes, style
+from usvauv.env.render.camera import Camera
+from usvauv.env.render.canvas import Canvas
+from usvauv.env.render.frame_layout import Layout, nice_above
+from usvauv.env.render.scene import Scene
+from usvauv.env.render.text import text_width, write
+from usvauv.env.render.wave_sheet import Columns, Sheet
 
 COARSE = 4  # pixels of the picture to one of the water's light
 LIT = np.array(style.colour("#2a86a3"), np.float32)  # water at the surface

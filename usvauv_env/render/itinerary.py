@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
+from usvauv.env.record.trace import Trace
 
 NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
 

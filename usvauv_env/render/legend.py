@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from usvauv_env.render import shapes, style, symbols
-from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.panel_elements import draw_card
-from usvauv_env.render.text import shorten, text_width, write
+from usvauv.env.render import shapes, style, symbols
+from usvauv.env.render.frame_layout import Layout, Rectangle
+from usvauv.env.render.panel_elements import draw_card
+from usvauv.env.render.text import shorten, text_width, write
 
 Symbol = Callable[[np.ndarray, np.ndarray, Layout], None]
 

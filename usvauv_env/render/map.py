@@ -7,17 +7,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from usvauv_env.record.collection import age
-from usvauv_env.record.trace import Trace
-from usvauv_env.render import shapes, style, symbols
-from usvauv_env.render.exchanges import Exchanges
-from usvauv_env.render.frame_layout import Layout, MapView
-from usvauv_env.render.itinerary import Itinerary
-from usvauv_env.render.popups import Popups
-from usvauv_env.render.reply_field import ReplyField
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface
-from usvauv_env.render.shapes import Overlay
+from usvauv.env.record.collection import age
+from usvauv.env.record.trace import Trace
+from usvauv.env.render import shapes, style, symbols
+from usvauv.env.render.exchanges import Exchanges
+from usvauv.env.render.frame_layout import Layout, MapView
+from usvauv.env.render.itinerary import Itinerary
+from usvauv.env.render.popups import Popups
+from usvauv.env.render.reply_field import ReplyField
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface
+from usvauv.env.render.shapes import Overlay
 
 TRAIL = 120.0  # s
 TRAIL_PIECES = 6  # of one opacity each

@@ -6,12 +6,12 @@ from typing import Protocol
 
 import numpy as np
 
-from usvauv_env.render import shapes
-from usvauv_env.render.frame_layout import Layout, MapView, nice, nice_above
-from usvauv_env.render.sea_layers import CurrentStreaks, SeaSurface, colour_scale
-from usvauv_env.render.text import text_width, write
-from usvauv_env.scenario import Scenario
-from usvauv_env.sections.area import Area
+from usvauv.env.render import shapes
+from usvauv.env.render.frame_layout import Layout, MapView, nice, nice_above
+from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface, colour_scale
+from usvauv.env.render.text import text_width, write
+from usvauv.env.scenario import Scenario
+from usvauv.env.sections.area import Area
 
 
 class Scene(Protocol):

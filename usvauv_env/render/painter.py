@@ -8,16 +8,16 @@ from typing import Protocol
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
-from usvauv_env.render import style
-from usvauv_env.render.comparison import Comparison
-from usvauv_env.render.frame_layout import Layout
-from usvauv_env.render.legend import draw_legend
-from usvauv_env.render.map import MissionMap
-from usvauv_env.render.map_axes import draw_map_axes, view_note
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.render.sea_frame import SeaFrame
-from usvauv_env.render.side_panel import SidePanel
+from usvauv.env.record.trace import Trace
+from usvauv.env.render import style
+from usvauv.env.render.comparison import Comparison
+from usvauv.env.render.frame_layout import Layout
+from usvauv.env.render.legend import draw_legend
+from usvauv.env.render.map import MissionMap
+from usvauv.env.render.map_axes import draw_map_axes, view_note
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.sea_frame import SeaFrame
+from usvauv.env.render.side_panel import SidePanel
 
 VIEWS = ("map", "sea", "both")
 

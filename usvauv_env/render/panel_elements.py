@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from usvauv_env.render import shapes, style
-from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.text import clock, shorten, text_width, write
+from usvauv.env.render import shapes, style
+from usvauv.env.render.frame_layout import Layout, Rectangle
+from usvauv.env.render.text import clock, shorten, text_width, write
 
 
 def write_title(

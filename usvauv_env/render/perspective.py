@@ -5,21 +5,21 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from usvauv_env.record.trace import Trace
-from usvauv_env.render import bodies, style, symbols
-from usvauv_env.render.below_surface import BelowSurface
-from usvauv_env.render.camera import Camera, Swing
-from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.frame_layout import Layout, Rectangle
-from usvauv_env.render.glass_box import Frame, paint_water
-from usvauv_env.render.reply_field import ReplyField
-from usvauv_env.render.running_metrics import RunningMetrics
-from usvauv_env.render.scene import Scene, track
-from usvauv_env.render.sea_layers import colour_scale, elevation_limit
-from usvauv_env.render.sea_shading import SeaShading
-from usvauv_env.render.sound import Sound
-from usvauv_env.render.text import shorten, text_width, write
-from usvauv_env.render.wave_sheet import Columns, Sheet, look
+from usvauv.env.record.trace import Trace
+from usvauv.env.render import bodies, style, symbols
+from usvauv.env.render.below_surface import BelowSurface
+from usvauv.env.render.camera import Camera, Swing
+from usvauv.env.render.canvas import Canvas
+from usvauv.env.render.frame_layout import Layout, Rectangle
+from usvauv.env.render.glass_box import Frame, paint_water
+from usvauv.env.render.reply_field import ReplyField
+from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.scene import Scene, track
+from usvauv.env.render.sea_layers import colour_scale, elevation_limit
+from usvauv.env.render.sea_shading import SeaShading
+from usvauv.env.render.sound import Sound
+from usvauv.env.render.text import shorten, text_width, write
+from usvauv.env.render.wave_sheet import Columns, Sheet, look
 
 OPACITY = 0.78  # of the surface before what is below
 LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note

@@ -7,10 +7,10 @@ import math
 import cv2
 import numpy as np
 
-from usvauv_env.render import shapes, style
-from usvauv_env.render.frame_layout import Layout, Rectangle, nice_above
-from usvauv_env.render.style import Colour
-from usvauv_env.render.text import clock, write
+from usvauv.env.render import shapes, style
+from usvauv.env.render.frame_layout import Layout, Rectangle, nice_above
+from usvauv.env.render.style import Colour
+from usvauv.env.render.text import clock, write
 
 LOG_STEPS = (1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)
 FEWEST_TICKS = 3

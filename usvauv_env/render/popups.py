@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
-from usvauv_env.render import style
-from usvauv_env.render.frame_layout import Rectangle
-from usvauv_env.render.itinerary import Itinerary
-from usvauv_env.render.text import text_width, write
+from usvauv.env.record.trace import Trace
+from usvauv.env.render import style
+from usvauv.env.render.frame_layout import Rectangle
+from usvauv.env.render.itinerary import Itinerary
+from usvauv.env.render.text import text_width, write
 
 FRAMES = 45  # for which the data of a completed service is shown
 

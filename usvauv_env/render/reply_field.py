@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from contourpy import contour_generator
 
-from kernels import runtime
-from usvauv_env.fix_prediction import reception
-from usvauv_env.record.trace import Trace
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import link_table
+from usvauv.env.fix_prediction import reception
+from usvauv.env.record.trace import Trace
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import link_table
+from usvauv.kernels import runtime
 
 LEVELS = (0.2, 0.4, 0.6, 0.8)
 PLACES = 41  # along the longer side

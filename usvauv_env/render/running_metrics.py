@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usvauv_env.record.metrics import energy_consumption, position_error, target_distance
-from usvauv_env.record.trace import Trace
+from usvauv.env.record.metrics import energy_consumption, position_error, target_distance
+from usvauv.env.record.trace import Trace
 
 MEDIAN_WINDOW = 30.0  # s
 

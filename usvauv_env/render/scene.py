@@ -7,10 +7,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from usvauv_env.render import style
-from usvauv_env.render.frame_layout import nice, nice_above
-from usvauv_env.render.map import TRAIL
-from usvauv_env.scenario import Scenario
+from usvauv.env.render import style
+from usvauv.env.render.frame_layout import nice, nice_above
+from usvauv.env.render.map import TRAIL
+from usvauv.env.scenario import Scenario
 
 LEAST_HEIGHT = 0.012  # of the waves' scale over the area's longer side, below which heights are exaggerated
 DEPTHS = (0.3, 0.7)  # of the bed's depth over the longer side, beyond which depths are scaled

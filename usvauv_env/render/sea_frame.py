@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
-from usvauv_env.render.frame_layout import Layout, Rectangle, design_unit
-from usvauv_env.render.panel_elements import draw_card, draw_clock, fill_tiles, name_tiles, write_title
-from usvauv_env.render.perspective import PerspectiveView
-from usvauv_env.render.running_metrics import RunningMetrics, figures
-from usvauv_env.render.style import Theme
+from usvauv.env.record.trace import Trace
+from usvauv.env.render.frame_layout import Layout, Rectangle, design_unit
+from usvauv.env.render.panel_elements import draw_card, draw_clock, fill_tiles, name_tiles, write_title
+from usvauv.env.render.perspective import PerspectiveView
+from usvauv.env.render.running_metrics import RunningMetrics, figures
+from usvauv.env.render.style import Theme
 
 
 class SeaFrame:

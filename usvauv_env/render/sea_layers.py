@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.flow.current import particle_paths
-from usvauv_env.record.rows_on_disk import extremes
-from usvauv_env.render import style
-from usvauv_env.render.frame_layout import MapView, nice_above
-from usvauv_env.render.shapes import Overlay
+from usvauv.env.record.rows_on_disk import extremes
+from usvauv.env.render import style
+from usvauv.env.render.frame_layout import MapView, nice_above
+from usvauv.env.render.shapes import Overlay
+from usvauv.kernels import runtime
+from usvauv.kernels.flow.current import particle_paths
 
 RELIEF_PIXELS = 160  # largest side of the relief as it is shaded, before it is enlarged
 LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # unit vector to the light: east, north, up

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from usvauv_env.render import style
-from usvauv_env.render.camera import Camera
-from usvauv_env.render.sea_layers import COLOURS
+from usvauv.env.render import style
+from usvauv.env.render.camera import Camera
+from usvauv.env.render.sea_layers import COLOURS
 
 TEXELS = 160  # of the longer side of the area
 STEEPER = 1.5  # factor by which slopes are shaded

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from usvauv_env.render.style import Colour
+from usvauv.env.render.style import Colour
 
 SHIFT = 4  # OpenCV takes fixed-point coordinates: 1/16 pixel
 _ONE = 1 << SHIFT

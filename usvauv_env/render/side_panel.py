@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
-from usvauv_env.render import style
-from usvauv_env.render.depth_section import DepthSection
-from usvauv_env.render.fix_insets import FixInsets
-from usvauv_env.render.frame_layout import Layout, MapView, Rectangle
-from usvauv_env.render.panel_elements import (
+from usvauv.env.record.trace import Trace
+from usvauv.env.render import style
+from usvauv.env.render.depth_section import DepthSection
+from usvauv.env.render.fix_insets import FixInsets
+from usvauv.env.render.frame_layout import Layout, MapView, Rectangle
+from usvauv.env.render.panel_elements import (
     Bars,
     draw_card,
     draw_clock,
@@ -19,9 +19,9 @@ from usvauv_env.render.panel_elements import (
     write_heading,
     write_title,
 )
-from usvauv_env.render.perspective import PerspectiveView
-from usvauv_env.render.plots import RecordedPlot
-from usvauv_env.render.running_metrics import RunningMetrics, figures
+from usvauv.env.render.perspective import PerspectiveView
+from usvauv.env.render.plots import RecordedPlot
+from usvauv.env.render.running_metrics import RunningMetrics, figures
 
 GAP = 7.0  # pixels of the design between cards
 HEIGHTS = {"title": 56.0, "tiles": 54.0, "reward": 44.0}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv_env.record.trace import Trace
-from usvauv_env.render import style
-from usvauv_env.render.canvas import Canvas
-from usvauv_env.render.exchanges import Exchanges
-from usvauv_env.render.scene import WATER, Scene
+from usvauv.env.record.trace import Trace
+from usvauv.env.render import style
+from usvauv.env.render.canvas import Canvas
+from usvauv.env.render.exchanges import Exchanges
+from usvauv.env.render.scene import WATER, Scene
 
 FAINTEST = 0.1  # share of its colour to which a line fades
 

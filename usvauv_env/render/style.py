@@ -5,7 +5,7 @@ from __future__ import annotations
 import colorsys
 from dataclasses import dataclass
 
-from usvauv_env.render import palette
+from usvauv.env.render import palette
 
 Colour = tuple[int, int, int]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from usvauv_env.render import shapes, style
-from usvauv_env.render.style import Colour
-from usvauv_env.render.text import text_width, write
+from usvauv.env.render import shapes, style
+from usvauv.env.render.style import Colour
+from usvauv.env.render.text import text_width, write
 
 # Outlines in lengths of the vehicle: x forward, y to port.
 _HULL = np.array([(0.5, 0), (0.3, 0.17), (0.02, 0.23), (-0.5, 0.2), (-0.5, -0.2), (0.02, -0.23), (0.3, -0.17)])

@@ -13,7 +13,7 @@ import matplotlib
 import numpy as np
 from matplotlib.ft2font import FT2Font
 
-from usvauv_env.render.style import Colour
+from usvauv.env.render.style import Colour
 
 
 @cache

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from usvauv_env.render.camera import Camera
+from usvauv.env.render.camera import Camera
 
 SAMPLES = 128  # of the surface along the plane of a column
 

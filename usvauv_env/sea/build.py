@@ -1,7 +1,7 @@
 """The sea of a scenario: its long waves and the storm upon them, on any grid, for any seeds.
 
 Sea s of a seed depends on (seed, s) alone, whatever the number of seas, and is a continuous function of position and
-time (`usvauv_env.sea.forcing`): a coarse and a fine solver carry on the same sea.
+time (`usvauv.env.sea.forcing`): a coarse and a fine solver carry on the same sea.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from typing import cast
 
 import numpy as np
 
-from kernels import runtime
-from kernels.shallow_water.boundaries import Boundary, Side
-from kernels.shallow_water.linear import COURANT, ShallowWater
-from kernels.shallow_water.nonlinear import NonlinearBoundary, NonlinearShallowWater
-from kernels.shallow_water.packing import LANES
-from usvauv_env.memory import require
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.forcing import BoundaryWave, boundary_wave, draw_sea
-from usvauv_env.sea.long_waves import LongWaves
-from usvauv_env.sea.nonlinear_pool import NonlinearSeas
-from usvauv_env.sea.storm import AirySea, build_storm, wave_systems
-from usvauv_env.site.site import Site
+from usvauv.env.memory import require
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.sea.forcing import BoundaryWave, boundary_wave, draw_sea
+from usvauv.env.sea.long_waves import LongWaves
+from usvauv.env.sea.nonlinear_pool import NonlinearSeas
+from usvauv.env.sea.storm import AirySea, build_storm, wave_systems
+from usvauv.env.site.site import Site
+from usvauv.kernels import runtime
+from usvauv.kernels.shallow_water.boundaries import Boundary, Side
+from usvauv.kernels.shallow_water.linear import COURANT, ShallowWater
+from usvauv.kernels.shallow_water.nonlinear import NonlinearBoundary, NonlinearShallowWater
+from usvauv.kernels.shallow_water.packing import LANES
 
 MOST_SUBSTEPS = 1_000_000
 
@@ -153,7 +153,7 @@ def boundaries(scenario: Scenario) -> dict[Side, Boundary]:
 
 
 def build_short_waves(site: Site, seas: Sequence[tuple[int, int]]) -> AirySea:
-    """The storm upon the seas of `build_sea`, with velocities at the levels `kernels.types.Level`."""
+    """The storm upon the seas of `build_sea`, with velocities at the levels `usvauv.kernels.types.Level`."""
     scenario, depth = site.scenario, site.mean_depth
     levels = 0.0, -min(scenario.auv.depth, depth)
     return build_storm(

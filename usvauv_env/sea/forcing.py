@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv_env.scenario import Scenario
-from usvauv_env.site.site import Site
+from usvauv.env.scenario import Scenario
+from usvauv.env.site.site import Site
 
 RESONANT_GAIN = 10.0  # |1/cos kL| above which a component starts from rest instead of in its steady state
 

@@ -1,4 +1,4 @@
-"""Several nonlinear seas as one `usvauv_env.sea.long_waves.LongWaves`."""
+"""Several nonlinear seas as one `usvauv.env.sea.long_waves.LongWaves`."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.shallow_water.nonlinear import NonlinearShallowWater
-from kernels.shallow_water.packing import LANES, Packing
+from usvauv.kernels import runtime
+from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
+from usvauv.kernels.shallow_water.packing import LANES, Packing
 
 
 class NonlinearSeas:
-    """Nonlinear solvers side by side, with fields packed as `kernels.shallow_water.packing.sample` reads them.
+    """Nonlinear solvers side by side, with fields packed as `usvauv.kernels.shallow_water.packing.sample` reads them.
 
     On dry land the elevation is that of the ground.
 
@@ -22,10 +22,10 @@ class NonlinearSeas:
 
     Attributes:
         eta: packed elevation, torch (blocks, rows, W, LANES).
-        fields: of both, see `usvauv_env.sea.long_waves.LongWaves`.
+        fields: of both, see `usvauv.env.sea.long_waves.LongWaves`.
         transports: packed transports at western and southern faces, m²/s, likewise; the mean of the cells beside them.
-        units: (1, 1), as in `kernels.shallow_water.linear.ShallowWater`.
-        nx, ny, dx, dy, interval: as in `kernels.shallow_water.linear.ShallowWater`.
+        units: (1, 1), as in `usvauv.kernels.shallow_water.linear.ShallowWater`.
+        nx, ny, dx, dy, interval: as in `usvauv.kernels.shallow_water.linear.ShallowWater`.
     """
 
     units = 1.0, 1.0
@@ -47,7 +47,7 @@ class NonlinearSeas:
         return self._solvers[0].time
 
     def set_forcing(self, amplitude: np.ndarray, period: np.ndarray, phase: np.ndarray) -> None:
-        """As `kernels.shallow_water.linear.ShallowWater.set_forcing`, from the next interval on."""
+        """As `usvauv.kernels.shallow_water.linear.ShallowWater.set_forcing`, from the next interval on."""
         for solver, *wave in zip(self._solvers, amplitude, period, phase, strict=True):
             solver.set_forcing(*wave)
 

@@ -29,12 +29,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.flow import airy
-from usvauv_env.scenario import ScenarioError
-from usvauv_env.sections.sea import Storm
-from usvauv_env.site.site import Site
-from usvauv_env.site.waves import Partition, WaveSpectrum
+from usvauv.env.scenario import ScenarioError
+from usvauv.env.sections.sea import Storm
+from usvauv.env.site.site import Site
+from usvauv.env.site.waves import Partition, WaveSpectrum
+from usvauv.kernels import runtime
+from usvauv.kernels.flow import airy
 
 System = Storm | WaveSpectrum  # each with significant_height (m), peak_period (s) and direction of travel (rad)
 
@@ -59,7 +59,7 @@ class AirySea:
 
     Attributes:
         k: wave number (seas, N), rad/m.
-        wave: table of the components for kernels, torch (seas, groups, columns, LANES); see `kernels.flow.airy`.
+        wave: table of the components for kernels, torch (seas, groups, columns, LANES); see `usvauv.kernels.flow.airy`.
         time: s.
     """
 

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from kernels.flow import airy
-from usvauv_env.sea.storm import total_height, wave_systems
-from usvauv_env.site.site import Site
+from usvauv.env.sea.storm import total_height, wave_systems
+from usvauv.env.site.site import Site
+from usvauv.kernels.flow import airy
 
 CELLS = 128  # along the longer side, at which the bed is looked at
 DEPTHS = 400  # that are tried

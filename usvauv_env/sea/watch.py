@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import torch
 
-from kernels.device_flag import DeviceFlag
-from kernels.errors import DivergenceError
-from usvauv_env.sea.long_waves import LongWaves
+from usvauv.env.sea.long_waves import LongWaves
+from usvauv.kernels.device_flag import DeviceFlag
+from usvauv.kernels.errors import DivergenceError
 
 DRY = 1e4  # m, above every elevation where land may be dry
 

@@ -13,10 +13,10 @@ import h5netcdf
 import h5py
 import numpy as np
 
-from kernels.interruption import deferred
-from usvauv_env.files import hdf5_file
-from usvauv_env.sea_alone.simulation import SeaSimulation
-from usvauv_env.site import georeference
+from usvauv.env.files import hdf5_file
+from usvauv.env.sea_alone.simulation import SeaSimulation
+from usvauv.env.site import georeference
+from usvauv.kernels.interruption import deferred
 
 CHUNK = 512  # largest side in cells of a chunk of the file
 ELEVATION = "sea_surface_height_above_mean_sea_level"

@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.flow import vortex
-from kernels.mission import reset
-from kernels.types import Level
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.build import build_sea, build_short_waves, check_sea, fine_cells
-from usvauv_env.sea.watch import SeaWatch
-from usvauv_env.site.site import Site
-from usvauv_env.world import tables
-from usvauv_env.world.seeds import Seeds
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.sea.build import build_sea, build_short_waves, check_sea, fine_cells
+from usvauv.env.sea.watch import SeaWatch
+from usvauv.env.site.site import Site
+from usvauv.env.world import tables
+from usvauv.env.world.seeds import Seeds
+from usvauv.kernels import runtime
+from usvauv.kernels.flow import vortex
+from usvauv.kernels.mission import reset
+from usvauv.kernels.types import Level
 
 FEWEST, MOST = 3, 8192  # cells along a side of the area
 VIEW_BYTES = 40.0  # a cell, of surface, velocity and current together
@@ -65,7 +65,7 @@ def _floor(value: float) -> str:
 
 
 def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.Tensor:
-    """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `kernels.flow.vortex`.
+    """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `usvauv.kernels.flow.vortex`.
 
     Raises:
         ScenarioError: the seed is out of range.
@@ -101,7 +101,7 @@ class SeaSimulation:
         steady: whether the current is constant in time.
 
     Raises:
-        ScenarioError: the seed is out of range, or as `usvauv_env.sea.build.check_sea`.
+        ScenarioError: the seed is out of range, or as `usvauv.env.sea.build.check_sea`.
         MemoryNeeded: likewise.
     """
 
@@ -176,7 +176,7 @@ class SeaSimulation:
         return self._grid(u), self._grid(v)
 
     def stream(self) -> np.ndarray:
-        """The present real current at the surface, m/s, (rows, columns, 2) as in `kernels.flow.regular_grid`.
+        """The present real current at the surface, m/s, (rows, columns, 2) as in `usvauv.kernels.flow.regular_grid`.
 
         Empty where the scenario has none.
         """

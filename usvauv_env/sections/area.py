@@ -6,7 +6,7 @@ import math
 
 from pydantic import Field, model_validator
 
-from usvauv_env.sections.fields import Section
+from usvauv.env.sections.fields import Section
 
 MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at a second each
 

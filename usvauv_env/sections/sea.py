@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from kernels.shallow_water.boundaries import Side
-from usvauv_env.sections.fields import Place, Section
+from usvauv.env.sections.fields import Place, Section
+from usvauv.kernels.shallow_water.boundaries import Side
 
 MAX_VORTICES = 64
 TOGETHER = 16  # vortices; of more than these no more are taken to lie at one place
@@ -133,7 +133,7 @@ class Storm(Section):
 
 
 class Water(Section):
-    """The real bed, currents and waves, read from NetCDF files (`usvauv_env.site`)."""
+    """The real bed, currents and waves, read from NetCDF files (`usvauv.env.site`)."""
 
     bathymetry: str = Field("", description="file with the depth of the bed; empty: flat at area.depth")
     currents: str = Field("", description="file with currents, added to the vortices; empty: none")

@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from kernels.planning.team import MAX_AUVS
-from kernels.positioning.absorption import absorption_laws
-from kernels.positioning.ambient_noise import ambient_noise_laws
-from kernels.positioning.reflections import SEDIMENTS
-from usvauv_env.sections.fields import Bandwidth, Carrier, Number, Section, known
+from usvauv.env.sections.fields import Bandwidth, Carrier, Number, Section, known
+from usvauv.kernels.planning.team import MAX_AUVS
+from usvauv.kernels.positioning.absorption import absorption_laws
+from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws
+from usvauv.kernels.positioning.reflections import SEDIMENTS
 
 
 class Acoustics(Section):

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from kernels.mission import target_rules
-from usvauv_env.sections.fields import LARGEST, Bandwidth, Carrier, Distance, Number, Price, Section
+from usvauv.env.sections.fields import LARGEST, Bandwidth, Carrier, Distance, Number, Price, Section
+from usvauv.kernels.mission import target_rules
 
 MAX_NODES = 500
 MOST_PACKETS = 1e7  # single precision counts one by one up to 1.6e7

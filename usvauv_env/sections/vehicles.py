@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from kernels.mission.vehicle import FASTEST
-from kernels.planning.team import MAX_AUVS
-from usvauv_env.sections.fields import Distance, Section
+from usvauv.env.sections.fields import Distance, Section
+from usvauv.kernels.mission.vehicle import FASTEST
+from usvauv.kernels.planning.team import MAX_AUVS
 
 
 class Navigation(Section):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kernels.errors import UserError
+from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:  # loading it takes a second and 50 MB; most runs read no NetCDF
     import xarray
@@ -87,7 +87,7 @@ class Field:
 
     def read(self, axes: dict[str, Axis]) -> np.ndarray:
         """Values at parts of its axes: (time, depth, latitude, longitude) float64, NaN where there are none."""
-        from usvauv_env.netcdf import reader
+        from usvauv.env.netcdf import reader
 
         kinds = [kind for kind in AXES if kind in self.axes and self.axes[kind].dimension]
         window = self.array.isel({axes[kind].dimension: axes[kind].order for kind in kinds})
@@ -103,12 +103,13 @@ def open_file(path: str | Path) -> Iterator[xarray.Dataset]:
     Raises:
         OceanError: it cannot be read.
     """
-    from usvauv_env.netcdf import reader
+    from usvauv.env.netcdf import reader
+    from usvauv.env.netcdf.remote import NetcdfError
 
     try:
         with reader.open_file(path) as dataset:
             yield dataset
-    except reader.NetcdfError as error:
+    except NetcdfError as error:
         raise OceanError(str(error)) from None
 
 
@@ -240,7 +241,7 @@ def read_axis(variable: xarray.DataArray, path: str | Path, kind: str, dimension
     Raises:
         OceanError: values that are missing, not in order or out of range; wrong units.
     """
-    from usvauv_env.netcdf import reader
+    from usvauv.env.netcdf import reader
 
     where = f"{path}: {variable.name}"
     require_numbers(variable, where)

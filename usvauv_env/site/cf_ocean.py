@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from usvauv_env.site.cf import (
+from usvauv.env.site.cf import (
     DEEPEST,
     METRES,
     METRES_PER_SECOND,
@@ -27,8 +27,8 @@ from usvauv_env.site.cf import (
     open_file,
     to_nanoseconds,
 )
-from usvauv_env.site.interpolation import BLOCK, at_time, bilinear, cell_means, depth_weights, spacing
-from usvauv_env.site.local_frame import LocalFrame
+from usvauv.env.site.interpolation import BLOCK, at_time, bilinear, cell_means, depth_weights, spacing
+from usvauv.env.site.local_frame import LocalFrame
 
 if TYPE_CHECKING:
     import xarray

@@ -6,7 +6,7 @@ method 9840. Source: https://cfconventions.org, section 5.6 and appendix F; IOGP
 
 from __future__ import annotations
 
-from usvauv_env.site.local_frame import EQUATOR, FLATTENING, LocalFrame
+from usvauv.env.site.local_frame import EQUATOR, FLATTENING, LocalFrame
 
 CRS = "crs"  # name of the variable with the grid mapping
 LONGITUDE = {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"}

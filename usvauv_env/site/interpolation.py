@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usvauv_env.site.cf import Axis
-from usvauv_env.site.local_frame import EQUATOR, LocalFrame
+from usvauv.env.site.cf import Axis
+from usvauv.env.site.local_frame import EQUATOR, LocalFrame
 
 BLOCK = 2**21  # values interpolated at a time
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usvauv_env.site.cf import OceanError
+from usvauv.env.site.cf import OceanError
 
 EQUATOR = 6378137.0  # semi-major axis a of WGS84, m
 FLATTENING = 1 / 298.257223563

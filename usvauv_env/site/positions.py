@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kernels.errors import UserError
-from usvauv_env.scenario import Scenario
-from usvauv_env.sections.fields import FARTHEST
-from usvauv_env.site.site import Site
+from usvauv.env.scenario import Scenario
+from usvauv.env.sections.fields import FARTHEST
+from usvauv.env.site.site import Site
+from usvauv.kernels.errors import UserError
 
 ANGLE = re.compile(r"(\d+(?:\.\d+)?)°?(?:(\d+(?:\.\d+)?)['′’](?:(\d+(?:\.\d+)?)[\"″”])?)?([NSEW])")
 SIDED = re.compile(r"°|[\d.'′’\"″”]\s*[NSEW]\s*$", re.IGNORECASE)

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from kernels.types import Level
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.site.cf_ocean import Flow, iso, parse_time, read_bathymetry, read_flow
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
-from usvauv_env.site.wave_files import read_waves
-from usvauv_env.site.waves import Waves
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.site.cf_ocean import Flow, iso, parse_time, read_bathymetry, read_flow
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
+from usvauv.env.site.wave_files import read_waves
+from usvauv.env.site.waves import Waves
+from usvauv.kernels.types import Level
 
 BED_CELLS = 256  # along the longer side of the area, of the bed that nodes lie on
 
@@ -56,7 +56,7 @@ class Site:
 
     @cached_property
     def bed(self) -> np.ndarray:
-        """Depth of still water as a field of `kernels.flow.regular_grid`, (1, rows, columns, 1), m.
+        """Depth of still water as a field of `usvauv.kernels.flow.regular_grid`, (1, rows, columns, 1), m.
 
         Raises:
             ScenarioError: the bed rises to the AUVs.
@@ -81,7 +81,7 @@ class Site:
 
     @cached_property
     def current(self) -> Flow | None:
-        """The real current at the depths of `kernels.types.Level` during a mission, or None without a file of it."""
+        """The real current at the depths of `usvauv.kernels.types.Level` during a mission; None without a file."""
         area, water, mission = self.scenario.area, self.scenario.water, self.scenario.mission
         if not water.currents:
             return None

@@ -1,8 +1,8 @@
 """Speed of sound against depth: a constant, a table, or temperature and salinity through TEOS-10.
 
-Between the depths of a profile the speed is linear, so rays are arcs of circles (`kernels.positioning.rays`); above
-the first and below the last depth it is constant. Temperature and salinity need the library gsw. Without it there is an
-error and no simpler formula, so that a scenario means the same water on every machine.
+Between the depths of a profile the speed is linear, so rays are arcs of circles (`usvauv.kernels.positioning.rays`);
+above the first and below the last depth it is constant. Temperature and salinity need the library gsw. Without it there
+is an error and no simpler formula, so that a scenario means the same water on every machine.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kernels.errors import UserError
-from kernels.positioning.layered_water import layer_table
-from usvauv_env.site import thinning
+from usvauv.env.site import thinning
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.positioning.layered_water import layer_table
 
 SLOWEST, FASTEST = 1300.0, 1700.0  # m/s
 DEEPEST = 11000.0  # m
@@ -168,7 +168,7 @@ class SoundSpeedProfile:
         return SoundSpeedProfile(np.append(depths, 2 * depth - depths[-2::-1]), np.append(speeds, speeds[-2::-1]))
 
     def layers(self) -> np.ndarray:
-        """The profile for `kernels.positioning.rays`, (N + 2, 3) float32."""
+        """The profile for `usvauv.kernels.positioning.rays`, (N + 2, 3) float32."""
         return layer_table(self.depths, self.speeds)
 
 

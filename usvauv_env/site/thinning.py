@@ -1,7 +1,7 @@
 """Sound speed profiles of fewer depths, for which sound between given depths takes the same time to within 1 cm.
 
-Travel times are computed in double precision for a dense set of rays, independently of `kernels.positioning`. A layer
-of gradient g crossed between the speeds c₁ and c₂ takes ln[c₂ (1 + w₁)/(c₁ (1 + w₂))]/g with the cosines
+Travel times are computed in double precision for a dense set of rays, independently of `usvauv.kernels.positioning`. A
+layer of gradient g crossed between the speeds c₁ and c₂ takes ln[c₂ (1 + w₁)/(c₁ (1 + w₂))]/g with the cosines
 w = √(1 − c²/c_t²), and half a turning arc artanh(w)/|g|. Between two rays τ(R) is interpolated by Hermite's cubic,
 since dτ/dR = 1/c_t.
 """

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from usvauv_env.site.cf import METRES_PER_SECOND, OceanError, factor_of, find, open_file, require_numbers
-from usvauv_env.site.local_frame import LocalFrame
-from usvauv_env.site.wave_partitions import ANGLES, HIGHEST_WAVES, MODELS, present, read_partitions, travel
-from usvauv_env.site.wave_source import Source
-from usvauv_env.site.waves import Waves, WaveSpectrum
+from usvauv.env.site.cf import METRES_PER_SECOND, OceanError, factor_of, find, open_file, require_numbers
+from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.wave_partitions import ANGLES, HIGHEST_WAVES, MODELS, present, read_partitions, travel
+from usvauv.env.site.wave_source import Source
+from usvauv.env.site.waves import Waves, WaveSpectrum
 
 if TYPE_CHECKING:
     import xarray
@@ -124,7 +124,7 @@ def _from_logarithm(where: str, values: np.ndarray) -> np.ndarray:
 
 def _coordinate(dataset: xarray.Dataset, source: Source, kind: str) -> tuple[xarray.DataArray, np.ndarray, str]:
     """Coordinate of a spectral dimension, its values, and file and name."""
-    from usvauv_env.netcdf import reader
+    from usvauv.env.netcdf import reader
 
     name = source.spectral[kind]
     where = f"{source.where.partition(': ')[0]}: {name}"

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from usvauv_env.site.cf import METRES, OceanError, factor_of
-from usvauv_env.site.wave_source import Sample, Source
-from usvauv_env.site.waves import Partition, Waves
+from usvauv.env.site.cf import METRES, OceanError, factor_of
+from usvauv.env.site.wave_source import Sample, Source
+from usvauv.env.site.waves import Partition, Waves
 
 if TYPE_CHECKING:
     import xarray

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from usvauv_env.site.cf import (
+from usvauv.env.site.cf import (
     Axis,
     Field,
     OceanError,
@@ -20,9 +20,9 @@ from usvauv_env.site.cf import (
     refuse_dimension,
     require_numbers,
 )
-from usvauv_env.site.cf_ocean import mission_times
-from usvauv_env.site.interpolation import bracket
-from usvauv_env.site.local_frame import EQUATOR
+from usvauv.env.site.cf_ocean import mission_times
+from usvauv.env.site.interpolation import bracket
+from usvauv.env.site.local_frame import EQUATOR
 
 if TYPE_CHECKING:
     import xarray
@@ -104,7 +104,7 @@ class Source:
 
     def values(self, sample: Sample) -> np.ndarray:
         """Values of the variable at a time and point, by frequency and direction where it has them."""
-        from usvauv_env.netcdf import reader
+        from usvauv.env.netcdf import reader
 
         window = self.array.isel({name: i for name, i in sample.index.items() if name in self.array.dims})
         order = [self.spectral[kind] for kind in ("frequency", "direction") if kind in self.spectral]
@@ -144,7 +144,7 @@ def _nearest_station(
     dataset: xarray.Dataset, path: str | Path, stations: tuple[str, str, str], place: tuple[float, float], time: int
 ) -> list[tuple[dict[str, int], float]]:
     """The index of the station nearest to a place (longitude, latitude), and the weight 1."""
-    from usvauv_env.netcdf import reader
+    from usvauv.env.netcdf import reader
 
     dimension, there = stations[2], []
     for name in stations[:2]:

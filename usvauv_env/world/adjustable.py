@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario import Scenario, ScenarioError
 
 # Fields that only numbers of the kernels' tables, the storm and the forcing of the sea depend on.
 ADJUSTABLE = (

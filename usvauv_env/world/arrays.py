@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 
 import torch
 
-from kernels.mission.columns import (
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.observation import ObservationLayout
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
     BoatColumn,
@@ -17,9 +19,7 @@ from kernels.mission.columns import (
     NodeColumn,
     TallyColumn,
 )
-from kernels.positioning import tracker
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.observation import ObservationLayout
+from usvauv.kernels.positioning import tracker
 
 ALIGNMENT = 16  # numbers
 STATE = (

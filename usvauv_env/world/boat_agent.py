@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from kernels.mission.columns import BoatColumn, EstimateColumn, ExchangeColumn
-from kernels.positioning import tracker
-from usvauv_env.scenario import Scenario
-from usvauv_env.world.observation import POSITION_BOUND, Quantity
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.observation import POSITION_BOUND, Quantity
+from usvauv.kernels.mission.columns import BoatColumn, EstimateColumn, ExchangeColumn
+from usvauv.kernels.positioning import tracker
 
 if TYPE_CHECKING:
-    from usvauv_env.world.world import World
+    from usvauv.env.world.world import World
 
 SILENCE = 300.0  # s, the unit of times
 LONGEST = 10.0  # of these units, beyond which all are alike

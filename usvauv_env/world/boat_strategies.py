@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from kernels.mission import boat_strategies as kernel
-from kernels.mission import learned_visits
-from kernels.mission.worlds import Strategy
-from kernels.planning import receding_horizon
-from kernels.registry import Registry
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.site.positions import SIDED, position
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.site.positions import SIDED, position
+from usvauv.kernels.mission import boat_strategies as kernel
+from usvauv.kernels.mission import learned_visits
+from usvauv.kernels.mission.worlds import Strategy
+from usvauv.kernels.planning import receding_horizon
+from usvauv.kernels.registry import Registry
 
 AGENT = "agent"  # the strategy of boats that act
 

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from kernels.flow import airy
-from kernels.positioning import acoustic_link, current_process
-from kernels.types import Level
-from usvauv_env.scenario import Scenario
-from usvauv_env.sea.forcing import speed_bound
-from usvauv_env.sea.storm import density, wave_systems
-from usvauv_env.site.site import Site
+from usvauv.env.scenario import Scenario
+from usvauv.env.sea.forcing import speed_bound
+from usvauv.env.sea.storm import density, wave_systems
+from usvauv.env.site.site import Site
+from usvauv.kernels.flow import airy
+from usvauv.kernels.positioning import acoustic_link, current_process
+from usvauv.kernels.types import Level
 
 LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 
@@ -71,7 +71,7 @@ def _real_part(scenario: Scenario, stream: np.ndarray, speed: float) -> tuple[fl
 
 
 def current_model(site: Site, link: np.ndarray) -> tuple[float, float]:
-    """Variance (m²/s²) and correlation time (s) of the current for `kernels.positioning.current_process`.
+    """Variance (m²/s²) and correlation time (s) of the current for `usvauv.kernels.positioning.current_process`.
 
     Args:
         link: `acoustic_link.link_table` of the AUVs; fixes count as from a quarter of the area's smaller side away.

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
-from usvauv_env.scenario import Scenario
+from usvauv.env.scenario import Scenario
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 
 if TYPE_CHECKING:
-    from usvauv_env.world.world import World
+    from usvauv.env.world.world import World
 
 
 def size(scenario: Scenario) -> int:

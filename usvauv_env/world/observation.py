@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from kernels.mission import observation as kernel
-from kernels.mission.observation import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
-from kernels.registry import Registry
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.site.site import Site
-from usvauv_env.world.current_statistics import current_bound
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.site.site import Site
+from usvauv.env.world.current_statistics import current_bound
+from usvauv.kernels.mission import observation as kernel
+from usvauv.kernels.mission.observation import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
+from usvauv.kernels.registry import Registry
 
 POSITION_BOUND = 2.0  # of the area's diagonal: the area itself spans 1, the rest is for fixes that lie outside it
 CURRENT = math.inf  # stands for the largest current of the scenario

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usvauv_env.scenario import ScenarioError
+from usvauv.env.scenario import ScenarioError
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Seeds:
         return int(seed[0])
 
     def keys(self) -> np.ndarray:
-        """What the kernels read, (W, 3) int32, columns `kernels.mission.columns.KeyColumn`."""
+        """What the kernels read, (W, 3) int32, columns `usvauv.kernels.mission.columns.KeyColumn`."""
         words = self.seed & np.uint64(0xFFFFFFFF), self.seed >> np.uint64(32), self.index
         return np.stack([word.astype(np.uint32) for word in words], axis=1).view(np.int32)
 

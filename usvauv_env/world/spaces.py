@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from gymnasium.spaces import Box
 
-from usvauv_env.site.site import Site
-from usvauv_env.world.boat_agent import boat_observed
-from usvauv_env.world.observation import Quantity, observed
+from usvauv.env.site.site import Site
+from usvauv.env.world.boat_agent import boat_observed
+from usvauv.env.world.observation import Quantity, observed
 
 
 def auv_observation_space(site: Site) -> Box:
-    """What one AUV can observe, (O,), as `usvauv_env.world.observation` tabulates it.
+    """What one AUV can observe, (O,), as `usvauv.env.world.observation` tabulates it.
 
     Fixes and storm waves have no hard bound of their own: the rare observation farther out (fixes at a low
     signal-to-noise ratio in very large areas, freak waves) is clamped into the space.
@@ -22,7 +22,7 @@ def auv_observation_space(site: Site) -> Box:
 
 
 def boat_observation_space(site: Site) -> Box:
-    """What one boat can observe with the strategy "agent", as `usvauv_env.world.boat_agent` tabulates it."""
+    """What one boat can observe with the strategy "agent", as `usvauv.env.world.boat_agent` tabulates it."""
     return _box(boat_observed(site.scenario))
 
 

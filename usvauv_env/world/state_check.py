@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import torch
 
-from kernels.mission.state_ranges import ANYTHING, STATE, resolve
-from usvauv_env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.kernels.mission.state_ranges import ANYTHING, STATE, resolve
 
 LATEST = 1_000_000_000  # episode or step that a clock can show
 PER = {
@@ -25,7 +25,7 @@ PER = {
 
 
 def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
-    """`kernels.mission.state_ranges.resolve` for a scenario."""
+    """`usvauv.kernels.mission.state_ranges.resolve` for a scenario."""
     return resolve(
         {
             "width": float(np.float32(scenario.area.width)),
@@ -45,8 +45,8 @@ def first_outside(
     """World and words for the first number of an array (W, ..., columns) that its column may not hold; None if all may.
 
     Args:
-        name: of the array, as in `kernels.mission.state_ranges.STATE`; one that is not there may hold any number.
-        bounds: of `bounds_of`.
+        name: of the array, as in `usvauv.kernels.mission.state_ranges.STATE`; one that is not there may hold any
+        number. bounds: of `bounds_of`.
         columns: what the numbers are in an array that is not there.
     """
     values = values.detach().double().cpu()

@@ -8,26 +8,26 @@ from functools import partial
 import numpy as np
 import torch
 
-from kernels.mission import target_rules
-from kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
-from kernels.mission.tasks.data_collection import LEAST_RATE
-from kernels.mission.worlds import Program
-from kernels.planning import objectives
-from kernels.positioning import coded_pulse, codes, current_process, sonar_equation, validation, waveform
-from kernels.positioning.absorption import Water, absorption_laws
-from kernels.positioning.acoustic_link import Accuracy, Sonar
-from kernels.positioning.acoustic_link import link_table as link_constants
-from kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws, boat_noise, rain_noise, total_level
-from kernels.positioning.reflections import SEDIMENTS
-from kernels.positioning.sea_wind import height_of_developed_sea, wind_of_developed_sea
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.storm import total_height, wave_systems
-from usvauv_env.site.positions import far_position
-from usvauv_env.site.site import Site
-from usvauv_env.site.sound_speed import SoundSpeedProfile
-from usvauv_env.world.boat_strategies import BoatStrategy
-from usvauv_env.world.current_statistics import current_bound, current_model
-from usvauv_env.world.observation import ObservationLayout, observation_terms
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.sea.storm import total_height, wave_systems
+from usvauv.env.site.positions import far_position
+from usvauv.env.site.site import Site
+from usvauv.env.site.sound_speed import SoundSpeedProfile
+from usvauv.env.world.boat_strategies import BoatStrategy
+from usvauv.env.world.current_statistics import current_bound, current_model
+from usvauv.env.world.observation import ObservationLayout, observation_terms
+from usvauv.kernels.mission import target_rules
+from usvauv.kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
+from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
+from usvauv.kernels.mission.worlds import Program
+from usvauv.kernels.planning import objectives
+from usvauv.kernels.positioning import coded_pulse, codes, current_process, sonar_equation, validation, waveform
+from usvauv.kernels.positioning.absorption import Water, absorption_laws
+from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar
+from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
+from usvauv.kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws, boat_noise, rain_noise, total_level
+from usvauv.kernels.positioning.reflections import SEDIMENTS
+from usvauv.kernels.positioning.sea_wind import height_of_developed_sea, wind_of_developed_sea
 
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
 SERVICE_FILL = 0.65  # share of a full buffer that a typical service takes, for the boat's foresight
@@ -195,7 +195,7 @@ def accuracy(scenario: Scenario) -> Accuracy:
 
 
 def link_table(site: Site) -> np.ndarray:
-    """Acoustic constants of each AUV's positioning link, see `kernels.positioning.acoustic_link`."""
+    """Acoustic constants of each AUV's positioning link, see `usvauv.kernels.positioning.acoustic_link`."""
     s = site.scenario
     sonar = Sonar(
         sound_speed=sound_speed(site),
@@ -240,14 +240,14 @@ def roughness(site: Site) -> float:
 
 
 def boundaries(site: Site) -> tuple[float, ...]:
-    """Fields of `kernels.positioning.reflections.Boundaries` for AUVs whose depth is that below the array."""
+    """Fields of `usvauv.kernels.positioning.reflections.Boundaries` for AUVs whose depth is that below the array."""
     s = site.scenario
     depth = s.usbl.array_depth
     return depth, depth + site.mean_depth, roughness(site), *SEDIMENTS[s.acoustics.sediment]
 
 
 def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
-    """All numbers of a scenario in the order of `kernels.mission.columns.Parameter`, float32.
+    """All numbers of a scenario in the order of `usvauv.kernels.mission.columns.Parameter`, float32.
 
     Args:
         link: of `link_table`.

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.types import Level
-from usvauv_env.sea.build import build_sea, build_short_waves, fine_cells, stacked_forcing
-from usvauv_env.sea.long_waves import LongWaves
-from usvauv_env.sea.storm import AirySea
-from usvauv_env.sea.watch import SeaWatch
-from usvauv_env.site.site import Site
-from usvauv_env.world.seeds import Seeds
+from usvauv.env.sea.build import build_sea, build_short_waves, fine_cells, stacked_forcing
+from usvauv.env.sea.long_waves import LongWaves
+from usvauv.env.sea.storm import AirySea
+from usvauv.env.sea.watch import SeaWatch
+from usvauv.env.site.site import Site
+from usvauv.env.world.seeds import Seeds
+from usvauv.kernels import runtime
+from usvauv.kernels.types import Level
 
 NAMED = 8  # of the worlds on a sea, in a message
 ROUNDING = 1e-6  # of a ratio of times
@@ -36,7 +36,7 @@ class WorldWater:
     Attributes:
         seas: seed and index of each sea.
         sea_index: (W,) int32, on which of the seas a world sails.
-        stream: (levels, rows, columns, 2) float32, the real current now, m/s, `kernels.flow.current.Water`.
+        stream: (levels, rows, columns, 2) float32, the real current now, m/s, `usvauv.kernels.flow.current.Water`.
         long_waves, storm: of the episode.
         episode: of the seas. steps: of a mission since they started.
     """
@@ -84,7 +84,7 @@ class WorldWater:
         self._set_clock()
 
     def go_on_under(self, site: Site) -> None:
-        """Go on with the forcing and the storm of another site, see `usvauv_env.world.adjustable`."""
+        """Go on with the forcing and the storm of another site, see `usvauv.env.world.adjustable`."""
         self._site = site
         seas = self.seas_of(self.episode)
         self.long_waves.set_forcing(*stacked_forcing(site.scenario, seas))

@@ -10,14 +10,27 @@ from typing import Any
 import numpy as np
 import torch
 
-from kernels import runtime
-from kernels.device_flag import DeviceFlag
-from kernels.errors import DivergenceError, in_words
-from kernels.flow import current, vortex
-from kernels.flow.vortex import Vortex
-from kernels.launch import Launch
-from kernels.mission import poisson_table, reset
-from kernels.mission.columns import (
+from usvauv.env.memory import require
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.sea.long_waves import LongWaves
+from usvauv.env.sea.storm import AirySea
+from usvauv.env.site.site import Site
+from usvauv.env.world import arrays, tables
+from usvauv.env.world.adjustable import check_adjustable, check_continues
+from usvauv.env.world.arrays import STATE
+from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
+from usvauv.env.world.observation import ObservationLayout, observation_terms
+from usvauv.env.world.seeds import Seeds
+from usvauv.env.world.state_check import bounds_of, check_state, first_outside
+from usvauv.env.world.water import WorldWater
+from usvauv.kernels import runtime
+from usvauv.kernels.device_flag import DeviceFlag
+from usvauv.kernels.errors import DivergenceError, in_words
+from usvauv.kernels.flow import current, vortex
+from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.launch import Launch
+from usvauv.kernels.mission import poisson_table, reset
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
     EstimateColumn,
@@ -25,24 +38,11 @@ from kernels.mission.columns import (
     ForesightColumn,
     NodeColumn,
 )
-from kernels.mission.run import Phase, run
-from kernels.mission.state_ranges import LARGEST
-from kernels.mission.target_rules import target_rules
-from kernels.mission.tasks.task import tasks
-from kernels.positioning import coded_pulse, tracker
-from usvauv_env.memory import require
-from usvauv_env.scenario import Scenario, ScenarioError
-from usvauv_env.sea.long_waves import LongWaves
-from usvauv_env.sea.storm import AirySea
-from usvauv_env.site.site import Site
-from usvauv_env.world import arrays, tables
-from usvauv_env.world.adjustable import check_adjustable, check_continues
-from usvauv_env.world.arrays import STATE
-from usvauv_env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
-from usvauv_env.world.observation import ObservationLayout, observation_terms
-from usvauv_env.world.seeds import Seeds
-from usvauv_env.world.state_check import bounds_of, check_state, first_outside
-from usvauv_env.world.water import WorldWater
+from usvauv.kernels.mission.run import Phase, run
+from usvauv.kernels.mission.state_ranges import LARGEST
+from usvauv.kernels.mission.target_rules import target_rules
+from usvauv.kernels.mission.tasks.task import tasks
+from usvauv.kernels.positioning import coded_pulse, tracker
 
 MAX_WORLDS = 1 << 22
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
@@ -58,7 +58,7 @@ class World:
     run on when only some are. Where each world has a seed of its own, it is world 0 of that seed, on its sea 0.
 
     Observation of AUV k, float32 (num_worlds, num_auvs, observation_size): the terms of `observation_layout`, which
-    `usvauv_env.world.observation` and `docs/interfaces.md` tabulate. Positions are the estimated ones: of the last fix,
+    `usvauv.env.world.observation` and `docs/interfaces.md` tabulate. Positions are the estimated ones: of the last fix,
     or of the tracker.
 
     Action, float32 (num_worlds, num_auvs, 2) in [−1, 1]: with auv.action = "vector" the velocity through the water over
@@ -78,7 +78,7 @@ class World:
         batch: worlds of that larger batch: all their seas are solved here, so that the states of its parts can be
             joined. Default: those that these worlds sail on.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
-        arch: where to run, see `kernels.runtime.start`.
+        arch: where to run, see `usvauv.kernels.runtime.start`.
 
     Raises:
         ScenarioError: an argument out of range, or an unknown strategy.
@@ -415,8 +415,8 @@ class World:
         return self.auv[..., MEASURED]
 
     def current(self) -> torch.Tensor:
-        """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: all that `kernels.flow.current`
-        names, and the storm.
+        """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: all that
+        `usvauv.kernels.flow.current` names, and the storm.
         """
         return self.auv[..., CURRENT]
 

@@ -2,11 +2,11 @@
 
 import taichi as ti
 
-from kernels.mission.columns import AuvColumn, Parameter
-from kernels.mission.target_rules.knowledge import is_free
-from kernels.mission.target_rules.rule import TargetRule
-from kernels.mission.target_rules.value import offset, urgency
-from kernels.types import vec3
+from usvauv.kernels.mission.columns import AuvColumn, Parameter
+from usvauv.kernels.mission.target_rules.knowledge import is_free
+from usvauv.kernels.mission.target_rules.rule import TargetRule
+from usvauv.kernels.mission.target_rules.value import offset, urgency
+from usvauv.kernels.types import vec3
 
 
 @ti.func

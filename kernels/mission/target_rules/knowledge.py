@@ -10,8 +10,8 @@ becomes the Gamma distribution with the mean and variance of the one before, cut
 
 import taichi as ti
 
-from kernels.mission.columns import AuvColumn, BeliefColumn, Information, NodeColumn, Parameter
-from kernels.types import vec2
+from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, Information, NodeColumn, Parameter
+from usvauv.kernels.types import vec2
 
 SURE = 1e6  # s; of exposure, where all rates are equal
 POINTS = 48  # of the integration over an interval

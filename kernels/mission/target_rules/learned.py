@@ -1,20 +1,28 @@
 """A learned rule: a small network corrects what `rollout` expects of each of its candidates.
 
-The network is that of `kernels.mission.candidate_scores`; its first feature is what comes in by `rollout` if the AUV
-goes to the node next, less the same of the best candidate, in buffers. Weights come from a file that
+The network is that of `usvauv.kernels.mission.candidate_scores`; its first feature is what comes in by `rollout` if the
+AUV goes to the node next, less the same of the best candidate, in buffers. Weights come from a file that
 `usvauv train-targets` writes (`policies/decisions`).
 """
 
 import taichi as ti
 import torch
 
-from kernels.mission import candidate_scores
-from kernels.mission.candidate_scores import HEAD, Decision, Network
-from kernels.mission.columns import AuvColumn, BeliefColumn, Draw, EstimateColumn, Information, NodeColumn, Parameter
-from kernels.mission.target_rules import knowledge, rollout
-from kernels.mission.target_rules.rule import TargetRule
-from kernels.mission.target_rules.value import distance, travel_time
-from kernels.types import Columns, vec2
+from usvauv.kernels.mission import candidate_scores
+from usvauv.kernels.mission.candidate_scores import HEAD, Decision, Network
+from usvauv.kernels.mission.columns import (
+    AuvColumn,
+    BeliefColumn,
+    Draw,
+    EstimateColumn,
+    Information,
+    NodeColumn,
+    Parameter,
+)
+from usvauv.kernels.mission.target_rules import knowledge, rollout
+from usvauv.kernels.mission.target_rules.rule import TargetRule
+from usvauv.kernels.mission.target_rules.value import distance, travel_time
+from usvauv.kernels.types import Columns, vec2
 
 HORIZON = 40.0  # T of the rollouts, s
 NEIGHBOURHOOD = 50.0  # m

@@ -7,11 +7,11 @@ later they come, by exp(−t/T), up to t = 3 T: with a sharp end the choice depe
 
 import taichi as ti
 
-from kernels.mission.columns import AuvColumn, EstimateColumn, Information, NodeColumn, Parameter
-from kernels.mission.target_rules import knowledge
-from kernels.mission.target_rules.rule import TargetRule
-from kernels.mission.target_rules.value import data_per_time, travel_time
-from kernels.types import vec2
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, Information, NodeColumn, Parameter
+from usvauv.kernels.mission.target_rules import knowledge
+from usvauv.kernels.mission.target_rules.rule import TargetRule
+from usvauv.kernels.mission.target_rules.value import data_per_time, travel_time
+from usvauv.kernels.types import vec2
 
 OVERHEAD = 10.0  # s, of the base rule `rate`
 TIMES = 3.0  # T that are simulated

@@ -7,7 +7,7 @@ from typing import Any
 
 import taichi as ti
 
-from kernels.registry import Registry
+from usvauv.kernels.registry import Registry
 
 LARGEST = 1e6  # of a rule's numbers
 
@@ -30,7 +30,7 @@ def no_workspace(num_nodes: int, num_auvs: int) -> int:
 
 @dataclass(frozen=True)
 class TargetRule:
-    """Which node an AUV heads for next. `worlds` is a `kernels.mission.worlds.Worlds`.
+    """Which node an AUV heads for next. `worlds` is a `usvauv.kernels.mission.worlds.Worlds`.
 
     Attributes:
         choose: a Taichi function (worlds, w, k) → index of a node; it is called for each AUV at the start of an episode

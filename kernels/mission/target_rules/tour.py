@@ -6,11 +6,11 @@ Operations Research 6(6), doi 10.1287/opre.6.6.791). It depends on where nodes a
 
 import taichi as ti
 
-from kernels.mission.columns import AuvColumn, NodeColumn
-from kernels.mission.target_rules import knowledge
-from kernels.mission.target_rules.rule import TargetRule
-from kernels.mission.target_rules.value import distance
-from kernels.types import vec2
+from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
+from usvauv.kernels.mission.target_rules import knowledge
+from usvauv.kernels.mission.target_rules.rule import TargetRule
+from usvauv.kernels.mission.target_rules.value import distance
+from usvauv.kernels.types import vec2
 
 LEAST_GAIN = 1e-3  # m, of an exchange; below it rounding could undo and redo one for ever
 

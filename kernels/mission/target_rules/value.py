@@ -2,10 +2,10 @@
 
 import taichi as ti
 
-from kernels.mission.columns import EstimateColumn, NodeColumn, Parameter
-from kernels.mission.target_rules import knowledge
-from kernels.mission.target_rules.rule import TargetRule
-from kernels.types import vec2
+from usvauv.kernels.mission.columns import EstimateColumn, NodeColumn, Parameter
+from usvauv.kernels.mission.target_rules import knowledge
+from usvauv.kernels.mission.target_rules.rule import TargetRule
+from usvauv.kernels.types import vec2
 
 FAR = 1e5  # above every distance in an area, m
 

@@ -2,16 +2,16 @@
 
 import taichi as ti
 
-from kernels.flow import regular_grid
-from kernels.mission import poisson_table, rewards
-from kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
-from kernels.mission.motion import distance_to_target, target_of, travel
-from kernels.mission.target_rules import knowledge, share_nodes
-from kernels.mission.tasks.task import Task, tasks
-from kernels.mission.vehicle import hovering_power
-from kernels.mission.worlds import uniforms
-from kernels.positioning import sonar_equation
-from kernels.types import vec2
+from usvauv.kernels.flow import regular_grid
+from usvauv.kernels.mission import poisson_table, rewards
+from usvauv.kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
+from usvauv.kernels.mission.motion import distance_to_target, target_of, travel
+from usvauv.kernels.mission.target_rules import knowledge, share_nodes
+from usvauv.kernels.mission.tasks.task import Task, tasks
+from usvauv.kernels.mission.vehicle import hovering_power
+from usvauv.kernels.mission.worlds import uniforms
+from usvauv.kernels.positioning import sonar_equation
+from usvauv.kernels.types import vec2
 
 LEAST_RATE = 1e-9  # Mbit/s; below it the link is dead, and the AUV hovers for the rest of the mission
 

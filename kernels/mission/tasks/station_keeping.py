@@ -2,11 +2,11 @@
 
 import taichi as ti
 
-from kernels.mission import rewards
-from kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
-from kernels.mission.motion import distance_to_target, travel
-from kernels.mission.tasks.task import Task, tasks
-from kernels.mission.worlds import uniforms
+from usvauv.kernels.mission import rewards
+from usvauv.kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
+from usvauv.kernels.mission.motion import distance_to_target, travel
+from usvauv.kernels.mission.tasks.task import Task, tasks
+from usvauv.kernels.mission.worlds import uniforms
 
 TWO_PI = 6.283185307179586
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from kernels.registry import Registry
+from usvauv.kernels.registry import Registry
 
 Function = Callable[..., Any]  # a Taichi function
 
@@ -29,7 +29,7 @@ class RewardTerm:
 
 @dataclass(frozen=True)
 class Task:
-    """A task of the AUVs. W worlds; `worlds` is a `kernels.mission.worlds.Worlds`.
+    """A task of the AUVs. W worlds; `worlds` is a `usvauv.kernels.mission.worlds.Worlds`.
 
     In a reset are called: `place`, then for each AUV, once it is deployed and located, `assign`. In a step: `move` for
     each AUV, then the boat moves and locates the AUVs, `update`, the reward terms, `finish`, the observation.
@@ -44,7 +44,7 @@ class Task:
         targets: number of nodes: "nodes" for `nodes.count`, "auvs" for one an AUV.
         parameters: names and defaults of the task's own numbers, `worlds.task_parameters` in this order; the scenario
             may set them in `task_parameters`.
-        observation: names of observation terms that the task adds, see `usvauv_env.world.observation`.
+        observation: names of observation terms that the task adds, see `usvauv.env.world.observation`.
         heuristic: name of the heuristic that is taken where no policy is named, and that a learned one has to beat.
     """
 

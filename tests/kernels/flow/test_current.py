@@ -5,10 +5,10 @@ import pytest
 import torch
 from scipy.interpolate import RegularGridInterpolator
 
-from kernels.flow import current
-from kernels.flow.vortex import sample_current
-from kernels.shallow_water.packing import Packing
-from kernels.types import Level
+from usvauv.kernels.flow import current
+from usvauv.kernels.flow.vortex import sample_current
+from usvauv.kernels.shallow_water.packing import Packing
+from usvauv.kernels.types import Level
 
 SIZE = (240.0, 130.0)
 NX, NY = 21, 7

@@ -8,8 +8,8 @@ import torch
 from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
-from kernels import runtime
-from kernels.flow.vortex import evolution, sample_current, sample_vorticity
+from usvauv.kernels import runtime
+from usvauv.kernels.flow.vortex import evolution, sample_current, sample_vorticity
 
 # Baseline reference of the paper (Zhang et al., doi 10.1109/JIOT.2024.3395568): three vortices in a 120 m square.
 BASELINE = [(30.0, 23.0, 8.0, 48.0), (63.0, 45.0, 8.0, 48.0), (75.0, 77.0, 8.0, 48.0)]

@@ -1,4 +1,4 @@
-"""Worlds that are no mission's: arrays for some functions of `kernels.mission`, without compiling all of it."""
+"""Worlds that are no mission's: arrays for some functions of `usvauv.kernels.mission`, without compiling all of it."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -7,8 +7,8 @@ import numpy as np
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.mission.columns import (
+from usvauv.kernels import runtime
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
     BoatColumn,
@@ -20,18 +20,18 @@ from kernels.mission.columns import (
     Parameter,
     TallyColumn,
 )
-from kernels.positioning import acoustic_link, tracker
-from kernels.types import array1, array2, array3, array4, index2
+from usvauv.kernels.positioning import acoustic_link, tracker
+from usvauv.kernels.types import array1, array2, array3, array4, index2
 
 
 class StubWater(NamedTuple):
-    """What the functions read of `kernels.flow.current.Water`."""
+    """What the functions read of `usvauv.kernels.flow.current.Water`."""
 
     bed: Any
 
 
 class Stub(NamedTuple):
-    """What the functions read of `kernels.mission.worlds.Worlds`."""
+    """What the functions read of `usvauv.kernels.mission.worlds.Worlds`."""
 
     program: Any
     p: Any
@@ -122,7 +122,7 @@ class StubWorlds:
         """Copies of all arrays after a Taichi function (worlds, w) has been called for each world.
 
         Args:
-            program: what the function reads of `kernels.mission.worlds.Program`.
+            program: what the function reads of `usvauv.kernels.mission.worlds.Program`.
         """
 
         copied = not runtime.start().shares_memory_with_torch

@@ -7,14 +7,14 @@ import pytest
 import taichi as ti
 import torch
 
-import policies
-from kernels.mission import belief_planner
-from kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn
-from kernels.positioning import acoustic_link, tracker
-from kernels.types import array1, array2, array3, vec3
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import SERVICE_FILL, link_table, reference_rate
+from usvauv import policies
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import SERVICE_FILL, link_table, reference_rate
+from usvauv.kernels.mission import belief_planner
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn
+from usvauv.kernels.positioning import acoustic_link, tracker
+from usvauv.kernels.types import array1, array2, array3, vec3
 
 WIDE = ["nodes.count=60"]
 VARIANCE, TAU, R = 0.01, 300.0, 16.0

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from tests.kernels.mission.test_packets import steer
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 
 
 @pytest.fixture(scope="module")

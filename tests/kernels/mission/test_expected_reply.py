@@ -9,11 +9,11 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels.mission.columns import Parameter
-from kernels.mission.expected_reply import reply
-from kernels.positioning import acoustic_link
-from kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
-from kernels.types import array1, array2, vec3
+from usvauv.kernels.mission.columns import Parameter
+from usvauv.kernels.mission.expected_reply import reply
+from usvauv.kernels.positioning import acoustic_link
+from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
+from usvauv.kernels.types import array1, array2, vec3
 
 CARRIER, SPACING, ATTITUDE, LOSS = 25e3, 0.03, 2e-3, 0.1
 DEPTH = 100.0  # m

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-import policies
-from kernels.mission.columns import AuvColumn, BoatColumn
-from kernels.positioning import tracker, usbl
 from tests.links import TILTING as PLAIN
 from tests.usvauv_env.test_world import run
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.record.recorder import record
-from usvauv_env.site.site import Site
-from usvauv_env.world.current_statistics import current_bound, current_model
-from usvauv_env.world.tables import link_table, program, sound_speed
+from usvauv import policies
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.record.recorder import record
+from usvauv.env.site.site import Site
+from usvauv.env.world.current_statistics import current_bound, current_model
+from usvauv.env.world.tables import link_table, program, sound_speed
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
+from usvauv.kernels.positioning import tracker, usbl
 
 LOUD = ["acoustics.source_level=230", "usbl.attitude_error=0", "usbl.tilt=false"]
 THERMOCLINE = "acoustics.sound_speed_profile=[[0, 1522], [20, 1522.3], [50, 1492], [200, 1490]]"

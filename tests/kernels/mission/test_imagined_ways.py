@@ -13,10 +13,10 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.mission import belief_planner, expected_reply, learned_visits
-from kernels.mission.belief_planner import INTERVAL, LEARNED, MARGIN, NOBODY, STEPS, STRAYING, SURE
-from kernels.mission.candidate_scores import HEAD
-from kernels.mission.columns import (
+from usvauv.kernels.mission import belief_planner, expected_reply, learned_visits
+from usvauv.kernels.mission.belief_planner import INTERVAL, LEARNED, MARGIN, NOBODY, STEPS, STRAYING, SURE
+from usvauv.kernels.mission.candidate_scores import HEAD
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
     EstimateColumn,
@@ -25,11 +25,11 @@ from kernels.mission.columns import (
     NodeColumn,
     Parameter,
 )
-from kernels.mission.learned_visits import FAR, FEATURES, NEIGHBOURHOOD, NEXT, SAMPLES, TIME, Feature
-from kernels.mission.target_rules import target_rules
-from kernels.positioning import tracker
-from kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
-from kernels.types import array1, array2, array3, index2, vec3
+from usvauv.kernels.mission.learned_visits import FAR, FEATURES, NEIGHBOURHOOD, NEXT, SAMPLES, TIME, Feature
+from usvauv.kernels.mission.target_rules import target_rules
+from usvauv.kernels.positioning import tracker
+from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
+from usvauv.kernels.types import array1, array2, array3, index2, vec3
 
 WORLDS, BOATS, AUVS, NODES = 12, 2, 4, 7
 NUMBERS = {

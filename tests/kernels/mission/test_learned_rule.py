@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.candidate_scores import HEAD, HIDDEN, Decision
-from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
-from kernels.mission.target_rules import learned
-from kernels.mission.target_rules.learned import FEATURES, Feature
 from tests.kernels.mission.test_target_rules import CALM, choices, rollout, run
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
-from usvauv_env import Scenario, ScenarioError, World
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.kernels.mission.candidate_scores import HEAD, HIDDEN, Decision
+from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
+from usvauv.kernels.mission.target_rules import learned
+from usvauv.kernels.mission.target_rules.learned import FEATURES, Feature
 
 CAPACITY, HOVER = 5000.0, 6.0
 UNEQUAL = (*CALM, "nodes.arrival_rates=[1,4,30]")

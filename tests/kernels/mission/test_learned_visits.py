@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-import policies
-from kernels.mission import learned_visits
-from kernels.mission.candidate_scores import HEAD, Decision
-from kernels.mission.columns import BoatColumn, ExchangeColumn, ForesightColumn
-from kernels.mission.learned_visits import FEATURES, Feature
-from kernels.positioning import tracker
-from policies.decisions.network import Scores, split
-from usvauv_env import Scenario, ScenarioError, World
+from usvauv import policies
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.kernels.mission import learned_visits
+from usvauv.kernels.mission.candidate_scores import HEAD, Decision
+from usvauv.kernels.mission.columns import BoatColumn, ExchangeColumn, ForesightColumn
+from usvauv.kernels.mission.learned_visits import FEATURES, Feature
+from usvauv.kernels.positioning import tracker
+from usvauv.policies.decisions.network import Scores, split
 
 FOUR = ["auv.count=4", "nodes.count=12"]
 WORKS, SPEED, STEP = 25.0, 2.0, 1.0  # homing range, m; the boat's top speed, m/s; mission step, s

@@ -1,7 +1,7 @@
 """How a boat fixes an AUV, and what it then knows of it: beside NumPy, for two boats and three AUVs in random states.
 
 Most signals are so strong that their noise is a millimetre, while all other errors are large. Rays, and the covariances
-of an offset, are those of `kernels.positioning`, which has tests of its own.
+of an offset, are those of `usvauv.kernels.positioning`, which has tests of its own.
 """
 
 import math
@@ -14,8 +14,10 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels.mission import channel, fixes, navigation, reception, serving
-from kernels.mission.columns import (
+from tests.kernels.mission.stub import StubWorlds, unchanged
+from tests.kernels.mission.test_navigation import COVARIANCE, STATE, moments
+from usvauv.kernels.mission import channel, fixes, navigation, reception, serving
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
     EstimateColumn,
@@ -25,13 +27,11 @@ from kernels.mission.columns import (
     Schedule,
     Sensor,
 )
-from kernels.positioning import acoustic_link, coded_pulse, codes, rays, reflections, tracker, usbl
-from kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
-from kernels.positioning.layered_water import layer_table, sound_speed
-from kernels.positioning.validation import GATE
-from kernels.types import array1, array2, array3, mat3, vec3
-from tests.kernels.mission.stub import StubWorlds, unchanged
-from tests.kernels.mission.test_navigation import COVARIANCE, STATE, moments
+from usvauv.kernels.positioning import acoustic_link, coded_pulse, codes, rays, reflections, tracker, usbl
+from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
+from usvauv.kernels.positioning.layered_water import layer_table, sound_speed
+from usvauv.kernels.positioning.validation import GATE
+from usvauv.kernels.types import array1, array2, array3, mat3, vec3
 
 WORLDS, AUVS, BOATS = 400, 3, 2
 NUMBERS = {

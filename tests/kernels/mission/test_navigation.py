@@ -13,10 +13,10 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.mission import navigation
-from kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn, Sensor
-from kernels.positioning import tracker
 from tests.kernels.mission.stub import StubWorlds, unchanged
+from usvauv.kernels.mission import navigation
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn, Sensor
+from usvauv.kernels.positioning import tracker
 
 WORLDS, AUVS = 300, 2
 NUMBERS = {

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.columns import AuvColumn, NodeColumn, TallyColumn
-from usvauv_env import Scenario, World
-from usvauv_env.record.recorder import Recorder
+from usvauv.env import Scenario, World
+from usvauv.env.record.recorder import Recorder
+from usvauv.kernels.mission.columns import AuvColumn, NodeColumn, TallyColumn
 
 
 def backlogs(world: World) -> torch.Tensor:

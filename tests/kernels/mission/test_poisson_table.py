@@ -8,9 +8,9 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels.mission import poisson_table
-from kernels.mission.columns import NodeColumn
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.kernels.mission import poisson_table
+from usvauv.kernels.mission.columns import NodeColumn
 
 RATES = (0.0, 0.3, 3.0, 12.0, 40.0, 80.0)
 LAST = 1 - 2.0**-24  # the largest number that `random.unit` gives

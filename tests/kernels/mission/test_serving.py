@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import taichi as ti
 
-from kernels.mission import serving
-from kernels.mission.columns import BoatColumn, EstimateColumn
 from tests.kernels.mission.stub import StubWorlds, unchanged
+from usvauv.kernels.mission import serving
+from usvauv.kernels.mission.columns import BoatColumn, EstimateColumn
 
 WORLDS, AUVS, BOATS = 100, 6, 3
 FLEET = SimpleNamespace(fleet=True)

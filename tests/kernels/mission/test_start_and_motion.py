@@ -9,9 +9,10 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels.flow.vortex import Vortex
-from kernels.mission import boat, motion, observation, reset, rewards
-from kernels.mission.columns import (
+from tests.kernels.mission.stub import StubWorlds, unchanged
+from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.mission import boat, motion, observation, reset, rewards
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
     BoatColumn,
@@ -21,11 +22,10 @@ from kernels.mission.columns import (
     Sensor,
     TallyColumn,
 )
-from kernels.mission.poisson_table import table
-from kernels.mission.tasks import data_collection, station_keeping
-from kernels.mission.vehicle import hovering_power, travelling_power
-from kernels.positioning import tracker
-from tests.kernels.mission.stub import StubWorlds, unchanged
+from usvauv.kernels.mission.poisson_table import table
+from usvauv.kernels.mission.tasks import data_collection, station_keeping
+from usvauv.kernels.mission.vehicle import hovering_power, travelling_power
+from usvauv.kernels.positioning import tracker
 
 WIDTH, LENGTH = 300.0, 120.0
 AREA = {"width": WIDTH, "length": LENGTH, "diagonal": math.hypot(WIDTH, LENGTH), "step": 0.5}

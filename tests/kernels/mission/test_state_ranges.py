@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.state_ranges import ANYTHING, LARGEST, STATE
-from usvauv_env import Scenario
-from usvauv_env.world.state_check import bounds_of, first_outside
+from usvauv.env import Scenario
+from usvauv.env.world.state_check import bounds_of, first_outside
+from usvauv.kernels.mission.state_ranges import ANYTHING, LARGEST, STATE
 
 # Unequal numbers, so that no column can have another's bound.
 SIDES = ["area.width=300", "area.length=200", "auv.count=3", "boat.count=2", "nodes.count=9"]

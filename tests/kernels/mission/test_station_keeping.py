@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-import policies
-from kernels.mission import vehicle
-from kernels.mission.columns import AuvColumn, NodeColumn
-from policies import PolicyError
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.record.metrics import episode_metrics
-from usvauv_env.record.recorder import record
+from usvauv import policies
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.recorder import record
+from usvauv.kernels.mission import vehicle
+from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
+from usvauv.policies import PolicyError
 
 STILL = ["current.count=0", "storm.spectrum=none", "sea.irregular_rms=0"]
 

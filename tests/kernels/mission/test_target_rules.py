@@ -10,16 +10,16 @@ import taichi as ti
 import torch
 from scipy.special import gammainc
 
-from kernels.mission import target_rules
-from kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
-from kernels.mission.target_rules import knowledge
-from kernels.types import array2
 from tests.kernels.mission.test_packets import steer
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
-from usvauv_env import Scenario, ScenarioError, World
-from usvauv_env.site.site import Site
-from usvauv_env.world.tables import reference_rate
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.site.site import Site
+from usvauv.env.world.tables import reference_rate
+from usvauv.kernels.mission import target_rules
+from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
+from usvauv.kernels.mission.target_rules import knowledge
+from usvauv.kernels.types import array2
 
 
 @ti.kernel

@@ -12,9 +12,9 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.mission.columns import AuvColumn, BeliefColumn, EstimateColumn, Information, NodeColumn
-from kernels.mission.target_rules import knowledge, rollout, tour
 from tests.kernels.mission.stub import StubWorlds, unchanged
+from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, EstimateColumn, Information, NodeColumn
+from usvauv.kernels.mission.target_rules import knowledge, rollout, tour
 
 WORLDS, AUVS, NODES = 40, 3, 17
 WIDTH, LENGTH = 500.0, 200.0

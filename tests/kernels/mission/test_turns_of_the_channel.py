@@ -7,8 +7,9 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.mission import channel, expected_reply, reception, serving
-from kernels.mission.columns import (
+from tests.kernels.mission.stub import StubWorlds, unchanged
+from usvauv.kernels.mission import channel, expected_reply, reception, serving
+from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
     EstimateColumn,
@@ -20,10 +21,9 @@ from kernels.mission.columns import (
     Sensor,
     TallyColumn,
 )
-from kernels.positioning import usbl
-from kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
-from kernels.types import vec3
-from tests.kernels.mission.stub import StubWorlds, unchanged
+from usvauv.kernels.positioning import usbl
+from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
+from usvauv.kernels.types import vec3
 
 WORLDS, AUVS, BOATS = 300, 4, 3
 NUMBERS = {

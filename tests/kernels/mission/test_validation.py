@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.mission.columns import AuvColumn, EstimateColumn
-from kernels.positioning import usbl
 from tests.kernels.mission.test_fixes import PLAIN, column, steady, voyage
-from usvauv_env import Scenario, World
+from usvauv.env import Scenario, World
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn
+from usvauv.kernels.positioning import usbl
 
 WIDE = "usbl.spacing=0.06"
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-import policies
-from kernels.mission.columns import AuvColumn
-from kernels.mission.vehicle import hovering_power, travelling_power
-from usvauv_env import Scenario, World
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.mission.vehicle import hovering_power, travelling_power
 
 
 def law(speed):

@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from torch.func import grad, jacrev, vmap
 
-from kernels.planning import objectives
-from kernels.positioning import acoustic_link, sonar_equation
-from kernels.positioning.ambient_noise import coates
+from usvauv.kernels.planning import objectives
+from usvauv.kernels.positioning import acoustic_link, sonar_equation
+from usvauv.kernels.positioning.ambient_noise import coates
 
 CODES = {
     f"{objective} {measurement}": objectives.objective_code(measurement, objective)

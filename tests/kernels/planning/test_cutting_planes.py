@@ -6,10 +6,10 @@ import torch
 from scipy.optimize import minimize_scalar
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from kernels.planning import cutting_planes
-from kernels.planning.team import Team
-from kernels.types import array2, array3, vec2
 from tests.kernels.planning.reference import CODES, log_objective, table
+from usvauv.kernels.planning import cutting_planes
+from usvauv.kernels.planning.team import Team
+from usvauv.kernels.types import array2, array3, vec2
 
 
 @ti.kernel

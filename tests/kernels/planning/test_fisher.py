@@ -7,9 +7,9 @@ import pytest
 import torch
 from torch.func import jacrev
 
-from kernels.planning import fisher, global_search, objectives
-from kernels.positioning import acoustic_link, usbl
 from tests.kernels.planning.reference import random_layouts, sigma, table
+from usvauv.kernels.planning import fisher, global_search, objectives
+from usvauv.kernels.positioning import acoustic_link, usbl
 
 
 def phases(boat, auvs, kappa):

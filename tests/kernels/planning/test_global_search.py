@@ -8,12 +8,12 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.planning import global_search, objectives
-from kernels.planning.newton_ascent import Region
-from kernels.planning.team import Team
-from kernels.positioning import acoustic_link
-from kernels.types import array2, array3, vec2
 from tests.kernels.planning.reference import CODES, KINDS, best_by_dense_search, log_objective, random_layouts, table
+from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.planning.newton_ascent import Region
+from usvauv.kernels.planning.team import Team
+from usvauv.kernels.positioning import acoustic_link
+from usvauv.kernels.types import array2, array3, vec2
 
 AREA = 200.0
 

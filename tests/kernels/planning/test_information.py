@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.planning import fisher, objectives, tilted_array
 from tests.kernels.planning.reference import CODES, KINDS, random_layouts, table
+from usvauv.kernels.planning import fisher, objectives, tilted_array
 
 NOISES = {
     "range": {},

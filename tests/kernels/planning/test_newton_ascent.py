@@ -7,9 +7,9 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.planning import newton_ascent
-from kernels.planning.newton_ascent import Region
-from kernels.types import array2, vec2, vec6
+from usvauv.kernels.planning import newton_ascent
+from usvauv.kernels.planning.newton_ascent import Region
+from usvauv.kernels.types import array2, vec2, vec6
 
 SIZE, CENTRE, REACH = np.array([300.0, 120.0]), np.array([110.0, 60.0]), 40.0
 

@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch.func import grad, jacrev, vmap
 
-from kernels.planning import fisher, objectives
 from tests.kernels.planning.reference import CODES, KINDS, log_objective, random_layouts, table
+from usvauv.kernels.planning import fisher, objectives
 
 
 def random_boats(n, seed):

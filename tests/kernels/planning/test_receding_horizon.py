@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.planning import global_search, objectives, receding_horizon
-from kernels.positioning import acoustic_link, tracker
+from usvauv.kernels.planning import global_search, objectives, receding_horizon
+from usvauv.kernels.positioning import acoustic_link, tracker
 
 CARRIERS = (15000.0, 18000.0, 12000.0, 14000.0, 16000.0, 17000.0)
 ATTITUDE_ERROR = math.radians(0.1)

@@ -7,9 +7,9 @@ import pytest
 import torch
 from torch.func import jacrev
 
-from kernels.planning import fisher, tilted_array
-from kernels.positioning import acoustic_link, usbl
 from tests.kernels.planning.reference import sigma, table
+from usvauv.kernels.planning import fisher, tilted_array
+from usvauv.kernels.positioning import acoustic_link, usbl
 
 OFFSETS = [[0.0, 0.0, -100.0], [70.0, -45.0, -104.0], [-130.0, 90.0, -98.0], [15.0, 20.0, -12.0]]
 SLOPES = [[0.0, 0.0], [0.1, -0.05], [-0.2, 0.25]]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.planning import global_search, objectives
-from kernels.positioning import acoustic_link
 from tests.kernels.planning.reference import CODES, best_by_dense_search, log_objective
 from tests.slowly import slowly
+from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.positioning import acoustic_link
 
 LARGEST_GAP = 1e-3  # in ln of the objective
 

@@ -9,14 +9,14 @@ import torch
 from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
 
-import policies
-from kernels.flow.vortex import sample_current
-from kernels.mission.columns import AuvColumn
-from kernels.mission.vehicle import travelling_power
-from kernels.planning import zermelo
-from kernels.types import array1, array2, array4, vec2
-from policies.guidance import unit
-from usvauv_env import Scenario, World
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.kernels.flow.vortex import sample_current
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.mission.vehicle import travelling_power
+from usvauv.kernels.planning import zermelo
+from usvauv.kernels.types import array1, array2, array4, vec2
+from usvauv.policies.guidance import unit
 
 SIZE = (200.0, 200.0)
 RADIUS = 6.0

@@ -6,7 +6,7 @@ With the horizontal slowness ξ, which a range-independent medium keeps, and the
 
 (Jensen, Kuperman, Porter, Schmidt, "Computational Ocean Acoustics" (2011), chapter 3). Runge and Kutta's fourth-order
 steps end on the interfaces of the medium, where c' jumps. Eigenrays are found by shooting: brackets in the fan of
-launch angles are fanned out again. Nothing of `kernels.positioning` is used.
+launch angles are fanned out again. Nothing of `usvauv.kernels.positioning` is used.
 """
 
 from collections.abc import Callable

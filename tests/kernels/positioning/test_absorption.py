@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from kernels.positioning.absorption import (
+from usvauv.kernels.positioning.absorption import (
     Water,
     absorption_laws,
     ainslie_mccolm,

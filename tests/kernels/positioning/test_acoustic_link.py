@@ -8,10 +8,10 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.positioning import acoustic_link
-from kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
-from kernels.positioning.bubbles import vertical_bubble_loss
-from kernels.types import array2, vec3
+from usvauv.kernels.positioning import acoustic_link
+from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
+from usvauv.kernels.positioning.bubbles import vertical_bubble_loss
+from usvauv.kernels.types import array2, vec3
 
 CARRIERS = (15000.0, 18000.0)
 COMMON = {

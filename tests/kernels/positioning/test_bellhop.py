@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import pytest
 
-from kernels.positioning import rays, reflections
 from tests.kernels.positioning.test_rays import PROFILES, tensor
 from tests.kernels.positioning.test_reflections import ARRAY, BOTTOM, DEPTHS, PLACES, RANGES, SPEED, reflected
-from usvauv_env.site.sound_speed import SoundSpeedProfile
+from usvauv.env.site.sound_speed import SoundSpeedProfile
+from usvauv.kernels.positioning import rays, reflections
 
 BEAMS = 16_001
 DIRECT, SURFACE, BED = (0, 0), (1, 0), (0, 1)  # bounces off surface and bottom

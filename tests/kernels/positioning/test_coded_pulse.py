@@ -12,11 +12,11 @@ import torch
 from scipy import stats
 from scipy.optimize import minimize_scalar
 
-from kernels.positioning import acoustic_link, coded_pulse, codes, reflections, sonar_equation, usbl
-from kernels.positioning.acoustic_link import ABSORPTION, SPREADING
-from kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
-from kernels.types import array1, array2, array3, vec2, vec3
 from tests.kernels.positioning.test_reflections import coefficient
+from usvauv.kernels.positioning import acoustic_link, coded_pulse, codes, reflections, sonar_equation, usbl
+from usvauv.kernels.positioning.acoustic_link import ABSORPTION, SPREADING
+from usvauv.kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
+from usvauv.kernels.types import array1, array2, array3, vec2, vec3
 
 SIGNIFICANCE = 1e-5
 C = 1500.0

@@ -9,8 +9,8 @@ import torch
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from kernels.positioning import rays
-from usvauv_env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
+from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
+from usvauv.kernels.positioning import rays
 
 THERMOCLINE = SoundSpeedProfile.from_table([(0, 1522.0), (20, 1522.3), (50, 1492.0), (200, 1490.0)])
 MELTWATER = SoundSpeedProfile.from_table([(0, 1440.0), (3, 1440.0), (20, 1475.0), (60, 1480.0), (200, 1482.0)])

@@ -9,11 +9,11 @@ import torch
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from kernels.positioning import rays, reflections
-from kernels.positioning.acoustic_link import ABSORPTION, COLUMNS, SPREADING, WAVELENGTH
-from kernels.types import array2, vec3
 from tests.kernels.positioning.test_rays import MELTWATER, tensor
-from usvauv_env.site.sound_speed import SoundSpeedProfile
+from usvauv.env.site.sound_speed import SoundSpeedProfile
+from usvauv.kernels.positioning import rays, reflections
+from usvauv.kernels.positioning.acoustic_link import ABSORPTION, COLUMNS, SPREADING, WAVELENGTH
+from usvauv.kernels.types import array2, vec3
 
 ARRAY, BOTTOM = 3.0, 200.0  # depths, m
 DEPTHS = (40.0, 100.0)  # of the sources, m

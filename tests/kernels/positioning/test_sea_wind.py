@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from kernels.positioning.sea_wind import drag, height_of_developed_sea, wind_of_developed_sea, wind_of_growing_sea
+from usvauv.kernels.positioning.sea_wind import (
+    drag,
+    height_of_developed_sea,
+    wind_of_developed_sea,
+    wind_of_growing_sea,
+)
 
 # WMO, Beaufort scale (Manual on Codes, WMO-No. 306): probable height of the waves in the open sea, m; wind, m/s.
 BEAUFORT = {

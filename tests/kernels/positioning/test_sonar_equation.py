@@ -6,9 +6,9 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels.positioning import sonar_equation
-from kernels.positioning.absorption import thorp
-from kernels.positioning.ambient_noise import coates
+from usvauv.kernels.positioning import sonar_equation
+from usvauv.kernels.positioning.absorption import thorp
+from usvauv.kernels.positioning.ambient_noise import coates
 
 LAWS = {
     "thorp": (thorp, (15000.0,)),

@@ -7,9 +7,9 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels import random
-from kernels.positioning import tone, waveform
-from kernels.types import array1, array2, vec2, vec4
+from usvauv.kernels import random
+from usvauv.kernels.positioning import tone, waveform
+from usvauv.kernels.types import array1, array2, vec2, vec4
 
 NU = 15.0 / 2016.0  # periods a sample
 PERIODS = 10.0

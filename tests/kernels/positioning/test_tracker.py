@@ -9,16 +9,16 @@ import torch
 from scipy import stats
 from scipy.linalg import expm, solve_discrete_are
 
-import policies
-from kernels.mission.columns import AuvColumn
-from kernels.positioning import current_process, tracker
-from kernels.types import array1, array2, array3, vec2, vec3
 from tests.links import TILTING
-from usvauv_env.scenario import Scenario
-from usvauv_env.site.site import Site
-from usvauv_env.world.current_statistics import current_model
-from usvauv_env.world.tables import link_table
-from usvauv_env.world.world import World
+from usvauv import policies
+from usvauv.env.scenario import Scenario
+from usvauv.env.site.site import Site
+from usvauv.env.world.current_statistics import current_model
+from usvauv.env.world.tables import link_table
+from usvauv.env.world.world import World
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.positioning import current_process, tracker
+from usvauv.kernels.types import array1, array2, array3, vec2, vec3
 
 UPPER = np.triu_indices(4)
 EXTREME_CURRENT = {"variance": 0.22, "correlation_time": 180.0}

@@ -9,8 +9,8 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from kernels.positioning import tracker
 from tests.kernels.positioning.test_tracker import EXTREME_CURRENT, begin, covariances, follow, simulate
+from usvauv.kernels.positioning import tracker
 
 pytest.importorskip("stonesoup")
 

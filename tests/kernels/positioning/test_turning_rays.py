@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from kernels.positioning import rays
 from tests.kernels.positioning import ray_tracer
-from usvauv_env.site.sound_speed import SoundSpeedProfile
+from usvauv.env.site.sound_speed import SoundSpeedProfile
+from usvauv.kernels.positioning import rays
 
 UPWARD = SoundSpeedProfile.from_table([(0, 1450.0), (50, 1480.0), (200, 1490.0)])
 LINEAR = SoundSpeedProfile.from_table([(0, 1480.0), (400, 1540.0)])

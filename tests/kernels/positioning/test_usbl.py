@@ -11,9 +11,9 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
-from kernels.positioning.ambient_noise import coates
-from kernels.types import array2, vec2, vec3
+from usvauv.kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
+from usvauv.kernels.positioning.ambient_noise import coates
+from usvauv.kernels.types import array2, vec2, vec3
 
 CARRIERS = (15000.0, 18000.0)
 LEVEL = (0.0, 0.0)

@@ -8,8 +8,8 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels.positioning import acoustic_link, validation
-from kernels.types import vec2, vec3
+from usvauv.kernels.positioning import acoustic_link, validation
+from usvauv.kernels.types import vec2, vec3
 
 ARRAY = ti.types.ndarray(dtype=ti.f32, ndim=2)
 

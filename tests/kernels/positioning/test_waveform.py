@@ -12,11 +12,11 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from kernels import random
-from kernels.positioning import acoustic_link, fix_probability, sonar_equation, tone, usbl, waveform
-from kernels.positioning.ambient_noise import coates
-from kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
-from kernels.types import array2, vec2, vec3, vec4
+from usvauv.kernels import random
+from usvauv.kernels.positioning import acoustic_link, fix_probability, sonar_equation, tone, usbl, waveform
+from usvauv.kernels.positioning.ambient_noise import coates
+from usvauv.kernels.positioning.waveform import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
+from usvauv.kernels.types import array2, vec2, vec3, vec4
 
 SIGNIFICANCE = 1e-5
 SAMPLING_RATE = 2.016e6

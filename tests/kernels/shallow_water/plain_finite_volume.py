@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from kernels.shallow_water.finite_volume import COURANT, ROUGH, SHORE
-from kernels.shallow_water.nonlinear import FIRST_STEP, NonlinearShallowWater
-from kernels.shallow_water.riemann import SMOOTH
+from usvauv.kernels.shallow_water.finite_volume import COURANT, ROUGH, SHORE
+from usvauv.kernels.shallow_water.nonlinear import FIRST_STEP, NonlinearShallowWater
+from usvauv.kernels.shallow_water.riemann import SMOOTH
 
 Fields = tuple[np.ndarray, np.ndarray, np.ndarray]
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from kernels.shallow_water.nonlinear import NonlinearShallowWater
 from tests.cases.plain import GRAVITY, SIDES
 from tests.kernels.shallow_water.plain_finite_volume import PlainFiniteVolumes
+from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 KINDS = ("wall", "radiating", "forced", "incident")
 NX, NY = 37, 11  # lanes overlap, and more lanes than rows

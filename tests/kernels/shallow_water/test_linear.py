@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kernels import runtime
-from kernels.shallow_water import discretisation, linear
-from kernels.shallow_water.linear import ShallowWater
 from tests.cases.plain import GRAVITY, ROUNDING, SIDES, PlainScheme, centres, rough_bed, waves
+from usvauv.kernels import runtime
+from usvauv.kernels.shallow_water import discretisation, linear
+from usvauv.kernels.shallow_water.linear import ShallowWater
 
 KINDS = ("forced", "incident", "radiating", "sponge")
 # Every kind at every side, and every side beside and opposite every kind.
@@ -234,7 +234,7 @@ class TestDiagnostics:
 MEMORY = """
 import sys
 import numpy as np
-from kernels.shallow_water.linear import ShallowWater
+from usvauv.kernels.shallow_water.linear import ShallowWater
 
 def sea(n, rough):
     depth = np.full((n, n), 50, np.float32) + np.arange(n, dtype=np.float32)[:, None] / n if rough else 50.0

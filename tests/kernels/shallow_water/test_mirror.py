@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from kernels.shallow_water.linear import ShallowWater
 from tests.cases.plain import rough_bed, waves
+from usvauv.kernels.shallow_water.linear import ShallowWater
 
 MIRRORS = {
     "x": (lambda field: field[..., ::-1], {"west": "east", "east": "west"}),

@@ -12,14 +12,14 @@ import math
 import numpy as np
 import pytest
 
-from kernels import runtime
-from kernels.shallow_water import nonlinear
-from kernels.shallow_water.linear import ShallowWater
-from kernels.shallow_water.nonlinear import NonlinearShallowWater
 from tests.cases.case import order, relative_L1
 from tests.cases.plain import GRAVITY as g
 from tests.cases.plain import SIDES, centres
 from tests.cases.solutions import Paraboloid, PDEBench, Plane, RadialDamBreak, channel, ritter, stoker
+from usvauv.kernels import runtime
+from usvauv.kernels.shallow_water import nonlinear
+from usvauv.kernels.shallow_water.linear import ShallowWater
+from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 
 class TestDamBreak:

@@ -12,19 +12,19 @@ import pytest
 import taichi as ti
 import torch
 
-from kernels import runtime
-from kernels.shallow_water import linear, packing, wavefront
-from kernels.shallow_water.cellwise import CellwiseBackend
-from kernels.shallow_water.linear import ShallowWater
-from kernels.shallow_water.packing import LANES
-from kernels.shallow_water.wavefront import BandTable, Extent
 from tests.cases.case import order
 from tests.cases.plain import centres, many, rough_bed
+from usvauv.kernels import runtime
+from usvauv.kernels.shallow_water import linear, packing, wavefront
+from usvauv.kernels.shallow_water.cellwise import CellwiseBackend
+from usvauv.kernels.shallow_water.linear import ShallowWater
+from usvauv.kernels.shallow_water.packing import LANES
+from usvauv.kernels.shallow_water.wavefront import BandTable, Extent
 
 THREADS = """
 import sys
-from kernels import runtime
-from kernels.shallow_water import wavefront
+from usvauv.kernels import runtime
+from usvauv.kernels.shallow_water import wavefront
 runtime.start("cpu", threads=int(sys.argv[1]))
 wavefront.CACHE, wavefront.WAKE, wavefront.COPY = int(sys.argv[2]), 1e-12, float(sys.argv[3])
 from tests.kernels.shallow_water.test_packing import CLOSED, OPEN, fingerprint, storm
