@@ -18,7 +18,6 @@ import torch
 from usvauv.env import Scenario, World
 
 STEPS = 40
-WAVEFORM = ["usbl.model=waveform", "usbl.signal=tone"]
 REFRACTION = [
     "acoustics.sound_speed_profile=[[0,1500],[50,1490],[200,1485]]",
     "usbl.latency=0.2",
@@ -36,11 +35,12 @@ MISSIONS = [  # scenario, overrides, the boat's strategy
     ("paper-extreme", [], "hold:100,100"),
     ("station-keeping", [], "centroid"),
     ("extreme", ["auv.count=8", "planner.objective=a"], "fim-greedy"),
-    ("extreme", TRACKED, "fim-horizon"),
+    ("extreme", TRACKED, "centroid"),
     ("extreme", REFRACTION, "fim"),
-    ("ideal", WAVEFORM, "fim"),
+    ("extreme", ["usbl.model=waveform"], "fim"),
+    ("survey", [], "fim"),
+    ("wide", [], "belief"),
     ("ideal", PAPER_OBJECTIVE, "fim"),
-    ("ideal", ["planner.objective=e", "auv.count=4"], "fim"),
 ]
 SEAS = [
     [],
@@ -82,10 +82,10 @@ def digest(arrays: Iterable[np.ndarray]) -> bytes:
 
 
 if __name__ == "__main__":
-    missions = [
-        digest(mission_arrays(World(Scenario.load(name, changes), num_worlds=3, seed=7, usv=usv)))
-        for name, changes, usv in MISSIONS
-    ]
-    print("missions", hashlib.sha256(b"".join(missions)).hexdigest()[:16])
-    seas = [digest(sea_arrays(Scenario.load("extreme", changes))) for changes in SEAS]
-    print("seas    ", hashlib.sha256(b"".join(seas)).hexdigest()[:16])
+    every = []
+    for name, changes, usv in MISSIONS:
+        every.append(digest(mission_arrays(World(Scenario.load(name, changes), num_worlds=3, seed=7, usv=usv))))
+        print(f"  {every[-1].hex()[:16]} {name} {usv} {' '.join(changes)}", flush=True)
+    print("missions", hashlib.sha256(b"".join(every)).hexdigest()[:16])
+    every = [digest(sea_arrays(Scenario.load("extreme", changes))) for changes in SEAS]
+    print("seas    ", hashlib.sha256(b"".join(every)).hexdigest()[:16])
