@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import taichi as ti
 import torch
 
-from usvauv.kernels import runtime
 from usvauv.kernels.flow import long_waves, regular_grid, vortex
 from usvauv.kernels.types import Level, array1, array3, array4, index1, mask1, vec2
 
@@ -129,7 +128,6 @@ def particle_paths(
     Returns:
         (N, count + 1, 2) float32, m.
     """
-    runtime.check_loops(count * (1 + 2 * vortices.shape[1]), f"a path of {count} steps")
     path = points[:, None].repeat(1, count + 1, 1).contiguous()
     _trace_paths(vortices.contiguous(), stream.contiguous(), level, *size, step, path)
     return path

@@ -117,7 +117,6 @@ def vorticity(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32:
 @ti.kernel
 def _evolve(
     serial: ti.template(),
-    worlds: ti.template(),
     vortex: array3,
     work: array3,
     dt: ti.f32,
@@ -125,10 +124,7 @@ def _evolve(
     mutual: ti.i32,
 ):
     ti.loop_config(serialize=serial)
-    for w in range(worlds if ti.static(worlds > 0) else vortex.shape[0]):
-        if ti.static(worlds > 0):
-            if w >= vortex.shape[0]:
-                continue
+    for w in range(vortex.shape[0]):
         for v in range(vortex.shape[1]):
             work[w, v, Work.x] = vortex[w, v, Vortex.x]
             work[w, v, Work.y] = vortex[w, v, Vortex.y]
@@ -185,8 +181,8 @@ def evolution(vortex: torch.Tensor, work: torch.Tensor, dt: float, viscosity: fl
         viscosity: ν ≥ 0, m²/s.
         mutual: whether the centres move.
     """
-    serial, worlds = runtime.better_alone(vortex.shape[0] * vortex.shape[1]), runtime.constant_range(vortex.shape[0])
-    return Launch(_evolve, serial, worlds, vortex, work, dt, viscosity, int(mutual))
+    serial = runtime.better_alone(vortex.shape[0] * vortex.shape[1])
+    return Launch(_evolve, serial, vortex, work, dt, viscosity, int(mutual))
 
 
 def sample_current(vortex: torch.Tensor, points: torch.Tensor) -> torch.Tensor:

@@ -39,14 +39,12 @@ def transports(
     substep: ti.i32,
     a: ti.f32,
     options: ti.template(),
-    constant_range: ti.template(),
 ):
     """U ← a U − Cx δx η and V ← a V − Cy δy η, in place; at an open boundary η outside is E ± R U.
 
     Args:
         coefficient_row: (ny + 1,), the row of coefficients of each row.
         substep: of the interval, which `prescribed` is read at.
-        constant_range: see `usvauv.kernels.runtime.constant_range`.
 
     All else is what `wavefront.march` takes, its vectors' numbers one after the other.
     """
@@ -54,11 +52,7 @@ def transports(
     rows = ny + 1
     width = W * LANES
     table = prescribed.shape[0] // (blocks * LANES)
-    tasks = blocks * rows * width
-    for task in range(constant_range if ti.static(constant_range > 0) else tasks):
-        if ti.static(constant_range > 0):
-            if task >= tasks:
-                continue
+    for task in range(blocks * rows * width):
         r = task // width
         m = task % width
         row = r % rows
@@ -106,16 +100,11 @@ def elevations(
     nx: ti.i32,
     ny: ti.i32,
     options: ti.template(),
-    constant_range: ti.template(),
 ):
     """η ← η − δx U − δy V of the water, in place; arguments as for `transports`. Outer columns stay as they are."""
     width = W * LANES
     rows = ny + 1
-    tasks = blocks * ny * width
-    for task in range(constant_range if ti.static(constant_range > 0) else tasks):
-        if ti.static(constant_range > 0):
-            if task >= tasks:
-                continue
+    for task in range(blocks * ny * width):
         r = task // width
         m = task % width
         column = m // LANES
@@ -158,8 +147,6 @@ class CellwiseBackend:
         blocks, W, nx, ny = packing.blocks, packing.columns, packing.nx, packing.ny
         options = Options(packing.strips, boundaries.radiating, boundaries.sponge)
         fixed = *arrays, table, boundaries.elevation_factors(), blocks, W, nx, ny
-        row = blocks * W * LANES
-        ranges = runtime.constant_range(row * (ny + 1)), runtime.constant_range(row * ny)
-        second = Launch(elevations, *arrays[:3], arrays[-1], blocks, W, nx, ny, options, ranges[1])
-        first = (Launch(transports, *fixed, substep, a, options, ranges[0]) for substep in range(self._substeps))
+        second = Launch(elevations, *arrays[:3], arrays[-1], blocks, W, nx, ny, options)
+        first = (Launch(transports, *fixed, substep, a, options) for substep in range(self._substeps))
         return [launch for step in first for launch in (step, second)]

@@ -14,7 +14,6 @@ import torch
 from taichi.lang import impl, kernel_impl
 
 from usvauv.kernels import runtime
-from usvauv.kernels.flow import current
 from usvauv.kernels.planning import global_search, receding_horizon, zermelo
 from usvauv.kernels.positioning import acoustic_link, rays, tracker, waveform
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
@@ -205,9 +204,6 @@ def test_what_vulkan_cannot_do_is_refused(monkeypatch):
         zermelo.solve(*6 * [nothing], size=(1.0, 1.0), radius=1.0)
     with pytest.raises(runtime.Unsupported, match="nonlinear sea"):
         NonlinearShallowWater(size=(1.0, 1.0), cells=(4, 4), bed=-1.0, interval=1.0)
-    field = {"level": 0, "size": (9.0, 9.0), "step": 1.0}
-    with pytest.raises(runtime.Unsupported, match=f"a path of 30000 steps takes {30000 * 3} iterations"):
-        current.particle_paths(torch.zeros(1, 1, 4), torch.zeros(1, 1, 1, 2), torch.zeros(1, 2), count=30000, **field)
     tracks = torch.zeros(1, 16, tracker.COLUMNS), torch.zeros(1, 16, 3), torch.zeros(16, acoustic_link.COLUMNS)
     places = torch.zeros(2, 1, 2)
     outlook = receding_horizon.outlook_for("d", variance=0.2, correlation_time=180.0, steps=96)

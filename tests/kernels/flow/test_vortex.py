@@ -8,7 +8,6 @@ import torch
 from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
-from usvauv.kernels import runtime
 from usvauv.kernels.flow.vortex import evolution, sample_current, sample_vorticity
 
 # Baseline reference of the paper (Zhang et al., doi 10.1109/JIOT.2024.3395568): three vortices in a 120 m square.
@@ -215,12 +214,3 @@ class TestEvolution:
         vortex = torch.tensor([STRONG, BASELINE], dtype=torch.float32, device=device)
         evolution(vortex, torch.zeros((2, 3, 7), device=device), 5.0, 0.1, True)()
         np.testing.assert_array_equal(vortex[0].double().cpu(), carried(device, STRONG, 5.0, 1, 0.1)[-1])
-
-    def test_a_range_that_is_compiled_in_changes_nothing(self, device, monkeypatch):
-        """As for Vulkan: more turns of the loop than worlds, and more worlds than vortices."""
-        vortex = torch.tensor([STRONG, BASELINE], dtype=torch.float32, device=device).repeat(3, 1, 1)
-        expected, work = vortex.clone(), torch.zeros((6, 3, 7), device=device)
-        evolution(expected, work, 5.0, 0.1, True)()
-        monkeypatch.setattr(runtime, "constant_range", lambda tasks: tasks + 100)
-        evolution(vortex, work, 5.0, 0.1, True)()
-        assert torch.equal(vortex, expected)
