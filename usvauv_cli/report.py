@@ -14,38 +14,13 @@ from rich.live import Live
 from rich.table import Table
 
 from usvauv.cli import tables
-from usvauv.cli.columns import HEADINGS
 from usvauv.cli.console import LINE_EVERY
-from usvauv.cli.evaluation import estimates
 from usvauv.cli.evaluation.comparison import Comparison, labels
+from usvauv.cli.tables import COLUMNS, Column, column_tables
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
 
-# Column of the CSV → digits after the point.
-SHOWN = {
-    "sdr": 2,
-    "ec": 1,
-    "arps": 2,
-    "services": 1,
-    "delivered_mbit": 1,
-    "energy_wh": 1,
-    "target_distance": 2,
-    "collisions": 2,
-    "border": 2,
-}
-OF_TASK = {"lost_mbit": 1, "aoi_mean": 0, "aoi_peak": 0, "aoi_largest": 0, "jain": 3, "joule_per_mbit": 0}
-POSITIONS = {
-    "position_error_median": 2,
-    "position_error_rms": 2,
-    "position_error_p95": 2,
-    "own_error_rms": 2,
-    "fix_error_rms": 2,
-    "fix_availability": 2,
-    "fix_wrapped": 3,
-    "fix_dropped": 3,
-    "outage_longest": 0,
-}
 # Those shown by default, by task, between ARPS and those of positions; of a plugin's task, all of its own.
 BY_TASK = {"data-collection": ("delivered_mbit", "ec"), "station-keeping": ("target_distance", "ec")}
 LONGEST_NAME = {1: 30, 2: 24, 3: 16}  # by the number of columns with names
@@ -60,20 +35,20 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
         wide: all figures in three tables of any width, instead of those that matter most in one that fits.
     """
     first, count = comparison.combinations[0], comparison.episodes
-    own = {name: OF_TASK.get(name, 2) for name in comparison.of_task}
+    nodes = scenario.task_definition.targets == "nodes"
+    parts = column_tables(nodes, comparison.of_task)
     episodes = "1 episode" if count == 1 else f"{count} episodes"
     about = f"{scenario.name}, seed {seed}, {episodes}"
     several = comparison.combinations
     varied = ["policy", *(name for name in ("usv", "targets") if len({getattr(which, name) for which in several}) > 1)]
     about += "".join(f", {name} {getattr(first, name)}" for name in ("usv", "targets") if name not in varied)
     print(tables.wrapped(f"{about.removesuffix(', targets ')}: mean ± standard deviation"))
-    if wide:
-        parts = [SHOWN, own, POSITIONS]
-    else:
-        everything = SHOWN | own | POSITIONS
-        middle = BY_TASK.get(scenario.task, tuple(own))
-        parts = [{name: everything[name] for name in ("arps", *middle, "position_error_rms", "fix_availability")}]
-    for shown in filter(None, parts):
+    if not wide:
+        middle = BY_TASK.get(scenario.task, comparison.of_task)
+        everything = {column.name: column for part in parts.values() for column in part}
+        names = ("arps", *middle, "position_error_rms", "fix_availability")
+        parts = {"": [everything[name] for name in names]}
+    for shown in filter(None, parts.values()):
         print()
         _table(comparison, varied, shown, tables.UNLIMITED if wide else 0)
     if not wide:
@@ -82,21 +57,21 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
 
 def heading(name: str) -> str:
     """Heading of a column of the CSV, with its unit."""
-    return HEADINGS.get(name, name).replace(",", "")
+    return (COLUMNS[name].heading if name in COLUMNS else name).replace(",", "")
 
 
-def _table(comparison: Comparison, varied: Sequence[str], shown: Mapping[str, int], limit: int) -> None:
-    """Figures by the name of their column with their digits, then the names that were shortened."""
+def _table(comparison: Comparison, varied: Sequence[str], shown: Sequence[Column], limit: int) -> None:
+    """One table, then the names that were shortened."""
     cells: list[list[str]] = []
     for which in comparison.combinations:
         spreads = []
-        for name, digits in shown.items():
+        for name, _, digits, *_ in shown:
             mean, deviation = comparison.score(which, name).mean, comparison.deviation(which, name)
             spreads.append("–" if math.isnan(mean) else f"{mean:.{digits}f} ± {deviation:.{digits}f}")
         cells.append([*(getattr(which, name) for name in varied), *spreads])
     long = [] if limit else [name for row in cells for name in row[: len(varied)]]
     short = tables.shortened(long, LONGEST_NAME[len(varied)])
-    headings = [*varied, *map(heading, shown)]
+    headings = [*varied, *(column.heading.replace(",", "") for column in shown)]
     brief_cells = [[short.get(cell, cell) for cell in row] for row in cells]
     tables.print_table(headings, brief_cells, len(varied), limit)
     for name, brief in short.items():
@@ -110,9 +85,9 @@ def intervals(comparison: Comparison, name: str) -> list[str]:
     short = tables.shortened(names, LONGEST_NAME[1])
     lines = [f"{name} of {comparison.episodes} episodes, with 95 % intervals:"]
     for which, label in zip(comparison.combinations, names, strict=True):
-        line = f"  {short[label]}: {estimates.words(comparison.score(which, name))}"
+        line = f"  {short[label]}: {comparison.words(comparison.score(which, name))}"
         if which != comparison.reference:
-            line += f", difference {estimates.words(comparison.difference(which, name), sign=True)}"
+            line += f", difference {comparison.words(comparison.difference(which, name), sign=True)}"
         lines.append(line)
     return lines
 

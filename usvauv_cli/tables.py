@@ -1,9 +1,13 @@
-"""Text and tables of the commands, as wide as the terminal, or 80 columns where the output goes to a file or a pipe."""
+"""Tables in the terminal and on pages: how they are printed, and the figures of merit that are their columns.
+
+Text and tables are as wide as the terminal, or 80 columns where the output goes to a file or a pipe.
+"""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from typing import NamedTuple
 
 from rich import box
 from rich.console import Console
@@ -71,3 +75,74 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], names: i
         left = left[fitting:]
         if left:
             console.print()
+
+
+class Column(NamedTuple):
+    """A figure of merit.
+
+    Attributes:
+        name: of its column in the CSV.
+        heading: name and unit.
+        digits: after the point, in the terminal.
+        about: what it is.
+        better: "more", "less" or neither.
+    """
+
+    name: str
+    heading: str
+    digits: int
+    about: str
+    better: str = ""
+
+
+WORK = (
+    Column("arps", "ARPS", 2, "reward per step, summed over the AUVs", "more"),
+    Column("energy_wh", "energy, Wh", 1, "energy of all AUVs", "less"),
+    Column("ec", "EC, W", 1, "mean power of an AUV without its time of hovering", "less"),
+    Column("collisions", "collisions", 2, "steps of two AUVs closer than the collision distance", "less"),
+    Column("border", "refused moves", 2, "moves refused at the border of the area", "less"),
+)
+OF_STATIONS = (Column("target_distance", "off station, m", 2, "mean distance of the AUVs to their targets", "less"),)
+OF_NODES = (
+    Column("delivered_mbit", "data, Mbit", 1, "data collected from the nodes", "more"),
+    Column("services", "services", 1, "completed services of nodes", "more"),
+    Column("sdr", "SDR, Mbit/s", 2, "sum over the services of their data rates", "more"),
+)
+OF_TASK = {
+    column.name: column
+    for column in (
+        Column("lost_mbit", "lost, Mbit", 1, "data that full buffers lost", "less"),
+        Column("aoi_mean", "age, s", 0, "age of the data, mean over nodes and time", "less"),
+        Column("aoi_peak", "peak age, s", 0, "age just before a service, mean over services", "less"),
+        Column("aoi_largest", "largest age, s", 0, "largest age of any node at any time", "less"),
+        Column("jain", "Jain's index", 3, "how even data come in from the nodes: 1 if all bring the same", "more"),
+        Column("joule_per_mbit", "J/Mbit", 0, "energy over data collected", "less"),
+    )
+}
+POSITIONS = (
+    Column("position_error_median", "median, m", 2, "error of the boat's estimates of the AUVs' positions", "less"),
+    Column("position_error_rms", "rms, m", 2, "the same, root mean square", "less"),
+    Column("position_error_p95", "95 %, m", 2, "the same, 95th percentile", "less"),
+    Column("own_error_rms", "own rms, m", 2, "error of where an AUV takes itself to be", "less"),
+    Column("fix_error_rms", "fix rms, m", 2, "error of a fix, against where its signal left the AUV", "less"),
+    Column("fix_availability", "fixes", 2, "share of steps and AUVs with a usable fix", "more"),
+    Column("fix_wrapped", "wrapped", 3, "share of usable fixes that are wrong by whole turns of a phase", "less"),
+    Column("fix_dropped", "dropped", 3, "share of detected fixes that the receiver does not use", "less"),
+    Column("outage_longest", "outage, s", 0, "longest time of an AUV without a usable fix", "less"),
+)
+COLUMNS = {column.name: column for column in (*WORK, *OF_STATIONS, *OF_NODES, *OF_TASK.values(), *POSITIONS)}
+
+
+def column_tables(nodes: bool, of_task: Collection[str]) -> dict[str, list[Column]]:
+    """Columns of each table by its title.
+
+    Args:
+        nodes: whether the task's targets are nodes with data.
+        of_task: names of the task's own figures.
+    """
+    own = [OF_TASK.get(name, Column(name, name, 2, "a figure of a plugin")) for name in of_task]
+    return {
+        "Work": [*WORK[:1], *(OF_NODES if nodes else OF_STATIONS), *WORK[1:]],
+        "Age, losses and cost of data" if nodes else "Of the task": own,
+        "Positions and fixes": list(POSITIONS),
+    }

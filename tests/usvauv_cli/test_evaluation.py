@@ -9,9 +9,17 @@ import pytest
 from scipy import stats
 
 from usvauv.cli import report
-from usvauv.cli.evaluation.comparison import LEAST_EPISODES, Comparison, labels
-from usvauv.cli.evaluation.definition import first_difference
-from usvauv.cli.evaluation.estimates import EXACT, Estimate, Moments, t_quantile, words
+from usvauv.cli.evaluation.comparison import (
+    EXACT,
+    LEAST_EPISODES,
+    Comparison,
+    Estimate,
+    Moments,
+    labels,
+    t_quantile,
+    words,
+)
+from usvauv.cli.evaluation.run import first_difference
 from usvauv.env import World, memory
 from usvauv.env.record import evaluation
 from usvauv.env.record.growing_table import Combination

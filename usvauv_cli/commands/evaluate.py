@@ -95,10 +95,10 @@ def evaluate(
     """
     from usvauv import policies
     from usvauv.cli import console, report
-    from usvauv.cli.evaluation import batches
+    from usvauv.cli.evaluation import run
     from usvauv.cli.evaluation.comparison import Comparison
-    from usvauv.cli.evaluation.definition import definition, first_difference
-    from usvauv.cli.web_report.recordings import Recordings, collects_data, front_episodes
+    from usvauv.cli.evaluation.run import definition, first_difference
+    from usvauv.cli.web_report.episodes import Recordings, collects_data, front_episodes
     from usvauv.env import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
     from usvauv.env.record.growing_table import Combination, GrowingTable
@@ -146,7 +146,7 @@ def evaluate(
             table.begin(about)
         elif difference := first_difference(about["definition"], decides):
             raise UserError(f"{table.path}: is of another command: {difference}")
-        plan = batches.Plan(scenarios, policies.named(*names), episodes, seed, arch)
+        plan = run.Plan(scenarios, policies.named(*names), episodes, seed, arch)
         try:
             with console.progress("evaluating", len(scenarios) * episodes * setting.mission.steps) as advance:
 
@@ -154,7 +154,7 @@ def evaluate(
                     advance(0, report.intervals(comparison, score))
                     return until is not None and comparison.reached(score, until)
 
-                batches.run(
+                run.run(
                     plan,
                     about["batch"],
                     table,

@@ -1,20 +1,127 @@
-"""What is known of combinations of policy, boat strategy and target rule while their episodes come in.
+"""Means with 95 % intervals by Student's t, mean ± t s/√n, of combinations of policy, boat strategy and target rule.
 
 All combinations run in the same worlds, so the difference of two is taken episode by episode: what the worlds have in
-common cancels. Kept are sums, whose size does not grow with the number of episodes.
+common cancels. Sums are kept, whose size does not grow with the number of episodes. The intervals take the mean of the
+episodes as normal.
 """
 
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from usvauv.cli.evaluation.estimates import Estimate, Moments
 from usvauv.env.record.growing_table import Combination
 from usvauv.env.record.metrics import COLUMNS, FIGURES
+
+LEVEL = 0.95
+EXACT = 1000
+
+
+class Estimate(NamedTuple):
+    """A mean and half of its 95 % interval over n episodes; NaN: no mean of none, no interval of one."""
+
+    mean: float
+    half: float
+    n: int
+
+
+@lru_cache(100)
+def t_quantile(freedom: int) -> float:
+    """t with P(|T| < t) = 95 % for Student's T with a whole number of degrees of freedom.
+
+    Source: Abramowitz & Stegun, "Handbook of Mathematical Functions", the finite sums 26.7.3 and 26.7.4, and beyond
+    `EXACT` degrees the expansion 26.7.5, whose next term is below 1e-13.
+    """
+    if freedom > EXACT:
+        z = statistics.NormalDist().inv_cdf((1 + LEVEL) / 2)
+        terms = (
+            (z**3 + z) / 4,
+            (5 * z**5 + 16 * z**3 + 3 * z) / 96,
+            (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384,
+            (79 * z**9 + 776 * z**7 + 1482 * z**5 - 1920 * z**3 - 945 * z) / 92160,
+        )
+        return z + sum(term / freedom**power for power, term in enumerate(terms, 1))
+
+    def within(angle: float) -> float:
+        cosine = math.cos(angle)
+        odd = freedom % 2
+        term, total = (cosine if odd else 1.0), 0.0
+        for i in range(1 + odd, freedom, 2):
+            total += term
+            term *= i / (i + 1) * cosine * cosine
+        return 2 / math.pi * (angle + math.sin(angle) * total) if odd else math.sin(angle) * total
+
+    low, high = 0.0, math.pi / 2
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if within(middle) < LEVEL else (low, middle)
+    return math.sqrt(freedom) * math.tan(low)
+
+
+class Moments:
+    """Mean and spread of F figures over values that come in parts; of a figure, NaN are left out.
+
+    Parts are joined by Chan, Golub & LeVeque 1983, doi:10.1080/00031305.1983.10483115, about the first value, so that
+    equal values have a spread of exactly 0.
+    """
+
+    def __init__(self, figures: int) -> None:
+        self._n = np.zeros(figures)
+        self._first = np.full(figures, np.nan)
+        self._mean = np.zeros(figures)  # less the first
+        self._squares = np.zeros(figures)  # sum of squared deviations from the mean
+
+    def add(self, values: np.ndarray) -> None:
+        """Take more values, (any number, F)."""
+        known = ~np.isnan(values)
+        n = known.sum(axis=0)
+        first = values[known.argmax(axis=0), np.arange(values.shape[1])]
+        self._first = np.where(self._n > 0, self._first, first)
+        shifted = np.where(known, values - self._first, 0.0)
+        mean = shifted.sum(axis=0) / np.maximum(n, 1)
+        squares = np.where(known, (shifted - mean) ** 2, 0.0).sum(axis=0)
+        total, apart = self._n + n, mean - self._mean
+        share = n / np.maximum(total, 1)
+        self._squares += squares + apart**2 * self._n * share
+        self._mean += apart * share
+        self._n = total
+
+    def estimate(self, figure: int) -> Estimate:
+        """Mean and interval of a figure."""
+        n = int(self._n[figure])
+        mean = float(self._first[figure] + self._mean[figure]) if n else math.nan
+        half = t_quantile(n - 1) * self.deviation(figure) / math.sqrt(n) if n > 1 else math.nan
+        return Estimate(mean, half, n)
+
+    def deviation(self, figure: int) -> float:
+        """Standard deviation of a figure; 0 of one value."""
+        return math.sqrt(self._squares[figure] / max(self._n[figure] - 1, 1))
+
+
+def words(value: Estimate, sign: bool = False) -> str:
+    """Mean ± half of the interval, which has two digits; without an interval a mean of three, or a whole one.
+
+    A mean that is NaN is –. Neither has more than four digits after the point.
+    """
+    mean, half, _ = value
+    if math.isnan(mean):
+        return "–"
+    places = digits(mean, half)
+    text = f"{mean:{'+' if sign and mean else ''},.{places}f}"
+    return (f"{text} ± {half:,.{places}f}" if half > 0 else text).replace("-", "−")
+
+
+def digits(mean: float, half: float) -> int:
+    """Digits after the point so that half of an interval has two digits; see `words`."""
+    whole = not half > 0 and mean == int(mean)
+    scale = half if half > 0 else abs(mean) / 10
+    return 0 if whole else min(max(1 - math.floor(math.log10(scale)), 0), 4)
+
 
 LEAST_EPISODES = 64  # before an interval is believed to be short
 

@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from usvauv import policies
-from usvauv.cli.evaluation.definition import digests
+from usvauv.cli.evaluation.run import digests
 from usvauv.env import text_files
 from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from usvauv.cli import tables
-from usvauv.cli.evaluation.estimates import digits
+from usvauv.cli.evaluation.comparison import digits
 from usvauv.cli.sweep import statistics
 from usvauv.cli.sweep.statistics import Interval, interval
 from usvauv.cli.sweep.study import OF_TRAINING, Evaluation, Planned

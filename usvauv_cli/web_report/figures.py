@@ -1,4 +1,4 @@
-"""Figures of the page: data and energy, errors of fixes, and maps of ways and ages."""
+"""Figures of the page: data and energy, errors of fixes, and maps of tracks and ages with their graticule."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from usvauv.cli.evaluation.comparison import Comparison
-from usvauv.cli.evaluation.estimates import words
-from usvauv.cli.web_report import graticule
+from usvauv.cli.evaluation.comparison import Comparison, words
+from usvauv.cli.web_report.episodes import ERRORS, PERIODS, Recording, collects_data, fix_quantiles
 from usvauv.cli.web_report.figure_style import (
     AGES,
     COLUMN,
     INK,
+    LINE,
     MUTED,
     NODE,
     SEA,
@@ -31,9 +31,65 @@ from usvauv.cli.web_report.figure_style import (
     rows_of_legend,
     style_axes,
 )
-from usvauv.cli.web_report.recordings import ERRORS, PERIODS, Recording, collects_data, fix_quantiles
+from usvauv.env.render.frame_layout import nice, nice_above
 from usvauv.env.scenario import Scenario
+from usvauv.env.site.local_frame import LocalFrame
 from usvauv.env.site.site import Site
+
+STEPS = (1, 2, 4, 5, 10)  # none is more than twice the one before, so that two lines wanted are one at least
+POINTS = 33  # of a line; parallels and meridians are curved on a plane
+BAR = 0.28  # longest scale bar, of the width
+
+
+def draw_graticule(axes: Axes, frame: LocalFrame, width: float, length: float, lines: int) -> None:
+    """Draw lines of equal longitude and latitude and a scale bar on a map of width × length, m, with ticks in degrees.
+
+    Args:
+        lines: about so many each way, ≥ 2.
+    """
+    x, y = np.meshgrid([0.0, width], [0.0, length])
+    for across, degrees in zip((True, False), frame.to_geographic(x, y), strict=True):
+        low, high = degrees.min(), degrees.max()
+        step = nice_above((high - low) / lines, STEPS)
+        values = step * np.arange(math.ceil(low / step), math.floor(high / step) + 1)
+        places, shown = [], []
+        for value in values:
+            line = _line(frame, value, across, width, length)
+            axes.plot(*line, color=LINE, lw=0.6, zorder=0.5)
+            along, beside = line if across else line[::-1]
+            place = float(np.interp(0.0, beside, along))
+            if 0 <= place <= (width if across else length):
+                places.append(place)
+                shown.append(value)
+        set_ticks = axes.set_xticks if across else axes.set_yticks
+        set_ticks(places, degree_labels(shown, step, "EW" if across else "NS"))
+    axes.set(xlim=(0, width), ylim=(0, length))
+    _scale_bar(axes, width, length)
+
+
+def degree_labels(values: Sequence[float], step: float, sides: str) -> list[str]:
+    """Degrees with as many digits as a step needs and one of two sides; longitudes from 180° west to 180° east."""
+    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    turned = [(value + 180) % 360 - 180 if sides == "EW" else value for value in values]
+    return [f"{abs(value):.{digits}f}°{sides[int(round(value, digits) < 0)]}" for value in turned]
+
+
+def _line(
+    frame: LocalFrame, value: float, meridian: bool, width: float, length: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """x and y (POINTS,), m, of a meridian or a parallel through the area and a little beyond."""
+    along = np.linspace(-0.05, 1.05, POINTS)
+    x, y = (0.5 * width, along * length) if meridian else (along * width, 0.5 * length)
+    longitude, latitude = frame.to_geographic(*np.broadcast_arrays(x, y))
+    fixed = np.full(POINTS, value)
+    return frame.to_local(fixed, latitude) if meridian else frame.to_local(longitude, fixed)
+
+
+def _scale_bar(axes: Axes, width: float, length: float) -> None:
+    bar, left, low = nice(BAR * width), 0.05 * width, 0.05 * length
+    axes.plot([left, left + bar], [low, low], color=INK, lw=2, solid_capstyle="butt", zorder=8)
+    text = f"{bar / 1000:g} km" if bar >= 1000 else f"{bar:g} m"
+    axes.annotate(text, (left, low), (0, 2), textcoords="offset points", color=INK, va="bottom", fontsize=6, zorder=8)
 
 
 def front(names: Sequence[str], comparison: Comparison) -> Figure:
@@ -129,7 +185,7 @@ def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure
         axes.set(xlim=(0, width), ylim=(0, length), aspect="equal")
         axes.set_title(shortened(name, 46 // columns), loc="left", pad=3)
         if frame:
-            graticule.draw(axes, frame, width, length, 2 if columns > 1 else 3)
+            draw_graticule(axes, frame, width, length, 2 if columns > 1 else 3)
         else:
             axes.xaxis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
             axes.yaxis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))

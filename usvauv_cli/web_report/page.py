@@ -8,12 +8,10 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
-from usvauv.cli import columns
-from usvauv.cli.evaluation import estimates
+from usvauv.cli import tables
 from usvauv.cli.evaluation.comparison import Comparison, labels
 from usvauv.cli.web_report import document, figures
-from usvauv.cli.web_report.player import player_data
-from usvauv.cli.web_report.recordings import Recordings, collects_data, front_episodes
+from usvauv.cli.web_report.episodes import Recordings, collects_data, front_episodes, player_data
 from usvauv.env.record.growing_table import Combination
 from usvauv.env.scenario import Scenario
 from usvauv.kernels import runtime
@@ -90,7 +88,7 @@ def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
                 for which in comparison.combinations
             ],
         }
-        for title, found in columns.tables(nodes, comparison.of_task).items()
+        for title, found in tables.column_tables(nodes, comparison.of_task).items()
         if found
     ]
 
@@ -98,9 +96,9 @@ def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
 def _cell(comparison: Comparison, which: Combination, name: str) -> Cell:
     score, less = comparison.score(which, name), comparison.difference(which, name)
     return Cell(
-        estimates.words(score),
+        comparison.words(score),
         score.n if 0 < score.n < comparison.episodes else None,
-        "" if which == comparison.reference else estimates.words(less, sign=True),
+        "" if which == comparison.reference else comparison.words(less, sign=True),
         abs(less.mean) > less.half,
     )
 
