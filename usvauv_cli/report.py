@@ -15,8 +15,8 @@ from rich.table import Table
 
 from usvauv.cli import tables
 from usvauv.cli.console import LINE_EVERY
-from usvauv.cli.evaluation.comparison import Comparison, labels
-from usvauv.cli.tables import COLUMNS, Column, column_tables
+from usvauv.cli.evaluation.comparison import Comparison, labels, words
+from usvauv.cli.tables import Column, column_tables
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
@@ -55,11 +55,6 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
         print("\nrms: of the positions' error; fixes: share of seconds with one. More: --wide")
 
 
-def heading(name: str) -> str:
-    """Heading of a column of the CSV, with its unit."""
-    return (COLUMNS[name].heading if name in COLUMNS else name).replace(",", "")
-
-
 def _table(comparison: Comparison, varied: Sequence[str], shown: Sequence[Column], limit: int) -> None:
     """One table, then the names that were shortened."""
     cells: list[list[str]] = []
@@ -85,9 +80,9 @@ def intervals(comparison: Comparison, name: str) -> list[str]:
     short = tables.shortened(names, LONGEST_NAME[1])
     lines = [f"{name} of {comparison.episodes} episodes, with 95 % intervals:"]
     for which, label in zip(comparison.combinations, names, strict=True):
-        line = f"  {short[label]}: {comparison.words(comparison.score(which, name))}"
+        line = f"  {short[label]}: {words(comparison.score(which, name))}"
         if which != comparison.reference:
-            line += f", difference {comparison.words(comparison.difference(which, name), sign=True)}"
+            line += f", difference {words(comparison.difference(which, name), sign=True)}"
         lines.append(line)
     return lines
 
@@ -211,12 +206,12 @@ def training_table(figures: dict, baseline: dict, title: str) -> RenderableType:
     (brief,) = tables.shortened([baseline["policy"]], 20).values()
     for heading in ("", "training worlds", evaluated, brief):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
-    for name, (words, training) in TRAINED.items():
+    for name, (label, training) in TRAINED.items():
         values = figures.get(training), figures["evaluation"].get(name), baseline[name]
         cells = ["" if value is None else f"{value:.2f}" for value in values]
         if name == "arps":
             cells[1] = _score(figures)
-        table.add_row(words, *cells)
+        table.add_row(label, *cells)
     terms = Table.grid(padding=(0, 1, 0, 0))
     for place in range(1 + 2 * PAIRS):
         terms.add_column(justify="left" if not place or place % 2 else "right", no_wrap=True)

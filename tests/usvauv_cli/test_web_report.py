@@ -15,8 +15,8 @@ from scipy import stats
 
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
 from usvauv import policies
-from usvauv.cli import tables
 from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.cli.tables import column_tables
 from usvauv.cli.web_report import figure_style, figures, page
 from usvauv.cli.web_report.episodes import (
     ERRORS,
@@ -122,7 +122,7 @@ class TestRecordings:
 class TestPage:
     def test_tables_have_the_scores(self, made):
         tables = Elements(made.text).tables
-        expected = tables.tables(True, list(made.rows[0].of_task))
+        expected = column_tables(True, list(made.rows[0].of_task))
         assert len(tables) == len(expected) == 3
         fim, hold = ([row.columns() for row in made.rows if row.usv == usv] for usv in ("fim", "hold:0,0"))
         for table, shown in zip(tables, expected.values(), strict=True):
@@ -144,7 +144,7 @@ class TestPage:
     def test_bold_is_what_differs_clearly(self, made):
         """Fixes are worse from the corner in each world; the data collected need not differ."""
         cells = re.findall(r"<br><span( class=\"clear\")?>([^<]*)</span></td>", made.text)
-        assert len(cells) == sum(len(shown) for shown in tables.tables(True, list(made.rows[0].of_task)).values())
+        assert len(cells) == sum(len(shown) for shown in column_tables(True, list(made.rows[0].of_task)).values())
         for bold, text in cells:
             mean, _, half = text.replace("−", "-").replace(",", "").partition(" ± ")
             if half and float(mean) != pytest.approx(float(half)):

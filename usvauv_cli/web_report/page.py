@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from markupsafe import Markup
 
 from usvauv.cli import tables
-from usvauv.cli.evaluation.comparison import Comparison, labels
+from usvauv.cli.evaluation.comparison import Comparison, labels, words
 from usvauv.cli.web_report import document, figures
 from usvauv.cli.web_report.episodes import Recordings, collects_data, front_episodes, player_data
 from usvauv.env.record.growing_table import Combination
@@ -96,9 +96,9 @@ def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
 def _cell(comparison: Comparison, which: Combination, name: str) -> Cell:
     score, less = comparison.score(which, name), comparison.difference(which, name)
     return Cell(
-        comparison.words(score),
+        words(score),
         score.n if 0 < score.n < comparison.episodes else None,
-        "" if which == comparison.reference else comparison.words(less, sign=True),
+        "" if which == comparison.reference else words(less, sign=True),
         abs(less.mean) > less.half,
     )
 
