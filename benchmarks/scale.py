@@ -36,7 +36,7 @@ from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 from usvauv.policies import TrainingConfig
-from usvauv.policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 from usvauv.policies.training.trainer import EVALUATIONS
 
 ROOT = Path(__file__).parents[1]
@@ -123,7 +123,7 @@ def costs() -> Costs:
             step=best_time(episode) / world.steps,
             update=best_time(lambda: trainer.learner.learn(batch(trainer.scaled_gain))),
             together=together,
-            evaluation=best_time(lambda: policies.evaluate(judges, policy), rounds=1),
+            evaluation=best_time(lambda: policies.figures_of_merit(judges, policy), rounds=1),
             save=best_time(trainer.save),
             bytes=sum(path.stat().st_size for path in Path(folder, "last").resolve().iterdir()),
             gradients=sum(4 * value.numel() for each in optimisers for value in each.param_groups[0]["params"]),

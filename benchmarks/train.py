@@ -43,7 +43,7 @@ from benchmarks.machine import describe
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies.algorithms import ALGORITHMS
-from usvauv.policies.training.meter import Meter
+from usvauv.policies.training.figures import Meter
 
 SCENARIO = "extreme"
 EPISODES = 32

@@ -13,11 +13,10 @@ From outside: the names below; the registries of `usvauv.policies.heuristics`, `
 
 from usvauv.policies.checkpoint import read_history, read_run
 from usvauv.policies.config import TrainingConfig
-from usvauv.policies.evaluation import evaluate
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.loading import acting, available, check, default, load, load_learned, named, trained
 from usvauv.policies.policy import Policy, PolicyError
-from usvauv.policies.training import Seeds, Trainer, TrainingWorld
+from usvauv.policies.training import Seeds, Trainer, TrainingWorld, figures_of_merit
 
 __all__ = [
     "LearnedPolicy",
@@ -31,7 +30,7 @@ __all__ = [
     "available",
     "check",
     "default",
-    "evaluate",
+    "figures_of_merit",
     "load",
     "load_learned",
     "named",

@@ -31,9 +31,8 @@ from usvauv.env.swap import found, replace_folder
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import ACTION_SIZE, FRAMES
-from usvauv.policies.learned import LearnedPolicy
+from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
-from usvauv.policies.standardizer import Standardizer
 
 FORMAT = 2  # 1 had a guided frame without repulsion
 POLICY, TRAINING = "policy", "training"

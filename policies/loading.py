@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
+import re
+import sys
 from collections.abc import Callable
 from functools import partial
 from importlib import resources
@@ -13,16 +16,71 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from usvauv.env.record.evaluation import Act
+from usvauv.env.record.evaluation import Act, act_of
 from usvauv.env.scenario import Scenario
 from usvauv.env.swap import found
 from usvauv.env.world.world import World
-from usvauv.kernels.errors import blaming, wrong_return
-from usvauv.policies import imported
+from usvauv.kernels.errors import blaming, in_words, wrong_return
 from usvauv.policies.checkpoint import BEST, LAST, load_policy
 from usvauv.policies.heuristics import HEURISTICS
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.policy import Policy, PolicyError
+
+IDENTIFIER = r"[^\W\d]\w*"
+IMPORTED = re.compile(rf"{IDENTIFIER}(\.{IDENTIFIER})*:{IDENTIFIER}")  # MODULE:CLASS
+
+
+def imported(name: str) -> Callable[[World], Any]:
+    """The class or function that MODULE:CLASS names; the module is installed or in the working directory.
+
+    Raises:
+        PolicyError: the module cannot be imported, or has no such class or function.
+    """
+    if "" not in sys.path:  # the working directory, behind what is installed
+        sys.path.append("")
+    module_name, _, wanted = name.partition(":")
+    try:
+        module = importlib.import_module(module_name)
+        made = getattr(module, wanted, None)
+    except (Exception, SystemExit) as error:
+        raise PolicyError(f"policy {name!r}: module {module_name} cannot be imported: {in_words(error)}") from error
+    if not callable(made):
+        raise PolicyError(f"policy {name!r}: {_file(module_name)} has no class or function {wanted!r}")
+    return made
+
+
+class Imported(Policy):
+    """What MODULE:CLASS gives for a world: an object with `act`, or a function, as `usvauv.env.evaluate` takes it.
+
+    Attributes:
+        described: its name and the module's file, for error messages.
+
+    Raises:
+        PolicyError: as `imported`; or the call with the world fails, or gives nothing that acts.
+    """
+
+    def __init__(self, name: str, world: World) -> None:
+        super().__init__(name, world.scenario)
+        make = imported(name)
+        self.described = f"policy {name!r} of {_file(name.partition(':')[0])}"
+        with blaming(self.described, PolicyError):
+            policy = make(world)
+        self._act = act_of(policy)
+        if not callable(self._act):
+            raise PolicyError(wrong_return(self.described, policy, "an object with `act`, or a function"))
+
+    def act(self, observation: Tensor) -> Tensor:
+        return self._act(observation)
+
+
+def module_file(name: str) -> Path | None:
+    """The file of the module in MODULE:CLASS, which `imported` has found; None for another name or without a file."""
+    path = _file(name.partition(":")[0])
+    return Path(path) if IMPORTED.fullmatch(name) and os.path.isfile(path) else None
+
+
+def _file(module: str) -> str:
+    return getattr(sys.modules.get(module), "__file__", None) or f"module {module}"
 
 
 def _shipped() -> Path:
@@ -55,7 +113,7 @@ def load(name: str | Path, world: World) -> Policy:
         name: one of `available()`; a heuristic's argument follows a colon: `straight:SPEED`, `crab:SPEED` or
             `zermelo:SPEED` with a speed in m/s, `pace:PRICE` or `clear:PRICE` with a price of time in W; else
             the path of a checkpoint, or of a training run, whose best checkpoint is then taken; else MODULE:CLASS, see
-            `usvauv.policies.imported`.
+            `imported`.
         world: the world whose observations it will get; its speed limits and recorded speeds are used.
 
     Raises:
@@ -68,7 +126,7 @@ def load(name: str | Path, world: World) -> Policy:
         with HEURISTICS.calling(base):
             return kind(str(name), world, argument)
     if _is_imported(name):
-        return imported.Imported(str(name), world)
+        return Imported(str(name), world)
     return load_learned(name, world.scenario, world.device)
 
 
@@ -79,7 +137,7 @@ def acting(name: str | Path, world: World) -> Act:
         PolicyError: as `load`; and by the function, where such a policy fails or returns no actions.
     """
     policy = load(name, world)
-    item = policy.described if isinstance(policy, imported.Imported) else HEURISTICS.described(_base(name))
+    item = policy.described if isinstance(policy, Imported) else HEURISTICS.described(_base(name))
     if not item:
         return policy.act
     shape = (world.num_worlds, world.num_auvs, 2)
@@ -116,7 +174,7 @@ def check(name: str | Path, scenario: Scenario) -> None:
     if _base(name) in HEURISTICS:
         _argument(name, scenario)
     elif _is_imported(name):
-        imported.find(str(name))
+        imported(str(name))
     else:
         load_learned(name, scenario)
 
@@ -145,7 +203,7 @@ def load_learned(
 
 def _is_imported(name: str | Path) -> bool:
     """Whether a name that is no heuristic's means a class of a module; the path of a folder may have a colon too."""
-    return imported.NAME.fullmatch(str(name)) is not None and not os.path.isdir(name)
+    return IMPORTED.fullmatch(str(name)) is not None and not os.path.isdir(name)
 
 
 def _base(name: str | Path) -> str:

@@ -25,7 +25,7 @@ from usvauv.cli.engines.local import finish
 from usvauv.cli.engines.task import Signs
 from usvauv.env import EpisodeMetrics, Scenario, World, evaluate
 from usvauv.kernels import runtime
-from usvauv.policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 
 PROFILE = "observation.current=profile"
 TRAINED = {
@@ -76,7 +76,7 @@ class Training:
         config = policies.TrainingConfig(shared=True, seed=1)
         world = World(scenario, config.num_worlds, config.seed)
         evaluation_worlds = World(scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET)
-        trainer = policies.Trainer(world, config, self.place, partial(policies.evaluate, evaluation_worlds))
+        trainer = policies.Trainer(world, config, self.place, partial(policies.figures_of_merit, evaluation_worlds))
         training.go_on(trainer, self.steps, signs.advance, signs.stopping)
 
 

@@ -26,9 +26,9 @@ from torch import Tensor
 from benchmarks.machine import describe
 from usvauv.policies import TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS, Learner, Sizes
+from usvauv.policies.learned import Standardizer
 from usvauv.policies.networks import stack, unstack
-from usvauv.policies.standardizer import Standardizer
-from usvauv.policies.training.noise import CorrelatedNoise
+from usvauv.policies.training.exploration import CorrelatedNoise
 from usvauv.policies.training.replay import Replay
 
 ENVIRONMENT = "Pendulum-v1"

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from usvauv.policies.algorithms import ALGORITHMS, Batch
-from usvauv.policies.algorithms.deterministic import DeterministicLearner
+from usvauv.policies.algorithms.ddpg import DeterministicLearner
 
 
 class EnsembleDDPG(DeterministicLearner):

@@ -1,4 +1,4 @@
-"""Deep deterministic policy gradient.
+"""Deep deterministic policy gradient, and what the algorithms with a deterministic policy have in common.
 
 Lillicrap et al., "Continuous control with deep reinforcement learning", ICLR 2016, arXiv:1509.02971, with n-step
 returns (Barth-Maron et al., ICLR 2018, arXiv:1804.08617).
@@ -6,11 +6,48 @@ returns (Barth-Maron et al., ICLR 2018, arXiv:1804.08617).
 
 from __future__ import annotations
 
+import copy
+from typing import ClassVar
+
 import torch
 from torch import Tensor
 
-from usvauv.policies.algorithms.deterministic import DeterministicLearner
-from usvauv.policies.algorithms.learner import Batch
+from usvauv.policies.algorithms.learner import Batch, Learner, Settings
+from usvauv.policies.networks import Critic, DeterministicActor, Sizes
+
+
+class DeterministicLearner(Learner[DeterministicActor]):
+    """A deterministic actor, one or more critics, a target network of each, and additive noise for exploration.
+
+    Attributes:
+        members: number of critics for each learner.
+    """
+
+    members: ClassVar[int]
+
+    @staticmethod
+    def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> DeterministicActor:
+        layers = (sizes.observation, *config.hidden, sizes.action)
+        return DeterministicActor(sizes.stack, layers, generator, output_gain=0.01)
+
+    def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
+        super().__init__(sizes, config, generator)
+        self.set_actor(self.make_actor(sizes, config, generator))
+        self.critics = Critic(self.members, sizes, config.hidden, generator, config.layer_norm)
+        self.target_actor = copy.deepcopy(self.actor).requires_grad_(False)
+        self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
+        self.add_optimiser("critics", self.critics.parameters())
+
+    @torch.no_grad()
+    def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
+        return (self.actor(observation) + self.config.noise * noise).clamp(-1.0, 1.0)
+
+    def update_actor_and_targets(self, observation: Tensor) -> None:
+        """One gradient step of the actor up the first critic's value, and a soft update of every target network."""
+        loss = -self.critics(observation, self.actor(observation))[0].mean(-1)
+        self.gradient_step("actor", loss.sum())
+        self.soft_update(self.target_critics, self.critics)
+        self.soft_update(self.target_actor, self.actor)
 
 
 class DDPG(DeterministicLearner):

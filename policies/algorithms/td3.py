@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from usvauv.policies.algorithms.deterministic import DeterministicLearner
+from usvauv.policies.algorithms.ddpg import DeterministicLearner
 from usvauv.policies.algorithms.learner import Batch
 
 SMOOTHING, SMOOTHING_LIMIT = 0.2, 0.5  # standard deviation of the target policy's noise, and its bound

@@ -23,8 +23,8 @@ from usvauv.env.files import atomic_write
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.candidate_scores import UNTRAINED, Network
 from usvauv.policies.decisions.network import TYPICAL, Scores, Value, split
-from usvauv.policies.evaluation import EVALUATION_SEED_OFFSET, evaluate
 from usvauv.policies.loading import acting, check
+from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET, figures_of_merit
 
 EVALUATE_EVERY = 10  # iterations
 EVALUATION_EPISODES = 128  # with few of them the best of many evaluations is the luckiest
@@ -196,11 +196,11 @@ class DecisionTrainer:
     def evaluate(self) -> float:
         """Mean data of the evaluation's worlds, the same in every call, Mbit."""
         self._set_numbers(self._evaluation, explore=False)
-        return evaluate(self._evaluation, self._steering)["delivered_mbit"]
+        return figures_of_merit(self._evaluation, self._steering)["delivered_mbit"]
 
     def evaluate_other(self, name: str) -> float:
         """The same of another target rule or boat strategy, Mbit."""
-        return evaluate(self._evaluated_in(name), self._steering)["delivered_mbit"]
+        return figures_of_merit(self._evaluated_in(name), self._steering)["delivered_mbit"]
 
     def _set_numbers(self, world: World, explore: bool) -> None:
         numbers = self._learner.numbers(world)

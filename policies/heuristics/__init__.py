@@ -1,15 +1,12 @@
-"""Policies without learning, one idea a file.
+"""Policies without learning.
 
 From outside: `HEURISTICS`, the classes by name, and `Heuristic`, what a new one derives from.
 """
 
 from usvauv.kernels.registry import Registry
-from usvauv.policies.heuristics.clear import Clear
-from usvauv.policies.heuristics.constant_speed import Crab, Straight
 from usvauv.policies.heuristics.heuristic import Heuristic
-from usvauv.policies.heuristics.keep import Keep
-from usvauv.policies.heuristics.pace import Pace
 from usvauv.policies.heuristics.random import Random
+from usvauv.policies.heuristics.travel import Clear, Crab, Keep, Pace, Straight
 from usvauv.policies.heuristics.zermelo import Zermelo
 from usvauv.policies.policy import PolicyError
 

@@ -10,7 +10,7 @@ from torch import Tensor
 from usvauv.env.world.world import World
 from usvauv.kernels.planning import zermelo
 from usvauv.policies.guidance import command, unit
-from usvauv.policies.heuristics.constant_speed import Crab
+from usvauv.policies.heuristics.travel import Crab
 
 RENEWAL = 10.0  # s between two solutions of Zermelo's problem for the same target
 SPACING = 4.0  # m, of the grid on which it is solved

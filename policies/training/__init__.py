@@ -1,10 +1,11 @@
-"""Training: the trainer, what it needs of a world, its replay memory, exploration noise and figures.
+"""Training: the trainer, its replay memory, exploration and figures; many seeds at once, several processes.
 
-From outside: `Trainer`, `Seeds` and `TrainingWorld`; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
+From outside: the names below; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
 """
 
+from usvauv.policies.training.exploration import TrainingWorld
+from usvauv.policies.training.figures import figures_of_merit
 from usvauv.policies.training.seeds import Seeds
 from usvauv.policies.training.trainer import Trainer
-from usvauv.policies.training.world import TrainingWorld
 
-__all__ = ["Seeds", "Trainer", "TrainingWorld"]
+__all__ = ["Seeds", "Trainer", "TrainingWorld", "figures_of_merit"]

@@ -25,17 +25,13 @@ from usvauv.policies.checkpoint import BEST, FORMAT, LAST, POLICY, TRAINING
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.cuda_graph import Recorded
 from usvauv.policies.frames import ACTION_SIZE, FRAMES
-from usvauv.policies.learned import LearnedPolicy
-from usvauv.policies.networks import stack, unstack
+from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
-from usvauv.policies.standardizer import Standardizer
-from usvauv.policies.training.meter import Meter
-from usvauv.policies.training.noise import CorrelatedNoise
+from usvauv.policies.training.exploration import CorrelatedNoise, TrainingWorld, explore
+from usvauv.policies.training.figures import Meter, scalar_writer
 from usvauv.policies.training.ranks import ALONE, Ranks
 from usvauv.policies.training.replay import Replay
 from usvauv.policies.training.saved_run import check_counters, check_tensors, first_not_finite
-from usvauv.policies.training.tensorboard import scalar_writer
-from usvauv.policies.training.world import TrainingWorld
 
 TINY = 1e-6
 WINDOW = 100  # steps of all worlds between two reports
@@ -52,21 +48,6 @@ def learning_bytes(config: TrainingConfig, sizes: Sizes) -> float:
     weights = sum(a * b for a, b in pairwise(widths))
     features = sizes.observation + sum(config.hidden)
     return sizes.stack * (140.0 * weights + config.batch * (128.0 * features + 64.0 * config.n_step))
-
-
-def explore(learner: Learner, config: TrainingConfig, features: Tensor, noise: Tensor, seeds: int = 1) -> Tensor:
-    """Exploring actions (N W, K, A) of the learners of N seeds.
-
-    Args:
-        features: (N W, K, F), standardised.
-        noise: (N W, K, A).
-    """
-    name, noise = config.algorithm, stack(noise, config.shared, seeds)
-    with ALGORITHMS.calling(name):
-        chosen = learner.explore(stack(features, config.shared, seeds), noise)
-    if chosen.shape != noise.shape:
-        raise ALGORITHMS.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
-    return unstack(chosen, features.shape[1], seeds)
 
 
 def learn(learner: Learner, name: str, batch: Batch) -> dict[str, Tensor]:

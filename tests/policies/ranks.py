@@ -16,7 +16,7 @@ from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.policies import PolicyError, Trainer, TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
-from usvauv.policies.standardizer import Standardizer
+from usvauv.policies.learned import Standardizer
 from usvauv.policies.training.ranks import ALONE, Ranks, joined
 
 ALGORITHM_NAMES = "sac", "td3", "ddpg"

@@ -20,7 +20,7 @@ from usvauv.policies import export as exporting
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
 from usvauv.policies.export import export
 from usvauv.policies.frames import ACTION_SIZE, FRAMES
-from usvauv.policies.standardizer import Standardizer
+from usvauv.policies.learned import Standardizer
 
 KINDS = {
     "shipped": ("extreme", None, {}),

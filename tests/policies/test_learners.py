@@ -7,9 +7,9 @@ import torch
 
 from tests.policies.toy import LEARNING, seeded
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
+from usvauv.policies.learned import Standardizer
 from usvauv.policies.networks import ACTION_GAIN, Critic, DeterministicActor, GaussianActor, StackedMLP, stack, unstack
-from usvauv.policies.standardizer import Standardizer
-from usvauv.policies.training.noise import CorrelatedNoise
+from usvauv.policies.training.exploration import CorrelatedNoise
 from usvauv.policies.training.replay import Replay
 
 CPU = torch.device("cpu")

@@ -138,7 +138,7 @@ def test_evaluation_is_that_of_the_rule(tmp_path):
     trainer, _, content = trained(tmp_path, 3)
     rule = f"learned:{tmp_path / '3.json'}"
     world = World(trainer.world.scenario, trainer._evaluation.num_worlds, trainer._evaluation.seed, "centroid", rule)
-    assert policies.evaluate(world, "straight")["delivered_mbit"] == content["evaluated"]
+    assert policies.figures_of_merit(world, "straight")["delivered_mbit"] == content["evaluated"]
 
 
 def test_learns_what_pays():

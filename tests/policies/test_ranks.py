@@ -20,7 +20,7 @@ from tests.policies.test_resume import same
 from usvauv.env import ScenarioError, World
 from usvauv.kernels.errors import UserError
 from usvauv.policies.checkpoint import TRAINING, read
-from usvauv.policies.standardizer import Standardizer
+from usvauv.policies.learned import Standardizer
 from usvauv.policies.training.ranks import Ranks, joined
 
 pytestmark = pytest.mark.cpu("processes that share one machine")

@@ -11,7 +11,7 @@ from tests.policies.test_seeds import same_runs
 from usvauv import policies
 from usvauv.cli import app, report
 from usvauv.policies import TrainingConfig, checkpoint
-from usvauv.policies.training import batched
+from usvauv.policies.training import seeds
 
 BEGIN = ["train", "ideal", "--worlds", "4", "--set", "mission.duration=12"]
 SMALL = {"hidden": (8, 8), "batch": 16, "n_step": 2, "warmup": 24, "replay": 4000}
@@ -49,7 +49,7 @@ def test_each_folder_is_a_run_of_its_own(tmp_path, run_usvauv, quick):
 def test_ctrl_c_then_resume(tmp_path, run_usvauv, quick, monkeypatch):
     begin = [*BEGIN, "--steps", 80, "--seeds", 2]
     assert run_usvauv(*begin, "--out", "whole")[0] == 0
-    advance = batched.BatchedRuns.advance
+    advance = seeds.BatchedRuns.advance
 
     def advance_and_stop(runs, pool, total):
         if runs.first.steps == 40:
@@ -57,7 +57,7 @@ def test_ctrl_c_then_resume(tmp_path, run_usvauv, quick, monkeypatch):
         advance(runs, pool, total)
 
     with monkeypatch.context() as patch:
-        patch.setattr(batched.BatchedRuns, "advance", advance_and_stop)
+        patch.setattr(seeds.BatchedRuns, "advance", advance_and_stop)
         code, shown, _ = run_usvauv(*begin, "--out", "parts")
     assert code == 130
     assert "stopped at 44 of 80 world-steps; go on with: --out parts --resume" in shown

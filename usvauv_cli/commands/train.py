@@ -91,7 +91,7 @@ def train(
     from usvauv.env.lock import locked
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean
-    from usvauv.policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+    from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
     from usvauv.policies.training.provenance import provenance
     from usvauv.policies.training.ranks import joined
 
@@ -163,8 +163,8 @@ def train(
                 )
                 if not baselines:
                     typer.echo(f"evaluating {name} …")
-                baselines.append(policies.evaluate(evaluation_worlds, name))
-                evaluate = partial(policies.evaluate, evaluation_worlds)
+                baselines.append(policies.figures_of_merit(evaluation_worlds, name))
+                evaluate = partial(policies.figures_of_merit, evaluation_worlds)
             about = provenance(begun, ranks.command) | {"usv": world.strategy.name, "total": total}
             trainers.append(policies.Trainer(world, config, folder, evaluate, about, ranks=ranks))
             if begun:

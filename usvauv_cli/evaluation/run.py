@@ -18,8 +18,8 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
-from usvauv.policies import imported
 from usvauv.policies.checkpoint import BEST, LAST, POLICY
+from usvauv.policies.loading import module_file
 from usvauv.policies.policy import PolicyError
 
 
@@ -58,7 +58,7 @@ def digests(policies: Iterable[str], others: Iterable[str]) -> list[tuple[Path, 
     of_policies = []
     for policy in filter(None, policies):
         weights = [Path(policy, *part, f"{POLICY}.safetensors") for part in ((), (BEST,), (LAST,))]
-        found = [imported.file(policy), *(path for path in weights if path.is_file())]
+        found = [module_file(policy), *(path for path in weights if path.is_file())]
         of_policies += [path for path in found if path][:1]
     return [(path, _digest(path)) for path in (*plugins.loaded(), *learned, *of_policies)]
 

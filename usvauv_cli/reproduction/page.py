@@ -15,7 +15,7 @@ from usvauv.cli.reproduction.settings import PHYSICAL, Settings
 from usvauv.env.files import atomic_write
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.kernels.mission.vehicle import travelling_power
-from usvauv.policies.evaluation import EVALUATION_SEED_OFFSET
+from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 
 RESULTS = "reproduction"
 LOWEST_EC = min(figures["ec"][0] for figures in paper.TABLE_2.values())

@@ -27,7 +27,7 @@ from usvauv.env.record.metrics import COLUMNS, episode_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.record.table import write_rows
 from usvauv.policies import checkpoint
-from usvauv.policies.evaluation import EVALUATION_SEED_OFFSET
+from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 from usvauv.policies.training.provenance import provenance
 
 TESTED = ("method", "trained_in", "run", "updates", *COLUMNS, "collaboration")
@@ -82,7 +82,7 @@ class Learned:
         evaluation_worlds = World(scenario, settings.judged, config.seed + EVALUATION_SEED_OFFSET, method.usv)
 
         def evaluate(policy: policies.LearnedPolicy) -> dict[str, float]:
-            return policies.evaluate(evaluation_worlds, policy, lambda _: work.advance(EVALUATION_STEP))
+            return policies.figures_of_merit(evaluation_worlds, policy, lambda _: work.advance(EVALUATION_STEP))
 
         about = provenance({})
         trainer = policies.Trainer(world, config, place, evaluate, about, settings.evaluations)

@@ -28,7 +28,7 @@ from usvauv.env.files import OutputError, atomic_write, writing
 from usvauv.env.lock import locked
 from usvauv.env.record.table import write_rows
 from usvauv.policies.checkpoint import clean
-from usvauv.policies.evaluation import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 from usvauv.policies.training.provenance import provenance
 from usvauv.policies.training.trainer import EVALUATIONS
 
@@ -94,7 +94,7 @@ class Perform:
         judges = World(scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv)
 
         def evaluate(policy: policies.LearnedPolicy) -> dict[str, float]:
-            return policies.evaluate(judges, policy, lambda _: signs.advance(training.EVALUATION_STEP))
+            return policies.figures_of_merit(judges, policy, lambda _: signs.advance(training.EVALUATION_STEP))
 
         begun = policies.read_run(self.place)[2] if training.trained(self.place) else {}
         about = provenance(begun) | {"usv": usv, "total": total}

@@ -1,14 +1,23 @@
-"""Figures of a training run, gathered over a window of steps."""
+"""Figures of a training run: gathered while it runs, found by an evaluation, written for TensorBoard."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from usvauv.env.files import writing
+from usvauv.env.record.metrics import episode_metrics, mean_figures
+from usvauv.env.record.recorder import record
+from usvauv.env.world.world import World
+from usvauv.policies.learned import LearnedPolicy
+from usvauv.policies.loading import acting
+from usvauv.policies.training.exploration import TrainingWorld
 from usvauv.policies.training.ranks import ALONE, Ranks
-from usvauv.policies.training.world import TrainingWorld
 
 
 class Meter:
@@ -63,3 +72,47 @@ class Meter:
             "reward": dict(zip(world.reward_names, terms, strict=True)),
             "learner": dict(zip(names, map(float, losses), strict=True)),
         }
+
+
+EVALUATION_EPISODES = 32
+EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained in
+
+
+def figures_of_merit(
+    worlds: World, policy: str | Path | LearnedPolicy, on_step: Callable[[int], None] = lambda done: None
+) -> dict[str, float]:
+    """Mean of every figure over the first episode of all `worlds`, the same episode in every call.
+
+    Args:
+        policy: a name as `load` takes it, or a learned policy for the worlds' scenario.
+        on_step: called with the number of steps done.
+    """
+    learned = isinstance(policy, LearnedPolicy)
+    act, name = (policy.act, policy.name) if learned else (acting(policy, worlds), str(policy))
+    worlds.rewind()
+    return mean_figures(episode_metrics(record(worlds, act, name, on_step=on_step)))
+
+
+AXES = ("steps", "total", "seconds", "eta", "evaluated_at")  # figures that are no curves of their own
+
+
+@contextmanager
+def scalar_writer(directory: Path, first_step: int) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """A function that writes the figures of a step; what is in the directory from `first_step` on is discarded.
+
+    Raises:
+        OutputError: the directory cannot be written.
+    """
+    from torch.utils.tensorboard import SummaryWriter  # takes a second to import
+
+    with writing(directory), SummaryWriter(directory, purge_step=first_step) as writer:
+
+        def write(figures: Mapping[str, Any]) -> None:
+            for name, value in figures.items():
+                if isinstance(value, Mapping):
+                    for part, number in value.items():
+                        writer.add_scalar(f"{name}/{part}", number, figures["steps"])
+                elif name not in AXES:
+                    writer.add_scalar(f"run/{name}", value, figures["steps"])
+
+        yield write

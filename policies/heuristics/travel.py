@@ -1,0 +1,123 @@
+"""Travelling to the target and holding a station, with the current at the AUV known."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.world import World
+from usvauv.policies.guidance import SpeedToFly, clear_of_others, command, crab, unit
+from usvauv.policies.heuristics.heuristic import Heuristic, number
+
+
+class ConstantSpeed(Heuristic):
+    """A heuristic whose argument is its speed through the water, m/s.
+
+    Attributes:
+        reference: field of the scenario's section `reference` with the default speed.
+    """
+
+    reference: ClassVar[str]
+    argument: float
+
+    @classmethod
+    def parse(cls, text: str | None, scenario: Scenario) -> float:
+        default = getattr(scenario.reference, cls.reference)
+        speed = default if text is None else number(text, "a speed in m/s, such as 1.5")
+        low, high = scenario.auv.speed_min, scenario.auv.speed_max
+        if not low <= speed <= high:
+            raise ValueError(f"speed must lie between {low:g} and {high:g} m/s in scenario {scenario.name!r}")
+        return speed
+
+    def bearing(self, observation: Tensor) -> Tensor:
+        """Unit vector towards the measured target, (W, K, 2)."""
+        return unit(self.target(observation))
+
+
+class Straight(ConstantSpeed):
+    """Heads for the target through the water."""
+
+    reference = "straight_speed"
+
+    def act(self, observation: Tensor) -> Tensor:
+        return command(self.bearing(observation), self.argument, self.scenario)
+
+
+class Crab(ConstantSpeed):
+    """Heads so that the track over ground points at the target, see `guidance.crab`."""
+
+    reference = "crab_speed"
+
+    def act(self, observation: Tensor) -> Tensor:
+        bearing = self.bearing(observation)
+        heading = crab(bearing, torch.full_like(bearing[..., 0], self.argument), self.world.current().to(bearing))
+        return command(heading, self.argument, self.scenario)
+
+
+class Pace(Heuristic):
+    """As `crab`, at the speed through the water that `guidance.SpeedToFly` gives for a price of time in W.
+
+    Attributes:
+        reference: field of the scenario's section `reference` with the default price.
+    """
+
+    reference: ClassVar[str] = "pace_price"
+    argument: float
+
+    def __init__(self, name: str, world: World, argument: float) -> None:
+        super().__init__(name, world, argument)
+        self.speed_to_fly = SpeedToFly(self.scenario)
+
+    @classmethod
+    def parse(cls, text: str | None, scenario: Scenario) -> float:
+        default = getattr(scenario.reference, cls.reference)
+        price = default if text is None else number(text, "a price of time in W, such as 40")
+        if not (math.isfinite(price) and price >= 0.0):
+            raise ValueError("the price of time must be at least 0 W")
+        return price
+
+    def track(self, observation: Tensor) -> Tensor:
+        """Direction over ground, unit vectors (W, K, 2)."""
+        return unit(self.target(observation))
+
+    def act(self, observation: Tensor) -> Tensor:
+        track = self.track(observation)
+        current = self.world.current().to(track)
+        speed = self.speed_to_fly(track, torch.full_like(track[..., 0], self.argument), current)
+        return command(crab(track, speed, current), speed, self.scenario)
+
+
+class Clear(Pace):
+    """As `pace`, on a track over ground that the nearest other AUV repels, see `guidance.clear_of_others`.
+
+    Positions are the estimated ones.
+    """
+
+    reference = "clear_price"
+
+    def __init__(self, name: str, world: World, argument: float) -> None:
+        super().__init__(name, world, argument)
+        self._others = self.layout.slice("others")
+
+    def track(self, observation: Tensor) -> Tensor:
+        scenario = self.scenario
+        others = observation[..., self._others].unflatten(-1, (scenario.auv.count - 1, 2)) * scenario.area.diagonal
+        return clear_of_others(super().track(observation), others, scenario.auv.safe_distance)
+
+
+class Keep(Heuristic):
+    """Commands the velocity over ground that reaches the target in one step, within the limits of speed.
+
+    It knows the current at the AUV and the measured position.
+    """
+
+    def act(self, observation: Tensor) -> Tensor:
+        auv, step = self.scenario.auv, self.scenario.mission.step
+        offset = self.target(observation) * self.scenario.area.diagonal
+        velocity = offset / step - self.world.current().to(observation)
+        speed = velocity.norm(dim=-1).clamp(auv.speed_min, auv.speed_max)
+        return command(unit(velocity), speed, self.scenario)

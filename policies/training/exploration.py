@@ -1,0 +1,105 @@
+"""Exploration: the worlds that a policy is trained in, and the actions by which it explores them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import torch
+from torch import Tensor
+
+from usvauv.env.scenario import Scenario
+from usvauv.policies.algorithms import ALGORITHMS, Learner
+from usvauv.policies.config import TrainingConfig
+from usvauv.policies.networks import stack, unstack
+
+
+class TrainingWorld(Protocol):
+    """W worlds of K AUVs, stepped, truncated and reset together; `usvauv.env.World` is one.
+
+    Attributes:
+        scenario: sizes, speed limits, layout of the observation, form of the action.
+        num_worlds: W.
+        num_auvs: K.
+        steps: steps of an episode.
+        device: where its tensors live.
+        reward_names: names of the R terms of the reward.
+        measure_names: names of the M measures; "power", "hovering", "service_rate", "border" and "position_error" are
+            among them.
+        common_state: names in `state` of what all worlds have in common; the first axis of the others is W. Read where
+            several processes train.
+    """
+
+    scenario: Scenario
+    num_worlds: int
+    num_auvs: int
+    steps: int
+    device: torch.device
+    reward_names: tuple[str, ...]
+    measure_names: tuple[str, ...]
+    common_state: tuple[str, ...]
+
+    def reset(self) -> Tensor:
+        """Begin the next episode of all worlds; returns observations (W, K, O)."""
+        ...
+
+    def step(self, action: Tensor, /) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
+        """Advance all worlds by one step of actions (W, K, 2) in [−1, 1].
+
+        Returns:
+            observation (W, K, O); reward (W, K); horizon_ended (W, K): the value's horizon ends here, the episode goes
+            on; truncated (W, K): the episode is over, the same for all; info with "reward_terms" (W, K, R) and
+            "measures" (W, K, M). The caller copies what it keeps beyond the next step.
+        """
+        ...
+
+    def state(self) -> dict[str, Tensor]:
+        """Everything that decides the future of the worlds, as copies."""
+        ...
+
+    def load_state(self, state: dict[str, Tensor], /) -> None:
+        """Go back to a state."""
+        ...
+
+
+class CorrelatedNoise:
+    """Standard normal noise whose neighbours in time have correlation ρ: ε ← ρ ε + √(1 − ρ²) ξ.
+
+    A course or speed tried for a single mission step changes the return too little to be told from noise. Correlated
+    noise holds it for about 1/(1 − ρ) steps, and n-step returns credit it. This is the process of Ornstein and
+    Uhlenbeck, as in DDPG's paper (arXiv:1509.02971), sampled at the mission's step.
+
+    Args:
+        shape: of the noise of one step.
+        correlation: ρ, at least 0 and below 1.
+        generator: source of the normal numbers, on the device of the noise.
+    """
+
+    def __init__(self, shape: tuple[int, ...], correlation: float, generator: torch.Generator) -> None:
+        self.correlation = correlation
+        self.generator = generator
+        self.value = self._draw(shape)
+
+    def _draw(self, shape: tuple[int, ...]) -> Tensor:
+        return torch.randn(shape, generator=self.generator, device=self.generator.device)
+
+    def step(self) -> Tensor:
+        """The noise of the next step."""
+        rho = self.correlation
+        self.value = rho * self.value + math.sqrt(1.0 - rho * rho) * self._draw(self.value.shape)
+        return self.value
+
+
+def explore(learner: Learner, config: TrainingConfig, features: Tensor, noise: Tensor, seeds: int = 1) -> Tensor:
+    """Exploring actions (N W, K, A) of the learners of N seeds.
+
+    Args:
+        features: (N W, K, F), standardised.
+        noise: (N W, K, A).
+    """
+    name, noise = config.algorithm, stack(noise, config.shared, seeds)
+    with ALGORITHMS.calling(name):
+        chosen = learner.explore(stack(features, config.shared, seeds), noise)
+    if chosen.shape != noise.shape:
+        raise ALGORITHMS.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
+    return unstack(chosen, features.shape[1], seeds)
