@@ -19,7 +19,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from usvauv.env.files import atomic_write
+from usvauv.env.storage.files import atomic_write
 
 LIMIT = 3600  # s, of a part
 TESTS = {

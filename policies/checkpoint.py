@@ -24,10 +24,10 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from usvauv.env import text_files
-from usvauv.env.files import sync, writing
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.swap import found, replace_folder
+from usvauv.env.storage import text_files
+from usvauv.env.storage.files import sync, writing
+from usvauv.env.storage.swap import found, replace_folder
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import ACTION_SIZE, FRAMES
@@ -70,7 +70,7 @@ def write(directory: Path, parts: Mapping[str, Part]) -> None:
 def clean(run: Path) -> None:
     """Put back what a killed process was replacing in the directory of a run, and remove what it had not completed.
 
-    To be called by the one process that writes there, see `usvauv.env.lock`.
+    To be called by the one process that writes there, see `usvauv.env.storage.files`.
 
     Raises:
         OutputError: the directory cannot be written.

@@ -13,8 +13,8 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from usvauv.env.files import atomic_write
 from usvauv.env.site.site import Site
+from usvauv.env.storage.files import atomic_write
 from usvauv.env.world.observation import commanded, observed
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.policy import PolicyError

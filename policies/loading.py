@@ -18,7 +18,7 @@ from torch import Tensor
 
 from usvauv.env.record.evaluation import Act, act_of
 from usvauv.env.scenario import Scenario
-from usvauv.env.swap import found
+from usvauv.env.storage.swap import found
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import blaming, in_words, wrong_return
 from usvauv.policies.checkpoint import BEST, LAST, load_policy

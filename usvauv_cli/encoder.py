@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 from av.video.reformatter import Colorspace, VideoReformatter
 
-from usvauv.env.files import OutputError, atomic_write
-from usvauv.env.memory import require
+from usvauv.env.storage.files import OutputError, atomic_write
+from usvauv.env.storage.memory import require
 
 SMALLEST, LARGEST = 320, 7680  # pixels a side
 FRAME_BYTES = 40.0  # of memory, a pixel of a frame

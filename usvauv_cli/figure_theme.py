@@ -14,8 +14,8 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
-from usvauv.env.files import atomic_write
 from usvauv.env.render import style
+from usvauv.env.storage.files import atomic_write
 
 
 def web(colour: style.Colour) -> str:

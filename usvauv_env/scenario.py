@@ -15,13 +15,13 @@ from typing import Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from usvauv.env import text_files
 from usvauv.env.sections.area import Area, Mission
 from usvauv.env.sections.fields import Section, known, one_line, section
 from usvauv.env.sections.sea import Current, Sea, Storm, Water
 from usvauv.env.sections.sound import Acoustics, Channel, Usbl
 from usvauv.env.sections.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
 from usvauv.env.sections.vehicles import Auv, Boat, Navigation, Planner, Tracker
+from usvauv.env.storage import text_files
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.codes import FEWEST_CHIPS

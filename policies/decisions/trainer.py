@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from usvauv.env import Scenario
-from usvauv.env.files import atomic_write
+from usvauv.env.storage.files import atomic_write
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.candidate_scores import UNTRAINED, Network
 from usvauv.policies.decisions.network import TYPICAL, Scores, Value, split

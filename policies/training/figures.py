@@ -10,9 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from usvauv.env.files import writing
 from usvauv.env.record.metrics import episode_metrics, mean_figures
 from usvauv.env.record.recorder import record
+from usvauv.env.storage.files import writing
 from usvauv.env.world.world import World
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.loading import acting

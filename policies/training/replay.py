@@ -7,7 +7,7 @@ import copy
 import torch
 from torch import Tensor
 
-from usvauv.env.memory import require
+from usvauv.env.storage.memory import require
 from usvauv.policies.algorithms import Batch
 from usvauv.policies.networks import stack
 

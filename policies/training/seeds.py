@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from usvauv.env.memory import require
+from usvauv.env.storage.memory import require
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.interruption import Stop, stoppable
 from usvauv.policies.algorithms import ALGORITHMS

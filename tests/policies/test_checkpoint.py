@@ -15,8 +15,8 @@ from safetensors.torch import load_file, save_file
 
 from tests.policies.toy import ToyWorld, scenario
 from usvauv import policies
-from usvauv.env import swap
-from usvauv.env.files import OutputError
+from usvauv.env.storage import swap
+from usvauv.env.storage.files import OutputError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig, checkpoint
 
 CONFIG = TrainingConfig(num_worlds=8, hidden=(16, 16), batch=32, warmup=200, n_step=3, replay=4000)

@@ -12,8 +12,8 @@ from tests.links import EVERY_STEP
 from tests.slowly import slowly
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.env.files import OutputError
 from usvauv.env.site.site import Site
+from usvauv.env.storage.files import OutputError
 from usvauv.env.world.observation import ObservationLayout, commanded, observed
 from usvauv.policies import LearnedPolicy, PolicyError, TrainingConfig
 from usvauv.policies import export as exporting

@@ -24,7 +24,7 @@ from pathlib import Path
 import torch
 
 from usvauv.cli import app, parser  # noqa: F401  imported once, for all forks
-from usvauv.env import swap
+from usvauv.env.storage import swap
 from usvauv.policies import checkpoint
 from usvauv.policies.policy import PolicyError
 

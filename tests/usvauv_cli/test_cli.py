@@ -16,8 +16,8 @@ import pytest
 
 from usvauv import env
 from usvauv.env import Trace, plugins
-from usvauv.env.lock import locked
 from usvauv.env.record.metrics import COLUMNS
+from usvauv.env.storage.files import locked
 from usvauv.kernels.errors import UserError
 
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]

@@ -8,7 +8,7 @@ from usvauv.cli.reproduction import collaboration, targets
 from usvauv.cli.reproduction.collaboration import AXES, FIGURES, NEAR, PERFECT, Missions
 from usvauv.cli.reproduction.settings import FULL
 from usvauv.cli.reproduction.work import Work
-from usvauv.env.record.table import read_rows, write_rows
+from usvauv.env.storage.tables import read_rows, write_rows
 
 TINY = dataclasses.replace(FULL, wide_episodes=2, overrides=("mission.duration=20", "nodes.count=20"))
 

@@ -20,11 +20,12 @@ from usvauv.cli.evaluation.comparison import (
     words,
 )
 from usvauv.cli.evaluation.run import first_difference
-from usvauv.env import World, memory
+from usvauv.env import World
 from usvauv.env.record import evaluation
-from usvauv.env.record.growing_table import Combination
 from usvauv.env.record.metrics import FIGURES
 from usvauv.env.record.recorder import EACH
+from usvauv.env.storage import memory
+from usvauv.env.storage.tables import Combination
 
 ONE, TWO, THREE = (Combination(name, "fim", "tour") for name in ("one", "two", "three"))
 EVAL = ("eval", "ideal", "--policy", "straight", "--policy", "random", "--set", "mission.duration=2", "--seed", 3)

@@ -22,7 +22,7 @@ from usvauv import policies
 from usvauv.cli.reproduction import fig3, fig4b, fixes, paper, pool, settings, table2, targets
 from usvauv.cli.reproduction.runs import TESTED, Heuristic, Learned
 from usvauv.cli.reproduction.settings import FULL, METHODS, QUICK, Settings
-from usvauv.env.record.table import read_rows, write_rows
+from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.kernels.errors import UserError
 from usvauv.policies import TrainingConfig, checkpoint
 

@@ -18,7 +18,7 @@ from safetensors.torch import load_file, save_file
 from usvauv.cli.sweep import summary
 from usvauv.cli.sweep.board import Board
 from usvauv.cli.sweep.study import Evaluation, Resources, Run, key_of, plan, read
-from usvauv.env.record.table import read_rows
+from usvauv.env.storage.tables import read_rows
 from usvauv.kernels.errors import UserError
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,7 @@ from usvauv.cli.sweep import report, results, summary
 from usvauv.cli.sweep.run import FAILURE, MADE, RESULT
 from usvauv.cli.sweep.study import Study, read
 from usvauv.env.record.metrics import EpisodeMetrics
-from usvauv.env.record.table import read_rows, write_rows
+from usvauv.env.storage.tables import read_rows, write_rows
 
 LARGEST = 3_000_000  # bytes of a page
 FIGURES = {"scores", "aggregates", "profiles", "improvement", "learning"}

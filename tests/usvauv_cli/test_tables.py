@@ -12,8 +12,8 @@ from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.tables import COLUMNS as HEADED
 from usvauv.cli.tables import OF_STATIONS
 from usvauv.env import Scenario
-from usvauv.env.record.growing_table import Combination
 from usvauv.env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
+from usvauv.env.storage.tables import Combination
 from usvauv.policies import TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
 

@@ -8,9 +8,9 @@ import pytest
 
 from tests.usvauv_env.made_traces import paint, synthetic_trace
 from usvauv.cli.mission_video import VideoSettings, render
-from usvauv.env.files import OutputError
 from usvauv.env.render.frame_layout import Layout
 from usvauv.env.sections.area import Area
+from usvauv.env.storage.files import OutputError
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ class TestFile:
         def full_disk(*_: object) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr("usvauv.env.files.os.replace", full_disk)
+        monkeypatch.setattr("usvauv.env.storage.files.os.replace", full_disk)
         with pytest.raises(OutputError, match=r"mission\.mp4: cannot be written: No space left on device"):
             render([synthetic_trace(steps=2)], path, VideoSettings((320, 320)))
         assert path.read_bytes() == b"older"

@@ -30,13 +30,13 @@ from usvauv.cli.web_report.episodes import (
 )
 from usvauv.env import Scenario, evaluate
 from usvauv.env.record.collection import age
-from usvauv.env.record.growing_table import Combination
 from usvauv.env.record.metrics import EpisodeMetrics, usable
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.sections.sea import MAX_VORTICES
 from usvauv.env.sections.task import MAX_NODES
 from usvauv.env.site import georeference
 from usvauv.env.site.site import Site
+from usvauv.env.storage.tables import Combination
 from usvauv.kernels.planning.team import MAX_AUVS
 
 LARGEST = 3_000_000  # bytes of a page

@@ -1,8 +1,14 @@
-"""Files that appear when they are complete."""
+"""Files that appear when they are complete, one process at a time in a folder, text files within bounds."""
 
+import errno
+import fcntl
+import json
 import os
+import re
+import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import h5py
@@ -11,7 +17,19 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from usvauv.env.files import THIS_HOST, HDF5File, OutputError, atomic_write, check_place, hdf5_file, sync, writing
+from usvauv.env.storage import text_files
+from usvauv.env.storage.files import (
+    LOCK,
+    THIS_HOST,
+    OutputError,
+    atomic_write,
+    check_place,
+    hdf5_file,
+    locked,
+    sync,
+    writing,
+)
+from usvauv.env.storage.text_files import TextFileError
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path):
@@ -87,7 +105,6 @@ def test_asking_for_a_place_leaves_it_as_it_is(tmp_path):
     [
         (OSError(28, "full"), "No space left on device"),
         (OSError("the first\nthe second"), "the first"),
-        (OSError(), "OSError"),
         (RuntimeError("write failed (errno = 27, in x)"), "File too large"),
         (ValueError("I/O error: os error 13"), "Permission denied"),
         (ValueError("no such number"), None),
@@ -98,16 +115,6 @@ def test_the_systems_words_whoever_reports_them(error, reason):
     with pytest.raises(type(error) if reason is None else OutputError) as caught, writing(Path("a")):
         raise error
     assert caught.value is error if reason is None else str(caught.value) == f"a: cannot be written: {reason}"
-
-
-@pytest.mark.parametrize(("number", "left"), [(1, True), (10**30, True), (2**22 + 1, False)])
-def test_what_may_be_of_a_living_process_stays(tmp_path, number, left):
-    """Process 1, which may be another user's, and a number beyond the system's; 2²² is the last that Linux gives."""
-    path = tmp_path / f"a.txt.{THIS_HOST}-{number}.partial"
-    path.touch()
-    with atomic_write(tmp_path / "a.txt"):
-        pass
-    assert path.exists() is left
 
 
 def test_a_file_is_on_the_disk_before_it_has_its_name(monkeypatch, tmp_path):
@@ -162,15 +169,130 @@ class TestSizeLimit:
         assert path.read_text() == "older"
         assert list(tmp_path.iterdir()) == [path]
 
-    def test_hdf5_is_told_that_all_went_well(self, size_limit, tmp_path):
-        """The first error is kept until it is asked for; what comes after it is not written."""
-        with size_limit(), HDF5File(tmp_path / "a") as file:
-            file.check()
-            assert file.write(np.arange(500.0)) == 4000
-            assert file.truncate(5000) == 5000
-            assert file.truncate() == 4000
-            file.seek(0)
-            assert file.write(b"later") == 5
-            with pytest.raises(OSError, match="File too large"):
-                file.check()
-        assert (tmp_path / "a").read_bytes() == np.arange(500.0).tobytes()
+
+HOLD = """
+import sys, time, pathlib
+from usvauv.env.storage.files import locked
+with locked(pathlib.Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(600)
+"""
+
+
+class TestLock:
+    def test_a_second_process_is_refused_by_the_id_of_the_first_and_its_death_opens_the_folder(self, tmp_path):
+        with subprocess.Popen([sys.executable, "-c", HOLD, tmp_path], stdout=subprocess.PIPE, text=True) as holder:
+            assert holder.stdout.readline() == "held\n"
+            named = re.escape(f"{tmp_path}: process {holder.pid} is writing there")
+            with pytest.raises(OutputError, match=named), locked(tmp_path):
+                pytest.fail("two processes in one folder")
+            holder.send_signal(signal.SIGKILL)
+        assert (tmp_path / LOCK).read_text() == str(holder.pid)
+        with locked(tmp_path):
+            assert (tmp_path / LOCK).read_text() == str(os.getpid())
+        assert list(tmp_path.iterdir()) == []
+
+    @pytest.mark.parametrize("left", [str(os.getppid()), "9" * 20])
+    def test_a_file_that_names_a_living_process_or_a_longer_id_locks_nothing(self, tmp_path, left):
+        (tmp_path / LOCK).write_text(left)
+        with locked(tmp_path):
+            assert (tmp_path / LOCK).read_text() == str(os.getpid())
+
+    def test_a_folder_that_is_gone_is_named(self, tmp_path):
+        with pytest.raises(OutputError, match="gone: cannot be written"), locked(tmp_path / "gone"):
+            pass
+
+    @pytest.mark.parametrize(("number", "said"), [(errno.ENOLCK, None), (errno.EIO, "cannot be written: Input/output")])
+    def test_a_file_system_without_locks_keeps_nobody_out(self, tmp_path, monkeypatch, number, said):
+        def refuse(file, operation):
+            raise OSError(number, "refused")
+
+        monkeypatch.setattr(fcntl, "flock", refuse)
+        with pytest.raises(OutputError, match=said) if said else nullcontext(), locked(tmp_path):
+            assert (tmp_path / LOCK).read_text() == str(os.getpid())
+
+    @pytest.mark.parametrize("new", [True, False])
+    def test_a_file_that_its_holder_has_removed_locks_nothing(self, tmp_path, monkeypatch, new):
+        """It is opened anew, whether or not another process has made one since: two would hold files of one name."""
+        flock, opened = fcntl.flock, []
+
+        def removed_meanwhile(file, operation):
+            flock(file, operation)
+            opened.append(os.fstat(file).st_ino)
+            if len(opened) == 1:
+                (tmp_path / LOCK).unlink()
+                if new:
+                    (tmp_path / "other").write_text("")
+                    (tmp_path / "other").rename(tmp_path / LOCK)
+
+        monkeypatch.setattr(fcntl, "flock", removed_meanwhile)
+        with locked(tmp_path):
+            assert len(opened) == 2
+            assert opened[1] == (tmp_path / LOCK).stat().st_ino
+        assert list(tmp_path.iterdir()) == []
+
+    def test_all_may_hold_the_lock_of_a_folder_that_all_may_write(self, tmp_path):
+        before = os.umask(0)
+        try:
+            with locked(tmp_path):
+                assert (tmp_path / LOCK).stat().st_mode & 0o777 == 0o666
+        finally:
+            os.umask(before)
+
+
+def nested(levels):
+    """A table with a number below so many levels of tables and lists."""
+    content = 1
+    for level in range(levels):
+        content = {"a": content} if level % 2 else [content, 2]
+    return {"a": content}
+
+
+def test_depth():
+    """A table's content counts as one."""
+    text_files.check_plain(nested(text_files.DEEPEST - 2))
+    with pytest.raises(TextFileError, match=r"^nested too deep$"):
+        text_files.check_plain(nested(text_files.DEEPEST - 1))
+
+
+@pytest.mark.parametrize("place", [{"\ud800": 1}, {"a": "\ud800"}, {"a": [1, ("b", {"c": "\ud800"})]}])
+def test_text_that_no_file_can_hold(place):
+    with pytest.raises(TextFileError, match=r"holds '\\ud800', which is not text"):
+        text_files.check_plain(place)
+
+
+def test_size(tmp_path, monkeypatch):
+    monkeypatch.setitem(text_files.LARGEST, "JSON", 1000)
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({"a": "x" * 991}))
+    assert path.stat().st_size == 1000
+    assert text_files.read(path, "JSON") == {"a": "x" * 991}
+    path.write_text(json.dumps({"a": "x" * 992}))
+    with pytest.raises(TextFileError, match=r"^has more than 1,000 bytes$"):
+        text_files.read(path, "JSON")
+
+
+@pytest.mark.parametrize(
+    ("text", "language", "said"),
+    [
+        ("[1, 2]", "JSON", "^not a table of JSON but list$"),
+        ("{", "JSON", "^not valid JSON: "),
+        ("[" * 100_000, "JSON", "^not valid JSON: nested too deep$"),
+        ('{"a":' * 40 + "1" + "}" * 40, "JSON", "^nested too deep$"),
+        ("a = ", "TOML", "^not valid TOML: "),
+    ],
+)
+def test_what_is_no_table(text, language, said):
+    with pytest.raises(TextFileError, match=said):
+        text_files.parse(text, language)
+
+
+def test_ends_of_lines_of_windows():
+    assert text_files.parse("a = '''x\r\ny'''\r\n", "TOML") == {"a": "x\ny"}
+
+
+def test_what_is_no_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", tmp_path, tmp_path / "none", "a\0b"):
+        with pytest.raises(FileNotFoundError, match="is no file"):
+            text_files.read(path, "TOML")

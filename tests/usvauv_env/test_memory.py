@@ -1,20 +1,24 @@
-"""Memory: refused before it is taken, by estimates that are near what is measured."""
+"""Memory: refused before it is taken, by estimates that are near what is measured; rows on the disk take none."""
 
 import os
 import resource
 import subprocess
 import sys
+from collections import namedtuple
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from tests.policies.toy import ToyWorld, scenario
 from usvauv.cli.encoder import video_file
-from usvauv.env import Scenario, World, memory
-from usvauv.env.memory import MemoryNeeded, available, require, words
+from usvauv.env import Scenario, World
 from usvauv.env.record.recorder import record
 from usvauv.env.sea_alone.simulation import SeaSimulation
+from usvauv.env.storage import memory
+from usvauv.env.storage.files import OutputError
+from usvauv.env.storage.memory import MemoryNeeded, RowsOnDisk, available, extremes, require
 from usvauv.policies import Trainer, TrainingConfig
 from usvauv.policies.training.replay import Replay
 
@@ -85,6 +89,18 @@ found = []
 taken = growth(lambda: found.append(run(1024)))
 print(found[0] / taken)
 """
+READING = """
+import numpy as np
+from usvauv.env.storage.memory import RowsOnDisk, extremes
+def through():
+    with RowsOnDisk(2000, (128, 128), "rows") as rows:
+        for n in range(2000):
+            rows.append(np.full((1, 128, 128), n, np.float32))
+        array = rows.array()
+    assert extremes(array) == (0.0, 1999.0)
+    assert [float(row[5, 5]) for row in array] == list(range(2000))
+print(growth(through) / 2**20)
+"""
 
 
 WHAT = [
@@ -102,14 +118,18 @@ def test_the_estimate_of_other_things_is_near_what_they_take(what):
     assert 1 / 2 < float(done.stdout.splitlines()[-1]) < 2
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of the memory cannot be reset")
+def test_memory_does_not_grow_with_rows_on_disk():
+    """125 MiB are written and read twice."""
+    done = subprocess.run([sys.executable, "-c", GROWTH + READING], capture_output=True, text=True, check=True)
+    assert float(done.stdout.splitlines()[-1]) < 10
+
+
 def test_the_estimate_of_a_sea_is_near_what_it_takes():
     """Within a factor of 1.5 of the growth of the resident memory's peak."""
     ratio = float(subprocess.run([sys.executable, "-c", MEASURE], capture_output=True, text=True, check=True).stdout)
     assert 1 / 1.5 < ratio < 1.5
-
-
-def test_available_is_what_the_machine_says():
-    assert 2**20 < available() < 2**50
 
 
 def test_what_does_not_fit_is_refused_with_the_numbers(monkeypatch):
@@ -117,62 +137,20 @@ def test_what_does_not_fit_is_refused_with_the_numbers(monkeypatch):
     require(8 * GIB, "just fits")
     with pytest.raises(MemoryNeeded, match=r"^a: takes about 9 GiB of memory; allowed are 8 GiB, 80% of the 10 GiB"):
         require(9 * GIB, "a")
-    assert words(149 * GIB) == "149 GiB"
-    assert words(3 * 2**20) == "3 MiB"
 
 
 def test_the_least_of_what_limits(monkeypatch, tmp_path):
     """The machine's free memory, what the control group leaves, and what a limit of the address space leaves."""
-    infinite, page = resource.RLIM_INFINITY, os.sysconf("SC_PAGE_SIZE")
-    limit = [infinite]
     monkeypatch.setattr(memory, "CGROUP", tmp_path)
-    monkeypatch.setattr(memory, "_meminfo", lambda: 10 * GIB)
-    monkeypatch.setattr(resource, "getrlimit", lambda which: (limit[0], infinite))
-    assert available() == 10 * GIB
+    assert 2**20 < available() < 2**50
     (tmp_path / "memory.current").write_text("3000\n")
+    for most, left in (("5000", 2000), ("2000", 0)):
+        (tmp_path / "memory.max").write_text(f"{most}\n")
+        assert available() == left
     (tmp_path / "memory.max").write_text("max\n")
-    assert available() == 10 * GIB
-    (tmp_path / "memory.max").write_text("5000\n")
-    assert available() == 2000
-    (tmp_path / "memory.max").write_text("2000\n")
-    assert available() == 0
-    (tmp_path / "memory.max").unlink()
-    limit[0] = 2**50
-    assert available() == 10 * GIB
-    taken = int(Path("/proc/self/statm").read_text().split()[0]) * page
-    limit[0] = taken + GIB
-    assert available() == pytest.approx(GIB, abs=GIB / 4)
-    limit[0] = taken - GIB
-    assert available() == 0
-
-
-def test_a_graphics_card_says_itself_what_is_free(monkeypatch):
-    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device: (3 * GIB, 8 * GIB))
-    assert available(torch.device("cuda")) == 3 * GIB
-    monkeypatch.setattr(memory, "_meminfo", lambda: 1000)
-    assert available(torch.device("cpu")) <= 1000
-
-
-def test_free_memory_by_proc_and_without_it(monkeypatch):
-    lines = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-    total, free = (1024 * int(lines[name].split()[0]) for name in ("MemTotal", "MemAvailable"))
-    assert memory._meminfo() == pytest.approx(free, rel=0.2)
-    monkeypatch.setattr(Path, "read_text", lambda self, **options: "MemFree: 5 kB")
-    assert memory._meminfo() == pytest.approx(total, rel=0.05)
-
-
-@pytest.mark.parametrize(
-    ("number", "text"),
-    [
-        (2**40, "1 TiB"),
-        (2**40 - 2**31, "1.02e+03 GiB"),
-        (2**30, "1 GiB"),
-        (2**30 - 2**21, "1.02e+03 MiB"),
-        (0, "0 MiB"),
-    ],
-)
-def test_a_unit_begins_at_one_of_it(number, text):
-    assert words(number) == text
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (taken + GIB // 8, resource.RLIM_INFINITY))
+    assert available() == pytest.approx(GIB // 8, abs=GIB / 32)
 
 
 def learn(**changes):
@@ -201,3 +179,50 @@ def test_who_asks_before_taking(monkeypatch, make, match):
     monkeypatch.setattr(memory, "available", lambda device=None: 2 * GIB)
     with pytest.raises(MemoryNeeded, match=match):
         make()
+
+
+@pytest.fixture
+def numbers():
+    return np.random.default_rng(0).standard_normal((5, 3, 4)).astype(np.float32)
+
+
+def test_rows_are_those_appended(numbers, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with RowsOnDisk(5, (3, 4), "rows") as rows:
+        rows.append(numbers[:2])
+        rows.append(numbers[2:])
+        array = rows.array()
+        assert list(tmp_path.iterdir()) == []  # it has no name
+    assert array.shape == (5, 3, 4)
+    for key in (0, -1, slice(1, 4, 2), (2, slice(None), 3), slice(None)):
+        np.testing.assert_array_equal(array[key], numbers[key])
+    assert extremes(array) == (numbers.min(), numbers.max())
+    with pytest.raises(ValueError, match="read-only"):
+        array[0][:] = 0.0
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (0, 4)])
+def test_no_rows(shape):
+    with RowsOnDisk(5, shape, "rows") as rows:
+        array = rows.array()
+    assert array.shape == (0, *shape)
+    assert extremes(array) == (0.0, 0.0)
+
+
+def test_a_disk_without_room_is_refused_before(monkeypatch, tmp_path):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    usage = namedtuple("usage", "free")(2**20)
+    monkeypatch.setattr(memory.shutil, "disk_usage", lambda folder: usage)
+    with RowsOnDisk(256, (8, 128), "just fits"):
+        pass
+    with pytest.raises(OutputError, match=r"^a record: takes 1.05 MiB of disk; 1 MiB are free in .* \(TMPDIR names"):
+        RowsOnDisk(275, (10, 100), "a record")
+
+
+@pytest.mark.parametrize("side", [64, 36])  # 16 KiB are written at once, 5 KiB when they are asked for
+def test_a_disk_that_fills_up_is_one_line(monkeypatch, size_limit, tmp_path, side):
+    """Here the limit of a file's size."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    refused = pytest.raises(OutputError, match=f"^{tmp_path}: cannot be written: File too large")
+    with RowsOnDisk(1, (side, side), "rows") as rows, size_limit(), refused:
+        (rows.append(np.zeros((1, side, side), np.float32)), rows.array())

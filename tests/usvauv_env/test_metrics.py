@@ -13,8 +13,8 @@ from usvauv import policies
 from usvauv.env import Scenario, Trace, TraceError, World
 from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, usable
 from usvauv.env.record.recorder import record
-from usvauv.env.record.table import read_rows, write_rows
 from usvauv.env.record.trace import VARIABLES
+from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.kernels.positioning import usbl
 
 

@@ -1,13 +1,11 @@
 """Folders that take the place of others."""
 
-import errno
 import os
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from usvauv.env import swap
+from usvauv.env.storage import swap
 
 
 @pytest.fixture
@@ -97,27 +95,3 @@ def test_what_a_kill_left_is_found(tmp_path):
     assert swap.found(place) == tmp_path / ".last-host-2-old"
     place.mkdir()
     assert swap.found(place) == place
-
-
-@pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EACCES, errno.ENOENT])
-def test_a_system_that_cannot_exchange_is_told_from_one_that_refuses(monkeypatch, tmp_path, number):
-    library = SimpleNamespace(renameat2=lambda *arguments: -1)
-    monkeypatch.setattr(swap.ctypes, "CDLL", lambda name, use_errno: library)
-    monkeypatch.setattr(swap.ctypes, "get_errno", lambda: number)
-    refused = OSError if number in (errno.EACCES, errno.ENOENT) else NotImplementedError
-    with pytest.raises(refused) as caught:
-        swap._exchange(tmp_path / "a", tmp_path / "b")
-    assert refused is NotImplementedError or (caught.value.errno, caught.value.filename) == (number, f"{tmp_path}/b")
-    del library.renameat2
-    with pytest.raises(NotImplementedError):
-        swap._exchange(tmp_path / "a", tmp_path / "b")
-
-
-def test_what_macos_is_asked_for(monkeypatch):
-    """Of `sys/stdio.h`: RENAME_SWAP is 2."""
-    given = []
-    library = SimpleNamespace(renamex_np=lambda *arguments: given.append(arguments))
-    monkeypatch.setattr(swap.ctypes, "CDLL", lambda name, use_errno: library)
-    monkeypatch.setattr(swap.sys, "platform", "darwin")
-    swap._exchange(Path("a"), Path("b"))
-    assert given == [(b"a", b"b", 2)]

@@ -101,8 +101,8 @@ def evaluate(
     from usvauv.cli.web_report.episodes import Recordings, collects_data, front_episodes
     from usvauv.env import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
-    from usvauv.env.record.growing_table import Combination, GrowingTable
     from usvauv.env.record.metrics import FIGURES, task_metrics
+    from usvauv.env.storage.tables import Combination, GrowingTable
     from usvauv.env.world.boat_strategies import StrategyChoice
 
     at_least("--episodes", episodes, 1)

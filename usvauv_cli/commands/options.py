@@ -115,7 +115,7 @@ def writable(path: Path, option: str, endings: Sequence[str]) -> Path:
         UserError: it has another ending than those allowed (in lower case), is a folder, its folder is missing, or it
             cannot be written.
     """
-    from usvauv.env.files import OutputError, check_place
+    from usvauv.env.storage.files import OutputError, check_place
 
     if os.path.isdir(path):
         raise UserError(f"{option} {path}: is a folder, expected a file name")

@@ -136,9 +136,9 @@ def plan(
     from dataclasses import asdict, replace
 
     from usvauv.env import Scenario, geojson
-    from usvauv.env.files import atomic_write
     from usvauv.env.positioning import solve
     from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic
+    from usvauv.env.storage.files import atomic_write
 
     setting, estimates, bad = Scenario.load(scenario, overrides or ()), [], []
     objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)

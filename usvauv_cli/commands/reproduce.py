@@ -32,7 +32,7 @@ def reproduce(
     """
     from usvauv.cli.reproduction.settings import FULL, QUICK
     from usvauv.cli.reproduction.targets import reproduce
-    from usvauv.env.lock import locked
+    from usvauv.env.storage.files import locked
     from usvauv.kernels import runtime
 
     jobs = runtime.available_cores() if jobs is None else jobs

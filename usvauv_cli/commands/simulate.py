@@ -150,8 +150,8 @@ def simulated(
     from usvauv import policies
     from usvauv.cli import console
     from usvauv.env import World
-    from usvauv.env.memory import give_back
     from usvauv.env.record.recorder import Diverged, record
+    from usvauv.env.storage.memory import give_back
 
     world = World(run.scenario(scenario), 1, seed, run.usv, fine_sea=True, arch=arch)
     act = policies.acting(run.policy, world)

@@ -68,7 +68,7 @@ def _engine(resources: Resources, folder: Path, ray: str | None, slurm: str | No
     from usvauv.cli.engines.local import Local
     from usvauv.cli.engines.on_ray import OnRay
     from usvauv.cli.engines.on_slurm import OnSlurm
-    from usvauv.env import memory
+    from usvauv.env.storage import memory
     from usvauv.kernels import runtime
 
     if ray not in (None, "local") and jobs is not None:

@@ -88,7 +88,7 @@ def train(
     from usvauv import policies
     from usvauv.cli import report
     from usvauv.env import Scenario, World
-    from usvauv.env.lock import locked
+    from usvauv.env.storage.files import locked
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean
     from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET

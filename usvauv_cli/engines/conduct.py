@@ -13,7 +13,7 @@ from typing import Protocol
 from uuid import uuid4
 
 from usvauv.cli.engines.task import REPORT, STOP, Ended, Task, reported
-from usvauv.env.files import writing
+from usvauv.env.storage.files import writing
 from usvauv.kernels.interruption import deferred
 
 ATTEMPTS = 3  # at a piece that does not end by itself

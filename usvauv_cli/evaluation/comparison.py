@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from usvauv.env.record.growing_table import Combination
 from usvauv.env.record.metrics import COLUMNS, FIGURES
+from usvauv.env.storage.tables import Combination
 
 LEVEL = 0.95
 EXACT = 1000

@@ -13,9 +13,9 @@ from typing import Any
 from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.env import plugins
 from usvauv.env.record.evaluation import MakePolicy, evaluate_batch
-from usvauv.env.record.growing_table import Combination, GrowingTable
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
+from usvauv.env.storage.tables import Combination, GrowingTable
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
 from usvauv.policies.checkpoint import BEST, LAST, POLICY

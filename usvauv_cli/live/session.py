@@ -13,10 +13,10 @@ from usvauv import policies
 from usvauv.cli.live.history import History, Moment, Snapshot
 from usvauv.cli.live.sliders import SLIDERS
 from usvauv.cli.live.surface import SurfaceGrid
-from usvauv.env.memory import require
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import Recorder, trace_bytes
 from usvauv.env.scenario import Scenario
+from usvauv.env.storage.memory import require
 from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError, UserError
@@ -48,7 +48,7 @@ class Session:
         ended: why the mission cannot go on; empty while it can.
 
     Raises:
-        UserError: as `World`, `policies.load` and `usvauv.env.memory.require`.
+        UserError: as `World`, `policies.load` and `usvauv.env.storage.memory.require`.
     """
 
     def __init__(

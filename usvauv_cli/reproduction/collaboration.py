@@ -20,8 +20,8 @@ from usvauv.cli.reproduction.work import Piece, Work
 from usvauv.env import World
 from usvauv.env.record.metrics import COLUMNS, episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.env.record.table import read_rows, write_rows
 from usvauv.env.render.palette import looks
+from usvauv.env.storage.tables import read_rows, write_rows
 
 NAME = "collaboration"
 STEERING = "pace"

@@ -16,8 +16,8 @@ from usvauv.cli.reproduction import figure, paper
 from usvauv.cli.reproduction.runs import Learned
 from usvauv.cli.reproduction.settings import Settings
 from usvauv.cli.reproduction.work import Piece
-from usvauv.env.record.table import write_rows
 from usvauv.env.render.palette import looks
+from usvauv.env.storage.tables import write_rows
 
 NAME = "fig3"
 METHODS = ("ddpg", "sac")

@@ -22,7 +22,7 @@ from usvauv.cli.reproduction.settings import PHYSICAL, Settings
 from usvauv.env import Trace, World
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.env.record.table import write_rows
+from usvauv.env.storage.tables import write_rows
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex
 

@@ -14,8 +14,8 @@ from usvauv.cli.reproduction import figure, paper
 from usvauv.cli.reproduction.fixes import BOUND, FixErrors, results
 from usvauv.cli.reproduction.settings import PHYSICAL, STRATEGIES, Settings
 from usvauv.cli.reproduction.work import Piece
-from usvauv.env.record.table import read_rows, write_rows
 from usvauv.env.render.palette import looks
+from usvauv.env.storage.tables import read_rows, write_rows
 
 NAME = "fig4b"
 SCENARIOS = (paper.CONDITIONS["ESC"], PHYSICAL)

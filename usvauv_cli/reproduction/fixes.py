@@ -16,7 +16,7 @@ from usvauv.env import World
 from usvauv.env.record import error_bound
 from usvauv.env.record.metrics import position_error
 from usvauv.env.record.recorder import record
-from usvauv.env.record.table import write_rows
+from usvauv.env.storage.tables import write_rows
 
 BOUND = "bound"
 OVER_TIME = ("time", "median", "lower_quartile", "upper_quartile")

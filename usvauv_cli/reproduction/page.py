@@ -12,8 +12,8 @@ from typing import Any
 from usvauv.cli.reproduction import collaboration, conventions, fig3, fig4a, fig4b, paper, table2
 from usvauv.cli.reproduction.fixes import BOUND
 from usvauv.cli.reproduction.settings import PHYSICAL, Settings
-from usvauv.env.files import atomic_write
 from usvauv.env.record.metrics import EpisodeMetrics
+from usvauv.env.storage.files import atomic_write
 from usvauv.kernels.mission.vehicle import travelling_power
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 

@@ -21,11 +21,10 @@ from usvauv.cli.reproduction.paper import CONDITIONS
 from usvauv.cli.reproduction.settings import Settings
 from usvauv.cli.reproduction.work import Work
 from usvauv.env import World
-from usvauv.env.files import writing
-from usvauv.env.lock import locked
 from usvauv.env.record.metrics import COLUMNS, episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.env.record.table import write_rows
+from usvauv.env.storage.files import locked, writing
+from usvauv.env.storage.tables import write_rows
 from usvauv.policies import checkpoint
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 from usvauv.policies.training.provenance import provenance

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from usvauv.cli.reproduction.paper import CONDITIONS
-from usvauv.env.files import atomic_write
 from usvauv.env.scenario import Scenario
+from usvauv.env.storage.files import atomic_write
 from usvauv.kernels.errors import UserError
 from usvauv.policies import TrainingConfig
 

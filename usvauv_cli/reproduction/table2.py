@@ -17,8 +17,8 @@ from usvauv.cli.reproduction import figure, paper
 from usvauv.cli.reproduction.runs import Heuristic, Learned
 from usvauv.cli.reproduction.settings import HEURISTICS, Settings
 from usvauv.cli.reproduction.work import Piece
-from usvauv.env.record.table import read_rows, write_rows
 from usvauv.env.render.palette import looks
+from usvauv.env.storage.tables import read_rows, write_rows
 
 NAME = "table2"
 OTHERS = ("services", "delivered_mbit", "collisions", "border", "arps_without_eq5")

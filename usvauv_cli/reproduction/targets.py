@@ -14,7 +14,7 @@ from usvauv.cli.reproduction import collaboration, fig3, fig4a, fig4b, page, poo
 from usvauv.cli.reproduction.runs import Learned
 from usvauv.cli.reproduction.settings import Settings
 from usvauv.cli.reproduction.work import Piece
-from usvauv.env.files import atomic_write
+from usvauv.env.storage.files import atomic_write
 from usvauv.kernels.errors import UserError
 
 FIGURES = ("table2", "fig3", "fig4a", "fig4b")

@@ -16,7 +16,7 @@ from usvauv.cli.sweep import figures, statistics, summary
 from usvauv.cli.sweep.run import FAILURE, finished, seconds
 from usvauv.cli.sweep.study import Planned, Study
 from usvauv.cli.web_report import document
-from usvauv.env.files import writing
+from usvauv.env.storage.files import writing
 from usvauv.policies.policy import PolicyError
 
 # What is shown at most, so that the page stays below 3 MB.

@@ -21,10 +21,9 @@ from usvauv.cli.sweep.board import Board
 from usvauv.cli.sweep.run import FAILURE, RESULT, Perform, finished
 from usvauv.cli.sweep.study import Planned, Study
 from usvauv.env import plugins
-from usvauv.env.files import atomic_write
-from usvauv.env.lock import locked
 from usvauv.env.record.metrics import EpisodeMetrics
-from usvauv.env.record.table import read_rows, write_rows
+from usvauv.env.storage.files import atomic_write, locked
+from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.kernels.errors import UserError
 
 TABLE = "results.csv"

@@ -24,9 +24,8 @@ from usvauv import env, policies
 from usvauv.cli.engines import training
 from usvauv.cli.engines.task import Signs, Stopped
 from usvauv.env import Scenario, World
-from usvauv.env.files import OutputError, atomic_write, writing
-from usvauv.env.lock import locked
-from usvauv.env.record.table import write_rows
+from usvauv.env.storage.files import OutputError, atomic_write, locked, writing
+from usvauv.env.storage.tables import write_rows
 from usvauv.policies.checkpoint import clean
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 from usvauv.policies.training.provenance import provenance

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from usvauv.cli.web_report import figure_style
-from usvauv.env.files import atomic_write
+from usvauv.env.storage.files import atomic_write
 from usvauv.kernels import runtime
 from usvauv.policies.training.provenance import provenance
 

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from usvauv.env.record import collection
-from usvauv.env.record.growing_table import Combination
 from usvauv.env.record.metrics import usable
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.palette import CATEGORICAL
 from usvauv.env.scenario import Scenario
+from usvauv.env.storage.tables import Combination
 
 MOST_SHOWN = 12  # combinations with an episode and a line in the figures
 FRONT_EPISODES = 2400  # points of episodes in the figure of the front

@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from usvauv.cli import figure_theme
-from usvauv.env.files import atomic_write
 from usvauv.env.render.palette import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
+from usvauv.env.storage.files import atomic_write
 
 COLUMN = 3.4  # width, inches
 LIGHT = {

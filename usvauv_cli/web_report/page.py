@@ -12,8 +12,8 @@ from usvauv.cli import tables
 from usvauv.cli.evaluation.comparison import Comparison, labels, words
 from usvauv.cli.web_report import document, figures
 from usvauv.cli.web_report.episodes import Recordings, collects_data, front_episodes, player_data
-from usvauv.env.record.growing_table import Combination
 from usvauv.env.scenario import Scenario
+from usvauv.env.storage.tables import Combination
 from usvauv.kernels import runtime
 
 

@@ -14,10 +14,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from usvauv.env.exchange.poses import Poses, triangles
-from usvauv.env.files import atomic_write
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.style import SEA, WHITE, auv_colour
 from usvauv.env.site.site import Site
+from usvauv.env.storage.files import atomic_write
 
 TIME = "mission"
 TRAIL = 60.0  # s

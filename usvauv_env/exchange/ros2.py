@@ -26,9 +26,9 @@ from mcap.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from usvauv.env.exchange.poses import Poses
-from usvauv.env.files import atomic_write
 from usvauv.env.record.trace import Trace
 from usvauv.env.site.site import Site
+from usvauv.env.storage.files import atomic_write
 
 FRAME = "map"
 FLOAT32 = 7  # sensor_msgs/PointField

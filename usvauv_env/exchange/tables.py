@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from usvauv.env.files import atomic_write
 from usvauv.env.record.collection import served
 from usvauv.env.record.trace import VARIABLES, Trace
+from usvauv.env.storage.files import atomic_write
 
 Table = dict[str, np.ndarray]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv.env.memory import require
 from usvauv.env.record.recorder import SURFACE_PIXELS, Recorder, trace_bytes
+from usvauv.env.storage.memory import require
 from usvauv.env.world.world import World
 
 MODES = ("rgb_array",)

@@ -9,9 +9,8 @@ from contextlib import nullcontext
 import numpy as np
 import torch
 
-from usvauv.env.memory import require
-from usvauv.env.record.rows_on_disk import RowsOnDisk
 from usvauv.env.record.trace import Trace
+from usvauv.env.storage.memory import RowsOnDisk, require
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn

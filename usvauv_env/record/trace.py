@@ -14,9 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from usvauv.env import text_files
-from usvauv.env.files import hdf5_file
-from usvauv.env.record.rows_on_disk import RowsOnDisk
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site import georeference
 from usvauv.env.site.cf import OceanError
@@ -24,6 +21,9 @@ from usvauv.env.site.cf_ocean import parse_time
 from usvauv.env.site.interpolation import at_time
 from usvauv.env.site.local_frame import LocalFrame
 from usvauv.env.site.site import Site
+from usvauv.env.storage import text_files
+from usvauv.env.storage.files import hdf5_file
+from usvauv.env.storage.memory import RowsOnDisk
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import deferred
 

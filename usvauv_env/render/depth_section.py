@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from usvauv.env.record.rows_on_disk import extremes
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
 from usvauv.env.render.exchanges import Exchanges
 from usvauv.env.render.frame_layout import Layout, Rectangle
 from usvauv.env.render.panel_elements import within_margins, write_heading
 from usvauv.env.render.text import write
+from usvauv.env.storage.memory import extremes
 
 FAINTEST = 0.05  # of the way of a sound
 SEA_PART = 0.5  # of the height, for the sea between its highest crest and its deepest trough

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import torch
 
-from usvauv.env.record.rows_on_disk import extremes
 from usvauv.env.render import style
 from usvauv.env.render.frame_layout import MapView, nice_above
 from usvauv.env.render.shapes import Overlay
+from usvauv.env.storage.memory import extremes
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.current import particle_paths
 

@@ -12,13 +12,13 @@ from typing import cast
 
 import numpy as np
 
-from usvauv.env.memory import require
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.sea.forcing import BoundaryWave, boundary_wave, draw_sea
 from usvauv.env.sea.long_waves import LongWaves
 from usvauv.env.sea.nonlinear_pool import NonlinearSeas
 from usvauv.env.sea.storm import AirySea, build_storm, wave_systems
 from usvauv.env.site.site import Site
+from usvauv.env.storage.memory import require
 from usvauv.kernels import runtime
 from usvauv.kernels.shallow_water.boundaries import Boundary, Side
 from usvauv.kernels.shallow_water.linear import COURANT, ShallowWater

@@ -13,9 +13,9 @@ import h5netcdf
 import h5py
 import numpy as np
 
-from usvauv.env.files import hdf5_file
 from usvauv.env.sea_alone.simulation import SeaSimulation
 from usvauv.env.site import georeference
+from usvauv.env.storage.files import hdf5_file
 from usvauv.kernels.interruption import deferred
 
 CHUNK = 512  # largest side in cells of a chunk of the file

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from usvauv.env.memory import require
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.sea.long_waves import LongWaves
 from usvauv.env.sea.storm import AirySea
 from usvauv.env.site.site import Site
+from usvauv.env.storage.memory import require
 from usvauv.env.world import arrays, tables
 from usvauv.env.world.adjustable import check_adjustable, check_continues
 from usvauv.env.world.arrays import STATE

@@ -1,8 +1,8 @@
-"""A table of episodes that grows on the disk by batches, survives what ends the process, and is taken up again.
+"""Tables of results as CSV files with a header: written whole, or grown on the disk by batches of episodes.
 
-Beside OUT.csv it is OUT.csv.partial: a line with what defines its rows, the header of the CSV, and the rows of one
-batch after the other. A batch counts when all its rows are there. `finish` puts the rows of each combination together
-in OUT.csv.
+A growing table survives what ends the process, and is taken up again. Beside OUT.csv it is OUT.csv.partial: a line with
+what defines its rows, the header of the CSV, and the rows of one batch after the other. A batch counts when all its
+rows are there. `finish` puts the rows of each combination together in OUT.csv.
 """
 
 from __future__ import annotations
@@ -11,19 +11,37 @@ import csv
 import io
 import json
 import os
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from usvauv.env.files import OutputError, atomic_write, writing
-from usvauv.env.lock import open_locked
-from usvauv.env.record.metrics import COLUMNS
+from usvauv.env.storage.files import OutputError, atomic_write, open_locked, writing
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import deferred
 
 MARK = b"# usvauv eval "
+
+
+def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write rows whose keys are the columns; the file appears only when it is complete, its folder if it is missing.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """The rows of such a file, column → text."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
 
 
 class Combination(NamedTuple):
@@ -32,6 +50,9 @@ class Combination(NamedTuple):
     policy: str
     usv: str
     targets: str
+
+
+KEYS = {*Combination._fields, "episode"}  # columns that tell rows apart
 
 
 class _Row(NamedTuple):
@@ -178,7 +199,7 @@ class GrowingTable:
             about = json.loads(first[len(MARK) :])
         except ValueError:
             about = None
-        if not isinstance(about, dict) or not header.startswith(",".join(COLUMNS).encode()):
+        if not isinstance(about, dict) or not set(header.decode(errors="replace").strip().split(",")) >= KEYS:
             raise OutputError(f"{self.path}: its first lines are damaged; remove it or take another --out")
         return about, header, len(first) + len(header)
 

@@ -1,0 +1,169 @@
+"""Memory: how much is free, refusing what does not fit before any of it is taken, rows on the disk in place of it."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import mmap
+import os
+import shutil
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from usvauv.env.storage.files import OutputError, writing
+from usvauv.kernels.errors import UserError
+
+SHARE = 0.8  # of what is free that one thing may take
+CGROUP = Path("/sys/fs/cgroup")
+PLACE = "/var/tmp"  # of rows on the disk; unlike /tmp never in memory
+
+
+class MemoryNeeded(UserError, MemoryError):
+    """Something asked for does not fit into memory; one line says what, how much it takes and how much is free."""
+
+
+def available(device: torch.device | None = None) -> int:
+    """Free bytes: of a GPU, or of this machine within the limits of its control group."""
+    if device is not None and device.type == "cuda":
+        return torch.cuda.mem_get_info(device)[0]
+    free = [_meminfo(), _cgroup("memory.max", "memory.current"), _limit()]
+    return max(0, min(number for number in free if number is not None))
+
+
+def require(number: float, what: str, device: torch.device | None = None) -> None:
+    """Refuse what takes more bytes than `SHARE` of those free.
+
+    Args:
+        number: bytes.
+        what: what takes them, for the message, with the fields or options that decide it.
+        device: where; default the machine's memory.
+
+    Raises:
+        MemoryNeeded: it does.
+    """
+    free = available(device)
+    if number > SHARE * free:
+        raise MemoryNeeded(
+            f"{what}: takes about {words(number)} of memory; allowed are {words(SHARE * free)},"
+            f" {SHARE:.0%} of the {words(free)} that are free"
+        )
+
+
+def give_back() -> None:
+    """Return to the system what was freed; glibc keeps it, after compiling kernels tens of MB."""
+    if os.name == "posix" and (trim := getattr(ctypes.CDLL(None), "malloc_trim", None)):
+        trim(0)
+
+
+def words(number: float) -> str:
+    """Bytes to three digits, in one unit."""
+    for unit, size in (("TiB", 2.0**40), ("GiB", 2.0**30)):
+        if number >= size:
+            return f"{number / size:.3g} {unit}"
+    return f"{number / 2**20:.3g} MiB"
+
+
+def _meminfo() -> int:
+    """What the kernel could hand out without swapping; without /proc, all physical memory."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        return next(int(line.split()[1]) << 10 for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, StopIteration, ValueError):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def _cgroup(limit: str, used: str) -> int | None:
+    try:
+        return int((CGROUP / limit).read_text()) - int((CGROUP / used).read_text())
+    except (OSError, ValueError):  # none, or "max"
+        return None
+
+
+def _limit() -> int | None:
+    """What an address space limit (ulimit -v) leaves."""
+    try:
+        import resource
+
+        soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if soft == resource.RLIM_INFINITY:
+            return None
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        return soft - pages * os.sysconf("SC_PAGE_SIZE")
+    except (ImportError, OSError, ValueError):
+        return None
+
+
+class StoredRows(np.memmap):
+    """An array (T, …) of a file, to be read row by row: what was read before is not kept in memory."""
+
+    _mmap: mmap.mmap  # of numpy.memmap
+
+    def __getitem__(self, key: Any) -> Any:
+        self._mmap.madvise(mmap.MADV_DONTNEED)
+        return np.asarray(super().__getitem__(key))
+
+
+class RowsOnDisk:
+    """Rows (…) float32 that are appended to a file without a name, as long as the context lasts.
+
+    The file goes with the last array of it. It lies in the folder that the environment variable TMPDIR names, or in
+    `PLACE`.
+    """
+
+    def __init__(self, rows: int, shape: tuple[int, ...], what: str) -> None:
+        """
+        Args:
+            rows: how many are expected.
+            shape: of a row.
+            what: they are, for the message.
+
+        Raises:
+            OutputError: the file cannot be made, or the disk lacks the room.
+        """
+        folder = os.environ.get("TMPDIR") or (PLACE if os.access(PLACE, os.W_OK) else tempfile.gettempdir())
+        self._shape, self._count, self._folder = shape, 0, Path(folder)
+        needed = 4.0 * rows * math.prod(shape)
+        with writing(self._folder):
+            free = shutil.disk_usage(folder).free
+            if needed > free:
+                raise OutputError(
+                    f"{what}: takes {words(needed)} of disk; {words(free)} are free in {folder} (TMPDIR names another)"
+                )
+            self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (closed with the context)
+
+    def __enter__(self) -> RowsOnDisk:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        with suppress(OSError):  # of a full disk, which was told
+            self._file.close()
+
+    def append(self, rows: np.ndarray) -> None:
+        """Append rows (N, …).
+
+        Raises:
+            OutputError: the disk is full.
+        """
+        with writing(self._folder):
+            self._file.write(np.ascontiguousarray(rows, np.float32).data)
+        self._count += len(rows)
+
+    def array(self) -> np.ndarray:
+        """All rows so far, (T, …), not to be written to."""
+        with writing(self._folder):
+            self._file.flush()
+        shape = self._count, *self._shape
+        if 0 in shape:  # nothing can be mapped
+            return np.zeros(shape, np.float32)
+        return StoredRows(self._file, np.float32, "r", shape=shape)
+
+
+def extremes(rows: np.ndarray) -> tuple[float, float]:
+    """Lowest and highest number, 0 among them."""
+    lowest = min((float(row.min(initial=0.0)) for row in rows), default=0.0)
+    return lowest, max((float(row.max(initial=0.0)) for row in rows), default=0.0)
