@@ -23,7 +23,6 @@ from usvauv.cli.commands import (
     simulate,
     sweep,
     train,
-    train_boat,
     train_targets,
 )
 
@@ -40,7 +39,6 @@ app.command("replay")(replay.replay)
 app.command("live")(live.live)
 app.command("train")(train.train)
 app.command("train-targets")(train_targets.train_targets)
-app.command("train-boat")(train_boat.train_boat)
 app.command("eval")(evaluate.evaluate)
 app.command("export")(export.export)
 app.command("sweep")(sweep.sweep)

@@ -5,7 +5,7 @@ Each boat minds the AUVs that it serves; one that serves none stays where it is.
 
 import taichi as ti
 
-from usvauv.kernels.mission import belief_planner, learned_visits, serving
+from usvauv.kernels.mission import belief_planner, serving
 from usvauv.kernels.mission.columns import BoatColumn, Parameter
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import global_search, objectives, receding_horizon
@@ -159,9 +159,6 @@ CENTROID = Strategy(start=centroid, goal=centroid)
 AGENT = Strategy(start=begin_foresight, goal=agent, foresees=True)
 VISIT = Strategy(start=begin_foresight, goal=visit, foresees=True)
 BELIEF = Strategy(start=begin_foresight, goal=belief, foresees=True)
-LEARNED = Strategy(
-    start=begin_foresight, goal=learned_visits.learned, foresees=True, workspace=learned_visits.workspace
-)
 FIM = Strategy(start=fim, goal=fim)
 FIM_GREEDY = Strategy(start=fim_anywhere, goal=fim_greedy)
 FIM_HORIZON = Strategy(start=fim, goal=fim_horizon)

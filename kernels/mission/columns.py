@@ -299,4 +299,3 @@ class Draw(Columns):
     gnss: int
     navigation: int
     residual: int
-    visit: int

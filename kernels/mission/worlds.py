@@ -10,11 +10,6 @@ from usvauv.kernels.mission.columns import KeyColumn
 from usvauv.kernels.mission.tasks.task import Task
 
 
-def no_workspace(num_auvs: int, num_boats: int) -> int:
-    """No numbers of its own."""
-    return 0
-
-
 class Strategy(NamedTuple):
     """Taichi functions of a boat strategy.
 
@@ -22,14 +17,11 @@ class Strategy(NamedTuple):
         start: (worlds, w, b) → vec2, where boat b begins, m; the AUVs' estimated positions are then the true ones.
         goal: (worlds, w, b) → vec2, where it should be next, m.
         foresees: it foresees the AUVs' ways, see `usvauv.kernels.mission.belief_planner`.
-        workspace: (number of AUVs, of boats) → how many numbers of its own it needs in each world,
-            `worlds.boat_workspace[w, :]`; what is in them is lost between two calls.
     """
 
     start: Callable[..., Any]
     goal: Callable[..., Any]
     foresees: bool = False
-    workspace: Callable[[int, int], int] = no_workspace
 
 
 class Program(NamedTuple):
@@ -106,7 +98,6 @@ class Worlds(NamedTuple):
         foresight: (W, K, F) `ForesightColumn`, where the boat's strategy foresees the AUVs.
         belief: (W, 1 or K, M, C) `BeliefColumn`.
         workspace: (W, ≥ 1) numbers that the target rule needs while it chooses.
-        boat_workspace: (W, ≥ 1) the same of the boat strategy.
         pulse_noise: (W, columns, 8) noise of one coded pulse, where it is sampled.
         observation: (W, K, O).
         reward_terms: (W, K, R) weighted.
@@ -141,7 +132,6 @@ class Worlds(NamedTuple):
     foresight: Any
     belief: Any
     workspace: Any
-    boat_workspace: Any
     pulse_noise: Any
     observation: Any
     reward_terms: Any

@@ -1,17 +1,41 @@
-"""Training of the target rule `learned`: a decision earns the data of the service that it leads to.
+"""Decisions of the target rule `learned` in an episode: each earns the data of the service that it leads to.
 
 Counted when they are delivered, they would come after decisions of other AUVs that have no part in them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import torch
+from torch import Tensor
 
 from usvauv.env.world.world import World
-from usvauv.kernels.mission.candidate_scores import Decision
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.target_rules import learned
-from usvauv.policies.decisions.trainer import Act, DecisionConfig, Decisions, Learner
+from usvauv.kernels.mission.target_rules.learned import Decision
+
+Act = Callable[[Tensor], Tensor]
+
+
+@dataclass
+class Decisions:
+    """D decisions, in the order of their worlds and times.
+
+    Attributes:
+        seen: (D, ·) as the worlds left them, see `usvauv.kernels.mission.target_rules.learned`.
+        world: (D,) of each.
+        time: (D,) s.
+        earned: (D,) Mbit, as they count at the time of the decision.
+        total: (W,) data delivered in the episode, Mbit.
+    """
+
+    seen: Tensor
+    world: Tensor
+    time: Tensor
+    earned: Tensor
+    total: Tensor
 
 
 def collect(world: World, act: Act, horizon: float) -> Decisions:
@@ -42,13 +66,3 @@ def collect(world: World, act: Act, horizon: float) -> Decisions:
     order = worlds.argsort(stable=True)
     order = order[time[order] < world.steps * world.scenario.mission.step]  # those after the last step come to nothing
     return Decisions(seen[order], worlds[order], time[order], earned[order], delivered)
-
-
-NODES = Learner(
-    form=learned.NETWORK,
-    argument="targets",
-    numbers=lambda world: world.rule_numbers,
-    before=(learned.HORIZON,),
-    collect=collect,
-    settings=DecisionConfig(),
-)

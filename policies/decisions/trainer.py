@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -21,15 +21,14 @@ from torch import Tensor, nn
 from usvauv.env import Scenario
 from usvauv.env.storage.files import atomic_write
 from usvauv.env.world.world import World
-from usvauv.kernels.mission.candidate_scores import UNTRAINED, Network
+from usvauv.kernels.mission.target_rules.learned import HORIZON, UNTRAINED
 from usvauv.policies.decisions.network import TYPICAL, Scores, Value, split
+from usvauv.policies.decisions.nodes import Decisions, collect
 from usvauv.policies.loading import acting, check
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET, figures_of_merit
 
 EVALUATE_EVERY = 10  # iterations
 EVALUATION_EPISODES = 128  # with few of them the best of many evaluations is the luckiest
-
-Act = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)
@@ -59,47 +58,6 @@ class DecisionConfig:
     batch: int = 2048
     clip: float = 0.2
     entropy: float = 0.01
-
-
-@dataclass
-class Decisions:
-    """D decisions, in the order of their worlds and times.
-
-    Attributes:
-        seen: (D, ·) as the worlds left them, see `usvauv.kernels.mission.candidate_scores`.
-        world: (D,) of each.
-        time: (D,) s.
-        earned: (D,) Mbit, as they count at the time of the decision.
-        total: (W,) data delivered in the episode, Mbit.
-    """
-
-    seen: Tensor
-    world: Tensor
-    time: Tensor
-    earned: Tensor
-    total: Tensor
-
-
-@dataclass(frozen=True)
-class Learner:
-    """What learns to decide.
-
-    Attributes:
-        form: of its network.
-        argument: of `World` that names it, "usv" or "targets".
-        numbers: (world) → the array in which the kernel finds its numbers.
-        before: those before `explore` and the weights.
-        collect: (world, act, horizon) → the decisions of the world's next episode and what they earned, counted
-            exp(−t/horizon) t later.
-        settings: that suit it.
-    """
-
-    form: Network
-    argument: str
-    numbers: Callable[[World], Tensor]
-    before: tuple[float, ...]
-    collect: Callable[[World, Act, float], Decisions]
-    settings: DecisionConfig
 
 
 def advantages(decisions: Decisions, value: Tensor, config: DecisionConfig) -> Tensor:
@@ -133,7 +91,7 @@ class Progress:
 
 
 class DecisionTrainer:
-    """Learns to decide in a scenario.
+    """Learns a target rule in a scenario.
 
     Attributes:
         scores: the network.
@@ -143,39 +101,34 @@ class DecisionTrainer:
 
     def __init__(
         self,
-        learner: Learner,
         scenario: Scenario,
         steering: str,
         config: DecisionConfig,
         usv: str | None = "centroid",
-        targets: str | None = None,
         arch: str = "auto",
     ) -> None:
         """Begin with the scores before training.
 
         Args:
-            learner: what learns.
             scenario: any of the task data-collection.
             steering: policy of the AUVs, as `policies.load` takes it.
-            config, usv, targets, arch: settings, boat, target rule and architecture; what learns takes the place of
-                boat or target rule.
+            config, usv, arch: settings, boat and architecture.
 
         Raises:
             PolicyError: as `policies.load`, before there is a world.
         """
 
         def worlds(count: int, seed: int, name: str = f"learned:{UNTRAINED}") -> World:
-            chosen = {"usv": usv, "targets": targets, learner.argument: name}
-            return World(scenario, count, seed, chosen["usv"], chosen["targets"], arch=arch)
+            return World(scenario, count, seed, usv, name, arch=arch)
 
         check(steering, scenario)  # before kernels are compiled
         self.world = worlds(config.worlds, config.seed)
         self._evaluated_in = partial(worlds, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET)
         self._evaluation = self._evaluated_in()
-        self._learner, self.config, self._steering, self._act = learner, config, steering, acting(steering, self.world)
+        self.config, self._steering, self._act = config, steering, acting(steering, self.world)
         torch.manual_seed(config.seed)
         device = self.world.device
-        self.scores, self._value = Scores(learner.form).to(device), Value(learner.form.features).to(device)
+        self.scores, self._value = Scores().to(device), Value().to(device)
         self._adam = torch.optim.Adam([*self.scores.parameters(), *self._value.parameters()], config.learning_rate)
         self.iteration, self.best = 0, -math.inf
 
@@ -199,12 +152,12 @@ class DecisionTrainer:
         return figures_of_merit(self._evaluation, self._steering)["delivered_mbit"]
 
     def evaluate_other(self, name: str) -> float:
-        """The same of another target rule or boat strategy, Mbit."""
+        """The same of another target rule, Mbit."""
         return figures_of_merit(self._evaluated_in(name), self._steering)["delivered_mbit"]
 
     def _set_numbers(self, world: World, explore: bool) -> None:
-        numbers = self._learner.numbers(world)
-        numbers[:] = numbers.new_tensor([*self._learner.before, float(explore), *self.scores.weights()])
+        numbers = world.rule_numbers
+        numbers[:] = numbers.new_tensor([HORIZON, float(explore), *self.scores.weights()])
 
     def iterate(self) -> float:
         """Collect one episode of all worlds and learn from it; returns its mean data, Mbit."""
@@ -213,7 +166,7 @@ class DecisionTrainer:
         for group in self._adam.param_groups:
             group["lr"] = config.learning_rate * max(1 - done, 0.05)
         self._set_numbers(self.world, explore=True)
-        decisions = self._learner.collect(self.world, self._act, config.horizon)
+        decisions = collect(self.world, self._act, config.horizon)
         self.learn(decisions, entropy=config.entropy * (1 - done))
         self.iteration += 1
         return decisions.total.mean().item()
@@ -221,7 +174,7 @@ class DecisionTrainer:
     def learn(self, decisions: Decisions, entropy: float) -> None:
         """Improve the scores by decisions that they have drawn; `entropy` is the weight of their entropy."""
         config = self.config
-        features, free, chosen = split(decisions.seen, self._learner.form.features)
+        features, free, chosen = split(decisions.seen)
         batches = torch.arange(len(chosen)).split(config.batch)
         with torch.no_grad():
             value = torch.cat([self._value(features[part]) for part in batches])

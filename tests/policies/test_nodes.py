@@ -18,9 +18,10 @@ from usvauv.env import Scenario, World
 from usvauv.kernels.interruption import Interrupted
 from usvauv.kernels.mission.target_rules import learned, parse
 from usvauv.kernels.mission.target_rules.learned import FEATURES, Feature
-from usvauv.policies.decisions import NODES, DecisionConfig, DecisionTrainer
+from usvauv.policies.decisions import DecisionConfig, DecisionTrainer
 from usvauv.policies.decisions.network import Scores, split
-from usvauv.policies.decisions.trainer import Decisions, advantages
+from usvauv.policies.decisions.nodes import Decisions, collect
+from usvauv.policies.decisions.trainer import advantages
 
 SMALL = (*EVERY_STEP, "auv.count=3", "nodes.count=12", "nodes.arrival_rates=[1,30]", "nodes.information=visits")
 
@@ -33,8 +34,8 @@ def worlds(count, *changes):
 
 def network(seed):
     generator = torch.Generator().manual_seed(seed)
-    scores = Scores(learned.NETWORK)
-    scores.load((0.3 * torch.randn(learned.NETWORK.weights, generator=generator)).tolist())
+    scores = Scores()
+    scores.load((0.3 * torch.randn(learned.NUM_WEIGHTS, generator=generator)).tolist())
     return scores
 
 
@@ -42,14 +43,14 @@ class TestCollect:
     def test_all_data_are_earned(self):
         """With no discount the decisions of a world earn what it delivers."""
         world, act = worlds(6, "mission.duration=300")
-        decisions = NODES.collect(world, act, 1e12)
+        decisions = collect(world, act, 1e12)
         earned = torch.zeros(6).index_add(0, decisions.world, decisions.earned)
         assert earned.tolist() == pytest.approx(decisions.total.tolist(), rel=1e-5)
         assert decisions.total.min() > 1
 
     def test_in_order(self):
         world, act = worlds(6, "mission.duration=300")
-        decisions = NODES.collect(world, act, 100.0)
+        decisions = collect(world, act, 100.0)
         for w in range(6):
             times = decisions.time[decisions.world == w]
             assert times[:3].tolist() == [0, 0, 0]
@@ -60,7 +61,7 @@ class TestCollect:
     def test_discount(self):
         """A service counts exp(−t/T) less, t from the decision to its end."""
         world, act = worlds(1, "mission.duration=200", "auv.count=1")
-        plain, discounted = (NODES.collect(world, act, horizon) for horizon in (1e12, 50.0) if not world.rewind())
+        plain, discounted = (collect(world, act, horizon) for horizon in (1e12, 50.0) if not world.rewind())
         lasts = plain.time.diff()
         assert plain.time.tolist() == discounted.time.tolist()
         assert len(lasts) > 3
@@ -103,22 +104,22 @@ class TestNetwork:
         world, act = worlds(16, "mission.duration=200")
         world.rule_numbers[learned.EXPLORE] = 0.0
         world.rule_numbers[learned.WEIGHTS :] = torch.tensor(scores.weights())
-        features, free, chosen = split(NODES.collect(world, act, 100.0).seen, FEATURES)
+        features, free, chosen = split(collect(world, act, 100.0).seen)
         best = scores(features, free).topk(2).values
         clear = best[:, 0] - best[:, 1] > 1e-3
         assert clear.sum() > 100
         assert torch.equal(scores(features, free).argmax(-1)[clear], chosen[clear])
 
     def test_weights_come_back(self):
-        one, other = network(seed=1), Scores(learned.NETWORK)
+        one, other = network(seed=1), Scores()
         other.load(one.weights())
         assert other.weights() == one.weights()
-        assert len(one.weights()) == learned.NETWORK.weights
+        assert len(one.weights()) == learned.NUM_WEIGHTS
 
 
 def trained(folder, seed, iterations=2):
     scenario = Scenario.load("ideal", [*SMALL, "mission.duration=150"])
-    trainer = DecisionTrainer(NODES, scenario, "straight", DecisionConfig(iterations, 8, seed))
+    trainer = DecisionTrainer(scenario, "straight", DecisionConfig(iterations, 8, seed))
     rows = list(trainer.train(folder / f"{seed}.json", {"scenario": "ideal"}))
     return trainer, rows, json.loads((folder / f"{seed}.json").read_text())
 
@@ -144,7 +145,7 @@ def test_evaluation_is_that_of_the_rule(tmp_path):
 def test_learns_what_pays():
     """Of six nodes with features drawn at random, one decision a world; it earns the travel time of its node."""
     trainer = DecisionTrainer(
-        NODES, Scenario.load("ideal", [*SMALL]), "straight", DecisionConfig(worlds=2, learning_rate=1e-2)
+        Scenario.load("ideal", [*SMALL]), "straight", DecisionConfig(worlds=2, learning_rate=1e-2)
     )
     generator = torch.Generator().manual_seed(2)
 
@@ -169,7 +170,7 @@ def test_learns_what_pays():
 
 @pytest.mark.slow
 def test_learns_in_survey():
-    trainer = DecisionTrainer(NODES, Scenario.load("survey"), "clear", DecisionConfig(10, 64))
+    trainer = DecisionTrainer(Scenario.load("survey"), "clear", DecisionConfig(10, 64))
     before = trainer.evaluate()
     for _ in range(10):
         trainer.iterate()
@@ -246,5 +247,5 @@ class TestCommand:
         stdout, stderr = run.communicate(timeout=60)
         assert run.returncode == 130, stderr
         assert "Mbit in targets.json" in stdout
-        assert len(parse(f"learned:{tmp_path / 'targets.json'}")[1]) == learned.WEIGHTS + learned.NETWORK.weights
+        assert len(parse(f"learned:{tmp_path / 'targets.json'}")[1]) == learned.WEIGHTS + learned.NUM_WEIGHTS
         assert [path.name for path in tmp_path.iterdir()] == ["targets.json"]

@@ -54,10 +54,6 @@ COMMANDS = {
         *("train-targets", "ideal", "--policy", "straight", "--iterations", "20", "--worlds", "4", "--set"),
         *("mission.duration=30", "--out", "a.json"),
     ],
-    "train-boat": [
-        *("train-boat", "wide", "--policy", "straight", "--iterations", "20", "--worlds", "4", "--set"),
-        *("mission.duration=30", "--out", "a.json"),
-    ],
     "eval": [
         *("eval", "ideal", "--policy", "straight", "--episodes", "3", "--set", "mission.duration=30", "--out", "a.csv")
     ],

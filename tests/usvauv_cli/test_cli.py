@@ -38,7 +38,7 @@ def usvauv(*arguments: object, cwd: Path, code: int = 0) -> subprocess.Completed
 def test_help_names_every_command(tmp_path):
     text = usvauv("--help", cwd=tmp_path).stdout
     assert all(command in text for command in ("simulate", "sea", "train", "eval", "reproduce", "plan", "scenarios"))
-    for command in ("simulate", "sea", "train", "train-targets", "train-boat", "eval", "reproduce", "plan"):
+    for command in ("simulate", "sea", "train", "train-targets", "eval", "reproduce", "plan"):
         assert "Example" in usvauv(command, "--help", cwd=tmp_path).stdout
 
 
@@ -392,7 +392,6 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, run_usvauv, arguments, 
         ("sea --out a.gif", "allowed endings are .mp4, .nc, .png, .pdf, .svg"),
         ("export sac-ideal --onnx a.pt", "the ending must be .onnx"),
         ("train-targets --out a.pt", "the ending must be .json"),
-        ("train-boat --out a.toml", "the ending must be .json"),
         ("simulate --trace a.csv", "the ending must be .nc"),
     ],
 )

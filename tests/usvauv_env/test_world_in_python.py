@@ -359,7 +359,7 @@ class TestWords:
         changes = ("usbl.model=waveform", "auv.count=3", "boat.count=2", "nodes.target_rule=rollout:90")
         world = make(*changes, *RECKONS, num_worlds=5, usv="belief")
         ((room, words),) = asked
-        held = (world._constants[name] for name in ("workspace", "boat_workspace", "pulse_noise"))
+        held = (world._constants[name] for name in ("workspace", "pulse_noise"))
         assert room == 4 * (module.WORKSPACE * world._numbers.numel() + sum(part.numel() for part in held))
         assert world._constants["pulse_noise"].shape == (5, 6, 8)
         assert words == "num_worlds = 5 of 3 AUVs"
@@ -374,8 +374,6 @@ class TestWords:
         first = [place.start for _, place in world.observation_layout]
         assert world._constants["observation_first"].tolist() == first
         assert world._constants["key"].tolist() == [[3, 0, 0], [3, 0, 1]]
-        assert world._constants["strategy_arguments"].tolist() == [0.0]
-        assert make(usv="hold:5,7").strategy_arguments.tolist() == [5, 7]
 
     def test_elevation_is_that_of_long_waves_and_storm(self):
         world = make(*WAVES, "sea.realisations=2", num_worlds=3)

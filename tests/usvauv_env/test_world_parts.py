@@ -237,7 +237,7 @@ class TestStrategies:
     @pytest.mark.parametrize(
         ("text", "changes", "said"),
         [
-            ("fim:3", (), "usv: 'fim:3': allowed are fim, .*learned:FILE, hold:X,Y"),
+            ("fim:3", (), "usv: 'fim:3': allowed are fim, .*belief, agent, hold:X,Y"),
             ("hold", (), "expected hold:X,Y, for example hold:100,100$"),
             ("hold:1,inf", (), "expected hold:X,Y"),
             ("hold:200,201", (), r"point must lie in the area \[0, 300\] × \[0, 200\]"),

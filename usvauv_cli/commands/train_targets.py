@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from usvauv.cli.commands.decisions import learn
+from usvauv.cli import tables
 from usvauv.cli.commands.options import (
     Arch,
     Overrides,
@@ -19,6 +21,10 @@ from usvauv.cli.commands.options import (
     at_least,
     writable,
 )
+from usvauv.kernels.interruption import Interrupted
+
+if TYPE_CHECKING:
+    from usvauv.policies.decisions import DecisionTrainer
 
 BASELINES = ("tour", "rollout:40", "rollout:90")
 
@@ -50,7 +56,7 @@ def train_targets(
     """
     from usvauv import policies
     from usvauv.env import Scenario
-    from usvauv.policies.decisions import NODES, DecisionTrainer
+    from usvauv.policies.decisions import DecisionConfig, DecisionTrainer
     from usvauv.policies.training.provenance import provenance
 
     at_least("--iterations", iterations, 1)
@@ -58,7 +64,28 @@ def train_targets(
     writable(out, "--out", (".json",))
     setting = Scenario.load(scenario, overrides or ())
     steering = policy or policies.default(setting)
-    config = replace(NODES.settings, iterations=iterations, worlds=worlds, seed=seed)
-    trainer = DecisionTrainer(NODES, setting, steering, config, usv, arch=arch)
+    config = DecisionConfig(iterations=iterations, worlds=worlds, seed=seed)
+    trainer = DecisionTrainer(setting, steering, config, usv, arch=arch)
     about = {"scenario": setting.name, "information": setting.nodes.information, "policy": steering, **provenance({})}
-    learn(trainer, BASELINES, out, about)
+    _learn(trainer, BASELINES, out, about)
+
+
+def _learn(trainer: DecisionTrainer, baselines: Sequence[str], out: Path, about: dict[str, Any]) -> None:
+    """Train, with a line for each evaluation beside baselines in the same worlds; Ctrl-C keeps the best weights."""
+    iterations = trainer.config.iterations
+    against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in baselines)
+    typer.echo(tables.wrapped(f"evaluation, Mbit: {against}", 2))
+    begun = time.monotonic()
+    try:
+        for result in trainer.train(out, about):
+            typer.echo(
+                f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit drawn,"
+                f" evaluation {result.evaluated:.1f}, best {trainer.best:.1f};"
+                f" {(time.monotonic() - begun) * (iterations / result.iteration - 1):.0f} s left"
+            )
+    except Interrupted:
+        typer.echo(f"stopped after {trainer.iteration} of {iterations} iterations")
+        if math.isfinite(trainer.best):
+            typer.echo(f"best {trainer.best:.1f} Mbit in {out}")
+        raise
+    typer.echo(tables.wrapped(f"best {trainer.best:.1f} Mbit ({against}) in {out}", 2))

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site.positions import SIDED, position
 from usvauv.kernels.mission import boat_strategies as kernel
-from usvauv.kernels.mission import learned_visits
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import receding_horizon
 from usvauv.kernels.registry import Registry
@@ -31,14 +30,12 @@ class BoatStrategy:
             `worlds.strategy_arguments`. X and Y, m, can be given as latitude and longitude, see `site.positions`.
         refuse: (scenario, numbers) → why they cannot be used together, or an empty text.
         repeats: the numbers can also be given for each boat, one boat after the other.
-        read: for a strategy whose numbers are in a file: what follows the name → the numbers; raises ValueError.
     """
 
     functions: Strategy
     arguments: tuple[str, ...] = ()
     refuse: Callable[[Scenario, Sequence[float]], str] = _no_check
     repeats: bool = False
-    read: Callable[[str], tuple[float, ...]] | None = None
 
 
 boat_strategies: Registry[BoatStrategy] = Registry("usv", ScenarioError, BoatStrategy)
@@ -69,7 +66,7 @@ class StrategyChoice:
         field = "boat.strategy" if given is None else "usv"
         name, colon, _ = text.partition(":")
         strategy = boat_strategies.get(name)
-        if strategy is None or (colon and not strategy.arguments and strategy.read is None):
+        if strategy is None or (colon and not strategy.arguments):
             raise ScenarioError(f"{field}: {text!r}: allowed are {', '.join(map(_usage, boat_strategies))}")
         numbers = _numbers_of(field, text, scenario)
         with boat_strategies.calling(name):
@@ -78,8 +75,6 @@ class StrategyChoice:
             raise boat_strategies.refuse(name, problem, "a text, empty where nothing is wrong")
         if problem:
             raise ScenarioError(f"{field}: {text!r}{problem}")
-        if strategy.read is not None:
-            return cls(text, strategy, numbers)
         shown = f"{name}:{','.join(f'{number:g}' for number in numbers)}" if numbers else name
         return cls(shown, strategy, numbers)
 
@@ -88,11 +83,6 @@ def _numbers_of(field: str, text: str, scenario: Scenario) -> tuple[float, ...]:
     """The numbers of a strategy that was given by a name that is known."""
     name, _, rest = text.partition(":")
     strategy = boat_strategies[name]
-    if strategy.read is not None:
-        try:
-            return strategy.read(rest)
-        except ValueError as error:
-            raise ScenarioError(f"{field}: {error}") from None
     parts = rest.split(",")
     if strategy.arguments == ("X", "Y") and any(map(SIDED.search, parts)):  # points in degrees
         points = (",".join(parts[first : first + 2]) for first in range(0, len(parts), 2))
@@ -111,8 +101,6 @@ def _numbers_of(field: str, text: str, scenario: Scenario) -> tuple[float, ...]:
 
 
 def _usage(name: str) -> str:
-    if boat_strategies[name].read is not None:
-        return f"{name}:FILE"
     arguments = boat_strategies[name].arguments
     return f"{name}:{','.join(arguments)}" if arguments else name
 
@@ -150,7 +138,4 @@ boat_strategies.register("visit", BoatStrategy(kernel.VISIT, refuse=_needs_recko
 boat_strategies.register("belief", BoatStrategy(kernel.BELIEF, refuse=_needs_reckoning))
 # Where its actions lead, see `World.step`.
 boat_strategies.register(AGENT, BoatStrategy(kernel.AGENT, refuse=_needs_reckoning))
-boat_strategies.register(  # where a network says that trained in such missions
-    "learned", BoatStrategy(kernel.LEARNED, refuse=_needs_reckoning, read=learned_visits.read_weights)
-)
 boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area, repeats=True))  # points of the area, m

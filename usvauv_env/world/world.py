@@ -70,7 +70,7 @@ class World:
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1, or one for each world; then as many seas are solved as seeds differ.
         usv: strategy of the boats, in place of the scenario's `boat.strategy`: "fim", "fim-greedy", "fim-horizon",
-            "visit", "belief", "learned:FILE", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid",
+            "visit", "belief", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid",
             "agent" (see `step`) or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch. Only
@@ -115,7 +115,6 @@ class World:
         self.num_auvs = scenario.auv.count
         self.seeds = seeds
         self.strategy = StrategyChoice.parse(usv, scenario)
-        self._boat_workspace = max(1, self.strategy.strategy.functions.workspace(self.num_auvs, scenario.boat.count))
         self.reward_names = scenario.task_definition.reward_names
         self.steps = scenario.mission.steps
         self.observation_layout = ObservationLayout.of(scenario)
@@ -132,7 +131,7 @@ class World:
         if scenario.heeds_pulses:
             self._pulses = tables.pulse_tables(scenario, self.device)
         drawn = 8 * self._pulses.noise.shape[2]  # noise of a pulse
-        workspaces = tables.rule_workspace(scenario) + self._boat_workspace + drawn
+        workspaces = tables.rule_workspace(scenario) + drawn
         memory = 4.0 * (WORKSPACE * sum(map(arrays.room, shapes.values())) + num_worlds * workspaces)
         require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
         self._numbers, views = arrays.side_by_side(shapes, self.device)
@@ -192,16 +191,6 @@ class World:
     def rule_workspace(self) -> torch.Tensor:
         """What the target rule has left in its workspace, (W, ≥ 1)."""
         return self._constants["workspace"]
-
-    @property
-    def strategy_arguments(self) -> torch.Tensor:
-        """Numbers of the boat strategy, (≥ 1,); what is written there holds from the next step on."""
-        return self._constants["strategy_arguments"]
-
-    @property
-    def boat_workspace(self) -> torch.Tensor:
-        """What the boat strategy has left in its workspace, (W, ≥ 1)."""
-        return self._constants["boat_workspace"]
 
     def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
         """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation."""
@@ -472,7 +461,6 @@ class World:
                 constant_range=runtime.constant_range(self.num_worlds),
             ),
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(scenario)),
-            "boat_workspace": self._zeros(self.num_worlds, self._boat_workspace),
             "pulse_envelope": self._pulses.envelope,
             "pulse_output": self._pulses.noise,
             "pulse_rate": self._pulses.rate,

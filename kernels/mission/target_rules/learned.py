@@ -1,15 +1,22 @@
 """A learned rule: a small network corrects what `rollout` expects of each of its candidates.
 
-The network is that of `usvauv.kernels.mission.candidate_scores`; its first feature is what comes in by `rollout` if the
-AUV goes to the node next, less the same of the best candidate, in buffers. Weights come from a file that
-`usvauv train-targets` writes (`policies/decisions`).
+    score_i = g f_i0 + w₂ · max(0, W₁ f_i + b₁)
+
+f_i are the features of candidate i. The first, f_i0, is what comes in by `rollout` if the AUV goes to node i next, less
+the same of the best candidate, in buffers: without training, the rule chooses by it alone. Features of the other nodes
+are sums, so that the network serves any number of them. While it learns, a candidate is drawn by exp(score).
+
+`rule_numbers` are T of the rollouts, `EXPLORE`, whether candidates are drawn, and the weights g, W₁, b₁ and w₂, from a
+file that `usvauv train-targets` writes (`policies/decisions`). Each AUV's last decision stays in the workspace:
+`Decision`, and for each node its features and whether it was a candidate.
 """
+
+import json
+from pathlib import Path
 
 import taichi as ti
 import torch
 
-from usvauv.kernels.mission import candidate_scores
-from usvauv.kernels.mission.candidate_scores import HEAD, Decision, Network
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -22,12 +29,18 @@ from usvauv.kernels.mission.columns import (
 from usvauv.kernels.mission.target_rules import knowledge, rollout
 from usvauv.kernels.mission.target_rules.rule import TargetRule
 from usvauv.kernels.mission.target_rules.value import distance, travel_time
+from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.types import Columns, vec2
 
 HORIZON = 40.0  # T of the rollouts, s
 NEIGHBOURHOOD = 50.0  # m
 TIME = 100.0  # s, the unit of times
 FAR = 3.0  # times, beyond which all are alike
+UNTRAINED = "untrained"  # in place of a file
+GAIN = 60.0  # g before training; with less, what is drawn while it learns is far worse than the best
+HIDDEN = 32
+LARGEST_WEIGHT = 1e3
+LARGEST_FILE = 1_000_000  # bytes
 
 
 class Feature(Columns):
@@ -49,14 +62,53 @@ class Feature(Columns):
     end: int  # exp(−time left)
 
 
+class Decision(Columns):
+    """The head of a decision; the features of each node, and whether it was a candidate, follow."""
+
+    made: int  # 1; whoever reads it makes it 0
+    chosen: int
+
+
 FEATURES = len(Feature.names)
-NETWORK = Network(FEATURES, Feature.future, 60.0, "rule", "train-targets")
+HEAD = len(Decision.names)
+NUM_WEIGHTS = 1 + HIDDEN * (FEATURES + 2)
 EXPLORE, WEIGHTS = 1, 2  # places in `rule_numbers` after T
 
 
 def read_weights(text: str) -> tuple[float, ...]:
-    """`rule_numbers` for the weights of a JSON file, or for those before training; raises ValueError."""
-    return (HORIZON, 0.0, *NETWORK.read(text))
+    """`rule_numbers` for the weights of a JSON file, or for those before training.
+
+    Raises:
+        ValueError: there is no such file, or it does not hold the numbers of this network.
+    """
+    weights: list[float] = []
+    if text == UNTRAINED:
+        weights = [GAIN, *(NUM_WEIGHTS - 1) * [0.0]]
+    else:
+        path = Path(text)
+        try:
+            if path.is_file() and path.stat().st_size <= LARGEST_FILE:  # a device may never end
+                weights = [float(weight) for weight in json.loads(path.read_text())["weights"]]
+        except (OSError, ValueError, TypeError, KeyError, ArithmeticError, RecursionError):
+            weights = []
+    if len(weights) != NUM_WEIGHTS or not all(abs(weight) <= LARGEST_WEIGHT for weight in weights):
+        raise ValueError(f"learned:{text}: no weights of a learned rule; expected a file of `usvauv train-targets`")
+    return (HORIZON, 0.0, *weights)
+
+
+@ti.func
+def score(worlds: ti.template(), w, place):
+    """The network's score of the candidate whose features begin at `place` in the workspace."""
+    numbers = ti.static(worlds.rule_numbers)
+    seen = ti.static(worlds.workspace)
+    total = numbers[WEIGHTS] * seen[w, place + Feature.future]
+    for h in range(HIDDEN):
+        row = WEIGHTS + 1 + h * (FEATURES + 2)
+        hidden = numbers[row + FEATURES]
+        for f in ti.static(range(FEATURES)):
+            hidden += numbers[row + f] * seen[w, place + f]
+        total += numbers[row + FEATURES + 1] * ti.max(hidden, 0.0)
+    return total
 
 
 @ti.func
@@ -182,11 +234,10 @@ def learned(worlds: ti.template(), w, k):
     most = -1e30
     for i in range(node.shape[1]):
         if worlds.workspace[w, place(worlds, k, i, FEATURES)] > 0.0:
-            value = candidate_scores.score(
-                NETWORK, worlds.rule_numbers, WEIGHTS, worlds.workspace, w, place(worlds, k, i, 0)
-            )
+            value = score(worlds, w, place(worlds, k, i, 0))
             if worlds.rule_numbers[EXPLORE] > 0.0:
-                value += candidate_scores.gumbel(worlds, w, Draw.decision, k * node.shape[1] + i)
+                u = uniforms(worlds, w, Draw.decision, k * node.shape[1] + i)
+                value -= ti.log(-ti.log(u[0]))
             if value > most:
                 best = i
                 most = value
@@ -205,7 +256,7 @@ def decisions(workspace: torch.Tensor, num_nodes: int, num_auvs: int) -> torch.T
 
 def workspace(num_nodes: int, num_auvs: int) -> int:
     """The numbers of the rollouts, and the decisions of all AUVs."""
-    return rollout.workspace(num_nodes, num_auvs) + num_auvs * NETWORK.decision(num_nodes)
+    return rollout.workspace(num_nodes, num_auvs) + num_auvs * (HEAD + num_nodes * (FEATURES + 1))
 
 
 LEARNED = TargetRule(learned, workspace=workspace, read=read_weights)

@@ -54,7 +54,6 @@ class Stub(NamedTuple):
     foresight: Any
     belief: Any
     workspace: Any
-    boat_workspace: Any
     reward_terms: Any
     reward: Any
     observation: Any
@@ -98,7 +97,6 @@ class StubWorlds:
             "foresight": (worlds, auvs, len(ForesightColumn.names)),
             "belief": (worlds, 1, nodes, len(BeliefColumn.names)),
             "workspace": (worlds, 1),
-            "boat_workspace": (worlds, 1),
             "reward_terms": (worlds, auvs, 9),
             "reward": (worlds, auvs),
             "observation": (worlds, auvs, 40),
@@ -131,17 +129,17 @@ class StubWorlds:
         def run(p: array1, link: array2, layers: array2, arrivals: array2, strategy_arguments: array1,
                 rule_numbers: array1, reward_weights: array1, key: index2, clock: index2, auv: array3, node: array3,
                 boat: array3, tally: array2, estimate: array3, track: array3, own: array3, exchange: array3,
-                foresight: array3, belief: array4, workspace: array2, boat_workspace: array2, reward_terms: array3,
+                foresight: array3, belief: array4, workspace: array2, reward_terms: array3,
                 reward: array2, observation: array3, bed: array4):  # fmt: skip
             worlds = ti.static(
                 Stub(program, p, link, layers, arrivals, strategy_arguments, rule_numbers, reward_weights, key, clock,
                      auv, node, boat, tally, estimate, track, own, exchange, foresight, belief, workspace,
-                     boat_workspace, reward_terms, reward, observation, StubWater(bed))
+                     reward_terms, reward, observation, StubWater(bed))
             )  # fmt: skip
             for w in range(clock.shape[0]):
                 function(worlds, w)
                 if ti.static(copied):  # at a launch only what a kernel reads is sent, and all that it writes is fetched
-                    read = tally[w, 0] + workspace[w, 0] + boat_workspace[w, 0] + reward[w, 0] + belief[w, 0, 0, 0]
+                    read = tally[w, 0] + workspace[w, 0] + reward[w, 0] + belief[w, 0, 0, 0]
                     read += auv[w, 0, 0] + node[w, 0, 0] + boat[w, 0, 0] + estimate[w, 0, 0] + track[w, 0, 0]
                     read += own[w, 0, 0] + exchange[w, 0, 0] + foresight[w, 0, 0] + reward_terms[w, 0, 0]
                     if read + observation[w, 0, 0] > 1e38:

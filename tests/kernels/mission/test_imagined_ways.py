@@ -4,7 +4,6 @@ The worlds are no mission's: arrays of random numbers with what the functions re
 replies are `expected_reply.reply`'s, which `test_expected_reply` holds against the acoustics.
 """
 
-import math
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -13,9 +12,8 @@ import pytest
 import taichi as ti
 import torch
 
-from usvauv.kernels.mission import belief_planner, expected_reply, learned_visits
+from usvauv.kernels.mission import belief_planner, expected_reply
 from usvauv.kernels.mission.belief_planner import INTERVAL, LEARNED, MARGIN, NOBODY, STEPS, STRAYING, SURE
-from usvauv.kernels.mission.candidate_scores import HEAD
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -25,7 +23,6 @@ from usvauv.kernels.mission.columns import (
     NodeColumn,
     Parameter,
 )
-from usvauv.kernels.mission.learned_visits import FAR, FEATURES, NEIGHBOURHOOD, NEXT, SAMPLES, TIME, Feature
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
@@ -77,23 +74,13 @@ class Stub(NamedTuple):
     foresight: Any
     track: Any
     node: Any
-    boat_workspace: Any
     auv: Any = None
-
-
-@ti.kernel
-def _see(p: array1, link: array2, clock: index2, estimate: array3, boat: array3, exchange: array3, foresight: array3,
-         track: array3, node: array3, room: array2):  # fmt: skip
-    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node, room))
-    for w in range(clock.shape[0]):
-        for b in range(boat.shape[1]):
-            learned_visits.see_all(worlds, w, b)
 
 
 @ti.kernel
 def _go(p: array1, link: array2, clock: index2, estimate: array3, boat: array3, exchange: array3, foresight: array3,
         track: array3, node: array3, out: array3):  # fmt: skip
-    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node, out))
+    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node))
     for w in range(clock.shape[0]):
         for b in range(boat.shape[1]):
             out[w, b, 2] = ti.cast(belief_planner.is_due(worlds, w, b, belief_planner.PATIENCE), ti.f32)
@@ -104,7 +91,7 @@ def _go(p: array1, link: array2, clock: index2, estimate: array3, boat: array3, 
 
 @ti.kernel
 def _reply(p: array1, link: array2, offset: array2, effort: array1, spread: array1, out: array2):
-    worlds = ti.static(Stub(PROGRAM, p, link, 0, 0, 0, 0, 0, 0, 0, 0))
+    worlds = ti.static(Stub(PROGRAM, p, link, 0, 0, 0, 0, 0, 0, 0))
     for n in range(effort.shape[0]):
         away = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
         found = expected_reply.reply(worlds, n % link.shape[0], away, effort[n], spread[n])
@@ -195,21 +182,6 @@ class Imagined:
         pairs = ((tracker.XX, tracker.YY), (tracker.XU, tracker.YV), (tracker.UU, tracker.VV))
         a, b, c = (row[:, list(pair)].mean(1) for pair in pairs)
         return drifted(a, b, c, self.elapsed[w] + later)
-
-    def soon(self, w: int, time: float) -> np.ndarray:
-        """Where AUVs are foreseen after a time, on their way to the nodes that they head for."""
-        row = self.foresight[w]
-        way = self.node[w, row[:, ForesightColumn.heads_for].astype(int), : NodeColumn.y + 1] - self.place[w]
-        length = np.linalg.norm(way, axis=1)
-        gone = row[:, ForesightColumn.speed] * np.maximum(time - row[:, ForesightColumn.hovers], 0)
-        return self.place[w] + np.minimum(gone / length, 1)[:, None] * way
-
-    def heard(self, w: int, b: int, at: np.ndarray, effort: float, time: float) -> np.ndarray:
-        """Probability that each AUV is heard from a place in a time."""
-        z = -(100.0 + self.boat[w, b, BoatColumn.elevation])
-        offset = np.column_stack([self.soon(w, time) - at, np.full(AUVS, z)])
-        spread = self.own(w, time)[0] + straying(self.elapsed[w] + time)
-        return self.reply(offset, np.full(AUVS, effort), spread)[0]
 
     def loss(self, w: int, b: int, first: int, where: np.ndarray) -> float:
         """Mean squared variance of the own positions of the AUVs of boat b over the rollout."""
@@ -312,110 +284,9 @@ def losses(imagined):
     }
 
 
-@pytest.fixture(scope="module")
-def seen(imagined):
-    """Features (WORLDS, BOATS, AUVS + 1, FEATURES + 1) as the boats see them."""
-    room = torch.full((WORLDS, learned_visits.workspace(AUVS, BOATS)), 7.0, device=imagined.device)
-    _see(*imagined.arguments(), room)
-    decisions = learned_visits.decisions(room, AUVS)
-    assert (decisions[..., :HEAD] == 7.0).all()  # is not the eyes' to write
-    return decisions[..., HEAD:].reshape(WORLDS, BOATS, AUVS + 1, FEATURES + 1).double().cpu().numpy()
-
-
 def least_certain(made: Imagined, w: int, b: int) -> int:
     mine = np.flatnonzero(made.served_by[w] == b)
     return mine[made.own(w)[0][mine].argmax()]
-
-
-def test_rollouts(imagined, losses, seen):
-    """What is above the least loss; a rollout that hangs on a rounding may differ."""
-    right = count = 0
-    for (w, b), each in losses.items():
-        usual = least_certain(imagined, w, b)
-        mine = {i: loss * (1 - MARGIN if i == usual else 1) for i, loss in each.items()}
-        for i, loss in mine.items():
-            wanted = max(1 - loss / min(mine.values()), -FAR)
-            right += seen[w, b, i, Feature.future] == pytest.approx(wanted, abs=2e-3)
-            count += 1
-    assert right > 0.93 * count
-    assert np.std(seen[..., Feature.future][seen[..., FEATURES] > 0]) > 0.02
-
-
-def test_what_is_seen_of_each_auv(imagined, seen):
-    for w in range(WORLDS):
-        (a, _, c), later = imagined.own(w), imagined.own(w, TIME)[0]
-        for b in range(BOATS):
-            boat = imagined.boat[w, b]
-            here, elapsed = boat[: BoatColumn.y + 1], imagined.elapsed[w]
-            rows = {
-                "own": np.sqrt(a) / 25,
-                "growth": np.sqrt(c) * TIME / 25,
-                "lost": np.exp(-0.5 * 25**2 / a),
-                "later": np.exp(-0.5 * 25**2 / later),
-                "here": imagined.heard(w, b, here, boat[BoatColumn.effort], 0.0),
-                "silent": np.minimum(elapsed / TIME, FAR) / FAR,
-                "hovers": imagined.foresight[w, :, ForesightColumn.hovers] > 0,
-                "kept": (np.arange(AUVS) == boat[BoatColumn.visits]) & (elapsed >= 2) & (imagined.clock[w, 1] > 1),
-            }
-            mine = imagined.served_by[w] == b
-            for name, wanted in rows.items():
-                found = seen[w, b, :, getattr(Feature, name)]
-                assert found[:AUVS] == pytest.approx(np.where(mine, wanted, 0), abs=3e-4), name
-                assert found[AUVS] == 0
-            left = 1000.0 - imagined.clock[w, 1]
-            last = boat[[BoatColumn.goal_x, BoatColumn.goal_y]] - here
-            every = candidates(imagined, w, b)
-            ways = np.array([goal_of(imagined, w, b, i) for i in every]) - here
-            of_all = {
-                "turn": ways @ last / np.linalg.norm(ways, axis=1) / np.linalg.norm(last),
-                "left": left / 1000,
-                "end": math.exp(-left / TIME),
-                "mean": np.array(every) == AUVS,
-                "all_own": rows["own"][mine].mean(),
-                "most_own": rows["own"][mine].max(),
-                "all_lost": rows["lost"][mine].mean(),
-            }
-            for name, wanted in of_all.items():
-                found = seen[w, b, every, getattr(Feature, name)]
-                assert found == pytest.approx(wanted + np.zeros(len(every)), abs=3e-4), name
-            assert np.flatnonzero(seen[w, b, :, FEATURES]).tolist() == every
-
-
-def test_what_is_seen_of_each_way(imagined, seen):
-    """At eight places of it: who is heard by then, and how long it takes in the mean until the AUV gone to is."""
-    for w in range(WORLDS):
-        for b in range(BOATS):
-            mine = imagined.served_by[w] == b
-            later, lost = (seen[w, b, :AUVS, column] for column in (Feature.later, Feature.lost))
-            here = imagined.boat[w, b, : BoatColumn.y + 1]
-            for i in candidates(imagined, w, b):
-                goal = goal_of(imagined, w, b, i)
-                if i < AUVS:
-                    goal = imagined.soon(w, np.linalg.norm(goal - here) / 3.0)[i]
-                lasts = max(np.linalg.norm(goal - here) / 3.0, INTERVAL)
-                found, until = seen[w, b, :AUVS, Feature.here], np.zeros(AUVS)
-                for share in (np.arange(SAMPLES) + 1) / SAMPLES:
-                    until += (1 - found) * lasts / SAMPLES
-                    there = here + share * (goal - here)
-                    found = np.maximum(found, imagined.heard(w, b, there, 1.0, share * lasts))
-                others = mine & (np.arange(AUVS) != i)
-                trip = until[i] if i < AUVS else lasts
-                served = (found * later)[others].sum()
-                own = (found * later)[i] if i < AUVS else 0.0
-                apart = np.linalg.norm(imagined.place[w] - goal, axis=1)
-                unheard = ((1 - found) * later)[others]
-                onward = (unheard * apart[others]).sum() / max(unheard.sum(), 1e-6) / 3.0
-                wanted = {
-                    "trip": min(trip / TIME, FAR),
-                    "served": served,
-                    "served_lost": (found * lost)[others].sum(),
-                    "pays": (own + served) / (lasts / TIME + NEXT),
-                    "around": (later / (1 + (apart / NEIGHBOURHOOD) ** 2))[others].sum(),
-                    "onward": min(onward / TIME, FAR),
-                    "arrival": math.sqrt(imagined.own(w, trip)[0][i]) / 25 if i < AUVS else 0.0,
-                }
-                for name, number in wanted.items():
-                    assert seen[w, b, i, getattr(Feature, name)] == pytest.approx(number, abs=2e-3), name
 
 
 def test_plans(imagined, losses):
@@ -495,7 +366,7 @@ def test_ways_beyond_their_nodes(device):
 @ti.kernel
 def _advance(p: array1, link: array2, clock: index2, estimate: array3, boat: array3, exchange: array3,
              foresight: array3, track: array3, node: array3, times: array1, out: array3):  # fmt: skip
-    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node, out))
+    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node))
     for w in range(clock.shape[0]):
         for k in range(foresight.shape[1]):
             for lost in range(2):
@@ -511,7 +382,7 @@ def _advance(p: array1, link: array2, clock: index2, estimate: array3, boat: arr
 @ti.kernel
 def _foresee(p: array1, link: array2, clock: index2, estimate: array3, boat: array3, exchange: array3,
              foresight: array3, track: array3, node: array3, auv: array3):  # fmt: skip
-    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node, node, auv))
+    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node, auv))
     for w in range(clock.shape[0]):
         for k in range(foresight.shape[1]):
             belief_planner.foresee(worlds, w, k)
@@ -570,7 +441,7 @@ def test_news_and_silence(device):
 @ti.kernel
 def _weigh(p: array1, link: array2, clock: index2, estimate: array3, boat: array3, exchange: array3, foresight: array3,
            track: array3, node: array3, out: array3):  # fmt: skip
-    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node, node))
+    worlds = ti.static(Stub(PROGRAM, p, link, clock, estimate, boat, exchange, foresight, track, node))
     for w in range(clock.shape[0]):
         for b in range(boat.shape[1]):
             least = belief_planner.least_certain(worlds, w, b)
@@ -607,7 +478,7 @@ def test_the_least_certain_auv_and_what_going_to_it_costs(device):
 
 @ti.kernel
 def _begin(p: array1, foresight: array3, auv: array3):
-    worlds = ti.static(Stub(PROGRAM, p, 0, 0, 0, 0, 0, foresight, 0, 0, 0, auv))
+    worlds = ti.static(Stub(PROGRAM, p, 0, 0, 0, 0, 0, foresight, 0, 0, auv))
     for w in range(auv.shape[0]):
         for k in range(auv.shape[1]):
             belief_planner.begin(worlds, w, k)

@@ -11,17 +11,16 @@ from tests.kernels.mission.test_target_rules import CALM, choices, rollout, run
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.kernels.mission.candidate_scores import HEAD, HIDDEN, Decision
 from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import learned
-from usvauv.kernels.mission.target_rules.learned import FEATURES, Feature
+from usvauv.kernels.mission.target_rules.learned import FEATURES, HEAD, HIDDEN, Decision, Feature
 
 CAPACITY, HOVER = 5000.0, 6.0
 UNEQUAL = (*CALM, "nodes.arrival_rates=[1,4,30]")
 
 
 def weights(seed):
-    return np.random.default_rng(seed).normal(size=learned.NETWORK.weights) * 0.4
+    return np.random.default_rng(seed).normal(size=learned.NUM_WEIGHTS) * 0.4
 
 
 def rule(tmp_path, numbers):
@@ -176,11 +175,11 @@ def test_fewer_nodes_than_auvs(nodes):
         "[]",
         "{}",
         '{"weights": []}',
-        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1)}),
-        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1) + ["x"]}),
-        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1) + [math.nan]}),
-        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1) + [1e9]}),
-        json.dumps({"weights": [0.0] * (learned.NETWORK.weights - 1) + [10**400]}),
+        json.dumps({"weights": [0.0] * (learned.NUM_WEIGHTS - 1)}),
+        json.dumps({"weights": [0.0] * (learned.NUM_WEIGHTS - 1) + ["x"]}),
+        json.dumps({"weights": [0.0] * (learned.NUM_WEIGHTS - 1) + [math.nan]}),
+        json.dumps({"weights": [0.0] * (learned.NUM_WEIGHTS - 1) + [1e9]}),
+        json.dumps({"weights": [0.0] * (learned.NUM_WEIGHTS - 1) + [10**400]}),
         "[" * 100_000,
     ],
 )
