@@ -2,7 +2,6 @@
 
 import taichi as ti
 
-from usvauv.kernels import runtime
 from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.mission import reset, step
@@ -74,10 +73,7 @@ def run(
     The arrays are those of `Worlds` and of its `Water`.
     """
     ti.loop_config(serialize=program.serial)
-    for w in range(program.constant_range if ti.static(program.constant_range > 0) else clock.shape[0]):
-        if ti.static(program.constant_range > 0):
-            if w >= clock.shape[0]:
-                continue
+    for w in range(clock.shape[0]):
         width = p[Parameter.width]
         length = p[Parameter.length]
         water = ti.static(Water(vortex, stream, width, length, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave))
@@ -121,8 +117,3 @@ def run(
             step.advance(worlds, w)
         elif chosen[w] != 0:
             reset.begin_episode(worlds, w)
-        if ti.static(program.constant_range > 0):
-            # A device in software leaves all loops once a thread has done 65,535 iterations: `docs/architectures.md`.
-            # `World` looks for the infinite number. Reading the observation keeps that of worlds that are not chosen.
-            cut = runtime.loops_are_cut(clock.shape[1])
-            observation[w, 0, 0] = ti.select(cut, ti.math.inf, observation[w, 0, 0])

@@ -44,7 +44,6 @@ class Program(NamedTuple):
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.validation`.
         fleet: there is more than one boat.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
-        constant_range: number of worlds, or 0, see `usvauv.kernels.runtime.constant_range`.
     """
 
     task: Task
@@ -63,7 +62,6 @@ class Program(NamedTuple):
     turns: bool
     fleet: bool
     serial: bool = False
-    constant_range: int = 0
 
 
 class Worlds(NamedTuple):

@@ -1,7 +1,6 @@
 """What a world does between two launches of its kernels, here stubs: seas, clocks, masks, states, words."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -324,26 +323,6 @@ class TestWords:
         world.boat[0, 0, BoatColumn.x] = -1e30
         with pytest.raises(DivergenceError, match=rf"world 0 at .* \(uses {said}\)$"):
             world._stop_at_fault()
-
-    def test_loops_that_a_device_cuts_short(self, monkeypatch):
-        """The kernel says so by an infinite observation; on another device that is a fault."""
-        world = make()
-        for arch, value, error in (
-            ("vulkan", math.inf, module.runtime.Unsupported),
-            ("vulkan", 0.0, DivergenceError),
-            ("cpu", math.inf, DivergenceError),
-        ):
-            world.observation[1, 0, 0] = value
-            monkeypatch.setattr(module.runtime, "start", lambda arch=arch: SimpleNamespace(arch=arch))
-            world._fault = SimpleNamespace(raised=lambda: True)
-            with pytest.raises(error, match="world" if error is DivergenceError else "2 AUVs and 30 nodes"):
-                world._stop_at_fault()
-
-    def test_a_row_of_currents_that_a_device_would_cut_short(self, monkeypatch):
-        world = make()
-        monkeypatch.setattr(module.runtime, "start", lambda: SimpleNamespace(arch="vulkan"))
-        with pytest.raises(module.runtime.Unsupported, match="a row of 32768 currents takes 65536 iterations"):
-            world.current_field(torch.zeros(2, 2, 32768, 2), torch.ones(2, dtype=torch.bool))
 
     def test_a_term_of_the_observation_is_named(self):
         world = make()

@@ -363,13 +363,8 @@ class World:
 
         Raises:
             DivergenceError: one is not finite or has run away; names world, quantity and time.
-            Unsupported: the device cuts loops short that are too long for it.
         """
         if self._fault.raised():
-            if runtime.start().arch == "vulkan" and self.observation[:, 0, 0].isposinf().any():  # by the kernel `run`
-                raise runtime.Unsupported(
-                    f"{self.num_auvs} AUVs and {self.scenario.targets} nodes take loops that this device cuts short"
-                )
             world, problem = self._first_fault()
             time = int(self._clock[world, 1]) * self.scenario.mission.step
             plugins = self._plugins()
@@ -417,8 +412,6 @@ class World:
             mask: (num_worlds,) bool, the worlds of which it is wanted; the others' stays.
             margin: distance of the grid's edges from those of the area, m.
         """
-        columns = flow.shape[2]
-        runtime.check_loops(columns * (1 + self.vortex.shape[1]), f"a row of {columns} currents")
         current.on_grid(
             self._area,
             self.vortex,
@@ -456,10 +449,7 @@ class World:
         first = [place.start for _, place in self.observation_layout]
         return {
             **{name: self._upload(array) for name, array in numbers.items()},
-            "program": program._replace(
-                serial=runtime.better_alone(self.num_worlds * self.num_auvs),
-                constant_range=runtime.constant_range(self.num_worlds),
-            ),
+            "program": program._replace(serial=runtime.better_alone(self.num_worlds * self.num_auvs)),
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(scenario)),
             "pulse_envelope": self._pulses.envelope,
             "pulse_output": self._pulses.noise,
