@@ -1,4 +1,4 @@
-"""Motion of the water as Taichi functions: storm waves, vortices, long waves, real currents on a grid, and their sum.
+"""Motion of the water: storm waves (`airy`), vortices (`vortex`), long waves and real currents on a grid (`current`).
 
 From outside: `current.Water`, the arrays of all worlds, and `current.velocity`; `airy.sample`, `vortex.evolution` and
 the other functions that take tensors.

@@ -1,12 +1,21 @@
-"""Velocity of the water without the storm: vortices, real currents on a regular grid, and long waves."""
+"""Motion of the water but for the storm: vortices, real currents on a regular grid, and long waves.
+
+A field on a regular grid is (levels, rows, columns, components), at least 2 rows and columns, row 0 in the south,
+column 0 in the west, its corners the area's corners; between nodes it is bilinear, outside the area it is that of the
+nearest edge. Long waves are the packed fields of `usvauv.kernels.shallow_water.discretisation`, with at least 3 cells
+each way.
+"""
 
 from typing import Any, NamedTuple
 
 import taichi as ti
 import torch
 
-from usvauv.kernels.flow import long_waves, regular_grid, vortex
-from usvauv.kernels.types import Level, array1, array3, array4, index1, mask1, vec2
+from usvauv.kernels.flow import vortex
+from usvauv.kernels.shallow_water.discretisation import LANES
+from usvauv.kernels.types import Level, array1, array3, array4, index1, mask1, vec2, vec3
+
+SHALLOWEST = 1.0  # m; over less water a transport makes no velocity that a vehicle would meet
 
 
 class Water(NamedTuple):
@@ -14,10 +23,10 @@ class Water(NamedTuple):
 
     Attributes:
         vortex: (W, V, 4) vortices: x0, y0, Γ, δ.
-        stream: (levels, rows, columns, 2) real current at each `Level`, m/s, `regular_grid`; of one row there is none.
+        stream: (levels, rows, columns, 2) real current at each `Level`, m/s; of one row there is none.
         width, length: of the area, m.
-        bed: (1, rows, columns, 1) depth h, m, `regular_grid`.
-        eta: packed elevation of the long waves, m, `usvauv.kernels.shallow_water.packing`.
+        bed: (1, rows, columns, 1) depth h, m.
+        eta: packed elevation of the long waves, m, (blocks, rows, W, LANES).
         U, V: packed transports of the long waves.
         unit_x, unit_y: what makes m²/s of `U` and `V`.
         nx, ny: number of cells.
@@ -42,19 +51,143 @@ class Water(NamedTuple):
 
 
 @ti.func
+def grid_interpolate(
+    field: ti.template(), level: ti.i32, component: ti.template(), column: ti.f32, row: ti.f32
+) -> ti.f32:
+    """Value of a field on a regular grid at a fractional column and row."""
+    i = ti.math.clamp(ti.cast(row, ti.i32), 0, field.shape[1] - 2)
+    j = ti.math.clamp(ti.cast(column, ti.i32), 0, field.shape[2] - 2)
+    south = field[level, i, j, component]
+    south += (column - j) * (field[level, i, j + 1, component] - south)
+    north = field[level, i + 1, j, component]
+    north += (column - j) * (field[level, i + 1, j + 1, component] - north)
+    return south + (row - i) * (north - south)
+
+
+@ti.func
+def grid_sample(
+    field: ti.template(),
+    level: ti.i32,
+    component: ti.template(),
+    x: ti.f32,
+    y: ti.f32,
+    width: ti.f32,
+    length: ti.f32,
+) -> ti.f32:
+    """Value of a field on a regular grid at (x, y) in an area of the given size, m."""
+    column = ti.math.clamp(x / width, 0.0, 1.0) * (field.shape[2] - 1)
+    row = ti.math.clamp(y / length, 0.0, 1.0) * (field.shape[1] - 1)
+    return grid_interpolate(field, level, component, column, row)
+
+
+@ti.func
+def long_wave_surface(
+    eta: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32, dx: ti.f32, dy: ti.f32, nx: ti.i32, ny: ti.i32
+) -> vec3:
+    """Elevation and its slopes (η, η_x, η_y) of a sea at a point, m and 1.
+
+    η is bilinear between the four cell centres around the point. η_x is the difference over each western face,
+    bilinear between those faces, likewise η_y: continuous everywhere and second order, as is η. In the outer half
+    cell (for a slope: the outer cell) the nearest polynomial is continued, so a plane is exact up to the boundary.
+
+    Args:
+        eta: packed elevation (blocks, rows, W, LANES) as an ndarray argument of f32 with ndim=4.
+        sea: index of the sea.
+        x, y: position, m; clamped into the area.
+        dx, dy: cell size, m.
+        nx, ny: number of cells, at least 3 each way.
+    """
+    p = ti.math.clamp(x / dx, 0.0, ti.cast(nx, ti.f32))
+    q = ti.math.clamp(y / dy, 0.0, ti.cast(ny, ti.f32))
+    # Cell centres lie at j + ½, western faces at j; the stencil starts at the centre or the face below the point.
+    j = ti.math.clamp(ti.cast(ti.floor(p - 0.5), ti.i32), 0, nx - 2)
+    i = ti.math.clamp(ti.cast(ti.floor(q - 0.5), ti.i32), 0, ny - 2)
+    jf = ti.math.clamp(ti.cast(ti.floor(p), ti.i32), 1, nx - 2)
+    i_f = ti.math.clamp(ti.cast(ti.floor(q), ti.i32), 1, ny - 2)
+    wx = p - 0.5 - ti.cast(j, ti.f32)
+    wy = q - 0.5 - ti.cast(i, ti.f32)
+    vx = p - ti.cast(jf, ti.f32)
+    vy = q - ti.cast(i_f, ti.f32)
+    west = mix_rows(eta, sea, i, j, wy, nx)
+    east = mix_rows(eta, sea, i, j + 1, wy, nx)
+    face_west = mix_rows(eta, sea, i, jf, wy, nx) - mix_rows(eta, sea, i, jf - 1, wy, nx)
+    face_east = mix_rows(eta, sea, i, jf + 1, wy, nx) - mix_rows(eta, sea, i, jf, wy, nx)
+    face_south = mix_columns(eta, sea, i_f, j, wx, nx) - mix_columns(eta, sea, i_f - 1, j, wx, nx)
+    face_north = mix_columns(eta, sea, i_f + 1, j, wx, nx) - mix_columns(eta, sea, i_f, j, wx, nx)
+    return vec3(
+        west + wx * (east - west),
+        (face_west + vx * (face_east - face_west)) / dx,
+        (face_south + vy * (face_north - face_south)) / dy,
+    )
+
+
+@ti.func
+def cell(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, nx: ti.i32) -> ti.f32:
+    """Elevation of the cell in row i and column j."""
+    W = eta.shape[2]
+    block = sea // LANES
+    lane = sea % LANES
+    column = j
+    if W <= nx:
+        block = 0
+        lane = j // W
+        column = j % W
+    return eta[block, i, column, lane]
+
+
+@ti.func
+def mix_rows(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, w: ti.f32, nx: ti.i32) -> ti.f32:
+    """Between rows i and i + 1 of column j."""
+    south = cell(eta, sea, i, j, nx)
+    return south + w * (cell(eta, sea, i + 1, j, nx) - south)
+
+
+@ti.func
+def mix_columns(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, w: ti.f32, nx: ti.i32) -> ti.f32:
+    """Between columns j and j + 1 of row i."""
+    west = cell(eta, sea, i, j, nx)
+    return west + w * (cell(eta, sea, i, j + 1, nx) - west)
+
+
+@ti.func
+def long_wave_velocity(water: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
+    """Velocity (m/s) at (x, y), m: the transports of a sea, bilinear between their faces, over the depth.
+
+    The linear solver's transports are half a substep older than its elevation, and so is this. In the outer half cell
+    the nearest polynomial is continued. `water` is a `Water`.
+    """
+    nx, ny = water.nx, water.ny
+    p = ti.math.clamp(x / water.width, 0.0, 1.0) * nx
+    q = ti.math.clamp(y / water.length, 0.0, 1.0) * ny
+    # Western faces lie at (j, i + ½), southern ones at (j + ½, i).
+    j = ti.min(ti.cast(p, ti.i32), nx - 1)
+    i = ti.math.clamp(ti.cast(ti.floor(q - 0.5), ti.i32), 0, ny - 2)
+    west = mix_rows(water.U, sea, i, j, q - 0.5 - i, nx)
+    east = mix_rows(water.U, sea, i, j + 1, q - 0.5 - i, nx)
+    transport_x = west + (p - j) * (east - west)
+    j = ti.math.clamp(ti.cast(ti.floor(p - 0.5), ti.i32), 0, nx - 2)
+    i = ti.min(ti.cast(q, ti.i32), ny - 1)
+    south = mix_columns(water.V, sea, i, j, p - 0.5 - j, nx)
+    north = mix_columns(water.V, sea, i + 1, j, p - 0.5 - j, nx)
+    transport_y = south + (q - i) * (north - south)
+    depth = ti.max(grid_sample(water.bed, 0, 0, x, y, water.width, water.length), SHALLOWEST)
+    return vec2(water.unit_x * transport_x, water.unit_y * transport_y) / depth
+
+
+@ti.func
 def without_waves(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) of vortices and real currents at (x, y) in world w."""
     V = vortex.current(water.vortex, w, x, y)
     if water.stream.shape[1] > 1:
         for axis in ti.static(range(2)):
-            V[axis] += regular_grid.sample(water.stream, level, axis, x, y, water.width, water.length)
+            V[axis] += grid_sample(water.stream, level, axis, x, y, water.width, water.length)
     return V
 
 
 @ti.func
 def velocity(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) at (x, y) in world w."""
-    waves = long_waves.velocity(water, water.sea_index[w], x, y)
+    waves = long_wave_velocity(water, water.sea_index[w], x, y)
     return without_waves(water, level, w, x, y) + waves
 
 

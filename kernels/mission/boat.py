@@ -6,7 +6,6 @@ from usvauv.kernels.flow import airy, current
 from usvauv.kernels.mission import serving
 from usvauv.kernels.mission.columns import BoatColumn, Draw, Parameter
 from usvauv.kernels.mission.worlds import normals
-from usvauv.kernels.shallow_water import packing
 from usvauv.kernels.types import Level, vec2
 
 LARGEST = 1e12  # m, of a goal
@@ -70,7 +69,7 @@ def ride(worlds: ti.template(), w, b):
     y = boat[w, b, BoatColumn.y]
     dx = water.width / water.nx
     dy = water.length / water.ny
-    surface = packing.sample(water.eta, water.sea_index[w], x, y, dx, dy, water.nx, water.ny)
+    surface = current.long_wave_surface(water.eta, water.sea_index[w], x, y, dx, dy, water.nx, water.ny)
     storm = airy.motion(water.wave, water.sea_index[w], Level.surface, x, y)
     velocity = current.velocity(water, Level.surface, w, x, y)
     boat[w, b, BoatColumn.elevation] = surface[0] + storm[0]

@@ -32,7 +32,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.flow import regular_grid
+from usvauv.kernels.flow.current import grid_interpolate
 from usvauv.kernels.types import array1, array3, array4, mask2, vec2
 
 UNREACHABLE = 1e9
@@ -127,7 +127,7 @@ def cost_near_goal(problem: ti.template(), x: vec2) -> ti.f32:
         node = (x + 0.5 * d) / problem.spacing
         c = vec2(0.0, 0.0)
         for axis in ti.static(range(2)):
-            c[axis] = regular_grid.interpolate(problem.flow, problem.world, axis, node[0], node[1])
+            c[axis] = grid_interpolate(problem.flow, problem.world, axis, node[0], node[1])
         J = straight_cost(problem, d, c, problem.radius)
     return J
 

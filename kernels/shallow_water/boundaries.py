@@ -53,7 +53,7 @@ def complete_kinds(kinds: Mapping[Side, str] | None, known: tuple[str, ...]) -> 
     return {side: kinds.get(side, "wall") for side in SIDES}
 
 
-class Boundaries:
+class BasinBoundaries:
     """Kinds of the four boundaries of a basin, and the sponges before them.
 
     Args:

@@ -14,9 +14,9 @@ import torch
 from usvauv.kernels import runtime
 from usvauv.kernels.device_arrays import DeviceArray
 from usvauv.kernels.launch import Launch
-from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
-from usvauv.kernels.shallow_water.packing import LANES, Packing
-from usvauv.kernels.shallow_water.wavefront import Basin, Options, elevation_outside
+from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, BasinBoundaries
+from usvauv.kernels.shallow_water.discretisation import LANES, Packing
+from usvauv.kernels.shallow_water.wavefront import LinearBasin, Options, elevation_outside
 from usvauv.kernels.types import array1, index1, vec4
 
 
@@ -48,7 +48,9 @@ def transports(
 
     All else is what `wavefront.march` takes, its vectors' numbers one after the other.
     """
-    basin = ti.static(Basin(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options))
+    basin = ti.static(
+        LinearBasin(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options)
+    )
     rows = ny + 1
     width = W * LANES
     table = prescribed.shape[0] // (blocks * LANES)
@@ -137,7 +139,7 @@ class CellwiseBackend:
         self,
         arrays: Sequence[torch.Tensor | DeviceArray],
         coefficient_row: np.ndarray,
-        boundaries: Boundaries,
+        boundaries: BasinBoundaries,
         a: float,
     ) -> list[Launch]:
         """Kernel launches of one interval."""

@@ -1,17 +1,89 @@
-"""Discretisation of linear shallow water on an Arakawa C grid: depths, slopes and coefficients of the time step."""
+"""Arakawa C grid of linear shallow water: layout of its fields in memory, depths, slopes, coefficients of a time step.
+
+A packed field has the shape (blocks, rows, W, LANES): vectors of LANES numbers that one machine instruction processes
+together. The lanes are filled in one of two ways, by the same source.
+
+- *pool*, several seas: lane l of block b is sea 16 b + l, and W = nx + o.
+- *strips*, one sea: lane l holds columns l W to l W + W − 1, so W = ⌈(nx + o)/16⌉; W ≤ nx tells strips from pool.
+
+Rows 0 to ny − 1 and columns 0 to nx − 1 are water. U[j] and V[i] are the faces west of column j and south of row i, so
+column nx and row ny hold the eastern and northern boundary, and columns are cyclic, so that the last one (of the last
+lane, in strips) lies west of column 0. These outer cells hold the elevation outside an open boundary; all their other
+faces are closed. There are o = 2 outer columns where west and east are both open, else one. Rows above ny belong to the
+time loop: the row south of row 0, and copies.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import taichi as ti
 import torch
 
-from usvauv.kernels.shallow_water.boundaries import ELEVATION_FACTOR, GEOMETRY, RADIATING, Boundaries, Side
-from usvauv.kernels.shallow_water.packing import LANES, Packing
+from usvauv.kernels.shallow_water.boundaries import ELEVATION_FACTOR, GEOMETRY, RADIATING, BasinBoundaries, Side
 
+LANES = 16
+vector = ti.types.vector(LANES, ti.f32)
+vectors = ti.types.ndarray(dtype=vector, ndim=1)
 CHUNK = 1 << 15  # cells that the host works on at a time: its f64 copies stay small against the fields
+
+
+@dataclass(frozen=True)
+class Packing:
+    """Packing of the fields (num_seas, ny + 1, nx + 1) of a number of seas; `outer` is the number o above."""
+
+    num_seas: int
+    nx: int
+    ny: int
+    outer: int = 1
+
+    @property
+    def strips(self) -> bool:
+        """Whether lanes are strips of one sea, and not seas of a pool."""
+        return self.num_seas == 1 and self.nx >= LANES
+
+    @property
+    def blocks(self) -> int:
+        """Groups of LANES seas."""
+        return math.ceil(self.num_seas / LANES)
+
+    @property
+    def columns(self) -> int:
+        """Number W of vectors in a row."""
+        columns = self.nx + self.outer
+        return math.ceil(columns / LANES) if self.strips else columns
+
+    def pack(self, field: np.ndarray, packed: torch.Tensor, first: int) -> None:
+        """Write rows of a field (num_seas, rows, nx + 1) to the rows from `first` on."""
+        rows, columns = field.shape[1:]
+        values = torch.as_tensor(field, dtype=torch.float32)
+        if self.strips:
+            values = torch.nn.functional.pad(values, (0, self.columns * LANES - columns))
+            packed[0, first : first + rows] = values.view(rows, LANES, self.columns).transpose(1, 2)
+        else:
+            values = torch.nn.functional.pad(values, (0, 0, 0, 0, 0, self.blocks * LANES - self.num_seas))
+            lanes = values.view(self.blocks, LANES, rows, columns).permute(0, 2, 3, 1)
+            packed[:, first : first + rows, :columns] = lanes
+
+    def unpack(self, packed: torch.Tensor, first: int, last: int) -> np.ndarray:
+        """Rows `first` to `last` − 1 of the field as (num_seas, rows, nx + 1)."""
+        packed = packed[:, first:last].cpu()
+        if self.strips:
+            return packed.transpose(2, 3).reshape(1, last - first, -1)[:, :, : self.nx + 1].numpy()
+        return packed[:, :, : self.nx + 1].permute(0, 3, 1, 2).flatten(0, 1)[: self.num_seas].numpy()
+
+    def spread(self, field: np.ndarray) -> np.ndarray:
+        """A field (rows, up to nx + 1) that all seas have in common as (rows, W, LANES), f32."""
+        rows, columns = field.shape
+        wide = np.zeros((rows, self.columns * (LANES if self.strips else 1)), np.float32)
+        wide[:, :columns] = field
+        if self.strips:
+            return wide.reshape(rows, LANES, self.columns).swapaxes(1, 2)
+        return np.repeat(wide[:, :, None], LANES, axis=2)
 
 
 class Discretisation:
@@ -39,7 +111,7 @@ class Discretisation:
         gravity: float,
         drag: float,
         time_step: float,
-        boundaries: Boundaries,
+        boundaries: BasinBoundaries,
     ) -> None:
         self.packing, self.depth, self.spacing, self.gravity = packing, depth, spacing, gravity
         self.time_step, self.boundaries = time_step, boundaries

@@ -1,10 +1,16 @@
 """Time step of the nonlinear solver: second-order finite volumes, along x and along y in turn.
 
-The equations are in `usvauv.kernels.shallow_water.nonlinear`, the fluxes in `usvauv.kernels.shallow_water.riemann`,
-layout and boundaries in `usvauv.kernels.shallow_water.ghost_cells`.
+The equations are in `usvauv.kernels.shallow_water.nonlinear`, the fluxes and the states beyond boundaries in
+`usvauv.kernels.shallow_water.riemann`.
 
 Instead of the depth h the state is D = h − max(−b, 0), the water over that of the still sea: the elevation at sea, the
 depth on land. Rounding is then that of the wave, not that of the depth, and the still sea is exactly 0.
+
+Fields D, u and v lie one after the other, twice (the state, and what a sweep along x makes of it), each of ny + 4 rows
+of W + 4 vectors, with two ghosts all round. A lane holds W neighbouring columns of the basin, and those beyond as
+ghosts. The first lane begins at the western boundary and the last one ends at the eastern one, so that lanes overlap
+where W does not divide the columns: all lanes hold water, and columns held twice are equal to the last bit. The bed,
+one field, lies likewise, mirrored beyond the boundaries.
 """
 # pyright: reportAttributeAccessIssue=false, reportIndexIssue=false
 # (the members of Taichi's structs and the elements of its vectors exist only while a kernel is compiled)
@@ -14,9 +20,19 @@ from collections import namedtuple
 import taichi as ti
 
 from usvauv.kernels import runtime
-from usvauv.kernels.shallow_water.ghost_cells import fill_column_ghosts, fill_row_ghosts, vector_index
-from usvauv.kernels.shallow_water.packing import LANES, vector, vectors
-from usvauv.kernels.shallow_water.riemann import flux, half_slopes, half_step, lower_face, upper_face
+from usvauv.kernels.shallow_water.boundaries import SOUTH
+from usvauv.kernels.shallow_water.discretisation import LANES, vector, vectors
+from usvauv.kernels.shallow_water.riemann import (
+    WALL,
+    Ghost,
+    fill_open,
+    fill_wall,
+    flux,
+    half_slopes,
+    half_step,
+    lower_face,
+    upper_face,
+)
 from usvauv.kernels.types import array1, columns, index1, index2, vec2
 
 doubles1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
@@ -27,9 +43,14 @@ doubles2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
 Clock = columns("start", "done", "step", "step_x", "steps", "level_x", "next_x", "level_y", "next_y")
 Tide = columns("amplitude", "omega", "phase")  # m, rad/s, rad
 
+# Entries of the table `halo` for a ghost, the same in each row: its column and lane; the boundary beyond which it lies
+# (−1 if it is a cell of another lane) and how many cells beyond; column and lane of the cell nearest to that boundary
+# (or of the cell itself), and of the next nearest.
+Halo = columns("column", "lane", "boundary", "layer", "first_column", "first_lane", "second_column", "second_lane")
+
 # Arguments of `step` that its functions share.
-Basin = namedtuple(
-    "Basin",
+NonlinearBasin = namedtuple(
+    "NonlinearBasin",
     "state cells bed bed_cells fastest clock tide halo boundaries ny W parts pieces dx dy g dry drag manning interval "
     "friction",
 )
@@ -89,7 +110,7 @@ def step(
         alone: take all steps of the interval in one launch, on one thread.
     """
     basin = ti.static(
-        Basin(
+        NonlinearBasin(
             *(state, cells, bed, bed_cells, fastest, clock, tide, halo, boundaries),
             *(ny, W, parts, pieces, dx, dy, g, dry, drag, manning, interval, friction),
         )
@@ -153,11 +174,77 @@ def take_step(basin: ti.template()):
 
 
 @ti.func
+def vector_index(field: ti.i32, i: ti.i32, j: ti.i32, ny: ti.i32, W: ti.i32) -> ti.i32:
+    """Index of row i and column j of a field: 0, 1, 2 for D, u, v, and 3, 4, 5 for those after a sweep along x."""
+    return (field * (ny + 4) + i + 2) * (W + 4) + j + 2
+
+
+@ti.func
+def fill_row_ghosts(basin: ti.template(), i: ti.i32, r: ti.f32, tide: vec2):
+    """The ghosts of row i of the state.
+
+    Args:
+        basin: see `NonlinearBasin`.
+        i: the row.
+        r: length of the sweep over the size of a cell, s/m.
+        tide: prescribed elevation at the beginning of the sweep and at its end, m.
+    """
+    ny, W, cells, halo = ti.static((basin.ny, basin.W, basin.cells, basin.halo))
+    size = (ny + 4) * (W + 4) * LANES
+    row = vector_index(0, i, 0, ny, W)
+    for n in range(halo.shape[0]):
+        at = (row + halo[n, Halo.column]) * LANES + halo[n, Halo.lane]
+        first = (row + halo[n, Halo.first_column]) * LANES + halo[n, Halo.first_lane]
+        boundary = halo[n, Halo.boundary]
+        if boundary < 0:
+            for field in ti.static(range(3)):
+                cells[at + field * size] = cells[first + field * size]
+        else:
+            second = (row + halo[n, Halo.second_column]) * LANES + halo[n, Halo.second_lane]
+            layer = halo[n, Halo.layer]
+            outward = 2.0 * ti.cast(boundary, ti.f32) - 1.0
+            across = size
+            along = 2 * size
+            bed_offset = 0
+            ghost = ti.static(Ghost(at, first, second, across, along, bed_offset, layer, outward, r))
+            fill_ghost(basin, ghost, basin.boundaries[boundary], tide)
+
+
+@ti.func
+def fill_column_ghosts(basin: ti.template(), j: ti.i32, north: ti.i32, r: ti.f32, tide: vec2):
+    """The southern (`north` 0) or northern (1) ghosts of column j after a sweep along x; others as above."""
+    ny, W = ti.static((basin.ny, basin.W))
+    size = (ny + 4) * (W + 4) * LANES
+    edge = vector_index(3, north * (ny - 1), j, ny, W)
+    inwards = (1 - 2 * north) * (W + 4)
+    outward = 2.0 * ti.cast(north, ti.f32) - 1.0
+    across = 2 * size
+    along = size
+    bed_offset = 3 * size
+    for n in range(2 * LANES):
+        layer = n // LANES + 1
+        at = (edge - layer * inwards) * LANES + n % LANES
+        first = edge * LANES + n % LANES
+        second = (edge + inwards) * LANES + n % LANES
+        ghost = ti.static(Ghost(at, first, second, across, along, bed_offset, layer, outward, r))
+        fill_ghost(basin, ghost, basin.boundaries[SOUTH + north], tide)
+
+
+@ti.func
+def fill_ghost(basin: ti.template(), ghost: ti.template(), kind: ti.i32, tide: vec2):
+    """A ghost beyond a boundary of a kind, from the first and the second cell inside."""
+    if kind == WALL:
+        fill_wall(basin, ghost)
+    else:
+        fill_open(basin, ghost, kind, tide)
+
+
+@ti.func
 def read_cell(basin: ti.template(), axis: ti.template(), p: ti.i32):
     """The cells at vector p, as a struct of `usvauv.kernels.shallow_water.riemann` with u along the axis.
 
     Args:
-        basin: see `Basin`.
+        basin: see `NonlinearBasin`.
         axis: 0 for x, of the state; 1 for y, of its copy.
         p: index of the vector.
     """

@@ -12,17 +12,15 @@ import torch
 from usvauv.kernels import runtime
 from usvauv.kernels.device_arrays import DeviceArrays
 from usvauv.kernels.launch import Launch
-from usvauv.kernels.shallow_water.boundaries import Boundaries, Boundary, Side
+from usvauv.kernels.shallow_water.boundaries import GEOMETRY, BasinBoundaries, Boundary, Side
 from usvauv.kernels.shallow_water.cellwise import CellwiseBackend
-from usvauv.kernels.shallow_water.diagnostics import Diagnostics
-from usvauv.kernels.shallow_water.discretisation import Discretisation
-from usvauv.kernels.shallow_water.packing import LANES, Packing
+from usvauv.kernels.shallow_water.discretisation import LANES, Discretisation, Packing
 from usvauv.kernels.shallow_water.wavefront import WavefrontBackend
 
 COURANT = 0.95  # fraction of the stability limit that a substep may use
 
 
-class ShallowWater(Diagnostics):
+class ShallowWater:
     """Linear shallow-water seas over one bed, in time steps chosen by the solver.
 
         U_t = −g h η_x − r U,   V_t = −g h η_y − r V,   η_t = −U_x − V_y
@@ -94,7 +92,7 @@ class ShallowWater(Diagnostics):
         deepest = float(self.depth.max())
         if not (0 < deepest < math.inf and self.depth.min() >= 0):
             raise ValueError("depth: must be finite, nowhere negative and somewhere above 0")
-        self.boundaries = Boundaries(boundaries, sponge_width, size)
+        self.boundaries = BasinBoundaries(boundaries, sponge_width, size)
         self.limit = 1 / math.sqrt(gravity * deepest * (self.dx**-2 + self.dy**-2))
         self.substeps = math.ceil(interval / (COURANT * self.limit))
         self.time_step = interval / self.substeps
@@ -134,7 +132,7 @@ class ShallowWater(Diagnostics):
 
     @property
     def eta(self) -> torch.Tensor:
-        """Packed elevation (blocks, rows, W, LANES), m; see `usvauv.kernels.shallow_water.packing`."""
+        """Packed elevation (blocks, rows, W, LANES), m; see `usvauv.kernels.shallow_water.discretisation`."""
         return self._packed()[0]
 
     @property
@@ -231,6 +229,53 @@ class ShallowWater(Diagnostics):
         self._state[:, :, : self.ny + 1] = fields
         self._intervals, self._start, self._at_rest = int(clock[0]), float(clock[1]), bool(clock[2])
 
+    def elevation(self) -> np.ndarray:
+        """Elevation at cell centres, m, (num_seas, ny, nx), f32; a copy."""
+        packing = self._packing
+        eta = np.empty((packing.num_seas, packing.ny, packing.nx), np.float32)
+        for first, last in self._scheme.chunks(0, packing.ny):
+            eta[:, first:last] = self._eta(first, last)
+        return eta
+
+    def velocity(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities (u, v) at cell centres at the time of η, m/s, each (num_seas, ny, nx), f32; zero on land."""
+        packing = self._packing
+        u, v = np.empty((2, packing.num_seas, packing.ny, packing.nx), np.float32)
+        for first, last in self._scheme.chunks(0, packing.ny):
+            h, before, after = self._transports(first, last + 1)
+            faces = (before + after) / (2 * np.where(h > 0, h, math.inf)[:, None])
+            u[:, first:last] = (faces[0, :, :-1, 1:] + faces[0, :, :-1, :-1]) / 2
+            v[:, first:last] = (faces[1, :, 1:, :-1] + faces[1, :, :-1, :-1]) / 2
+        return u, v
+
+    def mass(self) -> np.ndarray:
+        """Volume above the mean level Σ η Δx Δy, m³, (num_seas,)."""
+        packing, (dx, dy) = self._packing, self._scheme.spacing
+        total = np.zeros(packing.num_seas)
+        for first, last in self._scheme.chunks(0, packing.ny):
+            total += self._eta(first, last).sum(axis=(1, 2), dtype=np.float64)
+        return total * dx * dy
+
+    def energy(self) -> np.ndarray:
+        """The scheme's own energy, per density, m⁵/s², (num_seas,).
+
+        ½ Δx Δy (g Σ η² + Σ U⁻U⁺/h + Σ V⁻V⁺/h), U⁻ and U⁺ half a substep before and after η: positive below the
+        stability limit, within O(Δt²) the energy ½ g η² + ½ h u², and in exact arithmetic constant without drag where
+        boundaries are walls or held at zero. The faces of an open boundary count half.
+        """
+        packing, (dx, dy) = self._packing, self._scheme.spacing
+        total = np.zeros(packing.num_seas)
+        for first, last in self._scheme.chunks(0, packing.ny + 1):
+            h, before, after = self._transports(first, last)
+            total += self._scheme.gravity * (self._eta(first, min(last, packing.ny)).astype(np.float64) ** 2).sum(
+                (1, 2)
+            )
+            for axis, faces in enumerate(before * after / np.where(h > 0, h, math.inf)[:, None]):
+                for side in self._scheme.open_sides(axis, first, last):
+                    faces[GEOMETRY[side].faces] /= 2
+                total += faces.sum(axis=(1, 2))
+        return total * dx * dy / 2
+
     def _packed(self) -> torch.Tensor:
         """Packed η, U and V as they are now, (3, blocks, rows, W, LANES)."""
         self._held.fetch()
@@ -250,3 +295,20 @@ class ShallowWater(Diagnostics):
             elevation = np.pad(elevation, ((0, blocks * LANES - self.num_seas), (0, 0)))
         table = elevation.reshape(blocks, -1, self.substeps).swapaxes(1, 2)
         runtime.upload(np.array(np.broadcast_to(table, self._prescribed.shape)), self._prescribed)
+
+    def _eta(self, first: int, last: int) -> np.ndarray:
+        return self._packing.unpack(self._packed()[0], first, last)[:, :, :-1]
+
+    def _transports(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Depth (2, rows, nx + 1) and transports U and V, m²/s, half a substep before and half a substep after the
+        elevation, each (2, num_seas, rows, nx + 1), on western and southern faces of rows `first` to `last` − 1.
+        """
+        scheme = self._scheme
+        packed = zip(self._packed()[1:], scheme.spacing, strict=True)
+        before = np.stack(
+            [scheme.packing.unpack(W, first, last).astype(np.float64) * (d / scheme.time_step) for W, d in packed]
+        )
+        h, damping = scheme.faces(first, last)
+        slopes = scheme.slopes(scheme.cell_rows(first, last, self._eta), first, last, self._prescribed_now())
+        push = scheme.time_step * scheme.gravity * h[:, None] * slopes
+        return h, before, ((1 - damping)[:, None] * before - push) / (1 + damping)[:, None]

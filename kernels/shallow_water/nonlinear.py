@@ -13,9 +13,9 @@ import torch
 from usvauv.kernels import runtime
 from usvauv.kernels.launch import Launch
 from usvauv.kernels.shallow_water.boundaries import EAST, WEST, Side, complete_kinds
+from usvauv.kernels.shallow_water.discretisation import LANES
 from usvauv.kernels.shallow_water.finite_volume import Clock, step
-from usvauv.kernels.shallow_water.ghost_cells import FORCED, INCIDENT, RADIATING, WALL
-from usvauv.kernels.shallow_water.packing import LANES
+from usvauv.kernels.shallow_water.riemann import FORCED, INCIDENT, RADIATING, WALL
 
 NonlinearBoundary = Literal["wall", "radiating", "forced", "incident"]
 

@@ -1,8 +1,8 @@
-"""Reconstruction and flux of the nonlinear shallow-water equations at the faces of a grid.
+"""Reconstruction and flux of the nonlinear shallow-water equations at the faces of a grid, and ghosts.
 
-All functions take whole vectors of cells and have no branches. Each is its own mirror image to the last bit: exchange
-left and right and change the sign of the normal velocities, and the results are exchanged and change sign likewise. So
-a symmetric flow stays symmetric.
+The functions of faces take whole vectors of cells and have no branches. Each is its own mirror image to the last bit:
+exchange left and right and change the sign of the normal velocities, and the results are exchanged and change sign
+likewise. So a symmetric flow stays symmetric.
 
 Cells, half slopes and states at a face are structs of the surface `eta` (m), depth `h` (m), velocity `u` normal to the
 face and `v` along it (m/s); a cell also has the bed `b` (m) and the water over that of the still sea,
@@ -10,7 +10,18 @@ D = h − max(−b, 0) (m). A state at a face also has `most`, the mass flux wit
 through this face in the step (m²/s).
 """
 
+from collections import namedtuple
+
 import taichi as ti
+
+from usvauv.kernels.types import vec2
+
+WALL, RADIATING, FORCED, INCIDENT = range(4)  # kinds of boundaries
+
+# A ghost beyond a boundary: indices of the ghost and of the first and second cell inside (of the bed, less
+# `bed_offset`); offsets of the velocities across and along the boundary; cells beyond the boundary (1 or 2), the sign
+# of leaving water, and the length of the sweep over the size of a cell.
+Ghost = namedtuple("Ghost", "at first second across along bed_offset layer outward r")
 
 TINY = 1e-30  # makes 0/0 a 0
 SMOOTH = 0.2  # second difference of the bed over depth up to which a bed is curved and does not jump
@@ -199,3 +210,76 @@ def flux(left, right, g: ti.f32):
         speed=ti.max(s_R, zero - s_L),
         step=step / (step + ti.max(d_L, d_R) + TINY),
     )
+
+
+@ti.func
+def fill_wall(basin: ti.template(), ghost: ti.template()):
+    """A ghost beyond a wall: the mirror image."""
+    cells = ti.static(basin.cells)
+    mirror = ghost.first
+    if ghost.layer == 2:
+        mirror = ghost.second
+    cells[ghost.at] = cells[mirror]
+    cells[ghost.at + ghost.across] = -cells[mirror + ghost.across]
+    cells[ghost.at + ghost.along] = cells[mirror + ghost.along]
+
+
+@ti.func
+def fill_open(basin: ti.template(), ghost: ti.template(), kind: ti.i32, tide: vec2):
+    """A ghost beyond an open boundary: a state by the Riemann invariants that leave and that enter.
+
+    With c0 of the still sea, c1 under the prescribed elevation and outward velocity u: u + 2 (c − c0) = R leaves, of
+    surface and velocity continued from the two cells inside where both are flooded: linearly, but less the more the bed
+    rises or falls between them. u − 2 (c − c0) enters: 0 from a still sea; −4 (c1 − c0) of a simple wave in still
+    water; R − 4 (c1 − c0) where the boundary has that elevation. What is in a ghost arrives at the boundary later, so
+    it has the elevation, and the R, of then. Water passes a forced boundary at most with the speed of waves: faster
+    water would need other conditions.
+    """
+    cells, bed, g = ti.static((basin.cells, basin.bed_cells, basin.g))
+    b = bed[ghost.at - ghost.bed_offset]
+    b_1 = bed[ghost.first - ghost.bed_offset]
+    b_2 = bed[ghost.second - ghost.bed_offset]
+    h0 = ti.max(-b, 0.0)
+    land = ti.max(b, 0.0)
+    c0 = ti.sqrt(g * h0)
+    u_1 = ghost.outward * cells[ghost.first + ghost.across]
+    u_2 = ghost.outward * cells[ghost.second + ghost.across]
+    eta_1 = cells[ghost.first] + ti.max(b_1, 0.0)
+    eta_2 = cells[ghost.second] + ti.max(b_2, 0.0)
+    leaving = u_1 + 2.0 * celerity_difference(cells[ghost.first], 0.0, ti.max(-b_1, 0.0), g)
+    returning = leaving
+    if ti.min(eta_1, eta_2) > ti.max(b_1, b_2) + basin.dry:
+        even = ti.max(1.0 - ti.abs(b_1 - b_2) / ti.max(h0, basin.dry), 0.0)
+        beyond = even * ti.cast(ghost.layer, ti.f32)
+        within = even * (ti.cast(ghost.layer, ti.f32) - 1.0)
+        eta = ti.max(eta_1 + beyond * (eta_1 - eta_2) - land, -h0)
+        leaving = u_1 + beyond * (u_1 - u_2) + 2.0 * celerity_difference(eta, 0.0, h0, g)
+        eta = ti.max(eta_1 + within * (eta_2 - eta_1) - land, -h0)
+        returning = u_1 + within * (u_2 - u_1) + 2.0 * celerity_difference(eta, 0.0, h0, g)
+    if kind != FORCED:
+        returning = 0.0
+
+    D = 0.0
+    rise = 0.0
+    if kind != RADIATING:
+        D = ti.max(tide[0] - land, -h0)
+        rise = celerity_difference(D, 0.0, h0, g)
+        inward_speed = c0 - 0.25 * leaving - 0.75 * (returning - 4.0 * rise)
+        later = (ti.cast(ghost.layer, ti.f32) - 0.5) / ti.max(ghost.r * inward_speed, 0.25)
+        D = ti.max(tide[0] + later * (tide[1] - tide[0]) - land, -h0)
+        rise = celerity_difference(D, 0.0, h0, g)
+    entering = returning - 4.0 * rise
+    excess = ti.max(0.25 * (leaving - entering), -c0)
+    u = 0.5 * (leaving + entering)
+    if kind == FORCED:
+        u = ti.max(ti.min(u, c0 + excess), -c0 - excess)
+    # D + (c² − c1²)/g, which is D itself where nothing moves.
+    cells[ghost.at] = ti.max(D + (excess - rise) * (2.0 * c0 + excess + rise) / g, -h0)
+    cells[ghost.at + ghost.across] = ghost.outward * u
+    cells[ghost.at + ghost.along] = cells[ghost.first + ghost.along]
+
+
+@ti.func
+def celerity_difference(D: ti.f32, D_0: ti.f32, h0: ti.f32, g: ti.f32) -> ti.f32:
+    """√(g (D + h0)) − √(g (D_0 + h0)), which rounds like D − D_0."""
+    return g * (D - D_0) / (ti.sqrt(g * (D + h0)) + ti.sqrt(g * (D_0 + h0)) + TINY)

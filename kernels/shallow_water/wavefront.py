@@ -1,6 +1,6 @@
 """Shallow water forward–backward in time on a packed Arakawa C grid: the CPU backend, which marches bands of rows.
 
-The layout of the fields is in `usvauv.kernels.shallow_water.packing`.
+The layout of the fields is in `usvauv.kernels.shallow_water.discretisation`.
 """
 
 import itertools
@@ -14,15 +14,15 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.launch import Launch
-from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, Boundaries
-from usvauv.kernels.shallow_water.packing import LANES, Packing, vector, vectors
+from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, BasinBoundaries
+from usvauv.kernels.shallow_water.discretisation import LANES, Packing, vector, vectors
 from usvauv.kernels.types import columns, index3, vec4
 
 # Compile-time options: whether lanes are strips of one sea, any boundary radiates, any sponge damps, the calling thread
 # marches all bands, and whether it makes all copies.
 Options = namedtuple("Options", "strips radiating sponge serial copy_serially", defaults=(False, False))
 # Arguments of a kernel that its functions share, as `march` describes them.
-Basin = namedtuple("Basin", "eta U V Cx Cy resistance sponge_factor elevation_factor W nx ny a options")
+LinearBasin = namedtuple("LinearBasin", "eta U V Cx Cy resistance sponge_factor elevation_factor W nx ny a options")
 # Vectors at which the row to advance, the row south of it and its coefficients begin; factors Fy and Gy of its sponge.
 Row = namedtuple("Row", "north south coefficients Fy Gy")
 
@@ -87,7 +87,9 @@ def march(
         a: (1 − r Δt/2)/(1 + r Δt/2).
         options: see `Options`.
     """
-    basin = ti.static(Basin(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options))
+    basin = ti.static(
+        LinearBasin(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options)
+    )
     rows = eta.shape[0] // (blocks * W)
     table = prescribed.shape[0] // blocks
     tasks = blocks * bands.shape[0]
@@ -262,7 +264,7 @@ class WavefrontBackend:
         self._copy_serially = copies * LANES * columns * COPY < WAKE  # done before another thread wakes up
 
     def launches(
-        self, arrays: Sequence[torch.Tensor], coefficient_row: np.ndarray, boundaries: Boundaries, a: float
+        self, arrays: Sequence[torch.Tensor], coefficient_row: np.ndarray, boundaries: BasinBoundaries, a: float
     ) -> list[Launch]:
         """Kernel launches of one interval.
 

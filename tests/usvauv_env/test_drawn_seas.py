@@ -17,7 +17,7 @@ from usvauv.env.site.site import Site
 from usvauv.env.site.waves import Partition, Waves, WaveSpectrum
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.flow.airy import wavenumber
-from usvauv.kernels.shallow_water.packing import LANES, Packing
+from usvauv.kernels.shallow_water.discretisation import LANES, Packing
 
 G, DEPTH = 9.81, 40.0
 LONG = {"significant_height": 1.0, "peak_period": 20.0}

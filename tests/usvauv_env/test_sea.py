@@ -11,7 +11,7 @@ from usvauv.env.sea.build import build_sea, coarse_cells, fine_cells
 from usvauv.env.sea.forcing import draw_boundary_wave
 from usvauv.env.site.site import Site
 from usvauv.kernels.mission.columns import BoatColumn
-from usvauv.kernels.shallow_water.packing import Packing
+from usvauv.kernels.shallow_water.discretisation import Packing
 
 SIDES = ["west", "east", "south", "north"]
 

@@ -21,9 +21,9 @@ from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
 from usvauv.kernels import runtime
 from usvauv.kernels.shallow_water.boundaries import Boundary, Side
+from usvauv.kernels.shallow_water.discretisation import LANES
 from usvauv.kernels.shallow_water.linear import COURANT, ShallowWater
 from usvauv.kernels.shallow_water.nonlinear import NonlinearBoundary, NonlinearShallowWater
-from usvauv.kernels.shallow_water.packing import LANES
 
 MOST_SUBSTEPS = 1_000_000
 

@@ -13,7 +13,7 @@ class LongWaves(Protocol):
 
     Attributes:
         fields: packed elevation and transports, each (blocks, rows, W, LANES), as arguments of a `Launch`; see
-            `usvauv.kernels.shallow_water.packing`.
+            `usvauv.kernels.shallow_water.discretisation`.
         nx, ny: cells. dx, dy: their size, m.
         interval: time of one `advance`, s. time: that of the elevation, s.
         eta: packed elevation as it is now, m.

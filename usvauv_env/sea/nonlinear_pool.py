@@ -8,12 +8,12 @@ import numpy as np
 import torch
 
 from usvauv.kernels import runtime
+from usvauv.kernels.shallow_water.discretisation import LANES, Packing
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
-from usvauv.kernels.shallow_water.packing import LANES, Packing
 
 
 class NonlinearSeas:
-    """Nonlinear solvers side by side, with fields packed as `usvauv.kernels.shallow_water.packing.sample` reads them.
+    """Nonlinear solvers side by side, with fields packed as `usvauv.kernels.flow.current.long_wave_surface` reads them.
 
     On dry land the elevation is that of the ground.
 

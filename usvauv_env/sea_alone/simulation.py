@@ -176,7 +176,7 @@ class SeaSimulation:
         return self._grid(u), self._grid(v)
 
     def stream(self) -> np.ndarray:
-        """The present real current at the surface, m/s, (rows, columns, 2) as in `usvauv.kernels.flow.regular_grid`.
+        """The present real current at the surface, m/s, (rows, columns, 2) as in `usvauv.kernels.flow.current`.
 
         Empty where the scenario has none.
         """

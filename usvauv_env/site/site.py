@@ -56,7 +56,7 @@ class Site:
 
     @cached_property
     def bed(self) -> np.ndarray:
-        """Depth of still water as a field of `usvauv.kernels.flow.regular_grid`, (1, rows, columns, 1), m.
+        """Depth of still water as a field of `usvauv.kernels.flow.current`, (1, rows, columns, 1), m.
 
         Raises:
             ScenarioError: the bed rises to the AUVs.

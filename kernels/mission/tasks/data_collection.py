@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from usvauv.kernels.flow import regular_grid
+from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.mission import poisson_table, rewards
 from usvauv.kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
 from usvauv.kernels.mission.motion import distance_to_target, target_of, travel
@@ -80,7 +80,7 @@ def begin_service(worlds: ti.template(), w, k, distance):
     y = worlds.node[w, target, NodeColumn.y]
     separation = p[Parameter.separation_node]
     if separation == 0.0:
-        depth = regular_grid.sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
+        depth = grid_sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
         separation = depth - p[Parameter.cruise]
     slant = ti.sqrt(distance * distance + separation * separation)
     loss = sonar_equation.path_loss(slant, p[Parameter.spreading], p[Parameter.data_absorption])

@@ -7,7 +7,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from usvauv.kernels.flow import current
 from usvauv.kernels.flow.vortex import sample_current
-from usvauv.kernels.shallow_water.packing import Packing
+from usvauv.kernels.shallow_water.discretisation import Packing
 from usvauv.kernels.types import Level
 
 SIZE = (240.0, 130.0)

@@ -14,10 +14,11 @@ import torch
 
 from tests.cases.case import order
 from tests.cases.plain import centres, many, rough_bed
-from usvauv.kernels.shallow_water import linear, packing, wavefront
+from usvauv.kernels.flow.current import long_wave_surface
+from usvauv.kernels.shallow_water import linear, wavefront
 from usvauv.kernels.shallow_water.cellwise import CellwiseBackend
+from usvauv.kernels.shallow_water.discretisation import LANES, Packing
 from usvauv.kernels.shallow_water.linear import ShallowWater
-from usvauv.kernels.shallow_water.packing import LANES
 from usvauv.kernels.shallow_water.wavefront import BandTable, Extent
 
 THREADS = """
@@ -124,7 +125,7 @@ class TestLayout:
     def test_numbers_lie_where_the_docstring_says(self, num_seas, nx, outer):
         """Lane l of block b is sea 16 b + l, or holds the columns from l W on; what is filled up is 0."""
         ny, first = 4, 2
-        made = packing.Packing(num_seas, nx, ny, outer)
+        made = Packing(num_seas, nx, ny, outer)
         field = np.random.default_rng(0).uniform(1, 2, (num_seas, ny, nx + 1)).astype(np.float32)
         packed = torch.full((made.blocks, ny + 5, made.columns, LANES), -1.0)
         made.pack(field, packed, first)
@@ -211,7 +212,7 @@ def sample_all(
     ny: ti.i32,
 ):
     for sea, p in ti.ndrange(found.shape[0], found.shape[1]):
-        surface = packing.sample(eta, sea, points[p, 0], points[p, 1], dx, dy, nx, ny)
+        surface = long_wave_surface(eta, sea, points[p, 0], points[p, 1], dx, dy, nx, ny)
         for column in ti.static(range(3)):
             found[sea, p, column] = surface[column]
 
