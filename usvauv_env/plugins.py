@@ -12,14 +12,29 @@ import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from usvauv.kernels.errors import UserError, in_words
+from usvauv.kernels import errors
 
 GROUP = "usvauv.plugins"
+BEFORE_03 = {  # names of the packages in version 0.2
+    "kernels": "usvauv.kernels",
+    "policies": "usvauv.policies",
+    "usvauv_env": "usvauv.env",
+    "usvauv_cli": "usvauv.cli",
+}
 _paths: list[Path] = []
 
 
-class PluginError(UserError, ValueError):
+class PluginError(errors.UserError, ValueError):
     """A plugin cannot be loaded; the message is one line that names its file."""
+
+
+def _reason(error: BaseException) -> str:
+    """Why importing failed, also where a package has the name that it had in version 0.2."""
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        package, dot, rest = error.name.partition(".")
+        if package in BEFORE_03:
+            return f"imports {error.name}, whose name since 0.3 is {BEFORE_03[package]}{dot}{rest}"
+    return errors.in_words(error)
 
 
 def load(path: str | Path) -> None:
@@ -41,12 +56,12 @@ def load(path: str | Path) -> None:
     sys.modules[name] = module  # Taichi looks the source of a kernel up through its module
     try:
         spec.loader.exec_module(module)
-    except UserError as error:
+    except errors.UserError as error:
         del sys.modules[name]
         raise PluginError(f"plugin {path}: {error}") from None
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise PluginError(f"plugin {path}: {in_words(error)}") from error
+        raise PluginError(f"plugin {path}: {_reason(error)}") from error
     _paths.append(file)
 
 
@@ -60,7 +75,7 @@ def load_installed() -> None:
         try:
             entry.load()
         except (Exception, SystemExit) as error:
-            raise PluginError(f"plugin {entry.value}: {in_words(error)}") from error
+            raise PluginError(f"plugin {entry.value}: {_reason(error)}") from error
 
 
 def loaded() -> list[Path]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -50,3 +52,23 @@ def test_an_algorithm_trains_and_its_policy_is_kept(tmp_path):
     observation = trainer.world.reset()
     kept = policies.load(tmp_path / "run", trainer.world)
     assert torch.equal(kept.act(observation), trainer.policy().act(observation))
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("from kernels.errors import UserError", "imports kernels, whose name since 0.3 is usvauv.kernels"),
+        ("import usvauv_env.scenario", "imports usvauv_env, whose name since 0.3 is usvauv.env"),
+    ],
+)
+def test_a_plugin_of_version_02_is_told_the_new_name(tmp_path, line, said):
+    (tmp_path / "old.py").write_text(line)
+    done = subprocess.run(
+        [sys.executable, "-m", "usvauv.cli", "scenarios", "--plugin", "old.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert said in " ".join(done.stderr.split())

@@ -20,7 +20,7 @@ from pydantic.fields import FieldInfo
 
 from tests.links import EVERY_STEP
 from usvauv.env import Scenario, World
-from usvauv.env.sections.fields import Section
+from usvauv.env.scenario.fields import Section
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
 

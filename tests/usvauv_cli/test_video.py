@@ -9,7 +9,7 @@ import pytest
 from tests.usvauv_env.made_traces import paint, synthetic_trace
 from usvauv.cli.mission_video import VideoSettings, render
 from usvauv.env.render.frame_layout import Layout
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 from usvauv.env.storage.files import OutputError
 
 

@@ -32,8 +32,8 @@ from usvauv.env import Scenario, evaluate
 from usvauv.env.record.collection import age
 from usvauv.env.record.metrics import EpisodeMetrics, usable
 from usvauv.env.record.trace import VARIABLES
-from usvauv.env.sections.sea import MAX_VORTICES
-from usvauv.env.sections.task import MAX_NODES
+from usvauv.env.scenario.sea import MAX_VORTICES
+from usvauv.env.scenario.task import MAX_NODES
 from usvauv.env.site import georeference
 from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import Combination

@@ -14,7 +14,7 @@ from usvauv.env.render.map import error_axes
 from usvauv.env.render.painter import Painter
 from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface
 from usvauv.env.scenario import Scenario
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 
 
 class TestMap:

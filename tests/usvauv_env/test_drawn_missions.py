@@ -19,7 +19,7 @@ from usvauv.env.render.plots import RecordedPlot
 from usvauv.env.render.reply_field import ReplyField
 from usvauv.env.render.running_metrics import RunningMetrics, figures
 from usvauv.env.scenario import Scenario
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 from usvauv.kernels.positioning import usbl
 
 

@@ -19,7 +19,7 @@ from usvauv.env.render.plots import LivePlot, Plot, RecordedPlot, SectionPlot
 from usvauv.env.render.running_metrics import RunningMetrics
 from usvauv.env.render.sea_layers import COLOURS, colour_scale
 from usvauv.env.render.text import clock
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 
 
 class TestPlots:

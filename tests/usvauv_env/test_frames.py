@@ -16,7 +16,7 @@ from usvauv.env.render.legend import ENTRIES, STATION_ENTRIES
 from usvauv.env.render.painter import Look, painter_of
 from usvauv.env.render.running_metrics import RunningMetrics, figures
 from usvauv.env.scenario import Scenario
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 
 LAYOUT = Layout.fit(1280, 720, Area())
 

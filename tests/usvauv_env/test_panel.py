@@ -15,7 +15,7 @@ from usvauv.env.render.legend import ENTRIES, STATION_ENTRIES, draw_legend
 from usvauv.env.render.panel_elements import Bars
 from usvauv.env.render.plots import Plot
 from usvauv.env.render.running_metrics import RunningMetrics
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 
 LAYOUT = Layout.fit(1280, 720, Area())
 BOX = Rectangle(100, 100, 500, 200)

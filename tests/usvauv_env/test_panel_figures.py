@@ -21,7 +21,7 @@ from usvauv.env.render.painter import Look, Painter
 from usvauv.env.render.popups import FRAMES, Popups
 from usvauv.env.render.running_metrics import MEDIAN_WINDOW, RunningMetrics, _heading, _service_share, figures
 from usvauv.env.render.scene import track
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 from usvauv.kernels.positioning import usbl
 
 

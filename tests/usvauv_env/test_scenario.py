@@ -9,17 +9,21 @@ import pytest
 
 from tests.trials.scenarios import numbers
 from usvauv.env import Scenario, ScenarioError
-from usvauv.env.sections.fields import Section
-from usvauv.env.sections.task import TaskParameters
+from usvauv.env.scenario.fields import Section
+from usvauv.env.scenario.task import TaskParameters
 
 
 @pytest.mark.parametrize("name", Scenario.shipped())
 class TestShipped:
-    def test_file_states_and_explains_every_field(self, name):
-        """The file is what `to_toml` prints: nothing is left to a default, each field has its comment."""
+    def test_file_holds_what_differs_and_what_is_printed_explains_every_field(self, name):
         text = (resources.files("usvauv.env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
-        assert text == Scenario.load(name).to_toml()
-        fields = [line for line in text.splitlines() if line and not line.startswith("[")]
+        given, plain, whole = tomllib.loads(text), Scenario().to_dict(), Scenario.load(name).to_toml()
+        for section, fields in given.items():
+            for field in fields if isinstance(fields, dict) else ():
+                assert Scenario.load(name).to_dict()[section][field] != plain[section][field], f"{section}.{field}"
+        assert tomllib.loads(whole) == Scenario.load(name).to_dict()
+        fields = [line for line in whole.splitlines() if line and not line.startswith("[")]
+        assert len(fields) > 150
         assert all("  # " in line and line.split("  # ")[1].strip() for line in fields)
 
     def test_named_as_its_file(self, name):
@@ -322,7 +326,7 @@ def test_who_can_have_multipath(override, possible):
 def test_who_heeds_the_form_of_pulses(changes, heeds):
     fields = "usbl.signal", "usbl.model", "acoustics.multipath"
     overrides = map("=".join, zip(fields, changes.split(), strict=True))
-    assert Scenario.load("ideal", list(overrides)).heeds_pulses is heeds
+    assert Scenario.load("ideal", list(overrides)).uses_pulse_tables is heeds
 
 
 @pytest.mark.parametrize(

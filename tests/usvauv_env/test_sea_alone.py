@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from usvauv.env import Scenario, ScenarioError
+from usvauv.env.scenario.sea import Water
 from usvauv.env.sea_alone import netcdf, simulation
 from usvauv.env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
-from usvauv.env.sections.sea import Water
 from usvauv.env.site.site import Site
 
 WIDTH, LENGTH, SHAPE = 210.0, 100.0, (7, 5)  # cells of 30 × 20 m

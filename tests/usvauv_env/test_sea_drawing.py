@@ -12,7 +12,7 @@ from usvauv.env.render.camera import Swing
 from usvauv.env.render.frame_layout import MapView, Rectangle
 from usvauv.env.render.sea_layers import COLOURS, CurrentStreaks, SeaSurface, elevation_limit
 from usvauv.env.render.sea_shading import SeaShading
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 
 
 class TestRelief:

@@ -12,7 +12,7 @@ from scipy.interpolate import RegularGridInterpolator
 from tests.usvauv_env.ocean_files import FRAME, cmems, gebco
 from tests.usvauv_env.wave_files import era5
 from usvauv.env import Scenario
-from usvauv.env.sections.fields import FARTHEST
+from usvauv.env.scenario.fields import FARTHEST
 from usvauv.env.site import cf, cf_ocean, interpolation, wave_source
 from usvauv.env.site.cf import Axis, Field, OceanError
 from usvauv.env.site.local_frame import LocalFrame

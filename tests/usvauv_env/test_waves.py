@@ -10,9 +10,9 @@ from tests.usvauv_env.wave_files import era5, fields, partitions, scenario_of, s
 from usvauv.cli.sea_view.section import heading
 from usvauv.cli.sea_view.spectra import target_spectrum, wanted
 from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.scenario.sea import Storm
 from usvauv.env.sea.build import build_short_waves
 from usvauv.env.sea.storm import band, cumulative, total_height, wave_systems
-from usvauv.env.sections.sea import Storm
 from usvauv.env.site.local_frame import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import WaveSpectrum

@@ -20,7 +20,7 @@ from usvauv import policies
 from usvauv.cli.evaluation.run import digests
 from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario
-from usvauv.env.sections.fields import Section, known, one_line
+from usvauv.env.scenario.fields import Section, known, one_line
 from usvauv.env.storage import text_files
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.kernels.errors import UserError

@@ -10,7 +10,7 @@ import numpy as np
 
 from usvauv.env.render import style
 from usvauv.env.render.style import Theme
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 
 
 class Rectangle(NamedTuple):

@@ -11,7 +11,7 @@ from usvauv.env.render.frame_layout import Layout, MapView, nice, nice_above
 from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface, colour_scale
 from usvauv.env.render.text import text_width, write
 from usvauv.env.scenario import Scenario
-from usvauv.env.sections.area import Area
+from usvauv.env.scenario.sea import Area
 
 
 class Scene(Protocol):

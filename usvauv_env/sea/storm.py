@@ -30,7 +30,7 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import ScenarioError
-from usvauv.env.sections.sea import Storm
+from usvauv.env.scenario.sea import Storm
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import Partition, WaveSpectrum
 from usvauv.kernels import runtime

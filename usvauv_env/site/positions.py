@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.sections.fields import FARTHEST
+from usvauv.env.scenario.fields import FARTHEST
 from usvauv.env.site.site import Site
 from usvauv.kernels.errors import UserError
 

@@ -128,7 +128,7 @@ class World:
         self.common_state = ("sea", "sea_clock", "sea_episode", *arrays.unused(scenario, foresees))
         shapes = arrays.shapes(scenario, num_worlds, foresees)
         self._pulses = coded_pulse.Pulses(self._zeros(1, 1), self._zeros(1, 1, 1), self._zeros(1))
-        if scenario.heeds_pulses:
+        if scenario.uses_pulse_tables:
             self._pulses = tables.pulse_tables(scenario, self.device)
         drawn = 8 * self._pulses.noise.shape[2]  # noise of a pulse
         workspaces = tables.rule_workspace(scenario) + drawn

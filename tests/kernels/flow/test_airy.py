@@ -10,8 +10,8 @@ from scipy.integrate import quad, trapezoid
 from scipy.signal import hilbert, welch
 from scipy.stats import kstest
 
+from usvauv.env.scenario.sea import Storm
 from usvauv.env.sea.storm import AirySea, band, build_storm, spread
-from usvauv.env.sections.sea import Storm
 from usvauv.kernels.flow import airy
 
 G, H = 9.81, 120.0

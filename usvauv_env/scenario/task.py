@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from usvauv.env.sections.fields import LARGEST, Bandwidth, Carrier, Distance, Number, Price, Section
+from usvauv.env.scenario.fields import LARGEST, Bandwidth, Carrier, Distance, Number, Price, Section
 from usvauv.kernels.mission import target_rules
 
 MAX_NODES = 500

@@ -1,7 +1,7 @@
 """A scenario: every number of a simulation, validated and frozen.
 
 A scenario is read from TOML (a shipped name or a path); unknown fields are refused. `Scenario.to_toml` writes it back
-with each field's description as a comment. The fields themselves are in `usvauv.env.sections`.
+with each field's description as a comment.
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ from typing import Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from usvauv.env.sections.area import Area, Mission
-from usvauv.env.sections.fields import Section, known, one_line, section
-from usvauv.env.sections.sea import Current, Sea, Storm, Water
-from usvauv.env.sections.sound import Acoustics, Channel, Usbl
-from usvauv.env.sections.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
-from usvauv.env.sections.vehicles import Auv, Boat, Navigation, Planner, Tracker
+from usvauv.env.scenario.fields import Section, known, one_line, section
+from usvauv.env.scenario.sea import Area, Current, Mission, Sea, Storm, Water
+from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
+from usvauv.env.scenario.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
+from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Planner, Tracker
 from usvauv.env.storage import text_files
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.tasks.task import Task, tasks
@@ -140,7 +139,7 @@ class Scenario(Section):
         return round(self.usbl.pulse_length * self.acoustics.bandwidth)
 
     @property
-    def heeds_pulses(self) -> bool:
+    def uses_pulse_tables(self) -> bool:
         """Whether fixes depend on the form of coded pulses."""
         return self.usbl.signal == "code" and (self.usbl.model == "waveform" or self.acoustics.multipath)
 
@@ -166,7 +165,7 @@ class Scenario(Section):
                 f"usbl.periods of usbl.sampling_rate: a tone of {samples:.0f} samples; at most {MOST_SAMPLES} with"
                 " usbl.model = waveform"
             )
-        if self.heeds_pulses and not FEWEST_CHIPS <= self.chips <= MOST_CHIPS:
+        if self.uses_pulse_tables and not FEWEST_CHIPS <= self.chips <= MOST_CHIPS:
             raise ValueError(
                 f"usbl.pulse_length times acoustics.bandwidth: a pulse of {self.chips} chips; from {FEWEST_CHIPS} to"
                 f" {MOST_CHIPS} with usbl.model = waveform or acoustics.multipath"

@@ -1,4 +1,4 @@
-"""Sections of a scenario about its water: long and short waves, files of real water, vortices."""
+"""Sections of a scenario about where and when it is and about its water: area, clock, waves, real water, vortices."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from usvauv.env.sections.fields import Place, Section
+from usvauv.env.scenario.fields import Place, Section
 from usvauv.kernels.shallow_water.boundaries import Side
 
+MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at a second each
 MAX_VORTICES = 64
 TOGETHER = 16  # vortices; of more than these no more are taken to lie at one place
 VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
@@ -25,6 +26,35 @@ Centre = Annotated[
     Annotated[tuple[Place, Place], Tag("metres")] | Annotated[str, Tag("degrees")],
     Discriminator(lambda value: "degrees" if isinstance(value, str) else "metres"),
 ]
+
+
+class Area(Section):
+    width: float = Field(200.0, ge=40, le=20000, description="extent in x (east), m")
+    length: float = Field(200.0, ge=40, le=20000, description="extent in y (north), m")
+    depth: float = Field(120.0, ge=5, le=11000, description="water depth h, m")
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the area's diagonal, m."""
+        return math.hypot(self.width, self.length)
+
+
+class Mission(Section):
+    step: float = Field(1.0, ge=0.01, le=10, description="mission step, s")
+    duration: float = Field(
+        1000.0, ge=0.01, le=1e7, description="length of an episode, s; the nearest whole number of steps, at least one"
+    )
+
+    @property
+    def steps(self) -> int:
+        """Mission steps in an episode."""
+        return max(1, round(self.duration / self.step))
+
+    @model_validator(mode="after")
+    def _check(self) -> Mission:
+        if self.steps > MOST_STEPS:
+            raise ValueError(f"duration / step = {self.steps} steps: must be at most {MOST_STEPS}")
+        return self
 
 
 class Sea(Section):

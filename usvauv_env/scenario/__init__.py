@@ -1,0 +1,9 @@
+"""A scenario: every number of a simulation, with its unit, range, default and meaning, in sections.
+
+All values are SI: metres, seconds, radians, watts, hertz. `scenario` reads, checks and writes the whole; a section's
+field is the one place where its number is described: comments of files and the reference are made of it.
+"""
+
+from usvauv.env.scenario.scenario import Scenario, ScenarioError
+
+__all__ = ["Scenario", "ScenarioError"]
