@@ -10,7 +10,7 @@ import numpy as np
 
 from usvauv.cli.sea_view.figure import spectrum, target_spectrum
 from usvauv.env import Scenario
-from usvauv.env.sea_alone.simulation import SeaSimulation
+from usvauv.env.sea.simulation import SeaSimulation
 
 # %%
 # The sea that a mission of the same scenario and seed has, on 64 × 64 cells, every half second for five minutes.

@@ -26,8 +26,9 @@ def files(folder: Path) -> list[tuple[Path, bool]]:
     from usvauv import policies
     from usvauv.env import Scenario, World
     from usvauv.env.record.recorder import record
-    from usvauv.env.sea_alone.netcdf import SeaFile
-    from usvauv.env.sea_alone.simulation import SeaSimulation, first_vortices
+    from usvauv.env.sea.netcdf import SeaFile
+    from usvauv.env.sea.simulation import SeaSimulation
+    from usvauv.env.world.water import first_vortices
 
     made = []
     for name, changes in (("nowhere", []), ("place", PLACE), ("date", DATE)):

@@ -8,7 +8,7 @@ import xarray
 
 from usvauv.cli import app
 from usvauv.env import Trace, World
-from usvauv.env.sea_alone.simulation import SeaSimulation
+from usvauv.env.sea.simulation import SeaSimulation
 
 SCENARIO = ("--set", "mission.duration=8", "--set", "sea.fine_cells=32", "--set", "sea.cell_size=20")
 

@@ -35,11 +35,12 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.render import style
 from usvauv.env.render.frame_layout import Layout, MapView, Rectangle
 from usvauv.env.sea.build import build_sea, build_short_waves
+from usvauv.env.sea.netcdf import SeaFile
+from usvauv.env.sea.simulation import SeaSimulation, cells, survey
 from usvauv.env.sea.storm import cumulative
-from usvauv.env.sea_alone.netcdf import SeaFile
-from usvauv.env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
 from usvauv.env.site.local_frame import LocalFrame
 from usvauv.env.site.site import Site
+from usvauv.env.world.water import first_vortices
 
 STEADY = ["current.mutual=false", "current.viscosity=0"]
 STILL = ["storm.spectrum=none", "sea.irregular_rms=0", "sea.start_rms=0", "current.count=0"]

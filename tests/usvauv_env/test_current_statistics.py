@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 from usvauv.env import Scenario
-from usvauv.env.sea.forcing import speed_bound
+from usvauv.env.sea.build import speed_bound
 from usvauv.env.sea.storm import band
 from usvauv.env.site.cf_ocean import Flow
 from usvauv.env.site.site import Site

@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from usvauv.env import Scenario, ScenarioError
-from usvauv.env.sea import build, storm, uneven_bed
-from usvauv.env.sea.forcing import BoundaryWave, add_response, boundary_wave, start_elevation
+from usvauv.env.sea import build, storm
+from usvauv.env.sea.build import BoundaryWave, add_response, boundary_wave, start_elevation
+from usvauv.env.sea.long_waves import SeaWatch
 from usvauv.env.sea.storm import _as_storm, band, build_storm, cut_off, moment, total_height, wave_systems
-from usvauv.env.sea.watch import SeaWatch
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import Partition, Waves, WaveSpectrum
 from usvauv.kernels.errors import DivergenceError
@@ -374,26 +374,26 @@ class TestUnevenBed:
         return SimpleNamespace(scenario=given, waves=None, mean_depth=500.0, still_depth=still_depth, asked=asked)
 
     def test_says_where_and_how_much(self):
-        limit = uneven_bed.shallowest_right(self.site())
+        limit = storm.shallowest_valid_depth(self.site())
         site = self.site(*[limit - 1] * 20, *[])
-        said = uneven_bed.warning(site)
+        said = storm.uneven_bed_warning(site)
         assert site.asked == [(128, 64)]
         assert "mean depth, 500 m, everywhere; in water shallower than" in said
         assert f"{limit:.0f} m, 2% of this one" in said
-        assert "1% of this one" in uneven_bed.warning(self.site(limit - 1))  # of a thousand cells one
-        assert uneven_bed.warning(self.site(limit)) == ""
-        assert uneven_bed.warning(self.site(5.0, bathymetry="")) == ""
-        assert uneven_bed.warning(self.site(5.0, storm={"spectrum": "none"})) == ""
+        assert "1% of this one" in storm.uneven_bed_warning(self.site(limit - 1))  # of a thousand cells one
+        assert storm.uneven_bed_warning(self.site(limit)) == ""
+        assert storm.uneven_bed_warning(self.site(5.0, bathymetry="")) == ""
+        assert storm.uneven_bed_warning(self.site(5.0, storm={"spectrum": "none"})) == ""
 
     def test_limit(self):
         """Where a tenth is lost or gained by c_g H², or where the sea is higher than 0.6 of the depth."""
-        limit = uneven_bed.shallowest_right(self.site(storm={"spectrum": "pm", **LONG}))
+        limit = storm.shallowest_valid_depth(self.site(storm={"spectrum": "pm", **LONG}))
         change = [
-            math.sqrt(uneven_bed.group_speed(20.0, 500.0, G) / uneven_bed.group_speed(20.0, depth, G)) - 1
+            math.sqrt(storm.group_speed(20.0, 500.0, G) / storm.group_speed(20.0, depth, G)) - 1
             for depth in (limit + 1.3, limit)
         ]
-        assert 500 / uneven_bed.DEPTHS < 1.3
+        assert 500 / storm.BED_DEPTHS < 1.3
         assert abs(change[0]) < 0.1 < abs(change[1]) < 0.12
-        assert uneven_bed.shallowest_right(self.site()) == 6.5 / 0.6
+        assert storm.shallowest_valid_depth(self.site()) == 6.5 / 0.6
         steep = self.site(storm={"spectrum": "pm", "significant_height": 6.5, "swells": [[20.0, 16.0, 1, 0, 9]]})
-        assert uneven_bed.shallowest_right(steep) >= math.hypot(6.5, 20) / 0.6
+        assert storm.shallowest_valid_depth(steep) >= math.hypot(6.5, 20) / 0.6

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.sea_alone.simulation import SeaSimulation
+from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.state_ranges import STATE

@@ -15,7 +15,7 @@ from tests.policies.toy import ToyWorld, scenario
 from usvauv.cli.encoder import video_file
 from usvauv.env import Scenario, World
 from usvauv.env.record.recorder import record
-from usvauv.env.sea_alone.simulation import SeaSimulation
+from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.storage import memory
 from usvauv.env.storage.files import OutputError
 from usvauv.env.storage.memory import MemoryNeeded, RowsOnDisk, available, extremes, require

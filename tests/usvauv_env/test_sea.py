@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.sea.build import build_sea, coarse_cells, fine_cells
-from usvauv.env.sea.forcing import draw_boundary_wave
+from usvauv.env.sea.build import build_sea, coarse_cells, draw_boundary_wave, fine_cells
 from usvauv.env.site.site import Site
 from usvauv.kernels.mission.columns import BoatColumn
 from usvauv.kernels.shallow_water.discretisation import Packing

@@ -9,9 +9,10 @@ import torch
 
 from usvauv.env import Scenario, ScenarioError
 from usvauv.env.scenario.sea import Water
-from usvauv.env.sea_alone import netcdf, simulation
-from usvauv.env.sea_alone.simulation import SeaSimulation, cells, first_vortices, survey
+from usvauv.env.sea import netcdf, simulation
+from usvauv.env.sea.simulation import SeaSimulation, cells, survey
 from usvauv.env.site.site import Site
+from usvauv.env.world.water import first_vortices
 
 WIDTH, LENGTH, SHAPE = 210.0, 100.0, (7, 5)  # cells of 30 × 20 m
 WAVES = {"forced_edge": "west", "irregular_rms": 0.5}

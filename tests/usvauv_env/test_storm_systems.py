@@ -8,7 +8,7 @@ import pytest
 from tests.usvauv_env.ocean_files import sloping, write
 from usvauv.cli.sea_view.spectra import target_spectrum, wanted
 from usvauv.env import Scenario, ScenarioError
-from usvauv.env.sea.uneven_bed import group_speed, shallowest_right, warning
+from usvauv.env.sea.storm import group_speed, shallowest_valid_depth, uneven_bed_warning
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_bound, current_parts
 
@@ -71,19 +71,21 @@ def test_group_speed_is_the_slope_of_the_dispersion(period):
 def test_long_waves_shoal_by_greens_law():
     """Heights go as h^(−1/4), so 10 % more are at h/1.1⁴."""
     shallow = ["area.depth=10", "auv.depth=8", "sea.irregular_rms=0", "storm.significant_height=0.01"]
-    limit = shallowest_right(Site(load(*shallow, "storm.peak_period=30")))
+    limit = shallowest_valid_depth(Site(load(*shallow, "storm.peak_period=30")))
     assert limit == pytest.approx(10 / 1.1**4, rel=0.05)
-    assert shallowest_right(Site(load(*shallow[:3], "storm.significant_height=5.4"))) == pytest.approx(9.0, rel=0.01)
+    assert shallowest_valid_depth(Site(load(*shallow[:3], "storm.significant_height=5.4"))) == pytest.approx(
+        9.0, rel=0.01
+    )
 
 
 def test_says_where_the_storm_is_wrong(tmp_path):
     bed = write(sloping(), tmp_path / "bed.nc")
     place = ["water.longitude=5.05", "water.latitude=60.05", "area.width=5000", "area.length=5000", "sea.cell_size=100"]
-    line = warning(Site(load(*place, f"water.bathymetry={bed}")))
+    line = uneven_bed_warning(Site(load(*place, f"water.bathymetry={bed}")))
     assert "in water shallower than" in line
     assert "\n" not in line
-    assert warning(Site(load(*place, f"water.bathymetry={bed}", "storm.spectrum=none"))) == ""
-    assert warning(Site(load())) == ""
+    assert uneven_bed_warning(Site(load(*place, f"water.bathymetry={bed}", "storm.spectrum=none"))) == ""
+    assert uneven_bed_warning(Site(load())) == ""
 
 
 def test_eval_says_it_too(tmp_path, run_usvauv):

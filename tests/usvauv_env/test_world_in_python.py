@@ -7,12 +7,11 @@ import pytest
 import torch
 
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.sea_alone.simulation import first_vortices
 from usvauv.env.site.site import Site
 from usvauv.env.world import world as module
 from usvauv.env.world.boat_strategies import boat_strategies
 from usvauv.env.world.observation import observation_terms
-from usvauv.env.world.water import WorldWater
+from usvauv.env.world.water import WorldWater, first_vortices
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.mission.columns import (

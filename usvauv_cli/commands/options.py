@@ -88,10 +88,10 @@ def tell_of_reflections(scenario: Scenario) -> None:
 
 def tell_of_bed(scenario: Scenario) -> None:
     """Say so where the storm is wrong over a scenario's bed."""
-    from usvauv.env.sea.uneven_bed import warning
+    from usvauv.env.sea.storm import uneven_bed_warning
     from usvauv.env.site.site import Site
 
-    if line := warning(Site(scenario)):
+    if line := uneven_bed_warning(Site(scenario)):
         typer.echo(f"warning: {line}", err=True)
 
 

@@ -25,7 +25,7 @@ from usvauv.kernels.errors import DivergenceError, UserError
 from usvauv.kernels.interruption import Stop, stoppable
 
 if TYPE_CHECKING:
-    from usvauv.env.sea_alone.simulation import SeaSimulation
+    from usvauv.env.sea.simulation import SeaSimulation
 
 FIGURES = (".png", ".pdf", ".svg")
 FORMATS = (".mp4", ".nc", *FIGURES)
@@ -97,7 +97,7 @@ def sea(
     from usvauv.cli import console
     from usvauv.env import Scenario
     from usvauv.env.render.text import clock
-    from usvauv.env.sea_alone.simulation import SeaSimulation, cells, first_vortices
+    from usvauv.env.sea.simulation import SeaSimulation, cells, first_vortices
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
@@ -173,10 +173,10 @@ def sink(
     """The file that the suffix of `out` asks for; it appears when the context ends, and not at all after an error."""
     kind = out.suffix.lower()
     if kind == ".nc":
-        from usvauv.env.sea_alone.netcdf import SeaFile
+        from usvauv.env.sea.netcdf import SeaFile
 
         return SeaFile(out, water)
-    from usvauv.env.sea_alone.simulation import survey
+    from usvauv.env.sea.simulation import survey
 
     if kind == ".mp4":
         from usvauv.cli.sea_view.video import SeaVideo

@@ -34,8 +34,8 @@ from usvauv.cli.sea_view.video import LONG_WAVES, land, thumbnail, weather
 from usvauv.env.render import style
 from usvauv.env.render.frame_layout import MapView, Rectangle
 from usvauv.env.render.text import clock
+from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import total_height, wave_systems
-from usvauv.env.sea_alone.simulation import SeaSimulation
 from usvauv.env.storage.memory import require
 
 LEVELS = LinearSegmentedColormap.from_list("levels", [web(colour) for colour in style.SEA])

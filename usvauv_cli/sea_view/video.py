@@ -30,8 +30,8 @@ from usvauv.env.render.plots import LivePlot, SectionPlot
 from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.text import write
+from usvauv.env.sea.simulation import SeaSimulation, Surface
 from usvauv.env.sea.storm import wave_systems
-from usvauv.env.sea_alone.simulation import SeaSimulation, Surface
 
 TRIAL = 12  # pictures by which the size of the file is estimated
 LONG_WAVES = style.colour("#ffb020")

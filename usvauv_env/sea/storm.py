@@ -45,6 +45,10 @@ GOLDEN = (math.sqrt(5) - 1) / 2
 LEFT_OUT = 0.1  # most of a file's energy that may lie in waves below storm.shortest_wave
 SMALLEST = 0.01  # share of the height below which a partition of a file is left out
 NARROWEST = 1000.0  # spreading, as the field of a scenario has it
+BED_CELLS = 128  # along the longer side, at which an uneven bed is compared with the storm
+BED_DEPTHS = 400  # that are compared
+SHOALING = 0.1  # share of the height by which a wave may shoal before the storm is wrong
+BREAKING = 0.6  # height over depth, as `Scenario` has it
 
 
 class AirySea:
@@ -304,3 +308,47 @@ def spread(s: float) -> tuple[np.ndarray, np.ndarray]:
 def cumulative(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Integral of y over x from the first point to each, by trapezoids."""
     return np.concatenate([[0.0], np.cumsum(np.diff(x) * (y[1:] + y[:-1]) / 2)])
+
+
+def group_speed(period: float, depth: float, gravity: float) -> float:
+    """c_g = ω/k (½ + kh/sinh 2kh), m/s."""
+    omega = 2 * math.pi / period
+    k = float(airy.wavenumber(np.array(omega), depth, gravity))
+    return omega / k * (0.5 + k * depth / math.sinh(2 * k * depth) if k * depth < 300 else 0.5)
+
+
+def shallowest_valid_depth(site: Site) -> float:
+    """Depth below which the storm, with its waves of the mean depth, is wrong, m; 0 where it holds in all depths.
+
+    A wave system keeps its energy flux c_g H²: a height off by more than `SHOALING` from that at the mean depth is
+    wrong, and so is a sea higher than `BREAKING` times the depth.
+    """
+    scenario, mean = site.scenario, site.mean_depth
+    systems, g = wave_systems(site), scenario.sea.gravity
+    deepest = total_height(systems) / BREAKING
+    for system in systems:
+        there = group_speed(system.peak_period, mean, g)
+        for depth in np.linspace(mean, 0.0, BED_DEPTHS, endpoint=False)[1:]:
+            if abs(math.sqrt(there / group_speed(system.peak_period, float(depth), g)) - 1) > SHOALING:
+                deepest = max(deepest, float(depth))
+                break
+    return deepest
+
+
+def uneven_bed_warning(site: Site) -> str:
+    """A line on where over an uneven bed the storm is wrong; empty where it is not, or where bed or sea are flat."""
+    scenario = site.scenario
+    if not (scenario.water.bathymetry and wave_systems(site)):
+        return ""
+    size = max(scenario.area.width, scenario.area.length) / BED_CELLS
+    cells = max(3, round(scenario.area.width / size)), max(3, round(scenario.area.length / size))
+    depth, limit = site.still_depth(cells), shallowest_valid_depth(site)
+    wet = depth > 0
+    share = np.count_nonzero(wet & (depth < limit)) / np.count_nonzero(wet)
+    if not share:
+        return ""
+    return (
+        f"storm: its waves are those of the mean depth, {site.mean_depth:.0f} m, everywhere; in water shallower than"
+        f" {limit:.0f} m, {max(share, 0.01):.0%} of this one, they would shoal by more than {SHOALING:.0%} or break,"
+        " which is not simulated"
+    )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.sea.forcing import speed_bound
+from usvauv.env.sea.build import speed_bound
 from usvauv.env.sea.storm import density, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.kernels.flow import airy

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usvauv.env.scenario import ScenarioError
+from usvauv.env.sea.build import check_seed
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,7 @@ class Seeds:
         several = isinstance(seed, Sequence | np.ndarray)
         numbers = list(seed) if several else [seed]
         for number in numbers:
-            if not isinstance(number, int | np.integer) or not 0 <= number < 1 << 64:
-                raise ScenarioError(f"seed = {number!r}: must be a whole number from 0 to 2**64 - 1")
+            check_seed(number)
         if several and len(numbers) != num_worlds:
             raise ScenarioError(f"seed: {len(numbers)} for {num_worlds} worlds; must be one for all, or one for each")
         if several and first_world:

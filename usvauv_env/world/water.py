@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import torch
 
+from usvauv.env.scenario import Scenario
 from usvauv.env.sea.build import build_sea, build_short_waves, fine_cells, stacked_forcing
-from usvauv.env.sea.long_waves import LongWaves
+from usvauv.env.sea.long_waves import LongWaves, SeaWatch
 from usvauv.env.sea.storm import AirySea
-from usvauv.env.sea.watch import SeaWatch
 from usvauv.env.site.site import Site
+from usvauv.env.world import tables
 from usvauv.env.world.seeds import Seeds
 from usvauv.kernels import runtime
+from usvauv.kernels.mission import reset
 from usvauv.kernels.types import Level
 
 NAMED = 8  # of the worlds on a sea, in a message
@@ -159,3 +161,23 @@ class WorldWater:
         if self._flow is not None and len(self._flow.times) > 1:
             # Seas run on where only some worlds are reset; the current then stays as it was at the end of the file.
             runtime.upload(self._flow.at(min(time, self._flow.times[-1])), self.stream)
+
+
+def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.Tensor:
+    """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `usvauv.kernels.flow.vortex`.
+
+    Raises:
+        ScenarioError: the seed is out of range.
+        RuntimeUnavailable: `arch` cannot be used here.
+    """
+    seeds = Seeds.of(seed, 1)
+    device = runtime.start(arch).device
+    site, drawn = Site(scenario), torch.zeros((1, scenario.current.vortices, 4), device=device)
+    if drawn.numel():
+        parameters, fixed = (
+            torch.from_numpy(np.ascontiguousarray(table, np.float32)).to(device)
+            for table in (tables.pack_parameters(site, tables.link_table(site)), tables.fixed_vortices(scenario))
+        )
+        clock = torch.zeros((1, 2), dtype=torch.int32, device=device)
+        reset.draw_vortices(parameters, fixed, torch.from_numpy(seeds.keys()).to(device), clock, drawn)
+    return drawn

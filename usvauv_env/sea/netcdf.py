@@ -13,7 +13,7 @@ import h5netcdf
 import h5py
 import numpy as np
 
-from usvauv.env.sea_alone.simulation import SeaSimulation
+from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.site import georeference
 from usvauv.env.storage.files import hdf5_file
 from usvauv.kernels.interruption import deferred

@@ -9,14 +9,11 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.sea.build import build_sea, build_short_waves, check_sea, fine_cells
-from usvauv.env.sea.watch import SeaWatch
+from usvauv.env.sea.build import build_sea, build_short_waves, check_sea, check_seed, fine_cells
+from usvauv.env.sea.long_waves import SeaWatch
 from usvauv.env.site.site import Site
-from usvauv.env.world import tables
-from usvauv.env.world.seeds import Seeds
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex
-from usvauv.kernels.mission import reset
 from usvauv.kernels.types import Level
 
 FEWEST, MOST = 3, 8192  # cells along a side of the area
@@ -64,26 +61,6 @@ def _floor(value: float) -> str:
     return f"{math.floor(value / power) * power:g}"
 
 
-def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.Tensor:
-    """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `usvauv.kernels.flow.vortex`.
-
-    Raises:
-        ScenarioError: the seed is out of range.
-        RuntimeUnavailable: `arch` cannot be used here.
-    """
-    seeds = Seeds.of(seed, 1)
-    device = runtime.start(arch).device
-    site, drawn = Site(scenario), torch.zeros((1, scenario.current.vortices, 4), device=device)
-    if drawn.numel():
-        parameters, fixed = (
-            torch.from_numpy(np.ascontiguousarray(table, np.float32)).to(device)
-            for table in (tables.pack_parameters(site, tables.link_table(site)), tables.fixed_vortices(scenario))
-        )
-        clock = torch.zeros((1, 2), dtype=torch.int32, device=device)
-        reset.draw_vortices(parameters, fixed, torch.from_numpy(seeds.keys()).to(device), clock, drawn)
-    return drawn
-
-
 class SeaSimulation:
     """The sea of world 0 of a seed in its first episode, without vehicles.
 
@@ -92,7 +69,7 @@ class SeaSimulation:
         seed: from 0 to 2⁶⁴ − 1, as of `World`.
         shape: cells (nx, ny).
         interval: time of one `advance`, s.
-        vortices: as of `first_vortices`; none by default.
+        vortices: as of `usvauv.env.world.water.first_vortices`; none by default.
 
     Attributes:
         site: the place. long_waves: the solver. storm: the short waves.
@@ -113,7 +90,7 @@ class SeaSimulation:
         interval: float,
         vortices: torch.Tensor | None = None,
     ) -> None:
-        Seeds.of(seed, 1)  # refuses one that is out of range
+        check_seed(seed)
         self.scenario, self.seed, self.interval = scenario, seed, interval
         self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
         paced = scenario.sea.model_copy(update={"update_interval": interval})
