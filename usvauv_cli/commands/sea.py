@@ -97,7 +97,8 @@ def sea(
     from usvauv.cli import console
     from usvauv.env import Scenario
     from usvauv.env.render.text import clock
-    from usvauv.env.sea.simulation import SeaSimulation, cells, first_vortices
+    from usvauv.env.sea.simulation import SeaSimulation, cells
+    from usvauv.env.world.water import first_vortices
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
