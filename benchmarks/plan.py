@@ -2,23 +2,21 @@
 
     python -m benchmarks.plan --json
 
-Links are those of scenario `extreme`, the area is 200 m × 200 m. Objectives "d fix", "a fix" and "e fix" are the
-determinant, the trace of the inverse and the least eigenvalue of the information on all positions by whole fixes, "sum
-phase" is the determinant of the paper's sum (`paper-*`). Differential evolution is SciPy's with its default settings on
-the same objective in NumPy, in two versions: one place a call, and a whole generation a call; ratios are to the faster.
-Gaps are differences of ln of the objective, in double precision, to the best of a dense grid, polished by a search that
-knows no derivatives. `unequal` has the gaps where levels, carriers and depths differ from AUV to AUV (source levels by
-60 dB, depths from 3 m to 500 m, areas of 200 m to 2 km, with and without attitude error), and the error in ln of the
-value reported, at the planned and at random places. `tilt` is what ln of the objective loses, on a sea of slope 0.1,
-because the boat plans with a level array.
-"""
+Links are those of scenario `extreme`, the area is 200 m × 200 m. Objectives "d fix" and "a fix" are the determinant and
+the trace of the inverse of the information on all positions by whole fixes, "sum phase" is the determinant of the
+paper's sum (`paper-*`). Differential evolution is SciPy's with its default settings on the same objective in NumPy, in
+two versions: one place a call, and a whole generation a call; ratios are to the faster. Gaps are differences of ln of
+the objective, in double precision, to the best of a dense grid, polished by a search that knows no derivatives.
+`unequal` has the gaps where levels, carriers and depths differ from AUV to AUV (source levels by 60 dB, depths from 3 m
+to 500 m, areas of 200 m to 2 km, with and without attitude error), and the error in ln of the value reported, at the
+planned and at random places. `tilt` is what ln of the objective loses, on a sea of slope 0.1, because the boat plans
+with a level array."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
-from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -36,11 +34,11 @@ SIDE = 200.0
 TEAMS = (2, 4, 8, 16)
 CODES = {
     f"{objective} {measurement}": objectives.objective_code(measurement, objective)
-    for objective, measurement in (("d", "fix"), ("a", "fix"), ("e", "fix"), ("sum", "phase"))
+    for objective, measurement in (("d", "fix"), ("a", "fix"), ("sum", "phase"))
 }
 ALL_CODES = {
     f"{objective} {measurement}": objectives.objective_code(measurement, objective)
-    for objective in ("d", "a", "e", "sum")
+    for objective in ("d", "a", "sum")
     for measurement in ("phase", "fix")
 }
 KINDS = ("anywhere", "near-collinear", "coincident", "beneath the boat", "any depth", "shallow corners")
@@ -88,8 +86,6 @@ def log_objective(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, code: in
         return -(np.log(v) + np.log(along)).sum(-1) if measurement == "phase" else -2 * np.log(v).sum(-1)
     if objective == "a":
         return -np.log((v + along).sum(-1))
-    if objective == "e":
-        return -np.log(along.max(-1))
     if measurement == "fix":
         return 2 * np.log((1 / v).sum(-1))
     T, s2 = 1 / v, z2 / q
@@ -101,8 +97,7 @@ def log_objective(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, code: in
 def best_by_search(auvs: np.ndarray, link: np.ndarray, code: int, side: float = SIDE) -> np.ndarray:
     """Global maximum of each layout (n, K, 3): dense grid, then a pattern search.
 
-    The search starts at the grid's best peaks, at the best places between two AUVs, and at every AUV. It can get stuck
-    at a kink, so for E, which has one maximum, there is `best_of_one_peak` too.
+    The search starts at the grid's best peaks, at the best places between two AUVs, and at every AUV.
     """
     axis = np.linspace(0, side, GRID)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
@@ -132,31 +127,7 @@ def best_by_search(auvs: np.ndarray, link: np.ndarray, code: int, side: float = 
         x = np.where(better[..., None], np.take_along_axis(there, leader[..., None], 2)[:, :, 0], x)
         best = np.where(better, top, best)
         h = np.where(better, 1.5 * h, 0.5 * h)
-    best = best.max(1)
-    return np.maximum(best, best_of_one_peak(auvs, link, code, side)) if code // 2 == objectives.E else best
-
-
-def best_of_one_peak(auvs: np.ndarray, link: np.ndarray, code: int, side: float) -> np.ndarray:
-    """Maximum of each layout (n, K, 3) by golden sections in x of golden sections in y: the objective has one peak."""
-
-    def golden(f: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        low, high = np.zeros(len(auvs)), np.full(len(auvs), side)
-        ratio = (math.sqrt(5) - 1) / 2
-        left, right = high - ratio * (high - low), low + ratio * (high - low)
-        at_left, at_right = f(left), f(right)
-        for _ in range(50):
-            higher = at_left > at_right
-            low, high = np.where(higher, low, left), np.where(higher, right, high)
-            new = np.where(higher, high - ratio * (high - low), low + ratio * (high - low))
-            height = f(new)
-            left, right = np.where(higher, new, right), np.where(higher, left, new)
-            at_left, at_right = np.where(higher, height, at_right), np.where(higher, at_left, height)
-        return np.maximum(at_left, at_right)
-
-    def column(x: np.ndarray) -> np.ndarray:
-        return golden(lambda y: log_objective(np.stack([x, y], axis=-1), auvs, link, code))
-
-    return golden(column)
+    return best.max(1)
 
 
 def evolution(auvs: np.ndarray, link: np.ndarray, code: int, whole_generation: bool) -> float:
@@ -286,9 +257,7 @@ def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[s
         xx, xy, yy = np.moveaxis(C.reshape(count, m, auvs, 3), -1, 0)
         if objective == "d":
             return -np.log(xx * yy - xy * xy).sum(-1)
-        if objective == "a":
-            return -np.log((xx + yy).sum(-1))
-        return -np.log((0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)).max(-1))
+        return -np.log((xx + yy).sum(-1))
 
     planned = level[:, None, :2].double().cpu().numpy()
     best, size = planned, SIDE / 2

@@ -186,7 +186,7 @@ def load_policy(
 def _scenario_and_config(content: Mapping[str, Any], path: Path) -> tuple[Scenario, TrainingConfig]:
     """What a policy was trained in and with, from the JSON of its checkpoint, whose other fields are checked."""
     try:
-        scenario = Scenario.from_dict(content["scenario"], str(path))
+        scenario = Scenario.from_dict(content["scenario"], str(path), stored=True)
         config = TrainingConfig.from_dict(content["training"], str(path))
     except (KeyError, ScenarioError) as error:
         raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None

@@ -1,5 +1,5 @@
 """Names of what `usvauv plan` maximises and measures."""
 
 MEASUREMENTS = ("fix", "phase")
-OBJECTIVES = ("d", "a", "e", "sum", "paper")
-NAMES = {"d": "ln det J", "a": "−ln tr J⁻¹", "e": "ln λmin J", "sum": "ln det ΣJ", "paper": "ln of Eq. 3"}
+OBJECTIVES = ("d", "a", "sum", "paper")
+NAMES = {"d": "ln det J", "a": "−ln tr J⁻¹", "sum": "ln det ΣJ", "paper": "ln of Eq. 3"}

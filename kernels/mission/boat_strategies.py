@@ -8,7 +8,7 @@ import taichi as ti
 from usvauv.kernels.mission import belief_planner, serving
 from usvauv.kernels.mission.columns import BoatColumn, Parameter
 from usvauv.kernels.mission.worlds import Strategy
-from usvauv.kernels.planning import global_search, objectives, receding_horizon
+from usvauv.kernels.planning import global_search
 from usvauv.kernels.planning.team import Team, indices
 from usvauv.kernels.types import vec2
 
@@ -131,29 +131,6 @@ def fim_anywhere(worlds: ti.template(), w, b) -> vec2:
     return best_within(worlds, w, b, global_search.ANYWHERE)
 
 
-@ti.func
-def fim_horizon(worlds: ti.template(), w, b) -> vec2:
-    """The place that is best for the tracks over the steps to come."""
-    p = ti.static(worlds.p)
-    outlook = receding_horizon.Outlook(
-        criterion=ti.static(objectives.objective_of(worlds.program.objective_code)),
-        variance=p[Parameter.current_variance],
-        correlation_time=p[Parameter.correlation_time],
-        top_speed=p[Parameter.top_speed],
-        step=p[Parameter.step],
-        steps=ti.cast(p[Parameter.horizon], ti.i32),
-    )
-    count = serving.num_served(worlds, w, b)
-    chosen = members(worlds, w, b)
-    team = ti.static(team_of(worlds, w, count, chosen))
-    size = vec2(p[Parameter.width], p[Parameter.length])
-    goal = serving.place_of(worlds, w, b)
-    if count > 0:
-        best = receding_horizon.plan(team, worlds.track, outlook, goal, last_goal(worlds, w, b), size)
-        goal = vec2(best[0], best[1])
-    return goal
-
-
 HOLD = Strategy(start=hold, goal=hold)
 CENTROID = Strategy(start=centroid, goal=centroid)
 AGENT = Strategy(start=begin_foresight, goal=agent, foresees=True)
@@ -161,4 +138,3 @@ VISIT = Strategy(start=begin_foresight, goal=visit, foresees=True)
 BELIEF = Strategy(start=begin_foresight, goal=belief, foresees=True)
 FIM = Strategy(start=fim, goal=fim)
 FIM_GREEDY = Strategy(start=fim_anywhere, goal=fim_greedy)
-FIM_HORIZON = Strategy(start=fim, goal=fim_horizon)

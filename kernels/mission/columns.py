@@ -53,7 +53,6 @@ class Parameter(Columns):
     correlation_time: int
     current_reading: int
     auv_speed: int  # greatest over ground, m/s
-    horizon: int
     cruise: int
     separation_node: int
     refused_hovers: int

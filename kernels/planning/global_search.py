@@ -13,7 +13,6 @@ is limited:
   so there ascents start on the ring of every AUV. Within a reach the ascents start at the point of it nearest to each
   of these places.
 - A has one maximum, and one ascent.
-- E has one maximum too, which cutting planes enclose (`usvauv.kernels.planning.cutting_planes`).
 
 All of them suppose a level array at its present elevation.
 """
@@ -22,10 +21,9 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.planning.cutting_planes import centre_of_gravity
 from usvauv.kernels.planning.fisher import log_T, mat2x3
 from usvauv.kernels.planning.newton_ascent import ROUNDING, Region, ascend, clip
-from usvauv.kernels.planning.objectives import PAPER, A, D, E, log_objective, objective_of
+from usvauv.kernels.planning.objectives import PAPER, A, D, log_objective, objective_of
 from usvauv.kernels.planning.team import Team, check_team, each_auv, mean_position, member, position, squared_separation
 from usvauv.kernels.positioning.acoustic_link import ATTITUDE
 from usvauv.kernels.types import array2, array3, vec2, vec3
@@ -143,8 +141,6 @@ def search(team: ti.template(), code: ti.template(), start: vec2, region: ti.tem
     best = vec3(0.0, 0.0, 0.0)
     if ti.static(objective_of(code) == A):
         best = ascend(team, code, clip(start, region), vec3(0.0, 0.0, -1e30), 0.0, False, region)
-    elif ti.static(objective_of(code) == E):
-        best = centre_of_gravity(team, code, start, region)
     else:
         best = multistart(team, code, start, region)
     return best

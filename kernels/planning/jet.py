@@ -1,7 +1,6 @@
 """Jets: numbers that carry their derivatives by the boat's place (x, y), with the rules of calculus.
 
-A first-order jet is a vec3 (f, f_x, f_y), a second-order jet a vec6 (f, f_x, f_y, f_xx, f_xy, f_yy). Sums and multiples
-by a constant are those of vectors.
+A jet is a vec6 (f, f_x, f_y, f_xx, f_xy, f_yy). Sums and multiples by a constant are those of vectors.
 """
 
 import taichi as ti
@@ -12,17 +11,16 @@ VALUE, X, Y, XX, XY, YY = range(6)
 
 
 @ti.func
-def product(u, v):
-    """u v, of two jets of the same order."""
-    f = u
-    f[VALUE] = u[VALUE] * v[VALUE]
-    for i in ti.static((X, Y)):
-        f[i] = u[i] * v[VALUE] + u[VALUE] * v[i]
-    if ti.static(u.n > 3):
-        f[XX] = u[XX] * v[VALUE] + 2.0 * u[X] * v[X] + u[VALUE] * v[XX]
-        f[XY] = u[XY] * v[VALUE] + u[X] * v[Y] + u[Y] * v[X] + u[VALUE] * v[XY]
-        f[YY] = u[YY] * v[VALUE] + 2.0 * u[Y] * v[Y] + u[VALUE] * v[YY]
-    return f
+def product(u: vec6, v: vec6) -> vec6:
+    """u v."""
+    return vec6(
+        u[VALUE] * v[VALUE],
+        u[X] * v[VALUE] + u[VALUE] * v[X],
+        u[Y] * v[VALUE] + u[VALUE] * v[Y],
+        u[XX] * v[VALUE] + 2.0 * u[X] * v[X] + u[VALUE] * v[XX],
+        u[XY] * v[VALUE] + u[X] * v[Y] + u[Y] * v[X] + u[VALUE] * v[XY],
+        u[YY] * v[VALUE] + 2.0 * u[Y] * v[Y] + u[VALUE] * v[YY],
+    )
 
 
 @ti.func
@@ -36,13 +34,6 @@ def square(u: vec6) -> vec6:
         2.0 * (u[X] * u[Y] + u[VALUE] * u[XY]),
         2.0 * (u[Y] * u[Y] + u[VALUE] * u[YY]),
     )
-
-
-@ti.func
-def ratio(u: vec3, v: vec3) -> vec3:
-    """u/v, of first order."""
-    value = u[VALUE] / v[VALUE]
-    return vec3(value, (u[X] - value * v[X]) / v[VALUE], (u[Y] - value * v[Y]) / v[VALUE])
 
 
 @ti.func

@@ -5,12 +5,11 @@ K positions are estimated. Their information matrix J is block diagonal with the
 
 - D: ln det J = Σ_k ln det J_k, the volume of the error ellipsoid. A block gives −2 ln v (FIX), −2 ln (v q/z²) (PHASE).
 - A: −ln tr J⁻¹, the sum of all variances. A block has the trace 2v (FIX), v (1 + q²/z⁴) (PHASE).
-- E: ln of the least eigenvalue of J, the worst axis of the worst-located AUV. A block has −ln v, −ln (v q²/z⁴).
 - SUM and PAPER: the paper's Eq. 2 and Eq. 3, see `usvauv.kernels.planning.paper_objective`.
 
-D, A and E depend on the AUVs' distances only, and every variance grows with distance, so the maximum lies in the AUVs'
-convex hull. Both variances of a block are convex functions of the boat's place. So A, whose tr J⁻¹ is their sum, and E,
-whose 1/λ is their maximum, have no local maximum except the global one; D can have several.
+D and A depend on the AUVs' distances only, and every variance grows with distance, so the maximum lies in the AUVs'
+convex hull. Both variances of a block are convex functions of the boat's place. So A, whose tr J⁻¹ is their sum, has no
+local maximum except the global one; D can have several.
 """
 
 import taichi as ti
@@ -21,8 +20,8 @@ from usvauv.kernels.planning.fisher import FIX, MEASUREMENTS, PHASE, log_strengt
 from usvauv.kernels.planning.team import Team, check_team, member, position, squared_separation
 from usvauv.kernels.types import array2, array3, vec2, vec3, vec6
 
-OBJECTIVES = ("d", "a", "e", "sum", "paper")
-D, A, E, SUM, PAPER = range(5)
+OBJECTIVES = ("d", "a", "sum", "paper")
+D, A, SUM, PAPER = range(4)
 
 
 def objective_code(measurement: str, objective: str) -> int:
@@ -38,7 +37,7 @@ def objective_code(measurement: str, objective: str) -> int:
 
 
 def objective_of(code: int) -> int:
-    """D, A, E, SUM or PAPER. Codes are constants of a kernel, so that only one objective is compiled into it."""
+    """D, A, SUM or PAPER. Codes are constants of a kernel, so that only one objective is compiled into it."""
     return code // 2
 
 
@@ -49,7 +48,7 @@ def measurement_of(code: int) -> int:
 
 @ti.func
 def log_variance(link: ti.template(), k, code: ti.template(), q, z2) -> vec3:
-    """ln det, ln tr or ln of the larger eigenvalue of J_k⁻¹ for D, A, E, and −ln T_k for SUM of FIX.
+    """ln det or ln tr of J_k⁻¹ for D, A, and −ln T_k for SUM of FIX.
 
     The value and its first two derivatives by q (m²).
     """
@@ -107,17 +106,6 @@ def log_sum(team: ti.template(), code: ti.template(), sign: ti.template(), place
 
 
 @ti.func
-def worst(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
-    """Objective E with the derivatives of the worst-located AUV's term."""
-    f = vec6(0.0)
-    for k in range(team.count):
-        g = auv_variance(team, code, k, place)
-        if k == 0 or -g[jet.VALUE] < f[jet.VALUE]:
-            f = -g
-    return f
-
-
-@ti.func
 def log_objective(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
     """Jet of ln of the objective for a boat at `place` (m)."""
     objective = ti.static(objective_of(code))
@@ -126,8 +114,6 @@ def log_objective(team: ti.template(), code: ti.template(), place: vec2) -> vec6
         f = log_det(team, code, place)
     elif ti.static(objective == A):
         f = -log_sum(team, code, 1.0, place)
-    elif ti.static(objective == E):
-        f = worst(team, code, place)
     elif ti.static(objective == SUM and measurement_of(code) == FIX):
         f = 2.0 * log_sum(team, code, -1.0, place)
     else:
@@ -152,7 +138,7 @@ def log_objective_batch(link: torch.Tensor, points: torch.Tensor, boat: torch.Te
         link: (K, COLUMNS) float32 of `acoustic_link.link_table`.
         points: (n, K, 3) float32, x, y and vertical separation of every AUV, m.
         boat: (n, 2) float32, m.
-        code: of `objective_code`. E is exact; its derivatives are those of the worst-located AUV's term.
+        code: of `objective_code`.
 
     Returns:
         (n, 6) float32: f, x, y, xx, xy, yy.

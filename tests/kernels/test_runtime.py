@@ -14,8 +14,8 @@ import torch
 from taichi.lang import impl, kernel_impl
 
 from usvauv.kernels import runtime
-from usvauv.kernels.planning import global_search, receding_horizon, zermelo
-from usvauv.kernels.positioning import acoustic_link, rays, tracker, waveform
+from usvauv.kernels.planning import global_search, zermelo
+from usvauv.kernels.positioning import acoustic_link, rays, waveform
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 PATIENCE = 1 << 28  # looks at the other turn, a second or more
@@ -204,11 +204,6 @@ def test_what_vulkan_cannot_do_is_refused(monkeypatch):
         zermelo.solve(*6 * [nothing], size=(1.0, 1.0), radius=1.0)
     with pytest.raises(runtime.Unsupported, match="nonlinear sea"):
         NonlinearShallowWater(size=(1.0, 1.0), cells=(4, 4), bed=-1.0, interval=1.0)
-    tracks = torch.zeros(1, 16, tracker.COLUMNS), torch.zeros(1, 16, 3), torch.zeros(16, acoustic_link.COLUMNS)
-    places = torch.zeros(2, 1, 2)
-    outlook = receding_horizon.outlook_for("d", variance=0.2, correlation_time=180.0, steps=96)
-    with pytest.raises(runtime.Unsupported, match=f"a goal for 16 AUVs and 96 steps ahead takes {16 * 43 * 96} iter"):
-        receding_horizon.plan_batch(*tracks, *places, outlook)
 
 
 LAYERS, TWO = torch.zeros(7, 3), torch.ones(2)

@@ -180,7 +180,7 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
     assert session.figures() is not None
     assert session.figures().usv == "belief"
     old = session.world
-    with pytest.raises(ScenarioError, match="tracker"):
+    with pytest.raises(ScenarioError, match="gone since"):
         session.set_strategy("fim-horizon")
     assert session.world is old, "the run goes on"
 

@@ -156,6 +156,19 @@ def test_an_override_sets_its_field_alone():
     assert changed.model_copy(update={"sea": plain.sea}) == plain
 
 
+@pytest.mark.parametrize("retired", ["planner.horizon=10", "planner.objective=e"])
+def test_what_0_2_had_is_refused_in_a_file_and_read_from_what_was_stored(tmp_path, retired):
+    name, _, value = retired.partition("=")
+    section, _, field = name.partition(".")
+    (tmp_path / "old.toml").write_text(f"[{section}]\n{field} = {value if value.isdigit() else repr(value)}\n")
+    for source, overrides in ((tmp_path / "old.toml", []), ("extreme", [retired])):
+        with pytest.raises(ScenarioError, match=rf"^{source}: {name} = '?{value}'?: gone since 0\.3$"):
+            Scenario.load(source, overrides)
+    content = Scenario.load("extreme", ["planner.measurement=phase"]).to_dict()
+    stored = Scenario.from_dict({**content, section: {**content[section], field: value}}, stored=True)
+    assert stored.to_dict() == content
+
+
 def test_unknown_name_lists_the_shipped_ones():
     with pytest.raises(ScenarioError, match="extreme, ideal"):
         Scenario.load("extrem")

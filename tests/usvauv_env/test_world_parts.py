@@ -244,8 +244,8 @@ class TestStrategies:
             ("hold:301,100", (), "must lie in the area"),
             ("hold:-1,100", (), "must lie in the area"),
             ("hold:1,2,3,-4", ("boat.count=2",), "must lie in the area"),
-            ("fim-horizon", (), "'fim-horizon' looks ahead along tracks and needs tracker.enabled"),
-            ("fim-horizon", (*TRACKS, "planner.objective=paper", "planner.measurement=phase"), "not paper"),
+            ("fim-horizon", (), "^usv: 'fim-horizon': gone since 0.3$"),
+            (None, ("boat.strategy=learned:a/b",), "^boat.strategy: 'learned:a/b': gone since 0.3$"),
             ("belief", (), "needs navigation.sensor to be ground or water"),
             ("visit", (), "needs navigation.sensor to be ground or water"),
             (None, ("boat.strategy=agent",), "boat.strategy: 'agent' foresees AUVs"),
@@ -256,7 +256,6 @@ class TestStrategies:
             StrategyChoice.parse(text, scenario(*changes))
 
     def test_those_that_look_ahead_are_taken_where_they_can(self):
-        assert StrategyChoice.parse("fim-horizon", scenario(*TRACKS)).name == "fim-horizon"
         assert StrategyChoice.parse("belief", scenario(*RECKONS)).numbers == ()
 
     def test_numbers_of_a_file(self, monkeypatch):

@@ -28,7 +28,7 @@ POLICIES = (
     "Policy: sac-extreme, sac-ideal, sac-wide, straight:SPEED, crab:SPEED, pace:PRICE, clear:PRICE, zermelo:SPEED,"
     " keep, random, the folder of a checkpoint, or MODULE:CLASS of your own"
 )
-BOATS = "Boat: fim, fim-greedy, fim-horizon (with a tracker), visit, belief, hold:X,Y or centroid"
+BOATS = "Boat: fim, fim-greedy, visit, belief, hold:X,Y or centroid"
 Usv = Annotated[str | None, typer.Option(help=f"{BOATS}. Default: the scenario's.")]
 
 TARGETS = (

@@ -43,10 +43,9 @@ def plan(
     objective: Annotated[
         str | None,
         typer.Option(
-            help="Of the information on all positions, d: largest determinant; a: least sum of all variances; e: least"
-            " variance of the worst axis of the worst-located AUV. sum: largest determinant of the information on one"
-            " offset common to all fixes, the paper's Eq. 2; paper: the paper's Eq. 3 as printed. Default: the"
-            " scenario's."
+            help="Of the information on all positions, d: largest determinant; a: least sum of all variances. sum:"
+            " largest determinant of the information on one offset common to all fixes, the paper's Eq. 2; paper: the"
+            " paper's Eq. 3 as printed. Default: the scenario's."
         ),
     ] = None,
     measurement: Annotated[
@@ -127,7 +126,7 @@ def plan(
     *wrapped* (probability, of fixes detected), *direct_ray* (false: the sound speed profile bends it away),
     *signal_excess* (over the detection threshold, dB); *warnings*: the lines on standard error; with
     `--log` *log*, for each AUV *name*, *fixes*, *used*, *x*, *y*, *depth*, *noise* and *accuracy* (m). *log_objective*,
-    lengths in m, J the information on all positions: d ln det J; a −ln tr J⁻¹; e ln of J's least eigenvalue; sum ln det
+    lengths in m, J the information on all positions: d ln det J; a −ln tr J⁻¹; sum ln det
     of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms* where an
     axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms* where no AUV is located;
     *log_objective* where there is no information; *latitude*, *longitude* without a place on Earth.

@@ -59,7 +59,7 @@ class Perform:
     def work(self) -> float:
         """Work of the whole run, in world-steps of training."""
         config, episodes = self.definition["training"], self.definition["evaluation"]["episodes"]
-        steps = Scenario.from_dict(self.definition["scenario"]).mission.steps
+        steps = Scenario.from_dict(self.definition["scenario"], stored=True).mission.steps
         evaluated = training.EVALUATION_STEP * steps * episodes / EVALUATION_EPISODES
         if config is None:
             return evaluated
@@ -74,7 +74,7 @@ class Perform:
                 return
             with atomic_write(place / DEFINITION) as partial_file:
                 partial_file.write_text(json.dumps(self.definition, indent=2) + "\n", encoding="utf-8")
-            scenario = Scenario.from_dict(self.definition["scenario"], str(place))
+            scenario = Scenario.from_dict(self.definition["scenario"], str(place), stored=True)
             with _noted(place / MADE):
                 if self.definition["training"]:
                     self._train(scenario, signs)

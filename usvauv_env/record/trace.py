@@ -202,7 +202,7 @@ class Trace:
             for name, shape in OPTIONAL.items():
                 arrays.setdefault(name, np.zeros(shape, np.float32))
             texts = {name: _text(attributes, name) for name in ("scenario", "policy", "usv", "reward_names")}
-            scenario = Scenario.from_dict(text_files.parse(texts["scenario"], "JSON"), "its scenario")
+            scenario = Scenario.from_dict(text_files.parse(texts["scenario"], "JSON"), "its scenario", stored=True)
             names = tuple(texts["reward_names"].split(","))
             _check_sizes(arrays, scenario, names)
             seed = attributes.get("seed")

@@ -27,6 +27,11 @@ from usvauv.kernels.positioning.codes import FEWEST_CHIPS
 
 MOST_SAMPLES = 100_000  # of a tone that is received sample by sample; about 10 ms a fix
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
+# Fields of 0.2 that are gone since 0.3, or values of a field; none: all. A stored scenario is read without them.
+RETIRED: dict[str, tuple[object, ...]] = {
+    "planner.horizon": (),
+    "planner.objective": ("e",),
+}
 
 
 class ScenarioError(UserError, ValueError):
@@ -290,10 +295,24 @@ class Scenario(Section):
         return scenario if isinstance(scenario, Scenario) else cls.load(scenario)
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any], source: str = "scenario") -> Scenario:
-        """Validate nested sections; `source` names them in an error message."""
+    def from_dict(cls, data: Mapping[str, Any], source: str = "scenario", *, stored: bool = False) -> Scenario:
+        """Validate nested sections.
+
+        Args:
+            data: as `to_dict` returns them.
+            source: names them in an error message.
+            stored: by this version or an earlier one, as in a checkpoint or a trace: fields and values that are gone
+                since (`RETIRED`) take their defaults.
+
+        Raises:
+            ScenarioError: an unknown or retired field, wrong type or a value out of range.
+        """
         try:
             text_files.check_plain(data)
+            for section, field in _retired(data):
+                if not stored:
+                    raise ScenarioError(f"{source}: {section}.{field} = {data[section][field]!r}: gone since 0.3")
+                data = {**data, section: {name: value for name, value in data[section].items() if name != field}}
             return cls.model_validate(data)
         except text_files.TextFileError as error:
             raise ScenarioError(f"{source}: {error}") from None
@@ -321,6 +340,17 @@ class Scenario(Section):
                 ]
                 lines += [f"{key} = {_toml(value)}" for key, value in (section.model_extra or {}).items()]
         return "\n".join(lines) + "\n"
+
+
+def _retired(data: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Section and field of what `RETIRED` lists."""
+    found = []
+    for name, values in RETIRED.items():
+        section, _, field = name.partition(".")
+        content = data.get(section)
+        if isinstance(content, Mapping) and field in content and (not values or content[field] in values):
+            found.append((section, field))
+    return found
 
 
 def _toml(value: Any) -> str:

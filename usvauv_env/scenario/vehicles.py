@@ -54,12 +54,11 @@ class Planner(Section):
     noise: Literal["range", "constant"] = Field(
         "range", description="phase noise that grows with range by the sonar equation, or one constant"
     )
-    objective: Literal["d", "a", "e", "sum", "paper"] = Field(
+    objective: Literal["d", "a", "sum", "paper"] = Field(
         "d",
-        description="information on all positions by its determinant (d), its inverse's trace (a) or least eigenvalue"
-        " (e), determinant of the paper's sum (sum), or what Eq. 3 prints (paper)",
+        description="information on all positions by its determinant (d) or its inverse's trace (a), determinant of the"
+        " paper's sum (sum), or what Eq. 3 prints (paper)",
     )
-    horizon: int = Field(10, ge=1, le=1000, description="steps that `fim-horizon` looks ahead")
 
 
 class Tracker(Section):

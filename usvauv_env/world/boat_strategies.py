@@ -10,10 +10,10 @@ from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site.positions import SIDED, position
 from usvauv.kernels.mission import boat_strategies as kernel
 from usvauv.kernels.mission.worlds import Strategy
-from usvauv.kernels.planning import receding_horizon
 from usvauv.kernels.registry import Registry
 
 AGENT = "agent"  # the strategy of boats that act
+RETIRED = ("fim-horizon", "learned")  # since 0.3
 
 
 def _no_check(scenario: Scenario, numbers: Sequence[float]) -> str:
@@ -66,6 +66,8 @@ class StrategyChoice:
         field = "boat.strategy" if given is None else "usv"
         name, colon, _ = text.partition(":")
         strategy = boat_strategies.get(name)
+        if strategy is None and name in RETIRED:
+            raise ScenarioError(f"{field}: {text!r}: gone since 0.3")
         if strategy is None or (colon and not strategy.arguments):
             raise ScenarioError(f"{field}: {text!r}: allowed are {', '.join(map(_usage, boat_strategies))}")
         numbers = _numbers_of(field, text, scenario)
@@ -105,15 +107,6 @@ def _usage(name: str) -> str:
     return f"{name}:{','.join(arguments)}" if arguments else name
 
 
-def _needs_tracker(scenario: Scenario, numbers: Sequence[float]) -> str:
-    if not scenario.tracker.enabled:
-        return " looks ahead along tracks and needs tracker.enabled = true"
-    if scenario.planner.objective not in receding_horizon.CRITERIA:
-        allowed = ", ".join(receding_horizon.CRITERIA)
-        return f" needs planner.objective to be one of {allowed}, not {scenario.planner.objective}"
-    return ""
-
-
 def _needs_reckoning(scenario: Scenario, numbers: Sequence[float]) -> str:
     if scenario.navigation.sensor == "none":
         return " foresees AUVs that reckon where they are and needs navigation.sensor to be ground or water"
@@ -128,10 +121,9 @@ def _in_area(scenario: Scenario, numbers: Sequence[float]) -> str:
     return f": the point must lie in the area [0, {scenario.area.width:g}] × [0, {scenario.area.length:g}]"
 
 
-# By planner.objective: the best place; the best one within reach of a step; the best for the tracks of coming steps.
+# By planner.objective: the best place; the best one within reach of a step.
 boat_strategies.register("fim", BoatStrategy(kernel.FIM))
 boat_strategies.register("fim-greedy", BoatStrategy(kernel.FIM_GREEDY))
-boat_strategies.register("fim-horizon", BoatStrategy(kernel.FIM_HORIZON, refuse=_needs_tracker))
 boat_strategies.register("centroid", BoatStrategy(kernel.CENTROID))  # the mean of the AUVs' estimated positions
 # Where the AUV is that is least certain of itself; where the AUVs' uncertainty costs least over the minutes to come.
 boat_strategies.register("visit", BoatStrategy(kernel.VISIT, refuse=_needs_reckoning))

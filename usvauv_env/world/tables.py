@@ -299,7 +299,6 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "correlation_time": correlation_time,
         "current_reading": s.tracker.current_reading,
         "auv_speed": s.auv.speed_max + current_bound(site),
-        "horizon": s.planner.horizon,
         "cruise": s.auv.depth,
         "separation_node": s.auv.depth if s.auv.separation == "demonstration" else 0.0,
         "refused_hovers": s.auv.refused_power == "hovering",

@@ -69,7 +69,7 @@ class World:
         scenario: what to simulate.
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1, or one for each world; then as many seas are solved as seeds differ.
-        usv: strategy of the boats, in place of the scenario's `boat.strategy`: "fim", "fim-greedy", "fim-horizon",
+        usv: strategy of the boats, in place of the scenario's `boat.strategy`: "fim", "fim-greedy",
             "visit", "belief", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid",
             "agent" (see `step`) or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.

@@ -294,7 +294,3 @@ class TestTracker:
         world.load_state(kept)
         again = [world.step(steady(observation))[0].clone() for _ in range(5)]
         assert torch.equal(first[-1], again[-1])
-
-    def test_looking_ahead_needs_a_track(self):
-        with pytest.raises(ScenarioError, match=r"'fim-horizon' looks ahead along tracks and needs tracker\.enabled"):
-            World(Scenario.load("extreme", PLAIN), 1, usv="fim-horizon")

@@ -87,12 +87,10 @@ def log_objective(boat, auvs, link, code):
         tall = (b * rho2).sum(-1)
         pairs = (b[..., :, None] * b[..., None, :] * cross.square()).sum((-1, -2)) / 2
         return (a.sum(-1) ** 2 + a.sum(-1) * tall + pairs).log()
-    across, along = (v, v / s2**2) if code in (CODES["d phase"], CODES["a phase"], CODES["e phase"]) else (v, v)
+    across, along = (v, v / s2**2) if code in (CODES["d phase"], CODES["a phase"]) else (v, v)
     if code in (CODES["d phase"], CODES["d fix"]):
         return -(across * along).log().sum(-1)
-    if code in (CODES["a phase"], CODES["a fix"]):
-        return -(across + along).sum(-1).log()
-    return -along.amax(-1).log()
+    return -(across + along).sum(-1).log()
 
 
 def best_by_dense_search(points, link, code, box):
@@ -102,8 +100,6 @@ def best_by_dense_search(points, link, code, box):
     axis = torch.linspace(0, box, cells, dtype=torch.float64)
     grid = torch.cartesian_prod(axis, axis)
     value = torch.cat([log_objective(grid, part[:, None], link, code) for part in points.split(50)])
-    if code in (CODES["e phase"], CODES["e fix"]):
-        return torch.maximum(value.amax(1), best_of_one_peak(points, link, code, box))
     image = value.reshape(n, cells, cells)
     peak = image >= torch.nn.functional.max_pool2d(image[:, None], 3, 1, 1)[:, 0]
     x = grid[torch.where(peak.reshape(n, -1), value, -torch.inf).topk(5, dim=1).indices]
@@ -132,29 +128,3 @@ def polished(x, points, link, code, box):
             better = height > best
             best, x = torch.where(better, height, best), torch.where(better[..., None], there, x)
     return best.amax(1)
-
-
-def golden(f, n, high, steps=44):
-    """Maximum over [0, high] of n functions of one peak."""
-    ratio = (math.sqrt(5) - 1) / 2
-    low, high = torch.zeros(n, dtype=torch.float64), torch.full((n,), high, dtype=torch.float64)
-    left, right = high - ratio * (high - low), low + ratio * (high - low)
-    at_left, at_right = f(left), f(right)
-    for _ in range(steps):
-        lower = at_left > at_right
-        low, high = torch.where(lower, low, left), torch.where(lower, right, high)
-        new = torch.where(lower, high - ratio * (high - low), low + ratio * (high - low))
-        height = f(new)
-        left, right = torch.where(lower, new, right), torch.where(lower, left, new)
-        at_left, at_right = torch.where(lower, height, at_right), torch.where(lower, at_left, height)
-    return torch.maximum(at_left, at_right)
-
-
-def best_of_one_peak(points, link, code, box):
-    """Maximum of each layout by golden sections in x of golden sections in y: the way to a kink of one peak."""
-    n = len(points)
-
-    def column(x):
-        return golden(lambda y: log_objective(torch.stack([x, y], -1), points, link, code), n, box)
-
-    return golden(column, n, box)

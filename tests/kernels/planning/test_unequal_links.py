@@ -31,7 +31,7 @@ def cases(K, seed, tables, n):
 
 
 @pytest.mark.parametrize("K", [3, 6])
-@pytest.mark.parametrize("name", slowly([name for name in CODES if name[0] in "des"], "e phase"))
+@pytest.mark.parametrize("name", slowly([name for name in CODES if name[0] in "ds"], "d phase"))
 def test_finds_the_global_maximum(device, name, K):
     for side, link, points in cases(K, 1000 + K, 12, 30):
         out = global_search.plan_batch(link.to(device), points.to(device), code=CODES[name], width=side, length=side)
@@ -51,22 +51,3 @@ def test_value_is_that_of_double_precision(device, code, K):
         value = objectives.log_objective_batch(link.to(device), points.to(device), boat.to(device), code=code)
         exact = log_objective(boat.double(), points.double(), link.double(), code)
         assert (value[:, 0].double().cpu() - exact).abs().max() < 1e-3
-
-
-def test_e_is_on_a_plateau(device):
-    """The attitude error outweighs the noise for a loud AUV, whose variance is nearly the same everywhere.
-
-    It is the worst all over a large part of the area, and the quiet AUV round its own place.
-    """
-    random = torch.Generator().manual_seed(3)
-    place = 500 * torch.rand(200, 2, 2, generator=random)
-    depth = torch.tensor([-6.0, -120.0]).expand(200, 2)[..., None]
-    points = torch.cat([place, depth], -1).contiguous()
-    link = torch.zeros(2, acoustic_link.COLUMNS)
-    link[:, acoustic_link.LEVEL] = torch.tensor([8.7, 27.5])
-    link[:, acoustic_link.POWER] = 1.0
-    link[:, acoustic_link.REFERENCE] = 10.0
-    link[:, acoustic_link.ATTITUDE] = 0.0017**2
-    out = global_search.plan_batch(link.to(device), points.to(device), code=CODES["e fix"], width=500.0, length=500.0)
-    reached = log_objective(out[:, :2].double().cpu(), points.double(), link.double(), CODES["e fix"])
-    assert (best_by_dense_search(points, link, CODES["e fix"], 500.0) - reached).max() < 1e-5
