@@ -23,8 +23,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from benchmarks.machine import describe
-from usvauv.cli.figure_theme import Ground, write_pair
 from usvauv.env import Scenario, World
+from usvauv.env.render.figure_theme import Ground, write_pair
 from usvauv.kernels import runtime
 
 BATCHES = (1, 64, 4096)

@@ -28,7 +28,7 @@ from usvauv.cli.mission_video import VideoSettings, render
 from usvauv.env import Scenario, Trace, World
 from usvauv.env.record.metrics import position_error
 from usvauv.env.record.recorder import record
-from usvauv.env.render.painter import VIEWS, Look
+from usvauv.env.render.frames import VIEWS, Look
 
 SIZES = ("640x360", "1280x720", "1920x1080", "3840x2160")
 BASELINE = "matplotlib"

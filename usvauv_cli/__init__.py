@@ -3,5 +3,5 @@
 
 `mission_video` and `encoder` write a mission's video, `live` shows it in a browser tab while it runs, `web_report`
 writes the page of an evaluation, `report` and `tables` print to the terminal, `plan_figure` and `sea_view` are the
-views of two commands, `figure_theme` the look of all figures. Nothing here is meant to be imported by other packages.
+views of two commands. Nothing here is meant to be imported by other packages.
 """

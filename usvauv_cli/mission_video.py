@@ -13,7 +13,7 @@ import cv2
 from usvauv.cli import encoder
 from usvauv.cli.encoder import FORMATS, even, one_drawing_thread, video_file
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.painter import Frames, Look, painter_of
+from usvauv.env.render.frames import Frames, Look, painter_of
 from usvauv.env.storage.files import OutputError, atomic_write
 from usvauv.env.storage.memory import require
 from usvauv.kernels.errors import UserError

@@ -15,11 +15,11 @@ from matplotlib.patches import Ellipse
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator
 
-from usvauv.cli.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
 from usvauv.cli.objectives import NAMES
 from usvauv.env.positioning import BoatPlace, Landscape, Plan
 from usvauv.env.render import style
-from usvauv.env.render.palette import CATEGORICAL
+from usvauv.env.render.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
+from usvauv.env.render.style import CATEGORICAL
 
 SIGMAS = 2
 # Upper bounds on a drawn semi-major axis over the shorter side of the area: from the optimum, from any place.

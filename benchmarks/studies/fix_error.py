@@ -22,13 +22,13 @@ from matplotlib.figure import Figure
 
 from benchmarks.machine import describe
 from usvauv import policies
-from usvauv.cli.figure_theme import Ground, write_pair
 from usvauv.env import Scenario, World
 from usvauv.env.record import error_bound
 from usvauv.env.record.metrics import own_error, position_error, usable
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.palette import looks
+from usvauv.env.render.figure_theme import Ground, write_pair
+from usvauv.env.render.style import looks
 
 SCENARIOS = ("ideal", "extreme")
 TEAMS = (2, 3, 4, 5, 6)

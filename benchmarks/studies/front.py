@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
-from usvauv.cli.figure_theme import Ground, write_pair
 from usvauv.env import evaluate
-from usvauv.env.render.palette import MARKERS, looks
+from usvauv.env.render.figure_theme import Ground, write_pair
+from usvauv.env.render.style import MARKERS, looks
 
 SCENARIO = "extreme"
 CURVES = {

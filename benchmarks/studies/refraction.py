@@ -19,8 +19,8 @@ import torch
 from matplotlib.figure import Figure
 
 from benchmarks.machine import batch, best_time, describe
-from usvauv.cli.figure_theme import Ground, write_pair
 from usvauv.env import Scenario
+from usvauv.env.render.figure_theme import Ground, write_pair
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
 from usvauv.env.world.tables import link_table

@@ -11,9 +11,8 @@ import pytest
 from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv.cli.mission_video import ENDINGS, VideoSettings, render
 from usvauv.env import Scenario
-from usvauv.env.render.comparison import Comparison, differences
-from usvauv.env.render.painter import VIEWS, Look, painter_of
-from usvauv.env.render.running_metrics import RunningMetrics
+from usvauv.env.render.frames import VIEWS, Comparison, Look, differences, painter_of
+from usvauv.env.render.mission import RunningMetrics
 from usvauv.env.render.style import DARK, THEMES
 from usvauv.kernels.errors import UserError
 

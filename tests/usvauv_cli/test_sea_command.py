@@ -24,7 +24,6 @@ from tests.usvauv_env.ocean_files import cmems, eastward, northward, write
 from usvauv.cli import app
 from usvauv.cli.commands import sea as sea_command
 from usvauv.cli.commands.sea import sink
-from usvauv.cli.figure_theme import log_ticks
 from usvauv.cli.sea_view import figure
 from usvauv.cli.sea_view.block import Block
 from usvauv.cli.sea_view.section import Section
@@ -33,7 +32,8 @@ from usvauv.cli.sea_view.surface import LevelSurface
 from usvauv.cli.sea_view.video import SeaPainter, SeaVideo
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.render import style
-from usvauv.env.render.frame_layout import Layout, MapView, Rectangle
+from usvauv.env.render.figure_theme import log_ticks
+from usvauv.env.render.layout import Layout, MapView, Rectangle
 from usvauv.env.sea.build import build_sea, build_short_waves
 from usvauv.env.sea.netcdf import SeaFile
 from usvauv.env.sea.simulation import SeaSimulation, cells, survey

@@ -8,7 +8,7 @@ import pytest
 
 from tests.usvauv_env.made_traces import paint, synthetic_trace
 from usvauv.cli.mission_video import VideoSettings, render
-from usvauv.env.render.frame_layout import Layout
+from usvauv.env.render.layout import Layout
 from usvauv.env.scenario.sea import Area
 from usvauv.env.storage.files import OutputError
 

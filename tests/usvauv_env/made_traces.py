@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.painter import Painter
+from usvauv.env.render.frames import Painter
 from usvauv.env.scenario import Scenario
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.made_traces import paint, place, synthetic_trace
-from usvauv.env.render import style, symbols
-from usvauv.env.render.frame_layout import MapView, Rectangle
+from usvauv.env.render import shapes, style
+from usvauv.env.render.frames import Painter
+from usvauv.env.render.layout import MapView, Rectangle
 from usvauv.env.render.map import error_axes
-from usvauv.env.render.painter import Painter
-from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface
+from usvauv.env.render.sea import CurrentStreaks, SeaSurface
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.sea import Area
 
@@ -43,7 +43,7 @@ class TestMap:
 
     def test_headings_point_the_right_way(self):
         picture = np.zeros((80, 80, 3), np.uint8)
-        symbols.auv(picture, np.array([40.0, 40.0]), np.pi / 2, 60, (255, 255, 255), 4)
+        shapes.auv(picture, np.array([40.0, 40.0]), np.pi / 2, 60, (255, 255, 255), 4)
         rows = np.nonzero((picture == 255).all(-1))[0]
         band = np.nonzero(picture[:, 40].max(-1) < 60)[0]
         assert rows.min() < 14  # the nose in the north, at the top

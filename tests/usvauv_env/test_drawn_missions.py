@@ -12,12 +12,10 @@ import pytest
 from tests.usvauv_env.made_traces import paint, place, synthetic_trace, with_second_boat
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.exchanges import PING_FRAMES, pings
-from usvauv.env.render.frame_layout import Layout, Rectangle
-from usvauv.env.render.painter import Look, Painter, painter_of
+from usvauv.env.render.frames import Look, Painter, painter_of
+from usvauv.env.render.layout import Layout, Rectangle
+from usvauv.env.render.mission import PING_FRAMES, ReplyField, RunningMetrics, figures, pings
 from usvauv.env.render.plots import RecordedPlot
-from usvauv.env.render.reply_field import ReplyField
-from usvauv.env.render.running_metrics import RunningMetrics, figures
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.sea import Area
 from usvauv.kernels.positioning import usbl
@@ -226,7 +224,7 @@ class TestAnyShape:
             """Letters are fitted to whole pixels, so that their widths have no scale."""
             return np.full((round(size), round(0.6 * size * len(text)), 1), 255, np.uint16), round(size)
 
-        monkeypatch.setattr("usvauv.env.render.text._mask", block)
+        monkeypatch.setattr("usvauv.env.render.style._mask", block)
         trace, small, frames = synthetic_trace(steps=13), (1280, 720), []
         off = trace.estimate + np.array([6.0, 0.0])
         trace = replace(trace, estimate=off, foreseen_position=off + np.array([0.0, 7.0]))

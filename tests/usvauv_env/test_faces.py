@@ -20,7 +20,7 @@ from usvauv.env import Scenario, ScenarioError, World, parallel_env
 from usvauv.env.faces.camera import FPS, SIZE
 from usvauv.env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
 from usvauv.env.record.recorder import record
-from usvauv.env.render.painter import Painter
+from usvauv.env.render.frames import Painter
 from usvauv.env.site.site import Site
 from usvauv.env.world.spaces import auv_observation_space
 

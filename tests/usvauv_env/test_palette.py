@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.markers import MarkerStyle
 
-from usvauv.cli.figure_theme import web
 from usvauv.env.render import style
-from usvauv.env.render.palette import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
+from usvauv.env.render.figure_theme import web
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
 
 # Machado, Oliveira & Fernandes (2009), severity 1, applied to linear RGB.
 VISIONS = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv.env.render.text import shorten, text_width, write
+from usvauv.env.render.style import shorten, text_width, write
 
 
 class TestText:

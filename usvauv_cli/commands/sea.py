@@ -96,7 +96,7 @@ def sea(
     """
     from usvauv.cli import console
     from usvauv.env import Scenario
-    from usvauv.env.render.text import clock
+    from usvauv.env.render.style import clock
     from usvauv.env.sea.simulation import SeaSimulation, cells
     from usvauv.env.world.water import first_vortices
 

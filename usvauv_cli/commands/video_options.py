@@ -37,7 +37,7 @@ def video_settings(
         UserError: an option has a value that is not allowed, or the file cannot be written.
     """
     from usvauv.cli.mission_video import ENDINGS, VideoSettings
-    from usvauv.env.render.painter import VIEWS, Look
+    from usvauv.env.render.frames import VIEWS, Look
     from usvauv.env.render.style import THEMES
 
     at_least("--fps", fps, 1)

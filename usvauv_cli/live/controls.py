@@ -15,8 +15,7 @@ from usvauv.cli.live.scene import OPACITY, Scene
 from usvauv.cli.live.session import Session
 from usvauv.cli.live.sliders import SLIDERS
 from usvauv.env.record.metrics import EpisodeMetrics
-from usvauv.env.render.style import auv_colour
-from usvauv.env.render.text import clock
+from usvauv.env.render.style import auv_colour, clock
 from usvauv.kernels.errors import UserError
 
 SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "30 ×": 30.0, "as fast as possible": math.inf}

@@ -13,14 +13,14 @@ from matplotlib.figure import Figure
 
 from usvauv import policies
 from usvauv.cli.engines.training import EVALUATION_STEP
-from usvauv.cli.figure_theme import Ground, write_pair
 from usvauv.cli.reproduction import figure
 from usvauv.cli.reproduction.settings import WIDE, Settings
 from usvauv.cli.reproduction.work import Piece, Work
 from usvauv.env import World
 from usvauv.env.record.metrics import COLUMNS, episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.env.render.palette import looks
+from usvauv.env.render.figure_theme import Ground, write_pair
+from usvauv.env.render.style import looks
 from usvauv.env.storage.tables import read_rows, write_rows
 
 NAME = "collaboration"

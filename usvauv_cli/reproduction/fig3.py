@@ -11,12 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from usvauv import policies
-from usvauv.cli.figure_theme import Ground, write_pair
 from usvauv.cli.reproduction import figure, paper
 from usvauv.cli.reproduction.runs import Learned
 from usvauv.cli.reproduction.settings import Settings
 from usvauv.cli.reproduction.work import Piece
-from usvauv.env.render.palette import looks
+from usvauv.env.render.figure_theme import Ground, write_pair
+from usvauv.env.render.style import looks
 from usvauv.env.storage.tables import write_rows
 
 NAME = "fig3"

@@ -15,13 +15,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from usvauv import policies
-from usvauv.cli.figure_theme import OUTLINE, Ground, write_pair
 from usvauv.cli.reproduction import figure, paper
 from usvauv.cli.reproduction.runs import Learned
 from usvauv.cli.reproduction.settings import PHYSICAL, Settings
 from usvauv.env import Trace, World
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import record
+from usvauv.env.render.figure_theme import OUTLINE, Ground, write_pair
 from usvauv.env.storage.tables import write_rows
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex

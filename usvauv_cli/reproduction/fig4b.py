@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from usvauv.cli.figure_theme import Ground, log_ticks, write_pair
 from usvauv.cli.reproduction import figure, paper
 from usvauv.cli.reproduction.fixes import BOUND, FixErrors, results
 from usvauv.cli.reproduction.settings import PHYSICAL, STRATEGIES, Settings
 from usvauv.cli.reproduction.work import Piece
-from usvauv.env.render.palette import looks
+from usvauv.env.render.figure_theme import Ground, log_ticks, write_pair
+from usvauv.env.render.style import looks
 from usvauv.env.storage.tables import read_rows, write_rows
 
 NAME = "fig4b"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from usvauv.cli.figure_theme import Ground
+from usvauv.env.render.figure_theme import Ground
 
 METHODS = ("ddpg", "sac", "td3", "baseline", "data")
 NAMES = {"sdr": "Sum data rate (SDR), Mbit/s", "ec": "Energy consumption (EC), W", "arps": "Reward per step (ARPS)"}

@@ -12,12 +12,12 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from usvauv.cli.figure_theme import Ground, write_pair
 from usvauv.cli.reproduction import figure, paper
 from usvauv.cli.reproduction.runs import Heuristic, Learned
 from usvauv.cli.reproduction.settings import HEURISTICS, Settings
 from usvauv.cli.reproduction.work import Piece
-from usvauv.env.render.palette import looks
+from usvauv.env.render.figure_theme import Ground, write_pair
+from usvauv.env.render.style import looks
 from usvauv.env.storage.tables import read_rows, write_rows
 
 NAME = "table2"

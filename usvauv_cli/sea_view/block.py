@@ -9,8 +9,8 @@ import numpy as np
 
 from usvauv.cli.sea_view.section import Section
 from usvauv.env.render import shapes, style
-from usvauv.env.render.frame_layout import Layout, Rectangle, nice
-from usvauv.env.render.text import write
+from usvauv.env.render.layout import Layout, Rectangle, nice
+from usvauv.env.render.style import write
 from usvauv.env.scenario.sea import Area
 
 TURN = math.radians(-32)  # rotation of the area; the south and the east side are in front

@@ -13,7 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from usvauv.cli.figure_theme import (
+from usvauv.cli.sea_view.section import Section
+from usvauv.cli.sea_view.spectra import SHORTEST, measured, spectrum, target_spectrum, wanted
+from usvauv.cli.sea_view.surface import SHADED, LevelSurface
+from usvauv.cli.sea_view.video import LONG_WAVES, land, thumbnail, weather
+from usvauv.env.render import style
+from usvauv.env.render.figure_theme import (
     BACKGROUND,
     CARD,
     LINE,
@@ -27,13 +32,8 @@ from usvauv.cli.figure_theme import (
     style_axes,
     web,
 )
-from usvauv.cli.sea_view.section import Section
-from usvauv.cli.sea_view.spectra import SHORTEST, measured, spectrum, target_spectrum, wanted
-from usvauv.cli.sea_view.surface import SHADED, LevelSurface
-from usvauv.cli.sea_view.video import LONG_WAVES, land, thumbnail, weather
-from usvauv.env.render import style
-from usvauv.env.render.frame_layout import MapView, Rectangle
-from usvauv.env.render.text import clock
+from usvauv.env.render.layout import MapView, Rectangle
+from usvauv.env.render.style import clock
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.storage.memory import require

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from usvauv.env.render.frame_layout import MapView
-from usvauv.env.render.sea_layers import SeaSurface
+from usvauv.env.render.layout import MapView
+from usvauv.env.render.sea import SeaSurface
 
 SHADED = 480  # largest side of the surface as it is shaded, pixels
 LEAST_LIMIT = 0.3  # m; ripples on a calm sea do not fill the scale

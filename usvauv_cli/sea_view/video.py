@@ -14,22 +14,25 @@ from usvauv.cli.encoder import even, expected_bytes, one_drawing_thread, video_f
 from usvauv.cli.sea_view.block import Block
 from usvauv.cli.sea_view.section import Section
 from usvauv.cli.sea_view.surface import SHADED, LevelSurface
-from usvauv.env.render import shapes, style, symbols
-from usvauv.env.render.frame_layout import Layout, MapView, Rectangle, nice_above
-from usvauv.env.render.map_axes import draw_map_axes
-from usvauv.env.render.panel_elements import (
+from usvauv.env.render import shapes, style
+from usvauv.env.render.layout import (
+    Layout,
+    MapView,
+    Rectangle,
     draw_card,
     draw_clock,
     fill_tiles,
     name_tiles,
+    nice_above,
     within_margins,
     write_heading,
     write_title,
 )
+from usvauv.env.render.map import draw_map_axes
 from usvauv.env.render.plots import LivePlot, SectionPlot
-from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface
+from usvauv.env.render.sea import CurrentStreaks, SeaSurface
 from usvauv.env.render.shapes import Overlay
-from usvauv.env.render.text import write
+from usvauv.env.render.style import write
 from usvauv.env.sea.simulation import SeaSimulation, Surface
 from usvauv.env.sea.storm import wave_systems
 
@@ -185,7 +188,7 @@ class SeaPainter:
         head = [tip, *(tip - (13 * waves - turn * 6 * side) * layout.unit for turn in (1, -1))]
         shapes.fill(picture, np.array(head), style.WHITE)
         for name, end, inwards in (("A", ends[0], along), ("B", ends[1], -along)):
-            symbols.badge(picture, name, end + 14 * layout.unit * inwards, 12 * layout.unit, style.WHITE)
+            shapes.badge(picture, name, end + 14 * layout.unit * inwards, 12 * layout.unit, style.WHITE)
         if self._stillness:
             middle = box.left + box.width / 2, box.top + 0.3 * box.height
             write(picture, self._stillness, middle, 14 * layout.unit, self.layout.theme.text, anchor="centre")

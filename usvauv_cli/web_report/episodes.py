@@ -17,7 +17,7 @@ import numpy as np
 from usvauv.env.record import collection
 from usvauv.env.record.metrics import usable
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.palette import CATEGORICAL
+from usvauv.env.render.style import CATEGORICAL
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.tables import Combination
 

@@ -19,8 +19,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from usvauv.cli import figure_theme
-from usvauv.env.render.palette import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
+from usvauv.env.render import figure_theme
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
 from usvauv.env.storage.files import atomic_write
 
 COLUMN = 3.4  # width, inches

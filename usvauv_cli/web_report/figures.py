@@ -31,7 +31,7 @@ from usvauv.cli.web_report.figure_style import (
     rows_of_legend,
     style_axes,
 )
-from usvauv.env.render.frame_layout import nice, nice_above
+from usvauv.env.render.layout import nice, nice_above
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.local_frame import LocalFrame
 from usvauv.env.site.site import Site

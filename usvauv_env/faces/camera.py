@@ -45,7 +45,7 @@ class Camera:
 
     def picture(self, world: int) -> np.ndarray:
         """A world as it is now, (720, 1280, 3) uint8, RGB."""
-        from usvauv.env.render.painter import Painter  # brings matplotlib, which most runs need not
+        from usvauv.env.render.frames import Painter  # brings matplotlib, which most runs need not
 
         now = self._recorder.world.surface(SURFACE_PIXELS, world)
         first = int(self._first[world])

@@ -1,6 +1,6 @@
-"""Frames of a mission's video, drawn by OpenCV from a trace and nothing else.
+"""Frames of a mission's video, drawn by OpenCV from a trace and nothing else, and the look of figures.
 
-`painter.painter_of` is the entrance for missions: the map with its panel (`painter`), the sea in perspective
-(`sea_frame`, `perspective`), two missions side by side (`comparison`). Map, panel elements, plots and colours are
-also used by the views of the sea alone in `usvauv.cli.sea_view` and by the figures.
+`frames.painter_of` is the entrance. Below it lie the map with its axes (`map`), plots of the panel beside it (`plots`),
+the perspective view (`perspective`), what both show of the sea (`sea`) and of the trace (`mission`), the scene with its
+camera (`scene`), the boxes of a frame (`layout`), symbols (`shapes`), colours and text (`style`).
 """

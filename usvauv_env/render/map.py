@@ -1,25 +1,24 @@
-"""The map of a mission: sea surface, current, vehicles, nodes and fixes, seen from above."""
+"""The map of a mission, seen from above, with the axes and scales around it."""
 
 from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
 from usvauv.env.record.collection import age
 from usvauv.env.record.trace import Trace
-from usvauv.env.render import shapes, style, symbols
-from usvauv.env.render.exchanges import Exchanges
-from usvauv.env.render.frame_layout import Layout, MapView
-from usvauv.env.render.itinerary import Itinerary
-from usvauv.env.render.popups import Popups
-from usvauv.env.render.reply_field import ReplyField
-from usvauv.env.render.running_metrics import RunningMetrics
-from usvauv.env.render.sea_layers import CurrentStreaks, SeaSurface
+from usvauv.env.render import shapes, style
+from usvauv.env.render.layout import Layout, MapView, Rectangle, nice, nice_above
+from usvauv.env.render.mission import TRAIL, Exchanges, Itinerary, ReplyField, RunningMetrics
+from usvauv.env.render.sea import CurrentStreaks, SeaSurface, colour_scale
 from usvauv.env.render.shapes import Overlay
+from usvauv.env.render.style import text_width, write
+from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.sea import Area
 
-TRAIL = 120.0  # s
 TRAIL_PIECES = 6  # of one opacity each
 OLD = 300.0  # s, age from which on a node's ring is brightest
 REFRESH = 3  # steps from which on streaks, which change slowly, are made anew
@@ -67,7 +66,7 @@ class MissionMap:
         self._foreseen = self.view.pixel(trace.foreseen_position[:, 0])
         self._field = ReplyField(trace)
         self._made = -REFRESH
-        self._gauges = symbols.NodeGauges(self._node_radius)
+        self._gauges = shapes.NodeGauges(self._node_radius)
         self._hover_radius = max(scenario.auv.hover_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
 
     def draw(self, picture: np.ndarray, t: int) -> None:
@@ -158,7 +157,7 @@ class MissionMap:
     def _draw_nodes(self, picture: np.ndarray, t: int) -> None:
         if self._trace.scenario.task == "station-keeping":
             for auv, centre in enumerate(self._nodes):
-                symbols.station(picture, centre, self._node_radius, style.auv_colour(auv), self._layout.zoom)
+                shapes.station(picture, centre, self._node_radius, style.auv_colour(auv), self._layout.zoom)
             return
         pulse = 0.5 + 0.5 * math.sin(0.35 * t)
         for centre, share, old in zip(self._nodes, self._fill[t], self._age[t], strict=True):
@@ -170,21 +169,142 @@ class MissionMap:
         if np.hypot(*(goal - position)) > 20 * layout.unit:  # nearer goals are below the boat
             for piece in shapes.dashes(position, goal, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.BOAT, layout.px(1))
-            symbols.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
-        symbols.boat(picture, position, self._running.boat_heading[t, boat], 34 * layout.unit, layout.zoom)
+            shapes.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
+        shapes.boat(picture, position, self._running.boat_heading[t, boat], 34 * layout.unit, layout.zoom)
 
     def _draw_auv(self, picture: np.ndarray, t: int, auv: int) -> None:
         layout, position, colour = self._layout, self._auvs[t, auv], style.auv_colour(auv)
         if self._trace.hovering[t, 0, auv]:
             node = self._nodes[self._itinerary.node(t, auv)]
             share = self._running.service_share[t, auv]
-            symbols.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
+            shapes.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
         fix, foreseen = self._estimated[t, auv], self._foreseen[t, auv]
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
             for piece in shapes.dashes(foreseen, position, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
-            symbols.foreseen(picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
-        symbols.auv(picture, position, self._running.heading[t, auv], 29 * layout.unit, colour, layout.zoom)
+            shapes.foreseen(picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
+        shapes.auv(picture, position, self._running.heading[t, auv], 29 * layout.unit, colour, layout.zoom)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
-            symbols.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
-        symbols.badge(picture, str(auv + 1), self._labels[t, auv], 11 * layout.unit, colour)
+            shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
+        shapes.badge(picture, str(auv + 1), self._labels[t, auv], 11 * layout.unit, colour)
+
+
+class Scene(Protocol):
+    """A map: metres to pixels, and the layers whose scales are drawn above it."""
+
+    view: MapView
+    surface: SeaSurface
+    streaks: CurrentStreaks
+
+
+def draw_map_axes(picture: np.ndarray, scene: Scene, layout: Layout, area: Area, note: str) -> None:
+    """Draw axes and scales on a picture, and a note below the map if there is room."""
+    unit, box = layout.unit, layout.map
+    corners = [(0, 0), (area.width, 0), (area.width, area.length), (0, area.length)]
+    frame = scene.view.pixel(np.array(corners, float)) + np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)]) * unit
+    shapes.stroke(picture, frame, layout.theme.line, layout.px(1.5), closed=True)
+    size, spacing = 11 * unit, nice_above(max(area.width, area.length) / 5)
+    for x in np.arange(0, area.width * 1.0001, spacing):
+        at = scene.view.pixel(np.array([x, 0]))[0]
+        shapes.stroke(picture, np.array([(at, box.bottom + unit), (at, box.bottom + 5 * unit)]), layout.theme.muted)
+        write(picture, f"{x:g}", (at, box.bottom + 17 * unit), size, layout.theme.muted, anchor="centre")
+    for y in np.arange(0, area.length * 1.0001, spacing):
+        at = scene.view.pixel(np.array([0, y]))[1]
+        shapes.stroke(picture, np.array([(box.left - unit, at), (box.left - 5 * unit, at)]), layout.theme.muted)
+        write(picture, f"{y:g}", (box.left - 8 * unit, at + 0.36 * size), size, layout.theme.muted, anchor="right")
+    below = box.bottom + 32 * unit
+    east = "metres east →"
+    write(picture, east, (box.right, below), size, layout.theme.muted, anchor="right")
+    room = box.width - text_width(east, size) - _scale_bar(picture, scene, layout, below) - 30 * unit
+    if text_width(note, size) < room:
+        position = box.right - text_width(east, size) - 15 * unit, below
+        write(picture, note, position, size, layout.theme.muted, anchor="right")
+    free = box.left - 8 * unit, _scales(picture, scene, layout)
+    if text_width("metres north ↑", size) + 12 * unit < free[1] - free[0]:
+        write(picture, "metres north ↑", (free[0], box.top - 8 * unit), size, layout.theme.muted)
+
+
+def view_note(scenario: Scenario) -> str:
+    """Point of view, and the depth of the AUVs."""
+    return f"seen from above, AUVs {scenario.auv.depth:g} m below the boat"
+
+
+def _scale_bar(picture: np.ndarray, scene: Scene, layout: Layout, below: float) -> float:
+    """Draw a scale bar at the left; returns its width including the text, pixels."""
+    unit, box = layout.unit, layout.map
+    length = nice(0.25 * box.width / scene.view.per_metre)
+    bar = length * scene.view.per_metre
+    left, level = box.left, below - 4 * unit
+    ends = np.array([(left, level - 4 * unit), (left, level), (left + bar, level), (left + bar, level - 4 * unit)])
+    shapes.stroke(picture, ends, layout.theme.text, layout.px(1.5))
+    text = f"{length:g} m"
+    write(picture, text, (left + bar + 8 * unit, below), 11 * unit, layout.theme.text)
+    return bar + 8 * unit + text_width(text, 11 * unit)
+
+
+def _scales(picture: np.ndarray, scene: Scene, layout: Layout) -> float:
+    """Draw colour scale and, where there is room, speed scale above the map; returns their left end, pixels."""
+    unit, size = layout.unit, 11 * layout.unit
+    right, line = layout.map.right, layout.map.top - 8 * unit
+
+    def words(text: str, gap: float) -> None:
+        nonlocal right
+        write(picture, text, (right, line), size, layout.theme.muted, anchor="right")
+        right -= text_width(text, size) + round(gap * unit)
+
+    limit, streaks = scene.surface.limit, scene.streaks
+    if limit:
+        words(f"+{limit:g} m", 6)
+        width, height = round(90 * unit), round(9 * unit)
+        top = round(line - height)
+        picture[top : top + height, right - width : right] = colour_scale(width, height)
+        right -= width + round(6 * unit)
+    words(f"sea surface  −{limit:g}" if limit else "flat sea", 18)
+    if streaks.fastest == 0.0:
+        words("no current", 0)
+        return right
+    speed = nice(streaks.fastest)
+    tail, middle = speed * streaks.tail * scene.view.per_metre, line - 4 * unit
+    text = f"current {speed:g} m/s"
+    if right - text_width(text, size) - 6 * unit - tail < layout.left:
+        return right
+    words(text, 6)
+    shapes.stroke(picture, np.array([(right - tail, middle), (right, middle)]), layout.theme.muted, layout.px(1.5))
+    shapes.stroke(picture, np.array([(right - tail / 2, middle), (right, middle)]), layout.theme.text, layout.px(1.5))
+    return right - tail
+
+
+FRAMES = 45  # for which the data of a completed service is shown
+
+
+class Popups:
+    """Of world 0 of a trace; `unit` is a pixel of the design."""
+
+    def __init__(self, trace: Trace, itinerary: Itinerary, unit: float) -> None:
+        self._delivered, self._itinerary, self._unit = trace.delivered[:, 0], itinerary, unit
+
+    def draw(
+        self, picture: np.ndarray, box: Rectangle, t: int, nodes: np.ndarray, above: float, badges: np.ndarray
+    ) -> None:
+        """Write them within a box, apart from each other and from the AUVs' numbers at `badges` (K, 2), each from
+        `above` pixels over its node (M, 2) on.
+        """
+        unit = self._unit
+        first, size = max(0, t - FRAMES + 1), 13 * unit
+        taken = [(x, y + 4 * unit, 10 * unit) for x, y in badges]  # middle, baseline and half the width
+        for auv in range(self._delivered.shape[1]):
+            recent = np.flatnonzero(self._delivered[first : t + 1, auv] > 0)
+            if not recent.size:
+                continue
+            done = first + int(recent[-1])
+            age = (t - done) / FRAMES
+            text = f"+{self._delivered[done, auv]:.2f} Mbit"
+            half = text_width(text, size, bold=True) / 2
+            x, y = nodes[self._itinerary.node(done, auv)]
+            x = np.clip(x, box.left + half, max(box.right - half, box.left + half))
+            y = max(y - above - (5 + 16 * age) * unit, box.top + 1.2 * size)
+            while any(abs(x - at) < half + other and abs(y - row) < 1.15 * size for at, row, other in taken):
+                y += -1.15 * size if y - 2.3 * size > box.top else 1.15 * size * (len(taken) + 1)
+            taken.append((x, y, half))
+            for shift, ink in ((unit, style.OUTLINE), (0, style.auv_colour(auv))):
+                write(picture, text, (x + shift, y + shift), size, ink, bold=True, anchor="centre", opacity=1 - age**3)

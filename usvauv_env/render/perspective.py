@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
+
 import cv2
 import numpy as np
 
+from usvauv.env.record.collection import age
 from usvauv.env.record.trace import Trace
-from usvauv.env.render import bodies, style, symbols
-from usvauv.env.render.below_surface import BelowSurface
-from usvauv.env.render.camera import Camera, Swing
-from usvauv.env.render.canvas import Canvas
-from usvauv.env.render.frame_layout import Layout, Rectangle
-from usvauv.env.render.glass_box import Frame, paint_water
-from usvauv.env.render.reply_field import ReplyField
-from usvauv.env.render.running_metrics import RunningMetrics
-from usvauv.env.render.scene import Scene, track
-from usvauv.env.render.sea_layers import colour_scale, elevation_limit
-from usvauv.env.render.sea_shading import SeaShading
-from usvauv.env.render.sound import Sound
-from usvauv.env.render.text import shorten, text_width, write
-from usvauv.env.render.wave_sheet import Columns, Sheet, look
+from usvauv.env.render import shapes, style
+from usvauv.env.render.layout import Layout, Rectangle, nice_above
+from usvauv.env.render.map import OLD, Popups, error_axes
+from usvauv.env.render.mission import Exchanges, Itinerary, ReplyField, RunningMetrics, track
+from usvauv.env.render.scene import BOAT_BODY, WATER, Camera, Canvas, Scene, Swing, auv_body, turned
+from usvauv.env.render.sea import Columns, SeaShading, Sheet, colour_scale, elevation_limit, look
+from usvauv.env.render.style import shorten, text_width, write
 
 OPACITY = 0.78  # of the surface before what is below
 LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note
@@ -126,9 +123,9 @@ class PerspectiveView:
         pixels = canvas.camera.pixel(scene.afloat(way, heights))
         if np.hypot(*(pixels[-1] - pixels[0])) > 20 * layout.unit:  # nearer goals are below the boat
             canvas.pieces(pixels.reshape(-1, 2, 2), style.BOAT)
-            symbols.cross(canvas.picture, pixels[-1], 5 * layout.unit, style.BOAT, layout.px(2))
-        axes = bodies.turned(self._running.boat_heading[t, boat], self._slopes[t, boat])
-        bodies.BOAT.draw(canvas, place, axes, BOAT_LENGTH * max(scene.sides))
+            shapes.cross(canvas.picture, pixels[-1], 5 * layout.unit, style.BOAT, layout.px(2))
+        axes = turned(self._running.boat_heading[t, boat], self._slopes[t, boat])
+        BOAT_BODY.draw(canvas, place, axes, BOAT_LENGTH * max(scene.sides))
 
 
 def _backdrop(width: int, height: int) -> np.ndarray:
@@ -148,3 +145,269 @@ def _paint_surface(picture: np.ndarray, columns: Columns, sheet: Sheet, colours:
     large, shown = cv2.resize(small, size), cv2.resize(sheet.covered, size)
     cv2.threshold(shown, 127, 255, cv2.THRESH_BINARY, shown)
     cv2.copyTo(cv2.addWeighted(region, 1 - OPACITY, large, OPACITY, 0), shown, region)
+
+
+COARSE = 4  # pixels of the picture to one of the water's light
+LIT = np.array(style.colour("#2a86a3"), np.float32)  # water at the surface
+DARK = np.array(style.colour("#07192b"), np.float32)  # water at the bed
+BED = np.array(style.colour("#35596a"), np.float32)
+_BLEND = np.column_stack([LIT - DARK, BED - DARK, DARK])  # of shares of light and bed
+GRID = style.colour("#406a7b")
+GLASS = style.colour("#6fb3c4")
+HORIZON = style.colour("#4d8aa6")
+SHORE = style.colour("#bfe6ee")
+
+
+def _light(camera: Camera, columns: Columns, bed: float, rows: np.ndarray) -> np.ndarray:
+    """Colours (R, C, 3) of the box at rows (R,) of the picture: its bed or far wall, veiled by the water before it."""
+    near, far = columns.near.astype(np.float32), columns.far.astype(np.float32)
+    fall = ((rows - camera.centre[1]) / camera.focal)[:, None].astype(np.float32)  # m of descent to 1 m of distance
+    last = np.minimum(far, np.float32(camera.height - bed) / fall)
+    entry = np.minimum(np.maximum(near, np.float32(camera.height) / fall), last)
+    way = (last - entry) * (1.5 * np.hypot(*columns.ray.T) / camera.distance).astype(np.float32)
+    down, middle = (np.maximum((at * fall - camera.height) / -bed, 0.0) for at in (last, 0.5 * (last + entry)))
+    # The edge between bed and wall is as wide as a pixel of this coarse picture.
+    on_bed = np.clip((down - 1.0) * np.float32(-bed * camera.focal / (COARSE * camera.distance)) + 1.0, 0.0, 1.0)
+    clear = cv2.exp(-way)
+    lit = clear * (1.0 - on_bed) * cv2.exp(-2.2 * down) + (1.0 - clear) * cv2.exp(-2.0 * middle)
+    return cv2.convertScaleAbs(cv2.transform(cv2.merge([lit, clear * on_bed]), _BLEND))
+
+
+def paint_water(canvas: Canvas, columns: Columns, bed: float, sheet: Sheet) -> None:
+    """Fill the box from the highest line of the surface to the near edges of the bed, at height `bed`."""
+    picture, camera = canvas
+    foot = camera.centre[1] + camera.focal * (camera.height - bed) / columns.near
+    top = max(int(sheet.horizon.min()), 0)
+    rows = np.arange(top + 0.5 * COARSE - 0.5, foot.max() + COARSE, COARSE)
+    coarse = columns.every(COARSE // 2)
+    small = _light(camera, coarse, bed, rows)
+    large = cv2.resize(small, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)
+    region = picture[top : top + large.shape[0], 2 * columns.first : 2 * columns.first + large.shape[1]]
+    mask = np.zeros(region.shape[:2], np.uint8)
+    above, below = (np.stack([columns.x - 2 * columns.first, line - top], 1) for line in (sheet.horizon, foot))
+    cv2.fillPoly(mask, [np.rint(np.concatenate([above, below[::-1]])).astype(np.int32)], 255)
+    cv2.copyTo(large[: region.shape[0], : region.shape[1]], mask, region)
+
+
+def _labels_apart(places: np.ndarray, width: float, height: float) -> int:
+    """Every how many of the places (N, 2) in a row can have a label of that width and height, pixels."""
+    if len(places) < 2:
+        return 1
+    across, up = np.abs(np.diff(places, axis=0)).min(axis=0)
+    return max(1, math.ceil(min(width / max(across, 1e-3), height / max(up, 1e-3))))
+
+
+class Frame:
+    """Lines and words of the box."""
+
+    def __init__(self, scene: Scene, layout: Layout) -> None:
+        self._scene, self._layout = scene, layout
+        self._half = 0.5 * np.array(scene.sides)
+        spacing = nice_above(max(scene.sides) / 5)
+        depth = -scene.bed / scene.depths
+        self._depths = np.arange(0, depth * 1.0001, nice_above(depth / 4))
+        self._ticks = [np.arange(0, side * 1.0001, spacing) for side in scene.sides]
+
+    def _near(self, camera: Camera) -> np.ndarray:
+        """The area's nearest corner (2,), m."""
+        return -self._half * np.sign(camera.forward)
+
+    def draw_bed(self, canvas: Canvas, columns: Columns, sheet: Sheet) -> None:
+        """The grid, and the edge behind the water."""
+        bed, lines = self._scene.bed, []
+        for axis in (0, 1):
+            across = self._half[1 - axis]
+            for tick in self._ticks[axis]:
+                ends = np.full((2, 3), bed)
+                ends[:, axis], ends[:, 1 - axis] = tick - self._half[axis], (-across, across)
+                lines.append(ends)
+        canvas.pieces(canvas.camera.pixel(np.array(lines)), GRID)
+        x, foot = canvas.camera.pixel(np.array([*-self._near(canvas.camera), bed]))
+        canvas.pieces(np.array([[(x, sheet.horizon[columns.at(x)]), (x, foot)]]), GRID, self._layout.px(1))
+
+    def draw_edges(self, canvas: Canvas, columns: Columns, sheet: Sheet) -> None:
+        """The near edges of the glass, and the lines where the surface meets it."""
+        near, bed, width = self._near(canvas.camera), self._scene.bed, self._layout.px(1)
+        foot = np.array([(near[0], -near[1], bed), (*near, bed), (-near[0], near[1], bed)])
+        canvas.line(foot, GLASS, width)
+        feet = canvas.camera.pixel(foot)
+        tops = [(x, sheet.shore[columns.at(x)]) for x in feet[:, 0]]
+        canvas.pieces(np.stack([feet, tops], 1), GLASS, width)
+        for line, ink in ((sheet.horizon, HORIZON), (sheet.shore, SHORE)):
+            canvas.pieces(np.stack([columns.x, line], 1)[None, ::2], ink, width)
+
+    def write_lengths(self, canvas: Canvas) -> None:
+        """Metres along the near edges of the bed, and of depth at the left."""
+        picture, camera = canvas
+        unit, near = self._layout.unit, self._near(camera)
+        size, out = 11 * unit, 0.02 * max(self._scene.sides)
+        for axis in (0, 1):
+            ends = np.tile([*near, self._scene.bed], (2, len(self._ticks[axis]), 1))
+            ends[:, :, axis] = self._ticks[axis] - self._half[axis]
+            ends[1, :, 1 - axis] += math.copysign(out, near[1 - axis])
+            ends = camera.pixel(ends).swapaxes(0, 1)
+            canvas.pieces(ends, style.DARK.muted)
+            anchor, gap = ("left", 3 * unit) if ends[0, 1, 0] > ends[0, 0, 0] else ("right", -3 * unit)
+            words = [f"{tick:g}" for tick in self._ticks[axis]]
+            words[-1] += " m"
+            every = _labels_apart(ends[:, 1], text_width(words[-1], size), size)
+            for text, (_, (x, y)) in list(zip(words, ends, strict=True))[(len(words) - 1) % every :: every]:
+                write(picture, text, (x + gap, y + 10 * unit), size, style.DARK.muted, anchor=anchor)
+        corners = np.array([(near[0], -near[1]), (-near[0], near[1])])
+        left = corners[np.argmin(corners @ camera.right)]
+        marks = [np.array([*left, -depth * self._scene.depths]) for depth in self._depths]
+        places = camera.pixel(np.array(marks))
+        every = _labels_apart(places, math.inf, size)
+        for depth, (x, y) in list(zip(self._depths, places, strict=True))[::every]:
+            shapes.stroke(picture, np.array([(x, y), (x - 5 * unit, y)]), style.DARK.muted)
+            words = f"−{depth:g} m" if depth else "0 m"
+            write(picture, words, (x - 8 * unit, y + 4 * unit), size, style.DARK.muted, anchor="right")
+
+    def draw_compass(self, canvas: Canvas) -> None:
+        """An arrow to the north, lying level, at the lower left."""
+        unit, (picture, camera) = self._layout.unit, canvas
+        middle = np.array([34 * unit, picture.shape[0] - 34 * unit])
+        level = np.array([camera.right, camera.forward * -camera.height / camera.distance]) * 20 * unit
+        turns = np.linspace(0.0, 2 * np.pi, 48)
+        shapes.stroke(picture, middle + np.stack([np.cos(turns), np.sin(turns)], 1) @ level.T, style.DARK.line)
+        arrow = np.array([(0.0, 0.95), (0.26, -0.55), (0.0, -0.3), (-0.26, -0.55)]) @ level.T + middle
+        shapes.fill(picture, arrow[[0, 1, 2]], style.DARK.muted)
+        shapes.fill(picture, arrow[[0, 2, 3]], style.DARK.text)
+        x, y = middle + level @ (0.0, 1.55)
+        write(picture, "N", (x, y + 4 * unit), 11 * unit, style.DARK.text, bold=True, anchor="centre")
+
+
+AUV_LENGTH = 0.06  # as drawn, of the area's longer side
+SMALL = 300  # height up to which a view leaves words to the map beside it, pixels of the design
+ZOOMS = (0.85, 1.0, 1.15)  # of nodes by their distance, of which each size has a picture of its own
+
+
+class BelowSurface:
+    """World 0 of a trace.
+
+    Attributes:
+        auvs: (T, K, 3) their places in the scene.
+    """
+
+    def __init__(self, trace: Trace, running: RunningMetrics, scene: Scene, layout: Layout, camera: Camera) -> None:
+        scenario, unit = trace.scenario, layout.unit
+        self._trace, self._running, self._scene, self._layout = trace, running, scene, layout
+        self.auvs = scene.place(trace.auv_position[:, 0], scene.auvs)
+        self._foreseen = scene.place(trace.foreseen_position[:, 0], scene.auvs)
+        self._estimated = scene.place(trace.estimate[:, 0], scene.auvs)
+        self._error_axes = error_axes(trace.estimate_covariance[:, 0])
+        self._nodes = scene.place(trace.node_position[0], scene.nodes)
+        self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
+        # Stations have no data that could be old.
+        self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
+        spacing = math.sqrt(scene.sides[0] * scene.sides[1] / len(self._nodes)) * camera.focal / camera.distance
+        self._radii = np.clip(spacing / 8, 3.0 * unit, 9.0 * unit) * np.array(ZOOMS)
+        self._gauges = [shapes.NodeGauges(float(radius)) for radius in self._radii]
+        self._serving, self._itinerary = trace.hovering[:, 0].astype(bool), Itinerary(trace)
+        self._popups = Popups(trace, self._itinerary, layout.unit)
+        self._bodies = [auv_body(style.auv_colour(auv)) for auv in range(self.auvs.shape[1])]
+
+    def draw_nodes(self, canvas: Canvas, t: int) -> None:
+        """Gauges on stalks, far to near, or the stations."""
+        away, feet = canvas.camera.away(self._nodes), canvas.camera.pixel(self._nodes)
+        zoom = np.digitize(canvas.camera.distance / away, (0.93, 1.07))
+        heads = feet - self._radii[zoom][:, None] * (0.0, 1.5)
+        canvas.pieces(np.stack([feet, heads], 1), style.OUTLINE, self._layout.px(2))
+        if self._trace.scenario.task == "station-keeping":
+            for auv, (head, radius) in enumerate(zip(heads, self._radii[zoom], strict=True)):
+                shapes.station(canvas.picture, head, radius, style.auv_colour(auv), self._layout.zoom)
+            return
+        pulse = 0.5 + 0.5 * math.sin(0.35 * t)
+        for node in np.argsort(-away):
+            gauges = self._gauges[zoom[node]]
+            gauges.draw(canvas.picture, heads[node], self._fill[t, node], self._age[t, node], pulse)
+
+    def draw_auvs(self, canvas: Canvas, t: int) -> None:
+        """All of them, far to near."""
+        for auv in np.argsort(-canvas.camera.away(self.auvs[t])):
+            self._draw_auv(canvas, t, int(auv))
+
+    def draw_words(self, canvas: Canvas, t: int) -> None:
+        """The AUVs' numbers beside them, and the data of their latest services, which a small view leaves out."""
+        (height, width), unit = canvas.picture.shape[:2], self._layout.unit
+        nodes, labels = canvas.camera.pixel(self._nodes), canvas.camera.pixel(self.auvs[t]) + np.array([14, -13]) * unit
+        if height > SMALL * unit:
+            box = Rectangle(0, 0, width, height)
+            self._popups.draw(canvas.picture, box, t, nodes, 3 * float(self._radii[-1]), labels)
+        for auv, label in enumerate(labels):
+            shapes.badge(canvas.picture, str(auv + 1), label, 11 * unit, style.auv_colour(auv))
+
+    def _draw_auv(self, canvas: Canvas, t: int, auv: int) -> None:
+        """Trail, line down to the bed, ways to its next nodes, error ellipse, estimate, and the body."""
+        colour, place, layout, size = style.auv_colour(auv), self.auvs[t, auv], self._layout, max(self._scene.sides)
+        dim = style.mix(WATER, colour, 0.6)
+        canvas.trail(self.auvs[track(t, self._trace.scenario.mission.step), auv], colour, WATER, layout.px(2))
+        foot = np.array([*place[:2], self._scene.bed])
+        canvas.line(np.stack([place, foot]), dim)
+        canvas.circle(foot, 0.012 * size, dim)
+        stops = self._nodes[[self._itinerary.node(t, auv), *self._itinerary.after(t, auv)]]
+        for number, leg in enumerate(pairwise(stops)):
+            canvas.line(np.stack(leg), style.mix(WATER, colour, 0.5 - 0.12 * number), layout.px(1.3))
+        node = stops[0]
+        if self._serving[t, auv]:
+            reach = max(self._trace.scenario.auv.hover_radius, 0.04 * size)
+            canvas.circle(node, reach, dim)
+            canvas.circle(node, reach, colour, layout.px(3), self._running.service_share[t, auv])
+        ends = np.stack([place, node, self._estimated[t, auv], self._foreseen[t, auv]])
+        begin, end, fix, foreseen = canvas.camera.pixel(ends)
+        canvas.pieces(np.array(shapes.dashes(begin, end, 4 * layout.unit)), dim, layout.px(1.3))
+        outline = shapes.ellipse_points(self._estimated[t, auv, :2], self._error_axes[t, auv], 64)[[*range(64), 0]]
+        for line in self._scene.inside(np.column_stack([outline, np.full(len(outline), place[2])])):
+            canvas.line(line, style.mix(colour, style.WHITE, 0.3), layout.px(1.2))
+        if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
+            canvas.pieces(np.array(shapes.dashes(foreseen, begin, 3 * layout.unit)), dim)
+            shapes.foreseen(canvas.picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
+        if np.hypot(*(fix - begin)) > 5 * layout.unit:
+            shapes.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
+        axes = turned(self._running.heading[t, auv], np.zeros(2))
+        self._bodies[auv].draw(canvas, place, axes, AUV_LENGTH * size)
+
+
+FAINTEST = 0.1  # share of its colour to which a line fades
+
+
+class Sound:
+    """That of world 0, with the places of boats (T, B, 3) and AUVs (T, K, 3) in the scene."""
+
+    def __init__(self, trace: Trace, scene: Scene, boats: np.ndarray, auvs: np.ndarray) -> None:
+        self._scene, self._boats, self._auvs = scene, boats, auvs
+        self._exchanges = Exchanges(trace)
+
+    def _pings(self, t: int) -> list[tuple[np.ndarray, float, float]]:
+        """Place (3,) of each boat whose ping runs, its radius in m, and the share of its way."""
+        running = []
+        for boat, share in zip(self._boats[t], self._exchanges.ping(t), strict=True):
+            if share:
+                reach = np.linalg.norm((self._auvs[t] - boat) / (1.0, 1.0, self._scene.depths), axis=1).max()
+                running.append((boat, float(share * reach), share))
+        return running
+
+    def draw_below(self, canvas: Canvas, t: int, width: int) -> None:
+        """Lines to the AUVs, and two half circles of each ping's sphere, down to the bed."""
+        for auv, place in enumerate(self._auvs[t]):
+            boat, fresh = self._exchanges.heard(t, auv)
+            lit = 0.85 * fresh
+            if lit > FAINTEST:
+                canvas.line(
+                    np.stack([self._boats[t, boat], place]), style.mix(WATER, style.auv_colour(auv), lit), width
+                )
+        turn = np.linspace(0, np.pi, 40)[:, None]
+        for boat, radius, share in self._pings(t):
+            ink = style.mix(WATER, style.BOAT, 0.75 * (1 - share))
+            for across in (canvas.camera.right, canvas.camera.forward):
+                arc = np.concatenate([np.cos(turn) * across, -np.sin(turn) * self._scene.depths], 1) * radius + boat
+                for line in self._scene.inside(arc):
+                    canvas.line(line, ink, width)
+
+    def draw_afloat(self, canvas: Canvas, t: int, heights: np.ndarray, width: int) -> None:
+        """The circles in which the spheres meet the surface."""
+        turn = np.linspace(0, 2 * np.pi, 73)
+        for boat, radius, share in self._pings(t):
+            circle = boat[:2] + radius * np.stack([np.cos(turn), np.sin(turn)], 1)
+            for line in self._scene.inside(self._scene.afloat(circle, heights)):
+                canvas.line(line, style.mix(style.BOAT, style.SEA[3], share), width)

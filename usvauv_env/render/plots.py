@@ -1,4 +1,4 @@
-"""Plots of a panel: of recorded series over time, of series that are still growing, and along a section."""
+"""Plots of a panel: series over time, fixes around the true positions, a section of the water."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ import math
 import cv2
 import numpy as np
 
+from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
-from usvauv.env.render.frame_layout import Layout, Rectangle, nice_above
-from usvauv.env.render.style import Colour
-from usvauv.env.render.text import clock, write
+from usvauv.env.render.layout import Layout, MapView, Rectangle, nice, nice_above, within_margins, write_heading
+from usvauv.env.render.map import error_axes
+from usvauv.env.render.mission import Exchanges, RunningMetrics
+from usvauv.env.render.style import Colour, clock, text_width, write
+from usvauv.env.storage.memory import extremes
 
 LOG_STEPS = (1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)
 FEWEST_TICKS = 3
@@ -181,3 +184,195 @@ class SectionPlot(Plot):
         shapes.stroke(fine, points, self._theme.water, width)
         size = self.box.width, self.box.height
         self.box.of(picture)[:] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+
+
+FIXES = 60  # shown at a time
+
+
+class FixInsets:
+    """Circular insets in up to three rows, all at one scale.
+
+    Attributes:
+        magnification: scale of the insets over that of the map.
+        ring: radius of the inner ring, m.
+    """
+
+    def __init__(self, trace: Trace, running: RunningMetrics, layout: Layout, box: Rectangle, view: MapView) -> None:
+        self._running, self._layout = running, layout
+        truth = trace.auv_position[:, 0]
+        self._fix_error = (trace.fix[:, 0] - trace.heard_position[:, 0]).astype(float)
+        self._error = (trace.estimate[:, 0] - truth).astype(float)
+        self._axes = error_axes(trace.estimate_covariance[:, 0])
+        count = self._error.shape[1]
+        label = 30 * layout.unit
+        rows = min((1, 2, 3), key=lambda rows: -self._diameter(box, count, rows, label))
+        columns = -(-count // rows)
+        self._radius = max(self._diameter(box, count, rows, label) / 2, 4.0)
+        self._across = across = box.width / columns
+        down = box.height / rows
+        self._centres = [
+            np.array([box.left + (k % columns + 0.5) * across, box.top + (k // columns) * down + self._radius])
+            for k in range(count)
+        ]
+        self._tints = np.array(
+            [
+                [style.mix(style.SEA[0], style.auv_colour(auv), 0.2 + 0.6 * (age + 1) / FIXES) for age in range(FIXES)]
+                for auv in range(count)
+            ]
+        )
+        longest = np.linalg.norm(self._axes, axis=-1).max(-1)
+        reach = max(
+            float(np.quantile(np.nan_to_num(np.linalg.norm(self._fix_error, axis=-1)), 0.96)),
+            float(np.quantile(longest, 0.95)),
+        )
+        self._scale = self._radius / max(1.1 * reach, 1e-6)
+        self.ring = nice(0.75 * self._radius / self._scale)
+        self.magnification = self._scale / view.per_metre
+
+    @staticmethod
+    def _diameter(box: Rectangle, count: int, rows: int, label: float) -> float:
+        return min(box.height / rows - label, 0.94 * box.width / -(-count // rows))
+
+    def draw_still(self, picture: np.ndarray) -> None:
+        """Backgrounds, rings and true positions."""
+        layout = self._layout
+        for auv, centre in enumerate(self._centres):
+            self._draw_background(picture, centre, style.auv_colour(auv))
+            shapes.plus(picture, centre, 5 * layout.unit, style.WHITE, layout.px(1))
+
+    def _draw_background(self, picture: np.ndarray, centre: np.ndarray, colour: style.Colour) -> None:
+        unit = self._layout.unit
+
+        def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
+            shapes.disc(fine, middle, self._radius * zoom, style.SEA[0])
+            shapes.ring(fine, middle, self.ring * self._scale * zoom, style.DARK.line, round(1.2 * unit * zoom))
+            shapes.ring(fine, middle, self._radius * zoom, colour, round(1.8 * unit * zoom))
+
+        shapes.smooth(picture, centre, self._radius + 2 * unit, self._layout.zoom, draw)
+
+    def draw(self, picture: np.ndarray, t: int) -> None:
+        """Draw the latest fixes, older ones fainter; the estimate as a diamond with its predicted ellipse."""
+        layout, unit = self._layout, self._layout.unit
+        first = max(0, t - FIXES + 1)
+        for auv, centre in enumerate(self._centres):
+            offsets = self._fix_error[first : t + 1, auv] * (self._scale, -self._scale)
+            shown = self._inside(offsets)
+            tints = self._tints[auv, FIXES - len(offsets) :][shown]
+            shapes.dots(picture, centre + offsets[shown], 1.5 * unit, tints)
+            axes = self._axes[t, auv] * (self._scale, -self._scale)
+            outline = shapes.ellipse_points(np.zeros(2), axes)
+            distance = np.hypot(outline[:, :1], outline[:, 1:])
+            outline *= np.minimum(1.0, self._radius / np.maximum(distance, 1e-9))  # parts outside are drawn on the rim
+            shapes.stroke(picture, centre + outline, style.WHITE, layout.px(1.2), closed=True)
+            shapes.plus(picture, centre, 5 * unit, style.WHITE, layout.px(1))
+            estimate = self._error[t, auv] * (self._scale, -self._scale)
+            if self._inside(estimate):
+                shapes.fix(picture, centre + estimate, 4.5 * unit, style.WHITE, 1.5 * unit, layout.zoom)
+            self._caption(picture, t, auv)
+
+    def _inside(self, offsets: np.ndarray) -> np.ndarray:
+        """Whether points (..., 2), pixels from the centre, lie in an inset; false for NaN, a fix without detection."""
+        return np.hypot(offsets[..., 0], offsets[..., 1]) < self._radius - 2 * self._layout.unit
+
+    def _caption(self, picture: np.ndarray, t: int, auv: int) -> None:
+        unit, centre = self._layout.unit, self._centres[auv]
+        error = self._running.position_error[t, auv]
+        digits = sum(error < limit for limit in (9.995, 99.95))  # three in all, so that captions are of one size
+        text = f"{auv + 1}: {error:.{digits}f} m"
+        if self._radius >= 42 * unit:
+            text = f"AUV {text} off"
+        size = 12.5 * unit * min(1.0, 0.93 * self._across / text_width(text, 12.5 * unit, bold=True))
+        below = centre[1] + self._radius + 16 * unit
+        write(picture, text, (centre[0], below), size, self._layout.theme.auv(auv), bold=True, anchor="centre")
+
+
+FAINTEST = 0.05  # of the way of a sound
+SEA_PART = 0.5  # of the height, for the sea between its highest crest and its deepest trough
+POINTS = 96  # of the line of the surface
+HULL = np.array([(-1.0, 0.45), (1.0, 0.45), (0.62, -0.3), (-0.62, -0.3)])  # half lengths, z up
+
+
+class DepthSection:
+    """Draws world 0 of a trace; widths, heights of the sea and depths have scales of their own."""
+
+    def __init__(self, still: np.ndarray, trace: Trace, box: Rectangle, layout: Layout) -> None:
+        self._trace, self._layout, self._card = trace, layout, box
+        unit, scenario = layout.unit, trace.scenario
+        self._box = room = within_margins(box, unit, top=28, sides=12, bottom=8)
+        elevation = trace.boat_surface[:, 0, :, 0]
+        lowest, highest = extremes(trace.surface)
+        above = max(1.0, float(np.abs(elevation).max()), -lowest, highest)
+        self._depth = scenario.auv.depth
+        below = max(scenario.area.depth, self._depth)
+        # Heights of the sea have the upper part of the section, depths below its troughs the rest.
+        middle = room.top + SEA_PART * room.height
+        self._rows = np.array([room.top, middle, room.bottom - 1.0])
+        self._heights = np.array([above, -above, -max(below, 1.01 * above)])
+        self._across = room.width / scenario.area.width
+        self._water = style.mix(layout.theme.card, style.SEA[2], 0.55)
+        self._bed = room.bottom - 1.0
+        self._upright = (2 * above * self._across) / (middle - room.top)
+        nodes = self._column(trace.node_position[0, :, 0])
+        self._nodes = np.stack([nodes, np.full(len(nodes), self._bed - 1.0)], 1)
+        self._auvs, self._boats = trace.auv_position[:, 0], trace.boat_position[:, 0]
+        self._exchanges = Exchanges(trace)
+        boats = "boat" if self._boats.shape[1] == 1 else "boats"
+        write_heading(still, layout, box, f"Section from the south: {boats}, AUVs, nodes")
+        self._x = np.linspace(0.0, scenario.area.width, POINTS)
+
+    def draw(self, picture: np.ndarray, t: int) -> None:
+        """Draw step t."""
+        layout, unit, theme = self._layout, self._layout.unit, self._layout.theme
+        surface = np.stack([self._column(self._x), self._row(self._elevation(t))], 1)
+        foot = np.array([(self._box.right, self._bed), (self._box.left, self._bed)])
+        shapes.fill(picture, np.concatenate([surface, foot]), self._water)
+        shapes.stroke(picture, foot, theme.muted, layout.px(1.5))
+        shapes.dots(picture, self._nodes, 2.0 * unit, np.broadcast_to(np.array(theme.muted), (len(self._nodes), 3)))
+        lines = self._boat_outlines(t)
+        places = np.stack([self._column(self._auvs[t, :, 0]), np.full(self._auvs.shape[1], self._row(-self._depth))], 1)
+        for auv, place in enumerate(places):
+            boat, fresh = self._exchanges.heard(t, auv)
+            if fresh > FAINTEST:
+                ends = np.stack([lines[boat].mean(axis=0), place])
+                shapes.stroke(picture, ends, style.mix(self._water, theme.auv(auv), 0.7 * fresh), layout.px(1.2))
+        for outline in lines:
+            shapes.fill(picture, outline, theme.text)
+            shapes.stroke(picture, outline, style.BOAT_DECK, layout.px(1), closed=True)
+        for auv, place in enumerate(places):
+            shapes.disc(picture, place, 4.2 * unit, style.OUTLINE)
+            shapes.disc(picture, place, 3.2 * unit, theme.auv(auv))
+        self._write_motion(picture, t)
+
+    def _elevation(self, t: int) -> np.ndarray:
+        """The sea from west to east through the first boat, (POINTS,) m; level there if it was not recorded."""
+        if not self._trace.surface.size:
+            return np.full(POINTS, self._trace.boat_surface[t, 0, 0, 0])
+        field = self._trace.surface[t]
+        row = int(np.clip(self._boats[t, 0, 1] / self._trace.scenario.area.length * len(field), 0, len(field) - 1))
+        along = np.linspace(0.0, self._trace.scenario.area.width, field.shape[1])
+        return np.interp(self._x, along, field[row])
+
+    def _boat_outlines(self, t: int) -> list[np.ndarray]:
+        """Hulls on their sea, tilted as the surface is from west to east, pixels."""
+        size = 9.0 * self._layout.unit
+        outlines = []
+        for (x, _), (elevation, slope, _) in zip(self._boats[t], self._trace.boat_surface[t, 0], strict=True):
+            angle = math.atan(slope / self._upright)  # as steep as the drawn sea
+            turn = np.array([(math.cos(angle), -math.sin(angle)), (-math.sin(angle), -math.cos(angle))])
+            outlines.append(np.array([self._column(x), self._row(elevation)]) + size * HULL @ turn.T)
+        return outlines
+
+    def _write_motion(self, picture: np.ndarray, t: int) -> None:
+        """Heave and tilt of the first boat at the right of the heading."""
+        unit = self._layout.unit
+        elevation, *slope = self._trace.boat_surface[t, 0, 0].tolist()
+        tilt = math.degrees(math.atan(math.hypot(*slope)))
+        words = f"heave {elevation:+.2f} m · tilt {tilt:.1f}°".replace("-", "−")
+        corner = self._card.right - 10 * unit, self._card.top + 18 * unit
+        write(picture, words, corner, 12 * unit, self._layout.theme.water, bold=True, anchor="right")
+
+    def _column(self, x: np.ndarray | float) -> np.ndarray:
+        return self._box.left + np.asarray(x) * self._across
+
+    def _row(self, z: np.ndarray | float) -> np.ndarray:
+        return np.interp(-np.asarray(z), -self._heights, self._rows)

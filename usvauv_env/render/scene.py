@@ -1,16 +1,110 @@
-"""Places of a mission in the perspective view's scene, and the scales of its heights and depths."""
+"""The scene of the perspective view: coordinates, camera, lines and circles seen by it, vehicles as solids.
+
+The camera is a pinhole that looks level, with its picture shifted down to the scene. Verticals stay vertical in such a
+picture, as in one of a view camera with a shifted lens. A column of it is then a vertical plane of the scene, so that
+the sea can be drawn column by column (`sea.look`).
+"""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from usvauv.env.render import style
-from usvauv.env.render.frame_layout import nice, nice_above
-from usvauv.env.render.map import TRAIL
+from usvauv.env.render import shapes, style
+from usvauv.env.render.layout import nice, nice_above
+from usvauv.env.render.style import Colour
 from usvauv.env.scenario import Scenario
+
+ELEVATION = math.radians(25)  # of the camera above the scene's centre
+DISTANCE = 2.6  # from the camera to the scene's centre, in diagonals of the area
+OFF_AXIS = math.radians(28)  # from the direction in which a side of the area is seen frontally
+SWING = math.radians(9)  # to both sides, by which the camera moves around the scene
+SWING_FRAMES = 3600  # of one movement there and back
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Scene coordinates are metres from the area's centre at mean sea level: east, north, up.
+
+    Attributes:
+        heading: in which it looks, anticlockwise from east, rad. distance, height: from the scene's centre, m.
+        focal: length in pixels. centre: pixel (x, y) of what is straight ahead at infinity.
+    """
+
+    heading: float
+    distance: float
+    height: float
+    focal: float
+    centre: tuple[float, float]
+
+    @cached_property
+    def forward(self) -> np.ndarray:
+        """Horizontal unit vector (2,) in which it looks."""
+        return np.array([math.cos(self.heading), math.sin(self.heading)])
+
+    @cached_property
+    def right(self) -> np.ndarray:
+        """Horizontal unit vector (2,) to its right."""
+        return np.array([math.sin(self.heading), -math.cos(self.heading)])
+
+    @cached_property
+    def _matrix(self) -> tuple[np.ndarray, np.ndarray]:
+        """Linear (3, 3) and constant (3,) part of the map to homogeneous pixels, transposed."""
+        lens = np.array([(self.focal, 0, self.centre[0]), (0, self.focal, self.centre[1]), (0, 0, 1)])
+        axes = np.array([(*self.right, 0.0), (0.0, 0.0, -1.0), (*self.forward, 0.0)])
+        return (lens @ axes).T, lens @ (0.0, self.height, self.distance)
+
+    def away(self, points: np.ndarray) -> np.ndarray:
+        """Distances (...) of points (..., 2 or 3) along the direction in which it looks, m."""
+        return points[..., :2] @ self.forward + self.distance
+
+    def pixel(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (..., 2) of points (..., 3)."""
+        linear, constant = self._matrix
+        seen = points @ linear + constant
+        return seen[..., :2] / seen[..., 2:]
+
+
+class Swing(NamedTuple):
+    """A camera that moves slowly to and fro around a scene, which stays within the picture."""
+
+    middle: Camera
+
+    @classmethod
+    def around(cls, sides: tuple[float, float], top: float, bottom: float, size: tuple[int, int]) -> Swing:
+        """The camera to which the box of an area is as large as fits in all of its movement.
+
+        Args:
+            sides: of the area, in x and y, m. It is seen across the longer one, from the south or from the east.
+            top, bottom: of the box, m.
+            size: of the room in the picture, pixels.
+        """
+        frontal = math.pi / 2 if sides[0] >= sides[1] else math.pi
+        distance = DISTANCE * math.hypot(*sides)
+        camera = Camera(frontal + OFF_AXIS, distance, distance * math.tan(ELEVATION), 1.0, (0.0, 0.0))
+        half = 0.5 * np.array(sides)
+        corners = np.array([(x, y, z) for x in (-half[0], half[0]) for y in (-half[1], half[1]) for z in (top, bottom)])
+        turns = np.linspace(-SWING, SWING, 9)
+        seen = np.concatenate([replace(camera, heading=camera.heading + turn).pixel(corners) for turn in turns])
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        focal = float((size / (high - low)).min())
+        x, y = 0.5 * np.array(size) - 0.5 * focal * (low + high)
+        return cls(replace(camera, focal=focal, centre=(float(x), float(y))))
+
+    def at(self, frame: int) -> Camera:
+        """The camera in a frame."""
+        turn = SWING * math.sin(2 * math.pi * frame / SWING_FRAMES)
+        return replace(self.middle, heading=self.middle.heading + turn)
+
+    def shifted(self, x: float, y: float) -> Swing:
+        """The same with a picture shifted by (x, y) pixels."""
+        return Swing(replace(self.middle, centre=(self.middle.centre[0] + x, self.middle.centre[1] + y)))
+
 
 LEAST_HEIGHT = 0.012  # of the waves' scale over the area's longer side, below which heights are exaggerated
 DEPTHS = (0.3, 0.7)  # of the bed's depth over the longer side, beyond which depths are scaled
@@ -72,7 +166,141 @@ class Scene(NamedTuple):
         return ", ".join(told) if told else "true to scale"
 
 
-def track(t: int, step: float) -> np.ndarray:
-    """Steps, at most 60, of a trail that ends at step t, with a mission step in s."""
-    first = max(0, t - round(TRAIL / step))
-    return np.unique(np.linspace(first, t, min(t - first, 60) + 1).astype(int))
+TRAIL_PIECES = 5  # of one colour each
+
+
+class Canvas(NamedTuple):
+    """A BGR picture and the camera whose pixels are its own."""
+
+    picture: np.ndarray
+    camera: Camera
+
+    def line(self, points: np.ndarray, ink: Colour, width: int = 1) -> None:
+        """A line through points (N, 3) of the scene."""
+        shapes.stroke(self.picture, self.camera.pixel(points), ink, width)
+
+    def pieces(self, pixels: np.ndarray, ink: Colour, width: int = 1) -> None:
+        """Lines (N, P, 2) in pixels."""
+        if len(pixels):
+            cv2.polylines(self.picture, list(shapes.fixed(pixels)), False, ink, width, cv2.LINE_AA, shapes.SHIFT)
+
+    def circle(self, centre: np.ndarray, radius: float, ink: Colour, width: int = 1, share: float = 1.0) -> None:
+        """The part `share` of a level circle of a radius in m, clockwise from the north."""
+        turn = np.linspace(0, 2 * np.pi * share, max(3, round(40 * share)))
+        self.line(centre + radius * np.stack([np.sin(turn), np.cos(turn), 0 * turn], 1), ink, width)
+
+    def trail(self, points: np.ndarray, ink: Colour, faded: Colour, width: int) -> None:
+        """A line through points (N, 3), oldest first, that fades towards the oldest."""
+        pixels = self.camera.pixel(points)
+        length = max(2, len(pixels) // TRAIL_PIECES + 1)
+        begins = range(0, len(pixels) - 1, length)
+        for place, begin in enumerate(begins):
+            shade = style.mix(faded, ink, (place + 1) / len(begins))
+            shapes.stroke(self.picture, pixels[begin : begin + length + 1], shade, width)
+
+
+LIGHT = np.array([-0.42, -0.25, 0.87])  # unit vector to the light: east, north, up
+FACTOR = 3  # by which bodies are drawn magnified before they are averaged
+
+
+class Body(NamedTuple):
+    """A solid of F flat faces, which is as long as 1.
+
+    Attributes:
+        corners: (F, 4, 3) of the faces, anticlockwise seen from outside; x forward, y to port, z up.
+        normals: (F, 3) unit vectors. colours: (F, 3).
+    """
+
+    corners: np.ndarray
+    normals: np.ndarray
+    colours: np.ndarray
+
+    @classmethod
+    def of(cls, faces: list[np.ndarray], colours: list[Colour]) -> Body:
+        corners = np.array(faces)
+        normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        return cls(corners, normals / np.linalg.norm(normals, axis=1, keepdims=True), np.array(colours, float))
+
+    def draw(self, canvas: Canvas, place: np.ndarray, axes: np.ndarray, length: float) -> None:
+        """Draw it around a place (3,) of the scene, `length` m long, with the axes of `turned`."""
+        corners = self.corners * length @ axes + place
+        pixels, centre = canvas.camera.pixel(corners), canvas.camera.pixel(place)
+        (ax, ay), (bx, by) = (pixels[:, 2] - pixels[:, 0]).T, (pixels[:, 3] - pixels[:, 1]).T
+        seen = np.flatnonzero(ax * by - ay * bx < 0)  # rows run down
+        seen = seen[np.argsort(-canvas.camera.away(corners[seen].mean(axis=1)))]
+        lit = 0.7 + 0.3 * self.normals[seen] @ (axes @ LIGHT)
+        colours = (self.colours[seen] * lit[:, None]).tolist()
+
+        def paint(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
+            outlines = shapes.fixed((pixels[seen] - centre) * zoom + middle)
+            cv2.polylines(fine, list(outlines), True, style.OUTLINE, 2 * zoom, cv2.LINE_8, shapes.SHIFT)
+            for outline, colour in zip(outlines, colours, strict=True):
+                cv2.fillConvexPoly(fine, outline, colour, cv2.LINE_8, shapes.SHIFT)
+
+        shapes.smooth(canvas.picture, centre, float(np.abs(pixels - centre).max()) + 3, FACTOR, paint)
+
+
+def turned(heading: float, slope: np.ndarray) -> np.ndarray:
+    """Axes (3, 3) of a body, one a row: forward, to port, up; it stands on a slope (2,) to the east and north, m/m."""
+    # The horizontal part of its forward axis is its heading.
+    ahead = np.array([math.cos(heading), math.sin(heading)])
+    rise = float(slope @ ahead)
+    forward = np.array([*ahead, rise]) / math.hypot(1.0, rise)
+    up = np.array([-slope[0], -slope[1], 1.0]) / math.sqrt(1.0 + float(slope @ slope))
+    (a, b, c), (x, y, z) = up, forward
+    return np.array([forward, (b * z - c * y, c * x - a * z, a * y - b * x), up])
+
+
+def _tube(rings: list[np.ndarray], colours: list[Colour]) -> tuple[list[np.ndarray], list[Colour]]:
+    """Faces between rings (N, 3) of corners, each ring with a colour for the faces up to the next."""
+    faces, inks = [], []
+    for low, high, ink in zip(rings[:-1], rings[1:], colours, strict=True):
+        faces += list(np.stack([low, np.roll(low, -1, 0), np.roll(high, -1, 0), high], axis=1))
+        inks += [ink] * len(low)
+    return faces, inks
+
+
+def _deck(half: tuple[tuple[float, float], ...], up: float) -> np.ndarray:
+    """A ring (2 N, 3) at a height, anticlockwise from above, of its starboard half (N, 2) from stern to bow."""
+    starboard = np.array(half)
+    whole = np.concatenate([starboard, starboard[::-1] * (1, -1)])
+    return np.column_stack([whole, np.full(len(whole), up)])
+
+
+def _lid(ring: np.ndarray) -> list[np.ndarray]:
+    """Faces of a flat ring (2 N, 3): strips from side to side."""
+    last = len(ring) - 1
+    return [ring[[i, i + 1, last - i - 1, last - i]] for i in range(len(ring) // 2 - 1)]
+
+
+def _boat() -> Body:
+    keel = _deck(((-0.46, -0.12), (0.02, -0.14), (0.24, -0.08), (0.38, -0.005)), -0.08)
+    line = _deck(((-0.48, -0.16), (0.03, -0.185), (0.29, -0.1), (0.46, -0.005)), 0.02)
+    rail = _deck(((-0.5, -0.19), (0.04, -0.21), (0.32, -0.13), (0.56, -0.005)), 0.12)
+    faces, inks = _tube([keel, line, rail], [style.colour("#c8402f"), style.BOAT])
+    faces += _lid(rail)
+    inks += [style.colour("#b9c4ce")] * 3
+    room = [_deck(((-0.3, -0.13), (0.14, -0.13)), 0.12), _deck(((-0.29, -0.12), (0.09, -0.12)), 0.22)]
+    room += [_deck(((-0.28, -0.115), (0.03, -0.115)), 0.34)]
+    walls, shades = _tube(room, [style.BOAT, style.BOAT_DECK])
+    faces += [*walls, *_lid(room[-1])]
+    inks += [*shades, style.BOAT]
+    return Body.of(faces, inks)
+
+
+def auv_body(colour: Colour) -> Body:
+    """A torpedo with four fins."""
+    turns = np.linspace(0.0, 2 * np.pi, 6, endpoint=False)
+    profile = ((-0.5, 0.02), (-0.24, 0.1), (0.34, 0.1), (0.5, 0.02))  # along the axis, radius
+    rings = [np.stack([np.full(6, x), r * np.cos(turns), r * np.sin(turns)], 1) for x, r in profile]
+    band = style.mix(colour, style.WHITE, 0.55)
+    faces, inks = _tube(rings, [colour, colour, band])
+    fin = np.array([(-0.46, 0.03), (-0.28, 0.07), (-0.36, 0.25), (-0.48, 0.25)])
+    for y, z in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        blade = np.stack([fin[:, 0], fin[:, 1] * y, fin[:, 1] * z], 1)
+        faces += [blade, blade[::-1]]
+        inks += [style.mix(colour, style.OUTLINE, 0.3)] * 2
+    return Body.of(faces, inks)
+
+
+BOAT_BODY = _boat()

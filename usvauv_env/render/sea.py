@@ -1,0 +1,384 @@
+"""SEA"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import torch
+
+from usvauv.env.render import style
+from usvauv.env.render.layout import MapView, nice_above
+from usvauv.env.render.scene import Camera
+from usvauv.env.render.shapes import Overlay
+from usvauv.env.storage.memory import extremes
+from usvauv.kernels import runtime
+from usvauv.kernels.flow.current import particle_paths
+
+RELIEF_PIXELS = 160  # largest side of the relief as it is shaded, before it is enlarged
+LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # unit vector to the light: east, north, up
+
+
+def elevation_limit(surface: np.ndarray) -> float:
+    """End of the colour scale (m) for a surface (T, Y, X), about its 99th percentile; 0 for a flat sea."""
+    lowest, highest = extremes(surface)
+    highest = max(highest, -lowest)
+    if highest < 1e-3:
+        return 0.0
+    usual = float(np.quantile(np.abs(surface[:: max(1, len(surface) // 50)]), 0.99))
+    return nice_above(max(usual, 0.1 * highest), (1, 1.5, 2, 3, 4, 5, 7, 10))
+
+
+class SeaSurface:
+    """Elevation as colour, slope as shade.
+
+    Attributes:
+        limit: elevation (m) of the colour scale's ends, ±, about the 99th percentile; 0 for a flat sea.
+    """
+
+    def __init__(self, surface: np.ndarray, view: MapView, pixels: int = RELIEF_PIXELS) -> None:
+        """
+        Args:
+            surface: elevation that the scales are fitted to, (T, Y, X) m, row 0 in the south; empty for a flat sea.
+            view: the map.
+            pixels: largest side of the relief as it is shaded, before it is enlarged.
+        """
+        self._surface = surface
+        self._view = view
+        self._pixels = pixels
+        self.limit = elevation_limit(surface)
+        if self.limit == 0.0:
+            return
+        # Slopes are exaggerated until steep ones, the 98th percentile, are drawn at about 30°.
+        some = surface[:: max(1, len(surface) // 20)].astype(np.float32)
+        slopes = [np.hypot(*self._slopes(self._small(field))) for field in some]
+        # The lower bound keeps rounding errors of an almost level surface from being exaggerated.
+        self._steepen = 0.55 / max(float(np.quantile(slopes, 0.98)), 1e-3 * self.limit)
+
+    def _small(self, field: np.ndarray) -> np.ndarray:
+        """A field with the north on top, reduced to the resolution of shading."""
+        area = self._view.rectangle
+        shrink = min(1.0, self._pixels / max(area.width, area.height))
+        shape = max(2, round(area.width * shrink)), max(2, round(area.height * shrink))
+        field = np.flipud(field).astype(np.float32)
+        if shape[0] >= field.shape[1] or shape[1] >= field.shape[0]:
+            return field  # shading an enlarged field would show its grid
+        return cv2.resize(field, shape, interpolation=cv2.INTER_AREA)
+
+    @staticmethod
+    def _slopes(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Slope towards the east and the north, m per pixel."""
+        east = cv2.Sobel(field, cv2.CV_32F, 1, 0, scale=0.125, borderType=cv2.BORDER_REPLICATE)
+        south = cv2.Sobel(field, cv2.CV_32F, 0, 1, scale=0.125, borderType=cv2.BORDER_REPLICATE)
+        return east, -south
+
+    def paint(self, picture: np.ndarray, t: int) -> None:
+        """Draw the surface of step t over the map."""
+        region = self._view.rectangle.of(picture)
+        if self.limit == 0.0:
+            region[:] = style.SEA[2]
+            return
+        small = self.relief(self._surface[t])
+        region[:] = cv2.resize(small, (region.shape[1], region.shape[0]), interpolation=cv2.INTER_CUBIC)
+
+    def relief(self, field: np.ndarray) -> np.ndarray:
+        """A surface (Y, X) m, row 0 in the south, as a picture with the north on top, at the resolution of shading."""
+        field = self._small(field)
+        if self.limit == 0.0:
+            return np.full((*field.shape, 3), style.SEA[2], np.uint8)
+        east, north = self._slopes(field)
+        east, north = east * self._steepen, north * self._steepen
+        normal_light = LIGHT[2] - LIGHT[0] * east - LIGHT[1] * north
+        shade = normal_light / np.sqrt(1.0 + east * east + north * north) / LIGHT[2]
+        index = np.clip((field / self.limit + 1.0) * 127.5, 0, 255).astype(np.uint8)
+        colours = COLOURS[index] * np.clip(0.3 + 0.7 * shade, 0.4, 1.4)[:, :, None]
+        return np.clip(colours, 0, 255).astype(np.uint8)
+
+
+def colour_scale(width: int, height: int) -> np.ndarray:
+    """Picture of the colour scale, lowest elevation at the left, (height, width, 3)."""
+    return np.repeat(COLOURS[np.linspace(0, 255, width).astype(int)][None], height, axis=0).astype(np.uint8)
+
+
+def _colour_table() -> np.ndarray:
+    stops = np.linspace(0, 255, len(style.SEA))
+    channels = np.array(style.SEA, float).T
+    return np.stack([np.interp(np.arange(256), stops, channel) for channel in channels], axis=1).astype(np.float32)
+
+
+COLOURS = _colour_table()
+
+
+class CurrentStreaks:
+    """Particles that drift with the current, with tails as long as the way they drift in the time `tail`.
+
+    A particle starts at its seed point, at a time of its own, and lives for `LIVES` tail times. Its path is that in the
+    present field, so where the field changes the picture changes with it, without jumps.
+
+    Attributes:
+        fastest: highest speed in the area at the start, m/s. tail: s, infinite without current.
+    """
+
+    TAIL_POINTS = 8
+    LIVES = 5
+
+    def __init__(
+        self, vortex: np.ndarray, stream: np.ndarray, width: float, length: float, view: MapView, unit: float
+    ) -> None:
+        """Vortices (V, 4) at the start, and the real current (rows, columns, 2) m/s, empty for none."""
+        rectangle = view.rectangle
+        across = max(2, round(rectangle.width / (27 * unit)))
+        up = max(2, round(rectangle.height / (27 * unit)))
+        jitter = np.random.default_rng(1).uniform(-0.5, 0.5, (up, across, 2))
+        grid = np.stack(np.meshgrid(np.arange(across), np.arange(up)), axis=-1)
+        self._seeds = ((grid + 0.5 + 0.9 * jitter) / (across, up) * (width, length)).reshape(-1, 2)
+        self._stream = stream
+        self._size, self._view = (width, length), view
+        self._vortex = vortex
+        moved = self._follow(1.0, 1)
+        self.fastest = float(np.hypot(*(moved[:, 1] - moved[:, 0]).T).max())
+        self.tail = math.inf
+        if self.fastest < 1e-3:
+            self.fastest = 0.0
+            return
+        # The fastest tail is 30 px of the design, in a current below 0.1 m/s proportionally shorter.
+        self.tail = 30 * unit / (max(self.fastest, 0.1) * view.per_metre)
+        self._step = self.tail / self.TAIL_POINTS
+        self._life = (self.LIVES + 1) * self.TAIL_POINTS
+        self._start = np.random.default_rng(2).uniform(0, self._life, len(self._seeds))
+        self._path = self._paths()
+
+    def _follow(self, step: float, count: int) -> np.ndarray:
+        """Paths (P, count + 1, 2) from the seeds, m."""
+        device = runtime.start().device
+        stream = self._stream if self._stream.size else np.zeros((1, 1, 2))
+        vortex, stream, seeds = (
+            torch.from_numpy(np.array(array, np.float32)).to(device)
+            for array in (self._vortex[None], stream[None], self._seeds)
+        )
+        return particle_paths(vortex, stream, seeds, level=0, size=self._size, step=step, count=count).cpu().numpy()
+
+    def _paths(self) -> np.ndarray:
+        """Pixels (P, points, 2) of the paths over a whole life."""
+        return self._view.pixel(self._follow(self._step, self.LIVES * self.TAIL_POINTS).astype(float))
+
+    def update(self, vortex: np.ndarray, stream: np.ndarray) -> None:
+        """Set the vortices (V, 4) and the real current (rows, columns, 2)."""
+        same = np.array_equal(vortex, self._vortex) and np.array_equal(stream, self._stream)
+        if self.fastest > 0 and not same:
+            self._vortex, self._stream = vortex, stream
+            self._path = self._paths()
+
+    def draw(self, overlay: Overlay, time: float, width: int) -> None:
+        """Draw the tails at a time in s."""
+        if self.fastest == 0.0:
+            return
+        age = (self._start + time / self._step) % self._life
+        ages = np.clip(age[:, None] - np.arange(self.TAIL_POINTS + 1), 0, self._path.shape[1] - 1.001)
+        whole = ages.astype(int)
+        part = (ages - whole)[:, :, None]
+        each = np.arange(len(age))[:, None]
+        tails = self._path[each, whole] * (1 - part) + self._path[each, whole + 1] * part
+        overlay.white_lines(tails, 0.22, width)
+        overlay.white_lines(tails[:, : self.TAIL_POINTS // 2 + 1], 0.5, width)
+
+
+TEXELS = 160  # of the longer side of the area
+STEEPER = 1.5  # factor by which slopes are shaded
+SUN_AHEAD, SUN_LEFT, SUN_UP = 0.80, 0.36, 0.48  # direction to the sun as the camera looks
+SKY = np.array(style.colour("#a9cfe6"), np.float32)
+SUN = np.array(style.colour("#fff1d6"), np.float32)
+FOAM = np.array(style.colour("#f2fafc"), np.float32)
+DEEP = np.array(style.SEA[1], np.float32)
+_LIGHTS = np.column_stack([SKY, SUN, FOAM, DEEP])
+FOAM_FROM = 0.1  # square of a crest's steepness a k from which there is foam; waves break at a k = 0.44
+FAINT = 0.24  # of the light that haze takes at the far border
+
+
+class SeaShading:
+    """The sea of a trace as heights and colours on one grid, row 0 in the south."""
+
+    def __init__(
+        self, surface: np.ndarray, limit: float, sides: tuple[float, float], camera: Camera, scale: float
+    ) -> None:
+        """
+        Args:
+            surface: (T, Y, X) m, row 0 in the south; empty for a flat sea.
+            limit: elevation (m) of the colour scale's ends, ±; 0 for a flat sea.
+            sides: of the area in x and y, m.
+            camera: from which it is seen; that it moves a little is neglected.
+            scale: by which heights are drawn exaggerated.
+        """
+        self._surface, self._limit, self._sides, self._scale = surface, limit, sides, scale
+        fit = TEXELS / max(sides)
+        self._shape = max(8, round(sides[0] * fit)), max(8, round(sides[1] * fit))
+        self._per_metre = self._shape[0] / sides[0]
+        x = (np.arange(self._shape[0], dtype=np.float32) + 0.5) / self._shape[0] - 0.5
+        y = (np.arange(self._shape[1], dtype=np.float32) + 0.5) / self._shape[1] - 0.5
+        place = np.stack(np.broadcast_arrays(x * sides[0], (y * sides[1])[:, None]), -1)
+        eye = np.array([*(-camera.distance * camera.forward), camera.height])
+        view = np.concatenate([eye[:2] - place, np.full((*place.shape[:2], 1), eye[2])], -1)
+        self._view = _planes(view)
+        sun = SUN_AHEAD * camera.forward - SUN_LEFT * camera.right
+        self._sun = np.array([*sun, SUN_UP]) / np.linalg.norm([*sun, SUN_UP])
+        self._between = _planes(view / np.linalg.norm(view, axis=-1, keepdims=True) + self._sun)
+        away = camera.away(place)
+        haze = FAINT * (away - away.min()) / max(float(np.ptp(away)), 1e-9)
+        self._clear = (1.0 - haze).astype(np.float32)
+        random = np.random.default_rng(3)
+        size = self._shape[::-1]
+        small = ((size[0] // n + 1, size[1] // n + 1) for n in (7, 3, 1))
+        grains = [
+            cv2.resize(random.standard_normal(part), self._shape, interpolation=cv2.INTER_CUBIC) for part in small
+        ]
+        self._noise = np.exp(0.35 * sum(grains)).astype(np.float32)  # patches of foam
+        self._still = None if self._limit else self._shade(*np.zeros((2, *size), np.float32))
+
+    def at(self, t: int) -> tuple[np.ndarray, np.ndarray]:
+        """Heights (Y, X) m as drawn, float32, and colours (Y, X, 3) of step t."""
+        if self._still is not None:
+            return np.zeros(self._shape[::-1], np.float32), self._still
+        coarse = self._surface[t].astype(np.float32, copy=False)
+        field = cv2.resize(coarse, self._shape, interpolation=cv2.INTER_CUBIC)
+        return field * np.float32(self._scale), self._shade(field, cv2.resize(self._crests(coarse), self._shape))
+
+    def _crests(self, field: np.ndarray) -> np.ndarray:
+        """(a k)² of the waves at their crests, a the amplitude and k the wavenumber: −η ∇²η; 0 in troughs."""
+        bent = cv2.Laplacian(field, cv2.CV_32F, scale=(field.shape[1] / self._sides[0]) ** 2)
+        return np.maximum(-bent, 0.0) * np.maximum(field, 0.0)
+
+    def _shade(self, field: np.ndarray, crests: np.ndarray) -> np.ndarray:
+        per_metre = 0.125 * self._per_metre * self._scale * STEEPER
+        east = cv2.Sobel(field, cv2.CV_32F, 1, 0, scale=per_metre, borderType=cv2.BORDER_REPLICATE)
+        north = cv2.Sobel(field, cv2.CV_32F, 0, 1, scale=per_metre, borderType=cv2.BORDER_REPLICATE)
+        upright = 1.0 / cv2.sqrt(1.0 + east * east + north * north)
+        sun = self._sun.astype(np.float32)
+        diffuse = (sun[2] - sun[0] * east - sun[1] * north) * upright
+        facing = np.clip(_along(self._view, east, north) * upright, 0.0, 1.0)
+        glint = np.clip(_along(self._between, east, north) * upright, 0.0, 1.0)
+        mirrored = (1.0 - facing) ** 2
+        mirrored = 0.02 + 0.55 * mirrored * mirrored
+        for _ in range(6):
+            glint = glint * glint
+        level = field * np.float32(127.5 / self._limit) + 127.5 if self._limit else field + 127.5
+        index = np.clip(level, 0, 255).astype(np.uint8)
+        body = (0.34 + 1.05 * np.maximum(diffuse, 0.0)) * (1.0 - mirrored)
+        foam = (crests * self._noise - np.float32(FOAM_FROM)) * np.float32(8.0)
+        foam = np.float32(0.85) * np.clip(foam, 0.0, 1.0)
+        shown = (1.0 - foam) * self._clear
+        lights = cv2.merge([mirrored * shown, glint * shown, foam * self._clear, 1.0 - self._clear])
+        colour = COLOURS[index] * (body * shown)[:, :, None] + cv2.transform(lights, _LIGHTS)
+        return np.clip(colour, 0, 255).astype(np.uint8)
+
+
+def _planes(vectors: np.ndarray) -> np.ndarray:
+    """Components (3, Y, X) of vectors (Y, X, 3) made one long."""
+    vectors = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.ascontiguousarray(vectors.transpose(2, 0, 1), np.float32)
+
+
+def _along(vectors: np.ndarray, east: np.ndarray, north: np.ndarray) -> np.ndarray:
+    """Product of vectors with the upward normals (−east, −north, 1) of slopes."""
+    return vectors[2] - vectors[0] * east - vectors[1] * north
+
+
+SAMPLES = 128  # of the surface along the plane of a column
+
+
+class Columns(NamedTuple):
+    """Columns of the half-size picture that see the area, C of them.
+
+    Attributes:
+        first: index of the first. x: (C,) their centres, pixels of the picture.
+        ray: (C, 2) horizontal way along the column's plane that is 1 m long in the camera's direction.
+        near, far: (C,) distance of the area's borders along the camera's direction, m.
+    """
+
+    first: int
+    x: np.ndarray
+    ray: np.ndarray
+    near: np.ndarray
+    far: np.ndarray
+
+    @classmethod
+    def of(cls, camera: Camera, sides: tuple[float, float], width: int) -> Columns:
+        """Those of a picture of a width, of an area with sides in x and y, m."""
+        x = 2.0 * np.arange(width // 2) + 0.5
+        ray = camera.forward + ((x - camera.centre[0]) / camera.focal)[:, None] * camera.right
+        eye = -camera.distance * camera.forward
+        half = 0.5 * np.array(sides)
+        ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
+        crossings = np.sort(np.stack([(-half - eye) / ray, (half - eye) / ray]), axis=0)
+        near, far = crossings[0].max(axis=1), crossings[1].min(axis=1)
+        seen = np.flatnonzero(far > near)
+        part = slice(seen[0], seen[-1] + 1)
+        return cls(int(seen[0]), x[part], ray[part], near[part], far[part])
+
+    def at(self, x: float) -> int:
+        """Index of the column at x, or of the nearest, pixels of the picture."""
+        return int(np.clip(round(0.5 * (x - self.x[0])), 0, len(self.x) - 1))
+
+    def every(self, count: int) -> Columns:
+        """Every so many of them."""
+        return Columns(self.first, *(part[::count] for part in self[1:]))
+
+
+class Sheet(NamedTuple):
+    """What the pixels of a half-size picture show of the surface: R rows from `top`, columns as `Columns`.
+
+    Attributes:
+        top: row of the picture at which it begins, pixels.
+        texel_x, texel_y: (R, C) column and row of the field that a pixel shows.
+        covered: (R, C) 255 where it shows the surface, else 0.
+        horizon, shore: (C,) highest row and row of the near border in the picture, pixels.
+    """
+
+    top: int
+    texel_x: np.ndarray
+    texel_y: np.ndarray
+    covered: np.ndarray
+    horizon: np.ndarray
+    shore: np.ndarray
+
+
+def look(camera: Camera, columns: Columns, sides: tuple[float, float], field: np.ndarray, height: int) -> Sheet:
+    """Look at a field (Y, X) of heights over an area, float32, row 0 in the south, m as drawn.
+
+    What is above the first row of the picture or below its `height` is cut off.
+    """
+    cells = np.array(field.shape[::-1])
+    scale = cells / sides
+    # Columns and rows of the field at distance D are ray·D + start.
+    ray = (columns.ray * scale).astype(np.float32)
+    start = (-camera.distance * camera.forward * scale + 0.5 * cells - 0.5).astype(np.float32)
+    near = (1.0 / columns.near).astype(np.float32)
+    change = ((1.0 / columns.far - 1.0 / columns.near) / (SAMPLES - 1)).astype(np.float32)
+    inverse = near + np.arange(SAMPLES, dtype=np.float32)[:, None] * change
+    distance = 1.0 / inverse
+    x, y = distance * ray[:, 0] + start[0], distance * ray[:, 1] + start[1]
+    heights = cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    rows = (camera.height - heights) * (inverse * np.float32(camera.focal)) + np.float32(camera.centre[1])
+    horizon = rows.min(axis=0)
+    top, bottom = max(int(horizon.min()) - 2, 0), min(int(rows[0].max()) + 3, height - 2)
+    count, across = max((bottom - top) // 2 + 1, 1), len(near)
+
+    # Written far to near, so that the nearest remains.
+    place = np.clip(np.ceil((rows - (top + 0.5)) * 0.5), 0, count - 1).astype(np.intp)
+    place = place * across + np.arange(across)
+    first = np.full((count, across), SAMPLES, np.int16)
+    numbers = np.arange(SAMPLES - 1, -1, -1, dtype=np.int16)[:, None]
+    first.reshape(-1)[place[::-1]] = np.broadcast_to(numbers, place.shape)
+    first = np.minimum.accumulate(first, axis=0)
+    covered = cv2.inRange(first, 1, SAMPLES - 1)
+
+    # Between it and the one before, by the row of the pixel.
+    before = np.clip(first - 1, 0, SAMPLES - 2).astype(np.intp) * across + np.arange(across)
+    below, above = rows.take(before), rows.reshape(-1)[across:].take(before)
+    middle = (top + 0.5 + 2.0 * np.arange(count, dtype=np.float32))[:, None]
+    share = np.clip((below - middle) / np.maximum(below - above, np.float32(1e-6)), 0.0, 1.0)
+    sample = np.clip(first - 1, 0, SAMPLES - 2) + share
+    distance = 1.0 / (near + sample * change)
+    texel_x, texel_y = distance * ray[:, 0] + start[0], distance * ray[:, 1] + start[1]
+    return Sheet(top, texel_x, texel_y, covered, horizon, rows[0])
