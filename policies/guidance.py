@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.kernels.mission.vehicle import travelling_power
+from usvauv.kernels.mission.motion import travelling_power
 
 TINY = 1e-9
 SPEEDS = 33  # number of speeds among which `SpeedToFly` chooses

@@ -26,7 +26,7 @@ Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
 
 import taichi as ti
 
-from usvauv.kernels.mission import expected_reply, serving
+from usvauv.kernels.mission import motion, reception
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
 from usvauv.kernels.planning.team import each_auv
 from usvauv.kernels.positioning import tracker
@@ -242,7 +242,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
     heads_for = each_auv(0.0)
     hovers = each_auv(0.0)
     for k in range(count):
-        if serving.serves(worlds, w, boat, k):
+        if motion.serves(worlds, w, boat, k):
             s = own_uncertainty(worlds, w, k)
             a[k] = s[0]
             b[k] = s[1]
@@ -266,7 +266,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
         reached = distance <= reach
         least = 0
         for k in range(count):
-            if serving.serves(worlds, w, boat, k):
+            if motion.serves(worlds, w, boat, k):
                 lost = ti.cast(a[k] > works * works, ti.i32)
                 after = Way(
                     place=vec2(x[k], y[k]),
@@ -283,7 +283,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
                 offset = vec3(after.place[0] - here[0], after.place[1] - here[1], z)
                 effort = ti.min(distance / reach, 1.0)
                 elapsed[k] += INTERVAL
-                found = expected_reply.reply(worlds, k, offset, effort, s[0] + straying(worlds, elapsed[k]))
+                found = reception.expected_reply(worlds, k, offset, effort, s[0] + straying(worlds, elapsed[k]))
                 if found[0] >= SURE:
                     s = fixed(s, found[1])
                     elapsed[k] = 0.0
@@ -297,7 +297,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
                     least = k
         if reached:
             visited = least
-    return total / (STEPS * serving.num_served(worlds, w, boat))
+    return total / (STEPS * motion.num_served(worlds, w, boat))
 
 
 @ti.func
@@ -313,7 +313,7 @@ def least_certain(worlds: ti.template(), w, b) -> ti.i32:
     largest = -1.0
     for k in range(worlds.estimate.shape[1]):
         a = own_uncertainty(worlds, w, k)[0]
-        if a > largest and serving.serves(worlds, w, b, k):
+        if a > largest and motion.serves(worlds, w, b, k):
             least = k
             largest = a
     return least
@@ -325,8 +325,8 @@ def plan(worlds: ti.template(), w, b) -> vec2:
     count = worlds.estimate.shape[1]
     middle = vec2(0.0, 0.0)
     for k in range(count):
-        if serving.serves(worlds, w, b, k):
-            middle += foreseen_place(worlds, w, k) / serving.num_served(worlds, w, b)
+        if motion.serves(worlds, w, b, k):
+            middle += foreseen_place(worlds, w, k) / motion.num_served(worlds, w, b)
     usual = least_certain(worlds, w, b)
     last = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
     best = last
@@ -337,7 +337,7 @@ def plan(worlds: ti.template(), w, b) -> vec2:
         goal = last
         mine = True
         if candidate < count:
-            mine = serving.serves(worlds, w, b, candidate)
+            mine = motion.serves(worlds, w, b, candidate)
             first = candidate
             goal = foreseen_place(worlds, w, candidate)
         elif candidate == count:
@@ -382,8 +382,8 @@ def is_due(worlds: ti.template(), w, b, patience):
     over = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step] - worlds.boat[w, b, BoatColumn.planned]
     due = over >= patience
     if visited != NOBODY:
-        due = due or just_heard(worlds, w, visited) or not serving.serves(worlds, w, b, visited)
-    away = aim(worlds, w, b) - serving.place_of(worlds, w, b)
+        due = due or just_heard(worlds, w, visited) or not motion.serves(worlds, w, b, visited)
+    away = aim(worlds, w, b) - motion.boat_place(worlds, w, b)
     due = due or away.norm() < worlds.p[Parameter.top_speed] * INTERVAL
     return worlds.clock[w, 1] == 1 or (due and over >= INTERVAL)
 
@@ -391,8 +391,8 @@ def is_due(worlds: ti.template(), w, b, patience):
 @ti.func
 def go(worlds: ti.template(), w, b) -> vec2:
     """Boat b's goal: that of the last plan, until a new one is due; without an AUV it stays where it is, m."""
-    goal = serving.place_of(worlds, w, b)
-    if serving.num_served(worlds, w, b) > 0:
+    goal = motion.boat_place(worlds, w, b)
+    if motion.num_served(worlds, w, b) > 0:
         goal = aim(worlds, w, b)
         if is_due(worlds, w, b, PATIENCE):
             goal = plan(worlds, w, b)

@@ -5,7 +5,7 @@ Each boat minds the AUVs that it serves; one that serves none stays where it is.
 
 import taichi as ti
 
-from usvauv.kernels.mission import belief_planner, serving
+from usvauv.kernels.mission import belief_planner, motion
 from usvauv.kernels.mission.columns import BoatColumn, Parameter
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import global_search
@@ -23,14 +23,14 @@ def hold(worlds: ti.template(), w, b) -> vec2:
 @ti.func
 def centroid(worlds: ti.template(), w, b) -> vec2:
     """Mean of the AUVs' positions."""
-    return serving.middle(worlds, w, b)
+    return motion.centre_of_served(worlds, w, b)
 
 
 @ti.func
 def foresee(worlds: ti.template(), w, b):
     """Foresee the AUVs that boat b serves."""
     for k in range(worlds.estimate.shape[1]):
-        if serving.serves(worlds, w, b, k):
+        if motion.serves(worlds, w, b, k):
             belief_planner.foresee(worlds, w, k)
 
 
@@ -38,7 +38,7 @@ def foresee(worlds: ti.template(), w, b):
 def visit(worlds: ti.template(), w, b) -> vec2:
     """Where the boat foresees the AUV that is least certain of its own position."""
     foresee(worlds, w, b)
-    goal = serving.place_of(worlds, w, b)
+    goal = motion.boat_place(worlds, w, b)
     least = belief_planner.least_certain(worlds, w, b)
     if least != belief_planner.NOBODY:
         goal = belief_planner.foreseen_place(worlds, w, ti.max(least, 0))
@@ -74,7 +74,7 @@ def members(worlds: ti.template(), w, b):
     if ti.static(worlds.program.fleet):
         count = 0
         for k in range(worlds.estimate.shape[1]):
-            if serving.serves(worlds, w, b, k):
+            if motion.serves(worlds, w, b, k):
                 found[count] = k
                 count += 1
     return found
@@ -94,11 +94,11 @@ def last_goal(worlds: ti.template(), w, b) -> vec2:
 @ti.func
 def fim(worlds: ti.template(), w, b) -> vec2:
     """The place in the area with the best information."""
-    count = serving.num_served(worlds, w, b)
+    count = motion.num_served(worlds, w, b)
     chosen = members(worlds, w, b)
     team = ti.static(team_of(worlds, w, count, chosen))
     size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
-    goal = serving.place_of(worlds, w, b)
+    goal = motion.boat_place(worlds, w, b)
     if count > 0:
         best = global_search.plan(team, worlds.program.objective_code, last_goal(worlds, w, b), size)
         goal = vec2(best[0], best[1])
@@ -108,11 +108,11 @@ def fim(worlds: ti.template(), w, b) -> vec2:
 @ti.func
 def best_within(worlds: ti.template(), w, b, reach) -> vec2:
     """The place with the best information at most `reach` (m) from the boat."""
-    count = serving.num_served(worlds, w, b)
+    count = motion.num_served(worlds, w, b)
     chosen = members(worlds, w, b)
     team = ti.static(team_of(worlds, w, count, chosen))
     size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
-    goal = serving.place_of(worlds, w, b)
+    goal = motion.boat_place(worlds, w, b)
     if count > 0:
         best = global_search.greedy(team, worlds.program.objective_code, goal, reach, size)
         goal = vec2(best[0], best[1])

@@ -3,16 +3,16 @@
 An exchange lasts for the way of the sound to the AUV and back, the transponder's turn-around time and the length of the
 signal. The boat asks all AUVs at once, which answer by codes of their own (the exchange then lasts until the farthest
 reply), or one at a time of those that it serves: in turn, or the one with the largest product of what its reply is
-worth (`expected_reply`) and the time since it was asked. No AUV is located twice in a mission step. Several boats begin
-exchanges in turn; one that has nobody to ask passes the turn on. The boat that asked receives the replies, and all
-boats share what they bring. From one exchange to the next there can be a least time.
+worth (`reception.reply_worth`) and the time since it was asked. No AUV is located twice in a mission step. Several
+boats begin exchanges in turn; one that has nobody to ask passes the turn on. The boat that asked receives the replies,
+and all boats share what they bring. From one exchange to the next there can be a least time.
 
 Times count from the end of the present mission step, s; what lies before is negative.
 """
 
 import taichi as ti
 
-from usvauv.kernels.mission import expected_reply, fixes, navigation, reception, serving
+from usvauv.kernels.mission import fixes, motion, navigation, reception
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -51,7 +51,7 @@ def asks(worlds: ti.template(), w, b, k) -> bool:
     """Whether boat b ever asks AUV k, as long as it is where it is."""
     found = True
     if ti.static(worlds.program.schedule != Schedule.all):
-        found = serving.serves(worlds, w, b, k)
+        found = motion.serves(worlds, w, b, k)
     return found
 
 
@@ -67,7 +67,7 @@ def chosen(worlds: ti.template(), w, b, start):
         value = 0.0  # in turn: the first of them
         if ti.static(worlds.program.schedule == Schedule.by_need):
             waits = start - worlds.exchange[w, k, ExchangeColumn.reply_at]  # else one that does not reply is asked on
-            value = waits * expected_reply.worth(worlds, w, b, k)
+            value = waits * reception.reply_worth(worlds, w, b, k)
         elif ti.static(worlds.program.schedule == Schedule.all):
             value = duration(worlds, w, b, k)[1]
         if value > largest and asks(worlds, w, b, k):
@@ -223,5 +223,5 @@ def exchange(worlds: ti.template(), w):
         if ti.static(worlds.program.fleet):
             pose = reception.array_pose(worlds, w, b)
         for k in range(count):
-            if serving.serves(worlds, w, b, k):
+            if motion.serves(worlds, w, b, k):
                 fixes.finish(worlds, pose, w, k)

@@ -136,7 +136,7 @@ class EstimateColumn(Columns):
     covariance_xy: int
     covariance_yy: int
     age: int  # of the last fix used when the next one is made, s; without a tracker
-    served_by: int  # index of the boat that serves it, see `usvauv.kernels.mission.serving`
+    served_by: int  # index of the boat that serves it, see `usvauv.kernels.mission.motion`
 
 
 class ExchangeColumn(Columns):

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from usvauv.kernels.mission import navigation, serving
+from usvauv.kernels.mission import motion, navigation
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Sensor
 from usvauv.kernels.mission.reception import ArrayPose, array_pose, covariance_at, measure
 from usvauv.kernels.mission.worlds import normals, uniforms
@@ -124,11 +124,11 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
         expected.covariance = covariance
         fix = make_fix(worlds, pose, w, k, here, then, expected, lost)
         update_track(worlds, w, k, fix, lag, carried)
-        know_track(worlds, w, k)
+        set_estimate_from_track(worlds, w, k)
     else:
         expected = expect(worlds, w, pose.boat, k, here, worlds.estimate[w, k, EstimateColumn.age])
         fix = make_fix(worlds, pose, w, k, here, then, expected, lost)
-        know_fix(worlds, w, k, fix, expected, here)
+        set_estimate_from_fix(worlds, w, k, fix, expected, here)
     finish(worlds, pose, w, k)
 
 
@@ -137,7 +137,7 @@ def take_fixes(worlds: ti.template(), w, b):
     """Fix the AUVs that boat b serves."""
     pose = array_pose(worlds, w, b)
     for k in range(worlds.auv.shape[1]):
-        if serving.serves(worlds, w, b, k):
+        if motion.serves(worlds, w, b, k):
             take_fix(worlds, pose, w, k)
 
 
@@ -154,7 +154,7 @@ def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, l
     else:
         expected = expect(worlds, w, pose.boat, k, here, worlds.estimate[w, k, EstimateColumn.age])
         fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
-        know_fix(worlds, w, k, fix, expected, here)
+        set_estimate_from_fix(worlds, w, k, fix, expected, here)
 
 
 @ti.func
@@ -170,7 +170,7 @@ def update_track(worlds: ti.template(), w, k, fix: Fix, lag, carried: vec2):
 
 
 @ti.func
-def know_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here: vec2):
+def set_estimate_from_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here: vec2):
     """The estimate of AUV k is the fix of this step, made from `here` (m), where it can be used."""
     estimate = ti.static(worlds.estimate)
     auv = ti.static(worlds.auv)
@@ -190,7 +190,7 @@ def know_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here:
 
 
 @ti.func
-def know_track(worlds: ti.template(), w, k):
+def set_estimate_from_track(worlds: ti.template(), w, k):
     """The estimate of AUV k is its track."""
     estimate = ti.static(worlds.estimate)
     track = ti.static(worlds.track)

@@ -1,10 +1,63 @@
-"""How an AUV moves in a step."""
+"""How AUVs and boats move, and which boat serves which AUV.
+
+Each AUV is served by the boat that is nearest to where it is estimated: that boat plans for it, and interrogates it
+where AUVs are interrogated one at a time. Another boat takes over where it is nearer by more than the share
+`HYSTERESIS`. With one boat nothing of this is compiled.
+"""
 
 import taichi as ti
 
-from usvauv.kernels.mission import vehicle
-from usvauv.kernels.mission.columns import AuvColumn, NodeColumn, Parameter
-from usvauv.kernels.types import vec2
+from usvauv.kernels.flow import airy, current
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, NodeColumn, Parameter
+from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.types import Level, vec2
+
+FASTEST = 2.5  # m/s, up to which the fitted efficiency is meant; near 3.25 m/s it falls through zero
+
+
+@ti.pyfunc
+def travelling_power(speed: ti.f32) -> ti.f32:
+    """Electrical power while travelling at a speed through the water, W.
+
+    F V/(−0.081 V³ + 0.215 V² − 0.01 V + 0.541) + 15 with the drag F = ½·0.7·60·V² (Zhang et al. 2024,
+    doi 10.1109/JIOT.2024.3395568). The fit of the efficiency ends at `FASTEST`; beyond it has its value there, so that
+    the power grows with V³ at any speed.
+    """
+    V = min(speed, FASTEST)
+    drag = 0.5 * 0.7 * 60.0 * speed * speed
+    return drag * speed / (-0.081 * V * V * V + 0.215 * V * V - 0.01 * V + 0.541) + 15.0
+
+
+@ti.pyfunc
+def hovering_power(current_speed: ti.f32) -> ti.f32:
+    """Power while holding position against a current, W: the travelling law at that speed, not below 90 + 15.
+
+    Against a current above `FASTEST` it is that at `FASTEST`: the thrusters give no more.
+    """
+    return max(travelling_power(min(current_speed, FASTEST)), 105.0)
+
+
+@ti.func
+def water_velocity(p: ti.template(), a0, a1):
+    """Commanded velocity through the water of an action in [-1, 1]², m/s.
+
+    Vector form: speed_max · a with its norm clamped into [speed_min, speed_max]; a zero action means east.
+    Polar form: heading π a0, speed linear in a1.
+    """
+    velocity = vec2(p[Parameter.speed_min], 0.0)
+    if p[Parameter.polar] > 0.5:
+        share = ti.min(ti.max(0.5 * (a1 + 1.0), 0.0), 1.0)
+        speed = p[Parameter.speed_min] + share * (p[Parameter.speed_max] - p[Parameter.speed_min])
+        heading = 3.141592653589793 * a0
+        velocity = speed * vec2(ti.cos(heading), ti.sin(heading))
+    else:
+        share = ti.max(1.0, ti.max(ti.abs(a0), ti.abs(a1)))  # of what is allowed; else large numbers overflow
+        a = vec2(a0 / share, a1 / share)
+        norm = ti.sqrt(a[0] * a[0] + a[1] * a[1])
+        if norm > 1e-6:
+            speed = ti.min(ti.max(norm * p[Parameter.speed_max], p[Parameter.speed_min]), p[Parameter.speed_max])
+            velocity = speed / norm * a
+    return velocity
 
 
 @ti.func
@@ -38,10 +91,10 @@ def travel(worlds: ti.template(), w, k, a0, a1):
     """Move AUV k for one step as its action commands and with the water; a move across the border is refused."""
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    velocity = vehicle.water_velocity(p, a0, a1)
+    velocity = water_velocity(p, a0, a1)
     auv[w, k, AuvColumn.water_x] = velocity[0]
     auv[w, k, AuvColumn.water_y] = velocity[1]
-    auv[w, k, AuvColumn.power] = vehicle.travelling_power(velocity.norm())
+    auv[w, k, AuvColumn.power] = travelling_power(velocity.norm())
     x = auv[w, k, AuvColumn.x]
     y = auv[w, k, AuvColumn.y]
     current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
@@ -56,7 +109,7 @@ def travel(worlds: ti.template(), w, k, a0, a1):
     else:
         auv[w, k, AuvColumn.border] = 1.0
         if p[Parameter.refused_hovers] > 0.5:
-            auv[w, k, AuvColumn.power] = vehicle.hovering_power(current.norm())
+            auv[w, k, AuvColumn.power] = hovering_power(current.norm())
 
 
 @ti.func
@@ -70,3 +123,194 @@ def clear_last_step(worlds: ti.template(), w, k):
     auv[w, k, AuvColumn.delivered] = 0.0
     auv[w, k, AuvColumn.packets_delivered] = 0.0
     auv[w, k, AuvColumn.hovering] = 0.0
+
+
+HYSTERESIS = 0.1  # of the distance to the boat that serves an AUV
+LLOYD_ITERATIONS = 8
+
+
+@ti.func
+def serving_boat(worlds: ti.template(), w, k) -> ti.i32:
+    """Index of the boat that serves AUV k."""
+    b = 0
+    if ti.static(worlds.program.fleet):
+        b = ti.cast(worlds.estimate[w, k, EstimateColumn.served_by], ti.i32)
+    return b
+
+
+@ti.func
+def serves(worlds: ti.template(), w, b, k) -> bool:
+    """Whether boat b serves AUV k."""
+    found = True
+    if ti.static(worlds.program.fleet):
+        found = serving_boat(worlds, w, k) == b
+    return found
+
+
+@ti.func
+def num_served(worlds: ti.template(), w, b) -> ti.i32:
+    """Number of AUVs that boat b serves."""
+    count = worlds.estimate.shape[1]
+    if ti.static(worlds.program.fleet):
+        count = 0
+        for k in range(worlds.estimate.shape[1]):
+            count += ti.cast(serves(worlds, w, b, k), ti.i32)
+    return count
+
+
+@ti.func
+def boat_place(worlds: ti.template(), w, b) -> vec2:
+    """Where boat b is, m."""
+    return vec2(worlds.boat[w, b, BoatColumn.x], worlds.boat[w, b, BoatColumn.y])
+
+
+@ti.func
+def estimated_place(worlds: ti.template(), w, k) -> vec2:
+    """Where AUV k is estimated, m."""
+    return vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
+
+
+@ti.func
+def centre_of_served(worlds: ti.template(), w, b) -> vec2:
+    """Mean of the estimated positions of the AUVs that boat b serves; where it serves none, its own place, m."""
+    count = num_served(worlds, w, b)
+    mean = vec2(0.0, 0.0)
+    for k in range(worlds.estimate.shape[1]):
+        if serves(worlds, w, b, k):
+            mean += estimated_place(worlds, w, k) / count
+    if count == 0:
+        mean = boat_place(worlds, w, b)
+    return mean
+
+
+@ti.func
+def assign_boats(worlds: ti.template(), w, hysteresis):
+    """Decide which boat serves each AUV from now on; `hysteresis` is a share of the distance to the present one."""
+    if ti.static(worlds.program.fleet):
+        for k in range(worlds.estimate.shape[1]):
+            here = estimated_place(worlds, w, k)
+            best = serving_boat(worlds, w, k)
+            least = (1.0 - hysteresis) * (boat_place(worlds, w, best) - here).norm()
+            for b in range(worlds.boat.shape[1]):
+                distance = (boat_place(worlds, w, b) - here).norm()
+                if distance < least:
+                    best = b
+                    least = distance
+            worlds.estimate[w, k, EstimateColumn.served_by] = ti.cast(best, ti.f32)
+
+
+@ti.func
+def put_boat(worlds: ti.template(), w, b, place: vec2):
+    """Put boat b at a place, m."""
+    worlds.boat[w, b, BoatColumn.x] = place[0]
+    worlds.boat[w, b, BoatColumn.y] = place[1]
+
+
+@ti.func
+def partition(worlds: ti.template(), w):
+    """Split the AUVs among the boats by their places, and put each boat in the middle of its AUVs (k-means).
+
+    The first boat begins at the first AUV and each other one at the AUV that is farthest from the boats before it;
+    then Lloyd's iteration, Lloyd (1982), doi:10.1109/TIT.1982.1056489.
+    """
+    if ti.static(worlds.program.fleet):
+        for b in range(worlds.boat.shape[1]):
+            farthest = 0
+            largest = -1.0
+            for k in range(worlds.estimate.shape[1]):
+                nearest = 1e30
+                for other in range(b):
+                    nearest = ti.min(nearest, (boat_place(worlds, w, other) - estimated_place(worlds, w, k)).norm())
+                if nearest > largest:
+                    largest = nearest
+                    farthest = k
+            put_boat(worlds, w, b, estimated_place(worlds, w, farthest))
+        for _ in range(LLOYD_ITERATIONS):
+            assign_boats(worlds, w, 0.0)
+            for b in range(worlds.boat.shape[1]):
+                put_boat(worlds, w, b, centre_of_served(worlds, w, b))
+
+
+LARGEST = 1e12  # m, of a goal
+
+
+@ti.func
+def set_goal(worlds: ti.template(), w, b, goal: vec2):
+    """Make a place the goal of boat b; outside the area, the area's nearest point.
+
+    A goal that is no place stays in its columns, which ends the run; the boat itself stays in the area.
+    """
+    for axis in ti.static(range(2)):
+        side = worlds.p[Parameter.width + axis]
+        worlds.boat[w, b, BoatColumn.goal_x + axis] = ti.min(ti.max(goal[axis], 0.0), side)
+        if not (ti.abs(goal[axis]) <= LARGEST):
+            worlds.boat[w, b, BoatColumn.goal_x + axis] = ti.math.nan
+
+
+@ti.func
+def place_boats(worlds: ti.template(), w):
+    """Put the boats where their strategy begins, each with AUVs of its own."""
+    boat = ti.static(worlds.boat)
+    for b in range(boat.shape[1]):
+        for c in range(boat.shape[2]):
+            boat[w, b, c] = 0.0
+    partition(worlds, w)
+    for b in range(boat.shape[1]):
+        set_goal(worlds, w, b, worlds.program.strategy.start(worlds, w, b))
+        boat[w, b, BoatColumn.x] = ti.min(ti.max(boat[w, b, BoatColumn.goal_x], 0.0), worlds.p[Parameter.width])
+        boat[w, b, BoatColumn.y] = ti.min(ti.max(boat[w, b, BoatColumn.goal_y], 0.0), worlds.p[Parameter.length])
+    assign_boats(worlds, w, 0.0)
+
+
+@ti.func
+def move_boat(worlds: ti.template(), w, b):
+    """Go to the reachable point nearest to the goal: top speed through the water, while the water carries the boat."""
+    p = ti.static(worlds.p)
+    boat = ti.static(worlds.boat)
+    dt = p[Parameter.step]
+    x = boat[w, b, BoatColumn.x]
+    y = boat[w, b, BoatColumn.y]
+    drift = p[Parameter.drifts] * dt * vec2(boat[w, b, BoatColumn.current_x], boat[w, b, BoatColumn.current_y])
+    wanted = vec2(boat[w, b, BoatColumn.goal_x] - x, boat[w, b, BoatColumn.goal_y] - y) - drift
+    reach = p[Parameter.top_speed] * dt
+    distance = wanted.norm()
+    boat[w, b, BoatColumn.effort] = ti.min(distance / reach, 1.0)
+    if distance > reach:
+        wanted *= reach / distance
+    boat[w, b, BoatColumn.x] = ti.min(ti.max(x + drift[0] + wanted[0], 0.0), p[Parameter.width])
+    boat[w, b, BoatColumn.y] = ti.min(ti.max(y + drift[1] + wanted[1], 0.0), p[Parameter.length])
+    boat[w, b, BoatColumn.moved_x] = boat[w, b, BoatColumn.x] - x
+    boat[w, b, BoatColumn.moved_y] = boat[w, b, BoatColumn.y] - y
+
+
+@ti.func
+def ride_waves(worlds: ti.template(), w, b):
+    """Store elevation and slope of the sea under boat b, long and short waves, and the water's velocity there."""
+    boat = ti.static(worlds.boat)
+    water = ti.static(worlds.water)
+    x = boat[w, b, BoatColumn.x]
+    y = boat[w, b, BoatColumn.y]
+    dx = water.width / water.nx
+    dy = water.length / water.ny
+    surface = current.long_wave_surface(water.eta, water.sea_index[w], x, y, dx, dy, water.nx, water.ny)
+    storm = airy.motion(water.wave, water.sea_index[w], Level.surface, x, y)
+    velocity = current.velocity(water, Level.surface, w, x, y)
+    boat[w, b, BoatColumn.elevation] = surface[0] + storm[0]
+    boat[w, b, BoatColumn.slope_x] = surface[1] + storm[1]
+    boat[w, b, BoatColumn.slope_y] = surface[2] + storm[2]
+    boat[w, b, BoatColumn.current_x] = velocity[0] + storm[3]
+    boat[w, b, BoatColumn.current_y] = velocity[1] + storm[4]
+
+
+@ti.func
+def renew_gnss_error(worlds: ti.template(), w, b):
+    """The error of the boat's own position: a Gauss–Markov process, in its stationary state from the start."""
+    p = ti.static(worlds.p)
+    memory = p[Parameter.gnss_memory]
+    if worlds.clock[w, 1] == 0:
+        memory = 0.0
+    noise = normals(worlds, w, Draw.gnss, b)
+    new = p[Parameter.gnss_error] * ti.sqrt(1.0 - memory * memory)
+    for axis in ti.static(range(2)):
+        column = ti.static(BoatColumn.gnss_x + axis)
+        worlds.boat[w, b, column] = memory * worlds.boat[w, b, column] + new * noise[axis]

@@ -1,11 +1,14 @@
-"""The array on a boat: how it lies, what it receives of an AUV's signal, and the place that it measures of it."""
+"""The array on a boat: its pose, what it receives of an AUV's signal and the place that it measures.
+
+`expected_reply` and `reply_worth` say before a reply comes how probably it is heard and how good its fix will be.
+"""
 
 import math
 
 import taichi as ti
 
 from usvauv.kernels import random
-from usvauv.kernels.mission.columns import BoatColumn, Draw, Parameter, Refraction
+from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter, Refraction
 from usvauv.kernels.mission.worlds import Worlds, address, key, normals
 from usvauv.kernels.positioning import acoustic_link, coded_pulse, rays, reflections, usbl, validation, waveform
 from usvauv.kernels.positioning.layered_water import sound_speed
@@ -178,7 +181,7 @@ def receive(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k) -> S
 
 
 @ti.func
-def locate(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slant_range) -> vec3:
+def place_heard(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slant_range) -> vec3:
     """The offset (m) from the array of what is heard from a direction, by the rays that the receiver reckons with."""
     found = slant_range * direction
     if ti.static(worlds.program.refraction == Refraction.corrected):
@@ -214,17 +217,17 @@ def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, 
             candidate = signal.phase + 2.0 * math.pi * vec2(m, n)
             if ((m + n) & 1) == odd and candidate.norm_sqr() <= kappa * kappa:
                 found = usbl.located(link, k, candidate, candidate, signal.amplitude, pose.measured, length)
-                offset = locate(worlds, pose, w, found.vector, signal.slant_range)
+                offset = place_heard(worlds, pose, w, found.vector, signal.slant_range)
                 loss = acoustic_link.further_loss(link, k, offset, pose.effort)
                 sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
                 covariance = covariance_at(worlds, pose, k, offset)
-                badness = validation.badness(link, k, expected, offset, covariance, sigma)
-                if badness < best:
+                cost = validation.cost(link, k, expected, offset, covariance, sigma)
+                if cost < best:
                     second = best
-                    best = badness
+                    best = cost
                     phase = candidate
-                elif badness < second:
-                    second = badness
+                elif cost < second:
+                    second = cost
     return phase, ti.cast(second - best < validation.GATE, ti.i32)
 
 
@@ -264,7 +267,48 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
         phase, ambiguous = whole_turns(worlds, signal, length, pose, expected, w, k)
     true_phase = link[k, acoustic_link.KAPPA] * vec2(body[0], body[1])
     found = usbl.located(link, k, true_phase, phase, signal.amplitude, pose.measured, length)
-    place = locate(worlds, pose, w, found.vector, signal.slant_range)
+    place = place_heard(worlds, pose, w, found.vector, signal.slant_range)
     if flags == 0:
         flags = found.flags | usbl.AMBIGUOUS * ambiguous
     return vec4(place[0], place[1], place[2], ti.cast(flags, ti.f32))
+
+
+LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
+
+
+@ti.func
+def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> vec2:
+    """Probability that a reply of AUV k is heard, and the variance per axis (m²) of its fix.
+
+    Args:
+        offset: from the boat to where the AUV is foreseen, m. effort: the boat's speed over its top speed.
+        spread: variance per axis of that place, m².
+    """
+    link = ti.static(worlds.link)
+    S = offset.norm()
+    loss = acoustic_link.further_loss(link, k, offset, effort)
+    sigma = acoustic_link.phase_deviation(link, k, S, loss)
+    strength = 2.8284271 / sigma  # √(8 E/N0)
+    root = ti.sqrt(strength * strength + 7.0)
+    slope = strength * offset.xy.norm() / (S * S)  # of that root with the horizontal distance, 1/m
+    margin = (root - acoustic_link.detection_threshold(link, k)) / ti.sqrt(1.0 + slope * slope * spread)
+    kept = 1.0 - worlds.p[Parameter.packet_loss]
+    across = sigma * S / link[k, acoustic_link.KAPPA]
+    tilted = link[k, acoustic_link.ATTITUDE] * S * S
+    return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * margin)), across * across + tilted)
+
+
+@ti.func
+def reply_worth(worlds: ti.template(), w, b, k) -> ti.f32:
+    """Variance per axis (m²) that a reply of AUV k is expected to take off what boat b knows: P a²/(a + r).
+
+    P is the probability that it is heard from where the boat takes the AUV to be, a the variance of that place, r the
+    variance of the fix.
+    """
+    estimate = ti.static(worlds.estimate)
+    a = 0.5 * (estimate[w, k, EstimateColumn.covariance_xx] + estimate[w, k, EstimateColumn.covariance_yy])
+    dx = estimate[w, k, EstimateColumn.x] - worlds.boat[w, b, BoatColumn.x]
+    dy = estimate[w, k, EstimateColumn.y] - worlds.boat[w, b, BoatColumn.y]
+    z = -(worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation])
+    expected = expected_reply(worlds, k, vec3(dx, dy, z), 1.0, a)
+    return expected[0] * a * a / (a + expected[1])

@@ -74,7 +74,7 @@ class Worlds(NamedTuple):
         pulses: `usvauv.kernels.positioning.coded_pulse.Pulses` of the AUVs, where they are used.
         layers: (N, 3) sound speed profile, `usvauv.kernels.positioning.rays`.
         mirrored_layers: (M, 3) the same with its mirror image below the bottom, for reflections.
-        arrivals: (R, .) table of Poisson arrivals, `usvauv.kernels.mission.poisson_table`.
+        arrivals: (R, .) table of Poisson arrivals, `usvauv.kernels.mission.tasks.data_collection.arrival_table`.
         fixed_vortex: (V, 4) vortices that are not drawn at random.
         strategy_arguments: (≥ 1,) numbers that the boat strategy was given.
         rule_numbers: (≥ 1,) numbers of the target rule.

@@ -62,7 +62,7 @@ def squared_innovation(expected: Expectation, fix: vec2, covariance: vec3) -> ti
 
 
 @ti.func
-def badness(link: ti.template(), k: ti.i32, expected: Expectation, offset: vec3, covariance: vec3, sigma: ti.f32):
+def cost(link: ti.template(), k: ti.i32, expected: Expectation, offset: vec3, covariance: vec3, sigma: ti.f32):
     """−2 ln of the bounded likelihood of a candidate for the fix of AUV k.
 
     Args:

@@ -14,7 +14,7 @@ from usvauv.cli.reproduction.fixes import BOUND
 from usvauv.cli.reproduction.settings import PHYSICAL, Settings
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.storage.files import atomic_write
-from usvauv.kernels.mission.vehicle import travelling_power
+from usvauv.kernels.mission.motion import travelling_power
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 
 RESULTS = "reproduction"

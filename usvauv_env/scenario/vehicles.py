@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from usvauv.env.scenario.fields import Distance, Section
-from usvauv.kernels.mission.vehicle import FASTEST
+from usvauv.kernels.mission.motion import FASTEST
 from usvauv.kernels.planning.team import MAX_AUVS
 
 

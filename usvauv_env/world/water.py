@@ -17,7 +17,7 @@ from usvauv.env.site.site import Site
 from usvauv.env.world import tables
 from usvauv.env.world.seeds import Seeds
 from usvauv.kernels import runtime
-from usvauv.kernels.mission import reset
+from usvauv.kernels.mission.run import draw_vortices
 from usvauv.kernels.types import Level
 
 NAMED = 8  # of the worlds on a sea, in a message
@@ -179,5 +179,5 @@ def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.T
             for table in (tables.pack_parameters(site, tables.link_table(site)), tables.fixed_vortices(scenario))
         )
         clock = torch.zeros((1, 2), dtype=torch.int32, device=device)
-        reset.draw_vortices(parameters, fixed, torch.from_numpy(seeds.keys()).to(device), clock, drawn)
+        draw_vortices(parameters, fixed, torch.from_numpy(seeds.keys()).to(device), clock, drawn)
     return drawn

@@ -29,7 +29,6 @@ from usvauv.kernels.errors import DivergenceError, in_words
 from usvauv.kernels.flow import current, vortex
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.launch import Launch
-from usvauv.kernels.mission import poisson_table, reset
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -38,9 +37,10 @@ from usvauv.kernels.mission.columns import (
     ForesightColumn,
     NodeColumn,
 )
-from usvauv.kernels.mission.run import Phase, run
+from usvauv.kernels.mission.run import Phase, draw_vortices, run
 from usvauv.kernels.mission.state_ranges import LARGEST
 from usvauv.kernels.mission.target_rules import target_rules
+from usvauv.kernels.mission.tasks.data_collection import arrival_table
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.positioning import coded_pulse, tracker
 
@@ -322,7 +322,7 @@ class World:
     def _redraw_circulations(self) -> None:
         tables, clock, drawn = self._constants, self._clock.clone(), self.vortex.clone()
         clock[:, 1] = 0  # vortices are drawn as an episode begins
-        reset.draw_vortices(tables["p"], tables["fixed_vortex"], tables["key"], clock.contiguous(), drawn)
+        draw_vortices(tables["p"], tables["fixed_vortex"], tables["key"], clock.contiguous(), drawn)
         self.vortex[..., Vortex.Gamma] = drawn[..., Vortex.Gamma]
 
     def continue_from(self, other: World) -> None:
@@ -437,7 +437,7 @@ class World:
             "link": link,
             "layers": sound.layers(),
             "mirrored_layers": sound.mirrored(self.site.mean_depth).layers(),
-            "arrivals": poisson_table.table(scenario.nodes.arrival_rates, scenario.mission.step),
+            "arrivals": arrival_table(scenario.nodes.arrival_rates, scenario.mission.step),
             "fixed_vortex": tables.fixed_vortices(scenario),
             "strategy_arguments": np.array(self.strategy.numbers or [0.0]),
             "rule_numbers": tables.rule_numbers(scenario),

@@ -4,12 +4,20 @@ From outside: `target_rules`, `TargetRule` and `parse`; for a rule of one's own 
 """
 
 from usvauv.kernels.mission.target_rules import knowledge
-from usvauv.kernels.mission.target_rules.demonstration import DEMONSTRATION
 from usvauv.kernels.mission.target_rules.learned import LEARNED
 from usvauv.kernels.mission.target_rules.rollout import ROLLOUT
-from usvauv.kernels.mission.target_rules.rule import TargetRule, parse, target_rules, usage
+from usvauv.kernels.mission.target_rules.rule import (
+    DEMONSTRATION,
+    GREEDY,
+    NEAREST,
+    RATE,
+    TargetRule,
+    best_free,
+    parse,
+    target_rules,
+    usage,
+)
 from usvauv.kernels.mission.target_rules.tour import SECTORS, TOUR, share_nodes
-from usvauv.kernels.mission.target_rules.value import GREEDY, NEAREST, RATE, best_free
 
 target_rules.register("greedy", GREEDY)
 target_rules.register("nearest", NEAREST)

@@ -27,8 +27,7 @@ from usvauv.kernels.mission.columns import (
     Parameter,
 )
 from usvauv.kernels.mission.target_rules import knowledge, rollout
-from usvauv.kernels.mission.target_rules.rule import TargetRule
-from usvauv.kernels.mission.target_rules.value import distance, travel_time
+from usvauv.kernels.mission.target_rules.rule import TargetRule, distance, travel_time
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.types import Columns, vec2
 

@@ -9,8 +9,7 @@ import taichi as ti
 
 from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, Information, NodeColumn, Parameter
 from usvauv.kernels.mission.target_rules import knowledge
-from usvauv.kernels.mission.target_rules.rule import TargetRule
-from usvauv.kernels.mission.target_rules.value import data_per_time, travel_time
+from usvauv.kernels.mission.target_rules.rule import TargetRule, data_per_time, travel_time
 from usvauv.kernels.types import vec2
 
 OVERHEAD = 10.0  # s, of the base rule `rate`

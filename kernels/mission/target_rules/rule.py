@@ -1,4 +1,4 @@
-"""What a target rule is, and how its name is read."""
+"""What a target rule is, how its name is read, and the rules that give each node a value and choose the largest."""
 
 import math
 from collections.abc import Callable
@@ -7,7 +7,10 @@ from typing import Any
 
 import taichi as ti
 
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter
+from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.registry import Registry
+from usvauv.kernels.types import vec2, vec3
 
 LARGEST = 1e6  # of a rule's numbers
 
@@ -84,3 +87,151 @@ def parse(text: str) -> tuple[TargetRule, tuple[float, ...]]:
     if len(given) > len(defaults) or not all(0 <= number <= LARGEST for number in given):
         raise ValueError(f"{text!r}: expected {usage(name)} with numbers from 0 to {LARGEST:g}")
     return rule, (*given, *defaults[len(given) :])
+
+
+BEYOND = 1e5  # above every distance in an area, m
+
+
+@ti.func
+def offset(worlds: ti.template(), w, k, i):
+    """From the estimated position of AUV k to node i, m."""
+    return vec2(
+        worlds.node[w, i, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x],
+        worlds.node[w, i, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y],
+    )
+
+
+@ti.func
+def distance(worlds: ti.template(), w, k, i):
+    """Horizontal distance from the estimated position of AUV k to node i, m."""
+    return offset(worlds, w, k, i).norm()
+
+
+@ti.func
+def travel_time(p: ti.template(), metres):
+    """Time to come within the hover radius of a node at some distance, at the reference speed, s."""
+    return ti.max(metres - p[Parameter.hover_radius], 0.0) / p[Parameter.reference_speed]
+
+
+@ti.func
+def best_free(worlds: ti.template(), value: ti.template(), w, k):
+    """The free node with the largest value(worlds, w, k, i); where none is free, AUVs share nodes by index."""
+    best = -1
+    best_value = -1e30
+    for i in range(worlds.node.shape[1]):
+        if knowledge.is_open(worlds, w, k, i):
+            this = value(worlds, w, k, i)
+            if this > best_value:
+                best = i
+                best_value = this
+    if best < 0:
+        best = k % worlds.node.shape[1]
+    return best
+
+
+@ti.func
+def urgency(worlds: ti.template(), w, k, i):
+    """λ b/C, packets/s."""
+    filling = knowledge.backlog(worlds, w, k, i, 0.0) / worlds.p[Parameter.buffer]
+    return knowledge.rate(worlds, w, k, i) * filling
+
+
+@ti.func
+def worth(worlds: ti.template(), w, k, i):
+    """λ b/C − α d."""
+    return urgency(worlds, w, k, i) - worlds.rule_numbers[0] * distance(worlds, w, k, i)
+
+
+@ti.func
+def nearness(worlds: ti.template(), w, k, i):
+    """Minus the distance, m; nodes with too few packets come after all others, the one that lacks least first."""
+    packets = knowledge.backlog(worlds, w, k, i, 0.0)
+    near = -distance(worlds, w, k, i)
+    if packets < worlds.rule_numbers[0]:
+        near = packets - worlds.rule_numbers[0] - BEYOND
+    return near
+
+
+@ti.func
+def data_per_time(worlds: ti.template(), w, k, i, overhead):
+    """Packets expected at arrival over the time to get there and an overhead (s), packets/s."""
+    travel = travel_time(worlds.p, distance(worlds, w, k, i))
+    packets = knowledge.backlog(worlds, w, k, i, travel)
+    return packets / (travel + overhead)
+
+
+@ti.func
+def pace_of_data(worlds: ti.template(), w, k, i):
+    """`data_per_time` with the rule's own overhead."""
+    return data_per_time(worlds, w, k, i, worlds.rule_numbers[0])
+
+
+@ti.func
+def greedy(worlds: ti.template(), w, k):
+    """The paper's rule with the horizontal distance."""
+    return best_free(worlds, worth, w, k)
+
+
+@ti.func
+def nearest(worlds: ti.template(), w, k):
+    """The nearest node that has some packets."""
+    return best_free(worlds, nearness, w, k)
+
+
+@ti.func
+def rate(worlds: ti.template(), w, k):
+    """The node with the most data per time."""
+    return best_free(worlds, pace_of_data, w, k)
+
+
+GREEDY = TargetRule(greedy, arguments=(("ALPHA", 0.015),))  # 1/(m s)
+NEAREST = TargetRule(nearest, arguments=(("PACKETS", 1000.0),))
+RATE = TargetRule(rate, arguments=(("SECONDS", 10.0),))
+
+
+@ti.func
+def slant_worth(worlds: ti.template(), w, k, i, alpha):
+    """λ b/C − α d of node i for AUV k, d from its estimated position with the vertical separation of the boat."""
+    across = offset(worlds, w, k, i)
+    slant = vec3(across[0], across[1], worlds.p[Parameter.separation_boat]).norm()
+    return urgency(worlds, w, k, i) - alpha * slant
+
+
+@ti.func
+def demonstration(worlds: ti.template(), w, k):
+    """Of the K nodes with the largest λ b/C − α d, K the number of AUVs and d the slant distance, the free one of the
+    lowest index; where none of them is free, the free one with the largest value. At first the K nodes with the largest
+    λ b/C, the best to the last AUV.
+
+    The targets of all AUVs are among the nodes compared: one that has just been emptied takes the place of another.
+    """
+    node = ti.static(worlds.node)
+    count = worlds.auv.shape[1]
+    alpha = worlds.rule_numbers[0]
+    first = worlds.auv[w, k, AuvColumn.target] < 0
+    if first:
+        alpha = 0.0
+    chosen = -1
+    best = -1
+    best_value = -1e30
+    for i in range(node.shape[1]):
+        if chosen < 0 and knowledge.is_free(worlds, w, k, i):
+            value = slant_worth(worlds, w, k, i, alpha)
+            if value > best_value:
+                best = i
+                best_value = value
+            better = 0
+            for j in range(node.shape[1]):
+                other = slant_worth(worlds, w, k, j, alpha)
+                if j != i and (other > value or (other == value and j > i)):
+                    better += 1
+            if better == count - 1 - k or (not first and better < count):
+                chosen = i
+    if chosen < 0:
+        chosen = best
+    if chosen < 0:  # more AUVs than nodes: share the nearest by index
+        chosen = k % node.shape[1]
+    return chosen
+
+
+DEMONSTRATION = TargetRule(demonstration, arguments=(("ALPHA", 0.05),))  # 1/(m s)

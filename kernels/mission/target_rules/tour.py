@@ -8,8 +8,7 @@ import taichi as ti
 
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import knowledge
-from usvauv.kernels.mission.target_rules.rule import TargetRule
-from usvauv.kernels.mission.target_rules.value import distance
+from usvauv.kernels.mission.target_rules.rule import TargetRule, distance
 from usvauv.kernels.types import vec2
 
 LEAST_GAIN = 1e-3  # m, of an exchange; below it rounding could undo and redo one for ever

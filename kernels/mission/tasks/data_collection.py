@@ -1,17 +1,64 @@
-"""The task of collecting data: nodes fill, AUVs go to them, hover, and take what they hold."""
+"""The task of collecting data: nodes fill, AUVs go to them, hover, and take what they hold.
 
+Packets arrive at each node as a Poisson process with one of a few rates, drawn by inversion of the distribution from a
+table. A row of the table holds one rate, a guide, and the cumulative distribution of the number of arrivals in a
+mission step. The guide holds for each of GUIDE equal parts of (0, 1) the smallest count that a number in it can give:
+the search begins there and rarely needs a second step. Source: Chen and Asau (1974), "On generating random variates
+from an empirical distribution", AIIE Transactions 6(2), doi 10.1080/05695557408974949.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
 import taichi as ti
 
 from usvauv.kernels.flow.current import grid_sample
-from usvauv.kernels.mission import poisson_table, rewards
 from usvauv.kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
-from usvauv.kernels.mission.motion import distance_to_target, target_of, travel
+from usvauv.kernels.mission.motion import distance_to_target, hovering_power, target_of, travel
 from usvauv.kernels.mission.target_rules import knowledge, share_nodes
+from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
-from usvauv.kernels.mission.vehicle import hovering_power
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import sonar_equation
 from usvauv.kernels.types import vec2
+
+GUIDE = 64
+RATE = 0  # column of the rate; the guide and the cumulative distribution follow
+CUMULATIVE = 1 + GUIDE
+TAIL = 2.0**-26  # probability beyond the end of a table; 1 − 2⁻²⁶ rounds to 1 in single precision
+
+
+def _cumulative(mean: float) -> np.ndarray:
+    """P(N ≤ 0), P(N ≤ 1), … of a Poisson number until `TAIL` is left."""
+    probability = below = math.exp(-mean)
+    values = [below]
+    while 1.0 - below > TAIL:
+        probability *= mean / len(values)
+        below += probability
+        values.append(below)
+    return np.array(values)
+
+
+def arrival_table(rates: Sequence[float], step: float) -> np.ndarray:
+    """The table of some rates (packets/s) and a mission step (s), (len(rates), CUMULATIVE + counts) float32."""
+    rows = [_cumulative(rate * step) for rate in rates]
+    filled = np.ones((len(rows), CUMULATIVE + max(map(len, rows))), np.float32)
+    for row, rate, cumulative in zip(filled, rates, rows, strict=True):
+        row[RATE] = rate
+        row[CUMULATIVE : CUMULATIVE + len(cumulative) - 1] = cumulative[:-1]  # the last is 1
+        row[1:CUMULATIVE] = np.searchsorted(row[CUMULATIVE:], np.arange(GUIDE) / GUIDE)
+    return filled
+
+
+@ti.func
+def draw_arrivals(arrivals: ti.template(), row: ti.i32, u: ti.f32) -> ti.f32:
+    """The Poisson number of a row at a uniform number u in (0, 1): the smallest count with P(N ≤ count) ≥ u."""
+    count = ti.cast(arrivals[row, 1 + ti.cast(u * GUIDE, ti.i32)], ti.i32)
+    while u > arrivals[row, CUMULATIVE + count]:
+        count += 1
+    return ti.cast(count, ti.f32)
+
 
 LEAST_RATE = 1e-9  # Mbit/s; below it the link is dead, and the AUV hovers for the rest of the mission
 
@@ -29,7 +76,7 @@ def place_nodes(worlds: ti.template(), w):
         node[w, i, NodeColumn.y] = margin + u[1] * (p[Parameter.length] - 2 * margin)
         kind = ti.min(ti.cast(u[2] * num_kinds, ti.i32), num_kinds - 1)
         node[w, i, NodeColumn.kind] = ti.cast(kind, ti.f32)
-        node[w, i, NodeColumn.rate] = worlds.arrivals[kind, poisson_table.RATE]
+        node[w, i, NodeColumn.rate] = worlds.arrivals[kind, RATE]
         backlog = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
         node[w, i, NodeColumn.backlog] = ti.min(backlog, p[Parameter.start_backlog])  # the product may be rounded up
         node[w, i, NodeColumn.tour] = 0.0
@@ -138,7 +185,7 @@ def fill_nodes(worlds: ti.template(), w):
             i = 4 * group + part
             if i < node.shape[1]:
                 kind = ti.cast(node[w, i, NodeColumn.kind], ti.i32)
-                arrivals = poisson_table.draw(worlds.arrivals, kind, u[part])
+                arrivals = draw_arrivals(worlds.arrivals, kind, u[part])
                 backlog = node[w, i, NodeColumn.backlog] + arrivals
                 created += arrivals
                 if backlog > p[Parameter.buffer]:

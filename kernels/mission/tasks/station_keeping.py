@@ -2,9 +2,9 @@
 
 import taichi as ti
 
-from usvauv.kernels.mission import rewards
 from usvauv.kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
 from usvauv.kernels.mission.motion import distance_to_target, travel
+from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.mission.worlds import uniforms
 

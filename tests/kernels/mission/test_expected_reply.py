@@ -10,7 +10,7 @@ import torch
 from scipy import stats
 
 from usvauv.kernels.mission.columns import Parameter
-from usvauv.kernels.mission.expected_reply import reply
+from usvauv.kernels.mission.reception import expected_reply
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
 from usvauv.kernels.types import array1, array2, vec3
@@ -39,7 +39,7 @@ class Stub(NamedTuple):
 @ti.kernel
 def _replies(p: array1, link: array2, away: array1, spread: array1, out: array2):
     for n in range(away.shape[0]):
-        found = reply(ti.static(Stub(p, link)), 0, vec3(away[n], 0.0, -DEPTH), 0.0, spread[n])
+        found = expected_reply(ti.static(Stub(p, link)), 0, vec3(away[n], 0.0, -DEPTH), 0.0, spread[n])
         out[n, 0] = found[0]
         out[n, 1] = found[1]
 

@@ -9,8 +9,8 @@ import torch
 from scipy import stats
 
 from usvauv.env import Scenario, World
-from usvauv.kernels.mission import poisson_table
 from usvauv.kernels.mission.columns import NodeColumn
+from usvauv.kernels.mission.tasks.data_collection import arrival_table, draw_arrivals
 
 RATES = (0.0, 0.3, 3.0, 12.0, 40.0, 80.0)
 LAST = 1 - 2.0**-24  # the largest number that `random.unit` gives
@@ -24,13 +24,13 @@ def _draw(
     out: ti.types.ndarray(dtype=ti.f32, ndim=1),
 ):
     for i in range(u.shape[0]):
-        out[i] = poisson_table.draw(kinds, row, u[i])
+        out[i] = draw_arrivals(kinds, row, u[i])
 
 
 def draw(device, rates, step: float, row: int, u: np.ndarray) -> np.ndarray:
     u = torch.from_numpy(u.astype(np.float32)).to(device)
     out = torch.full_like(u, -1.0)
-    _draw(torch.from_numpy(poisson_table.table(rates, step)).to(device), row, u, out)
+    _draw(torch.from_numpy(arrival_table(rates, step)).to(device), row, u, out)
     return out.cpu().numpy()
 
 

@@ -10,7 +10,7 @@ from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.kernels.mission import vehicle
+from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 from usvauv.policies import PolicyError
 
@@ -44,7 +44,7 @@ def test_reward_is_distance_energy_and_room():
     place = world.auv[..., AuvColumn.span("x", "y")].double()
     away = (world.node[..., NodeColumn.span("x", "y")] - place).norm(dim=-1)
     speed = world.auv[..., AuvColumn.span("water_x", "water_y")].double().norm(dim=-1)
-    power = speed.clone().apply_(vehicle.travelling_power)
+    power = speed.clone().apply_(motion.travelling_power)
     apart = (place[:, :, None] - place[:, None]).norm(dim=-1) + 1e6 * torch.eye(3)
     crowding = (12 - apart).clamp(min=0).sum(-1)
     border = world.auv[..., AuvColumn.border]

@@ -7,7 +7,7 @@ import torch
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.kernels.mission.columns import AuvColumn
-from usvauv.kernels.mission.vehicle import hovering_power, travelling_power
+from usvauv.kernels.mission.motion import hovering_power, travelling_power
 
 
 def law(speed):

@@ -13,7 +13,7 @@ from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.kernels.flow.vortex import sample_current
 from usvauv.kernels.mission.columns import AuvColumn
-from usvauv.kernels.mission.vehicle import travelling_power
+from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.planning import zermelo
 from usvauv.kernels.types import array1, array2, array4, vec2
 from usvauv.policies.guidance import unit

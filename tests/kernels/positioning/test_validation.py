@@ -44,7 +44,7 @@ def test_squared_innovation_beside_numpy(device, reach):
     assert (exact == 0).any() == (reach > 0)
 
 
-def test_badness_is_bounded_by_the_gate_and_grows_with_the_wrong_depth(device):
+def test_cost_is_bounded_by_the_gate_and_grows_with_the_wrong_depth(device):
     link = torch.from_numpy(
         acoustic_link.link_table(
             (15000.0,), acoustic_link.Sonar(spacing=0.06, accuracy=acoustic_link.Accuracy(attitude=0.002))
@@ -60,16 +60,16 @@ def test_badness_is_bounded_by_the_gate_and_grows_with_the_wrong_depth(device):
                 place=vec2(30.5, 40.0), covariance=vec3(0.2, 0.0, 0.2), reach=0.0, separation=100.0
             )
             place = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
-            found[n, 0] = validation.badness(link, 0, expected, place, vec3(0.3, 0.0, 0.3), 0.02)
+            found[n, 0] = validation.cost(link, 0, expected, place, vec3(0.3, 0.0, 0.3), 0.02)
 
     run(link, offset, found)
     kappa = 2 * math.pi * 15000 * 0.06 / 1500
-    for (x, y, z), badness in zip(cases, found[:, 0].tolist(), strict=True):
+    for (x, y, z), cost in zip(cases, found[:, 0].tolist(), strict=True):
         prior = min(((x - 30.5) ** 2 + (y - 40) ** 2) / 0.5, 2 * 13.8155)
         S2 = x * x + y * y + z * z
         error = math.hypot(x, y) - math.sqrt(S2 - 100**2) if S2 > 100**2 else math.hypot(x, y)
         depth = error**2 / (S2 * ((0.02 / kappa) ** 2 + 0.002**2 + 0.01**2))
-        assert badness == pytest.approx(prior + depth, rel=1e-3, abs=1e-3)
+        assert cost == pytest.approx(prior + depth, rel=1e-3, abs=1e-3)
 
 
 @pytest.mark.parametrize(

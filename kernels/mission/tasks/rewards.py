@@ -1,10 +1,9 @@
-"""The standard terms of an AUV's reward (Eq. 4–5): functions (worlds, w, k, weight) → weight × a quantity."""
+"""Terms of an AUV's reward: the standard ones (Eq. 4–5) are functions (worlds, w, k, weight) → weight × a quantity."""
 
 import taichi as ti
 
-from usvauv.kernels.mission import serving
+from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter, TallyColumn
-from usvauv.kernels.mission.motion import distance_between
 from usvauv.kernels.mission.tasks.task import RewardTerm
 from usvauv.kernels.types import vec3
 
@@ -33,7 +32,7 @@ def proximity(worlds: ti.template(), w, k, weight):
     total = 0.0
     for j in range(worlds.auv.shape[1]):
         if j > k or (j < k and worlds.p[Parameter.proximity_once] < 0.5):
-            apart = distance_between(worlds, w, j, k)
+            apart = motion.distance_between(worlds, w, j, k)
             total += ti.max(0.0, worlds.p[Parameter.safe_distance] - apart)
     return weight * total
 
@@ -59,7 +58,7 @@ def power(worlds: ti.template(), w, k, weight):
 @ti.func
 def collaboration(worlds: ti.template(), w, k, weight):
     """l_max / l with the slant distance l to the boat that serves it (Eq. 5)."""
-    b = serving.server(worlds, w, k)
+    b = motion.serving_boat(worlds, w, k)
     dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
     dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
     slant = vec3(dx, dy, worlds.estimate[w, k, EstimateColumn.separation]).norm()
@@ -84,7 +83,7 @@ def count_collisions(worlds: ti.template(), w):
     count = 0.0
     for k in range(worlds.auv.shape[1]):
         for j in range(k):
-            apart = distance_between(worlds, w, j, k)
+            apart = motion.distance_between(worlds, w, j, k)
             if apart < worlds.p[Parameter.collision_distance]:
                 count += 1.0
     worlds.tally[w, TallyColumn.collisions] = count
