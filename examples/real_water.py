@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 
-from usvauv.env.site.cf_ocean import read_bathymetry, read_flow
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.ocean import read_bathymetry, read_flow
+from usvauv.env.site.place import LocalFrame
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -16,7 +16,7 @@ from usvauv.env.positioning import AuvPosition, BoatPlace, Plan
 from usvauv.env.record.collection import served
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.storage.files import atomic_write
 from usvauv.kernels.errors import UserError

@@ -169,7 +169,7 @@ def fuzz_plan(r: random.Random, folder: Path) -> None:
     from usvauv.cli.objectives import MEASUREMENTS, OBJECTIVES
     from usvauv.env import Scenario
     from usvauv.env.positioning import solve
-    from usvauv.env.site.positions import auv_position, boat_position
+    from usvauv.env.site.place import auv_position, boat_position
 
     overrides = []
     for field in ("usbl.attitude_error", "usbl.spacing", "acoustics.source_level", "acoustics.bandwidth", "area.width"):
@@ -310,7 +310,7 @@ def fuzz_attributes(r: random.Random, folder: Path, change=attributes_changed) -
     import numpy as np
 
     from tests.usvauv_env import ocean_files as ocean
-    from usvauv.env.site.cf_ocean import read_bathymetry, read_flow
+    from usvauv.env.site.ocean import read_bathymetry, read_flow
 
     path = folder / "case.nc"
     warnings.simplefilter("ignore")

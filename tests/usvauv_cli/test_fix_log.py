@@ -13,7 +13,7 @@ from usvauv.cli.fix_log.reader import Fixes, read_log
 from usvauv.cli.fix_log.sentences import BadLine, Boat, Geographic, Heading, Relative, parse
 from usvauv.env import Scenario
 from usvauv.env.exchange import formats
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.place import LocalFrame
 from usvauv.kernels.errors import UserError
 
 HERE = LocalFrame(8.87, 50.02)

@@ -38,7 +38,7 @@ from usvauv.env.sea.build import build_sea, build_short_waves
 from usvauv.env.sea.netcdf import SeaFile
 from usvauv.env.sea.simulation import SeaSimulation, cells, survey
 from usvauv.env.sea.storm import cumulative
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.world.water import first_vortices
 

@@ -34,7 +34,6 @@ from usvauv.env.record.metrics import EpisodeMetrics, usable
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.scenario.sea import MAX_VORTICES
 from usvauv.env.scenario.task import MAX_NODES
-from usvauv.env.site import georeference
 from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import Combination
 from usvauv.kernels.planning.team import MAX_AUVS
@@ -342,7 +341,7 @@ class TestPlaceOnEarth:
     def test_lines_are_parallels_and_meridians(self, longitude, latitude):
         place = f"water.longitude={longitude}", f"water.latitude={latitude}"
         scenario, axes = self.drawn(*place, "area.width=20000", "area.length=12000", "sea.cell_size=200")
-        plane = CRS.from_wkt(georeference.grid_mapping(Site(scenario).frame)["crs_wkt"])
+        plane = CRS.from_wkt(place.grid_mapping(Site(scenario).frame)["crs_wkt"])
         to_degrees = Transformer.from_crs(plane, 4326, always_xy=True)
         found = {"longitude": set(), "latitude": set()}
         for line in axes.lines:

@@ -3,8 +3,8 @@
 import numpy as np
 import xarray
 
-from usvauv.env.site.cf_ocean import read_bathymetry, read_flow
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.ocean import read_bathymetry, read_flow
+from usvauv.env.site.place import LocalFrame
 
 FRAME = LocalFrame(5.02, 60.03)
 WIDTH, LENGTH = 8000.0, 6000.0

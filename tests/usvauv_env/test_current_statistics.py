@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from usvauv.env import Scenario
 from usvauv.env.sea.build import speed_bound
 from usvauv.env.sea.storm import band
-from usvauv.env.site.cf_ocean import Flow
+from usvauv.env.site.ocean import Flow
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_bound, current_model, current_parts
 from usvauv.env.world.tables import fixed_vortices, link_table

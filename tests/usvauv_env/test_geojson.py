@@ -12,12 +12,12 @@ from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv.cli import app
 from usvauv.env import Scenario, geojson
 from usvauv.env.record.collection import served
-from usvauv.env.site import georeference
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site import place
+from usvauv.env.site.place import LocalFrame
 
 CORNER = LocalFrame(114.02, 22.51)
 PLACED = {"water": {"longitude": 114.02, "latitude": 22.51}}
-PLANE = Transformer.from_crs(4326, CRS.from_wkt(georeference.grid_mapping(CORNER)["crs_wkt"]), always_xy=True)
+PLANE = Transformer.from_crs(4326, CRS.from_wkt(place.grid_mapping(CORNER)["crs_wkt"]), always_xy=True)
 
 
 @pytest.fixture

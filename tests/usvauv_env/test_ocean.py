@@ -34,8 +34,8 @@ from tests.usvauv_env.ocean_files import (
     write,
 )
 from usvauv.env.site.cf import OceanError
-from usvauv.env.site.cf_ocean import read_bathymetry, read_flow
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.ocean import read_bathymetry, read_flow
+from usvauv.env.site.place import LocalFrame
 
 
 def geodesic(lon1, lat1, lon2, lat2) -> tuple[float, float]:
@@ -291,7 +291,7 @@ class TestCurrents:
         """However few times are read at once, the result is the same."""
         flow = flow_of(cmems(), tmp_path, duration=60000.0)
         assert len(flow.times) == 4
-        monkeypatch.setattr("usvauv.env.site.cf_ocean.BLOCK", 1)
+        monkeypatch.setattr("usvauv.env.site.ocean.BLOCK", 1)
         np.testing.assert_array_equal(flow_of(cmems(), tmp_path, duration=60000.0).velocity, flow.velocity)
 
     def test_at_outside_the_times(self, tmp_path):
@@ -376,7 +376,7 @@ class TestBathymetry:
 
     def test_rows_in_blocks(self, tmp_path, monkeypatch):
         h = bed_of(sloping(), tmp_path)
-        monkeypatch.setattr("usvauv.env.site.interpolation.BLOCK", 7 * 100)
+        monkeypatch.setattr("usvauv.env.site.ocean.BLOCK", 7 * 100)
         np.testing.assert_array_equal(bed_of(sloping(), tmp_path), h)
 
     def test_second_order(self, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from tests.usvauv_env.ocean_files import BED_FRAME, HOURS, LATITUDES, LONGITUDES, bed_of, cmems, flow_of, sloping, write
 from usvauv.env.netcdf import remote
 from usvauv.env.site.cf import OceanError
-from usvauv.env.site.cf_ocean import read_bathymetry
+from usvauv.env.site.ocean import read_bathymetry
 
 
 def attributes(name, **new):

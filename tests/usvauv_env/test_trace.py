@@ -16,7 +16,7 @@ from usvauv.env.netcdf import remote
 from usvauv.env.record import trace as trace_module
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.trace import INTEGERS, LARGEST, VARIABLES
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.place import LocalFrame
 from usvauv.kernels.positioning import usbl
 
 STEP, STEPS, WORLDS, AUVS, BOATS, NODES = 2.0, 11, 3, 4, 2, 5

@@ -11,8 +11,8 @@ from tests.links import EVERY_STEP
 from tests.usvauv_env.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.sea.build import build_sea
-from usvauv.env.site.cf_ocean import read_bathymetry
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.ocean import read_bathymetry
+from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import data_level
 from usvauv.kernels.flow import vortex

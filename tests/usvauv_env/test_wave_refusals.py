@@ -8,8 +8,8 @@ from tests.usvauv_env.test_ocean_refusals import attributes, curvilinear, put, v
 from tests.usvauv_env.wave_files import era5, fields, partitions, waves_of, ww3
 from usvauv.env.netcdf import remote
 from usvauv.env.site.cf import OceanError
-from usvauv.env.site.local_frame import LocalFrame
-from usvauv.env.site.wave_files import read_waves
+from usvauv.env.site.place import LocalFrame
+from usvauv.env.site.waves import read_waves
 
 STORM = (5.0, 11.0, 90.0, 10)
 PARTS = (4.0, 9.0, 270.0, 30.0)

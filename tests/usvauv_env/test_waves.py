@@ -13,7 +13,7 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.scenario.sea import Storm
 from usvauv.env.sea.build import build_short_waves
 from usvauv.env.sea.storm import band, cumulative, total_height, wave_systems
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import WaveSpectrum
 from usvauv.env.world.current_statistics import current_bound, current_parts

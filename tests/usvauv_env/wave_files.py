@@ -6,9 +6,8 @@ import numpy as np
 import xarray
 
 from usvauv.env import Scenario
-from usvauv.env.site.local_frame import LocalFrame
-from usvauv.env.site.wave_files import read_waves
-from usvauv.env.site.waves import WaveSpectrum
+from usvauv.env.site.place import LocalFrame
+from usvauv.env.site.waves import WaveSpectrum, read_waves
 
 FRAME = LocalFrame(5.0, 60.0)
 SIZE = 2000.0

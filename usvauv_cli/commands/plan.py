@@ -136,7 +136,7 @@ def plan(
 
     from usvauv.env import Scenario, geojson
     from usvauv.env.positioning import solve
-    from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic
+    from usvauv.env.site.place import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
 
     setting, estimates, bad = Scenario.load(scenario, overrides or ()), [], []
@@ -215,7 +215,7 @@ def surface_slope(text: str) -> tuple[float, float]:
     Raises:
         UserError: it is not.
     """
-    from usvauv.env.site.positions import numbers
+    from usvauv.env.site.place import numbers
 
     x, y = numbers("--slope", text, "SX,SY", "")
     if not (abs(x) <= 1 and abs(y) <= 1):
@@ -285,7 +285,7 @@ def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
     from usvauv.cli import tables
     from usvauv.env.fix_prediction import LEAST_GOOD
-    from usvauv.env.site.positions import coordinates
+    from usvauv.env.site.place import coordinates
 
     best = result.optimum
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]

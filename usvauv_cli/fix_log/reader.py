@@ -13,7 +13,7 @@ import numpy as np
 from usvauv.cli.fix_log import sentences
 from usvauv.cli.fix_log.sentences import BadLine, Boat, Geographic, Heading
 from usvauv.env import Scenario
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.positioning.usbl import UNUSABLE

@@ -33,7 +33,7 @@ from usvauv.cli.web_report.figure_style import (
 )
 from usvauv.env.render.layout import nice, nice_above
 from usvauv.env.scenario import Scenario
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 
 STEPS = (1, 2, 4, 5, 10)  # none is more than twice the one before, so that two lines wanted are one at least

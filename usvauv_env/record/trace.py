@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.site import georeference
+from usvauv.env.site import place
 from usvauv.env.site.cf import OceanError
-from usvauv.env.site.cf_ocean import parse_time
-from usvauv.env.site.interpolation import at_time
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.ocean import at_time, parse_time
+from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.storage import text_files
 from usvauv.env.storage.files import hdf5_file
@@ -196,7 +195,7 @@ class Trace:
             with remote.open_remote(path) as (variables, attributes):
                 stored = [name for name in VARIABLES if name in variables or name not in OPTIONAL]
                 arrays = {name: _read(variables, name) for name in stored}
-                start = georeference.start_of(variables["time"].attributes.get("units", ""))
+                start = place.start_of(variables["time"].attributes.get("units", ""))
             if start:
                 parse_time(start)
             for name, shape in OPTIONAL.items():
@@ -230,11 +229,11 @@ class Trace:
         about = VARIABLES[name]
         attributes = {"long_name": about.long_name} | ({"units": about.units} if about.units else {})
         if name in ("time", "stream_time"):
-            attributes |= georeference.clock(self.start, "") | {"long_name": about.long_name}
+            attributes |= place.clock(self.start, "") | {"long_name": about.long_name}
         if name == "surface":
             attributes["standard_name"] = "sea_surface_height_above_mean_sea_level"
             if placed:
-                attributes["grid_mapping"] = georeference.CRS
+                attributes["grid_mapping"] = place.CRS
         return attributes
 
     def _coordinates(self, frame: LocalFrame | None) -> dict[str, Stored]:
@@ -244,7 +243,7 @@ class Trace:
 
         def add(prefix: str, dimensions: tuple[str, ...], x: np.ndarray, y: np.ndarray) -> None:
             if frame:
-                degrees = zip((georeference.LONGITUDE, georeference.LATITUDE), frame.to_geographic(x, y), strict=True)
+                degrees = zip((place.LONGITUDE, place.LATITUDE), frame.to_geographic(x, y), strict=True)
                 for about, at in degrees:
                     coordinates[f"{prefix}{about['long_name']}"] = Stored(dimensions, at, about)
 
@@ -252,14 +251,14 @@ class Trace:
             rows, columns = self.surface.shape[1:]
             x, y = ((np.arange(n) + 0.5) * side / n for n, side in ((columns, area.width), (rows, area.length)))
             coordinates |= {
-                "x": Stored(("x",), x, georeference.X),
-                "y": Stored(("y",), y, georeference.Y),
+                "x": Stored(("x",), x, place.X_AXIS),
+                "y": Stored(("y",), y, place.Y_AXIS),
             }
             add("", ("y", "x"), *np.meshgrid(x, y))
         if self._has("stream"):  # a grid mapping has one pair of coordinates, which are those of the surface
             rows, columns = self.stream.shape[1:3]
             x, y = np.linspace(0, area.width, columns), np.linspace(0, area.length, rows)
-            for name, values, about in (("stream_x", x, georeference.X), ("stream_y", y, georeference.Y)):
+            for name, values, about in (("stream_x", x, place.X_AXIS), ("stream_y", y, place.Y_AXIS)):
                 coordinates[name] = Stored((name,), values, {key: about[key] for key in ("long_name", "units")})
             add("stream_", ("stream_y", "stream_x"), *np.meshgrid(x, y))
         for name in PLACED:
@@ -309,8 +308,8 @@ class Trace:
             else:
                 variable[...] = values
         if frame and self._has("surface"):
-            mapping = file.create_variable(georeference.CRS, (), np.int32, data=0)
-            for key, value in georeference.grid_mapping(frame).items():
+            mapping = file.create_variable(place.CRS, (), np.int32, data=0)
+            for key, value in place.grid_mapping(frame).items():
                 mapping.attrs[key] = value
 
     def stream_at(self, t: float) -> np.ndarray:

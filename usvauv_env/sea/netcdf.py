@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from usvauv.env.sea.simulation import SeaSimulation
-from usvauv.env.site import georeference
+from usvauv.env.site import place
 from usvauv.env.storage.files import hdf5_file
 from usvauv.kernels.interruption import deferred
 
@@ -104,18 +104,18 @@ class SeaFile:
         file, (ny, nx) = self._file, (len(sea.y), len(sea.x))
         file.dimensions = {"time": None, "y": ny, "x": nx, "side": 2}
         time = file.create_variable("time", ("time",), np.float64, chunks=(1024,))
-        _label(time, **georeference.clock(sea.site.start, "the start of the simulation"))
+        _label(time, **place.clock(sea.site.start, "the start of the simulation"))
         for name, centres, spacing in zip("xy", (sea.x, sea.y), sea.spacing, strict=True):
             axis = file.create_variable(name, (name,), np.float64, data=centres)
-            _label(axis, **(georeference.X if name == "x" else georeference.Y), bounds=f"{name}_bounds")
+            _label(axis, **(place.X_AXIS if name == "x" else place.Y_AXIS), bounds=f"{name}_bounds")
             sides = np.add.outer(centres, (-spacing / 2, spacing / 2))
             file.create_variable(f"{name}_bounds", (name, "side"), np.float64, data=sides)
         if self._frame:
             places = self._frame.to_geographic(*np.meshgrid(sea.x, sea.y))
-            for about, degrees in zip((georeference.LONGITUDE, georeference.LATITUDE), places, strict=True):
+            for about, degrees in zip((place.LONGITUDE, place.LATITUDE), places, strict=True):
                 _label(file.create_variable(about["long_name"], ("y", "x"), np.float64, data=degrees), **about)
-            mapping = file.create_variable(georeference.CRS, (), np.int32, data=0)
-            _label(mapping, **georeference.grid_mapping(self._frame))
+            mapping = file.create_variable(place.CRS, (), np.int32, data=0)
+            _label(mapping, **place.grid_mapping(self._frame))
         self._add_field("elevation", ELEVATION, "sea surface: long waves and storm", "m", (ny, nx))
         for name, axis, way in zip("uv", "xy", WAYS, strict=True):
             about = f"{way} velocity of the long waves, mean over depth"
@@ -147,7 +147,7 @@ class SeaFile:
             variable = self._file.create_variable(name, ("y", "x"), np.float32, data=constant, chunks=part, **packed)
         _label(variable, standard_name=standard_name, long_name=long_name, units=units)
         if self._frame:
-            _label(variable, grid_mapping=georeference.CRS, coordinates="longitude latitude")
+            _label(variable, grid_mapping=place.CRS, coordinates="longitude latitude")
 
 
 def _label(target: h5netcdf.File | h5netcdf.Variable, **attributes: str | float) -> None:

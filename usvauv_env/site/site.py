@@ -9,11 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.site.cf_ocean import Flow, iso, parse_time, read_bathymetry, read_flow
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.ocean import Flow, iso, parse_time, read_bathymetry, read_flow
+from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
-from usvauv.env.site.wave_files import read_waves
-from usvauv.env.site.waves import Waves
+from usvauv.env.site.waves import Waves, read_waves
 from usvauv.kernels.types import Level
 
 BED_CELLS = 256  # along the longer side of the area, of the bed that nodes lie on
@@ -138,10 +137,8 @@ class Site:
 
     @property
     def frame(self) -> LocalFrame | None:
-        """The area's plane on the Earth; None where the scenario names no place: no file, and the default corner."""
-        water = self.scenario.water
-        named = water.bathymetry or water.currents or water.waves or water.longitude or water.latitude
-        return self._frame if named else None
+        """The area's plane on the Earth; None where the scenario names no place."""
+        return LocalFrame.of(self.scenario)
 
     @property
     def _frame(self) -> LocalFrame:

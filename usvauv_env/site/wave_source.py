@@ -20,9 +20,8 @@ from usvauv.env.site.cf import (
     refuse_dimension,
     require_numbers,
 )
-from usvauv.env.site.cf_ocean import mission_times
-from usvauv.env.site.interpolation import bracket
-from usvauv.env.site.local_frame import EQUATOR
+from usvauv.env.site.ocean import bracket, mission_times
+from usvauv.env.site.place import EQUATOR
 
 if TYPE_CHECKING:
     import xarray

@@ -1,12 +1,50 @@
-"""Waves of a place as files have them: a two-dimensional spectrum, or wind sea and swells by their parameters."""
+"""Waves of a place and a time in NetCDF files of WAVEWATCH III and ERA5: a two-dimensional spectrum, or partitions.
+
+A spectrum of WAVEWATCH III is `efth` at stations, by the direction that waves travel to (`model/src/ww3_ounp.F90`).
+One of ERA5 is `d2fd`: the decadic logarithm of the density, missing where that is small, over numbers of frequencies
+and directions in place of their values. The first frequency is 0.03453 Hz and each next one 1.1 times as high. The
+directions, 7.5°, 22.5° and so on, are those that waves travel to.
+
+Partitions are wind sea and swells by heights, periods, directions and spreads. Directions are those that waves come
+from, spreads √(2(1 − r₁)) of the first moment r₁ of the directions. Periods of WAVEWATCH III's partitions are those of
+the peaks (`model/src/w3ounfmetamd.F90`), of ERA5's parts means T₋₁,₀ = m₋₁/m₀ (ECMWF, "IFS documentation, part VII:
+ECMWF wave model"). Sources: https://github.com/NOAA-EMC/WW3;
+https://confluence.ecmwf.int/display/CKB/About+ERA+wave+spectra.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+from usvauv.env.site.cf import METRES, METRES_PER_SECOND, OceanError, factor_of, find, open_file, require_numbers
+from usvauv.env.site.place import LocalFrame
+from usvauv.env.site.wave_source import Sample, Source
+
+if TYPE_CHECKING:
+    import xarray
+
+STANDARD_NAME = "sea_surface_wave_directional_variance_spectral_density"
+WELL_KNOWN = ("efth", "d2fd")
+HERTZ: dict[str, float] = dict.fromkeys(("s-1", "hz", "1/s", "s^-1", "s**-1"), 1.0)
+DENSITIES = {
+    **dict.fromkeys(("m2 s rad-1", "m2 s radian-1", "m**2 s radian**-1", "m2 hz-1 rad-1", "m2/hz/rad"), 1.0),
+    **dict.fromkeys(("m2 s degree-1", "m2 s deg-1", "m2 hz-1 deg-1", "m2 hz-1 degree-1", "m2/hz/deg"), 180 / math.pi),
+}
+ERA5_FREQUENCY, ERA5_RATIO, ERA5_FREQUENCIES, ERA5_DIRECTIONS = 0.03453, 1.1, 30, 24  # Hz of the first
+DENSEST = 1e5  # m²/(Hz rad); larger values are fill values or in other units
+STRONGEST = 60.0  # m/s, of the wind, as the field of a scenario has it
+UNEVEN = 0.02  # share of the step by which directions may miss even steps
+SECONDS: dict[str, float] = dict.fromkeys(("s", "sec", "second", "seconds"), 1.0)
+ANGLES: dict[str, float] = dict.fromkeys(
+    ("degree", "degrees", "deg", "degree true", "degrees true", "degree_true", "degrees_true"), math.pi / 180
+)
+WIDTHS = {**ANGLES, **dict.fromkeys(("radian", "radians", "rad", "dimensionless", "1", "~"), 1.0)}
+HIGHEST_WAVES, PERIODS, WIDEST = 30.0, (0.5, 30.0), math.sqrt(2)  # m, s, rad
 
 
 @dataclass(frozen=True)
@@ -99,3 +137,250 @@ class Waves:
 def _integral(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Of y over x by trapezoids, which for frequencies in a constant ratio are the widths of WAVEWATCH III's bins."""
     return (np.diff(x) * (y[1:] + y[:-1]) / 2).sum()
+
+
+def read_waves(path: str | Path, frame: LocalFrame, width: float, length: float, start: str = "") -> Waves:
+    """Waves in the middle of an area at the start of a mission.
+
+    Spectra are linear in time and between the points of a grid; of stations the nearest is taken. Partitions are those
+    of the nearest time and point that has them, since their numbers mean other systems elsewhere.
+
+    Args:
+        path: NetCDF file with a spectrum or partitions.
+        frame: where the area is.
+        width, length: its extent in x and y, m.
+        start: time at which the mission starts, ISO 8601, UTC unless it says otherwise; "": the file's first.
+
+    Raises:
+        OceanError: the file does not serve; the message says why.
+    """
+    longitude, latitude = (float(part) for part in frame.to_geographic(np.array(width / 2), np.array(length / 2)))
+    with open_file(path) as dataset:
+        name = find(dataset, path, (STANDARD_NAME,)) or next((n for n in WELL_KNOWN if n in dataset.data_vars), None)
+        if name is None:
+            if not present(dataset):
+                heights = dict.fromkeys(names.height for model in MODELS for names in model)
+                raise OceanError(
+                    f"{path}: no waves: neither a spectrum ({STANDARD_NAME}, {', '.join(WELL_KNOWN)}) nor a height of"
+                    f" waves ({', '.join(heights)})"
+                )
+            return read_partitions(dataset, path, (longitude, latitude), start)
+        source = Source.of(dataset, path, name, (longitude, latitude), start)
+        spectrum = _read_spectrum(dataset, source)
+        wind = find(dataset, path, ("wind_speed",))
+        return Waves(str(path), source.start, spectrum, (), _read_wind(dataset, source, wind) if wind else None)
+
+
+def _read_spectrum(dataset: xarray.Dataset, source: Source) -> WaveSpectrum:
+    logarithm = source.array.name == "d2fd"
+    for kind in ("frequency", "direction"):
+        if kind not in source.spectral:
+            raise OceanError(f"{source.where}: has no dimension of {kind}, known by its name or standard_name")
+    factor = 1.0 if logarithm else factor_of(source.array, source.where, DENSITIES)
+    frequency, direction = (
+        (_numbered(dataset, source, ERA5_FREQUENCIES, "frequency"), _numbered(dataset, source, 0, "direction"))
+        if logarithm
+        else (_frequencies(dataset, source), _directions(dataset, source))
+    )
+    density, weight = np.zeros((len(frequency), len(direction))), 0.0
+    for sample in source.samples:
+        values = source.values(sample)
+        missing = np.isnan(values)
+        if missing.all():  # land
+            continue
+        if logarithm:
+            values = _from_logarithm(source.where, values)
+        elif missing.any():
+            i, j = np.argwhere(missing)[0]
+            raise OceanError(
+                f"{source.where}: a value is missing at {frequency[i]:.3g} Hz, direction {j}; all must be given"
+            )
+        if not (values.min() >= 0 and values.max() * factor <= DENSEST):
+            wrong = values.min() if not values.min() >= 0 else values.max()
+            raise OceanError(f"{source.where}: {wrong:g}; allowed: 0 to {DENSEST / factor:g}: see its units and fill")
+        density += sample.weight * factor * values
+        weight += sample.weight
+    if weight == 0:
+        raise OceanError(f"{source.where}: has no values at the area: land, or the data have a gap")
+    order = np.argsort(direction)
+    spectrum = WaveSpectrum(frequency, direction[order], density[:, order] / weight)
+    if not 0 < spectrum.significant_height <= HIGHEST_WAVES:
+        raise OceanError(
+            f"{source.where}: significant height {spectrum.significant_height:g} m; allowed: above 0, up to"
+            f" {HIGHEST_WAVES:g} m: see its units and fill"
+        )
+    return spectrum
+
+
+def _from_logarithm(where: str, values: np.ndarray) -> np.ndarray:
+    """Densities from decadic logarithms, of which those of small ones are missing."""
+    known = values[~np.isnan(values)]
+    if known.max() > math.log10(DENSEST):
+        raise OceanError(f"{where}: {known.max():g}; allowed: decadic logarithms up to {math.log10(DENSEST):g}")
+    if known.min() >= 0:
+        raise OceanError(
+            f"{where}: at least {known.min():g} everywhere; allowed: decadic logarithms of the density, some below 0"
+        )
+    return np.where(np.isnan(values), 0.0, 10.0 ** np.nan_to_num(values))
+
+
+def _coordinate(dataset: xarray.Dataset, source: Source, kind: str) -> tuple[xarray.DataArray, np.ndarray, str]:
+    """Coordinate of a spectral dimension, its values, and file and name."""
+    from usvauv.env.netcdf import reader
+
+    name = source.spectral[kind]
+    where = f"{source.where.partition(': ')[0]}: {name}"
+    if name not in dataset.variables:
+        raise OceanError(f"{where}: has no values; a coordinate must give them")
+    require_numbers(dataset[name], where)
+    return dataset[name], np.atleast_1d(reader.load(dataset[name], where).astype(np.float64)), where
+
+
+def _some(values: np.ndarray) -> str:
+    """The first and the last of some values."""
+    return ", ".join(f"{value:.4g}" for value in values[:3]) + (f", ..., {values[-1]:.4g}" if len(values) > 3 else "")
+
+
+def _frequencies(dataset: xarray.Dataset, source: Source) -> np.ndarray:
+    variable, values, where = _coordinate(dataset, source, "frequency")
+    values = values * factor_of(variable, where, HERTZ)
+    if len(values) < 3 or not (np.diff(values) > 0).all() or not 0 < values[0] < values[-1] <= 10:
+        raise OceanError(f"{where}: {_some(values)}; allowed: three or more, rising, 0 to 10 Hz")
+    return values
+
+
+def _directions(dataset: xarray.Dataset, source: Source) -> np.ndarray:
+    variable, values, where = _coordinate(dataset, source, "direction")
+    angles = values * factor_of(variable, where, ANGLES)
+    steps = np.diff(np.sort(angles % (2 * math.pi)), append=np.min(angles % (2 * math.pi)) + 2 * math.pi)
+    even = 2 * math.pi / len(angles)
+    if len(angles) < 4 or not abs(steps - even).max() <= UNEVEN * even:
+        raise OceanError(f"{where}: {_some(values)}; allowed: four or more in even steps round the circle")
+    return travel(angles, _comes_from(variable, where))
+
+
+def _comes_from(variable: xarray.DataArray, where: str) -> bool:
+    """Whether a direction is that which waves come from, by the standard_name or the long_name of a variable."""
+    for attribute in ("standard_name", "long_name"):
+        words = str(variable.attrs.get(attribute, "")).replace("_", " ")
+        if "from direction" in words or "to direction" in words:
+            return "from direction" in words
+    raise OceanError(
+        f"{where}: its standard_name must say which way, as sea_surface_wave_to_direction or"
+        " sea_surface_wave_from_direction"
+    )
+
+
+def _numbered(dataset: xarray.Dataset, source: Source, most: int, kind: str) -> np.ndarray:
+    """ERA5's frequencies (Hz) or directions of travel (rad) by their numbers from 1."""
+    _, values, where = _coordinate(dataset, source, kind)
+    count = len(values)
+    right = 3 <= count <= most if kind == "frequency" else count == ERA5_DIRECTIONS
+    if not right or not np.array_equal(values, np.arange(count) + 1):
+        allowed = f"up to {most}" if kind == "frequency" else f"{ERA5_DIRECTIONS}"
+        raise OceanError(f"{where}: {_some(values)}; allowed: ERA5's numbers 1, 2, ..., {allowed}")
+    if kind == "frequency":
+        return ERA5_FREQUENCY * ERA5_RATIO ** (values - 1)
+    return travel((values - 0.5) * 2 * math.pi / ERA5_DIRECTIONS, comes_from=False)
+
+
+def _read_wind(dataset: xarray.Dataset, source: Source, name: str) -> float | None:
+    """Wind speed beside a spectrum, m/s; None where the variable lies on other dimensions or has no values."""
+    array, where = dataset[name], f"{source.where.partition(': ')[0]}: {name}"
+    if not set(array.dims) <= {dimension for sample in source.samples for dimension in sample.index}:
+        return None
+    factor = factor_of(array, where, METRES_PER_SECOND)
+    beside = Source(where, array, {}, source.samples, source.start)
+    speeds = np.array([float(beside.values(sample)) * factor for sample in source.samples])
+    weights = np.array([sample.weight for sample in source.samples])
+    known = np.isfinite(speeds)
+    if not known.any():
+        return None
+    speed = float(np.average(speeds[known], weights=weights[known]))
+    if not 0 <= speed <= STRONGEST:
+        raise OceanError(f"{where}: {speed:g} m/s; allowed: 0 to {STRONGEST:g} m/s: see its units and fill")
+    return speed
+
+
+class _Names(NamedTuple):
+    """Variables of one wave system; `spread` is "" where a model has none."""
+
+    height: str
+    period: str
+    direction: str
+    spread: str
+    mean_period: bool
+    wind_sea: bool
+
+
+ERA5_WIND_SEA = _Names("shww", "mpww", "mdww", "dwww", True, True)
+MODELS = (  # of which the one with most variables in a file is taken
+    tuple(_Names(f"phs{n}", f"ptp{n}", f"pdir{n}", f"pspr{n}", False, n == 0) for n in range(9)),
+    (ERA5_WIND_SEA, *(_Names(f"swh{n}", f"mwp{n}", f"mwd{n}", "", True, False) for n in (1, 2, 3))),
+    (ERA5_WIND_SEA, *(_Names(f"p{n}", f"p{n + 2}", f"p{n + 1}", "", True, False) for n in (140121, 140124, 140127))),
+    (ERA5_WIND_SEA, _Names("shts", "mpts", "mdts", "dwps", True, False)),
+    (_Names("swh", "pp1d", "mwd", "wdw", False, True),),
+    (_Names("hs", "tp", "dir", "spr", False, True),),
+)
+
+
+def present(dataset: xarray.Dataset) -> list[_Names]:
+    """The wave systems that a file has, by the model's names of which it has most."""
+    return max(([names for names in model if names.height in dataset.data_vars] for model in MODELS), key=len)
+
+
+def read_partitions(dataset: xarray.Dataset, path: str | Path, place: tuple[float, float], start: str) -> Waves:
+    """Waves of a file of partitions at (longitude, latitude) and a start.
+
+    Raises:
+        OceanError: the file does not serve; the message says why.
+    """
+    systems = present(dataset)
+    for names in systems:
+        for needed in (names.period, names.direction):
+            if needed not in dataset.data_vars:
+                raise OceanError(f"{path}: has {names.height} but no {needed}")
+    of = {
+        name: Source.of(dataset, path, name, place, start)
+        for names in systems
+        for name in names[:4]
+        if name in dataset.data_vars
+    }
+    first = of[systems[0].height]
+    for sample in first.samples:
+        partitions = [part for names in systems if (part := _partition(dataset, of, names, sample))]
+        if partitions:
+            return Waves(str(path), first.start, None, tuple(partitions), None)
+    raise OceanError(f"{first.where}: has no values at the area: land, calm, or the data have a gap")
+
+
+def _partition(dataset: xarray.Dataset, of: dict[str, Source], names: _Names, sample: Sample) -> Partition | None:
+    """A wave system at a time and point; None where it has none."""
+
+    def value(name: str, units: dict[str, float], low: float, high: float) -> float:
+        source = of[name]
+        number = float(source.values(sample)) * factor_of(source.array, source.where, units)
+        if not math.isnan(number) and not low <= number <= high:
+            raise OceanError(f"{source.where}: {number:g}; allowed: {low:g} to {high:g}: see its units and fill")
+        return number
+
+    height = value(names.height, METRES, 0.0, HIGHEST_WAVES)
+    if not height > 0:
+        return None
+    period = value(names.period, SECONDS, *PERIODS)
+    angle = value(names.direction, ANGLES, -2 * math.pi, 4 * math.pi)
+    spread = value(names.spread, WIDTHS, 0.0, WIDEST) if names.spread in of else math.nan
+    for name, number in ((names.period, period), (names.direction, angle)):
+        if math.isnan(number):
+            raise OceanError(f"{of[name].where}: is missing where {names.height} is {height:g} m")
+    words = str(dataset[names.direction].attrs.get("standard_name", "")).replace("_", " ")
+    direction = float(travel(np.array(angle), comes_from="to direction" not in words))
+    return Partition(
+        height, period, direction, None if math.isnan(spread) else spread, names.mean_period, names.wind_sea
+    )
+
+
+def travel(angle: np.ndarray, comes_from: bool) -> np.ndarray:
+    """Directions of travel from east towards north in −π to π from angles clockwise from north, rad."""
+    east = math.pi / 2 - np.asarray(angle) + (math.pi if comes_from else 0.0)
+    return np.angle(np.exp(1j * east))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.site.positions import SIDED, position
+from usvauv.env.site.place import SIDED, position
 from usvauv.kernels.mission import boat_strategies as kernel
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.registry import Registry

@@ -10,7 +10,7 @@ import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.sea.storm import total_height, wave_systems
-from usvauv.env.site.positions import far_position
+from usvauv.env.site.place import far_position
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
 from usvauv.env.world.boat_strategies import BoatStrategy

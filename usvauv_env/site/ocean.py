@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from usvauv.env.site.cf import (
     DEEPEST,
@@ -27,8 +28,7 @@ from usvauv.env.site.cf import (
     open_file,
     to_nanoseconds,
 )
-from usvauv.env.site.interpolation import BLOCK, at_time, bilinear, cell_means, depth_weights, spacing
-from usvauv.env.site.local_frame import LocalFrame
+from usvauv.env.site.place import EQUATOR, LocalFrame
 
 if TYPE_CHECKING:
     import xarray
@@ -60,6 +60,7 @@ WELL_KNOWN_CURRENTS = (  # east and north; only where no variable has one of the
 HIGHEST, FASTEST = 9000.0, 20.0  # m and m/s; larger values are fill values or in other units
 SURFACE_LAYER = 15.0  # m; a file whose first depth is at most this serves up to the surface
 MAX_NODES = 129
+BLOCK = 2**21  # values interpolated at a time
 SLACK = 1e-5  # degrees by which rounded coordinates may miss the area
 TOLERANCE = 1e-3  # s by which rounded times may miss the mission
 
@@ -341,3 +342,67 @@ def _at_levels(source: Field, axes: dict[str, Axis], levels: Sequence[float]) ->
             "all of it is land or below the bed, or the data have a gap"
         )
     return np.einsum("ld,tdyx->tlyx", weights, values)
+
+
+def depth_weights(depths: np.ndarray, levels: Sequence[float]) -> np.ndarray:
+    """Weight of each depth of a file in each level, (L, D): linear between depths, nearest depth beyond them."""
+    return np.stack([np.interp(levels, depths, unit) for unit in np.eye(len(depths))], axis=1)
+
+
+def cell_means(
+    values: np.ndarray,
+    axes: dict[str, Axis],
+    frame: LocalFrame,
+    width: float,
+    length: float,
+    cells: tuple[int, int],
+) -> np.ndarray:
+    """Means over cells, (ny, nx), of the bilinear field through `values` (latitude, longitude)."""
+    nx, ny = cells
+    across, along = (
+        # Points unevenly spaced do not need as many everywhere as where they are closest.
+        min(max(1, math.ceil(size / step)), 4 * math.ceil(len(axes[kind].values) / count))
+        for size, count, step, kind in zip(
+            (width / nx, length / ny), cells, spacing(axes), ("longitude", "latitude"), strict=True
+        )
+    )
+    x = (np.arange(nx * across) + 0.5) * (width / (nx * across))
+    means = np.empty((ny, nx))
+    step = max(1, BLOCK // (len(x) * along))
+    for first in range(0, ny, step):
+        rows = np.arange(first * along, min(first + step, ny) * along)
+        lon, lat = frame.to_geographic(*np.meshgrid(x, (rows + 0.5) * (length / (ny * along))))
+        fine = bilinear(values, axes, lon, lat)
+        means[first : first + step] = fine.reshape(-1, along, nx, across).mean(axis=(1, 3))
+    return means
+
+
+def spacing(axes: dict[str, Axis]) -> tuple[float, float]:
+    """Smallest distance between points of a window in x and y, m."""
+    degrees = {kind: np.radians(np.diff(axes[kind].values).min()) for kind in ("longitude", "latitude")}
+    parallel = math.cos(math.radians(abs(axes["latitude"].values).max()))
+    return EQUATOR * parallel * degrees["longitude"], EQUATOR * degrees["latitude"]
+
+
+def bilinear(values: np.ndarray, axes: dict[str, Axis], lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
+    """A field (…, latitude, longitude) at points inside its window."""
+    i, right = bracket(axes["longitude"].values, lon)
+    j, up = bracket(axes["latitude"].values, lat)
+    south = (1 - right) * values[..., j, i] + right * values[..., j, i + 1]
+    north = (1 - right) * values[..., j + 1, i] + right * values[..., j + 1, i + 1]
+    return (1 - up) * south + up * north
+
+
+def at_time(times: np.ndarray, values: np.ndarray, t: float) -> np.ndarray:
+    """Values (T, …) float32 at rising times (T,) s, linear between them; beyond them those of the nearest time."""
+    if len(times) == 1:
+        return values[0]
+    index, weight = bracket(times, t)
+    weight = np.float32(weight)
+    return (1 - weight) * values[index] + weight * values[index + 1]
+
+
+def bracket(values: np.ndarray, targets: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Index of the value at or below each target and the weight, 0 to 1, of the next."""
+    index = np.clip(np.searchsorted(values, targets, "right") - 1, 0, len(values) - 2)
+    return index, np.clip((targets - values[index]) / (values[index + 1] - values[index]), 0, 1)
