@@ -17,9 +17,8 @@ import sys
 import time
 
 from benchmarks.machine import describe, parse
-from usvauv.cli.live.server import listen, serve
+from usvauv.cli.live.server import INTERVAL, Show, listen, serve
 from usvauv.cli.live.session import Session
-from usvauv.cli.live.show import INTERVAL, Show
 from usvauv.env import Scenario
 
 SPEEDS = {"real time": 1.0, "as fast as possible": math.inf}

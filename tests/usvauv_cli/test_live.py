@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from usvauv.cli.live import shapes
-from usvauv.cli.live.requests import Requests
-from usvauv.cli.live.session import Session, changed
-from usvauv.cli.live.sliders import SLIDERS
+from usvauv.cli.live import scene as shapes
+from usvauv.cli.live.controls import Requests
+from usvauv.cli.live.session import SLIDERS, Session, changed
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.mission.columns import BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn
@@ -232,8 +231,7 @@ def test_sliders_and_choices_in_a_tab_change_the_world(running):
     playwright = pytest.importorskip("playwright.sync_api")
     if not CHROMIUM.exists():
         pytest.skip(f"there is no {CHROMIUM}")
-    from usvauv.cli.live.server import listen, serve
-    from usvauv.cli.live.show import Show
+    from usvauv.cli.live.server import Show, listen, serve
 
     asked = []
 

@@ -25,11 +25,9 @@ from usvauv.cli import app
 from usvauv.cli.commands import sea as sea_command
 from usvauv.cli.commands.sea import sink
 from usvauv.cli.sea_view import figure
-from usvauv.cli.sea_view.block import Block
-from usvauv.cli.sea_view.section import Section
-from usvauv.cli.sea_view.spectra import measured, spectrum, target_spectrum, wanted
-from usvauv.cli.sea_view.surface import LevelSurface
-from usvauv.cli.sea_view.video import SeaPainter, SeaVideo
+from usvauv.cli.sea_view.figure import measured, spectrum, target_spectrum, wanted
+from usvauv.cli.sea_view.surface import LevelSurface, Section
+from usvauv.cli.sea_view.video import Block, SeaPainter, SeaVideo
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.render import style
 from usvauv.env.render.figure_theme import log_ticks

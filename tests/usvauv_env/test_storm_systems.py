@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.ocean_files import sloping, write
-from usvauv.cli.sea_view.spectra import target_spectrum, wanted
+from usvauv.cli.sea_view.figure import target_spectrum, wanted
 from usvauv.env import Scenario, ScenarioError
 from usvauv.env.sea.storm import group_speed, shallowest_valid_depth, uneven_bed_warning
 from usvauv.env.site.site import Site

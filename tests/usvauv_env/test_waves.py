@@ -7,8 +7,8 @@ import pytest
 
 from tests.usvauv_env.ocean_files import cmems, write
 from tests.usvauv_env.wave_files import era5, fields, partitions, scenario_of, spectrum_of, waves_of, ww3
-from usvauv.cli.sea_view.section import heading
-from usvauv.cli.sea_view.spectra import target_spectrum, wanted
+from usvauv.cli.sea_view.figure import target_spectrum, wanted
+from usvauv.cli.sea_view.surface import heading
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.scenario.sea import Storm
 from usvauv.env.sea.build import build_short_waves

@@ -47,9 +47,8 @@ def live(
 
     `usvauv live wide --policy sac-wide --open`
     """
-    from usvauv.cli.live.server import listen, serve
+    from usvauv.cli.live.server import Show, listen, serve
     from usvauv.cli.live.session import Session
-    from usvauv.cli.live.show import Show
     from usvauv.env import Scenario
 
     setting = Scenario.load(scenario, overrides or ()).with_targets(targets)

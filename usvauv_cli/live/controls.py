@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from usvauv.cli.live.history import KEPT
-from usvauv.cli.live.requests import Requests
+from usvauv.cli.live.history import MOST_STATES
 from usvauv.cli.live.scene import OPACITY, Scene
-from usvauv.cli.live.session import Session
-from usvauv.cli.live.sliders import SLIDERS
+from usvauv.cli.live.session import SLIDERS, Session
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.render.style import auv_colour, clock
 from usvauv.kernels.errors import UserError
@@ -34,6 +33,33 @@ the estimate, white to where the AUV takes itself to be, thin to its node. **Nod
 
 Drag the boat or a node to move it. Shift and click: the nearest node moves there. Ctrl and click: the boat does.
 """
+
+
+class Request(NamedTuple):
+    """Something to do, and what to tell meanwhile where it takes long."""
+
+    action: Callable[[], None]
+    meanwhile: str = ""
+
+
+class Requests:
+    """Requests by what they are about, in the order of coming; a later one takes the place of one not done yet."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._waiting: dict[str, Request] = {}
+
+    def put(self, about: str, action: Callable[[], None], meanwhile: str = "") -> None:
+        """Ask; from any thread."""
+        with self._lock:
+            self._waiting.pop(about, None)
+            self._waiting[about] = Request(action, meanwhile)
+
+    def take(self) -> list[Request]:
+        """All that wait."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, {}
+        return list(waiting.values())
 
 
 class Controls:
@@ -88,7 +114,7 @@ class Controls:
             session.speed = SPEEDS[speed.value]
 
         speed.on_update(lambda _: self.requests.put("speed", set_speed))
-        span = KEPT * session.scenario.mission.step
+        span = MOST_STATES * session.scenario.mission.step
         self._back = gui.add_slider(
             "Past, s", -span, 0.0, session.scenario.mission.step, 0.0, hint="Shows what was; Run goes on from now"
         )

@@ -1,13 +1,15 @@
-"""The scene in the tab: sea, boats, AUVs, nodes, currents, and what is known of the AUVs. x east, y north, z up, m."""
+"""The scene in the tab: sea, boats, AUVs, nodes, currents, estimated positions; meshes and rotations.
+
+x east, y north, z up, m. Meshes are of about unit size, bow towards +x, up +z; rotations are quaternions (w, x, y, z).
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from usvauv.cli.live import shapes
 from usvauv.cli.live.history import History, Moment
 from usvauv.cli.live.session import Session
 from usvauv.env.render import style
@@ -22,6 +24,111 @@ ARROW = 0.075  # length of an arrow over the same side, where the current is the
 FASTEST = 1.2  # m/s
 SLOWEST = 0.08  # m/s, below which there is no arrow
 CIRCLE = np.linspace(0, 2 * math.pi, ELLIPSE + 1)
+
+
+class Mesh(NamedTuple):
+    """Triangles: vertices (V, 3) float32 and their indices (F, 3)."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+
+    def scaled(self, size: float) -> np.ndarray:
+        """Vertices of a mesh of another size."""
+        return (self.vertices * size).astype(np.float32)
+
+
+def lofted(sections: list[np.ndarray]) -> Mesh:
+    """A closed body through sections of equally many points (N, 3), each a ring."""
+    count = len(sections[0])
+    faces = []
+    for first in range(0, count * (len(sections) - 1), count):
+        for i in range(count):
+            a, b = first + i, first + (i + 1) % count
+            faces += [(a, b, b + count), (a, b + count, a + count)]
+    ends = [section.mean(axis=0) for section in (sections[0], sections[-1])]
+    start, end = count * len(sections), count * len(sections) + 1
+    for i in range(count):
+        j = (i + 1) % count
+        faces += [(start, j, i), (end, start - count + i, start - count + j)]
+    return Mesh(np.concatenate([*sections, ends]).astype(np.float32), np.array(faces, np.uint32))
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    """Several bodies as one."""
+    offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    faces = [mesh.faces + np.uint32(offset) for mesh, offset in zip(meshes, offsets, strict=True)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
+
+
+def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+    return lofted([np.column_stack([corners, np.full(4, z)]) for z in (z0, z1)])
+
+
+def _outline(beam: float, height: float, length: float = 1.0) -> np.ndarray:
+    """A deck with a pointed bow, anticlockwise from above."""
+    x = length * np.array([-0.5, 0.1, 0.35, 0.5, 0.35, 0.1, -0.5])
+    y = beam * np.array([-0.45, -0.5, -0.3, 0.0, 0.3, 0.5, 0.45])
+    return np.column_stack([x, y, np.full(7, height)])
+
+
+def hull_mesh() -> Mesh:
+    """A boat's hull, its water line at z = 0."""
+    return lofted([_outline(0.16, -0.14, 0.85), _outline(0.38, 0.0, 0.95), _outline(0.42, 0.14)])
+
+
+def cabin_mesh() -> Mesh:
+    """What stands on its deck: a cabin and a mast."""
+    return joined(_box((-0.32, -0.13, 0.14), (0.08, 0.13, 0.32)), _box((-0.2, -0.015, 0.32), (-0.17, 0.015, 0.6)))
+
+
+def torpedo_mesh() -> Mesh:
+    """An AUV: a round body with fins at its stern."""
+    profile = ((-0.5, 0.03), (-0.34, 0.1), (0.3, 0.12), (0.42, 0.1), (0.48, 0.06), (0.5, 0.02))
+    angles = np.linspace(0, 2 * math.pi, 14, endpoint=False)
+    rings = [np.column_stack([np.full(14, x), r * np.cos(angles), r * np.sin(angles)]) for x, r in profile]
+    across = _box((-0.5, -0.22, -0.012), (-0.36, 0.22, 0.012))
+    upright = _box((-0.5, -0.012, -0.22), (-0.36, 0.012, 0.22))
+    return joined(lofted(rings), across, upright)
+
+
+def sensor_mesh() -> Mesh:
+    """A node: a short drum on a foot, its foot at z = 0."""
+    angles = np.linspace(0, 2 * math.pi, 16, endpoint=False)
+    profile = ((0.5, 0.0), (0.5, 0.1), (0.33, 0.14), (0.33, 0.75), (0.2, 0.95))
+    return lofted([np.column_stack([r * np.cos(angles), r * np.sin(angles), np.full(16, z)]) for r, z in profile])
+
+
+def ball_mesh() -> Mesh:
+    """A sphere of diameter 1."""
+    angles = np.linspace(0, 2 * math.pi, 16, endpoint=False)
+    rings = []
+    for latitude in np.linspace(-0.48, 0.48, 9) * math.pi:
+        r, z = 0.5 * math.cos(latitude), 0.5 * math.sin(latitude)
+        rings.append(np.column_stack([r * np.cos(angles), r * np.sin(angles), np.full(16, z)]))
+    return lofted(rings)
+
+
+def field_faces(columns: int, rows: int) -> np.ndarray:
+    """Triangles (F, 3) of a field of points, row by row, facing up."""
+    index = np.arange(rows * columns, dtype=np.uint32).reshape(rows, columns)
+    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+
+
+def turned(heading: float) -> np.ndarray:
+    """Rotation about the vertical, anticlockwise from east, rad."""
+    return np.array([math.cos(heading / 2), 0.0, 0.0, math.sin(heading / 2)])
+
+
+def tilted(heading: float, slope: np.ndarray) -> np.ndarray:
+    """The same on a surface of a slope (2,): what stands upright is then normal to it."""
+    normal = np.array([-slope[0], -slope[1], 1.0]) / math.sqrt(1 + float(slope @ slope))
+    w, x, y = 1 + normal[2], -normal[1], normal[0]  # from (0, 0, 1) to the normal: their cross product is (x, y, 0)
+    w, x, y = np.array([w, x, y]) / math.sqrt(w * w + x * x + y * y)
+    c, s = math.cos(heading / 2), math.sin(heading / 2)
+    return np.array([w * c, x * c + y * s, y * c - x * s, w * s])
 
 
 def rgb(colour: style.Colour) -> tuple[int, int, int]:
@@ -61,7 +168,7 @@ class Scene:
         self.sea = scene.add_mesh_simple(
             "/sea",
             self._points.reshape(-1, 3),
-            shapes.field_faces(*x.shape[::-1]),
+            field_faces(*x.shape[::-1]),
             color=(38, 132, 178),
             opacity=OPACITY,
             side="double",
@@ -79,9 +186,7 @@ class Scene:
         x, y = np.meshgrid(np.linspace(0, area.width, columns), np.linspace(0, area.length, rows))
         bed = np.stack([x, y, -depth], axis=-1).reshape(-1, 3)
         colour = (46, 62, 76)
-        scene.add_mesh_simple(
-            "/bed", bed, shapes.field_faces(columns, rows), color=colour, side="double", cast_shadow=False
-        )
+        scene.add_mesh_simple("/bed", bed, field_faces(columns, rows), color=colour, side="double", cast_shadow=False)
         corners = np.array([(0, 0), (area.width, 0), (area.width, area.length), (0, area.length)])
         floor = np.column_stack([corners, -depth[[0, 0, -1, -1], [0, -1, -1, 0]]])
         top = np.column_stack([corners, np.zeros(4)])
@@ -91,12 +196,12 @@ class Scene:
         )
         nodes = session.history.latest.node
         self._bed_depth = depth
-        self._sensor = shapes.sensor()
+        self._sensor = sensor_mesh()
         self.nodes = scene.add_batched_meshes_simple(
             "/nodes",
             self._sensor.scaled(0.55 * self._unit),
             self._sensor.faces,
-            np.tile(shapes.turned(0.0), (len(nodes), 1)),
+            np.tile(turned(0.0), (len(nodes), 1)),
             self._node_places(nodes),
             batched_colors=self._node_colours(nodes),
             lod="off",
@@ -106,7 +211,7 @@ class Scene:
 
     def _add_vehicles(self) -> None:
         scene, unit = self._server.scene, self._unit
-        torpedo, hull, cabin, ball = shapes.torpedo(), shapes.hull(), shapes.cabin(), shapes.ball()
+        torpedo, hull, cabin, ball = torpedo_mesh(), hull_mesh(), cabin_mesh(), ball_mesh()
         plain: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
         self._auvs, self._labels, self._known = [], [], []
         for k, colour in enumerate(self._colours):
@@ -173,7 +278,7 @@ class Scene:
         velocity = moment.after.auv[:, AuvColumn.span("water_x", "water_y")]
         heading = _headings(velocity, self._headings[0])
         for k, (body, label, ball) in enumerate(zip(self._auvs, self._labels, self._known, strict=True)):
-            body.position, body.wxyz = place[k], shapes.turned(heading[k])
+            body.position, body.wxyz = place[k], turned(heading[k])
             label.position = place[k] + [0, 0, 0.7 * self._unit]
             ball.position = known[k]
         covariance = estimate[:, EstimateColumn.span("covariance_xx", "covariance_yy")]
@@ -199,7 +304,7 @@ class Scene:
             place = boat[b, BoatColumn.span("x", "y")]
             height, slope = grid.height(surface, place)
             body.position = np.array([*place, height])
-            body.wxyz = shapes.tilted(heading[b], slope)
+            body.wxyz = tilted(heading[b], slope)
             mark.position = np.array([*goal[b], grid.height(surface, goal[b])[0]])
             way = place + np.linspace(0, 1, 13)[:, None] * (goal[b] - place)
             lines.append(_path(np.array([[*at, grid.height(surface, at)[0] + 0.05 * self._unit] for at in way])))

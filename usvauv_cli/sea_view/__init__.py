@@ -1,1 +1,1 @@
-"""Views of the sea alone for `usvauv sea`: video (`video`, with `block` and `section`) and figure (`figure`)."""
+"""Views of the sea alone for `usvauv sea`: `video`, `figure`, and what both use (`surface`)."""

@@ -1,15 +1,28 @@
-"""The surface of a sea as relief, coloured about its mean level."""
+"""What figure and video of a sea share: its surface in colours, a section along the waves, its weather in words."""
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
+
+import cv2
 import numpy as np
 
+from usvauv.env.render import style
 from usvauv.env.render.layout import MapView
 from usvauv.env.render.sea import SeaSurface
+from usvauv.env.sea.simulation import SeaSimulation
+from usvauv.env.sea.storm import wave_systems
+from usvauv.env.site.site import Site
 
 SHADED = 480  # largest side of the surface as it is shaded, pixels
 LEAST_LIMIT = 0.3  # m; ripples on a calm sea do not fill the scale
 LEVEL_SHARE = 0.25  # of the usual deviation, below which a mean level is none of its own
+LONG_WAVES = style.colour("#ffb020")
+POINTS = 241  # of a section
+INWARDS = {"west": 0.0, "south": math.pi / 2, "east": math.pi, "north": -math.pi / 2}  # from an edge, rad
+
+SIDES = ("south", "south-east", "east", "north-east", "north", "north-west", "west", "south-west")
 
 
 class LevelSurface(SeaSurface):
@@ -38,3 +51,73 @@ class LevelSurface(SeaSurface):
 
     def relief(self, field: np.ndarray) -> np.ndarray:
         return super().relief(field - np.float32(self.level))
+
+
+def heading(site: Site) -> float:
+    """Direction of the waves, rad from east towards north: the wind sea's mean, else inwards from the forced edge."""
+    if systems := wave_systems(site):
+        return systems[0].direction
+    return INWARDS.get(site.scenario.sea.forced_edge, 0.0)
+
+
+class Section:
+    """The line along the waves from A to B, A in the west, or in the south of a line from south to north.
+
+    Attributes:
+        direction: unit vector of the waves' travel, (2,).
+        ends: A and B, (2, 2) m. length: from A to B, m. distance: of its points from A, (P,) m. points: (P, 2) m.
+        words: where it goes, such as "A (west) to B (east)".
+    """
+
+    def __init__(self, site: Site) -> None:
+        area, angle = site.scenario.area, heading(site)
+        self._size = np.array([area.width, area.length])
+        self.direction = direction = np.array([math.cos(angle), math.sin(angle)])
+        if round(direction[0], 6) < 0 or (round(direction[0], 6) == 0 and direction[1] < 0):
+            direction = -direction
+        with np.errstate(divide="ignore"):
+            reach = float(np.min(self._size / 2 / np.abs(direction)))
+        self.ends = np.stack([self._size / 2 - reach * direction, self._size / 2 + reach * direction])
+        self.length = 2 * reach
+        self.distance = np.linspace(0, self.length, POINTS)
+        self.points = self.ends[0] + self.distance[:, None] * direction
+        sector = round(math.atan2(direction[1], direction[0]) / (math.pi / 4))  # −2 to 2
+        self.words = f"A ({SIDES[(sector + 6) % 8]}) to B ({SIDES[sector + 2]})"
+
+    def along(self, field: np.ndarray) -> np.ndarray:
+        """Values (P,) of a field (Y, X) over the area, row 0 in the south, at the section's points."""
+        column, row = (self.points / self._size * (field.shape[1], field.shape[0]) - 0.5).astype(np.float32).T[:, None]
+        return cv2.remap(field, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)
+
+
+def thumbnail(field: np.ndarray) -> np.ndarray:
+    """A field reduced to at most `SHADED` cells a side."""
+    rows, columns = field.shape
+    shrink = SHADED / max(rows, columns)
+    if shrink >= 1.0:
+        return field
+    size = max(2, round(columns * shrink)), max(2, round(rows * shrink))
+    return cv2.resize(field, size, interpolation=cv2.INTER_AREA)
+
+
+def land(sea: SeaSimulation, width: int, height: int) -> np.ndarray:
+    """Mask (height, width) of the land in a picture of the area, the north on top."""
+    dry = (~sea.wet[::-1]).astype(np.float32)
+    return cv2.resize(dry, (width, height), interpolation=cv2.INTER_AREA) > 0.5
+
+
+def weather(sea: SeaSimulation) -> str:
+    """The forcing of the sea in a few words."""
+    storm, names = sea.scenario.storm, {"jonswap": "JONSWAP", "pm": "Pierson–Moskowitz", "tma": "TMA"}
+    words = []
+    if (waves := sea.site.waves) is not None:
+        words += [
+            f"{Path(waves.path).name} Hs {system.significant_height:.3g} m, Tp {system.peak_period:.3g} s"
+            for system in wave_systems(sea.site)
+        ]
+    elif storm.spectrum != "none":
+        words.append(f"{names[storm.spectrum]} Hs {storm.significant_height:g} m, Tp {storm.peak_period:g} s")
+        words += [f"swell Hs {height:g} m, Tp {period:g} s" for height, period, *_ in storm.swells]
+    if not getattr(sea.long_waves, "still", False):
+        words.append("long waves")
+    return " and ".join(words) or "still water"
