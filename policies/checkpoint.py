@@ -1,33 +1,42 @@
-"""Policies and training runs on disk: tensors in safetensors, everything else in JSON, so that loading runs no code.
+"""Policies and training runs on disk, in safetensors files with JSON as their metadata, so that loading runs no code.
 
-    NAME/policy.json            the policy's settings, how it was made, its score
-    NAME/policy.safetensors     actor weights, and statistics of the standardizer under the keys `whitening.*`
-    NAME/training.json          counters of a run, for resuming
-    NAME/training.safetensors   networks, optimisers, replay, generator, world
+    RUN/best.safetensors    the best policy of a run
+    RUN/last.safetensors    the last one, and the state of the run, from which it resumes
 
-A directory is written beside its place under a name of its own and put there, complete, in one step: a reader and a
-resumed run find the old one or the new one, whenever a process is killed.
+A file has parts. The JSON of the part "policy" says how the policy was made and its score; its tensors are the actor's
+weights and the statistics of the standardizer, `policy.actor.*` and `policy.whitening.*`. The part "training" has the
+counters of the run, and networks, optimisers, replay, random generators and world, `training.*`. The metadata `usvauv`
+holds the JSON of all parts by name:
+
+>>> from safetensors import safe_open
+>>> json.loads(safe_open("last.safetensors", "np").metadata()["usvauv"])["policy"]["score"]
+
+A file takes the place of the one before in one step, so that a reader and a resumed run find either one whole, whenever
+a process is killed. Version 0.2 wrote a folder in place of a file, with each part as PART.json and PART.safetensors; it
+is read too.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
-import tempfile
-from collections.abc import Callable, Mapping
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
+from usvauv.env import plugins
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.storage import text_files
-from usvauv.env.storage.files import sync, writing
-from usvauv.env.storage.swap import found, replace_folder
+from usvauv.env.storage.files import atomic_write, sync, writing
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import ACTION_SIZE, FRAMES
@@ -37,103 +46,111 @@ from usvauv.policies.policy import PolicyError
 FORMAT = 2  # 1 had a guided frame without repulsion
 POLICY, TRAINING = "policy", "training"
 LAST, BEST = "last", "best"
-ATTEMPTS = 20  # to read what is being replaced
+ENDING = ".safetensors"
+METADATA = "usvauv"  # name of the JSON; of several metadata a file's bytes would depend on chance
+CPU = torch.device("cpu")
 
 Part = tuple[dict[str, Any], dict[str, Tensor]]  # its JSON and its tensors
 
 
-def write(directory: Path, parts: Mapping[str, Part]) -> None:
-    """Write `part.json` and `part.safetensors` for each part; the directory changes as a whole or not at all.
+def path_of(run: Path, name: str) -> Path:
+    """Where the checkpoint `LAST` or `BEST` of a run is or will be: a file, or a folder of version 0.2."""
+    file, folder = run / f"{name}{ENDING}", run / name
+    return folder if os.path.isdir(folder) and not os.path.exists(file) else file
+
+
+def write(path: Path, parts: Mapping[str, Part]) -> None:
+    """Write the parts of a checkpoint; the file changes as a whole or not at all.
 
     Raises:
-        OutputError: the directory cannot be written.
+        OutputError: it cannot be written.
     """
-    directory = Path(directory)
-    with writing(directory):
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
-        try:
-            partial.chmod(0o755)
-            for part, (about, tensors) in parts.items():
-                path = partial / f"{part}.json"
-                path.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-                sync(path)
-                save_file({name: value.contiguous() for name, value in tensors.items()}, _tensors(partial, part))
-                sync(_tensors(partial, part))
-            sync(partial)
-            replace_folder(partial, directory)
-            sync(directory.parent)
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    about = json.dumps({part: content for part, (content, _) in parts.items()}, indent=2)
+    tensors = {f"{part}.{name}": value.contiguous() for part, (_, own) in parts.items() for name, value in own.items()}
+    with atomic_write(path) as partial:
+        mode = partial.stat().st_mode
+        save_file(tensors, partial, {METADATA: about})
+        partial.chmod(mode)  # safetensors lets its owner alone read it
+    with writing(path):
+        sync(path.parent)
 
 
 def clean(run: Path) -> None:
-    """Put back what a killed process was replacing in the directory of a run, and remove what it had not completed.
+    """Remove what a killed process had not completed in the folder of a run.
 
     To be called by the one process that writes there, see `usvauv.env.storage.files`.
 
     Raises:
-        OutputError: the directory cannot be written.
+        OutputError: the folder cannot be written.
     """
     with writing(run):
-        for place in (run / LAST, run / BEST):
-            if found(place) != place:
-                os.replace(found(place), place)
-            for left in run.glob(f".{place.name}-*"):
-                shutil.rmtree(left)
+        for left in run.glob(f"*{ENDING}.*.partial"):
+            left.unlink()
 
 
-def _tensors(directory: Path, part: str) -> Path:
-    return directory / f"{part}.safetensors"
-
-
-def read(directory: Path, part: str, device: torch.device) -> Part:
-    """JSON and tensors of a part, as given to `write`; both of the same `write`, also while another one is going on.
+def read(path: Path, part: str, device: torch.device = CPU) -> Part:
+    """JSON and tensors of a part of a checkpoint, as given to `write`.
 
     Raises:
         PolicyError: missing or damaged.
     """
-    for _ in range(ATTEMPTS):
-        place = found(directory)
-        before = _identity(place)
-        try:
-            content = _read(place, part, device)
-        except PolicyError:
-            if before is not None and before == _identity(place):
-                raise
-        else:
-            if before == _identity(place):
-                return content
-    return _read(directory, part, device)
-
-
-def _identity(directory: Path) -> tuple[int, int] | None:
-    """What tells a directory from another one in its place; None: there is none."""
     try:
-        about = directory.stat()
-    except OSError:
-        return None
-    return about.st_ino, about.st_mtime_ns
-
-
-def _read(directory: Path, part: str, device: torch.device) -> Part:
-    path = directory / f"{part}.json"
-    try:
-        about = text_files.read(path, "JSON")
-        if type(about.get("format")) is not int or about["format"] != FORMAT:
-            raise PolicyError(
-                f"{path}: not a checkpoint of format {FORMAT}; policies of earlier versions must be trained again"
-            )
-        path = _tensors(directory, part)
-        if not os.path.isfile(path):
-            raise FileNotFoundError
-        return about, load_file(path, device=str(device))
+        about, tensors = _read_folder(path, part, device) if os.path.isdir(path) else _read_file(path, part, device)
     except FileNotFoundError:
-        raise PolicyError(f"{directory}: checkpoint is missing {path.name}") from None
-    except PolicyError:
-        raise
+        raise PolicyError(f"{path}: checkpoint is missing") from None
+    except KeyError:
+        raise PolicyError(f"{path}: checkpoint has no part {part!r}") from None
     except Exception as error:  # of safetensors and torch, of any kind: types unknown to one of them, sizes, headers
         raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
+    if not isinstance(about, dict) or type(about.get("format")) is not int or about["format"] != FORMAT:
+        raise PolicyError(
+            f"{path}: not a checkpoint of format {FORMAT}; policies of earlier versions must be trained again"
+        )
+    return about, tensors
+
+
+def _read_file(path: Path, part: str, device: torch.device) -> Part:
+    if not os.path.isfile(path):  # a pipe would not end
+        raise FileNotFoundError
+    with safe_open(path, "pt", device=str(device)) as file:
+        about = text_files.parse((file.metadata() or {})[METADATA], "JSON")[part]
+        names = [name for name in file.keys() if name.startswith(f"{part}.")]  # noqa: SIM118 - it is no mapping
+        return about, {name.removeprefix(f"{part}."): file.get_tensor(name) for name in names}
+
+
+def _read_folder(path: Path, part: str, device: torch.device) -> Part:
+    """A part as version 0.2 wrote it."""
+    tensors = path / f"{part}{ENDING}"  # of a finished run of a sweep it was removed
+    about = text_files.read(path / f"{part}.json", "JSON")
+    return about, load_file(tensors, device=str(device)) if tensors.is_file() else {}
+
+
+def provenance(begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",)) -> dict[str, Any]:
+    """Command, commit, version of torch and plugins, as recorded in a checkpoint so that it can be reproduced.
+
+    A resumed run keeps those of its beginning, from the JSON `begun` of its checkpoint; "resumed" lists the world-steps
+    at which it was resumed, and with what. `start` is how the command begins.
+    """
+
+    def git(*arguments: str) -> str:
+        place = Path(__file__).parent
+        try:
+            done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=False, cwd=place)
+        except OSError:  # it is not installed
+            return ""
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    commit = git("rev-parse", "HEAD") or "unknown"
+    dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
+    now = {"command": shlex.join([*start, *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
+    if files := plugins.loaded():
+        now["plugins"] = [str(file) for file in files]
+    if not begun:
+        return now
+    first = {key: begun[key] for key in ("command", "commit", "torch", "plugins") if key in begun}
+    return first | {"resumed": [*begun.get("resumed", []), {"steps": begun.get("steps", 0), **now}]}
 
 
 def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, Any]) -> Part:
@@ -149,23 +166,24 @@ def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, 
         "training": asdict(config),
         "scenario": scenario.to_dict(),
     }
-    tensors = {f"actor.{name}": value for name, value in policy.actor.state_dict().items()}
+    # Copies, because a file does not hold memory twice, and a run has the actor among its networks too.
+    tensors = {f"actor.{name}": value.clone() for name, value in policy.actor.state_dict().items()}
     tensors["whitening.mean"] = policy.standardizer.mean
     tensors["whitening.deviation"] = policy.standardizer.deviation
     return content, tensors
 
 
 def load_policy(
-    directory: Path, name: str, scenario: Scenario | None = None, device: torch.device | None = None
+    path: Path, name: str, scenario: Scenario | None = None, device: torch.device | None = None
 ) -> LearnedPolicy:
-    """The policy of a checkpoint directory, for `scenario` (default: the one it was trained in).
+    """The policy of a checkpoint, for `scenario` (default: the one it was trained in).
 
     Raises:
         PolicyError: missing, damaged, or made for other sizes than the scenario's.
     """
-    device = device or torch.device("cpu")
-    content, tensors = read(directory, POLICY, device)
-    own, config = _scenario_and_config(content, directory / f"{POLICY}.json")
+    device = device or CPU
+    content, tensors = read(path, POLICY, device)
+    own, config = _scenario_and_config(content, path)
     sizes = Sizes(1 if config.shared else own.auv.count, FRAMES[config.frame](own).features, ACTION_SIZE)
     actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator(device))
     try:
@@ -175,10 +193,10 @@ def load_policy(
         actor.load_state_dict({key.removeprefix("actor."): value for key, value in tensors.items()})
     except (KeyError, RuntimeError) as error:
         first = str(error).strip().splitlines()[-1].strip()
-        raise PolicyError(f"{_tensors(directory, POLICY)}: checkpoint is damaged: {first}") from None
+        raise PolicyError(f"{path}: checkpoint is damaged: {first}") from None
     shape = (sizes.observation,)
     if standardizer.mean.shape != shape or standardizer.deviation.shape != shape:
-        raise PolicyError(f"{_tensors(directory, POLICY)}: checkpoint is damaged: whitening is not {shape[0]} numbers")
+        raise PolicyError(f"{path}: checkpoint is damaged: whitening is not {shape[0]} numbers")
     policy = LearnedPolicy(name, own, config.frame, standardizer, actor.requires_grad_(False), config.shared, content)
     return policy if scenario is None else policy.for_scenario(scenario)
 
@@ -226,7 +244,7 @@ def _is_texts(value: object) -> bool:
 
 
 def _is_resumption(value: object) -> bool:
-    """Whether this is an entry of "resumed", see `usvauv.policies.training.provenance`."""
+    """Whether this is an entry of "resumed", see `provenance`."""
     if not isinstance(value, dict) or not _is_count(value.get("steps")):
         return False
     texts = (text for name, text in value.items() if name not in ("steps", "plugins"))
@@ -234,7 +252,7 @@ def _is_resumption(value: object) -> bool:
 
 
 LATEST, LARGEST = 10**15, 1e12  # of steps and updates; of a figure
-# Fields of policy.json that tell how a policy was made: whether a value is right, and what it must be.
+# Fields of a policy's JSON that say how a policy was made: whether a value is right, and what it must be.
 ABOUT: dict[str, tuple[Callable[[object], bool], str]] = {
     **dict.fromkeys(("steps", "updates"), (_is_count, f"a whole number from 0 to {LATEST}")),
     "total": (lambda value: _is_count(value) and value != 0, f"a whole number from 1 to {LATEST}"),
@@ -250,33 +268,41 @@ ABOUT: dict[str, tuple[Callable[[object], bool], str]] = {
 }
 
 
-def read_run(directory: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]:
-    """Scenario, settings and JSON of the run in a directory, from which its world is built before resuming.
+def read_run(run: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]:
+    """Scenario, settings and JSON of a training run, from which its world is built before resuming.
 
     Raises:
         PolicyError: there is no such run, or it is damaged.
     """
-    last = Path(directory) / LAST
-    content, _ = read(last, POLICY, torch.device("cpu"))
-    return *_scenario_and_config(content, last / f"{POLICY}.json"), content
+    path = path_of(Path(run), LAST)
+    content, _ = read(path, POLICY)
+    return *_scenario_and_config(content, path), content
 
 
-def read_history(directory: Path) -> list[dict[str, float]]:
-    """The evaluations of the run in a directory, oldest first, see `Trainer.history`; none before its first save.
+def read_history(run: Path) -> list[dict[str, float]]:
+    """The evaluations of a training run, oldest first, see `Trainer.history`; none before its first save.
 
     Raises:
         PolicyError: what is there is damaged.
     """
-    path = found(Path(directory) / LAST) / f"{TRAINING}.json"
-    try:
-        history = text_files.read(path, "JSON")["history"]
-    except FileNotFoundError:
+    path = path_of(Path(run), LAST)
+    if not path.exists():
         return []
-    except (text_files.TextFileError, KeyError) as error:
-        raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
+    history = read(path, TRAINING)[0].get("history")
     if not isinstance(history, list) or not all(_is_row(row) for row in history):
         raise PolicyError(f"{path}: checkpoint is damaged: history is not a list of named numbers")
     return history
+
+
+def close_run(run: Path) -> None:
+    """Take from the last checkpoint what only resuming needs: its replay, networks and world.
+
+    Raises:
+        PolicyError: there is none, or it is damaged.
+        OutputError: it cannot be written.
+    """
+    path = path_of(run, LAST)
+    write(run / f"{LAST}{ENDING}", {POLICY: read(path, POLICY), TRAINING: (read(path, TRAINING)[0], {})})
 
 
 def _is_row(row: object) -> bool:

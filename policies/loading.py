@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import os
 import re
 import sys
@@ -18,10 +17,9 @@ from torch import Tensor
 
 from usvauv.env.record.evaluation import Act, act_of
 from usvauv.env.scenario import Scenario
-from usvauv.env.storage.swap import found
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import blaming, in_words, wrong_return
-from usvauv.policies.checkpoint import BEST, LAST, load_policy
+from usvauv.policies.checkpoint import BEST, ENDING, LAST, POLICY, load_policy, path_of, read
 from usvauv.policies.heuristics import HEURISTICS
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.policy import Policy, PolicyError
@@ -73,10 +71,13 @@ class Imported(Policy):
         return self._act(observation)
 
 
-def module_file(name: str) -> Path | None:
-    """The file of the module in MODULE:CLASS, which `imported` has found; None for another name or without a file."""
-    path = _file(name.partition(":")[0])
-    return Path(path) if IMPORTED.fullmatch(name) and os.path.isfile(path) else None
+def source(name: str) -> Path | None:
+    """The file from outside the package that decides what a policy does: of its module or its weights; None without."""
+    if IMPORTED.fullmatch(name):
+        path = _file(name.partition(":")[0])
+        return Path(path) if os.path.isfile(path) else None
+    path = _checkpoint(Path(name))
+    return path / f"{POLICY}{ENDING}" if path and os.path.isdir(path) else path
 
 
 def _file(module: str) -> str:
@@ -89,10 +90,7 @@ def _shipped() -> Path:
 
 def trained() -> list[str]:
     """Names of the trained policies inside the package, the highest score first."""
-    scores = {
-        path.parent.name: json.loads(path.read_text(encoding="utf-8"))["score"]
-        for path in _shipped().glob("*/policy.json")
-    }
+    scores = {path.stem: read(path, POLICY)[0]["score"] for path in _shipped().glob(f"*{ENDING}")}
     return sorted(scores, key=lambda name: (-scores[name], name))
 
 
@@ -187,18 +185,29 @@ def load_learned(
     Raises:
         PolicyError: as `load`, or a heuristic.
     """
-    text, directory = str(name), Path(name)
+    text = str(name)
     if _base(name) in HEURISTICS:
         raise PolicyError(f"policy {text}: has no network; only learned policies have")
     if text in trained():
-        return load_policy(_shipped() / text, text, scenario, device)
-    if not os.path.isdir(directory):
+        return load_policy(_shipped() / f"{text}{ENDING}", text, scenario, device)
+    path = _checkpoint(Path(name))
+    if path is None and os.path.exists(name):
+        raise PolicyError(f"{text}: not a checkpoint, and holds no {BEST}{ENDING} or {LAST}{ENDING} of a training run")
+    if path is None:
         known = ", ".join(available())
-        raise PolicyError(f"policy {text!r}: neither a checkpoint directory nor one of {known}, nor MODULE:CLASS")
-    for place in (directory, directory / BEST, directory / LAST):
-        if (found(place) / "policy.json").exists():
-            return load_policy(place, text, scenario, device)
-    raise PolicyError(f"{text}: not a checkpoint: policy.json is missing")
+        raise PolicyError(f"policy {text!r}: neither a checkpoint nor one of {known}, nor MODULE:CLASS")
+    return load_policy(path, text, scenario, device)
+
+
+def _checkpoint(path: Path) -> Path | None:
+    """The checkpoint at a path, whose ending may be left out, or the best, else the last one of a training run.
+
+    A folder is a checkpoint where version 0.2 wrote it.
+    """
+    if os.path.isfile(path) or os.path.isfile(path / f"{POLICY}.json"):
+        return path
+    places = Path(f"{path}{ENDING}"), path_of(path, BEST), path_of(path, LAST)
+    return next((place for place in places if os.path.exists(place)), None)
 
 
 def _is_imported(name: str | Path) -> bool:

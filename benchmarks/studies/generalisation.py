@@ -81,13 +81,13 @@ class Training:
 
 
 def train(steps: int, folder: Path, jobs: int) -> dict[str, Path]:
-    """Train what is not finished already, `jobs` at a time; returns the folder of each last policy."""
+    """Train what is not finished already, `jobs` at a time; returns the last checkpoint of each."""
     places = {name: folder / name.replace(" ", "-") for name in TRAINED}
     left = {name: steps - training.trained(place) for name, place in places.items()}
     todo = {places[name].name: Training(name, steps, places[name]) for name in TRAINED if left[name] > 0}
     with console.progress("training", sum(left[each.name] for each in todo.values())) as bar:
         finish(todo, folder, jobs, lambda units: bar(round(units)))
-    return {name: place / "last" for name, place in places.items()}
+    return {name: place / "last.safetensors" for name, place in places.items()}
 
 
 def test(name: str | Path, test_in: tuple[str, Sequence[str], str], episodes: int, seed: int) -> list[EpisodeMetrics]:

@@ -21,7 +21,7 @@ from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.interruption import Stop, stoppable
 from usvauv.policies import checkpoint
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Learner, Sizes
-from usvauv.policies.checkpoint import BEST, FORMAT, LAST, POLICY, TRAINING
+from usvauv.policies.checkpoint import BEST, ENDING, FORMAT, LAST, POLICY, TRAINING
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.cuda_graph import Recorded
 from usvauv.policies.frames import ACTION_SIZE, FRAMES
@@ -79,7 +79,7 @@ class Trainer:
     Args:
         world: the worlds to train in, on a seed of their own; with ranks this one's share of them.
         config: settings; `config.num_worlds` must be the world's, with ranks those of all together.
-        directory: where `last`, `best` and `tensorboard` are kept; None: nothing is written.
+        directory: where the checkpoints `last` and `best` and `tensorboard` are kept; None: nothing is written.
         evaluate: policy → figures with at least "arps", on other worlds than the training ones. Also called before the
             first step. The policy with the highest arps is kept as `best`.
         provenance: recorded in every checkpoint beside the figures, such as command and commit.
@@ -255,10 +255,10 @@ class Trainer:
             return nullcontext(lambda figures: None)
         return scalar_writer(self.directory / "tensorboard", self.steps)
 
-    def _last(self) -> Path:
+    def _folder(self) -> Path:
         if self.directory is None:
             raise PolicyError("training: without a directory nothing is saved and nothing can be resumed")
-        return self.directory / LAST
+        return self.directory
 
     def evaluation_due(self, total: int) -> bool:
         """Whether one is due after the step just done, in a run of `total` world-steps."""
@@ -354,7 +354,7 @@ class Trainer:
         if self.evaluation["arps"] > self.best:
             self.best = self.evaluation["arps"]
             if self.directory is not None:
-                checkpoint.write(self.directory / BEST, {POLICY: self._describe()})
+                checkpoint.write(self.directory / f"{BEST}{ENDING}", {POLICY: self._describe()})
 
     def _describe(self) -> checkpoint.Part:
         about = {
@@ -420,7 +420,7 @@ class Trainer:
             tensors["generator"] = torch.stack([own["generator"] for own in everyone])
         tensors |= {f"learner.{name}": value for name, value in self.learner.tensors().items()}
         parts = {POLICY: self._describe(), TRAINING: (counters, tensors)}
-        checkpoint.write(self._last(), parts)
+        checkpoint.write(self._folder() / f"{LAST}{ENDING}", parts)
 
     def _own_tensors(self) -> dict[str, Tensor]:
         """What a checkpoint has of this rank, beside the learner."""
@@ -450,7 +450,7 @@ class Trainer:
         Raises:
             PolicyError: nothing to resume there, damaged, or of another configuration.
         """
-        last = self._last()
+        last = checkpoint.path_of(self._folder(), LAST)
         counters, tensors = checkpoint.read(last, TRAINING, self.world.device)
         try:
             check_counters(counters, self.replay)

@@ -1,23 +1,25 @@
-"""Policies and runs on disk: round trip, refusal of what is damaged, resuming, interruption."""
+"""Policies and runs on disk: round trip, files of version 0.2, refusal of what is damaged or cannot be resumed."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 import shutil
-import signal
-from pathlib import Path
 
 import pytest
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 
 from tests.policies.toy import ToyWorld, scenario
+from tests.trials.checkpoints import STEPS
+from tests.trials.checkpoints import trainer as real_trainer
 from usvauv import policies
-from usvauv.env.storage import swap
 from usvauv.env.storage.files import OutputError
+from usvauv.kernels.errors import DivergenceError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig, checkpoint
+from usvauv.policies.checkpoint import POLICY, TRAINING
 
 CONFIG = TrainingConfig(num_worlds=8, hidden=(16, 16), batch=32, warmup=200, n_step=3, replay=4000)
 
@@ -31,16 +33,37 @@ def trainer(directory, world_seed=1, evaluate=None, **changes):
 def saved(tmp_path):
     run = trainer(tmp_path / "run")
     run.train(800)
-    return run, tmp_path / "run" / "last"
+    return run, tmp_path / "run" / "last.safetensors"
+
+
+def edit(path, part, about=None, tensors=None):
+    """Write a checkpoint anew with fields and tensors of a part changed; a value of None removes one."""
+    parts = {name: checkpoint.read(path, name) for name in (POLICY, TRAINING)}
+    for content, changes in zip(parts[part], (about, tensors), strict=True):
+        content.update(changes or {})
+        for name in [name for name, value in (changes or {}).items() if value is None]:
+            del content[name]
+    checkpoint.write(path, parts)
+
+
+def as_version_0_2(path):
+    """The checkpoint in a file as the folder that version 0.2 would have written, in its place."""
+    folder = path.with_suffix("")
+    folder.mkdir()
+    for part in (POLICY, TRAINING):
+        about, tensors = checkpoint.read(path, part)
+        (folder / f"{part}.json").write_text(json.dumps(about))
+        save_file(tensors, folder / f"{part}.safetensors")
+    path.unlink()
+    return folder
 
 
 class TestRoundTrip:
-    @pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
-    @pytest.mark.parametrize("shared", [False, True])
+    @pytest.mark.parametrize(("algorithm", "shared"), [("sac", False), ("td3", True), ("ddpg", False)])
     def test_actions_are_bit_equal(self, tmp_path, algorithm, shared):
         run = trainer(tmp_path, algorithm=algorithm, shared=shared)
         run.train(400)
-        loaded = policies.load(tmp_path / "last", run.world)
+        loaded = policies.load(tmp_path / "last.safetensors", run.world)
         observation = run.world.reset()
         assert torch.equal(loaded.act(observation), run.policy().act(observation))
         assert loaded.act(observation).requires_grad is False
@@ -50,288 +73,195 @@ class TestRoundTrip:
         observation = run.world.reset()
         action = policies.load(last.parent, run.world).act(observation)
         assert torch.equal(action, policies.load(last, run.world).act(observation))
-        os.rename(last, last.parent / "best")
+        os.rename(last, last.with_name("best.safetensors"))
         assert torch.equal(action, policies.load_learned(last.parent).act(observation))
 
-    def test_it_says_where_it_comes_from(self, saved):
-        _, last = saved
-        about = json.loads((last / "policy.json").read_text())
-        assert about["algorithm"] == "sac"
-        assert about["command"] == "test"
-        assert about["commit"] == "0"
-        assert about["num_auvs"] == 2
-        assert about["observation_size"] == 11
-        assert about["training"]["seed"] == 0
-        assert about["scenario"]["name"] == "toy"
-        assert about["steps"] == 800
+    def test_a_run_can_be_described_without_its_world(self, saved):
+        toy, config, about = checkpoint.read_run(saved[1].parent)
+        assert (toy, config) == (scenario(), CONFIG)
+        expected = {"algorithm": "sac", "command": "test", "commit": "0", "num_auvs": 2, "steps": 800}
+        assert expected.items() <= about.items()
 
     def test_a_file_can_be_read_by_anyone_allowed_to(self, saved):
-        assert saved[1].stat().st_mode & 0o777 == 0o755
+        assert saved[1].stat().st_mode & 0o777 == 0o644
 
-    def test_run_can_be_described_without_its_world(self, saved):
+    def test_equal_content_is_an_equal_file(self, saved):
         _, last = saved
-        toy, config, about = checkpoint.read_run(last.parent)
-        assert toy == scenario()
-        assert config == CONFIG
-        assert about["steps"] == 800
+        parts = {part: checkpoint.read(last, part) for part in (POLICY, TRAINING)}
+        for number in range(4):
+            checkpoint.write(last.with_name(f"{number}.safetensors"), parts)
+        assert len({last.with_name(f"{number}.safetensors").read_bytes() for number in range(4)}) == 1
+
+    def test_a_run_of_version_0_2_acts_and_goes_on(self, saved):
+        run, last = saved
+        observation = run.world.reset().clone()
+        folder = as_version_0_2(last)
+        for path in (folder, folder.parent):
+            assert torch.equal(policies.load_learned(path).act(observation), run.policy().act(observation))
+        again = trainer(last.parent)
+        again.resume()
+        assert (again.steps, again.learner.updates) == (800, run.learner.updates)
+        again.train(808)
+        assert checkpoint.read_run(last.parent)[2]["steps"] == 808
+        checkpoint.close_run(last.parent)
+        assert policies.read_history(last.parent) == []
+        with pytest.raises(PolicyError, match="cannot be resumed"):
+            trainer(last.parent).resume()
 
 
 class TestRefusal:
     def refused(self, path, part, toy=None):
         with pytest.raises(PolicyError) as caught:
             policies.check(path, toy or scenario())
-        message = str(caught.value)
-        assert part in message
-        assert str(path) in message
-        assert "\n" not in message
+        assert part in str(caught.value)
+        assert str(path) in str(caught.value)
+        assert "\n" not in str(caught.value)
 
-    def test_missing(self, saved, tmp_path):
-        _, last = saved
+    def test_missing(self, tmp_path):
         (tmp_path / "empty").mkdir()
-        self.refused(tmp_path / "empty", "not a checkpoint: policy.json is missing")
-        self.refused(tmp_path / "nowhere", "neither a checkpoint directory nor one of")
-        (last / "policy.safetensors").unlink()
-        self.refused(last, "checkpoint is missing policy.safetensors")
+        self.refused(tmp_path / "empty", "holds no best.safetensors")
+        self.refused(tmp_path / "nowhere", "neither a checkpoint nor one of")
+        (tmp_path / "empty" / "policy.json").write_text('{"format": 2}')
+        self.refused(tmp_path / "empty", "damaged")
+        with pytest.raises(PolicyError, match=r"last\.safetensors: checkpoint is missing"):
+            trainer(tmp_path).resume()
 
-    def test_damaged_tensors(self, saved):
+    def test_damaged_bytes(self, saved):
         _, last = saved
-        path = last / "policy.safetensors"
-        whole = path.read_bytes()
-        for damaged in (whole[:-7], whole[:3], b"", b"\xff" * 64):
-            path.write_bytes(damaged)
+        whole = last.read_bytes()
+        for damaged in (whole[:-7], whole[:3], b"", b"\xff" * 64, whole.replace(b'"format', b'format"', 1)):
+            last.write_bytes(damaged)
             self.refused(last, "damaged")
+        save_file({"x": torch.zeros(1)}, last)
+        self.refused(last, "has no part 'policy'")
 
     def test_values_that_are_not_numbers(self, saved):
-        _, last = saved
-        path = last / "policy.safetensors"
-        tensors = load_file(path)
+        tensors = checkpoint.read(saved[1], POLICY)[1]
         first = next(name for name in tensors if name.startswith("actor."))
-        tensors[first].view(-1)[0] = torch.nan
-        save_file(tensors, path)
-        self.refused(last, "not finite")
-
-    def test_damaged_json(self, saved):
-        _, last = saved
-        path = last / "policy.json"
-        for damaged in ("{", "[]", '{"format": 99}', "\x00", "{}"):
-            path.write_text(damaged)
-            self.refused(last, "policy.json")
-
-    @pytest.mark.parametrize("field", ["scenario", "training"])
-    def test_json_without_a_field(self, saved, field):
-        _, last = saved
-        path = last / "policy.json"
-        about = json.loads(path.read_text())
-        del about[field]
-        path.write_text(json.dumps(about))
-        self.refused(last, "damaged")
+        edit(saved[1], POLICY, tensors={first: torch.full_like(tensors[first], torch.nan)})
+        self.refused(saved[1], "not finite")
 
     @pytest.mark.parametrize(
-        ("field", "value"),
-        [("hidden", [16, 8]), ("hidden", "wide"), ("algorithm", "ppo"), ("speed", 3), ("gamma", "x")],
+        ("field", "value", "part"),
+        [
+            *((field, None, "damaged") for field in ("scenario", "training")),
+            *(("format", value, "not a checkpoint of format 2") for value in (None, 99)),
+            ("num_auvs", 3, "num_auvs = 3: must be 2"),
+            ("steps", -1, "steps = -1: must be a whole number"),
+            ("score", math.inf, "score = inf: must be a finite number"),
+        ],
     )
+    def test_fields(self, saved, field, value, part):
+        edit(saved[1], POLICY, {field: value})
+        self.refused(saved[1], part)
+
+    @pytest.mark.parametrize(("field", "value"), [("hidden", [16, 8]), ("algorithm", "ppo"), ("speed", 3)])
     def test_settings_that_do_not_fit_the_tensors(self, saved, field, value):
-        _, last = saved
-        path = last / "policy.json"
-        about = json.loads(path.read_text())
-        about["training"][field] = value
-        path.write_text(json.dumps(about))
-        self.refused(last, "damaged")
+        training = checkpoint.read(saved[1], POLICY)[0]["training"]
+        edit(saved[1], POLICY, {"training": {**training, field: value}})
+        self.refused(saved[1], "damaged")
 
     def test_another_size(self, saved):
-        _, last = saved
-        self.refused(last, "number of AUVs 2, but scenario 'toy' has 3", scenario(auv={"count": 3}))
-        self.refused(last, "observed current vector", scenario(observation={"current": "none"}))
+        self.refused(saved[1], "number of AUVs 2, but scenario 'toy' has 3", scenario(auv={"count": 3}))
+        self.refused(saved[1], "observed current vector", scenario(observation={"current": "none"}))
 
+    def test_another_configuration(self, saved):
+        with pytest.raises(PolicyError, match="cannot be resumed"):
+            trainer(saved[1].parent, hidden=(8, 8)).resume()
+
+
+class TestWriting:
     def test_unwritable(self, tmp_path):
         (tmp_path / "file").write_text("")
         with pytest.raises(OutputError, match="cannot be written"):
-            checkpoint.write(tmp_path / "file" / "run", {})
+            checkpoint.write(tmp_path / "file" / "last.safetensors", {})
 
-
-class TestAtomicity:
     def test_a_failed_write_leaves_the_old_checkpoint(self, saved, monkeypatch):
         run, last = saved
-        before = {path.name: path.read_bytes() for path in last.iterdir()}
-        run.train(1200)
-        changed = {path.name: path.read_bytes() for path in last.iterdir()}
-        assert changed != before
+        good = last.read_bytes()
 
         def full(*arguments):
             raise OSError("no space left on device")
 
-        run.train(1208)
-        good = {path.name: path.read_bytes() for path in last.iterdir()}
-        monkeypatch.setattr(checkpoint, "save_file", full)
-        with pytest.raises(OutputError, match="no space left"):
-            run.save()
-        monkeypatch.undo()
-        monkeypatch.setattr(swap, "_exchange", full)
-        with pytest.raises(OutputError, match="no space left"):
-            run.save()
-        assert {path.name: path.read_bytes() for path in last.iterdir()} == good
-        assert sorted(path.name for path in last.parent.iterdir()) == ["last", "tensorboard"]
+        run.train(808)
+        assert last.read_bytes() != good
+        good = last.read_bytes()
+        for module, name in ((checkpoint, "save_file"), (os, "replace")):
+            with monkeypatch.context() as patch:
+                patch.setattr(module, name, full)
+                with pytest.raises(OutputError, match="no space left"):
+                    run.save()
+        assert last.read_bytes() == good
+        assert sorted(path.name for path in last.parent.iterdir()) == ["last.safetensors", "tensorboard"]
 
-    def test_what_a_kill_left_in_the_middle_is_read_and_put_back(self, saved, monkeypatch):
-        """Where folders cannot be exchanged, as in earlier versions, the old one is renamed first."""
-        run, last = saved
-        good = {path.name: path.read_bytes() for path in last.iterdir()}
-
-        def no_exchange(*names):
-            raise NotImplementedError
-
-        class Killed(BaseException):
-            pass
-
-        replace, rmtree = os.replace, shutil.rmtree
-
-        def killed(old, new):
-            if Path(new) == last:
-                raise Killed
-            replace(old, new)
-
-        monkeypatch.setattr(swap, "_exchange", no_exchange)
-        run.save()
-        monkeypatch.setattr(os, "replace", killed)
-        monkeypatch.setattr(shutil, "rmtree", lambda *place, **how: None)
-        with pytest.raises(Killed):
-            run.save()
-        monkeypatch.setattr(os, "replace", replace)
-        monkeypatch.setattr(shutil, "rmtree", rmtree)
-        assert not last.exists()
-        policies.load_learned(last.parent)
-        assert checkpoint.read_run(last.parent)[2]["steps"] == 800
+    def test_what_a_killed_process_left_is_removed(self, saved):
+        _, last = saved
+        last.with_name("best.safetensors.host-1.partial").write_text("")
         checkpoint.clean(last.parent)
-        assert {path.name: path.read_bytes() for path in last.iterdir()} == good
-        assert sorted(path.name for path in last.parent.iterdir()) == ["last", "tensorboard"]
+        assert sorted(path.name for path in last.parent.iterdir()) == ["last.safetensors", "tensorboard"]
 
 
-def stop_at(run, steps):
-    """Let a run be stopped, as by Ctrl-C, when it has done some steps."""
-    advance = run._advance
-
-    def advance_and_stop(*arguments):
-        advance(*arguments)
-        run.stopped = run.stopped or run.steps >= steps
-
-    run._advance = advance_and_stop
+@pytest.fixture(scope="module")
+def real(tmp_path_factory):
+    """A run in the world that was saved, and a copy of its checkpoint."""
+    folder = tmp_path_factory.mktemp("run")
+    run = real_trainer(folder)
+    run.train(STEPS)
+    return run, shutil.copy(folder / "last.safetensors", folder / "copy")
 
 
-class TestResume:
-    @pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
-    def test_it_equals_a_run_that_was_never_stopped(self, tmp_path, algorithm):
-        whole = trainer(tmp_path / "whole", algorithm=algorithm)
-        whole.train(2000)
-        # Stopped within an episode: 50 steps of 8 worlds are 400 world-steps.
-        first = trainer(tmp_path / "parts", algorithm=algorithm)
-        stop_at(first, 1048)
-        first.train(2000)
-        second = trainer(tmp_path / "parts", world_seed=77, algorithm=algorithm)
-        second.resume()
-        assert second.steps == 1048
-        second.train(2000)
-        one, other = whole.learner.tensors(), second.learner.tensors()
-        assert one.keys() == other.keys()
-        assert all(torch.equal(one[name], other[name]) for name in one)
-        assert torch.equal(whole.replay.observation, second.replay.observation)
-        assert torch.equal(whole.observation, second.observation)
+@pytest.fixture
+def damaged(real):
+    """Resuming from the checkpoint after a change is refused in one line."""
 
-    def test_before_learning_began(self, tmp_path):
-        whole = trainer(tmp_path / "whole")
-        whole.train(800)
-        trainer(tmp_path / "parts").train(80)
-        second = trainer(tmp_path / "parts")
-        second.resume()
-        second.train(800)
-        assert torch.equal(whole.learner.actor.weights[0], second.learner.actor.weights[0])
+    def refused(**changes):
+        run, copy = real
+        last = shutil.copy(copy, run.directory / "last.safetensors")
+        edit(last, TRAINING, **changes)
+        with pytest.raises(PolicyError, match=r"cannot be resumed: [^\n]+$"):
+            run.resume()
 
-    def test_nothing_there(self, tmp_path):
-        with pytest.raises(PolicyError, match=r"checkpoint is missing training\.json"):
-            trainer(tmp_path).resume()
-
-    def test_another_configuration(self, saved):
-        _, last = saved
-        with pytest.raises(PolicyError, match="cannot be resumed"):
-            trainer(last.parent, hidden=(8, 8)).resume()
+    return refused
 
 
-class TestRun:
-    def test_ctrl_c_ends_after_the_step_and_keeps_it(self, tmp_path):
-        run = trainer(tmp_path)
-        before = signal.getsignal(signal.SIGINT)
-        run.train(100_000, lambda figures: signal.raise_signal(signal.SIGINT))
-        assert run.stopped
-        assert signal.getsignal(signal.SIGINT) is before
-        again = trainer(tmp_path)
-        again.resume()
-        assert again.steps == run.steps < 100_000
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("world.auv", 1e9),
+        ("world.sea", math.nan),
+        ("world.clock", -5),
+        ("replay.observation", math.inf),
+        ("replay.reward", 1e30),
+        ("learner.actor.weights.0", math.nan),
+        ("noise", math.nan),
+        ("observation", -math.inf),
+    ],
+)
+def test_a_wild_number_is_refused(real, damaged, name, value):
+    wild = checkpoint.read(real[1], TRAINING)[1][name].clone()
+    wild.view(-1)[6 % wild.numel()] = value
+    damaged(tensors={name: wild})
 
-    def test_the_best_policy_is_kept(self, tmp_path):
-        scores = iter([0.5, 1.0, 3.0, 2.0, *[0.0] * 7])
-        seen = []
 
-        def evaluate(policy):
-            seen.append(policy.act(probe))
-            return {"arps": next(scores), "services": 5}
+@pytest.mark.parametrize("name", ["world.auv", "replay.end", "learner.optimiser.actor.0.exp_avg_sq", "generator"])
+def test_another_form_is_refused(real, damaged, name):
+    own = checkpoint.read(real[1], TRAINING)[1][name]
+    for wrong in (own.flatten()[1:], own.to(torch.float16), None):
+        damaged(tensors={name: wrong})
 
-        run = trainer(tmp_path, evaluate=evaluate)
-        probe = ToyWorld(scenario(), 4, seed=9).reset()
-        figures = run.train(4000)
-        assert len(seen) == 11
-        best = policies.load(tmp_path, run.world)
-        assert torch.equal(best.act(probe), seen[2])
-        assert json.loads((tmp_path / "best" / "policy.json").read_text())["score"] == 3.0
-        assert figures["evaluation"] == {"arps": 0.0, "services": 5.0}
 
-    def test_the_untrained_policy_is_evaluated_and_kept_before_the_first_step(self, tmp_path):
-        probe = ToyWorld(scenario(), 4, seed=9).reset()
-        seen = []
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("head", 40), ("head", -1), ("size", 1e3), ("steps", True), ("gain", math.nan), ("best", "x"), ("history", {})],
+)
+def test_a_wild_counter_is_refused(damaged, field, value):
+    damaged(about={field: value})
 
-        def evaluate(policy):
-            seen.append(policy.act(probe))
-            return {"arps": 1.0 / len(seen)}
 
-        run = trainer(tmp_path, evaluate=evaluate)
-        untrained = run.policy().act(probe)
-        first = []
-        run.train(100_000, lambda figures: (first.append(figures), run.stop()))
-        assert (first[0]["evaluation"], first[0]["evaluated_at"]) == ({"arps": 1.0}, 0)
-        assert run.history == [{"steps": 0, "updates": 0, "arps": 1.0}]
-        assert torch.equal(policies.load(tmp_path / "best", run.world).act(probe), untrained)
-        again = trainer(tmp_path, evaluate=evaluate)
-        again.resume()
-        again.train(run.steps + 8)
-        assert [row["steps"] for row in again.history] == [0, run.steps + 8]
-        assert again.best == 1.0
-
-    def test_a_run_that_was_never_evaluated_is_when_it_goes_on(self, tmp_path):
-        trainer(tmp_path).train(80)
-        run = trainer(tmp_path, evaluate=lambda policy: {"arps": 2.0})
-        run.resume()
-        run.train(88)
-        assert run.history[0] == {"steps": 80, "updates": 0, "arps": 2.0}
-
-    def test_evaluations_change_nothing_of_the_training(self, tmp_path):
-        worlds = ToyWorld(scenario(), 4, seed=9)
-
-        def evaluate(policy):
-            action = policy.act(worlds.reset())
-            return {"arps": float(worlds.step(action)[1].sum())}
-
-        without, evaluated = trainer(tmp_path / "without"), trainer(tmp_path / "evaluated", evaluate=evaluate)
-        for run in (without, evaluated):
-            run.train(800)
-        assert evaluated.learner.updates > 0
-        one, other = without.learner.tensors(), evaluated.learner.tensors()
-        assert all(torch.equal(one[name], other[name]) for name in one)
-        assert torch.equal(without.observation, evaluated.observation)
-
-    def test_events_are_written_for_tensorboard(self, saved):
-        from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-        _, last = saved
-        events = EventAccumulator(str(last.parent / "tensorboard"))
-        events.Reload()
-        tags = events.Tags()["scalars"]
-        assert {"run/arps", "run/services", "reward/progress", "learner/critic_loss"} <= set(tags)
-        assert events.Scalars("run/arps")[-1].step == 800
+def test_a_weight_that_is_not_finite_stops_the_run_and_leaves_the_checkpoint(saved):
+    run, last = saved
+    before = last.read_bytes()
+    next(run.learner.actor.parameters()).data.fill_(math.nan)
+    with pytest.raises(DivergenceError, match=r"^training: \S+ is not finite after \d+ updates[^\n]*$"):
+        run.train(1600)
+    assert last.read_bytes() == before

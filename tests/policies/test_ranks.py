@@ -108,7 +108,7 @@ class TestRun:
 
     def test_figures_are_of_all_worlds(self, run):
         folder, (one, other), _ = run
-        about, tensors = read(folder / "whole" / "last", TRAINING, torch.device("cpu"))
+        about, tensors = read(folder / "whole" / "last.safetensors", TRAINING)
         assert one["figures"]["updates"] == about["updates"] == 2 * (TOTAL - 60) // WORLDS
         assert one["figures"]["steps"] == TOTAL
         assert one["figures"]["arps"] == other["figures"]["arps"]
@@ -130,7 +130,7 @@ class TestRun:
     def test_worlds_are_divided_anew(self, run, tmp_path, ranks):
         """Two ranks' run is taken up by one process, or by the middle one of three."""
         shutil.copytree(run[0] / "whole", tmp_path / "run")
-        _, tensors = read(tmp_path / "run" / "last", TRAINING, torch.device("cpu"))
+        _, tensors = read(tmp_path / "run" / "last.safetensors", TRAINING)
         one, mine = program.trainer(tmp_path / "run", ranks), ranks.share(WORLDS)
         one.resume()
         assert torch.equal(one.observation, tensors["observation"][mine])
@@ -163,11 +163,11 @@ class TestRun:
         assert re.search(
             r"RankLost: rank 0 of 2: another rank has ended or cannot be reached \([^()]+\); --resume", last_line
         )
-        assert read(folder / "parts" / "last", TRAINING, torch.device("cpu"))[0]["steps"] == TOTAL
+        assert read(folder / "parts" / "last.safetensors", TRAINING)[0]["steps"] == TOTAL
 
     def test_a_run_of_one_process_goes_on_in_two(self, run):
         folder = run[0]
-        before, after = (read(folder / name / "last", TRAINING, torch.device("cpu")) for name in ("kept", "alone"))
+        before, after = (read(folder / name / "last.safetensors", TRAINING) for name in ("kept", "alone"))
         assert (before[0]["steps"], after[0]["steps"]) == (STOP, TOTAL)
         assert after[0]["updates"] > before[0]["updates"] > 0
         assert after[0]["history"][: len(before[0]["history"])] == before[0]["history"]
@@ -192,7 +192,7 @@ class TestCommand:
         assert (code, error) == (143, "stopped\n")
         steps, _, place = said.partition("stopped at ")[2].partition(" of 1000000 world-steps; go on with: --out ")
         assert place.splitlines()[0] == f"{out} --resume"
-        assert read(out / "last", TRAINING, torch.device("cpu"))[0]["steps"] == int(steps)
+        assert read(out / "last.safetensors", TRAINING)[0]["steps"] == int(steps)
         assert other == [(143, "", "")]
 
     @pytest.mark.parametrize(

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import functools
-import json
 import signal
-import sys
 from pathlib import Path
 
 import pytest
 import torch
 
 from usvauv import policies
-from usvauv.cli import app
 from usvauv.env import Scenario, World
 from usvauv.policies import Trainer, TrainingConfig
-from usvauv.policies.checkpoint import POLICY, TRAINING, read
-from usvauv.policies.training.provenance import provenance
+from usvauv.policies.checkpoint import POLICY, TRAINING, provenance, read
 
 # With filters and their memory. 4 worlds of 12 steps an episode: one ends after 48 world-steps.
 SCENARIO = ["mission.duration=12"]
@@ -33,20 +29,16 @@ def trainer(directory: Path, algorithm: str, seed: int = 5) -> Trainer:
 
 
 def same(one: Path, other: Path, *apart: str) -> None:
-    """Two runs' last and best checkpoints are equal to the bit; `apart` names fields of policy.json that may differ."""
+    """Two runs' last and best checkpoints are equal to the bit; `apart` names fields of their JSON that may differ."""
     assert sorted(path.name for path in one.iterdir()) == sorted(path.name for path in other.iterdir())
-    for name, parts in (("last", (POLICY, TRAINING)), ("best", (POLICY,))):
-        for part in parts:
-            (about, tensors), (about_other, others) = (
-                read(run / name, part, torch.device("cpu")) for run in (one, other)
-            )
-            assert tensors.keys() == others.keys()
-            different = [key for key in tensors if not torch.equal(tensors[key], others[key])]
-            assert not different
-            for key in ("seconds", *apart):
-                about.pop(key, None)
-                about_other.pop(key, None)
-            assert about == about_other
+    for name, part in (("last", POLICY), ("last", TRAINING), ("best", POLICY)):
+        (about, tensors), (about_other, others) = (read(run / f"{name}.safetensors", part) for run in (one, other))
+        assert tensors.keys() == others.keys()
+        assert [key for key in tensors if not torch.equal(tensors[key], others[key])] == []
+        for key in ("seconds", *apart):
+            about.pop(key, None)
+            about_other.pop(key, None)
+        assert about == about_other
 
 
 @pytest.fixture(scope="module")
@@ -92,56 +84,50 @@ def test_bit_for_bit(whole, tmp_path, algorithm, stops):
 
 def interrupt(run: Trainer, steps: int) -> None:
     """Train, with Ctrl-C during the step after which `steps` world-steps are done."""
-    advance = run._advance
+    step = run.world.step
 
-    def advance_and_stop(pool, total):
+    def step_and_stop(action):
         if run.steps + WORLDS == steps:
             signal.raise_signal(signal.SIGINT)
-        advance(pool, total)
+        return step(action)
 
-    run._advance = advance_and_stop
+    run.world.step = step_and_stop
     run.train(TOTAL)
 
 
 def test_the_runs_compared_have_learned(whole):
     for algorithm in ("sac", "td3", "ddpg"):
-        about, tensors = read(whole(algorithm) / "last", TRAINING, torch.device("cpu"))
+        last = whole(algorithm) / "last.safetensors"
+        about, tensors = read(last, TRAINING)
         assert about["updates"] == 2 * (TOTAL - WARMUP) // WORLDS
         assert about["size"] == 40  # full: 50 steps and 4 ends of episodes went in
-        _, policy = read(whole(algorithm) / "last", POLICY, torch.device("cpu"))
-        assert (policy["whitening.deviation"] != 1).any()
+        assert (read(last, POLICY)[1]["whitening.deviation"] != 1).any()
         assert tensors["world.sea_episode"].tolist() == [4, 2]
 
 
-class TestCommand:
-    def run(self, monkeypatch, *arguments: str, stop: int | None = None) -> None:
-        """`usvauv train`, quick to learn; Ctrl-C falls into the step after which `stop` world-steps are done."""
-        settings = functools.partial(TrainingConfig, replay=4000, **SMALL)
-        advance = Trainer._advance
+def test_ctrl_c_then_resume_of_the_command_equals_a_run_never_stopped(tmp_path, monkeypatch, run_usvauv):
+    settings = {"hidden": "16,16", "batch": 32, "n_step": 3, "warmup": WARMUP, "updates": 2, "replay": 4000}
+    learn = [text for name, value in settings.items() for text in ("--learn", f"{name}={value}")]
+    begin = ["train", "extreme", "--steps", "400", "--worlds", "8", "--usv", "centroid", "--set", "mission.duration=12"]
+    assert run_usvauv(*begin, *learn, "--out", "whole")[0] == 0
+    step, done = World.step, []
 
-        def advance_and_stop(run, pool, total):
-            if stop is not None and run.steps + run.world.num_worlds == stop:
-                signal.raise_signal(signal.SIGINT)
-            advance(run, pool, total)
+    def step_and_stop(world, action):
+        done.extend([8] if world.num_worlds == 8 else [])
+        if world.num_worlds == 8 and sum(done) == 168:  # between two evaluations
+            signal.raise_signal(signal.SIGINT)
+        return step(world, action)
 
-        with monkeypatch.context() as patch:
-            patch.setattr(policies, "TrainingConfig", settings)
-            patch.setattr(Trainer, "_advance", advance_and_stop)
-            patch.setattr(sys, "argv", ["usvauv", "train", *arguments])
-            assert app.run() == (130 if stop else 0)
-
-    @pytest.mark.parametrize("stop", [168, 200])  # between two evaluations; where one is due
-    def test_ctrl_c_then_resume_equals_a_run_never_stopped(self, tmp_path, monkeypatch, capsys, stop):
-        begin = ["extreme", "--steps", "400", "--worlds", "8", "--usv", "centroid", "--set", "mission.duration=12"]
-        self.run(monkeypatch, *begin, "--out", str(tmp_path / "whole"))
-        self.run(monkeypatch, *begin, "--out", str(tmp_path / "parts"), stop=stop)
-        assert f"stopped at {stop} of 400 world-steps" in capsys.readouterr().out
-        self.run(monkeypatch, "--out", str(tmp_path / "parts"), "--resume")
-        same(tmp_path / "whole", tmp_path / "parts", "command", "resumed")
-        about = json.loads((tmp_path / "parts" / "last" / "policy.json").read_text())
-        assert about["steps"] == 400
-        assert about["command"].startswith("usvauv train extreme --steps 400")
-        assert [(again["steps"], again["command"].split()[-1]) for again in about["resumed"]] == [(stop, "--resume")]
+    with monkeypatch.context() as patch:
+        patch.setattr(World, "step", step_and_stop)
+        code, said, _ = run_usvauv(*begin, *learn, "--out", "parts")
+    assert (code, "stopped at 168 of 400 world-steps" in said) == (130, True)
+    assert run_usvauv("train", "--out", "parts", "--resume")[0] == 0
+    same(tmp_path / "whole", tmp_path / "parts", "command", "resumed")
+    about = policies.read_run(tmp_path / "parts")[2]
+    assert about["steps"] == 400
+    assert about["command"].startswith("usvauv train extreme --steps 400")
+    assert [(again["steps"], again["command"].split()[-1]) for again in about["resumed"]] == [(168, "--resume")]
 
 
 def test_where_git_is_not_installed_the_commit_is_unknown(monkeypatch):

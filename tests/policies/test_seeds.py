@@ -15,7 +15,7 @@ from usvauv.kernels.errors import DivergenceError
 from usvauv.policies import PolicyError, Seeds, Trainer, TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS
 from usvauv.policies.algorithms.ddpg import DDPG
-from usvauv.policies.checkpoint import LAST, POLICY, TRAINING, read
+from usvauv.policies.checkpoint import POLICY, TRAINING, read
 from usvauv.policies.networks import stack, unstack
 
 SEEDS = (3, 4, 9)
@@ -47,7 +47,7 @@ def difference(one, other):
 
 
 def saved(folder, part=TRAINING):
-    return read(folder / LAST, part, torch.device("cpu"))
+    return read(folder / "last.safetensors", part)
 
 
 def float_tensors(tensors):

@@ -105,6 +105,8 @@ class ToyWorld:
 
     def step(self, action: Tensor):
         assert action.shape == (self.num_worlds, self.num_auvs, 2)
+        if not action.isfinite().all():
+            raise ValueError("action")
         assert action.abs().max() <= 1.0
         velocity = self.velocity(action)
         before = (self.target - self.position).norm(dim=-1)

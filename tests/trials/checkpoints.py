@@ -2,7 +2,7 @@
 
     python -m tests.trials.checkpoints --seed 0 --count 2000
 
-A small run is saved. Then one tensor, or one field of `training.json` or `policy.json`, after the other is changed: one
+A small run is saved. Then one tensor, or one field of the JSON of its parts, after the other is changed: one
 number or all to NaN, infinity, 1e9, −1 or the like, another type, another shape, missing, doubled. Cases run in a
 process of their own, so that a crash costs one case.
 """
@@ -10,7 +10,6 @@ process of their own, so that a crash costs one case.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import random
 import subprocess
@@ -21,16 +20,16 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors.torch import load_file, save_file
 
 from tests.trials.fuzz import require_finite
 from usvauv.env import Scenario, World
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.kernels.errors import UserError
-from usvauv.policies import Trainer, TrainingConfig, read_run
-from usvauv.policies.training.provenance import provenance
+from usvauv.policies import Trainer, TrainingConfig, checkpoint, read_run
+from usvauv.policies.checkpoint import POLICY, TRAINING, provenance
 
 WORLDS, STEPS, MORE = 4, 64, 12
+PARTS = POLICY, TRAINING
 NUMBERS = (math.nan, math.inf, -math.inf, 1e9, -1.0, 0.5, 3e38, 1e-40, 255.0)
 FORMS = ("half", "double", "int64", "shorter", "longer", "scalar", "transposed", "missing", "renamed")
 VALUES: tuple[Any, ...] = (
@@ -49,20 +48,16 @@ def trainer(folder: Path) -> Trainer:
     return Trainer(World(scenario, WORLDS, 0), config, folder, provenance=about)
 
 
-def cases(folder: Path, seed: int, count: int) -> list[tuple[str, str, Any]]:
+def cases(whole: Path, seed: int, count: int) -> list[tuple[str, str, Any]]:
     """Every single change once, in random order, as often as `count` asks: kind, name and value."""
-    names = list(load_file(folder / "training.safetensors"))
-    fields = list(json.loads((folder / "training.json").read_text()))
+    names = list(checkpoint.read(whole, TRAINING)[1])
     found: list[tuple[str, str, Any]] = []
     found += [(kind, name, value) for name in names for kind in ("one", "all") for value in NUMBERS]
     found += [("form", name, form) for name in names for form in FORMS]
-    found += [("json", field, value) for field in fields for value in VALUES]
-    found += [
-        ("policy", field, value) for field in json.loads((folder / "policy.json").read_text()) for value in VALUES
-    ]
+    found += [(part, field, value) for part in PARTS for field in checkpoint.read(whole, part)[0] for value in VALUES]
     source = random.Random(seed)
-    whole = [case for _ in range(-(-count // len(found))) for case in source.sample(found, len(found))]
-    return whole[:count]
+    enough = [case for _ in range(-(-count // len(found))) for case in source.sample(found, len(found))]
+    return enough[:count]
 
 
 def changed(tensors: dict[str, torch.Tensor], kind: str, name: str, value: Any, source: random.Random) -> None:
@@ -117,29 +112,22 @@ def outcome(run: Trainer, folder: Path) -> str:
 
 def work(folder: Path, seed: int, count: int, first: int) -> None:
     """Run cases from `first` on; prints each before it begins, and its outcome."""
-    begun, last = folder / "begun", folder / "run" / "last"
-    about, tensors = json.loads((begun / "training.json").read_text()), load_file(begun / "training.safetensors")
+    whole, last = (folder / name / "last.safetensors" for name in ("begun", "run"))
     run = trainer(folder / "run")
-    run.train(WORLDS)  # a place to read from, with a policy
-    described = json.loads((begun / "policy.json").read_text())
-    (last / "policy.safetensors").write_bytes((begun / "policy.safetensors").read_bytes())
-    kept = last.resolve()
+    run.train(WORLDS)
     run.save = lambda: None  # the damaged checkpoint stays as it is
-    for number, (kind, name, value) in enumerate(cases(begun, seed, count)):
+    for number, (kind, name, value) in enumerate(cases(whole, seed, count)):
         if number < first:
             continue
         print(f"{number}\t{kind} {name} {str(value)[:40]}", flush=True)
-        counters, changes = dict(about), dict(tensors)
-        policy = dict(described)
-        if kind not in ("json", "policy"):
-            changed(changes, kind, name, value, random.Random(f"{seed} {number}"))
+        parts = {part: checkpoint.read(whole, part) for part in PARTS}
+        if kind not in PARTS:
+            changed(parts[TRAINING][1], kind, name, value, random.Random(f"{seed} {number}"))
         elif value == "missing":
-            del {"json": counters, "policy": policy}[kind][name]
+            del parts[kind][0][name]
         else:
-            {"json": counters, "policy": policy}[kind][name] = value
-        (kept / "training.json").write_text(json.dumps(counters))
-        (kept / "policy.json").write_text(json.dumps(policy))
-        save_file({key: each.contiguous() for key, each in changes.items()}, kept / "training.safetensors")
+            parts[kind][0][name] = value
+        checkpoint.write(last, parts)
         print(f"={outcome(run, folder / 'run')}", flush=True)
 
 
@@ -155,8 +143,7 @@ def main() -> None:
     counts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        trainer(folder / "first").train(STEPS)
-        (folder / "first" / "last").resolve().rename(folder / "begun")
+        trainer(folder / "begun").train(STEPS)
         first = 0
         while first < arguments.count:
             command = [sys.executable, "-m", "tests.trials.checkpoints", f"--seed={arguments.seed}"]

@@ -266,14 +266,13 @@ def leftovers(folder: Path, temporary: bool) -> list[str]:
     """What is wrong in a folder; where it was made unwritable, temporaries cannot be removed."""
     wrong = []
     for path in folder.rglob("*"):
-        hidden = path.name.startswith((".last-", ".best-")) or path.name == ".lock"
         if path.name == "a.csv.partial":  # of `eval`, for --resume
             continue
-        if (path.name.endswith(".partial") or hidden) and not temporary:
+        if (path.name.endswith(".partial") or path.name == ".lock") and not temporary:
             wrong.append(f"left {path.relative_to(folder)}")
-        elif path.is_file() and not re.search(r"/\.(last|best)-", str(path)) and not whole(path):
+        elif path.is_file() and not whole(path):
             wrong.append(f"not whole: {path.relative_to(folder)}")
-    for last in folder.rglob("last"):
+    for last in folder.rglob("last.safetensors"):
         try:
             checkpoint.read(last, checkpoint.POLICY, CPU)
         except PolicyError as error:

@@ -213,17 +213,15 @@ def fuzz_plan(r: random.Random, folder: Path) -> None:
 
 def fuzz_checkpoint(r: random.Random, folder: Path) -> None:
     from usvauv import policies
+    from usvauv.policies import checkpoint
 
     name = r.choice(policies.trained())
-    place = folder / "checkpoint"
-    shutil.rmtree(place, ignore_errors=True)
-    shutil.copytree(Path(policies.__file__).parent / "trained" / name, place)
-    for file in r.sample(("policy.json", "policy.safetensors"), r.choice((1, 1, 2))):
-        path = place / file
-        if file.endswith("json") and r.random() < 0.7:
-            path.write_text(json.dumps(mutated(r, json.loads(path.read_text()))))
-        else:
-            path.write_bytes(damage(r, path.read_bytes()))
+    place = folder / "checkpoint.safetensors"
+    about, tensors = checkpoint.read(Path(policies.__file__).parent / "trained" / f"{name}.safetensors", "policy")
+    changes = r.choice(("json", "bytes", "both"))
+    checkpoint.write(place, {"policy": (about if changes == "bytes" else mutated(r, about), tensors)})
+    if changes != "json":
+        place.write_bytes(damage(r, place.read_bytes()))
     policy = policies.load_learned(place)
     assert all(value.isfinite().all() for value in policy.actor.state_dict().values())
 

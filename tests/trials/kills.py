@@ -11,7 +11,6 @@ its end must equal, bit for bit, that of a run never killed.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import random
 import signal
@@ -24,12 +23,12 @@ from pathlib import Path
 import torch
 
 from usvauv.cli import app, parser  # noqa: F401  imported once, for all forks
-from usvauv.env.storage import swap
 from usvauv.policies import checkpoint
 from usvauv.policies.policy import PolicyError
 
 CPU = torch.device("cpu")
 PARTS = (checkpoint.POLICY, checkpoint.TRAINING)
+LAST, BEST = "last.safetensors", "best.safetensors"
 VALUES = 20_000  # of a tensor; a write takes some milliseconds
 OPERATIONS = ("open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.chmod")
 BEGIN = [
@@ -70,16 +69,9 @@ def write_until_killed(run: Path, first: int, told: int, operation: int | None) 
             if left < 0:
                 os.kill(os.getpid(), signal.SIGKILL)
 
-    exchange = swap._exchange
-
-    def counted(*names: Path) -> None:  # the only operation that Python does not announce
-        count("os.rename")
-        exchange(*names)
-
-    swap._exchange = counted
     sys.addaudithook(count)
     for number in range(first, first + 1000):
-        checkpoint.write(run / checkpoint.LAST, parts(number))
+        checkpoint.write(run / LAST, parts(number))
         os.write(told, f"{number}\n".encode())
 
 
@@ -100,7 +92,7 @@ def kill_a_write(run: Path, first: int, draw: random.Random) -> tuple[int, int]:
         complete = [int(line) for line in lines]
     if draw.random() < 0.3:  # as a resumed run does; else what several kills leave gathers
         checkpoint.clean(run)
-    return (complete or [first - 1])[-1], number_of(run / checkpoint.LAST)
+    return (complete or [first - 1])[-1], number_of(run / LAST)
 
 
 def begin_reading(run: Path) -> tuple[int, int]:
@@ -113,7 +105,7 @@ def begin_reading(run: Path) -> tuple[int, int]:
     whole, lost = 0, 0
     while os.getppid() != 1:
         try:
-            number_of(run / checkpoint.LAST, PARTS[:1])
+            number_of(run / LAST, PARTS[:1])
             whole += 1
         except PolicyError as error:
             lost += 1
@@ -127,7 +119,7 @@ def begin_reading(run: Path) -> tuple[int, int]:
 def kill_writes(folder: Path, count: int, draw: random.Random) -> Counter[str]:
     """Kill `count` writes."""
     run, outcome, before = folder / "run", Counter[str](), 0
-    checkpoint.write(run / checkpoint.LAST, parts(0))
+    checkpoint.write(run / LAST, parts(0))
     reader, reads = begin_reading(run)
     for _ in range(count):
         outcome["tried"] += 1
@@ -139,7 +131,7 @@ def kill_writes(folder: Path, count: int, draw: random.Random) -> Counter[str]:
         except PolicyError as error:
             outcome["lost"] += 1
             print(f"lost: {error}", file=sys.stderr)
-            checkpoint.write(run / checkpoint.LAST, parts(before))
+            checkpoint.write(run / LAST, parts(before))
     (run / "ended").touch()
     os.waitpid(reader, 0)
     with os.fdopen(reads) as told:
@@ -149,10 +141,13 @@ def kill_writes(folder: Path, count: int, draw: random.Random) -> Counter[str]:
 
 def result(run: Path) -> dict[str, object]:
     """What must not depend on kills: all tensors, and the counters without the time taken."""
-    counters = json.loads((run / checkpoint.LAST / "training.json").read_text())
-    del counters["seconds"]
-    files = [f"{checkpoint.LAST}/{part}.safetensors" for part in PARTS] + [f"{checkpoint.BEST}/policy.safetensors"]
-    return {"counters": counters, **{name: (run / name).read_bytes() for name in files}}
+    found: dict[str, object] = {}
+    for file, part in ((LAST, checkpoint.POLICY), (LAST, checkpoint.TRAINING), (BEST, checkpoint.POLICY)):
+        about, tensors = checkpoint.read(run / file, part)
+        found |= {f"{file} {part} {name}": value.tolist() for name, value in tensors.items()}
+        if part == checkpoint.TRAINING:
+            found |= {name: value for name, value in about.items() if name != "seconds"}
+    return found
 
 
 def train(run: Path) -> int:
@@ -163,7 +158,7 @@ def train(run: Path) -> int:
     with open(run.with_suffix(".log"), "a") as log:
         os.dup2(log.fileno(), 1)
         os.dup2(log.fileno(), 2)
-    sys.argv = ["usvauv", "train", *(["--resume"] if (run / checkpoint.LAST).exists() else BEGIN), "--out", str(run)]
+    sys.argv = ["usvauv", "train", *(["--resume"] if (run / LAST).exists() else BEGIN), "--out", str(run)]
     code = app.run()
     sys.stdout.flush()
     os._exit(code)
@@ -191,7 +186,7 @@ def kill_runs(folder: Path, count: int, draw: random.Random) -> Counter[str]:
         outcome["killed"] += os.WIFSIGNALED(status)
         outcome["tried"] += 1
         code = os.waitstatus_to_exitcode(os.waitpid(train(run), 0)[1])
-        left = {path.name for path in run.iterdir()} - {"best", "last", "tensorboard"}
+        left = {path.name for path in run.iterdir()} - {BEST, LAST, "tensorboard"}
         good = code == 0 and not left and result(run) == result(whole)
         outcome["survived" if good else "lost"] += 1
         print(f"runs so far: {dict(outcome)}", flush=True)

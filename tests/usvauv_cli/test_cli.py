@@ -14,7 +14,7 @@ from pathlib import Path
 import av
 import pytest
 
-from usvauv import env
+from usvauv import env, policies
 from usvauv.env import Trace, plugins
 from usvauv.env.record.metrics import COLUMNS
 from usvauv.env.storage.files import locked
@@ -91,9 +91,7 @@ class TestPlugin:
         (tmp_path / "a.py").write_text("")
         options = ["--steps", 1, "--worlds", 1, "--learn", "warmup=100", "--out", "run", *SHORT]
         assert run_usvauv("train", "ideal", "--plugin", "a.py", *options)[0] == 0
-        assert json.loads((tmp_path / "run" / "last" / "policy.json").read_text())["plugins"] == [
-            str((tmp_path / "a.py").resolve())
-        ]
+        assert policies.read_run(tmp_path / "run")[2]["plugins"] == [str((tmp_path / "a.py").resolve())]
 
 
 def test_simulate(tmp_path):
@@ -201,7 +199,7 @@ def test_eval_repeats_itself(tmp_path, run_usvauv):
 def test_train_then_resume_then_eval(tmp_path, run_usvauv):
     options = ["train", "extreme", "--out", "run", *SHORT]
     usvauv(*options, "--algorithm", "td3", "--worlds", 8, "--steps", 400, "--seed", 4, cwd=tmp_path)
-    about = json.loads((tmp_path / "run" / "last" / "policy.json").read_text())
+    about = policies.read_run(tmp_path / "run")[2]
     assert "td3" in json.dumps(about)
     assert list((tmp_path / "run" / "tensorboard").glob("events*"))
     for more, word in (((), "--resume"), (("--resume",), "--set")):
@@ -209,7 +207,7 @@ def test_train_then_resume_then_eval(tmp_path, run_usvauv):
         assert code == 2
         assert word in stderr
     assert run_usvauv("train", "--out", "run", "--steps", 800, "--resume")[0] == 0
-    assert json.loads((tmp_path / "run" / "last" / "policy.json").read_text())["steps"] == 800
+    assert policies.read_run(tmp_path / "run")[2]["steps"] == 800
     assert run_usvauv("eval", "--policy", "run/last", "--episodes", 1, "--out", "m.csv", *SHORT)[0] == 0
 
 
@@ -225,8 +223,8 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
     assert begun.startswith("training sac in ideal; evaluation beside clear, arps ")
     assert "; evaluation at 4: arps " in first
     assert ", of the untrained policy (clear " in said.splitlines()[-1]
-    assert said.splitlines()[-1].endswith(" in run/best")
-    assert (tmp_path / "run" / "best" / "policy.json").exists()
+    assert said.splitlines()[-1].endswith(" in run/best.safetensors")
+    assert (tmp_path / "run" / "best.safetensors").exists()
     assert run_usvauv("train", "--out", "run", "--resume", "--steps", 42)[::2] == (0, "")
 
 
@@ -267,7 +265,7 @@ def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):
     assert run.returncode == 130, stderr
     assert "--resume" in stdout
     assert "Traceback" not in stderr
-    assert (tmp_path / "run" / "last" / "policy.json").exists()
+    assert (tmp_path / "run" / "last.safetensors").exists()
 
 
 def test_a_second_run_in_a_folder_names_the_first(tmp_path, run_usvauv):
@@ -356,7 +354,7 @@ def test_scenarios(tmp_path, run_usvauv):
         (["replay", "missing.nc"], ["missing.nc"]),
         (["replay", "a.nc", "b.nc", "c.nc"], ["3 traces", "two"]),
         (["simulate", "--arch", "abacus"], ["abacus", "cuda"]),
-        (["eval", "--policy", "."], ["policy.json", "missing"]),
+        (["eval", "--policy", "."], ["holds no best.safetensors"]),
         (["eval", "--episodes", "0"], ["--episodes 0", "at least 1"]),
         (["eval", "--out", "."], ["--out", "folder"]),
         (["eval", "--until-halfwidth", "-1"], ["--until-halfwidth -1", "at least 0"]),

@@ -259,7 +259,7 @@ def test_a_stopped_run_goes_on_bit_for_bit(tmp_path, monkeypatch):
     assert policies.read_history(run.place(folder)) == policies.read_history(in_one_go)
     for part in ("best", "last"):
         one, two = (
-            checkpoint.read(place / part, checkpoint.POLICY, torch.device("cpu"))[1]
+            checkpoint.read(place / f"{part}.safetensors", checkpoint.POLICY)[1]
             for place in (in_one_go, run.place(folder))
         )
         assert all(torch.equal(one[name], two[name]) for name in one)
@@ -295,13 +295,13 @@ def test_ctrl_c_ends_all_processes_cleanly(tmp_path):
     command = [*COMMAND, "reproduce", "fig3", "--quick", "--out", "b", "--jobs", "2"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         assert "training runs" in running.stdout.readline()
-        while not list((tmp_path / "b" / "runs").glob("*/last/training.json")):
+        while not list((tmp_path / "b" / "runs").glob("*/last.safetensors")):
             time.sleep(0.05)
         running.send_signal(signal.SIGINT)
         said, complaints = running.communicate(timeout=300)
     assert running.returncode == 130
     assert "Traceback" not in complaints
     assert "go on with: usvauv reproduce fig3 --quick --out b" in said
-    runs = list((tmp_path / "b" / "runs").glob("*/last/training.json"))
+    runs = list((tmp_path / "b" / "runs").glob("*/last.safetensors"))
     assert runs
-    assert all(json.loads(path.read_text())["steps"] > 0 for path in runs)
+    assert all(policies.read_run(path.parent)[2]["steps"] > 0 for path in runs)

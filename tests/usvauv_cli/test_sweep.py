@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,13 +14,14 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
-from safetensors.torch import load_file, save_file
 
+from usvauv import policies
 from usvauv.cli.sweep import summary
 from usvauv.cli.sweep.board import Board
 from usvauv.cli.sweep.study import Evaluation, Resources, Run, key_of, plan, read
 from usvauv.env.storage.tables import read_rows
 from usvauv.kernels.errors import UserError
+from usvauv.policies import checkpoint
 
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
@@ -165,15 +167,12 @@ class TestName:
         assert len({key(), *(key(**change) for change in changes), key(Evaluation(episodes=21))}) == 6
 
     def test_is_another_when_a_file_changes(self, tmp_path):
-        folder = tmp_path / "mine" / "best"
-        shipped = ROOT / "policies" / "trained" / "sac-extreme"
-        folder.mkdir(parents=True)
-        for file in shipped.iterdir():
-            (folder / file.name).write_bytes(file.read_bytes())
-        before = plan(Run(policy=str(folder.parent)), Evaluation(), "here").key
-        weights = {name: 1.01 * value for name, value in load_file(folder / "policy.safetensors").items()}
-        save_file(weights, folder / "policy.safetensors")
-        assert plan(Run(policy=str(folder.parent)), Evaluation(), "here").key != before
+        (tmp_path / "mine").mkdir()
+        best = shutil.copy(ROOT / "policies/trained/sac-extreme.safetensors", tmp_path / "mine" / "best.safetensors")
+        before = plan(Run(policy=str(best.parent)), Evaluation(), "here").key
+        about, tensors = checkpoint.read(best, checkpoint.POLICY)
+        checkpoint.write(best, {checkpoint.POLICY: (about, {name: 1.01 * value for name, value in tensors.items()})})
+        assert plan(Run(policy=str(best.parent)), Evaluation(), "here").key != before
 
     def test_is_another_when_the_file_of_a_class_changes(self, tmp_path, monkeypatch):
         monkeypatch.syspath_prepend(tmp_path)
@@ -270,8 +269,8 @@ class Study:
 
     def saved(self) -> int:
         """World-steps of the training that are saved."""
-        for path in self.folder.glob("a/runs/*/last/training.json"):
-            return json.loads(path.read_text())["steps"]
+        for path in self.folder.glob("a/runs/*/last.safetensors"):
+            return policies.read_run(path.parent)[2]["steps"]
         return 0
 
     def wait_for(self, steps: int, results: int = 0) -> None:
@@ -284,8 +283,8 @@ class Study:
 
     def resumed(self) -> list[int]:
         """World-steps from which the training went on."""
-        (about,) = (json.loads(path.read_text()) for path in self.folder.glob("a/runs/*/last/policy.json"))
-        return [entry["steps"] for entry in about["resumed"]]
+        (last,) = self.folder.glob("a/runs/*/last.safetensors")
+        return [entry["steps"] for entry in policies.read_run(last.parent)[2]["resumed"]]
 
 
 @pytest.mark.slow

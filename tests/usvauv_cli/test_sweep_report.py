@@ -13,6 +13,7 @@ from usvauv.cli.sweep.run import FAILURE, MADE, RESULT
 from usvauv.cli.sweep.study import Study, read
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.storage.tables import read_rows, write_rows
+from usvauv.policies import checkpoint
 
 LARGEST = 3_000_000  # bytes of a page
 FIGURES = {"scores", "aggregates", "profiles", "improvement", "learning"}
@@ -47,9 +48,9 @@ def perform(study: Study, folder: Path) -> None:
         write_rows(place / RESULT, list(rows[0]), rows)
         (place / MADE).write_text(json.dumps({"seconds": 1234.4}))
         if planned.run.algorithm:
-            (place / "last").mkdir()
             history = [{"steps": steps, "arps": number + steps / 100} for steps in (0, 50, 100)]
-            (place / "last" / "training.json").write_text(json.dumps({"history": history}))
+            content = {"format": checkpoint.FORMAT, "history": history}
+            checkpoint.write(place / "last.safetensors", {checkpoint.TRAINING: (content, {})})
 
 
 class Made:

@@ -29,11 +29,11 @@ def test_each_folder_is_a_run_of_its_own(tmp_path, run_usvauv, quick):
     assert "training sac in ideal, seeds 3, 4; evaluation beside clear" in shown
     lines = shown.splitlines()
     assert re.match(r"100%, 0:00:00 left: arps .* evaluation at 80: arps -?[\d.]+ ± [\d.]+$", lines[-2])
-    assert re.match(r"best arps -?[\d.]+ ± [\d.]+.* \(clear -?[\d.]+\) in many/seed-\*/best$", lines[-1])
+    assert re.match(r"best arps -?[\d.]+ ± [\d.]+.* \(clear -?[\d.]+\) in many/seed-\*/best\.safetensors$", lines[-1])
     for seed in (3, 4):
         assert sorted(path.name for path in (tmp_path / f"many/seed-{seed}").iterdir()) == [
-            "best",
-            "last",
+            "best.safetensors",
+            "last.safetensors",
             "tensorboard",
         ]
         assert run_usvauv(*BEGIN, "--steps", 80, "--seed", seed, "--out", f"alone-{seed}")[0] == 0
@@ -85,7 +85,7 @@ def test_a_run_that_was_not_saved_before_a_kill_begins_anew(tmp_path, run_usvauv
         (["--seeds", "2", "--resume"], "--seeds: a resumed run keeps the seeds it was begun with"),
         (["--seeds", "2", "--out", "held"], "--out held: holds a run already; go on with --resume"),
         (["--out", "held"], "--out held: holds a run already; go on with --resume"),
-        (["--out", "empty", "--resume"], "empty/seed-5/last: checkpoint is missing policy.json"),
+        (["--out", "empty", "--resume"], "empty/seed-5/last.safetensors: checkpoint is missing"),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path, monkeypatch, capsys, options, said):

@@ -15,7 +15,7 @@ def export(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="SOURCE", help="With --to a trace, a .nc file; else a trained policy by name or checkpoint folder."
+            metavar="SOURCE", help="With --to a trace, a .nc file; else a trained policy by name, or a checkpoint."
         ),
     ],
     scenario: Annotated[

@@ -26,7 +26,7 @@ Overrides = Annotated[
 ]
 POLICIES = (
     "Policy: sac-extreme, sac-ideal, sac-wide, straight:SPEED, crab:SPEED, pace:PRICE, clear:PRICE, zermelo:SPEED,"
-    " keep, random, the folder of a checkpoint, or MODULE:CLASS of your own"
+    " keep, random, a checkpoint or the folder of a run, or MODULE:CLASS of your own"
 )
 BOATS = "Boat: fim, fim-greedy, visit, belief, hold:X,Y or centroid"
 Usv = Annotated[str | None, typer.Option(help=f"{BOATS}. Default: the scenario's.")]

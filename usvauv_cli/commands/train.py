@@ -90,9 +90,8 @@ def train(
     from usvauv.env import Scenario, World
     from usvauv.env.storage.files import locked
     from usvauv.kernels import runtime
-    from usvauv.policies.checkpoint import LAST, clean
+    from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
     from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-    from usvauv.policies.training.provenance import provenance
     from usvauv.policies.training.ranks import joined
 
     with joined(arch) as ranks, ExitStack() as stack:
@@ -125,7 +124,7 @@ def train(
             clean(place)
             folders = _folders(place)
             if not resume:
-                if any((folder / LAST).exists() for folder in (place, *folders.values())):
+                if any(path_of(folder, LAST).exists() for folder in (place, *folders.values())):
                     raise UserError(
                         f"--out {place}: holds a run already; go on with --resume, or choose another folder"
                     )
@@ -140,7 +139,7 @@ def train(
             if not resume:
                 runs = {folder: (setting, replace(config, seed=own), {}) for own, folder in folders.items()}
                 return place, runs, usv, steps or STEPS
-            saved = [folder for folder in folders.values() if (folder / LAST).exists()] or folders.values()
+            saved = [folder for folder in folders.values() if path_of(folder, LAST).exists()] or folders.values()
             runs = {folder: policies.read_run(folder) for folder in saved}
             setting, config, begun = next(iter(runs.values()))
             for own, folder in folders.items():  # one that a killed process had not saved yet begins as the others did
@@ -198,7 +197,7 @@ def train(
             typer.echo(
                 f"best arps {report.mean_and_spread([run.best for run in trainers], 3)}"
                 f"{'' if learned else ', of the untrained policy'}"
-                f" ({name} {baseline['arps']:.3f}) in {place / (f'{FOLDER}*/best' if together else 'best')}"
+                f" ({name} {baseline['arps']:.3f}) in {place / f'{FOLDER}*' if together else place}/best.safetensors"
             )
     trainer.interruption.raise_if_asked()
 

@@ -56,8 +56,8 @@ def train_targets(
     """
     from usvauv import policies
     from usvauv.env import Scenario
+    from usvauv.policies.checkpoint import provenance
     from usvauv.policies.decisions import DecisionConfig, DecisionTrainer
-    from usvauv.policies.training.provenance import provenance
 
     at_least("--iterations", iterations, 1)
     at_least("--worlds", worlds, 1)

@@ -15,7 +15,7 @@ EVALUATION_STEP = 12  # world-steps of training that take as long as one step of
 
 def trained(place: Path) -> int:
     """World-steps that are done of the run in a folder."""
-    return policies.read_run(place)[2]["steps"] if (place / checkpoint.LAST).exists() else 0
+    return policies.read_run(place)[2]["steps"] if checkpoint.path_of(place, checkpoint.LAST).exists() else 0
 
 
 def left(place: Path, steps: int, evaluations: int, mission_steps: int) -> float:
@@ -42,8 +42,7 @@ def go_on(
         KeyboardInterrupt: the same after Ctrl-C in this process.
     """
     assert trainer.directory is not None
-    last = trainer.directory / checkpoint.LAST
-    if last.exists():
+    if checkpoint.path_of(trainer.directory, checkpoint.LAST).exists():
         trainer.resume()
     done = trainer.steps
 
@@ -57,4 +56,4 @@ def go_on(
     if trainer.steps < steps:
         trainer.interruption.raise_if_asked()
         raise Stopped
-    (last / f"{checkpoint.TRAINING}.safetensors").unlink()
+    checkpoint.close_run(trainer.directory)

@@ -18,8 +18,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.storage.tables import Combination, GrowingTable
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
-from usvauv.policies.checkpoint import BEST, LAST, POLICY
-from usvauv.policies.loading import module_file
+from usvauv.policies.loading import source
 from usvauv.policies.policy import PolicyError
 
 
@@ -55,11 +54,7 @@ def digests(policies: Iterable[str], others: Iterable[str]) -> list[tuple[Path, 
         PolicyError: one cannot be read.
     """
     learned = [Path(name.partition(":")[2]) for name in others if name.startswith("learned:")]
-    of_policies = []
-    for policy in filter(None, policies):
-        weights = [Path(policy, *part, f"{POLICY}.safetensors") for part in ((), (BEST,), (LAST,))]
-        found = [module_file(policy), *(path for path in weights if path.is_file())]
-        of_policies += [path for path in found if path][:1]
+    of_policies = [path for policy in filter(None, policies) if (path := source(policy))]
     return [(path, _digest(path)) for path in (*plugins.loaded(), *learned, *of_policies)]
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from usvauv import policies
 from usvauv.cli.engines import training
@@ -26,8 +25,8 @@ from usvauv.env.record.recorder import record
 from usvauv.env.storage.files import locked, writing
 from usvauv.env.storage.tables import write_rows
 from usvauv.policies import checkpoint
+from usvauv.policies.checkpoint import provenance
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
-from usvauv.policies.training.provenance import provenance
 
 TESTED = ("method", "trained_in", "run", "updates", *COLUMNS, "collaboration")
 
@@ -47,7 +46,7 @@ class Learned:
 
     def about(self, folder: Path) -> dict[str, Any]:
         """JSON of its best policy: score, updates, commit and more."""
-        return checkpoint.read(self.place(folder) / "best", checkpoint.POLICY, torch.device("cpu"))[0]
+        return checkpoint.read(checkpoint.path_of(self.place(folder), checkpoint.BEST), checkpoint.POLICY)[0]
 
     def results(self, folder: Path) -> dict[str, Path]:
         """Scenario → table of the test in it."""

@@ -26,9 +26,8 @@ from usvauv.cli.engines.task import Signs, Stopped
 from usvauv.env import Scenario, World
 from usvauv.env.storage.files import OutputError, atomic_write, locked, writing
 from usvauv.env.storage.tables import write_rows
-from usvauv.policies.checkpoint import clean
+from usvauv.policies.checkpoint import clean, provenance
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-from usvauv.policies.training.provenance import provenance
 from usvauv.policies.training.trainer import EVALUATIONS
 
 RESULT = "episodes.csv"

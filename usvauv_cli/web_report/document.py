@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from usvauv.cli.web_report import figure_style
 from usvauv.env.storage.files import atomic_write
 from usvauv.kernels import runtime
-from usvauv.policies.training.provenance import provenance
+from usvauv.policies.checkpoint import provenance
 
 PACKAGES = ("usvauv", "taichi", "torch", "numpy")
 NOTHING_EXTERNAL = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
