@@ -27,7 +27,7 @@ from usvauv.env import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels import runtime
-from usvauv.kernels.planning import global_search, objectives, tilted_array
+from usvauv.kernels.planning import information, objectives, search
 from usvauv.kernels.positioning import acoustic_link
 
 SIDE = 200.0
@@ -147,11 +147,11 @@ def measure_team(auvs: int, name: str, trials: int, seconds: float) -> dict[str,
     random = np.random.default_rng(auvs)
     count = batch(1 << 17, 1 << 24) // auvs
     points = torch.from_numpy(layouts("anywhere", count, auvs, random)).to(device)
-    time = best_time(lambda: global_search.plan_batch(link, points, code=code, width=SIDE, length=SIDE), seconds)
+    time = best_time(lambda: search.plan_batch(link, points, code=code, width=SIDE, length=SIDE), seconds)
     plans_per_second = count / time
 
     trial = np.concatenate([layouts(kind, trials // len(KINDS), auvs, random) for kind in KINDS])
-    found = global_search.plan_batch(link, torch.from_numpy(trial).to(device), code=code, width=SIDE, length=SIDE)
+    found = search.plan_batch(link, torch.from_numpy(trial).to(device), code=code, width=SIDE, length=SIDE)
     exact = trial.astype(float)
     reached = log_objective(found[:, :2].double().cpu().numpy(), exact, exact_link, code)
     gap = best_by_search(exact, exact_link, code) - reached
@@ -215,7 +215,7 @@ def measure_unequal(name: str, teams: tuple[int, ...], tables: int, layouts_each
             team = unequal_layouts(layouts_each, auvs, side, random)
             boat = (side * random.random((layouts_each, 2))).astype(np.float32)
             link, points = torch.from_numpy(table).to(device), torch.from_numpy(team).to(device)
-            found = global_search.plan_batch(link, points, code=code, width=side, length=side).double().cpu().numpy()
+            found = search.plan_batch(link, points, code=code, width=side, length=side).double().cpu().numpy()
             anywhere = objectives.log_objective_batch(link, points, torch.from_numpy(boat).to(device), code=code)
             exact, exact_link = team.astype(float), table.astype(float)
             reached = log_objective(found[:, :2], exact, exact_link, code)
@@ -240,7 +240,7 @@ def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[s
     link = torch.from_numpy(link_table(Site(Scenario.load("extreme", [f"auv.count={auvs}"])))).to(device)
     random = np.random.default_rng(auvs)
     team = layouts("anywhere", count, auvs, random)
-    level = global_search.plan_batch(link, torch.from_numpy(team).to(device), code=code, width=SIDE, length=SIDE)
+    level = search.plan_batch(link, torch.from_numpy(team).to(device), code=code, width=SIDE, length=SIDE)
     angle = 2 * math.pi * random.random(count)
     tilt_of = torch.from_numpy(slope * np.stack([np.cos(angle), np.sin(angle)], axis=-1).astype(np.float32)).to(device)
 
@@ -253,7 +253,7 @@ def measure_tilt(auvs: int, name: str, count: int, slope: float = 0.1) -> dict[s
         offset = torch.from_numpy((team[:, None] - place).reshape(-1, 3).astype(np.float32)).to(device)
         row = torch.arange(auvs, dtype=torch.int32, device=device).repeat(count * m)
         slopes = tilt_of.repeat_interleave(m * auvs, dim=0).contiguous()
-        C = tilted_array.predict_batch(link, row, offset, slopes, measurement=measurement)[0].double().cpu().numpy()
+        C = information.tilted_batch(link, row, offset, slopes, measurement=measurement)[0].double().cpu().numpy()
         xx, xy, yy = np.moveaxis(C.reshape(count, m, auvs, 3), -1, 0)
         if objective == "d":
             return -np.log(xx * yy - xy * xy).sum(-1)

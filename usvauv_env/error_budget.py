@@ -9,7 +9,7 @@ import torch
 
 from usvauv.env.fix_prediction import Position
 from usvauv.env.scenario import Scenario
-from usvauv.kernels.planning import fisher, tilted_array
+from usvauv.kernels.planning.information import MEASUREMENTS, tilted_batch
 from usvauv.kernels.positioning import acoustic_link
 
 ERRORS = {
@@ -45,8 +45,8 @@ def error_budget(
         offset = torch.tensor(away, dtype=torch.float32, device=link.device)
         index = torch.arange(len(auvs), dtype=torch.int32, device=link.device)
         slopes = offset.new_tensor(slope).expand(len(auvs), 2).contiguous()
-        code = fisher.MEASUREMENTS.index(measurement)
-        variance = tilted_array.predict_batch(changed, index, offset, slopes, measurement=code)[0].double()
+        code = MEASUREMENTS.index(measurement)
+        variance = tilted_batch(changed, index, offset, slopes, measurement=code)[0].double()
         return (variance[:, 0] + variance[:, 2]).sqrt().tolist()
 
     exact = link.clone()

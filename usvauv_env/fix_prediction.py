@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from usvauv.kernels.planning import fisher, tilted_array
+from usvauv.kernels.planning.information import MEASUREMENTS, tilted_batch
 from usvauv.kernels.positioning import acoustic_link, fix_probability, rays, usbl
 
 LARGEST_VARIANCE = 1e16  # m²; an axis of more than 10⁸ m is unbounded
@@ -76,10 +76,9 @@ def predict(
     offset = torch.tensor(away, dtype=torch.float32, device=link.device)
     index = torch.arange(count, dtype=torch.int32, device=link.device)
     slopes = offset.new_tensor(slope).expand(count, 2).contiguous()
-    code = fisher.MEASUREMENTS.index(measurement)
+    code = MEASUREMENTS.index(measurement)
     covariance, information, cosines = (
-        part.double().cpu().numpy()
-        for part in tilted_array.predict_batch(link, index, offset, slopes, measurement=code)
+        part.double().cpu().numpy() for part in tilted_batch(link, index, offset, slopes, measurement=code)
     )
     sigma, excess, detected, good = reception(link, index, offset, slopes)
     rayed = np.ones(count, bool) if layers is None else direct_rays(layers, offset)

@@ -18,7 +18,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table, sound_profile
 from usvauv.kernels import runtime
-from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.planning import objectives, search
 
 LARGEST_ERROR = 1e8  # m; beyond, an error is unbounded
 REFLECTIONS = "reflections"  # in the budget
@@ -133,7 +133,7 @@ def solve(
     code = objectives.objective_code(measurement, objective)
     width, length = scenario.area.width, scenario.area.length
     points = torch.tensor(auvs, dtype=torch.float32, device=device)[None]
-    best = global_search.plan_batch(link, points, code=code, width=width, length=length)[0, :2].tolist()
+    best = search.plan_batch(link, points, code=code, width=width, length=length)[0, :2].tolist()
     optimum = [min(x, side) for x, side in zip(best, (width, length), strict=True)]  # single precision rounds sides up
     centroid = np.mean(auvs, axis=0)[:2].tolist()
 

@@ -28,7 +28,7 @@ import taichi as ti
 
 from usvauv.kernels.mission import motion, reception
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
-from usvauv.kernels.planning.team import each_auv
+from usvauv.kernels.planning.information import each_auv
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import vec2, vec3
 

@@ -8,8 +8,8 @@ import taichi as ti
 from usvauv.kernels.mission import belief_planner, motion
 from usvauv.kernels.mission.columns import BoatColumn, Parameter
 from usvauv.kernels.mission.worlds import Strategy
-from usvauv.kernels.planning import global_search
-from usvauv.kernels.planning.team import Team, indices
+from usvauv.kernels.planning import search
+from usvauv.kernels.planning.information import Team, indices
 from usvauv.kernels.types import vec2
 
 
@@ -100,7 +100,7 @@ def fim(worlds: ti.template(), w, b) -> vec2:
     size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
     goal = motion.boat_place(worlds, w, b)
     if count > 0:
-        best = global_search.plan(team, worlds.program.objective_code, last_goal(worlds, w, b), size)
+        best = search.plan(team, worlds.program.objective_code, last_goal(worlds, w, b), size)
         goal = vec2(best[0], best[1])
     return goal
 
@@ -114,7 +114,7 @@ def best_within(worlds: ti.template(), w, b, reach) -> vec2:
     size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
     goal = motion.boat_place(worlds, w, b)
     if count > 0:
-        best = global_search.greedy(team, worlds.program.objective_code, goal, reach, size)
+        best = search.greedy(team, worlds.program.objective_code, goal, reach, size)
         goal = vec2(best[0], best[1])
     return goal
 
@@ -128,7 +128,7 @@ def fim_greedy(worlds: ti.template(), w, b) -> vec2:
 @ti.func
 def fim_anywhere(worlds: ti.template(), w, b) -> vec2:
     """Where `fim_greedy` begins: the same search without a limit of its reach."""
-    return best_within(worlds, w, b, global_search.ANYWHERE)
+    return best_within(worlds, w, b, search.ANYWHERE)
 
 
 HOLD = Strategy(start=hold, goal=hold)

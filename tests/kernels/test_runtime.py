@@ -14,7 +14,7 @@ import torch
 from taichi.lang import impl, kernel_impl
 
 from usvauv.kernels import runtime
-from usvauv.kernels.planning import global_search, zermelo
+from usvauv.kernels.planning import search, zermelo
 from usvauv.kernels.positioning import acoustic_link, rays, waveform
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
@@ -209,7 +209,7 @@ def test_what_vulkan_cannot_do_is_refused(monkeypatch):
 LAYERS, TWO = torch.zeros(7, 3), torch.ones(2)
 LINK = torch.from_numpy(acoustic_link.link_table([15e3, 18e3], acoustic_link.Sonar()))
 SEARCHES = {
-    "plan": (global_search, "_batch", lambda: global_search.plan_batch(LINK, torch.zeros(2, 2, 3), code=0)),
+    "plan": (search, "_batch", lambda: search.plan_batch(LINK, torch.zeros(2, 2, 3), code=0)),
     "tones": (waveform, "_fixes", lambda: waveform.fixes(LINK, TWO.int(), torch.zeros(2, 3), LAYERS[:2], 1)[-1]),
     "eigenrays": (rays, "_eigenrays", lambda: rays.eigenrays(LAYERS, torch.ones(2, 3))),
     "arrivals": (rays, "_arrivals", lambda: rays.arrivals(LAYERS, TWO, torch.ones(2, 3), 1500.0)),

@@ -14,7 +14,7 @@ from usvauv.cli.plan_figure import draw
 from usvauv.env import Scenario, positioning
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
-from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import usbl
 
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
@@ -44,7 +44,7 @@ class TestOptimum:
         result = solve(*TEAM, "--objective", objective, "--measurement", measurement, "--compare", "20,180")
         code = objectives.objective_code(measurement, objective)
         table, points = link("extreme", 2, 70).to(device), torch.tensor([POSITIONS], device=device)
-        expected = global_search.plan_batch(table, points, code=code)[0].tolist()
+        expected = search.plan_batch(table, points, code=code)[0].tolist()
         best = result["optimum"]
         assert [best["x"], best["y"]] == pytest.approx(expected[:2], abs=1e-4)
         assert best["log_objective"] == pytest.approx(expected[2], abs=1e-4)

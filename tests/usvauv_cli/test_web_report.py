@@ -36,7 +36,7 @@ from usvauv.env.scenario.sea import MAX_VORTICES
 from usvauv.env.scenario.task import MAX_NODES
 from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import Combination
-from usvauv.kernels.planning.team import MAX_AUVS
+from usvauv.kernels.planning.information import MAX_AUVS
 
 LARGEST = 3_000_000  # bytes of a page
 EPISODES = 3

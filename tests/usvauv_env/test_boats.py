@@ -20,7 +20,7 @@ from usvauv.kernels.mission.columns import (
     Reply,
     TallyColumn,
 )
-from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import tracker, usbl
 
 WIDE = ["area.width=400", "area.length=400"]
@@ -264,7 +264,7 @@ class TestPlans:
             for w in range(6):
                 for b in range(2):
                     own = server(world)[w] == b
-                    best = global_search.plan_batch(
+                    best = search.plan_batch(
                         world._constants["link"][own].contiguous(),
                         known[w : w + 1, own].contiguous(),
                         code=code,

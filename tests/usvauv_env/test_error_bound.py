@@ -14,7 +14,7 @@ from usvauv.env.record import error_bound
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
-from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.planning import objectives, search
 
 
 def test_the_variance_is_that_of_a_fix_from_the_best_place(device):
@@ -30,7 +30,7 @@ def test_the_variance_is_that_of_a_fix_from_the_best_place(device):
         water = [trace.boat_surface[t, w, boat, 0] for boat in trace.served_by[t, w]]
         auvs = [(*map(float, xy), 100.0 + float(z)) for xy, z in zip(trace.auv_position[t, w], water, strict=True)]
         points = torch.tensor([auvs], device=device)
-        best = global_search.plan_batch(link, points, code=code, width=300.0, length=240.0)[0, :2].tolist()
+        best = search.plan_batch(link, points, code=code, width=300.0, length=240.0)[0, :2].tolist()
         budget = error_budget(scenario, link, auvs, tuple(best), "fix", (0.0, 0.0))[SUM]
         np.testing.assert_allclose(found[t, w], np.square(budget) / 2, rtol=0.01)
 

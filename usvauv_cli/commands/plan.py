@@ -229,7 +229,7 @@ def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Sce
     Raises:
         UserError: more than it can have.
     """
-    from usvauv.kernels.planning.team import MAX_AUVS
+    from usvauv.kernels.planning.information import MAX_AUVS
 
     if len(auvs) > MAX_AUVS:
         raise UserError(f"--auv: {len(auvs)} AUVs given, at most {MAX_AUVS} are possible")

@@ -15,7 +15,7 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels import runtime
-from usvauv.kernels.planning import global_search, objectives
+from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import acoustic_link, usbl
 
 COMMON = ("ALIGNMENT", "POSITION", "HEADING", "SOUND_SPEED")  # columns of the link table, see `acoustic_link`
@@ -32,7 +32,7 @@ def variance(trace: Trace) -> np.ndarray:
     points = torch.from_numpy(layout).to(link.device)
     width, length = scenario.area.width, scenario.area.length
     code = objectives.objective_code("fix", "d")
-    best = global_search.plan_batch(link, points, code=code, width=width, length=length)[:, None, :2]
+    best = search.plan_batch(link, points, code=code, width=width, length=length)[:, None, :2]
     away = torch.cat([points[..., :2] - best, -points[..., 2:]], -1).reshape(-1, 3).contiguous()
     index = torch.arange(auvs, dtype=torch.int32, device=link.device).repeat(steps * worlds)
     level, none = away.new_zeros(len(away), 2), away.new_zeros(len(away), 5)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Bandwidth, Carrier, Number, Section, known
-from usvauv.kernels.planning.team import MAX_AUVS
+from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning.absorption import absorption_laws
 from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws
 from usvauv.kernels.positioning.reflections import SEDIMENTS

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from usvauv.env.scenario.fields import Distance, Section
 from usvauv.kernels.mission.motion import FASTEST
-from usvauv.kernels.planning.team import MAX_AUVS
+from usvauv.kernels.planning.information import MAX_AUVS
 
 
 class Navigation(Section):

@@ -128,3 +128,21 @@ def polished(x, points, link, code, box):
             better = height > best
             best, x = torch.where(better, height, best), torch.where(better[..., None], there, x)
     return best.amax(1)
+
+
+def unequal_links(K, seed, tables, n):
+    """Side of the area (m), link table and layouts (n, K, 3), `tables` times: ln T differs by up to 40 among AUVs."""
+    random = np.random.default_rng(seed)
+    for i in range(tables):
+        link = np.zeros((K, acoustic_link.COLUMNS), np.float32)
+        link[:, acoustic_link.LEVEL] = random.uniform(0, 20) + random.choice([3.0, 10.0, 20.0]) * random.uniform(
+            -1, 1, K
+        )
+        link[:, acoustic_link.POWER] = random.choice([1.0, 1.75, 2.5, 4.0])
+        link[:, acoustic_link.DECAY] = random.choice([1.0, 0.0]) * 10 ** random.uniform(-4, -1.5, K)
+        link[:, acoustic_link.REFERENCE] = random.choice([10.0, 100.0, 300.0])
+        link[:, acoustic_link.ATTITUDE] = (0.0, 0.002, 0.01, 0.02)[i % 4] ** 2
+        side = float(random.choice([200.0, 500.0, 2000.0]))
+        place = side * random.random((n, K, 2))
+        z = -np.exp(random.uniform(np.log(3), np.log(500), (n, K, 1)))
+        yield side, torch.from_numpy(link), torch.from_numpy(np.concatenate([place, z], -1).astype(np.float32))

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-import taichi as ti
 import torch
 from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
@@ -15,7 +14,6 @@ from usvauv.kernels.flow.vortex import sample_current
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.planning import zermelo
-from usvauv.kernels.types import array1, array2, array4, vec2
 from usvauv.policies.guidance import unit
 
 SIZE = (200.0, 200.0)
@@ -149,69 +147,6 @@ class TestUniformCurrent:
                 np.testing.assert_allclose(found, speed * straight / np.linalg.norm(straight), atol=0.05)
                 row, column = places[w, k, 1] / 3, places[w, k, 0] / 5
                 assert cost[w, k, round(row), round(column)].item() == pytest.approx(2 * time, rel=0.03, abs=3)
-
-
-@ti.kernel
-def _cost_at(flow: array4, cost: array4, speeds: array1, place: array2, goal: array2, out: array2):
-    for n in range(place.shape[0]):
-        x, centre = vec2(place[n, 0], place[n, 1]), vec2(goal[n, 0], goal[n, 1])
-        problem = ti.static(zermelo.Problem(flow, cost, speeds, speeds, 1, 2, centre, RADIUS, vec2(10.0, 5.0)))
-        c = vec2(0.5, -0.3)
-        out[n, 0] = zermelo.cost_at(problem, x)
-        out[n, 1] = zermelo.cost_by(problem, x, c, vec2(30.0, 10.0), vec2(70.0, 20.0))
-
-
-class TestBetweenNodes:
-    """Costs at places of an area of 70 m by 20 m, 5 rows and 8 columns of nodes, in the second world for its third."""
-
-    def costs(self, device, cost, places, goal=(900.0, 900.0)):
-        flow = torch.zeros(2, 5, 8, 2, device=device)
-        flow[1, ..., 0], flow[1, ..., 1] = 0.5, -0.3
-        out = torch.empty(len(places), 2, device=device)
-        goals = torch.tensor(goal, device=device).repeat(len(places), 1)
-        everything = torch.full((2, 4, 5, 8), 77.0, device=device)
-        everything[1, 2] = torch.as_tensor(cost, device=device)
-        speeds = torch.tensor([1.3], device=device)
-        put = torch.tensor(np.array(places), dtype=torch.float32, device=device)
-        _cost_at(flow, everything, speeds, put, goals, out)
-        return out.double().cpu().numpy()
-
-    def test_bilinear(self, device):
-        """To the edges; where a leg ends outside the area there is no path, and a leg costs what its time does."""
-        draw = np.random.default_rng(3)
-        cost = draw.uniform(10, 90, (5, 8))
-        places = np.concatenate([draw.uniform(0, (70, 20), (200, 2)), [(0, 0), (70, 0), (0, 20), (70, 20), (40, 10)]])
-        found = self.costs(device, cost.astype(np.float32), places)
-        x, y = np.linspace(0, 70, 8), np.linspace(0, 20, 5)
-        between = RegularGridInterpolator((y, x), cost, bounds_error=False)
-        np.testing.assert_allclose(found[:, 0], between(places[:, ::-1]), rtol=1e-4)
-        leg, c = np.array([30.0, 10.0]), np.array([0.5, -0.3])
-        a, b = 1.3**2 - c @ c, leg @ c
-        time = (math.sqrt(b * b + a * (leg @ leg)) - b) / a  # V t = |d − c t|
-        expected = 1.3 * time + between((places + leg)[:, ::-1])
-        inside = np.isfinite(expected)
-        assert 30 < inside.sum() < 180
-        np.testing.assert_allclose(found[inside, 1], expected[inside], rtol=1e-4)
-        assert (found[~inside, 1] == zermelo.UNREACHABLE).all()
-
-    @pytest.mark.parametrize("lost", [(0, 0), (2, 3), (4, 7), (0, 7), (4, 2)])
-    def test_none_beside_a_node_without_a_path(self, device, lost):
-        cost = np.full((5, 8), 50.0, np.float32)
-        cost[lost] = zermelo.UNREACHABLE
-        places = np.random.default_rng(1).uniform(0, (70, 20), (300, 2))
-        beside = (np.abs(places[:, 0] / 10 - lost[1]) < 1) & (np.abs(places[:, 1] / 5 - lost[0]) < 1)
-        found = self.costs(device, cost, places)[:, 0]
-        assert (found[beside] == zermelo.UNREACHABLE).all()
-        np.testing.assert_allclose(found[~beside], 50.0, rtol=1e-6)
-
-    def test_straight_to_a_near_goal(self, device):
-        """Within 2.5 spacings of its circle, at the rate 1.3 of the speed 1.3; on the circle nothing."""
-        goal, c = np.array([35.0, 10.0]), np.array([0.5, -0.3])
-        places = goal + np.array([(20.0, 3.0), (-24.0, 1.0), (7.0, -6.0), (3.0, 4.0), (0.0, 0.0), (33.0, 0.0)])
-        found = self.costs(device, np.full((5, 8), 50.0, np.float32), places, goal.tolist())[:, 0]
-        expected = 1.3 * uniform_time(goal - places, c, 1.3)
-        np.testing.assert_allclose(found[:-1], expected[:-1], rtol=1e-5, atol=1e-6)
-        assert found[-1] == 50.0
 
 
 def rays(current, jacobian, speed, times, count=48):
