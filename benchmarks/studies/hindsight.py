@@ -23,8 +23,7 @@ from benchmarks.machine import describe
 from benchmarks.studies.table import head, interval, line
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.env.record.collection import served
-from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.metrics import episode_metrics, served
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.site.site import Site

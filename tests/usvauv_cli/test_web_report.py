@@ -29,8 +29,7 @@ from usvauv.cli.web_report.episodes import (
     thinned,
 )
 from usvauv.env import Scenario, evaluate
-from usvauv.env.record.collection import age
-from usvauv.env.record.metrics import EpisodeMetrics, usable
+from usvauv.env.record.metrics import EpisodeMetrics, age, usable
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.scenario.sea import MAX_VORTICES
 from usvauv.env.scenario.task import MAX_NODES

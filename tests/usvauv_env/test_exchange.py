@@ -14,7 +14,7 @@ from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv.env.exchange import formats, rerun_recording
 from usvauv.env.exchange.poses import Poses, triangles
 from usvauv.env.exchange.tables import tables
-from usvauv.env.record.collection import served
+from usvauv.env.record.metrics import served
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.render.style import SEA, auv_colour
 from usvauv.env.site.site import Site

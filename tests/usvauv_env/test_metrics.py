@@ -1,166 +1,185 @@
-"""Metrics against numbers worked out by hand, and the trace's way through a file."""
+"""Figures of merit: of random traces by plain loops, of worlds step by step, and the error that no boat can beat."""
 
 import math
+import statistics
 from dataclasses import replace
+from itertools import chain, product
 
 import numpy as np
 import pytest
 import torch
-import xarray
+from scipy.optimize import brentq
 
 from tests.links import EVERY_STEP
-from usvauv import policies
-from usvauv.env import Scenario, Trace, TraceError, World
-from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, usable
-from usvauv.env.record.recorder import record
+from tests.usvauv_env.test_trace import AUVS, NODES, STEP, STEPS, WORLDS, random_trace
+from usvauv.env import Scenario, Trace, World, evaluate
+from usvauv.env.error_budget import SUM, error_budget
+from usvauv.env.record import error_bound, evaluation
+from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, mean_figures, newest_birth, usable
+from usvauv.env.record.recorder import EACH, record, trace_bytes
 from usvauv.env.record.trace import VARIABLES
+from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import read_rows, write_rows
+from usvauv.env.world.tables import link_table
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import usbl
+from usvauv.policies import load
 
 
-def small_trace() -> Trace:
-    """Four steps, one world, two AUVs, one node; every figure can be worked out on paper."""
-    steps, worlds, auvs, nodes, terms = 4, 1, 2, 1, 2
-    sizes = {
-        "time": steps, "world": worlds, "auv": auvs, "boat": 1, "node": nodes, "axis": 2, "component": 3,
-        "reward_term": terms, "surface_component": 3, "vortex": 0, "vortex_parameter": 4, "stream_time": 0,
-        "stream_y": 0, "stream_x": 0, "y": 0, "x": 0,
+@pytest.fixture
+def trace() -> Trace:
+    return random_trace()
+
+
+def spread(values: list[float]) -> dict[str, float]:
+    """Mean, median, rms and 95th percentile, which lies at 0.95 (n − 1) among the sorted values from the first on."""
+    ordered = sorted(values)
+    place = 0.95 * (len(values) - 1)
+    low = int(place)
+    return {
+        "mean": statistics.fmean(values),
+        "median": statistics.median(values),
+        "rms": math.sqrt(statistics.fmean(value * value for value in values)),
+        "p95": ordered[low] + (place - low) * (ordered[low + 1] - ordered[low]),
+    }
+
+
+def by_loops(trace: Trace, w: int) -> dict[str, float]:
+    """The figures of world w, by their definitions."""
+    every = [(t, k) for t in range(STEPS) for k in range(AUVS)]
+    flags = {at: int(trace.fix_flags[at[0], w, at[1]]) for at in every}
+    heard = [at for at in every if flags[at] & usbl.DETECTED]
+    used = [at for at in heard if not flags[at] & usbl.NO_DEPTH]
+
+    def distance(one: str, other: str, t: int, k: int) -> float:
+        return math.dist(getattr(trace, one)[t, w, k], getattr(trace, other)[t, w, k])
+
+    ec, runs = [], [0]
+    for k in range(AUVS):
+        energy = sum(float(trace.power[t, w, k]) * STEP for t in range(STEPS))
+        ec.append(energy / (STEP * STEPS - STEP * sum(int(trace.hovering[t, w, k]) for t in range(STEPS))))
+        run = 0
+        for t in range(STEPS):
+            run = 0 if (t, k) in used else run + 1
+            runs.append(run)
+    born, ages, peaks, data = [0.0] * NODES, [], [], [0.0] * NODES
+    for t in range(STEPS):
+        before = [STEP * t - each if t else 0.0 for each in born]
+        for k in range(AUVS):
+            if trace.service_rate[t, w, k] > 0:
+                node = trace.target[max(t - 1, 0), w, k]
+                arrival = next((s for s in range(t, -1, -1) if not trace.hovering[s, w, k]), -1)
+                peaks.append(before[node] + STEP)
+                born[node] = max(born[node], STEP * arrival)
+                data[node] += float(trace.delivered[t, w, k])
+        ages += [STEP * (t + 1) - each for each in born]
+    served = [(t, k) for t, k in every if trace.service_rate[t, w, k] > 0]
+    energy = STEP * sum(float(trace.power[t, w, k]) for t, k in every)
+    brought = sum(float(trace.delivered[t, w, k]) for t, k in every)
+    errors = {
+        "position_error": [distance("estimate", "auv_position", *at) for at in every],
+        "own_error": [distance("own_position", "auv_position", *at) for at in every],
+        "fix_error": [distance("fix", "heard_position", *at) for at in used],
+    }
+    return {
+        "episode": 10 + w,
+        "sdr": sum(float(trace.service_rate[t, w, k]) for t, k in served),
+        "ec": statistics.fmean(ec),
+        "arps": sum(float(trace.reward_terms[t, w, k, r]) for t, k in every for r in range(2)) / STEPS,
+        "services": len(served),
+        "delivered_mbit": brought,
+        "energy_wh": energy / 3600,
+        "target_distance": statistics.fmean(
+            math.dist(trace.node_position[w, trace.target[t, w, k]], trace.auv_position[t, w, k]) for t, k in every
+        ),
+        **{name: sum(int(trace.__dict__[f][t, w]) for t in range(STEPS)) for name, f in
+           (("overflow", "overflowing"), ("collisions", "collisions"))},
+        "border": sum(int(trace.border[t, w, k]) for t, k in every),
+        **{f"{name}_{part}": value for name, values in errors.items() for part, value in spread(values).items()},
+        "fix_availability": len(used) / len(every),
+        "fix_wrapped": sum(bool(flags[at] & usbl.WRAPPED) for at in used) / len(used),
+        "fix_dropped": 1 - len(used) / len(heard),
+        "outage_longest": STEP * max(runs),
+        "lost_mbit": sum(int(trace.packets_lost[t, w]) for t in range(STEPS)) * 3 / 4000,
+        "aoi_mean": statistics.fmean(ages),
+        "aoi_peak": statistics.fmean(peaks),
+        "aoi_largest": max(ages),
+        "jain": sum(data) ** 2 / NODES / sum(each**2 for each in data),
+        "joule_per_mbit": energy / brought,
     }  # fmt: skip
-    arrays = {name: np.zeros([sizes[d] for d in about.dimensions]) for name, about in VARIABLES.items()}
-    arrays["surface"] = np.zeros((0, 0, 0))
-    arrays["fix_flags"] = arrays["fix_flags"].astype(np.uint8)
-    arrays["time"] = np.array([2.0, 4.0, 6.0, 8.0])
-    arrays["power"][:, 0] = [[60, 100], [60, 100], [105, 100], [60, 100]]
-    arrays["hovering"][2, 0, 0] = 1
-    arrays["service_rate"][2, 0, 0] = 0.25
-    arrays["service_rate"][3, 0, 1] = 0.5
-    arrays["delivered"][2, 0, 0] = 1.5
-    arrays["delivered"][3, 0, 1] = 2.0
-    arrays["reward_terms"][:, 0, :, 0] = [[1, 2], [1, 2], [1, 2], [1, 2]]
-    arrays["reward_terms"][0, 0, 0, 1] = -8
-    arrays["overflowing"][:, 0] = [0, 1, 3, 0]
-    arrays["collisions"][1, 0] = 1
-    arrays["border"][0, 0, 1] = 1
-    arrays["estimate"][:, 0, 0] = [[3, 4], [0, 0], [0, 0], [0, 0]]
-    arrays["estimate"][:, 0, 1] = [[0, 1], [0, 1], [0, 1], [0, 1]]
-    arrays["fix"][:, 0, 0] = [[6, 8], [0, 3], [np.nan, np.nan], [0, 7]]
-    arrays["fix"][:, 0, 1] = [[0, 1], [0, 2], [0, 50], [0, 4]]
-    arrays["fix_flags"][:, 0, 0] = [1, 1, 0, 1]  # one is not heard
-    arrays["fix_flags"][:, 0, 1] = [1, 1, 3, 1]  # one has wrapped
-    arrays["node_position"][0, 0] = [0, 7]
-    arrays["auv_position"][:, 0, 1] = [[3, 3], [3, 3], [0, 7], [0, 6]]
-    arrays["estimate"][:, 0, 1] += arrays["auv_position"][:, 0, 1]
-    arrays["own_position"][:, 0, 0] = [[0, 2], [0, 2], [0, 0], [0, 0]]
-    arrays["own_position"][:, 0, 1] = arrays["auv_position"][:, 0, 1]
-    arrays["heard_position"][:, 0, 1] = arrays["auv_position"][:, 0, 1] - 1  # its signal took its time
-    arrays["fix"][:, 0, 1] += arrays["heard_position"][:, 0, 1]
-    scenario = Scenario.from_dict({"name": "paper sheet", "mission": {"step": 2.0, "duration": 8.0}})
-    return Trace(scenario=scenario, policy="p", usv="fim", seed=3, reward_names=("a", "b"), start="", **arrays)
 
 
-def test_metrics_by_hand():
-    (row,) = episode_metrics(small_trace(), first_episode=7)
-    assert (row.scenario, row.policy, row.usv, row.seed, row.episode) == ("paper sheet", "p", "fim", 3, 7)
-    assert row.sdr == pytest.approx(0.75)
-    # AUV 0: (60 + 60 + 105 + 60) W · 2 s over 8 − 2 s; AUV 1: 100 W over all 8 s.
-    assert row.ec == pytest.approx((285 * 2 / 6 + 100) / 2)
-    assert row.arps == pytest.approx((3 * 4 - 8) / 4)
-    assert row.services == 2
-    assert row.delivered_mbit == pytest.approx(3.5)
-    assert row.energy_wh == pytest.approx((285 + 400) * 2 / 3600)
-    assert (row.overflow, row.collisions, row.border) == (4, 1, 1)
-    assert row.position_error_mean == pytest.approx((5 + 4) / 8)
-    assert row.position_error_median == pytest.approx(1)
-    assert row.target_distance == pytest.approx((4 * 7 + 5 + 5 + 0 + 1) / 8)
-    assert row.position_error_rms == pytest.approx(math.sqrt((25 + 4) / 8))
-    assert row.own_error_mean == pytest.approx(4 / 8)
-    assert row.own_error_rms == pytest.approx(1)
-    # Sorted 0 0 0 1 1 1 1 5; the 95th percentile lies at 0.95 · 7 = 6.65 of the way from the first to the last.
-    assert row.position_error_p95 == pytest.approx(1 + 0.65 * 4)
+def test_figures_by_loops(trace):
+    rows = episode_metrics(trace, first_episode=10)
+    assert [(row.scenario, row.policy, row.usv, row.seed, row.targets) for row in rows] == [
+        ("ideal", "random", "fim", 3, "tour")
+    ] * WORLDS
+    assert [row.episode for row in episode_metrics(trace)] == [0, 1, 2]
+    for w, row in enumerate(rows):
+        expected = by_loops(trace, w)
+        found = {name: value for name, value in row.columns().items() if not isinstance(value, str) and name != "seed"}
+        assert found == pytest.approx(expected, rel=1e-5)
 
 
-class TestFixes:
-    """AUV 0 is unheard in one step; AUV 1 has a wrapped fix, 50 m off, which the receiver cannot tell."""
+@pytest.mark.parametrize(
+    ("flags", "is_usable"),
+    [
+        (usbl.DETECTED, True),
+        (usbl.DETECTED | usbl.WRAPPED, True),
+        *((usbl.DETECTED | flag, False) for flag in (usbl.NO_DEPTH, usbl.AMBIGUOUS, usbl.REJECTED)),
+        *((flag, False) for flag in (usbl.WRAPPED, usbl.NO_RAY, usbl.LOST, usbl.SILENT, 0)),
+    ],
+)
+def test_what_a_receiver_can_use(trace, flags, is_usable):
+    trace.fix_flags[1, 0, 0] = flags
+    assert usable(trace)[1, 0, 0] == is_usable
 
-    def test_errors_and_availability_by_hand(self):
-        (row,) = episode_metrics(small_trace())
-        # Usable: 10, 3, 7 m of AUV 0 and 1, 2, 50, 4 m of AUV 1, sorted 1 2 3 4 7 10 50.
-        assert row.fix_error_mean == pytest.approx(77 / 7)
-        assert row.fix_error_median == 4
-        assert row.fix_error_rms == pytest.approx(math.sqrt((1 + 4 + 9 + 16 + 49 + 100 + 2500) / 7))
-        assert row.fix_error_p95 == pytest.approx(10 + 0.7 * 40)
-        assert row.fix_availability == pytest.approx(7 / 8)
-        assert row.fix_wrapped == pytest.approx(1 / 7)
-        assert row.outage_longest == 2
 
-    @pytest.mark.parametrize(
-        ("flags", "is_usable"),
-        [
-            (usbl.DETECTED, True),
-            (usbl.DETECTED | usbl.WRAPPED, True),
-            (usbl.DETECTED | usbl.NO_DEPTH, False),
-            (usbl.DETECTED | usbl.NO_DEPTH | usbl.WRAPPED, False),
-            (usbl.WRAPPED, False),
-            (usbl.NO_RAY, False),
-            (usbl.LOST, False),
-            (usbl.DETECTED | usbl.AMBIGUOUS, False),
-            (usbl.DETECTED | usbl.REJECTED, False),
-            (usbl.SILENT, False),
-            (0, False),
-        ],
+def test_an_episode_without_fixes_or_services_has_no_figures_of_them(trace):
+    """NaN, and means are of the episodes that have a figure."""
+    nothing = np.zeros_like(trace.delivered)
+    empty = replace(
+        trace,
+        fix_flags=np.full_like(trace.fix_flags, usbl.LOST),
+        fix=np.full_like(trace.fix, np.nan),
+        service_rate=nothing,
+        delivered=nothing,
     )
-    def test_what_a_receiver_can_use(self, flags, is_usable):
-        trace = small_trace()
-        trace.fix_flags[1, 0, 0] = flags
-        (row,) = episode_metrics(trace)
-        assert row.fix_availability == pytest.approx((6 + is_usable) / 8)
-        assert row.outage_longest == (2 if is_usable else 4)  # step 2 is one without a fix anyway
-
-    def test_the_longest_outage_is_that_of_one_auv(self):
-        """Outages of different AUVs do not add up, and one at the end counts."""
-        trace = small_trace()
-        trace.fix_flags[:, 0, 0] = [0, 0, 1, 1]
-        trace.fix_flags[:, 0, 1] = [1, 0, 0, 0]
-        (row,) = episode_metrics(trace)
-        assert row.outage_longest == 6
-        assert row.fix_availability == pytest.approx(3 / 8)
-
-    def test_an_episode_without_fixes_has_no_error_of_them(self):
-        trace = small_trace()
-        trace.fix_flags[:] = usbl.LOST
-        trace.fix[:] = np.nan
-        (row,) = episode_metrics(trace)
-        assert (row.fix_availability, row.outage_longest) == (0, 8)
-        of_fixes = [row.fix_error_mean, row.fix_error_median, row.fix_error_rms, row.fix_error_p95, row.fix_wrapped]
-        assert np.isnan(of_fixes).all()
-        assert row.position_error_mean == pytest.approx((5 + 4) / 8)
-
-    def test_usable_fixes_are_those_that_the_boat_uses(self):
-        """Without a tracker the estimate is the last usable fix: it changes when there is one, and to it."""
-        noisy = [*EVERY_STEP, "auv.count=3", "acoustics.source_level=146", "usbl.packet_loss=0.2", "usbl.spacing=0.052"]
-        world = World(Scenario.load("extreme", ["mission.duration=60", *noisy]), num_worlds=4, seed=1, usv="hold:0,0")
-        trace = record(world, lambda _: torch.zeros(4, 3, 2), "still")
-        had = usable(trace)
-        for flag in (usbl.DETECTED, usbl.NO_DEPTH, usbl.LOST, usbl.AMBIGUOUS):
-            assert (trace.fix_flags & flag == flag).any()
-        assert 0.1 < had.mean() < 0.9
-        np.testing.assert_array_equal(trace.estimate[had], trace.fix[had])
-        kept = ~had[1:]
-        np.testing.assert_array_equal(trace.estimate[1:][kept], trace.estimate[:-1][kept])
+    row = episode_metrics(empty)[0]
+    assert (row.fix_availability, row.outage_longest) == (0, STEP * STEPS)
+    of_fixes = [row.fix_error_mean, row.fix_error_median, row.fix_error_rms, row.fix_error_p95, row.fix_wrapped]
+    assert np.isnan([*of_fixes, *(row.of_task[name] for name in ("aoi_peak", "jain", "joule_per_mbit"))]).all()
+    whole = episode_metrics(trace)[1]
+    means = mean_figures([row, whole])
+    assert means["joule_per_mbit"] == whole.of_task["joule_per_mbit"]
+    assert means["services"] == whole.services / 2
 
 
-def test_ec_leaves_out_the_exact_length_of_services():
-    """AUV 0: 285 W · 2 s over 8 − 1.5/1.25 s; AUV 1: 400 W · 2 s over 8 − 2/0.625 s."""
-    trace = small_trace()
-    trace.service_rate[2, 0, 0], trace.service_rate[3, 0, 1] = 1.25, 0.625
-    trace.hovering[2:, 0, 1] = 1
-    exact = replace(
-        trace, scenario=Scenario.from_dict(trace.scenario.to_dict() | {"nodes": {"hovering_time": "exact"}})
-    )
-    so_far = energy_consumption(exact)[:, 0]
-    assert so_far[-1] == pytest.approx((570 / 6.8 + 800 / 4.8) / 2)
-    assert so_far[2] == pytest.approx((450 / 4.8 + 600 / 4) / 2)  # AUV 1 has hovered for one step, its service goes on
-    assert episode_metrics(exact)[0].ec == so_far[-1]
+def test_ec_leaves_out_the_exact_length_of_services(trace):
+    """A service of rate 1.25 and 1.5 Mbit that ends within two steps of 2 s: its 1.2 s are left out, not 4 s."""
+    power, hovering, rate, data = (np.zeros((STEPS, WORLDS, AUVS)) for _ in range(4))
+    power[:], hovering[2:4, 0, 0], rate[3, 0, 0], data[3, 0, 0] = 100.0, 1, 1.25, 1.5 + 1.25 * STEP
+    exact = Scenario.from_dict(trace.scenario.to_dict() | {"nodes": {"count": NODES, "hovering_time": "exact"}})
+    served = replace(trace, scenario=exact, power=power, hovering=hovering, service_rate=rate, delivered=data)
+    T, length = STEP * STEPS, 1.2 + STEP
+    assert energy_consumption(served)[-1, 0] == pytest.approx((100 * T / (T - length) + (AUVS - 1) * 100) / AUVS)
+    assert episode_metrics(served)[0].ec == energy_consumption(served)[-1, 0]
+
+
+def test_usable_fixes_are_those_that_the_boat_uses():
+    """Without a tracker the estimate is the last usable fix: it changes when there is one, and to it."""
+    noisy = [*EVERY_STEP, "auv.count=3", "acoustics.source_level=146", "usbl.packet_loss=0.2", "usbl.spacing=0.052"]
+    world = World(Scenario.load("extreme", ["mission.duration=60", *noisy]), num_worlds=4, seed=1, usv="hold:0,0")
+    trace = record(world, lambda _: torch.zeros(4, 3, 2), "still")
+    had = usable(trace)
+    for flag in (usbl.DETECTED, usbl.NO_DEPTH, usbl.LOST, usbl.AMBIGUOUS):
+        assert (trace.fix_flags & flag == flag).any()
+    assert 0.1 < had.mean() < 0.9
+    np.testing.assert_array_equal(trace.estimate[had], trace.fix[had])
+    kept = ~had[1:]
+    np.testing.assert_array_equal(trace.estimate[1:][kept], trace.estimate[:-1][kept])
 
 
 def test_csv_has_the_promised_columns(tmp_path):
@@ -172,45 +191,12 @@ def test_csv_has_the_promised_columns(tmp_path):
         "outage_longest targets"
     )
     assert " ".join(COLUMNS) == promised
-    rows = episode_metrics(small_trace())
+    rows = episode_metrics(random_trace())
     write_rows(tmp_path / "m.csv", list(rows[0].columns()), (row.columns() for row in rows))
-    (read,) = read_rows(tmp_path / "m.csv")
+    read = read_rows(tmp_path / "m.csv")[0]
     assert tuple(read) == (*COLUMNS, "lost_mbit", "aoi_mean", "aoi_peak", "aoi_largest", "jain", "joule_per_mbit")
     assert float(read["ec"]) == rows[0].ec
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
-
-
-def test_a_table_makes_its_folder_and_takes_the_place_of_another(tmp_path):
-    for number in ("1", "2"):
-        write_rows(tmp_path / "a" / "b" / "m.csv", ["x"], [{"x": number}])
-    assert read_rows(tmp_path / "a" / "b" / "m.csv") == [{"x": "2"}]
-
-
-def test_trace_survives_its_file(tmp_path):
-    scenario = Scenario.load("extreme", ["mission.duration=20"])
-    world = World(scenario, num_worlds=2, seed=1)
-    player = policies.load("straight", world)
-    trace = record(world, player.act, "straight", surface=True)
-    path = tmp_path / "t.nc"
-    trace.save(path)
-    again = Trace.load(path)
-    assert again.scenario == scenario
-    assert (again.policy, again.usv, again.seed, again.reward_names) == ("straight", "fim", 1, world.reward_names)
-    for name in VARIABLES:
-        np.testing.assert_array_equal(getattr(again, name), getattr(trace, name), err_msg=name)
-    with xarray.open_dataset(path) as file:
-        for name, variable in file.variables.items():
-            if name in ("x", "y"):
-                continue
-            about = VARIABLES[name]
-            assert (variable.attrs["long_name"], variable.attrs.get("units")) == (about.long_name, about.units)
-        for variable in file.variables.values():
-            variable.attrs.clear()  # as earlier versions wrote it
-        file.load().to_netcdf(tmp_path / "older.nc", engine="h5netcdf")
-    np.testing.assert_array_equal(Trace.load(tmp_path / "older.nc").fix, trace.fix)
-    for row, as_before in zip(episode_metrics(again), episode_metrics(trace), strict=True):
-        assert str(row) == str(as_before)  # numbers in full; NaN equals NaN there
-    assert episode_metrics(trace.episode(1))[0].sdr == episode_metrics(trace)[1].sdr
 
 
 def test_trace_agrees_with_the_reward_the_learner_sees():
@@ -227,8 +213,122 @@ def test_trace_agrees_with_the_reward_the_learner_sees():
     np.testing.assert_allclose(arps, rewards.numpy(), rtol=1e-5)
 
 
-def test_not_a_trace(tmp_path):
-    path = tmp_path / "x.nc"
-    path.write_bytes(b"nothing of the kind")
-    with pytest.raises(TraceError, match=r"x\.nc: not a NetCDF file"):
-        Trace.load(path)
+def test_is_what_happens_in_worlds():
+    """The newest births, followed in the state of three worlds, step by step."""
+    world, twin = (World(Scenario.load("extreme", ["mission.duration=400"]), 3, seed=5, usv="centroid") for _ in "ab")
+    policy = load("pace", world)
+    trace = record(twin, load("pace", twin).act, "pace")
+    observation = world.reset()
+    birth, begun, expected = torch.zeros(3, 30), torch.zeros(3, 2), []
+    for step in range(400):
+        hovering, target = world.auv[..., AuvColumn.hover] > 0, world.auv[..., AuvColumn.target].long()
+        observation = world.step(policy.act(observation))[0]
+        begun[~hovering & (world.auv[..., AuvColumn.hover] > 0)] = step  # s, the begin of this step
+        for w, k in (world.auv[..., AuvColumn.service_rate] > 0).nonzero().tolist():
+            birth[w, target[w, k]] = max(birth[w, target[w, k]], begun[w, k])
+        expected.append(birth.clone().numpy())
+    assert (trace.service_rate > 0).sum() > 10
+    assert np.array_equal(newest_birth(trace), np.stack(expected))
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return Scenario.load("ideal", ["mission.duration=10"])
+
+
+def texts(rows):
+    """Rows as text, in which a NaN equals itself."""
+    return [str(row) for row in rows]
+
+
+class East:
+    """A constant action, as an object."""
+
+    def __init__(self, world):
+        self.action = torch.zeros(world.num_worlds, world.num_auvs, 2)
+        self.action[..., 0] = 0.8
+
+    def act(self, observation):
+        return self.action
+
+
+def east(world):
+    """The same, as a function."""
+    return East(world).act
+
+
+def test_each_policy_has_the_episodes_of_the_seed(scenario):
+    rows = evaluate(scenario, {"object": East, "function": east}, episodes=3, seed=5, usv="centroid")
+    assert [(row.policy, row.episode) for row in rows] == [*product(("object", "function"), range(3))]
+    world = World(scenario, 3, 5, "centroid")
+    expected = episode_metrics(record(world, east(world), "expected"))
+    for of_one in (rows[:3], rows[3:]):
+        assert texts(replace(row, policy="expected") for row in of_one) == texts(expected)
+
+
+def test_batches_change_nothing_and_are_told_of(scenario, monkeypatch):
+    whole = evaluate(scenario, {"east": East}, episodes=5)
+    monkeypatch.setattr(evaluation, "WORLDS_PER_BATCH", 2)
+    batches, steps, traces = [], [], []
+    told = {"on_step": steps.append, "on_batch": batches.append, "on_trace": lambda *given: traces.append(given)}
+    rows = evaluate(scenario, {"east": East}, episodes=5, **told)
+    assert texts(rows) == texts(whole) == texts(chain(*batches))
+    assert [len(batch) for batch in batches] == [2, 2, 1]
+    assert texts(rows) == texts(chain(*(episode_metrics(trace, first) for trace, first in traces)))
+    assert steps == [2] * 20 + [1] * 10
+
+
+def test_a_batch_is_halved_until_its_records_fit(scenario, monkeypatch):
+    """What all worlds share fits once, what is of each world ten times."""
+    world = World(scenario, 1)
+    shared = EACH * world.steps
+    each = trace_bytes(world, world.steps) - shared
+    assert trace_bytes(World(scenario, 3), 7) == pytest.approx(7 / world.steps * (shared + 3 * each))
+    monkeypatch.setattr(evaluation, "World", lambda *given, **how: world)
+    monkeypatch.setattr(evaluation.memory, "SHARE", 0.5)
+    for fitting, episodes, size in ((10, 37, 10), (9.99, 37, 5), (200, 37, 37), (500, 500, 128), (0.5, 37, 1)):
+        monkeypatch.setattr(evaluation.memory, "available", lambda fitting=fitting: 2 * (shared + fitting * each))
+        assert evaluation.batch_size(scenario, episodes) == size
+
+
+def test_complete_batches_are_kept_when_a_policy_fails(scenario, monkeypatch):
+    monkeypatch.setattr(evaluation, "WORLDS_PER_BATCH", 2)
+    kept = []
+
+    def fails_later(world):
+        return east(world) if not kept else lambda observation: 1 / 0
+
+    with pytest.raises(ZeroDivisionError):
+        evaluate(scenario, {"late": fails_later}, episodes=4, on_batch=kept.extend)
+    assert [row.episode for row in kept] == [0, 1]
+
+
+def test_no_episodes_are_refused(scenario):
+    with pytest.raises(UserError, match=r"^episodes = 0: must be at least 1$"):
+        evaluate(scenario, {"east": East}, episodes=0)
+
+
+def test_the_variance_is_that_of_a_fix_from_the_best_place(device):
+    """With the depth below the water under the boat that serves the AUV."""
+    whole = random_trace()
+    first = {name: getattr(whole, name)[:2] for name, about in VARIABLES.items() if about.dimensions[0] == "time"}
+    trace = replace(whole, **first)
+    found = error_bound.variance(trace)
+    assert found.shape == trace.power.shape
+    scenario = trace.scenario
+    link, code = torch.from_numpy(link_table(Site(scenario))).to(device), objectives.objective_code("fix", "d")
+    for t, w in ((0, 0), (1, 2)):
+        water = [trace.boat_surface[t, w, boat, 0] for boat in trace.served_by[t, w]]
+        auvs = [(*map(float, xy), 100.0 + float(z)) for xy, z in zip(trace.auv_position[t, w], water, strict=True)]
+        points = torch.tensor([auvs], device=device)
+        best = search.plan_batch(link, points, code=code, width=300.0, length=240.0)[0, :2].tolist()
+        budget = error_budget(scenario, link, auvs, tuple(best), "fix", (0.0, 0.0))[SUM]
+        np.testing.assert_allclose(found[t, w], np.square(budget) / 2, rtol=0.01)
+
+
+@pytest.mark.parametrize("variances", [[4.0], [1.0, 1.0, 100.0], [0.01, 9.0, 9.0, 16.0]])
+def test_the_median_of_plane_normals(variances):
+    v = np.array(variances)
+    expected = brentq(lambda m: np.mean(1 - np.exp(-m * m / (2 * v))) - 0.5, 0, 1e3, xtol=1e-13)
+    assert error_bound.median_of_normals(v) == pytest.approx(expected, rel=1e-9)
+    assert len(v) > 1 or expected == pytest.approx(2 * math.sqrt(2 * math.log(2)))

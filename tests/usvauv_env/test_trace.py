@@ -1,22 +1,20 @@
-"""A trace of random numbers: its figures by plain loops, its file by another library, and what is refused."""
+"""A trace of random numbers: its file by another library, damaged files, and missions of worlds in it."""
 
-import math
-import statistics
-from contextlib import nullcontext
 from dataclasses import fields, replace
-from typing import NamedTuple
 
 import h5py
 import numpy as np
 import pytest
+import torch
 import xarray
 
-from usvauv.env import Scenario, Trace, TraceError
-from usvauv.env.netcdf import remote
-from usvauv.env.record import trace as trace_module
+from usvauv import policies
+from usvauv.env import Scenario, Trace, TraceError, World
 from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.recorder import Recorder, record
 from usvauv.env.record.trace import INTEGERS, LARGEST, VARIABLES
 from usvauv.env.site.place import LocalFrame
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, TallyColumn
 from usvauv.kernels.positioning import usbl
 
 STEP, STEPS, WORLDS, AUVS, BOATS, NODES = 2.0, 11, 3, 4, 2, 5
@@ -54,96 +52,6 @@ def random_trace() -> Trace:
 @pytest.fixture(scope="module")
 def trace() -> Trace:
     return random_trace()
-
-
-def spread(values: list[float]) -> dict[str, float]:
-    """Mean, median, rms and 95th percentile, which lies at 0.95 (n − 1) among the sorted values from the first on."""
-    ordered = sorted(values)
-    place = 0.95 * (len(values) - 1)
-    low = int(place)
-    return {
-        "mean": statistics.fmean(values),
-        "median": statistics.median(values),
-        "rms": math.sqrt(statistics.fmean(value * value for value in values)),
-        "p95": ordered[low] + (place - low) * (ordered[low + 1] - ordered[low]),
-    }
-
-
-def by_loops(trace: Trace, w: int) -> dict[str, float]:
-    """The figures of world w, by their definitions."""
-    every = [(t, k) for t in range(STEPS) for k in range(AUVS)]
-    flags = {at: int(trace.fix_flags[at[0], w, at[1]]) for at in every}
-    heard = [at for at in every if flags[at] & usbl.DETECTED]
-    used = [at for at in heard if not flags[at] & usbl.NO_DEPTH]
-
-    def distance(one: str, other: str, t: int, k: int) -> float:
-        return math.dist(getattr(trace, one)[t, w, k], getattr(trace, other)[t, w, k])
-
-    ec, runs = [], [0]
-    for k in range(AUVS):
-        energy = sum(float(trace.power[t, w, k]) * STEP for t in range(STEPS))
-        ec.append(energy / (STEP * STEPS - STEP * sum(int(trace.hovering[t, w, k]) for t in range(STEPS))))
-        run = 0
-        for t in range(STEPS):
-            run = 0 if (t, k) in used else run + 1
-            runs.append(run)
-    born, ages, peaks, data = [0.0] * NODES, [], [], [0.0] * NODES
-    for t in range(STEPS):
-        before = [STEP * t - each if t else 0.0 for each in born]
-        for k in range(AUVS):
-            if trace.service_rate[t, w, k] > 0:
-                node = trace.target[max(t - 1, 0), w, k]
-                arrival = next((s for s in range(t, -1, -1) if not trace.hovering[s, w, k]), -1)
-                peaks.append(before[node] + STEP)
-                born[node] = max(born[node], STEP * arrival)
-                data[node] += float(trace.delivered[t, w, k])
-        ages += [STEP * (t + 1) - each for each in born]
-    served = [(t, k) for t, k in every if trace.service_rate[t, w, k] > 0]
-    energy = STEP * sum(float(trace.power[t, w, k]) for t, k in every)
-    brought = sum(float(trace.delivered[t, w, k]) for t, k in every)
-    errors = {
-        "position_error": [distance("estimate", "auv_position", *at) for at in every],
-        "own_error": [distance("own_position", "auv_position", *at) for at in every],
-        "fix_error": [distance("fix", "heard_position", *at) for at in used],
-    }
-    return {
-        "episode": 10 + w,
-        "sdr": sum(float(trace.service_rate[t, w, k]) for t, k in served),
-        "ec": statistics.fmean(ec),
-        "arps": sum(float(trace.reward_terms[t, w, k, r]) for t, k in every for r in range(2)) / STEPS,
-        "services": len(served),
-        "delivered_mbit": brought,
-        "energy_wh": energy / 3600,
-        "target_distance": statistics.fmean(
-            math.dist(trace.node_position[w, trace.target[t, w, k]], trace.auv_position[t, w, k]) for t, k in every
-        ),
-        **{name: sum(int(trace.__dict__[f][t, w]) for t in range(STEPS)) for name, f in
-           (("overflow", "overflowing"), ("collisions", "collisions"))},
-        "border": sum(int(trace.border[t, w, k]) for t, k in every),
-        **{f"{name}_{part}": value for name, values in errors.items() for part, value in spread(values).items()},
-        "fix_availability": len(used) / len(every),
-        "fix_wrapped": sum(bool(flags[at] & usbl.WRAPPED) for at in used) / len(used),
-        "fix_dropped": 1 - len(used) / len(heard),
-        "outage_longest": STEP * max(runs),
-        "lost_mbit": sum(int(trace.packets_lost[t, w]) for t in range(STEPS)) * 3 / 4000,
-        "aoi_mean": statistics.fmean(ages),
-        "aoi_peak": statistics.fmean(peaks),
-        "aoi_largest": max(ages),
-        "jain": sum(data) ** 2 / NODES / sum(each**2 for each in data),
-        "joule_per_mbit": energy / brought,
-    }  # fmt: skip
-
-
-def test_figures_by_loops(trace):
-    rows = episode_metrics(trace, first_episode=10)
-    assert [(row.scenario, row.policy, row.usv, row.seed, row.targets) for row in rows] == [
-        ("ideal", "random", "fim", 3, "tour")
-    ] * WORLDS
-    assert [row.episode for row in episode_metrics(trace)] == [0, 1, 2]
-    for w, row in enumerate(rows):
-        expected = by_loops(trace, w)
-        found = {name: value for name, value in row.columns().items() if not isinstance(value, str) and name != "seed"}
-        assert found == pytest.approx(expected, rel=1e-5)
 
 
 def same(one: Trace, other: Trace) -> None:
@@ -226,74 +134,137 @@ def changed(name, place, value):
     return change
 
 
-class Held(NamedTuple):
-    """A variable of a file, as the process that reads it gives it."""
-
-    dimensions: tuple[str, ...]
-    values: np.ndarray
-    attributes: dict[str, str]
-
-    @property
-    def shape(self):
-        return self.values.shape
-
-    @property
-    def dtype(self):
-        return self.values.dtype
-
-    def read(self, part):
-        return self.values[part]
-
-
-@pytest.fixture
-def loaded(monkeypatch):
-    """Function that loads a trace as if it came from its file, without one."""
-
-    def load(trace: Trace) -> Trace:
-        units = {"units": f"seconds since {trace.start}"}
-        held = {name: Held(about.dimensions, getattr(trace, name), units) for name, about in VARIABLES.items()}
-        file = held, trace._global_attributes()
-        monkeypatch.setattr(remote, "open_remote", lambda path: nullcontext(file))
-        return Trace.load("t.nc")
-
-    return load
-
-
-@pytest.mark.parametrize("together", [1, 3, 11, 64])
-def test_a_surface_is_read_by_parts(trace, loaded, monkeypatch, together):
-    monkeypatch.setattr(trace_module, "TOGETHER", together)
-    same(loaded(trace), trace)
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (changed("power", (0, 0, 0), LARGEST), None),
-        (changed("power", (0, 0, 0), -LARGEST), None),
         (
             changed("power", (3, 1, 2), 1.01 * LARGEST),
             r"power holds 1\d+\.0; expected finite numbers up to 1e\+12",
         ),
-        (changed("fix", (3, 1, 2), np.nan), None),
         (changed("fix", (3, 1, 2), np.inf), "fix holds inf; expected finite"),
         (changed("surface", (8, 2, 3), np.nan), "surface holds nan; expected finite"),
         (changed("time", 4, 8.0), "time does not rise"),
-        (changed("stream_time", 1, 0.0), "stream_time does not rise"),
-        (lambda trace: replace(trace, stream_time=trace.stream_time[:2]), "stream and stream_time differ in length"),
         (changed("target", (1, 1, 1), -1), "target is from -1 to 4; expected 0 to 4"),
         (changed("fix_boat", (1, 1, 1), 2), "fix_boat is from 0 to 2; expected 0 to 1"),
-        (changed("served_by", (1, 1, 1), -1), "served_by is from -1 to 1; expected 0 to 1"),
         (lambda trace: replace(trace, start="soon"), "allowed: ISO 8601"),
         (lambda trace: replace(trace, reward_names=("a",)), "reward_terms has 2 along reward_term; expected 1"),
         (lambda trace: replace(trace, scenario=Scenario.load("ideal", ["auv.count=4", "boat.count=3"])), "expected"),
-        (lambda trace: replace(trace, backlog=trace.backlog[:, :0]), "backlog has 0 along world; expected at least 1"),
         (lambda trace: replace(trace, border=trace.border.astype("f4")), "border is of type float32; expected whole"),
     ],
 )
-def test_what_a_file_may_hold(trace, loaded, change, said):
-    wrong = change(trace)
-    if said is None:
-        same(loaded(wrong), wrong)
-    else:
-        with pytest.raises(TraceError, match=f"^t.nc: not a usvauv trace: .*{said}"):
-            loaded(wrong)
+def test_what_a_file_may_not_hold(trace, tmp_path, change, said):
+    change(trace).save(tmp_path / "t.nc")
+    with pytest.raises(TraceError, match=f"t.nc: not a usvauv trace: .*{said}"):
+        Trace.load(tmp_path / "t.nc")
+
+
+def replaced(name, values):
+    def change(file):
+        dimensions = [file[name].dims[i][0] for i in range(file[name].ndim)]
+        del file[name]
+        new = file.create_dataset(name, data=values)
+        for axis, scale in zip(new.dims, dimensions, strict=False):
+            axis.attach_scale(scale)
+
+    return change
+
+
+def attribute(name, value):
+    def change(file):
+        file.attrs[name] = value
+
+    return change
+
+
+def without(name):
+    def change(file):
+        del file[name]
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (replaced("power", np.zeros((11, 3, 4), "i4")), "power is of type int32; expected real numbers"),
+        (without("backlog"), "has no backlog"),
+        (attribute("scenario", 5), "its attribute scenario is not text"),
+        (attribute("scenario", "[" * 50_000), "nested too deep"),
+        (attribute("scenario", '{"nodes": {"count": 5}, "auv": {"count": 3}}'), "along auv; expected 3"),
+        (attribute("seed", "one"), "its attribute seed is not a whole number"),
+    ],
+)
+def test_a_trace_is_what_it_says_it_is(trace, tmp_path, change, match):
+    path = tmp_path / "trace.nc"
+    trace.save(path)
+    with h5py.File(path, "r+") as file:
+        change(file)
+    with pytest.raises(TraceError, match=match) as caught:
+        Trace.load(path)
+    assert str(caught.value).isprintable()
+
+
+def test_trace_survives_its_file(tmp_path):
+    scenario = Scenario.load("extreme", ["mission.duration=20"])
+    world = World(scenario, num_worlds=2, seed=1)
+    player = policies.load("straight", world)
+    trace = record(world, player.act, "straight", surface=True)
+    path = tmp_path / "t.nc"
+    trace.save(path)
+    again = Trace.load(path)
+    assert again.scenario == scenario
+    assert (again.policy, again.usv, again.seed, again.reward_names) == ("straight", "fim", 1, world.reward_names)
+    for name in VARIABLES:
+        np.testing.assert_array_equal(getattr(again, name), getattr(trace, name), err_msg=name)
+    with xarray.open_dataset(path) as file:
+        for name, variable in file.variables.items():
+            if name in ("x", "y"):
+                continue
+            about = VARIABLES[name]
+            assert (variable.attrs["long_name"], variable.attrs.get("units")) == (about.long_name, about.units)
+        for variable in file.variables.values():
+            variable.attrs.clear()  # as earlier versions wrote it
+        file.load().to_netcdf(tmp_path / "older.nc", engine="h5netcdf")
+    np.testing.assert_array_equal(Trace.load(tmp_path / "older.nc").fix, trace.fix)
+    for row, as_before in zip(episode_metrics(again), episode_metrics(trace), strict=True):
+        assert str(row) == str(as_before)  # numbers in full; NaN equals NaN there
+    assert episode_metrics(trace.episode(1))[0].sdr == episode_metrics(trace)[1].sdr
+
+
+def test_a_recorder_keeps_some_states_of_some_worlds():
+    world = World(Scenario.load("ideal", ["mission.duration=10"]), 3, 5)
+    recorder = Recorder(world)
+    world.reset()
+    states = []
+    for step in range(4):
+        world.step(torch.full((3, 2, 2), 0.3 * step - 0.4))
+        recorder.add()
+        states.append([each.numpy().copy() for each in (world.auv, world.node, world.estimate, world.tally)])
+    recorder.drop_last()
+    assert len(recorder) == 3
+    trace = recorder.trace("p", np.zeros((0, 0, 0)), first=1, start=5.0, worlds=slice(1, 3))
+    assert trace.time.tolist() == [5, 6]
+    auv, _, known, tally = (np.stack([state[i][1:] for state in states[1:3]]) for i in range(4))
+    node = world.node[1:].numpy()
+    for name, expected in (
+        ("auv_position", auv[..., [AuvColumn.x, AuvColumn.y]]),
+        ("target", auv[..., AuvColumn.target]),
+        ("node_rate", node[..., NodeColumn.rate]),
+        ("node_position", node[..., [NodeColumn.x, NodeColumn.y]]),
+        ("estimate", known[..., [EstimateColumn.x, EstimateColumn.y]]),
+        ("served_by", known[..., EstimateColumn.served_by]),
+        *((name, tally[..., getattr(TallyColumn, name)]) for name in ("collisions", "packets_created", "packets_lost")),
+    ):
+        np.testing.assert_array_equal(getattr(trace, name), expected, err_msg=name)
+    backlog = np.stack([state[1][1:, :, NodeColumn.backlog] for state in states[1:3]])
+    np.testing.assert_array_equal(trace.backlog, backlog)
+    assert (trace.stream.shape, trace.stream_time.shape) == ((0, 0, 0, 2), (0,))
+    recorder.clear()
+    assert len(recorder) == 0
+
+
+def test_not_a_trace(tmp_path):
+    path = tmp_path / "x.nc"
+    path.write_bytes(b"nothing of the kind")
+    with pytest.raises(TraceError, match=r"x\.nc: not a NetCDF file"):
+        Trace.load(path)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from usvauv.env.record import collection
+from usvauv.env.record import metrics
 from usvauv.env.record.metrics import usable
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.style import CATEGORICAL
@@ -135,7 +135,7 @@ def thinned(trace: Trace, episodes: int) -> Episode:
         data=np.cumsum(trace.delivered[:, 0].sum(axis=1, dtype=np.float64))[kept],
         energy=np.cumsum(trace.power[:, 0].sum(axis=1, dtype=np.float64))[kept] * seconds / 3600,
         tracks=moving,
-        age=collection.age(trace)[:, 0].mean(axis=0) if with_data else np.zeros(0),
+        age=metrics.age(trace)[:, 0].mean(axis=0) if with_data else np.zeros(0),
     )
 
 

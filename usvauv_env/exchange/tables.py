@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usvauv.env.record.collection import served
+from usvauv.env.record.metrics import served
 from usvauv.env.record.trace import VARIABLES, Trace
 from usvauv.env.storage.files import atomic_write
 

@@ -1,8 +1,12 @@
 """Figures of merit of an episode, made from a trace and nothing else.
 
 `sdr`, `ec` and `arps` are Table 2's sum data rate, energy consumption and average reward per time step. They miss
-where data come from and how old they are: visiting near nodes often raises all three. `usvauv.env.record.collection`
-has figures that it does not raise.
+where data come from and how old they are: visiting near nodes often raises all three. The figures of the task
+data-collection are not raised by it: the age of the data, how evenly they come in, what they cost and what is lost.
+
+Source of the age of information: S. Kaul, R. Yates, M. Gruteser, "Real-time status: How often should one update?", IEEE
+INFOCOM 2012, doi 10.1109/INFCOM.2012.6195689; of the index of fairness: R. Jain, D. Chiu, W. Hawe, DEC Research Report
+TR-301, 1984.
 """
 
 from __future__ import annotations
@@ -15,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from usvauv.env.record import collection
 from usvauv.env.record.trace import Trace
 from usvauv.kernels.positioning.usbl import DETECTED, UNUSABLE, WRAPPED
 from usvauv.kernels.registry import Registry
@@ -103,18 +106,6 @@ class Metric:
     values: Callable[[Trace], np.ndarray]
 
 
-task_metrics: Registry[Metric] = Registry("metric", form=Metric)
-for _name, _values in {
-    "lost_mbit": collection.lost_data,
-    "aoi_mean": collection.mean_age,
-    "aoi_peak": collection.peak_age,
-    "aoi_largest": collection.largest_age,
-    "jain": collection.fairness,
-    "joule_per_mbit": collection.energy_per_data,
-}.items():
-    task_metrics.register(_name, Metric("data-collection", _values))
-
-
 def position_error(trace: Trace) -> np.ndarray:
     """Distance between estimated and true positions, (T, W, K), m."""
     return np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)
@@ -177,6 +168,91 @@ def energy_consumption(trace: Trace) -> np.ndarray:
     time = step * np.arange(1.0, len(trace.time) + 1)[:, None, None]
     travelling = np.maximum(time - np.cumsum(hovering_time(trace), axis=0), step)
     return (np.cumsum(trace.power, axis=0, dtype=np.float64) * step / travelling).mean(-1)
+
+
+def served(trace: Trace) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Step, world, AUV and node of every completed service, each (S,), in the order of time."""
+    step, world, auv = np.nonzero(trace.service_rate > 0)
+    return step, world, auv, trace.target[np.maximum(step - 1, 0), world, auv].astype(np.intp)  # it then has a new one
+
+
+def newest_birth(trace: Trace) -> np.ndarray:
+    """U, (T, W, M), s: when the newest of the data collected so far from a node were born, at the end of each step.
+
+    A service takes what had arrived at its node when the AUV did; a node found empty counts as sampled. At the start
+    everything that has been born counts as known.
+    """
+    dt = trace.scenario.mission.step
+    steps, worlds, nodes = trace.backlog.shape
+    birth = np.full((steps, worlds, nodes), trace.time[0] - dt)
+    travelled = np.where(trace.hovering > 0, -1, np.arange(steps)[:, None, None])
+    arrived = np.maximum.accumulate(travelled, axis=0)  # the last step of travelling, in which the service began
+    t, w, k, i = served(trace)
+    np.maximum.at(birth, (t, w, i), trace.time[0] + (arrived[t, w, k] - 1) * dt)
+    return np.maximum.accumulate(birth, axis=0)
+
+
+def age(trace: Trace) -> np.ndarray:
+    """Age of information A = t − U, (T, W, M), s, at the end of each step."""
+    return trace.time[:, None, None] - newest_birth(trace)
+
+
+def mean_age(trace: Trace) -> np.ndarray:
+    """Mean age over nodes and time, (W,), s."""
+    return age(trace).mean(axis=(0, 2))
+
+
+def peak_ages(trace: Trace) -> list[np.ndarray]:
+    """Ages just before each service, s, for each world (S_w,)."""
+    t, w, _, i = served(trace)
+    before = np.concatenate([np.zeros_like(trace.backlog[:1], float), age(trace)[:-1]])
+    peaks = before[t, w, i] + trace.scenario.mission.step
+    return [peaks[w == world] for world in range(trace.backlog.shape[1])]
+
+
+def peak_age(trace: Trace) -> np.ndarray:
+    """Mean of the ages just before the services, (W,), s; NaN without a service."""
+    return np.array([peaks.mean() if len(peaks) else np.nan for peaks in peak_ages(trace)])
+
+
+def largest_age(trace: Trace) -> np.ndarray:
+    """Largest age of any node at any time, (W,), s."""
+    return age(trace).max(axis=(0, 2))
+
+
+def fairness(trace: Trace) -> np.ndarray:
+    """Jain's index (Σx)²/(n Σx²) of the n nodes' collected data x, (W,): 1 if all are equal, 1/n if one has all."""
+    t, w, k, i = served(trace)
+    _, worlds, nodes = trace.backlog.shape
+    data = np.zeros((worlds, nodes))
+    np.add.at(data, (w, i), trace.delivered[t, w, k])
+    square = nodes * (data**2).sum(axis=1)
+    return np.divide(data.sum(axis=1) ** 2, square, out=np.full(worlds, np.nan), where=square > 0)
+
+
+def lost_data(trace: Trace) -> np.ndarray:
+    """Data that full buffers lost, (W,), Mbit."""
+    nodes = trace.scenario.nodes
+    return trace.packets_lost.sum(axis=0) * (nodes.payload / nodes.buffer)
+
+
+def energy_per_data(trace: Trace) -> np.ndarray:
+    """Energy of all AUVs over the data collected, (W,), J/Mbit; NaN where none were."""
+    energy = trace.power.sum(axis=(0, 2), dtype=np.float64) * trace.scenario.mission.step
+    data = trace.delivered.sum(axis=(0, 2), dtype=np.float64)
+    return np.divide(energy, data, out=np.full(len(data), np.nan), where=data > 0)
+
+
+task_metrics: Registry[Metric] = Registry("metric", form=Metric)
+for _name, _values in {
+    "lost_mbit": lost_data,
+    "aoi_mean": mean_age,
+    "aoi_peak": peak_age,
+    "aoi_largest": largest_age,
+    "jain": fairness,
+    "joule_per_mbit": energy_per_data,
+}.items():
+    task_metrics.register(_name, Metric("data-collection", _values))
 
 
 def _of_task(name: str, trace: Trace) -> np.ndarray:

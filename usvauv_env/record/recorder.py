@@ -18,7 +18,7 @@ from usvauv.kernels.positioning.usbl import DETECTED
 from usvauv.kernels.types import Level
 
 SURFACE_PIXELS = 128
-KEPT = 2.5  # times that a state is in memory: as recorded, together with the others, and what is made of it
+COPIES = 2.5  # of a state in memory: as recorded, together with the others, and what is made of it
 EACH = 1000.0  # bytes of Python's own for a state
 
 
@@ -38,7 +38,7 @@ def trace_bytes(world: World, steps: int) -> float:
     """Estimate of the memory that recording some steps takes at its peak, bytes; the surface is on the disk."""
     states = world.auv, world.boat, world.node[..., NodeColumn.backlog], world.reward_terms, world.estimate
     numbers = sum(tensor.numel() for tensor in states) + 4 * world.num_worlds * world.scenario.current.vortices
-    return steps * (EACH + 4.0 * KEPT * numbers)
+    return steps * (EACH + 4.0 * COPIES * numbers)
 
 
 class Recorder:

@@ -175,11 +175,15 @@ class Trace:
         """
         import h5netcdf
 
-        frame = Site(self.scenario).frame
         with hdf5_file(Path(path)) as file, deferred(), h5netcdf.File(file, "w") as written:
-            for name, value in self._global_attributes().items():
-                written.attrs[name] = value
-            self._write(written, frame)
+            written.attrs["Conventions"] = "CF-1.11"
+            written.attrs["title"] = "usvauv trace"
+            written.attrs["scenario"] = json.dumps(self.scenario.to_dict())
+            written.attrs["policy"] = self.policy
+            written.attrs["usv"] = self.usv
+            written.attrs["seed"] = np.int64(self.seed)
+            written.attrs["reward_names"] = ",".join(self.reward_names)
+            self._write(written, Site(self.scenario).frame)
 
     @classmethod
     def load(cls, path: str | Path) -> Trace:
@@ -237,7 +241,7 @@ class Trace:
         return attributes
 
     def _coordinates(self, frame: LocalFrame | None) -> dict[str, Stored]:
-        """Storeds of the grids, and longitudes and latitudes of grids and positions where there is a place."""
+        """Coordinates of the grids, and longitudes and latitudes of grids and positions where there is a place."""
         area = self.scenario.area
         coordinates: dict[str, Stored] = {}
 
@@ -250,10 +254,7 @@ class Trace:
         if self._has("surface"):
             rows, columns = self.surface.shape[1:]
             x, y = ((np.arange(n) + 0.5) * side / n for n, side in ((columns, area.width), (rows, area.length)))
-            coordinates |= {
-                "x": Stored(("x",), x, place.X_AXIS),
-                "y": Stored(("y",), y, place.Y_AXIS),
-            }
+            coordinates |= {"x": Stored(("x",), x, place.X_AXIS), "y": Stored(("y",), y, place.Y_AXIS)}
             add("", ("y", "x"), *np.meshgrid(x, y))
         if self._has("stream"):  # a grid mapping has one pair of coordinates, which are those of the surface
             rows, columns = self.stream.shape[1:3]
@@ -266,17 +267,6 @@ class Trace:
             x, y = np.moveaxis(getattr(self, position).astype(np.float64), -1, 0)
             add(f"{name}_", VARIABLES[position].dimensions[:-1], x, y)
         return coordinates
-
-    def _global_attributes(self) -> dict[str, Any]:
-        return {
-            "Conventions": "CF-1.11",
-            "title": "usvauv trace",
-            "scenario": json.dumps(self.scenario.to_dict()),
-            "policy": self.policy,
-            "usv": self.usv,
-            "seed": np.int64(self.seed),
-            "reward_names": ",".join(self.reward_names),
-        }
 
     def _write(self, file: h5netcdf.File, frame: LocalFrame | None) -> None:
         """Dimensions, variables, and coordinates with the variables that have them."""

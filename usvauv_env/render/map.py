@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from usvauv.env.record.collection import age
+from usvauv.env.record.metrics import age
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, MapView, Rectangle, nice, nice_above

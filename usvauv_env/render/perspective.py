@@ -8,7 +8,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from usvauv.env.record.collection import age
+from usvauv.env.record.metrics import age
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, Rectangle, nice_above

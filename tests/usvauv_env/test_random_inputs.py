@@ -1,10 +1,11 @@
-"""Scenarios within all bounds run: some of `tests.trials.scenarios`, and a link that carries nothing."""
+"""Random inputs: some of `tests.trials.fuzz` and `tests.trials.scenarios`, and a link that carries nothing."""
 
 import random
 
 import pytest
 import torch
 
+from tests.trials.fuzz import run_case
 from tests.trials.scenarios import LONGEST, effort, random_overrides, run
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.kernels.mission.columns import AuvColumn
@@ -34,3 +35,13 @@ def test_a_link_that_carries_nothing_holds_its_auv():
         world.step(torch.zeros(2, 2, 2))
     hover = world.auv[..., AuvColumn.hover]
     assert ((hover > world.scenario.mission.duration) & hover.isfinite()).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [("toml", 30), ("override", 100), ("learn", 200), ("checkpoint", 10), ("plan", 40), ("attributes", 8)],
+)
+def test_inputs_are_accepted_or_refused_in_one_line(tmp_path, kind, count):
+    outcomes = {number: run_case(kind, 5, number, tmp_path) for number in range(count)}
+    assert {n: outcome for n, outcome in outcomes.items() if outcome not in ("accepted", "refused")} == {}
+    assert "refused" in outcomes.values()
