@@ -49,6 +49,7 @@ LAST, BEST = "last", "best"
 ENDING = ".safetensors"
 METADATA = "usvauv"  # name of the JSON; of several metadata a file's bytes would depend on chance
 CPU = torch.device("cpu")
+ATTEMPTS = 20  # to read what is being replaced
 
 Part = tuple[dict[str, Any], dict[str, Tensor]]  # its JSON and its tensors
 
@@ -91,11 +92,34 @@ def clean(run: Path) -> None:
 
 
 def read(path: Path, part: str, device: torch.device = CPU) -> Part:
-    """JSON and tensors of a part of a checkpoint, as given to `write`.
+    """JSON and tensors of a part of a checkpoint, as given to `write`; both of the same `write`.
 
     Raises:
         PolicyError: missing or damaged.
     """
+    for _ in range(ATTEMPTS):  # safetensors opens a file twice, for its header and for its tensors
+        before = _identity(path)
+        try:
+            content = _read(path, part, device)
+        except PolicyError:
+            if before == _identity(path):
+                raise
+        else:
+            if before == _identity(path):
+                return content
+    raise PolicyError(f"{path}: checkpoint cannot be read while it is replaced all the time")
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Differs between a file and another one in its place; None: there is none."""
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_ino, about.st_mtime_ns
+
+
+def _read(path: Path, part: str, device: torch.device) -> Part:
     try:
         about, tensors = _read_folder(path, part, device) if os.path.isdir(path) else _read_file(path, part, device)
     except FileNotFoundError:

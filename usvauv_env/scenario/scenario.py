@@ -347,7 +347,7 @@ def _retired(data: Mapping[str, Any]) -> list[tuple[str, str]]:
     found = []
     for name, values in RETIRED.items():
         section, _, field = name.partition(".")
-        content = data.get(section)
+        content = data.get(section) if isinstance(data, Mapping) else None
         if isinstance(content, Mapping) and field in content and (not values or content[field] in values):
             found.append((section, field))
     return found
