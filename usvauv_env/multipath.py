@@ -12,7 +12,7 @@ from usvauv.env.fix_prediction import Position
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables
 from usvauv.kernels import runtime
-from usvauv.kernels.positioning import coded_pulse
+from usvauv.kernels.positioning import pulse
 from usvauv.kernels.positioning.acoustic_link import KAPPA
 
 DISTANCE = 0.25  # of an AUV from the boat in `warning`, over the area's diagonal
@@ -33,7 +33,7 @@ def errors(site: Site, link: torch.Tensor, auvs: Sequence[Position], boat: tuple
     water = offset.new_tensor(tables.boundaries(site)).expand(len(auvs), -1).contiguous()
     pulses = tables.pulse_tables(site.scenario, link.device)
     level = torch.zeros_like(offset[:, :2])
-    variance = coded_pulse.multipath_variances(pulses, link, index, offset, level, water).double()
+    variance = pulse.multipath_variances(pulses, link, index, offset, level, water).double()
     square = offset.double().square().sum(1)
     across = square / link[index.long(), KAPPA].double().square() * (variance[:, 0] + variance[:, 1])
     along = variance[:, 2] * (1 - offset[:, 2].double().square() / square)

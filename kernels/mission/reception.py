@@ -10,7 +10,7 @@ import taichi as ti
 from usvauv.kernels import random
 from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter, Refraction
 from usvauv.kernels.mission.worlds import Worlds, address, key, normals
-from usvauv.kernels.positioning import acoustic_link, coded_pulse, rays, reflections, usbl, validation, waveform
+from usvauv.kernels.positioning import acoustic_link, pulse, rays, reflections, usbl, validation
 from usvauv.kernels.positioning.layered_water import sound_speed
 from usvauv.kernels.positioning.validation import Expectation
 from usvauv.kernels.types import mat3, vec2, vec3, vec4, vec6
@@ -95,7 +95,7 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
 
 @ti.func
 def sounds(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k):
-    """What the hydrophones receive of a coded pulse, as `coded_pulse.sounds` has it.
+    """What the hydrophones receive of a pulse, as `pulse.sounds` has it.
 
     The array lies at its depth below the surface as it is there; it and the AUVs rise and sink over a level bottom.
     """
@@ -114,7 +114,7 @@ def sounds(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k):
     bent = ti.static(reflections.Profile(worlds.layers, worlds.mirrored_layers, z, speed, direct))
     around = ti.static(surroundings(worlds, boundaries, bent))
     body = arrival.path * arrival.body
-    return coded_pulse.sounds(worlds.pulses, worlds.link, k, body, arrival.path, arrival.offset, pose.axes, around)
+    return pulse.sounds(worlds.pulses, worlds.link, k, body, arrival.path, arrival.offset, pose.axes, around)
 
 
 def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> reflections.Surroundings:
@@ -128,20 +128,12 @@ def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> re
 
 @ti.func
 def sample(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, sigma, draw: random.uint4, w, k) -> vec6:
-    """The sampled signal of AUV k as the receiver measures it, columns of `waveform`."""
-    link = ti.static(worlds.link)
-    measured = vec6(0.0)
-    if ti.static(worlds.program.coded):
-        heard = sounds(worlds, pose, arrival, w, k)
-        noise = ti.static(worlds.pulse_noise)
-        coded_pulse.draw(noise, w, draw, key(worlds, w))
-        energy = 1.0 / (sigma * sigma)
-        measured = coded_pulse.measure(worlds.pulses, link, k, arrival.path, energy, heard, noise, w)
-    else:
-        stream = random.philox(draw, key(worlds, w))
-        at = arrival.path * arrival.body
-        measured = waveform.measure(link, k, at, arrival.path, sigma, stream, waveform.PROJECTED)
-    return measured
+    """The sampled signal of AUV k as the receiver measures it, columns of `pulse`."""
+    heard = sounds(worlds, pose, arrival, w, k)
+    noise = ti.static(worlds.pulse_noise)
+    pulse.draw(noise, w, draw, key(worlds, w))
+    energy = 1.0 / (sigma * sigma)
+    return pulse.measure(worlds.pulses, worlds.link, k, arrival.path, energy, heard, noise, w)
 
 
 @ti.func
@@ -156,15 +148,15 @@ def receive(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k) -> S
     amplitude = 0.0
     if ti.static(worlds.program.waveform):
         measured = sample(worlds, pose, arrival, sigma, draw, w, k)
-        phase = vec2(measured[waveform.PHASE_X], measured[waveform.PHASE_Y])
-        residual = measured[waveform.RESIDUAL]
-        slant_range += measured[waveform.RANGE_ERROR]
-        amplitude = measured[waveform.AMPLITUDE]
+        phase = vec2(measured[pulse.PHASE_X], measured[pulse.PHASE_Y])
+        residual = measured[pulse.RESIDUAL]
+        slant_range += measured[pulse.RANGE_ERROR]
+        amplitude = measured[pulse.AMPLITUDE]
     else:
         body = arrival.body
         if ti.static(worlds.program.multipath):
             heard = sounds(worlds, pose, arrival, w, k)
-            disturbed = coded_pulse.disturbance(worlds.pulses, link, k, heard)
+            disturbed = pulse.disturbance(worlds.pulses, link, k, heard)
             body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
             slant_range += disturbed[2]
             sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)

@@ -16,7 +16,7 @@ from usvauv.kernels.mission import channel, fixes, motion, navigation, observati
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import Worlds, address, key, uniforms
-from usvauv.kernels.positioning.coded_pulse import Pulses
+from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.types import Columns, array1, array2, array3, array4, index1, index2, mask1
 
 START_ATTEMPTS = 256
@@ -245,7 +245,7 @@ def run(
                 program,
                 p,
                 link,
-                Pulses(pulse_envelope, pulse_output, pulse_rate),
+                Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone),
                 layers,
                 mirrored_layers,
                 arrivals,

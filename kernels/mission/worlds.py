@@ -35,7 +35,7 @@ class Program(NamedTuple):
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: what the boat maximises, of `usvauv.kernels.planning.objectives.objective_code`.
         waveform: fixes by sampled signals, not by the statistical model.
-        coded: the signal is a coded pulse, not a tone.
+        tone: the signal is a tone, not a coded pulse.
         multipath: the array hears reflections from surface and bottom too.
         refraction: of `Refraction`.
         tracker: the boat tracks its AUVs by their commanded velocities.
@@ -53,7 +53,7 @@ class Program(NamedTuple):
     information: int
     objective_code: int
     waveform: bool
-    coded: bool
+    tone: bool
     multipath: bool
     refraction: int
     tracker: bool
@@ -71,7 +71,7 @@ class Worlds(NamedTuple):
         program: what is compiled.
         p: (P,) numbers of the scenario, `Parameter`.
         link: (K, C) acoustic constants of each AUV, `usvauv.kernels.positioning.acoustic_link.link_table`.
-        pulses: `usvauv.kernels.positioning.coded_pulse.Pulses` of the AUVs, where they are used.
+        pulses: `usvauv.kernels.positioning.pulse.Pulses` of the AUVs, where they are used.
         layers: (N, 3) sound speed profile, `usvauv.kernels.positioning.rays`.
         mirrored_layers: (M, 3) the same with its mirror image below the bottom, for reflections.
         arrivals: (R, .) table of Poisson arrivals, `usvauv.kernels.mission.tasks.data_collection.arrival_table`.
@@ -96,7 +96,7 @@ class Worlds(NamedTuple):
         foresight: (W, K, F) `ForesightColumn`, where the boat's strategy foresees the AUVs.
         belief: (W, 1 or K, M, C) `BeliefColumn`.
         workspace: (W, ≥ 1) numbers that the target rule needs while it chooses.
-        pulse_noise: (W, columns, 8) noise of one coded pulse, where it is sampled.
+        pulse_noise: (W, columns, 8) noise of one pulse, where it is sampled.
         observation: (W, K, O).
         reward_terms: (W, K, R) weighted.
         reward: (W, K).

@@ -39,7 +39,7 @@ import taichi as ti
 
 from usvauv.kernels.positioning import acoustic_link, rays, sonar_equation
 from usvauv.kernels.positioning.layered_water import sound_speed
-from usvauv.kernels.positioning.tone import TWO_PI
+from usvauv.kernels.positioning.usbl import TWO_PI
 from usvauv.kernels.types import vec2, vec3
 
 SEDIMENTS = {  # density and speed of sound over the water's, absorption in dB a wavelength

@@ -13,7 +13,7 @@ Validity. With a² = 2/σ² the four hydrophones together measure the amplitude 
 noncentral χ of 8 degrees of freedom, to 3e-3 where signals are detected), and their phases scatter with σ² 2a/R. A fix
 is DETECTED where R is above the link's threshold. It has WRAPPED where a phase difference has left (−π, π], as it can
 with d near half a wavelength or above, and has NO_DEPTH where x̂'² + ŷ'² > Ŝ², as it can near the horizon. It is good
-where its flags are DETECTED and nothing else. `usvauv.kernels.positioning.waveform` measures sampled tones instead;
+where its flags are DETECTED and nothing else. `usvauv.kernels.positioning.pulse` measures sampled pulses instead;
 `docs/positioning.md` compares both.
 
 Residual. Of phases p on four hydrophones with the variance σ²/2 each, (p_3 + p_4)/2 − (p_1 + p_2)/2 is independent of
@@ -45,6 +45,8 @@ from usvauv.kernels.positioning.acoustic_link import (
     range_deviation,
 )
 from usvauv.kernels.types import array2, index1, mat3, vec2, vec3, vec4, vec5
+
+TWO_PI = 2.0 * math.pi
 
 # Bits of a fix's flags.
 DETECTED = 1  # the tone is above the detection threshold; known to the receiver

@@ -23,9 +23,8 @@ from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Planner, Tracker
 from usvauv.env.storage import text_files
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.tasks.task import Task, tasks
-from usvauv.kernels.positioning.codes import FEWEST_CHIPS
+from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 
-MOST_SAMPLES = 100_000  # of a tone that is received sample by sample; about 10 ms a fix
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 # Fields of 0.2 that are gone since 0.3, or values of a field; none: all. A stored scenario is read without them.
 RETIRED: dict[str, tuple[object, ...]] = {
@@ -145,8 +144,8 @@ class Scenario(Section):
 
     @property
     def uses_pulse_tables(self) -> bool:
-        """Whether fixes depend on the form of coded pulses."""
-        return self.usbl.signal == "code" and (self.usbl.model == "waveform" or self.acoustics.multipath)
+        """Whether fixes depend on the form of the pulses."""
+        return self.usbl.model == "waveform" or self.acoustics.multipath
 
     @property
     def can_have_multipath(self) -> bool:
@@ -163,14 +162,12 @@ class Scenario(Section):
         )
 
     def _check_signal(self) -> None:
-        usbl = self.usbl
-        samples = usbl.periods * usbl.sampling_rate / min(*usbl.carriers, usbl.carrier_min)
-        if usbl.model == "waveform" and usbl.signal == "tone" and samples > MOST_SAMPLES:
+        usbl, coded = self.usbl, self.usbl.signal == "code"
+        if usbl.model == "waveform" and not coded and usbl.periods < FEWEST_PERIODS:
             raise ValueError(
-                f"usbl.periods of usbl.sampling_rate: a tone of {samples:.0f} samples; at most {MOST_SAMPLES} with"
-                " usbl.model = waveform"
+                f"usbl.periods = {usbl.periods}: must be at least {FEWEST_PERIODS} with usbl.model = waveform"
             )
-        if self.uses_pulse_tables and not FEWEST_CHIPS <= self.chips <= MOST_CHIPS:
+        if self.uses_pulse_tables and coded and not FEWEST_CHIPS <= self.chips <= MOST_CHIPS:
             raise ValueError(
                 f"usbl.pulse_length times acoustics.bandwidth: a pulse of {self.chips} chips; from {FEWEST_CHIPS} to"
                 f" {MOST_CHIPS} with usbl.model = waveform or acoustics.multipath"

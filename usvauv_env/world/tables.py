@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario import Scenario
 from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.site.place import far_position
 from usvauv.env.site.site import Site
@@ -21,7 +21,7 @@ from usvauv.kernels.mission.columns import Information, Parameter, Refraction, S
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
-from usvauv.kernels.positioning import coded_pulse, codes, current_process, sonar_equation, validation, waveform
+from usvauv.kernels.positioning import current_process, pulse, sonar_equation, validation
 from usvauv.kernels.positioning.absorption import Water, absorption_laws
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar
 from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
@@ -116,14 +116,9 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
     """What the mission's kernels are compiled for; `link` of `link_table`.
 
     Raises:
-        ScenarioError: a tone too short for the waveform receiver, or an unknown observation term.
+        ScenarioError: an unknown observation term.
     """
     s = site.scenario
-    sampled, coded = s.usbl.model == "waveform", s.usbl.signal == "code"
-    if sampled and not coded and s.usbl.periods < waveform.FEWEST_PERIODS:
-        raise ScenarioError(
-            f"usbl.periods = {s.usbl.periods}: must be at least {waveform.FEWEST_PERIODS} with usbl.model = waveform"
-        )
     refraction = Refraction.none
     if site.sound_speed is not None:
         refraction = Refraction.corrected if s.usbl.refraction == "corrected" else Refraction.ignored
@@ -134,8 +129,8 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         observation=tuple(observation_terms[name].write for name in ObservationLayout.of(s).terms),
         information=getattr(Information, s.nodes.information.replace("-", "_")),
         objective_code=objectives.objective_code(s.planner.measurement, s.planner.objective),
-        waveform=sampled,
-        coded=coded,
+        waveform=s.usbl.model == "waveform",
+        tone=s.usbl.signal == "tone",
         multipath=s.acoustics.multipath,
         refraction=refraction,
         tracker=s.tracker.enabled,
@@ -225,12 +220,13 @@ def link_table(site: Site) -> np.ndarray:
     return link_constants([s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)], sonar)
 
 
-def pulse_tables(scenario: Scenario, device: torch.device) -> coded_pulse.Pulses:
-    """Tables of the AUVs' coded pulses."""
+def pulse_tables(scenario: Scenario, device: torch.device) -> pulse.Pulses:
+    """Tables of the AUVs' pulses."""
     count = scenario.auv.count
+    if scenario.usbl.signal == "tone":
+        return pulse.tones(count, scenario.usbl.periods, device)
     carriers = [scenario.usbl.carrier(k, count) for k in range(count)]
-    code = codes.codes(count, scenario.chips)
-    return coded_pulse.pulses(code, carriers, scenario.acoustics.bandwidth, GATE, device)
+    return pulse.pulses(pulse.codes(count, scenario.chips), carriers, scenario.acoustics.bandwidth, GATE, device)
 
 
 def roughness(site: Site) -> float:

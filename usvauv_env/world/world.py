@@ -42,7 +42,7 @@ from usvauv.kernels.mission.state_ranges import LARGEST
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.data_collection import arrival_table
 from usvauv.kernels.mission.tasks.task import tasks
-from usvauv.kernels.positioning import coded_pulse, tracker
+from usvauv.kernels.positioning import pulse, tracker
 
 MAX_WORLDS = 1 << 22
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
@@ -127,7 +127,7 @@ class World:
         # Names in `state` of what is not of single worlds.
         self.common_state = ("sea", "sea_clock", "sea_episode", *arrays.unused(scenario, foresees))
         shapes = arrays.shapes(scenario, num_worlds, foresees)
-        self._pulses = coded_pulse.Pulses(self._zeros(1, 1), self._zeros(1, 1, 1), self._zeros(1))
+        self._pulses = pulse.Pulses(self._zeros(1, 1), self._zeros(1, 1, 1), self._zeros(1))
         if scenario.uses_pulse_tables:
             self._pulses = tables.pulse_tables(scenario, self.device)
         drawn = 8 * self._pulses.noise.shape[2]  # noise of a pulse

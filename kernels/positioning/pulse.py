@@ -1,28 +1,46 @@
-"""USBL fixes from coded pulses: four hydrophones, a matched filter over a range gate, phases and delay at its peak.
+"""USBL fixes from sampled pulses: four hydrophones, a matched filter over a range gate, phases and delay at its peak.
 
-The reference for the statistical model of a coded pulse, and a model of missions: with γ = E/N0 on one hydrophone, E
-the pulse's energy, a phase difference has the variance 1/γ and the delay 1/(8γβ²), β = 2πB/√12.
+The reference for the statistical model of `usvauv.kernels.positioning.usbl`, and a model of missions: with γ = E/N0 on
+one hydrophone, E the pulse's energy, a phase difference has the variance 1/γ, and the delay 1/(8γ (2π f_rms)²).
 
-Signal. Hydrophone i receives √γ s(t − t_i) e^{−2πjf t_i} at complex baseband (`usvauv.kernels.positioning.codes`) in
-white Gaussian noise. The wavefront is a sphere (`waveform.arrivals`). With `water` the AUV's images are heard too
-(`usvauv.kernels.positioning.reflections`). An echo goes out and back; its reflections come back only.
+Pulse. L chips of ±1, one each 1/B, with chips of the flat spectrum of the band B: at complex baseband
 
-Receiver. The gate is `gate` chips of 1/B long, its middle within half a chip of the arrival.
+    s(t) = Σ_l c_l D(B t − l),   R(τ) = Σ_k A_k D(B τ − k),   A_k = Σ_l c_l c_{l+k}/L,
 
-1. The filter matched to the AUV's code is sampled at COARSE lags a chip; the lag with the largest energy, summed over
-   the hydrophones, is the peak. A parabola through it and its neighbours gives the lag to 1/60 chip.
-2. A parabola through the outputs at the nearest three of FINE lags a chip gives it to 1/30,000 chip.
-3. The outputs at the nearest lag give energy and phases. The delay, less the wavefront's curvature, gives the range.
+R is the pulse's autocorrelation. D is sin πx/(M sin πx/M), the sinc function on a record of M chips, M odd; on such a
+record correlations are exact sums over its M frequencies. The rms bandwidth of a flat band is B √((1 − 1/M²)/12).
+A tone is a pulse without a code: all its chips are 1, each as long as a period of the carrier, and R falls linearly.
+
+Codes. Gold's codes (IEEE Trans. Inf. Theory 13 (1967) 619, doi 10.1109/TIT.1967.1054048) have low correlations where
+they repeat without a pause. A single pulse has aperiodic ones (Sarwate and Pursley, Proc. IEEE 68 (1980) 593,
+doi 10.1109/PROC.1980.11697). Those of random codes have the mean square 1/(2L) over the 2L lags where pulses overlap,
+and random codes exist at every length. `codes` takes, of CANDIDATES random ones, the one with the lowest peak of its
+correlations among those whose mean square bandwidth is that of the flat band to FLATNESS.
+
+Signal. Hydrophone i receives √γ s(t − t_i) e^{−2πjf t_i} in white Gaussian noise. The wavefront is a sphere about the
+AUV, computed without cancellation: r_i − S = (d²/4 − 2 r·p_i)/(r_i + S). With `water` the AUV's images are heard too
+(`usvauv.kernels.positioning.reflections`). An echo is sent from the array's centre; its reflections come back only.
+
+Receiver. The gate is `gate` chips of 1/B long, its middle within half a chip of the arrival. Of a code
+
+1. the filter matched to it is sampled at COARSE lags a chip; the lag with the largest energy, summed over the
+   hydrophones, is the peak. A parabola through it and its neighbours gives the lag to 1/60 chip;
+2. a parabola through the outputs at the nearest three of FINE lags a chip gives it to 1/30,000 chip.
+
+Of a tone the phases at the middle of the gate give the delay modulo one period; of the delays that remain, to PERIODS
+periods off, the one with the most energy is taken. This supposes that the phase of the reflection or of the
+transponder's reply is known. A search of the whole record is supposed to have brought the receiver there.
+
+The outputs at the nearest lag give energy and phases. The delay, for a tone that of the mean phase, less the
+wavefront's curvature, gives the range.
 
 Noise. Outputs of the filter are Gaussian with the covariance R(τ − τ'), real and imaginary parts independent: a matrix
-N with N Nᵀ = R times independent normal numbers. With `sampled` the rows of N are the filter's coefficients, at
-SAMPLING samples a chip of the record. By default N is the Karhunen–Loève expansion of the noise in the gate, cut where
+N with N Nᵀ = R times independent normal numbers. N is the Karhunen–Loève expansion of the noise in the gate, cut where
 an eigenvalue is below EIGENVALUE, which leaves some `gate` + 10 columns.
 """
 # pyright: reportIndexIssue=false, reportOptionalCall=false
 # (what Taichi's operations return exists only while a kernel is compiled)
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -31,19 +49,32 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import random
-from usvauv.kernels.positioning import acoustic_link, codes, reflections, usbl, waveform
-from usvauv.kernels.positioning.codes import FINE
-from usvauv.kernels.positioning.tone import TWO_PI, fraction
-from usvauv.kernels.positioning.waveform import MEASURED
+from usvauv.kernels.positioning import acoustic_link, reflections, usbl
+from usvauv.kernels.positioning.usbl import TWO_PI
 from usvauv.kernels.types import array1, array2, array3, index1, mat3, vec2, vec3, vec4, vec6
 
+FINE = 32  # lags a chip in tables
 COARSE = 4
 STEP = FINE // COARSE
 PARABOLAS = 4  # to the peak of noiseless sounds
-SAMPLING = 2
 EIGENVALUE = 1e-9
+CANDIDATES = 1024
+FLATNESS = 0.003  # of the mean square bandwidth
+FEWEST_CHIPS = 16
+FEWEST_PERIODS = 5  # of a tone
+PERIODS = 2  # by which the delay of a tone is searched to either side
+TONE_GATE = 2 * PERIODS + 2  # of a tone, periods: its arrival and its phase are each within half a period
 SOUNDS = 1 + reflections.REFLECTIONS
 BOUNDARIES = len(reflections.Boundaries.members)
+
+# What the receiver measures, columns of a measurement.
+PHASE_X = 0  # rad
+PHASE_Y = 1
+RANGE_ERROR = 2  # measured minus true slant range, m
+AMPLITUDE = 3  # of the pulse over the noise, all hydrophones together
+RESIDUAL = 4  # rad, mean phase by the y pair minus that by the x pair: near ±π where one of them has wrapped
+SLIP = 5  # error of the delay in whole chips
+MEASURED = 6
 
 
 class Pulses(NamedTuple):
@@ -53,39 +84,114 @@ class Pulses(NamedTuple):
         envelope: (K, …) float32, the autocorrelation R at the lags j/FINE chips from 0.
         noise: (K, gate · FINE + 1, columns) float32, rows for the lags of the gate.
         rate: (K,) float32, B/f, chips a period of the carrier.
+        tone: whether the pulses are tones, whose delay is read from the carrier.
     """
 
     envelope: torch.Tensor
     noise: torch.Tensor
     rate: torch.Tensor
+    tone: bool = False
 
 
-def pulses(
-    code: np.ndarray, carriers: Sequence[float], bandwidth: float, gate: int, device: torch.device, *, sampled=False
-) -> Pulses:
+def mean_square_bandwidth(spectrum: np.ndarray) -> np.ndarray:
+    """Mean square frequency of two-sided power spectra (..., M), M odd, over that of a flat band."""
+    M = spectrum.shape[-1]
+    f = np.fft.fftfreq(M)
+    return (f * f * spectrum).sum(-1) / spectrum.sum(-1) / ((1 - 1 / M**2) / 12)
+
+
+def correlation(one: np.ndarray, other: np.ndarray, record: int) -> np.ndarray:
+    """Mean of one(t + τ) other(t) of the pulses of codes (..., L), on a record of M = `record` chips, M odd.
+
+    Returns:
+        (..., M · FINE), at the lags τ = j/FINE chips modulo the record.
+    """
+    spectrum = np.fft.rfft(one, record) * np.fft.rfft(other, record).conj()
+    return np.fft.irfft(spectrum, record * FINE) * FINE / one.shape[-1]
+
+
+def sidelobe(code: np.ndarray, others: list[np.ndarray]) -> np.ndarray:
+    """Largest |correlation| of codes (n, L) with themselves, more than a chip off, and with each of the others (L,)."""
+    record = 2 * code.shape[-1] + 1
+    peak = np.abs(correlation(code, code, record)[:, FINE:-FINE]).max(-1)
+    for other in others:
+        peak = np.maximum(peak, np.abs(correlation(code, other, record)).max(-1))
+    return peak
+
+
+def codes(count: int, chips: int, seed: int = 0) -> np.ndarray:
+    """Codes (count, chips) of ±1, one an AUV; the first ones do not depend on the count.
+
+    Raises:
+        ValueError: fewer than FEWEST_CHIPS chips.
+    """
+    if chips < FEWEST_CHIPS:
+        raise ValueError(f"chips: a code has at least {FEWEST_CHIPS}; got {chips}")
+    random = np.random.default_rng(seed)
+    chosen: list[np.ndarray] = []
+    for _ in range(count):
+        candidates = random.choice([-1.0, 1.0], (CANDIDATES, chips))
+        spectrum = np.abs(np.fft.fft(candidates, 2 * chips + 1)) ** 2
+        uneven = np.abs(mean_square_bandwidth(spectrum) - 1)
+        even = candidates[uneven <= max(FLATNESS, uneven.min())]
+        chosen.append(even[sidelobe(even, chosen).argmin()])
+    return np.array(chosen).reshape(count, chips)
+
+
+def pulses(code: np.ndarray, carriers: Sequence[float], bandwidth: float, gate: int, device: torch.device) -> Pulses:
     """Tables of the pulses of codes (K, L), their carriers (Hz) and common bandwidth B (Hz); `gate` in chips, even."""
     chips = code.shape[1]
     record = 2 * chips + 2 * gate + 1
-    R = codes.correlation(code, code, record)
+    R = correlation(code, code, record)
     spectrum = np.fft.rfft(code, record)
     lag = np.arange(gate * FINE + 1)
     noise = []
     for k in range(len(code)):
-        if sampled:
-            s = np.fft.irfft(spectrum[k], record * FINE) * FINE / math.sqrt(SAMPLING * chips)
-            sample = np.arange(SAMPLING * record) * (FINE // SAMPLING)
-            noise.append(s[(sample - lag[:, None]) % s.size])
-        else:
-            # R(τ − τ') = Σ_m |S_m|² e^{2πjm(τ − τ')/M}: the real and imaginary parts of e^{…} factorise it.
-            turn = lag[:, None] * np.arange(spectrum.shape[1]) / (record * FINE)
-            root = np.abs(spectrum[k]) * np.sqrt(np.where(np.arange(spectrum.shape[1]) > 0, 2, 1) / (record * chips))
-            factor = np.concatenate([root * np.cos(TWO_PI * turn), root[1:] * np.sin(TWO_PI * turn[:, 1:])], axis=1)
-            left, scale, _ = np.linalg.svd(factor, full_matrices=False)
-            noise.append((left * scale)[:, scale**2 > EIGENVALUE])
+        # R(τ − τ') = Σ_m |S_m|² e^{2πjm(τ − τ')/M}: the real and imaginary parts of e^{…} factorise it.
+        turn = lag[:, None] * np.arange(spectrum.shape[1]) / (record * FINE)
+        root = np.abs(spectrum[k]) * np.sqrt(np.where(np.arange(spectrum.shape[1]) > 0, 2, 1) / (record * chips))
+        factor = np.concatenate([root * np.cos(TWO_PI * turn), root[1:] * np.sin(TWO_PI * turn[:, 1:])], axis=1)
+        left, scale, _ = np.linalg.svd(factor, full_matrices=False)
+        noise.append((left * scale)[:, scale**2 > EIGENVALUE])
     columns = max(part.shape[1] for part in noise)
     noise = np.stack([np.pad(part, ((0, 0), (0, columns - part.shape[1]))) for part in noise])
     tables = (R[:, : (record // 2) * FINE], noise, bandwidth / np.array(carriers))
     return Pulses(*(torch.from_numpy(np.ascontiguousarray(part, np.float32)).to(device) for part in tables))
+
+
+def tones(count: int, periods: int, device: torch.device) -> Pulses:
+    """Tables of `count` tones that are `periods` periods of their carriers long, at least FEWEST_PERIODS."""
+    one = pulses(np.ones((1, periods)), (1.0,), 1.0, TONE_GATE, device)
+    return Pulses(*(table.repeat(count, *[1] * (table.ndim - 1)) for table in one[:3]), tone=True)
+
+
+@ti.func
+def fraction(turns):
+    """Turns modulo one, in [−½, ½]."""
+    return turns - ti.round(turns)
+
+
+@ti.func
+def common_turn(turn: vec4) -> vec4:
+    """Mean, difference x, difference y and residual of arrivals at +x, −x, +y, −y that are known modulo one turn."""
+    x = fraction(turn[1] - turn[0])
+    y = fraction(turn[3] - turn[2])
+    by_x = turn[0] + 0.5 * x
+    residual = fraction(turn[2] + 0.5 * y - by_x)
+    return vec4(by_x + 0.5 * residual, x, y, residual)
+
+
+@ti.func
+def arrivals(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32) -> vec4:
+    """Arrival at the hydrophones +x, −x, +y, −y less that at the array's centre, in periods."""
+    wavelength = link[k, acoustic_link.WAVELENGTH]
+    half = link[k, acoustic_link.KAPPA] * wavelength / (2.0 * TWO_PI)
+    later = vec4(0.0)
+    for i in ti.static(range(4)):
+        beside = body[i // 2] * (half if i % 2 == 0 else -half)
+        numerator = half * half - 2.0 * beside
+        later[i] = numerator / (ti.sqrt(ti.max(S * S + numerator, 0.0)) + S) / wavelength
+    return later
 
 
 @ti.func
@@ -143,7 +249,7 @@ def sounds(
         the direct sound's.
     """
     heard = ti.Matrix.zero(ti.f32, 4 * SOUNDS, 3)
-    later = waveform.arrivals(link, k, body, path)
+    later = arrivals(link, k, body, path)
     rate = tables.rate[k]
     for i in ti.static(range(4)):
         heard[i, 0] = rate * later[i]
@@ -152,7 +258,7 @@ def sounds(
     if ti.static(around.reflect):
         for which in range(reflections.REFLECTIONS):
             r = reflections.reflection(which, offset, around, link, k)
-            image = waveform.arrivals(link, k, axes @ r.source, r.slant_range)
+            image = arrivals(link, k, axes @ r.source, r.slant_range)
             for i in ti.static(range(4)):
                 periods = r.excess / link[k, acoustic_link.WAVELENGTH] + image[i]
                 row = 4 * (which + 1) + i
@@ -231,6 +337,36 @@ def peak(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, no
 
 
 @ti.func
+def curvature(link: ti.template(), k: ti.i32, S: ti.f32, x: ti.f32, y: ti.f32) -> ti.f32:
+    """How much longer the mean path to four hydrophones is than that to the array's centre, as slant range, m.
+
+    On a sphere of radius S it is d²/8S (1 − (u_x² + u_y²)/2). `x` and `y` are the differences of the arrivals, periods.
+    """
+    wavelength = link[k, acoustic_link.WAVELENGTH]
+    spacing = link[k, acoustic_link.KAPPA] * wavelength / TWO_PI
+    across = wavelength * wavelength * (x * x + y * y)
+    return (spacing * spacing - 0.5 * across) / (8.0 * S * link[k, acoustic_link.PATHS])
+
+
+@ti.func
+def tone_peak(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, normals: ti.template(), n) -> ti.f32:
+    """Lag, in FINE lags a period, of the largest energy among those that the phase of a tone leaves."""
+    last = tables.noise.shape[1] - 1
+    real, imaginary = output(tables, k, heard, level, normals, n, last // 2)
+    late = fraction(common_turn(-ti.atan2(imaginary, real) / TWO_PI)[0])
+    found = 0.0
+    highest = -1.0
+    for period in range(-PERIODS, PERIODS + 1):
+        lag = FINE * (level[1] + late + period)
+        real, imaginary = output(tables, k, heard, level, normals, n, ti.cast(ti.round(lag), ti.i32))
+        energy = real.dot(real) + imaginary.dot(imaginary)
+        if energy > highest:
+            highest = energy
+            found = lag
+    return found
+
+
+@ti.func
 def chip(tables: ti.template(), link: ti.template(), k: ti.i32) -> ti.f32:
     """Slant range that a chip's delay stands for, m."""
     return link[k, acoustic_link.WAVELENGTH] / link[k, acoustic_link.PATHS] / tables.rate[k]
@@ -256,7 +392,7 @@ def disturbance(tables: ti.template(), link: ti.template(), k: ti.i32, heard: ti
         along = real[i] * heard[i, 1] + imaginary[i] * heard[i, 2]
         across = imaginary[i] * heard[i, 1] - real[i] * heard[i, 2]
         turns[i] = -ti.atan2(across, along) / TWO_PI
-    turn = waveform.common_turn(turns)
+    turn = common_turn(turns)
     strength = ti.sqrt(0.25 * (real.dot(real) + imaginary.dot(imaginary)))
     return vec4(TWO_PI * turn[1], TWO_PI * turn[2], chip(tables, link, k) * lag, strength)
 
@@ -272,23 +408,29 @@ def measure(
     normals: ti.template(),
     n: ti.i32,
 ) -> vec6:
-    """Receive a pulse of AUV k at the slant range S (m) and measure it; the columns of `waveform`, SLIP in chips.
+    """Receive a pulse of AUV k at the slant range S (m) and measure it; columns from PHASE_X on.
 
     Args:
-        tables: `Pulses`. link: link table of `usbl`. energy: γ = E/N0 of the direct sound on one hydrophone.
+        tables: `Pulses`. link: `acoustic_link.link_table`. energy: γ = E/N0 of the direct sound on one hydrophone.
         heard: from `sounds`. normals, n: from `draw`.
     """
     metres = chip(tables, link, k)
     half_gate = 0.5 * (tables.noise.shape[1] - 1) / FINE
     level = vec2(ti.sqrt(energy), half_gate + fraction(S / metres))
-    lag = peak(tables, k, heard, level, normals, n)
+    lag = 0.0
+    if ti.static(tables.tone):
+        lag = tone_peak(tables, k, heard, level, normals, n)
+    else:
+        lag = peak(tables, k, heard, level, normals, n)
     real, imaginary = output(tables, k, heard, level, normals, n, ti.cast(ti.round(lag), ti.i32))
-    turn = waveform.common_turn(-ti.atan2(imaginary, real) / TWO_PI)
+    turn = common_turn(-ti.atan2(imaginary, real) / TWO_PI)
     late_by = lag / FINE - level[1]
+    if ti.static(tables.tone):
+        late_by += fraction(turn[0] - late_by)
     return vec6(
         TWO_PI * turn[1],
         TWO_PI * turn[2],
-        metres * late_by - waveform.curvature(link, k, S, turn[1], turn[2]),
+        metres * late_by - curvature(link, k, S, turn[1], turn[2]),
         ti.sqrt(2.0 * (real.dot(real) + imaginary.dot(imaginary))),
         TWO_PI * turn[3],
         ti.round(late_by),
@@ -333,6 +475,7 @@ def _measurements(
     envelopes: array2,
     noise: array3,
     rate: array1,
+    tone: ti.template(),
     link: array2,
     auv: index1,
     offset: array2,
@@ -346,7 +489,7 @@ def _measurements(
     measurement: array2,
 ):
     for n in range(offset.shape[0]):
-        tables = ti.static(Pulses(envelopes, noise, rate))
+        tables = ti.static(Pulses(envelopes, noise, rate, tone))
         r, axes, boundaries = situation(offset, slope, water, n)
         address = random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0))
         draw(normals, n, address, random.uint2(key_low, key_high))
@@ -362,6 +505,7 @@ def _multipath_variances(
     envelopes: array2,
     noise: array3,
     rate: array1,
+    tone: ti.template(),
     link: array2,
     auv: index1,
     offset: array2,
@@ -370,7 +514,7 @@ def _multipath_variances(
     variance: array2,
 ):
     for n in range(offset.shape[0]):
-        tables = ti.static(Pulses(envelopes, noise, rate))
+        tables = ti.static(Pulses(envelopes, noise, rate, tone))
         r, axes, boundaries = situation(offset, slope, water, n)
         around = ti.static(reflections.Surroundings(boundaries))
         added = multipath_variance(tables, link, auv[n], r, axes, around)
@@ -398,7 +542,7 @@ def measurements(
         water: (n, 6) float32, fields of `reflections.Boundaries`; None: no reflections.
 
     Returns:
-        (n, MEASURED), the columns of `waveform` with SLIP in chips.
+        (n, MEASURED), columns from PHASE_X on.
     """
     count = offset.shape[0]
     normals = torch.empty((count, tables.noise.shape[2], 8), dtype=torch.float32, device=offset.device)
