@@ -4,6 +4,6 @@ Laws for the sonar equation, called from Python: `absorption`, `ambient_noise` a
 that noise and bubbles take.
 
 From outside use `acoustic_link.Sonar`, `Accuracy` and `link_table`, `usbl.flagged_fixes` and the flags,
-`waveform.fixes`, `codes`, `coded_pulse.pulses` and `measurements`, `rays`, `tracker`, `fix_probability`, and
+`pulse.pulses`, `codes`, `tones` and `measurements`, `rays`, `tracker`, `fix_probability`, and
 `ambient_noise.ambient_noise_laws` to add a noise law.
 """

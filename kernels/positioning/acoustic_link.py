@@ -66,7 +66,7 @@ COLUMNS = 23
 MOST_BUBBLES = 7.5  # dB one way: the handbook's bound of 15 dB there and back
 LARGEST_DEVIATION = 1e3  # rad; nothing is detected long before, and squares of lengths stay within single precision
 PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
-CODE_ENERGY = 8.0  # γ_min of a code, 9 dB; a wrong peak is then the highest once in 10⁴: `benchmarks.coded_pulse`
+CODE_ENERGY = 8.0  # γ_min of a code, 9 dB; a wrong peak is then the highest once in 10⁴: `benchmarks.pulse`
 
 
 def silent(frequency: float) -> float:

@@ -15,7 +15,7 @@ from taichi.lang import impl, kernel_impl
 
 from usvauv.kernels import runtime
 from usvauv.kernels.planning import search, zermelo
-from usvauv.kernels.positioning import acoustic_link, rays, waveform
+from usvauv.kernels.positioning import acoustic_link, rays
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 PATIENCE = 1 << 28  # looks at the other turn, a second or more
@@ -210,12 +210,11 @@ LAYERS, TWO = torch.zeros(7, 3), torch.ones(2)
 LINK = torch.from_numpy(acoustic_link.link_table([15e3, 18e3], acoustic_link.Sonar()))
 SEARCHES = {
     "plan": (search, "_batch", lambda: search.plan_batch(LINK, torch.zeros(2, 2, 3), code=0)),
-    "tones": (waveform, "_fixes", lambda: waveform.fixes(LINK, TWO.int(), torch.zeros(2, 3), LAYERS[:2], 1)[-1]),
     "eigenrays": (rays, "_eigenrays", lambda: rays.eigenrays(LAYERS, torch.ones(2, 3))),
     "arrivals": (rays, "_arrivals", lambda: rays.arrivals(LAYERS, TWO, torch.ones(2, 3), 1500.0)),
     "positions": (rays, "_positions", lambda: rays.positions(LAYERS, TWO, torch.ones(2, 5), 1500.0)),
 }
-SAID = r"(the best place for 2 AUVs takes|the samples of a tone take|rays through 7 layers take) loops that this device"
+SAID = r"(the best place for 2 AUVs takes|rays through 7 layers take) loops that this device"
 
 
 @pytest.mark.parametrize("arch", ["cpu", "vulkan"])

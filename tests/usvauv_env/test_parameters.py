@@ -17,9 +17,9 @@ from usvauv.kernels.mission.columns import Parameter, Refraction, Schedule, Sens
 from usvauv.kernels.positioning.absorption import Water, francois_garrison
 from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws, coates, rain_noise
 from usvauv.kernels.positioning.current_process import FOREVER
+from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
 from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sea_wind import height_of_developed_sea, wind_of_developed_sea
-from usvauv.kernels.positioning.waveform import FEWEST_PERIODS
 
 NUMBERS = {
     "area": {"width": 300, "length": 250, "depth": 140},
@@ -202,19 +202,19 @@ def test_what_is_compiled():
         channel={"schedule": "round-robin"},
         navigation={"sensor": "water"},
     )  # fmt: skip
-    names = ("waveform", "coded", "multipath", "schedule", "sensor", "fleet")
+    names = ("waveform", "tone", "multipath", "schedule", "sensor", "fleet")
     assert [getattr(program(plain), name) for name in names] == [
-        *(False, True, False, Schedule.every_step, Sensor.none, False)
+        *(False, False, False, Schedule.every_step, Sensor.none, False)
     ]
     assert [getattr(program(other), name) for name in names] == [
-        *(True, False, False, Schedule.round_robin, Sensor.water, True)
+        *(True, True, False, Schedule.round_robin, Sensor.water, True)
     ]
     assert program(site(tracker={"enabled": True})).tracker
     assert not program(plain).tracker
     for model, signal in (("statistical", "tone"), ("waveform", "code")):
         program(site(usbl={"model": model, "signal": signal, "periods": FEWEST_PERIODS - 1}))
     with pytest.raises(ScenarioError, match=rf"periods = {FEWEST_PERIODS - 1}: must be at least {FEWEST_PERIODS} with"):
-        program(site(usbl={"model": "waveform", "signal": "tone", "periods": FEWEST_PERIODS - 1}))
+        Scenario.load("ideal", ["usbl.model=waveform", "usbl.signal=tone", f"usbl.periods={FEWEST_PERIODS - 1}"])
 
 
 class TestWindAndNoise:

@@ -23,7 +23,7 @@ from usvauv.kernels.mission.columns import (
     NodeColumn,
 )
 from usvauv.kernels.mission.target_rules import target_rules
-from usvauv.kernels.positioning import coded_pulse, tracker
+from usvauv.kernels.positioning import pulse, tracker
 from usvauv.kernels.types import Level
 
 RECKONS = ("navigation.sensor=ground", "channel.schedule=all")
@@ -332,7 +332,7 @@ class TestWords:
     def test_memory_is_that_of_the_arrays(self, monkeypatch):
         asked = []
         monkeypatch.setattr(module, "require", lambda *given: asked.append(given[:2]))
-        pulses = coded_pulse.Pulses(torch.zeros(3, 1), torch.zeros(3, 1, 6), torch.zeros(3))
+        pulses = pulse.Pulses(torch.zeros(3, 1), torch.zeros(3, 1, 6), torch.zeros(3))
         monkeypatch.setattr(module.tables, "pulse_tables", lambda *given: pulses)
         changes = ("usbl.model=waveform", "auv.count=3", "boat.count=2", "nodes.target_rule=rollout:90")
         world = make(*changes, *RECKONS, num_worlds=5, usv="belief")

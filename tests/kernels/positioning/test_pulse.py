@@ -1,4 +1,4 @@
-"""Sampled pulses, coded ones and tones: at their bounds, equal to the statistical model, detected and lost as predicted.
+"""Sampled pulses, codes and tones: at their bounds, equal to the statistical model, detected and lost as predicted.
 
 Comparisons of samples are tests at a stated significance with fixed seeds.
 """

@@ -1,6 +1,6 @@
 """USBL fixes: the noise of a sampled tone, exact geometry, covariance as predicted, tilt and attitude error, validity.
 
-The same against tones as they are sampled is in `test_waveform.py`.
+The same against tones as they are sampled is in `test_pulse.py`.
 """
 
 import math
