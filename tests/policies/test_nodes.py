@@ -18,10 +18,7 @@ from usvauv.env import Scenario, World
 from usvauv.kernels.interruption import Interrupted
 from usvauv.kernels.mission.target_rules import learned, parse
 from usvauv.kernels.mission.target_rules.learned import FEATURES, Feature
-from usvauv.policies.decisions import DecisionConfig, DecisionTrainer
-from usvauv.policies.decisions.network import Scores, split
-from usvauv.policies.decisions.nodes import Decisions, collect
-from usvauv.policies.decisions.trainer import advantages
+from usvauv.policies.decisions import DecisionConfig, Decisions, DecisionTrainer, Scores, advantages, collect, split
 
 SMALL = (*EVERY_STEP, "auv.count=3", "nodes.count=12", "nodes.arrival_rates=[1,30]", "nodes.information=visits")
 
@@ -204,7 +201,7 @@ class TestCommand:
     )
     def test_bad_input(self, run_usvauv, tmp_path, monkeypatch, arguments, parts):
         """Before there is a world."""
-        monkeypatch.setattr("usvauv.policies.decisions.trainer.World", lambda *_, **__: pytest.fail("made a world"))
+        monkeypatch.setattr("usvauv.policies.decisions.World", lambda *_, **__: pytest.fail("made a world"))
         code, _, stderr = run_usvauv("train-targets", *self.SHORT, *arguments)
         assert code == 2
         assert len(stderr.strip().splitlines()) == 1

@@ -7,7 +7,7 @@ the same of the best candidate, in buffers: without training, the rule chooses b
 are sums, so that the network serves any number of them. While it learns, a candidate is drawn by exp(score).
 
 `rule_numbers` are T of the rollouts, `EXPLORE`, whether candidates are drawn, and the weights g, W₁, b₁ and w₂, from a
-file that `usvauv train-targets` writes (`policies/decisions`). Each AUV's last decision stays in the workspace:
+file that `usvauv train-targets` writes (`policies/decisions.py`). Each AUV's last decision stays in the workspace:
 `Decision`, and for each node its features and whether it was a candidate.
 """
 

@@ -1,15 +1,16 @@
-"""Training of decisions between candidates by proximal policy optimisation.
+"""Which node an AUV heads for next, learned by proximal policy optimisation: the target rule `learned`.
 
 Schulman et al., 2017, arXiv 1707.06347, with generalised advantages (Schulman et al., 2016, arXiv 1506.02438). A
 decision lasts until the next one in its world, so the process is semi-Markov (Bradtke and Duff, 1994, NeurIPS 7): what
-comes Δt later counts exp(−Δt/T) less.
+comes Δt later counts exp(−Δt/T) less. A decision earns the data of the service that it leads to; counted when they are
+delivered, they would come after decisions of other AUVs that have no part in them.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -21,11 +22,124 @@ from torch import Tensor, nn
 from usvauv.env import Scenario
 from usvauv.env.storage.files import atomic_write
 from usvauv.env.world.world import World
-from usvauv.kernels.mission.target_rules.learned import HORIZON, UNTRAINED
-from usvauv.policies.decisions.network import TYPICAL, Scores, Value, split
-from usvauv.policies.decisions.nodes import Decisions, collect
+from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.mission.target_rules import learned
+from usvauv.kernels.mission.target_rules.learned import (
+    FEATURES,
+    GAIN,
+    HEAD,
+    HIDDEN,
+    HORIZON,
+    UNTRAINED,
+    Decision,
+    Feature,
+)
 from usvauv.policies.loading import acting, check
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET, figures_of_merit
+
+TYPICAL = 10.0  # Mbit, of a value
+BLOCKED = -1e9  # score of a candidate that may not be chosen
+
+
+class Scores(nn.Module):
+    """Scores of candidates, as `usvauv.kernels.mission.target_rules.learned.score` has them; at first by one feature
+    alone."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.gain = nn.Parameter(torch.tensor(GAIN))
+        self.hidden = nn.Linear(FEATURES, HIDDEN)
+        self.out = nn.Linear(HIDDEN, 1, bias=False)
+        nn.init.zeros_(self.out.weight)
+
+    def forward(self, features: Tensor, free: Tensor) -> Tensor:
+        """Scores (D, N) of the candidates of D decisions with features (D, N, F); those not free (D, N) are low."""
+        scores = self.gain * features[..., Feature.future] + self.out(self.hidden(features).relu())[..., 0]
+        return scores.masked_fill(~free, BLOCKED)
+
+    def weights(self) -> list[float]:
+        """The weights in the order of the kernel."""
+        rows = torch.cat([self.hidden.weight, self.hidden.bias[:, None], self.out.weight.T], 1)
+        return torch.cat([self.gain.reshape(1), rows.reshape(-1)]).detach().tolist()
+
+    def load(self, weights: list[float]) -> None:
+        """Set the weights from a list that `weights` gave."""
+        numbers = torch.tensor(weights)
+        rows = numbers[1:].reshape(HIDDEN, FEATURES + 2)
+        with torch.no_grad():
+            self.gain.copy_(numbers[0])
+            self.hidden.weight.copy_(rows[:, :-2])
+            self.hidden.bias.copy_(rows[:, -2])
+            self.out.weight.copy_(rows[None, :, -1])
+
+
+class Value(nn.Module):
+    """Data that a world will bring, discounted, from the features of all candidates of a decision (deep sets)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.each = nn.Sequential(nn.Linear(FEATURES, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, HIDDEN), nn.ReLU())
+        self.all = nn.Sequential(nn.Linear(HIDDEN + FEATURES, 2 * HIDDEN), nn.ReLU(), nn.Linear(2 * HIDDEN, 1))
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(D,) from (D, N, F)."""
+        return TYPICAL * self.all(torch.cat([self.each(features).mean(-2), features.mean(-2)], -1))[:, 0]
+
+
+def split(decisions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Features (D, N, F), free (D, N) bool and chosen candidate (D,) of decisions (D, ·) as a world left them."""
+    table = decisions[:, HEAD:].reshape(len(decisions), -1, FEATURES + 1)
+    return table[..., :FEATURES], table[..., FEATURES] > 0, decisions[:, Decision.chosen].long()
+
+
+@dataclass
+class Decisions:
+    """D decisions, in the order of their worlds and times.
+
+    Attributes:
+        seen: (D, ·) as the worlds left them, see `usvauv.kernels.mission.target_rules.learned`.
+        world: (D,) of each.
+        time: (D,) s.
+        earned: (D,) Mbit, as they count at the time of the decision.
+        total: (W,) data delivered in the episode, Mbit.
+    """
+
+    seen: Tensor
+    world: Tensor
+    time: Tensor
+    earned: Tensor
+    total: Tensor
+
+
+def collect(world: World, act: Callable[[Tensor], Tensor], horizon: float) -> Decisions:
+    """The decisions of the next episode of all worlds; what is earned t later counts exp(−t/horizon)."""
+    work = learned.decisions(world.rule_workspace, world.node.shape[1], world.num_auvs)
+    work[..., Decision.made] = 0
+    observation = world.reset()
+    delivered = world.auv.new_zeros(world.num_worlds)
+    parts: list[tuple[Tensor, ...]] = []
+
+    def gather(step: int) -> None:
+        worlds, auvs = work[..., Decision.made].nonzero(as_tuple=True)
+        if len(worlds):
+            time = delivered.new_full((len(worlds),), step * world.scenario.mission.step)
+            parts.append((work[worlds, auvs], worlds, auvs, time, world.auv[worlds, auvs, AuvColumn.delivered]))
+            work[worlds, auvs, Decision.made] = 0
+
+    gather(0)
+    for step in range(1, world.steps + 1):
+        observation = world.step(act(observation))[0]
+        delivered += world.auv[..., AuvColumn.delivered].sum(-1)
+        gather(step)
+    seen, worlds, auvs, time, done = (torch.cat(part) for part in zip(*parts, strict=True))
+    each = (worlds * world.num_auvs + auvs).argsort(stable=True)  # the decisions of an AUV one after the other
+    same = (worlds[each[1:]] == worlds[each[:-1]]) & (auvs[each[1:]] == auvs[each[:-1]])
+    earned = torch.zeros_like(done)
+    earned[each[:-1]] = same * done[each[1:]] * torch.exp(-(time[each[1:]] - time[each[:-1]]) / horizon)
+    order = worlds.argsort(stable=True)
+    order = order[time[order] < world.steps * world.scenario.mission.step]  # those after the last step come to nothing
+    return Decisions(seen[order], worlds[order], time[order], earned[order], delivered)
+
 
 EVALUATE_EVERY = 10  # iterations
 EVALUATION_EPISODES = 128  # with few of them the best of many evaluations is the luckiest
