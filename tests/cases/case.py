@@ -47,7 +47,6 @@ class Case:
         resolutions: those it is run at, the finest last.
         tolerance: greatest error allowed at the finest, by quantity.
         order: bounds of the order between the two finest, by quantity; quantities that are missing have none.
-        slow: whether it is left out of the quick tests.
 
     Raises:
         ValueError: resolutions that do not rise, or an order without a tolerance.
@@ -60,7 +59,6 @@ class Case:
     resolutions: tuple[int, ...]
     tolerance: Mapping[str, float]
     order: Mapping[str, tuple[float, float]]
-    slow: bool = False
 
     def __post_init__(self) -> None:
         if list(self.resolutions) != sorted(set(self.resolutions)) or not set(self.order) <= set(self.tolerance):

@@ -50,7 +50,7 @@ def rough_bed(nx: int, ny: int) -> np.ndarray:
 
 
 class PlainScheme:
-    """The scheme of a solver for one sea, from rest; `advance_potential` is the two-array form for r = 0 and walls."""
+    """The scheme of a solver for one sea, from rest."""
 
     def __init__(self, solver: ShallowWater, eta: np.ndarray, prescribed=lambda t: 0.0) -> None:
         self.s, self.prescribed, self.steps = solver, prescribed, 0
@@ -71,7 +71,6 @@ class PlainScheme:
         self.eta = np.where(h > 0, eta, 0.0)
         gx, gy = self.gradient(self.eta)
         self.U, self.V = dt / 2 * GRAVITY * self.hx * gx, dt / 2 * GRAVITY * self.hy * gy
-        self.phi = dt / 2 * GRAVITY * self.eta
         along = [(self.sponge(0, faces), self.sponge(0, centres)), (self.sponge(1, faces), self.sponge(1, centres))]
         drag = (1 - solver.drag * dt / 2) / (1 + solver.drag * dt / 2)
         self.factor_x, self.factor_y = drag * along[0][0], drag * along[1][0][:, None]
@@ -117,12 +116,4 @@ class PlainScheme:
             flow = dt * (np.diff(self.U, axis=1) / self.s.dx + np.diff(self.V, axis=0) / self.s.dy)
             self.eta = self.factor * self.eta - (1 + self.factor) / 2 * flow
             self.steps += 1
-        return self.eta
-
-    def advance_potential(self, substeps: int) -> np.ndarray:
-        s, dt = self.s, self.dt
-        for _ in range(substeps):
-            self.phi = self.phi - dt * GRAVITY * self.eta
-            gx, gy = self.gradient(self.phi)
-            self.eta = self.eta - dt * (np.diff(self.hx * gx, axis=1) / s.dx + np.diff(self.hy * gy, axis=0) / s.dy)
         return self.eta

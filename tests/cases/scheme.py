@@ -1,4 +1,4 @@
-"""Cases that hold for the scheme itself, to rounding: eigenmodes, invariants, rest, and the other way to write it.
+"""Cases that hold for the scheme itself, to rounding: eigenmodes, invariants, and rest.
 
 Their errors are in units of what rounding may do. A state variable is rounded about four times a substep, each time by
 at most half a unit in the last place, 2⁻²⁴; such errors add up like a random walk over the substeps, or, where they are
@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from tests.cases.case import Case
-from tests.cases.plain import GRAVITY, ROUNDING, PlainScheme, centres, many, rough_bed, waves
+from tests.cases.plain import GRAVITY, ROUNDING, centres, many, rough_bed, waves
 from usvauv.kernels.shallow_water.linear import ShallowWater
 
 
@@ -87,22 +87,6 @@ def rest(n: int) -> dict[str, float]:
     return worst
 
 
-def potential(n: int) -> dict[str, float]:
-    """Noise over the rough bed: both forms in f64, and ours against them in f32."""
-    nx, ny = n, n - 8
-    solver = ShallowWater(size=(200, 150), cells=(nx, ny), depth=rough_bed(nx, ny), interval=10.0)
-    start = np.random.default_rng(8).normal(size=(ny, nx))
-    solver.set_state(start[None])
-    solver.advance()
-    other = PlainScheme(solver, start).advance_potential(solver.substeps)
-    three_fields = PlainScheme(solver, start).advance(solver.substeps)
-    walk = 4 * math.sqrt(solver.substeps)
-    return {
-        "f64": np.abs(other - three_fields).max() / (2.0**-53 * walk * solver.substeps),
-        "f32": np.abs(solver.elevation()[0] - other).max() / (ROUNDING * walk * 4),
-    }
-
-
 CASES = (
     Case(
         "discrete eigenmode",
@@ -124,13 +108,4 @@ CASES = (
         {},
     ),
     Case("lake at rest over a bump", "η = 0.75 m, u = 0 to the last bit", "—", rest, (33,), {"η": 0.0, "u": 0.0}, {}),
-    Case(
-        "potential form",
-        "φ_t = −g η, η_t = −∇·(h ∇φ) gives the same η; difference over ε 4 √n times n (f64) or 4 (f32: noise of 4 m)",
-        "U = h ∇φ put into the scheme",
-        potential,
-        (37,),
-        {"f64": 1.0, "f32": 1.0},
-        {},
-    ),
 )

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.integrate import quad, trapezoid
-from scipy.signal import hilbert, welch
-from scipy.stats import kstest
+from scipy.signal import welch
 
 from usvauv.env.scenario.sea import Storm
 from usvauv.env.sea.storm import AirySea, band, build_storm, spread
@@ -123,8 +122,7 @@ class TestMotion:
         assert np.abs(found[near, 0] - expected[near, 0]).max() < 6e-7
         assert np.abs(found[near, 5] / 0.6 - expected[near, 5] / 0.6).max() < 6e-7
 
-    @pytest.mark.parametrize("level", [0, 1])
-    @pytest.mark.parametrize("time", [0.0, 12.5, 3e6 + 0.25])
+    @pytest.mark.parametrize(("level", "time"), [(0, 12.5), (1, 3e6 + 0.25)])
     def test_against_the_sum_in_double_precision(self, device, level, time):
         """Also a month later: the phases are exact, so single precision is as good as at the start."""
         sea = storm(components=61)
@@ -133,13 +131,6 @@ class TestMotion:
         expected = summed(sea, POINTS.astype(np.float32).astype(float), STORM["levels"][level])
         scale = np.sqrt((expected**2).mean(axis=(0, 1)))
         assert (np.abs(found - expected).max(axis=(0, 1)) < 2e-5 * scale).all()
-
-    def test_slopes_are_differences_of_the_elevation(self, device):
-        sea, h = storm(), 0.5
-        for axis, step in ((1, (h, 0.0)), (2, (0.0, h))):
-            ahead, behind = (motion(sea, POINTS + sign * np.array(step))[..., 0] for sign in (1, -1))
-            slope = motion(sea, POINTS)[..., axis]
-            assert np.abs((ahead - behind) / (2 * h) - slope).max() < 0.01 * slope.std()  # (kh)²/6 at 20 m is 0.4 %
 
     def test_no_divergence_and_no_rotation(self, device):
         """∇·u and ∇×u by differences of fourth order, at 10 m depth and close above the bed."""
@@ -183,12 +174,6 @@ class TestMotion:
         assert grid.dtype == np.float32
         np.testing.assert_allclose(grid.ravel(), motion(sea, points)[2, :, 0], atol=2e-5)
 
-    def test_a_still_sea(self, device):
-        sea = storm(spectrum="none")
-        sea.set_time(5.0)
-        assert not motion(sea, POINTS, 1).any()
-        assert sea.elevation(1, np.zeros(3), np.zeros(2)).tolist() == [[0] * 3] * 2
-
 
 def jonswap(omega: float, period: float, gamma: float) -> float:
     """JONSWAP up to a factor, written out once more."""
@@ -208,13 +193,6 @@ def integral(weight, shortest=20.0, period=11.0, gamma=2.2) -> float:
 
 
 class TestSpectra:
-    def test_jonswap(self):
-        omega, S = band("jonswap", 11.0, 2.2, 20.0, H, G)
-        expected = np.array([jonswap(o, 11.0, 2.2) for o in omega])
-        np.testing.assert_allclose(S / S.max(), expected / expected.max(), rtol=1e-12, atol=1e-300)
-        assert omega[S.argmax()] == pytest.approx(2 * math.pi / 11, rel=1e-3)
-        assert omega[-1] ** 2 == pytest.approx(G * 2 * math.pi / 20)
-
     @pytest.mark.parametrize(("gamma", "T1", "T2"), [(1.0, 0.7718, 0.7104), (3.3, 0.8347, 0.7777)])
     def test_mean_periods(self, gamma, T1, T2):
         """T01/Tp and T02/Tp of JONSWAP: exact for γ = 1 (Γ functions), DNV-RP-C205's fit for γ = 3.3."""
@@ -239,7 +217,7 @@ class TestSpectra:
         deep = [band(name, 8.0, 3.3, 20.0, 5000.0, G)[1] for name in ("tma", "jonswap")]
         np.testing.assert_array_equal(*deep)
 
-    @pytest.mark.parametrize("s", [0.0, 1.0, 10.0, 75.0, 1000.0])
+    @pytest.mark.parametrize("s", [0.0, 10.0, 1000.0])
     def test_spreading(self, s):
         """First two moments of cos^{2s}(θ/2): s/(s + 1) and s (s − 1)/((s + 1)(s + 2)); symmetric and normalised."""
         theta, probability = spread(s)
@@ -248,12 +226,6 @@ class TestSpectra:
         assert D @ np.cos(middle) == pytest.approx(s / (s + 1), abs=1e-6)
         assert D @ np.cos(2 * middle) == pytest.approx(s * (s - 1) / ((s + 1) * (s + 2)), abs=1e-6)
         assert D @ np.sin(middle) == pytest.approx(0, abs=1e-12)
-
-    def test_errors(self):
-        with pytest.raises(ValueError, match="'bretschneider' is not one of none, jonswap, pm, tma"):
-            storm(spectrum="bretschneider")
-        with pytest.raises(ValueError, match="60 m leaves less than twice the frequency of the peak"):
-            storm(shortest_wave=60.0)
 
 
 class TestSeeds:
@@ -270,14 +242,6 @@ class TestSeeds:
         assert torch.equal(one.wave, again.wave)
         phases = [sea.phase[n] for sea in (one, two, high) for n in range(4)]
         assert all((a != b).all() for i, a in enumerate(phases) for b in phases[:i])
-
-    def test_time_is_a_function_not_a_history(self):
-        one, two = storm(), storm()
-        for time in np.arange(0, 50, 0.1):
-            one.set_time(time)
-        one.set_time(1234.5)
-        two.set_time(1234.5)
-        assert torch.equal(one.wave, two.wave)
 
 
 class TestSwells:
@@ -316,12 +280,6 @@ class TestStatistics:
     def test_significant_height_of_each_realisation_is_exact(self, many):
         np.testing.assert_allclose(4 * np.sqrt((many[0].amplitude ** 2 / 2).sum(axis=1)), 6.5, rtol=1e-12)
 
-    def test_significant_height_of_records(self, many):
-        """4 √m0 of an hour: within 1 % in the mean, and no single one more than 5 % off."""
-        heights = 4 * many[1].std(axis=1)
-        assert heights.mean() == pytest.approx(6.5, rel=0.01)
-        assert np.abs(heights / 6.5 - 1).max() < 0.05
-
     def test_periodogram(self, many):
         """The spectrum itself, and its peak at Tp within a bin of 1/300 Hz.
 
@@ -337,7 +295,7 @@ class TestStatistics:
         assert deviation.mean() == pytest.approx(0, abs=0.02)
         assert f[found.argmax()] == pytest.approx(1 / 11, abs=1 / 300)
 
-    @pytest.mark.parametrize("power", [-1, 1, 2, 4])
+    @pytest.mark.parametrize("power", [-1, 2, 4])
     def test_moments_are_those_of_the_spectrum(self, many, power):
         """Σ a²/2 ωⁿ, n = 4 being the slope in deep water: right in the mean, and within 2 % each."""
         sea = many[0]
@@ -355,11 +313,6 @@ class TestStatistics:
         assert expected == pytest.approx(2.97, abs=0.01)
         assert (unit**4).mean() == pytest.approx(expected, abs=0.03)
         assert (unit**3).mean() == pytest.approx(0, abs=0.02)
-
-    def test_envelope_is_rayleigh(self, many):
-        """|analytic signal| / σ: Rayleigh whatever the bandwidth; one value a minute is independent enough."""
-        envelope = np.abs(hilbert(many[1], axis=1))[:, 120:-120:120].ravel() / (6.5 / 4)
-        assert kstest(envelope, "rayleigh").statistic < 1.63 / math.sqrt(envelope.size)  # 1 % level
 
     def test_wave_heights_are_rayleigh(self, many):
         """Zero up-crossing heights: the highest third's mean over Hs is 0.93 to 0.97 for a JONSWAP sea (1.00 were the
@@ -394,11 +347,10 @@ class TestStatistics:
         along = 3.0 * 0.6 / sea.k[0, 0] * np.array([math.cos(2.0), math.sin(2.0)])
         np.testing.assert_allclose(motion(sea, POINTS + along), before, atol=1e-5)
 
-    @pytest.mark.parametrize("period", [8.0, 11.0, 16.0])
-    def test_heave_slope_and_water_speed(self, device, period):
+    def test_heave_slope_and_water_speed(self, device):
         """Variances in the kernel, over places and times of many seas, against the integrals over the spectrum: of
-        elevation, slope, and horizontal speed at the surface and at 100 m depth (there 0.9, 5.1 and 17 cm/s rms)."""
-        sea = storm(peak_period=period, seas=[(3, sea) for sea in range(64)])
+        elevation, slope, and horizontal speed at the surface and at 100 m depth (5.1 cm/s rms)."""
+        sea = storm(seas=[(3, sea) for sea in range(64)])
         seen = []
         for time in range(0, 3000, 60):
             sea.set_time(time)
@@ -412,9 +364,8 @@ class TestStatistics:
             return omega * math.cosh(k(omega) * (z + H)) / math.sinh(k(omega) * H)
 
         weights = (lambda o: 1, lambda o: k(o) ** 2, lambda o: speed(o, 0) ** 2, lambda o: speed(o, -100) ** 2)
-        expected = [integral(weight, period=period) for weight in weights]
+        expected = [integral(weight) for weight in weights]
         scale = 6.5**2 / 16 / expected[0]
         found = [square[0], square[1:3].sum(), square[3:5].sum(), square[6:].sum()]
         assert found == pytest.approx([scale * value for value in expected], rel=0.03)
-        if period == 11.0:  # the scenario `extreme`
-            assert np.sqrt(found) == pytest.approx([1.625, 0.106, 1.17, 0.051], rel=0.02)
+        assert np.sqrt(found) == pytest.approx([1.625, 0.106, 1.17, 0.051], rel=0.02)  # of the scenario `extreme`

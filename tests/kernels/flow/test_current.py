@@ -1,13 +1,19 @@
 """The water's motion without the storm against NumPy and SciPy, in an oblong area with unequal numbers of nodes."""
 
+import math
+
 import numpy as np
 import pytest
+import taichi as ti
 import torch
 from scipy.interpolate import RegularGridInterpolator
 
+from tests.cases.case import order
+from tests.cases.plain import centres, many
 from usvauv.kernels.flow import current
 from usvauv.kernels.flow.vortex import sample_current
 from usvauv.kernels.shallow_water.discretisation import Packing
+from usvauv.kernels.shallow_water.linear import ShallowWater
 from usvauv.kernels.types import Level
 
 SIZE = (240.0, 130.0)
@@ -89,7 +95,7 @@ class Sample:
         return np.stack([self.units[0] * u, self.units[1] * v], axis=-1) / depth[:, None]
 
 
-@pytest.mark.parametrize("margin", [5.0, 0.0, -30.0])
+@pytest.mark.parametrize("margin", [5.0, -30.0])
 @pytest.mark.parametrize("num_seas", [1, 18])
 def test_on_a_grid(device, num_seas, margin):
     """Vortices, stream at cruise level and long waves, in strips of one sea and in two blocks of a pool.
@@ -113,11 +119,10 @@ def test_worlds_that_are_not_asked_for_stay(device):
     np.testing.assert_array_equal(second[1], both[1])
 
 
-@pytest.mark.parametrize("level", [Level.surface, Level.cruise])
-def test_particle_paths(device, level):
+def test_particle_paths(device):
     """Midpoint rule in double precision, also of particles that leave the area."""
     sample = Sample(device, 1)
-    step, count = 2.0, 9
+    step, count, level = 2.0, 9, Level.cruise
     starts = np.random.default_rng(0).uniform((0, 0), SIZE, (40, 2))
     starts[0] = SIZE
     paths = current.particle_paths(
@@ -145,3 +150,60 @@ def test_a_stream_of_one_row_is_none(device):
     about = {"level": 0, "size": SIZE, "step": 1.0, "count": 1}
     none = torch.full((2, 1, 1, 2), 9.0, device=device)
     assert torch.equal(current.particle_paths(start.new_zeros(1, 0, 4), none, start, **about)[:, 1], start)
+
+
+@ti.kernel
+def sample_all(
+    eta: ti.types.ndarray(dtype=ti.f32, ndim=4),
+    points: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    found: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    dx: ti.f32,
+    dy: ti.f32,
+    nx: ti.i32,
+    ny: ti.i32,
+):
+    for sea, p in ti.ndrange(found.shape[0], found.shape[1]):
+        surface = current.long_wave_surface(eta, sea, points[p, 0], points[p, 1], dx, dy, nx, ny)
+        for column in ti.static(range(3)):
+            found[sea, p, column] = surface[column]
+
+
+class TestSurface:
+    X, Y = 120.0, 90.0
+
+    def sampled(self, surface, cells, num_seas, points):
+        nx, ny = cells
+        solver = ShallowWater(size=(self.X, self.Y), cells=cells, depth=10, interval=1, num_seas=num_seas)
+        solver.set_state(many(surface(centres(nx, self.X), centres(ny, self.Y)[:, None]), num_seas))
+        found = np.zeros((num_seas, len(points), 3), np.float32)
+        sample_all(solver.eta, points.astype(np.float32), found, solver.dx, solver.dy, nx, ny)
+        return found
+
+    @pytest.mark.parametrize(("cells", "num_seas"), [((40, 30), 1), ((3, 3), 2), ((20, 15), 18)])
+    def test_plane_is_exact_up_to_the_boundary(self, cells, num_seas):
+        points = np.random.default_rng(3).uniform(0, 1, (300, 2)) * (self.X, self.Y)
+        points[:3] = (0, 0), (self.X, self.Y), (0, self.Y)
+        found = self.sampled(lambda x, y: 0.5 + 0.02 * x - 0.03 * y, cells, num_seas, points)
+        x, y = points.T
+        plane = np.stack([0.5 + 0.02 * x - 0.03 * y, 0.02 + 0 * x, -0.03 + 0 * x], axis=1)
+        scale = np.arange(1, num_seas + 1)[:, None, None]
+        np.testing.assert_allclose(found / scale, np.broadcast_to(plane, found.shape), atol=2e-6)
+
+    def test_elevation_and_slopes_are_second_order(self):
+        k, m = 2 * math.pi / self.X, 1.5 * math.pi / self.Y
+        points = np.random.default_rng(4).uniform(0, 1, (2000, 2)) * (self.X, self.Y)
+        x, y = points.T
+        exact = [np.cos(k * x) * np.cos(m * y), -k * np.sin(k * x) * np.cos(m * y), -m * np.cos(k * x) * np.sin(m * y)]
+        errors = []
+        for n in (40, 80):
+            found = self.sampled(lambda x, y: np.cos(k * x) * np.cos(m * y), (n, n), 1, points)[0]
+            errors.append(np.sqrt(np.mean((found - np.stack(exact, axis=1)) ** 2, axis=0)))
+        for series in zip(*errors, strict=True):
+            assert 1.8 < order(series) < 2.4
+
+    def test_outside_is_clamped(self):
+        inside, outside = np.array([[0.0, 40.0], [self.X, self.Y]]), np.array([[-30.0, 40.0], [1e6, 1e6]])
+        surface = lambda x, y: 0.1 * x + 0.2 * y  # noqa: E731
+        np.testing.assert_array_equal(
+            self.sampled(surface, (20, 15), 1, inside), self.sampled(surface, (20, 15), 1, outside)
+        )

@@ -4,7 +4,6 @@ What has a solution is in `tests.cases`. `ROUNDING` = 2⁻²⁴ is half a unit i
 state variable is rounded about four times a substep; in waves these errors add up like a random walk.
 """
 
-import itertools
 import math
 import subprocess
 import sys
@@ -14,13 +13,12 @@ import numpy as np
 import pytest
 
 from tests.cases.plain import GRAVITY, ROUNDING, SIDES, PlainScheme, centres, rough_bed, waves
-from usvauv.kernels import runtime
 from usvauv.kernels.shallow_water import discretisation, linear
 from usvauv.kernels.shallow_water.linear import ShallowWater
 
 KINDS = ("forced", "incident", "radiating", "sponge")
-# Every kind at every side, and every side beside and opposite every kind.
-MIXED = [dict(zip(SIDES, order, strict=True)) for order in itertools.permutations(KINDS)][::5]
+# Every kind at two sides and opposite two others.
+MIXED = [dict(zip(SIDES, order, strict=True)) for order in (KINDS, (*KINDS[2:], *KINDS[:2]), KINDS[::-1])]
 
 
 def open_sea(boundaries: dict[str, str], **others) -> ShallowWater:
@@ -38,9 +36,7 @@ class TestStep:
         assert solver.substeps >= 122
         assert solver.time_step * solver.substeps == pytest.approx(10)
 
-    @pytest.mark.parametrize(
-        "boundaries", [{}, *({s: "forced"} for s in SIDES), *(dict.fromkeys(SIDES, k) for k in KINDS)]
-    )
+    @pytest.mark.parametrize("boundaries", [{}, *(dict.fromkeys(SIDES, kind) for kind in KINDS)])
     def test_limit_is_sharp_for_every_boundary(self, boundaries, monkeypatch):
         """Noise stays bounded just below the limit, also at open boundaries, and explodes just above it."""
         growth = {}
@@ -64,37 +60,16 @@ class TestStep:
         [
             ({"cells": (2, 9)}, "cells"),
             ({"depth": 0.0}, "depth"),
-            ({"depth": -1.0}, "depth"),
             ({"depth": math.nan}, "depth"),
-            ({"depth": np.full((9, 9), math.inf)}, "depth"),
             ({"boundaries": {"up": "wall"}}, "up"),
             ({"boundaries": {"west": "none"}}, "none"),
             ({"boundaries": {"west": "sponge"}}, "sponge_width"),
-            ({"boundaries": {"west": "radiating"}, "sponge_width": 3.0}, "sponge_width"),
-            ({"boundaries": {"west": "sponge"}, "sponge_width": -1.0}, "sponge_width"),
             ({"boundaries": {"south": "sponge", "north": "sponge"}, "sponge_width": 5.0}, "sponge_width"),
         ],
     )
     def test_refuses_what_it_cannot_solve(self, changed, message):
         with pytest.raises(ValueError, match=message):
             ShallowWater(**{"size": (9, 9), "cells": (9, 9), "depth": 1.0, "interval": 1.0} | changed)
-
-    def test_sponges_may_meet(self):
-        boundaries = {"south": "sponge", "north": "sponge", "west": "sponge"}
-        about = {"size": (4.5, 9), "cells": (9, 9), "depth": 1.0, "interval": 1.0, "boundaries": boundaries}
-        assert ShallowWater(**about, sponge_width=4.5).boundaries.sponge_width == 4.5
-        with pytest.raises(ValueError, match="sponge_width: 0 m must be above 0"):
-            ShallowWater(**about, sponge_width=0)
-
-    def test_a_still_sea_launches_no_kernel(self, monkeypatch):
-        solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, boundaries={"west": "forced"})
-        solver.set_state(np.zeros((1, 10, 10)))
-        monkeypatch.setattr(solver._backend, "launches", None)  # would fail if called
-        solver.advance()
-        assert solver.still
-        assert solver.time == 2.0
-        solver.set_forcing(np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
-        assert not solver.still
 
     def test_waves_continue_without_forcing(self):
         solver = ShallowWater(size=(40, 40), cells=(10, 10), depth=5, interval=2.0, boundaries={"west": "incident"})
@@ -108,10 +83,9 @@ class TestStep:
 
 
 class TestBoundaries:
-    @pytest.mark.parametrize("boundaries", MIXED, ids=lambda boundaries: "-".join(boundaries.values()))
-    def test_energy_only_falls(self, boundaries):
+    def test_energy_only_falls(self):
         """With nothing prescribed; half of the noise is waves so short that they hardly move."""
-        solver = open_sea(boundaries, depth=rough_bed(37, 29), interval=0.5)
+        solver = open_sea(MIXED[0], depth=rough_bed(37, 29), interval=0.5)
         solver.set_state(np.random.default_rng(1).normal(size=(1, 29, 37)))
         energy = [solver.energy()[0]]
         for _ in range(40):
@@ -135,20 +109,6 @@ class TestBoundaries:
             highest.append(abs(solver.elevation()).max())
         assert highest[0] < 0.01
         assert highest[-1] < 1e-6
-
-    def test_mean_level_of_a_forced_sea_is_that_of_its_forcing(self):
-        """Waves enter in the west and leave in the east for 300 periods: the mean over the last 50 is nothing."""
-        T = 9.0
-        solver = open_sea({"west": "incident", "east": "radiating"}, depth=40.0, interval=T / 8)
-        solver.set_forcing(*waves(1.0, T))
-        solver.set_state(np.zeros((1, 29, 37)))
-        mean = []
-        for n in range(300 * 8):
-            solver.advance()
-            if n >= 250 * 8:
-                mean.append(solver.elevation().mean())
-        assert np.ptp(mean) > 0.1
-        assert abs(np.mean(mean)) < 1e-5
 
     @pytest.mark.parametrize("num_seas", [1, 3])
     def test_state_is_restored(self, num_seas):
@@ -232,12 +192,11 @@ class TestDiagnostics:
 
 
 MEMORY = """
-import sys
 import numpy as np
 from usvauv.kernels.shallow_water.linear import ShallowWater
 
-def sea(n, rough):
-    depth = np.full((n, n), 50, np.float32) + np.arange(n, dtype=np.float32)[:, None] / n if rough else 50.0
+def sea(n):
+    depth = np.full((n, n), 50, np.float32) + np.arange(n, dtype=np.float32)[:, None] / n
     eta = np.ones((1, n, n), np.float32)
     solver = yield depth, eta
     solver = ShallowWater(size=(n, n), cells=(n, n), depth=depth, interval=1.0, boundaries={"west": "radiating"})
@@ -248,9 +207,8 @@ def sea(n, rough):
 def status(name):
     return next(int(line.split()[1]) * 1024 for line in open("/proc/self/status") if line.startswith(name))
 
-rough = sys.argv[1] == "rough"
 for n in (64, 4096):  # the small one compiles
-    run = sea(n, rough)
+    run = sea(n)
     next(run)
     before = status("VmRSS")
     solver = run.send(None)
@@ -260,28 +218,23 @@ print(status("VmHWM") - before, held)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the peak of the process from Linux")
-@pytest.mark.parametrize("bed", [pytest.param("flat", marks=pytest.mark.slow), "rough"])
-def test_memory_is_that_of_the_fields(bed):
+def test_memory_is_that_of_the_fields():
     """Peak of construction, start and first interval over what was there before: within 10% of the arrays held."""
-    command = [sys.executable, "-c", MEMORY, bed]
-    run = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[3])
+    run = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, cwd=Path(__file__).parents[3])
     peak, held = map(int, run.stdout.split()[-2:])
     assert held > 190 * 2**20
     assert peak < 1.1 * held, f"{peak / held:.3f}"
 
 
 class TestAgainstPlainNumpy:
-    @pytest.mark.parametrize(("num_seas", "flat"), [(1, False), (1, True), (18, False)])
+    @pytest.mark.parametrize("num_seas", [1, 18])
     @pytest.mark.parametrize(
-        "boundaries",
-        [{}, *({side: "forced"} for side in SIDES), *MIXED],
-        ids=lambda boundaries: "-".join(boundaries.values()) or "walls",
+        "boundaries", [{}, *MIXED], ids=lambda boundaries: "-".join(boundaries.values()) or "walls"
     )
-    def test_depth_drag_and_boundaries(self, boundaries, num_seas, flat):
+    def test_depth_drag_and_boundaries(self, boundaries, num_seas):
         nx, ny = 37, 29
-        depth = 50.0 if flat else rough_bed(nx, ny)
         random = np.random.default_rng(7)
-        solver = open_sea(boundaries, depth=depth, interval=1.0, drag=0.02, num_seas=num_seas)
+        solver = open_sea(boundaries, depth=rough_bed(nx, ny), interval=1.0, drag=0.02, num_seas=num_seas)
         a, T, phase = random.normal(size=(num_seas, 3)), random.uniform(3, 20, (num_seas, 3)), np.ones((num_seas, 3))
         start = random.normal(size=(num_seas, ny, nx))
         solver.set_forcing(a, T, phase)
@@ -322,24 +275,6 @@ class TestAgainstPlainNumpy:
         assert rms[0] < 100 * ROUNDING
         assert rms[1] > 50 * rms[0]
 
-    def test_forcing_can_be_switched_off(self):
-        """The boundary is then held at zero, not closed."""
-        random = np.random.default_rng(3)
-        solver = ShallowWater(
-            size=(80, 80), cells=(20, 16), depth=50, interval=2.0, boundaries={"west": "forced"}, num_seas=2
-        )
-        solver.set_forcing(np.ones((2, 1)), np.full((2, 1), 9.0), np.zeros((2, 1)))
-        solver.set_state(np.zeros((2, 16, 20)))
-        solver.advance()
-        solver.set_forcing(np.zeros((2, 1)), np.full((2, 1), 9.0), np.zeros((2, 1)))
-        start = random.normal(size=(2, 16, 20))
-        solver.set_state(start)
-        before = solver.elevation()
-        solver.advance()
-        expected = PlainScheme(solver, start[1]).advance(solver.substeps)
-        np.testing.assert_allclose(solver.elevation()[1], expected, atol=100 * ROUNDING, rtol=0)
-        np.testing.assert_array_equal(before, start.astype(np.float32))  # a copy
-
     def test_clock_carries_the_phase(self):
         """Started late, the prescribed wave has its phase of that time: the same as from zero with a later phase."""
         late, T = 1.0e6, 17.0
@@ -355,6 +290,33 @@ class TestAgainstPlainNumpy:
         np.testing.assert_allclose(states[0], states[1], atol=1e-5)  # f64 phase at 10⁶ s: 1e-10; the rest is f32
 
 
-def test_runs_where_the_runtime_says():
-    solver = ShallowWater(size=(10, 10), cells=(4, 4), depth=1, interval=1)
-    assert solver.eta.is_cuda == (runtime.start().arch == "cuda")
+MIRRORS = {
+    "x": (lambda field: field[..., ::-1], {"west": "east", "east": "west"}),
+    "y": (lambda field: field[..., ::-1, :], {"south": "north", "north": "south"}),
+    "diagonal": (
+        lambda field: field.swapaxes(-1, -2),
+        {"west": "south", "south": "west", "east": "north", "north": "east"},
+    ),
+}
+
+
+@pytest.mark.parametrize("mirror", MIRRORS)
+def test_mirrored_sea_stays_mirrored(mirror):
+    """With an incoming wave at one side and every other kind of boundary round about."""
+    turn, side = MIRRORS[mirror]
+    boundaries = {"west": "incident", "east": "radiating", "south": "sponge", "north": "forced"}
+    depth = rough_bed(31, 31)
+    depth[:, [0, -1]] = depth[[0, -1]] = 60.0
+    common = {"size": (310, 310), "cells": (31, 31), "interval": 1.0, "sponge_width": 60.0}
+    one = ShallowWater(depth=depth, boundaries=boundaries, **common)
+    mirrored = {side.get(name, name): kind for name, kind in boundaries.items()}
+    other = ShallowWater(depth=np.ascontiguousarray(turn(depth)), boundaries=mirrored, **common)
+    eta = np.random.default_rng(3).normal(size=(1, 31, 31)) * (depth > 0)
+    for solver, surface in ((one, eta), (other, turn(eta))):
+        solver.set_forcing(*waves(0.5, 12.0))
+        solver.set_state(np.ascontiguousarray(surface))
+        for _ in range(40):
+            solver.advance()
+    scale = np.abs(one.elevation()).max()
+    assert scale > 0.3
+    np.testing.assert_allclose(turn(one.elevation()), other.elevation(), atol=2e-5 * scale)

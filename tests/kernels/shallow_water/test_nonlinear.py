@@ -2,8 +2,7 @@
 
 Tolerances are the measured errors with 10 to 20% to spare. For comparison, the scheme that most published second-order
 codes use (Audusse et al. 2004: hydrostatic reconstruction of limited depths, minmod, Heun), written into these kernels,
-gave at the same cells: Stoker 0.23%, Ritter 0.25% (400 cells); after one and three periods 1.7% and 3.8% for Thacker's
-plane, 2.0% and 4.2% for his paraboloid (100 × 100).
+gave after three periods 3.8% for Thacker's plane and 4.2% for his paraboloid at the same cells.
 """
 
 import dataclasses
@@ -15,61 +14,14 @@ import pytest
 from tests.cases.case import order, relative_L1
 from tests.cases.plain import GRAVITY as g
 from tests.cases.plain import SIDES, centres
-from tests.cases.solutions import Paraboloid, PDEBench, Plane, RadialDamBreak, channel, ritter, stoker
+from tests.cases.solutions import Paraboloid, Plane, RadialDamBreak, channel
 from usvauv.kernels import runtime
 from usvauv.kernels.shallow_water import nonlinear
 from usvauv.kernels.shallow_water.linear import ShallowWater
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 
-class TestDamBreak:
-    """SWASHES 4.1: a channel of 10 m, 5 mm of water behind the dam, after 6 s."""
-
-    @pytest.mark.parametrize("along_y", [False, True])
-    @pytest.mark.parametrize(("h_R", "depth", "discharge"), [(1e-3, 1.4e-3, 8.6e-3), (0.0, 1.3e-3, 8.8e-3)])
-    def test_against_stoker_and_ritter(self, h_R, depth, discharge, along_y):
-        n = 400
-        x = centres(n, 10) - 5
-        solver = channel(n, 10, along_y, bed=0.0, interval=6.0)
-        start = np.broadcast_to(np.where(x < 0, 5e-3, h_R), (4, n))
-        solver.set_state(start.T if along_y else start)
-        before = solver.mass()
-        solver.advance()
-        h, (u, v) = solver.depth(), solver.velocity()
-        h, u, v = (h.T, v.T, u.T) if along_y else (h, u, v)
-        exact_h, exact_u = stoker(x, 6, 5e-3, h_R) if h_R else ritter(x, 6, 5e-3)
-        assert relative_L1(h[0], exact_h) < depth
-        assert relative_L1(h[0] * u[0], exact_h * exact_u) < discharge
-        assert np.ptp(h, axis=0).max() == 0  # the same in all rows
-        assert not v.any()
-        assert solver.mass() == pytest.approx(before, rel=1e-7)
-        assert h.min() >= 0
-
-    def test_dry_front(self):
-        """The place where 1% of the depth behind the dam is left, and the tip, which is infinitely thin."""
-        n = 400
-        x = centres(n, 10) - 5
-        solver = channel(n, 10, bed=0.0, interval=6.0)
-        solver.set_state(np.where(x < 0, 5e-3, 0.0))
-        solver.advance()
-        front, exact = (x[h > 5e-5].max() for h in (solver.depth()[0], ritter(x, 6, 5e-3)[0]))
-        assert abs(front - exact) < 0.5 * solver.dx
-        tip, exact_tip = x[solver.depth()[0] > 5e-8].max(), 2 * math.sqrt(g * 5e-3) * 6
-        assert exact_tip - 16 * solver.dx < tip < exact_tip
-
-    def test_first_order_in_L1(self):
-        """Of a solution with a bore not more can be had."""
-        errors = []
-        for n in (400, 800):
-            x = centres(n, 10) - 5
-            solver = channel(n, 10, bed=0.0, interval=6.0)
-            solver.set_state(np.where(x < 0, 5e-3, 1e-3))
-            solver.advance()
-            errors.append(relative_L1(solver.depth()[0], stoker(x, 6, 5e-3, 1e-3)[0]))
-        assert order(errors) > 0.9
-
-
-class TestRadialDamBreak:
+class TestSymmetry:
     def test_symmetric_to_the_last_bit(self):
         """About both axes; about the diagonal within what the splitting into x and y leaves."""
         solver = RadialDamBreak().solve(60)
@@ -80,22 +32,6 @@ class TestRadialDamBreak:
         np.testing.assert_array_equal(u, u[::-1])
         np.testing.assert_array_equal(v, -v[::-1])
         assert relative_L1(h, h.T) < 0.004
-
-    @pytest.mark.parametrize(("n", "tolerance"), [(100, 0.015), pytest.param(200, 0.007, marks=pytest.mark.slow)])
-    def test_against_one_dimension(self, n, tolerance):
-        case = RadialDamBreak()
-        assert relative_L1(case.solve(n).depth(), case.exact(n)) < tolerance
-
-    @pytest.mark.parametrize(
-        ("n", "mean", "rms"), [(128, 2.1e-3, 5.7e-3), (256, 1.4e-3, 3.9e-3), (512, 7.0e-4, 2.6e-3)]
-    )
-    def test_as_accurate_as_wave_propagation(self, n, mean, rms):
-        """On PDEBench's case, in as many steps as that scheme; tolerances are PyClaw's errors."""
-        case = PDEBench()
-        solver, exact = case.solve(n), case.exact(n)
-        assert relative_L1(solver.depth(), exact) < mean
-        assert np.linalg.norm(solver.depth() - exact) / np.linalg.norm(exact) < rms
-        assert solver.steps < 0.35 * n
 
 
 class TestRunUp:
@@ -120,133 +56,20 @@ class TestRunUp:
 
 
 class TestThacker:
-    @pytest.mark.parametrize(
-        ("case", "cells", "tolerances"),
-        [
-            (Plane, 100, {0.25: (0.0075, 0.006), 1: (0.0093, 0.0165), 3: (0.0156, 0.0225)}),
-            (Paraboloid, 100, {0.25: (0.0062, 0.0055), 1: (0.0093, 0.0085), 3: (0.0215, 0.0215)}),
-            pytest.param(Plane, 200, {1: (0.0032, 0.0047), 3: (0.0047, 0.0065)}, marks=pytest.mark.slow),
-            pytest.param(Paraboloid, 200, {1: (0.0027, 0.0045), 3: (0.0057, 0.0076)}, marks=pytest.mark.slow),
-        ],
-    )
-    def test_depth_and_discharge(self, case, cells, tolerances):
+    @pytest.mark.parametrize(("case", "depth", "discharge"), [(Plane, 0.0156, 0.0225), (Paraboloid, 0.0215, 0.0215)])
+    def test_depth_and_discharge_after_three_periods(self, case, depth, discharge):
         """Relative L1 of depth, and of h v in the L1 of depth times the greatest speed of the case."""
-        exact = case(cells)
-        fastest = max(np.abs(exact.solution(t)[2]).max() for t in np.linspace(0, exact.period, 17))
-        for n, solver in enumerate(exact.solve(3, pieces=12), start=1):
-            if n == 1:
-                before = exact.solution(0)[0].sum() * solver.dx * solver.dy
-            if n / 4 in tolerances:
-                h, _, v = exact.solution(solver.time)
-                depth, discharge = tolerances[n / 4]
-                assert relative_L1(solver.depth(), h) < depth
-                assert np.abs(solver.depth() * solver.velocity()[1] - h * v).sum() / (h.sum() * fastest) < discharge
-        assert solver.mass() == pytest.approx(before, rel=3e-7)
-        assert solver.depth().min() >= 0
-
-    @pytest.mark.parametrize(("case", "least"), [(Plane, 1.4), (Paraboloid, 1.7)])
-    def test_order(self, case, least):
-        """Below two, because the solution has a kink at the shore."""
-        errors = []
-        for cells in (50, 100):
-            exact = case(cells)
-            (solver,) = exact.solve(1)
-            errors.append(relative_L1(solver.depth(), exact.solution(exact.period)[0]))
-        assert order(errors) > least
-
-    @pytest.mark.parametrize("case", [Plane, Paraboloid])
-    def test_shoreline_is_followed(self, case):
-        """All through the second period, on the row next to the middle. Wet is what is deeper than 0.2% of h0."""
         exact = case(100)
-        row = 50
-        x, y = exact.x[row], exact.y[row, 0]
-        for n, solver in enumerate(exact.solve(2, pieces=32), start=1):
-            if n > 16:
-                wet = x[solver.depth()[row] > 2e-3 * exact.h0]
-                west, east = exact.shores(solver.time, y)
-                assert abs(wet.min() - solver.dx / 2 - west) < 2 * solver.dx
-                assert abs(wet.max() + solver.dx / 2 - east) < 2 * solver.dx
-
-
-class TestRest:
-    @pytest.mark.parametrize("level", [0.0, 0.75, -3.3])
-    @pytest.mark.parametrize("kind", ["wall", "forced"])
-    def test_lake_round_islands_stays(self, level, kind):
-        """Nothing moves by a single bit over a rough bed of 120 m depth with dry peaks."""
-        n = 64
-        x = centres(n, 200)
-        bed = -120 + 140 * np.exp(-((x - 100) ** 2 + (x[:, None] - 90) ** 2) / 900)
-        bed = bed + 3 * np.random.default_rng(0).normal(size=(n, n))
-        solver = NonlinearShallowWater(
-            size=(200, 200), cells=(n, n), bed=bed, interval=5.0, boundaries=dict.fromkeys(SIDES, kind)
-        )
-        solver.set_forcing(np.array([level]), np.array([1e30]), np.zeros(1))
-        solver.set_state(np.maximum(level, bed))
-        before = solver.elevation()
-        assert 20 < (solver.depth() == 0).sum() < 400
-        solver.advance()
-        assert solver.steps > 50
-        np.testing.assert_array_equal(solver.elevation(), before)
-        assert not np.any(solver.velocity())
-
-    def test_still_sea_beside_radiating_boundaries(self):
-        solver = NonlinearShallowWater(
-            size=(9, 9),
-            cells=(20, 9),
-            bed=np.linspace(-2, 0.5, 20),
-            interval=5.0,
-            boundaries=dict.fromkeys(SIDES, "radiating"),
-        )
-        solver.set_state(0.0)
-        solver.advance()
-        np.testing.assert_array_equal(solver.depth() > 0, solver.bed < 0)
-        assert not np.any(solver.velocity())
-
-
-class TestClock:
-    @pytest.mark.parametrize("cells", [(40, 6), (6, 40)])
-    def test_steps_are_as_long_as_the_fastest_wave_allows(self, cells):
-        """In long cells, small waves pass 0.95 of the shorter side in a step; the first is a tenth."""
-        size, depth, interval = (4000.0, 4200.0), 10.0, 300.0
-        solver = NonlinearShallowWater(size=size, cells=cells, bed=-depth, interval=interval)
-        assert (solver.time, solver.steps) == (0.0, 0)
-        x, y = centres(cells[0], size[0]), centres(cells[1], size[1])[:, None]
-        solver.set_state(0.01 * np.cos(math.pi * x / size[0]) * np.cos(math.pi * y / size[1]), time=50.0)
-        mass = solver.mass()
-        assert mass == pytest.approx(depth * size[0] * size[1], rel=1e-6)
-        least = interval * math.sqrt(g * depth) / min(solver.dx, solver.dy) / 0.95
-        before = 0
-        for n in range(1, 4):
-            solver.advance()
-            assert solver.time == 50.0 + n * interval
-            assert least <= solver.steps - before <= least + 4
-            before = solver.steps
-        assert solver.mass() == pytest.approx(mass, rel=1e-6)
+        fastest = max(np.abs(exact.solution(t)[2]).max() for t in np.linspace(0, exact.period, 17))
+        (solver,) = exact.solve(3)
+        h, _, v = exact.solution(solver.time)
+        assert relative_L1(solver.depth(), h) < depth
+        assert np.abs(solver.depth() * solver.velocity()[1] - h * v).sum() / (h.sum() * fastest) < discharge
+        assert solver.mass() == pytest.approx(exact.solution(0)[0].sum() * solver.dx * solver.dy, rel=3e-7)
+        assert solver.depth().min() >= 0
 
 
 class TestSmooth:
-    def test_standing_wave_is_second_order(self):
-        """η = a cos kx cos ky cos ωt of 1e-5 of the depth, at t = T/8; η and u."""
-        h, k = 1.0, 2 * math.pi
-        omega = math.sqrt(2 * g * h) * k
-        errors = []
-        for n in (32, 64, 128):
-            x = centres(n, 1.0)
-            mode = np.cos(k * x) * np.cos(k * x)[:, None]
-            solver = NonlinearShallowWater(size=(1, 1), cells=(n, n), bed=-h, interval=math.pi / 4 / omega)
-            solver.set_state(1e-5 * mode)
-            solver.advance()
-            u = g * k / omega * math.sin(math.pi / 4) * np.sin(k * x) * np.cos(k * x)[:, None]
-            errors.append(
-                (
-                    relative_L1(solver.elevation() / 1e-5, mode * math.cos(math.pi / 4)),
-                    relative_L1(solver.velocity()[0] / 1e-5, u),
-                )
-            )
-        for series in zip(*errors, strict=True):
-            assert order(series) > 1.9
-            assert series[-1] < 3e-4
-
     @pytest.mark.parametrize("along_y", [False, True])
     def test_simple_wave_is_second_order(self, along_y):
         """A hump running into still water, half way to breaking: c = √(gh) is constant along x = x0 + (3c − 2c0) t."""
@@ -271,21 +94,6 @@ class TestSmooth:
             errors.append((np.abs(h[0] - exact).mean(), np.abs(speed[0] - 2 * (end.mean(axis=1) - c0)).mean()))
         for series in zip(*errors, strict=True):
             assert order(series) > 1.8
-
-    @pytest.mark.slow
-    def test_nonlinear_waves_over_a_hill_are_second_order(self):
-        """By the differences between three grids, of the elevation and of h u."""
-        fields = []
-        for n in (64, 128, 256):
-            x = centres(n, 1.0)
-            bed = -1 + 0.3 * np.exp(-30 * ((x - 0.6) ** 2 + (x[:, None] - 0.55) ** 2))
-            solver = NonlinearShallowWater(size=(1, 1), cells=(n, n), bed=bed, interval=0.06)
-            solver.set_state(0.2 * np.exp(-40 * ((x - 0.4) ** 2 + (x[:, None] - 0.45) ** 2)))
-            solver.advance()
-            fields.append((solver.elevation(), solver.depth() * solver.velocity()[0]))
-        for coarse, middle, fine in zip(*fields, strict=True):
-            halved = [f.reshape(len(f) // 2, 2, -1, 2).mean(axis=(1, 3)) for f in (middle, fine)]
-            assert order([np.abs(halved[0] - coarse).mean(), np.abs(halved[1] - middle).mean()]) > 1.85
 
 
 class TestAgainstLinear:
@@ -338,13 +146,10 @@ class TestBoundaries:
         np.testing.assert_array_equal(whole.depth()[: half.ny, : half.nx], half.depth())
 
     @pytest.mark.parametrize("side", SIDES)
-    @pytest.mark.parametrize(
-        ("kind", "amplitude", "reflected"),
-        [("radiating", 1e-3, 1e-4), ("radiating", 2.0, 0.003), ("incident", 2.0, 0.003)],
-    )
-    def test_open_boundary_lets_waves_out(self, side, kind, amplitude, reflected):
+    @pytest.mark.parametrize("kind", ["radiating", "incident"])
+    def test_open_boundary_lets_waves_out(self, side, kind):
         """A hump of 40 m length on 10 m of water leaves; the rest, as a fraction of its height."""
-        n, h = 200, 10.0
+        n, h, amplitude = 200, 10.0, 2.0
         x = centres(n, 200.0)
         x = x if side in ("east", "north") else x[::-1]
         along_y = side in ("south", "north")
@@ -354,7 +159,7 @@ class TestBoundaries:
         u = outward * 2 * (np.sqrt(g * (h + eta)) - math.sqrt(g * h))  # a simple wave
         solver.set_state(eta.T if along_y else eta, **{"v": u.T} if along_y else {"u": u})
         solver.advance()
-        assert np.abs(solver.elevation()).max() < reflected * amplitude
+        assert np.abs(solver.elevation()).max() < 0.003 * amplitude
 
     @pytest.mark.parametrize("kind", ["wall", "radiating", "incident", "forced"])
     def test_noise_does_not_grow(self, kind):
@@ -372,7 +177,7 @@ class TestBoundaries:
             assert np.abs(solver.elevation()).max() < 1e-3
             assert speeds[-1] < 0.9 * speeds[0] < 2e-3
 
-    @pytest.mark.parametrize("side", SIDES)
+    @pytest.mark.parametrize("side", ["west", "north"])
     def test_high_wave_enters_incident_boundary_and_leaves_radiating_one(self, side):
         """E = a (1 − cos ωt)/2 of a tenth of the depth: a simple wave, η = E(s) at x = (3c(s) − 2c0) (t − s)."""
         h, a, T, L, t = 10.0, 1.0, 10.0, 100.0, 9.0
@@ -398,7 +203,7 @@ class TestBoundaries:
             solver.advance()
         assert np.abs(solver.elevation()).max() < 2e-3 * a
 
-    @pytest.mark.parametrize("side", SIDES)
+    @pytest.mark.parametrize("side", ["east", "south"])
     def test_forced_boundary_is_second_order(self, side):
         """The seiche η = a cos kx / cos kL cos ωt between a wall and a forced boundary: rms over two periods."""
         L, h, T, a = 200.0, 120.0, 30.0, 1e-4
@@ -455,27 +260,7 @@ class TestFriction:
             middle = [field[20, 20] for field in solver.velocity()]
             np.testing.assert_allclose(middle, start * factor, rtol=1e-5)
 
-    def test_damped_wave_is_second_order(self):
-        """η = a cos kx e^{−rt/2} (cos σt + r/(2σ) sin σt), σ² = g h k² − r²/4, with r = ω, and its velocity."""
-        h, a, k = 1.0, 1e-5, 2 * math.pi
-        r = math.sqrt(g * h) * k
-        sigma = math.sqrt(3) / 2 * r
-        t = math.pi / 3 / sigma
-        errors = []
-        for n in (32, 64, 128):
-            x = centres(n, 1.0)
-            solver = channel(n, 1.0, bed=-h, interval=t, drag=r)
-            solver.set_state(a * np.cos(k * x))
-            solver.advance()
-            fading = math.exp(-r * t / 2)
-            eta = fading * (math.cos(sigma * t) + r / (2 * sigma) * math.sin(sigma * t)) * np.cos(k * x)
-            u = fading * g * k / sigma * math.sin(sigma * t) * np.sin(k * x)
-            errors.append((relative_L1(solver.elevation()[0] / a, eta), relative_L1(solver.velocity()[0][0] / a, u)))
-        for series in zip(*errors, strict=True):
-            assert order(series) > 1.9
-
-    @pytest.mark.parametrize("along_y", [False, True])
-    def test_damped_oscillation_with_moving_shores(self, along_y):
+    def test_damped_oscillation_with_moving_shores(self):
         """A parabolic channel with linear drag, one period (Sampson, Easton and Singh 2006, ANZIAM J. 47, C373)."""
         h0, a, tau, B, n = 10.0, 3000.0, 1e-3, 5.0, 200
         p = math.sqrt(8 * g * h0) / a
@@ -491,13 +276,10 @@ class TestFriction:
             return np.maximum(level + tilt * x - bed, 0)
 
         T = 2 * math.pi / s
-        across = np.broadcast_to(bed, (4, n))
-        solver = channel(n, 10000, along_y, bed=across.T if along_y else across, interval=T, drag=tau, dry=1e-4)
-        start = np.broadcast_to(bed + depth(0), (4, n))
-        solver.set_state(start.T if along_y else start)
+        solver = channel(n, 10000, bed=bed, interval=T, drag=tau, dry=1e-4)
+        solver.set_state(bed + depth(0))
         solver.advance()
-        h = solver.depth().T if along_y else solver.depth()
-        assert relative_L1(h[0], depth(T)) < 0.006
+        assert relative_L1(solver.depth()[0], depth(T)) < 0.006
         still = np.maximum(-bed, 0)
         assert relative_L1(still, depth(T)) > 0.05  # the drag has not stopped it: 23% of the first swing is left
 
@@ -548,8 +330,7 @@ class TestRoughGround:
             for a, b in zip(results[0], other, strict=True):
                 np.testing.assert_array_equal(a, b)
 
-    @pytest.mark.parametrize("manning", [0.0, 0.03])
-    def test_turned_and_mirrored_ground_turns_and_mirrors_the_flow(self, manning):
+    def test_turned_and_mirrored_ground_turns_and_mirrors_the_flow(self):
         """West and east exchanged: the same bits in other places, also with other lanes. x and y exchanged: nearly."""
         given = rough_water()
         eta, (u, v) = given.elevation(), given.velocity()
@@ -562,7 +343,7 @@ class TestRoughGround:
             ((150, 120), (50, 40), {"east": "radiating", "north": "forced"}, np.fliplr, (-u[:, ::-1], v[:, ::-1])),
         ):
             solver = NonlinearShallowWater(
-                size=size, cells=cells, bed=change(given.bed), interval=1.0, boundaries=sides, manning=manning
+                size=size, cells=cells, bed=change(given.bed), interval=1.0, boundaries=sides, manning=0.03
             )
             solver.set_forcing(np.ones(1), np.full(1, 3.0), np.zeros(1))
             solver.set_state(change(eta), *velocities)
@@ -584,7 +365,7 @@ class TestRoughGround:
         assert (other.time, other.steps) == (solver.time, solver.steps)
 
 
-@pytest.mark.parametrize("cells", [(3, 3), (5, 17), (16, 4), (17, 5), (33, 7), (50, 3)])
+@pytest.mark.parametrize("cells", [(3, 3), (17, 5), (50, 3)])
 def test_fields_are_unpacked_from_any_grid(cells):
     nx, ny = cells
     solver = NonlinearShallowWater(size=(nx, ny), cells=cells, bed=-2.0, interval=1e-3)
