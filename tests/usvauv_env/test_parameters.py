@@ -1,21 +1,18 @@
 """From a scenario to the kernels' numbers: those that are computed, beside the same by hand from numbers all unlike."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from usvauv.env import Scenario, ScenarioError
 from usvauv.env.site.site import Site
-from usvauv.env.site.sound_speed import SoundSpeedProfile
 from usvauv.env.world import tables
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.env.world.current_statistics import current_bound, current_model
-from usvauv.kernels.errors import UserError
-from usvauv.kernels.mission.columns import Parameter, Refraction, Schedule, Sensor
+from usvauv.kernels.mission.columns import Parameter, Refraction
 from usvauv.kernels.positioning.absorption import Water, francois_garrison
-from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws, coates, rain_noise
+from usvauv.kernels.positioning.ambient_noise import coates, rain_noise
 from usvauv.kernels.positioning.current_process import FOREVER
 from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
 from usvauv.kernels.positioning.reflections import SEDIMENTS
@@ -41,7 +38,6 @@ NUMBERS = {
     "reference": {"straight_speed": 1.6},
     "boat": {"noise_level": 55, "top_speed": 3},
 }  # fmt: skip
-CONSEQUENCES = ("reference_rate", "service_time", "auv_speed", "data_level")  # of several choices
 
 
 def site(**changes: dict) -> Site:
@@ -93,36 +89,6 @@ def test_numbers_that_are_computed():
     assert found["bottom_density"] != found["bottom_speed"]
 
 
-@pytest.mark.parametrize(
-    ("section", "field", "value", "name", "expected"),
-    [
-        ("usbl", "signal", "tone", "signal_length", 40 / 13000),
-        ("auv", "separation", "demonstration", "separation_node", 60.0),
-        ("auv", "refused_power", "hovering", "refused_hovers", 1.0),
-        ("auv", "action", "polar", "polar", 1.0),
-        ("nodes", "rate_law", "demonstration", "data_demonstration", 1.0),
-        ("reward", "distance_form", "distance", "progress", 0.0),
-        ("reward", "service_form", "hovering", "service_hovering", 1.0),
-        ("reward", "proximity_form", "pair", "proximity_once", 1.0),
-        ("current", "count", 1, "random_vortices", 1.0),
-        ("current", "centres", [[1, 2]], "random_vortices", 0.0),
-        ("acoustics", "wind", 0, "roughness", 0.0),
-    ],
-)
-def test_numbers_that_depend_on_a_choice(section, field, value, name, expected):
-    plain = packed(site())
-    found = packed(site(**{section: {field: value}}))
-    assert found[name] == pytest.approx(expected)
-    if field != "centres":
-        assert plain[name] != pytest.approx(expected)
-    changed = [other for other in Parameter.names if other not in CONSEQUENCES and found[other] != plain[other]]
-    assert changed == ([] if field == "centres" else [name])
-
-
-def test_given_centres_are_not_drawn_although_a_number_is_given():
-    assert packed(site(current={"count": 3, "centres": [[1, 2], [3, 4]]}))["random_vortices"] == 0.0
-
-
 @pytest.mark.parametrize("demonstration", [False, True])
 def test_rate_of_the_demonstration(demonstration):
     """Its law has 10^SNR in place of 10^(SNR/10), its separation the AUVs' depth, not their height."""
@@ -171,46 +137,13 @@ class TestSound:
         plain = site(usbl={"refraction": refraction})
         assert (tables.sound_speed(plain), program(plain).refraction) == (1480.0, Refraction.none)
 
-    @pytest.mark.parametrize(
-        ("storm", "trough"),
-        [
-            ({"spectrum": "pm", "significant_height": 3.0, "swells": [[4.0, 14.0, 2.0, 0.3, 9.0]]}, 5.0),
-            ({"spectrum": "none", "significant_height": 2.0}, 2.0),
-            ({"spectrum": "pm", "significant_height": 6.0}, 3.5),
-        ],
-    )
-    def test_profile_is_thinned_for_arrays_down_to_the_troughs(self, monkeypatch, storm, trough):
-        """At most half way down to the AUVs; over all horizontal ranges of the area and depths of the water."""
-        asked = []
-        monkeypatch.setattr(SoundSpeedProfile, "thinned", lambda self, *given: asked.append(given))
-        tables.sound_profile(site(storm=storm, auv={"depth": 7 if trough == 3.5 else 60}))
-        ((arrays, *others),) = asked
-        assert arrays == pytest.approx((0.0, trough / 2, trough))
-        assert others == [7 if trough == 3.5 else 60, pytest.approx(math.hypot(300, 250)), 140.0]
-
 
 def program(place: Site):
     strategy = StrategyChoice.parse(None, place.scenario).strategy
     return tables.program(place, strategy, tables.link_table(place))
 
 
-def test_what_is_compiled():
-    plain, other = site(), site(
-        usbl={"model": "waveform", "signal": "tone", "periods": FEWEST_PERIODS},
-        acoustics={"multipath": False},
-        boat={"count": 2},
-        channel={"schedule": "round-robin"},
-        navigation={"sensor": "water"},
-    )  # fmt: skip
-    names = ("waveform", "tone", "multipath", "schedule", "sensor", "fleet")
-    assert [getattr(program(plain), name) for name in names] == [
-        *(False, False, False, Schedule.every_step, Sensor.none, False)
-    ]
-    assert [getattr(program(other), name) for name in names] == [
-        *(True, True, False, Schedule.round_robin, Sensor.water, True)
-    ]
-    assert program(site(tracker={"enabled": True})).tracker
-    assert not program(plain).tracker
+def test_a_tone_too_short_for_the_waveform_receiver():
     for model, signal in (("statistical", "tone"), ("waveform", "code")):
         program(site(usbl={"model": model, "signal": signal, "periods": FEWEST_PERIODS - 1}))
     with pytest.raises(ScenarioError, match=rf"periods = {FEWEST_PERIODS - 1}: must be at least {FEWEST_PERIODS} with"):
@@ -235,42 +168,7 @@ class TestWindAndNoise:
         assert found == pytest.approx([55, 55 - 20 * math.log10(2)])
         assert tables.own_noise(site(boat={"noise_level": 0}).scenario, 15000.0) == -math.inf
 
-    @pytest.mark.parametrize("sign", [-1, 1])
-    def test_levels_of_a_plugin_up_to_the_loudest_and_the_faintest(self, monkeypatch, sign):
-        level = sign * tables.LOUDEST
-        monkeypatch.setitem(ambient_noise_laws._items, "own", lambda *given: level)
-        scenario = site(acoustics={"ambient_noise": "own", "rain": 0}).scenario
-        assert tables.noise_law(scenario)(1e4, 0.0, 0.0) == pytest.approx(level)
-        level *= 1.0001
-        with pytest.raises(UserError, match="a level from -200 to 200 dB"):
-            tables.noise_law(scenario)(1e4, 0.0, 0.0)
-
     def test_errors_beside_noise(self):
         """Those of the array's place and of the boat's add up as variances."""
         expected = {"attitude": 0.01, "alignment": 0.02, "heading": 0.03, "sound_speed": 5 / 1480, "position": 0.5}
         assert vars(tables.accuracy(site().scenario)) == pytest.approx(expected)
-
-
-def test_workspace_and_numbers_of_the_target_rule():
-    """One number where the rule has none, so that no array is empty."""
-    for rule, numbers in (("greedy:0.3", [pytest.approx(0.3)]), ("tour", [0.0])):
-        scenario = site(nodes={"target_rule": rule}).scenario
-        assert tables.rule_numbers(scenario).tolist() == numbers
-        assert tables.rule_workspace(scenario) == 1
-    assert tables.rule_workspace(site(nodes={"target_rule": "rollout:90"}).scenario) > 12
-
-
-def test_numbers_and_weights_of_a_task():
-    """In the order in which it declares them: as the scenario gives them, else its defaults; one number where none."""
-    terms = (("power", None), ("own", 5.0), ("distance", None), ("given", 6.0))
-    about = SimpleNamespace(
-        task_parameters=SimpleNamespace(numbers={"b": 20.0, "given": 60.0, "power": 7.0}),
-        task_definition=SimpleNamespace(
-            parameters=(("a", 1.0), ("b", 2.0)),
-            reward_terms=[SimpleNamespace(name=name, weight=weight) for name, weight in terms],
-        ),
-        reward=SimpleNamespace(power=-0.25, distance=0.75),
-    )
-    assert tables.task_parameters(about).tolist() == [1.0, 20.0]
-    assert tables.reward_weights(about).tolist() == [-0.25, 5.0, 0.75, 60.0]
-    assert tables.task_parameters(site().scenario).tolist() == [0.0]

@@ -1,13 +1,19 @@
-"""Files of real water that must be refused, and in what words."""
+"""Files of real water and waves that must be refused, and in what words: one line with file, variable and value."""
 
 import h5netcdf
 import numpy as np
 import pytest
 
 from tests.usvauv_env.ocean_files import BED_FRAME, HOURS, LATITUDES, LONGITUDES, bed_of, cmems, flow_of, sloping, write
+from tests.usvauv_env.wave_files import era5, partitions, waves_of, ww3
 from usvauv.env.netcdf import remote
 from usvauv.env.site.cf import OceanError
 from usvauv.env.site.ocean import read_bathymetry
+from usvauv.env.site.place import LocalFrame
+from usvauv.env.site.waves import read_waves
+
+STORM = (5.0, 11.0, 90.0, 10)
+PARTS = (4.0, 9.0, 270.0, 30.0)
 
 
 def attributes(name, **new):
@@ -64,6 +70,10 @@ def station(dataset):
     )
 
 
+def everywhere(number):
+    return lambda array: np.full_like(array, number)
+
+
 CURRENTS = {  # what is wrong: the change that makes it so, and what the message says of it
     "no currents": (
         without("uo", "vo"),
@@ -71,10 +81,6 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
     ),
     "wind by a name of currents": (
         lambda d: attributes("uo", standard_name="eastward_wind")(attributes("vo", standard_name="northward_wind")(d)),
-        r"no variables with the standard_name of a current",
-    ),
-    "one component by its name": (
-        lambda d: without("vo")(attributes("uo", standard_name=None)(d)),
         r"no variables with the standard_name of a current",
     ),
     "one component": (without("vo"), r"has uo but no variable with standard_name northward_sea_water_velocity"),
@@ -100,21 +106,9 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
         values("latitude", put(5, 59.0)),
         r"latitude: is not in order: 59.0 follows 60.08\d+; values must rise or fall throughout",
     ),
-    "repeated longitude": (values("longitude", put(1, LONGITUDES[0])), r"longitude: is not in order: 4.75 is repeated"),
-    "unordered time": (
-        values("time", put(2, 1.0)),
-        r"time: is not in order: 1950-01-01T01:00:00.* follows 1950-01-01T06",
-    ),
-    "unordered depth": (values("depth", put(2, 1.0)), r"depth: is not in order: 1.0 follows 1.541; values must"),
     "missing latitude": (values("latitude", put(2, np.nan)), r"latitude: value 2 is missing; all must be given"),
-    "latitude in radians": (
-        attributes("latitude", units="radian"),
-        r"latitude: units 'radian'; allowed: degrees_north",
-    ),
     "longitude without units": (attributes("longitude", units=None), r"longitude: units None; allowed: degrees_east"),
-    "latitude of 95": (values("latitude", lambda v: v + 35), r"latitude: 95.5 degrees; allowed: -90 to 90"),
     "depth in dbar": (attributes("depth", units="dbar"), r"depth: units 'dbar'; allowed: m, "),
-    "depth above": (attributes("depth", positive="up"), r"depth: 130.666 with positive 'up' is above the surface"),
     "depth sideways": (attributes("depth", positive="left"), r"depth: its attribute positive is 'left'; allowed: 'up'"),
     "sigma levels": (attributes("depth", standard_name="ocean_sigma_coordinate"), r"dimension 'depth' has no coord"),
     "calendar": (
@@ -122,10 +116,6 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
         r"time: calendar '360_day'; allowed: standard, gregorian, pro",
     ),
     "units of time": (attributes("time", units="hours"), r"time: units 'hours'; allowed: such as 'hours since 2000-01"),
-    "date of time": (
-        attributes("time", units="hours since launch"),
-        r"time: units 'hours since launch'; allowed: such",
-    ),
     "text as time": (
         lambda d: d.assign_coords(time=("time", list("abcd"), {"axis": "T"})),
         r"time: is not numeric but",
@@ -138,7 +128,6 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
         values("longitude", lambda v: v + 350),
         r"longitude: the area spans 365.02000 to 365.16\d+ degrees and the file 354.75000 to 355.50000; ",
     ),
-    "other side of the Earth": (values("longitude", lambda v: v + 180), r"and the file 184.75000 to 185.50000; "),
     "too far north": (
         lambda d: d.isel(latitude=slice(None, 4)),
         r"latitude: the area spans 60.02\d+ to 60.08\d+ degrees and the file 59.75000 to 60.00000; its points must",
@@ -147,7 +136,6 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
         lambda d: d.isel(depth=slice(None, 2)),
         r"depth: currents are needed at 100 m and the file's depths are 0.494 to 1.541 m; they serve from 0 to 2.06",
     ),
-    "surface only": (lambda d: d.isel(depth=[0]), r"needed at 100 m .* 0.494 to 0.494 m; they serve from 0 to 0.494 m"),
     "too deep": (
         lambda d: d.isel(depth=slice(2, None)),
         r"depth: currents are needed at 0.494 m and the file's depths are 92.326 to 130.666 m; they serve from 92.326",
@@ -211,37 +199,153 @@ BEDS = {
     ),
 }
 
+WAVEWATCH = [
+    (attributes("efth", units=None), "efth: has no units; allowed: m2 s rad-1"),
+    (attributes("frequency", units="rad s-1"), "frequency: units 'rad s-1'; allowed: s-1, hz"),
+    (attributes("direction", standard_name=None), "direction: its standard_name must say which way"),
+    (values("efth", everywhere(np.nan)), "efth: has no values at the area: land"),
+    (
+        values("efth", put((0, 0, 3, 5), np.nan)),
+        r"efth: a value is missing at 0.0466 Hz, direction 5; all must be given",
+    ),
+    (values("efth", put((0, 0, 3, 5), -0.5)), r"efth: -0.5; allowed: 0 to 100000: see its units"),
+    (values("efth", lambda efth: 1000 * efth), r"efth: significant height 158.\d* m; allowed: above 0, up to 30"),
+    (
+        values("frequency", put(0, np.nan)),
+        r"frequency: nan, 0.0385, 0.04235, ..., 0.6107; allowed: three or more, rising, 0 to 10 Hz",
+    ),
+    (values("direction", put(0, 93.0)), r"direction: 93, 80, 70, ..., 100; allowed: four or more in even steps"),
+    (values("longitude", everywhere(np.nan)), "longitude, latitude: no station has a position"),
+    (
+        values("latitude", everywhere(58.0)),
+        r"station 0 at 5.020, 58.000 degrees is 224 km from the area, at 5.018, 60.009; allowed: up to 50 km",
+    ),
+    (without("longitude"), "efth: has no longitude; stations, or a grid|has no longitude"),
+    (values("wnd", everywhere(900.0)), "wnd: 900 m/s; allowed: 0 to 60 m/s"),
+    (without("efth"), "no waves: neither a spectrum .* nor a height of waves .*phs0"),
+]
 
-class TestRefusals:
-    def refused(self, match, read, *arguments, **asked):
-        with pytest.raises(OceanError, match=match) as caught:
-            read(*arguments, **asked)
-        assert "\n" not in str(caught.value)
-        return str(caught.value)
+ERA5 = [
+    (
+        values("d2fd", lambda log: np.minimum(10**log, 9.0) / 3),
+        "d2fd: at least .* everywhere; allowed: decadic logarithms of the density",
+    ),
+    (values("d2fd", put((0, 3, 5, 1, 1), 7.0)), "d2fd: 7; allowed: decadic logarithms up to 5"),
+    (
+        values("direction", lambda n: 15 * n),
+        r"direction: 15, 30, 45, ..., 360; allowed: ERA5's numbers 1, 2, ..., 24",
+    ),
+    (
+        values("frequency", lambda n: n + 1),
+        r"frequency: 2, 3, 4, ..., 31; allowed: ERA5's numbers 1, 2, ..., up to 30",
+    ),
+    (without("frequency"), "frequency: has no values; a coordinate must give them"),
+    (curvilinear, r"d2fd: lies on a curvilinear grid \(nav_lon has dimensions y, x\)"),
+    (
+        lambda dataset: dataset.isel(longitude=slice(2)),
+        "longitude: the middle of the area is at 5.01793 degrees and the file spans 4.50000 to 5.00000",
+    ),
+    (
+        lambda dataset: dataset.isel(longitude=[0], latitude=[0]),
+        "its point at 4.500, 60.500 degrees is 62 km from the area",
+    ),
+]
 
-    @pytest.mark.parametrize("wrong", CURRENTS)
-    def test_currents(self, tmp_path, wrong):
-        change, match = CURRENTS[wrong]
-        message = self.refused(match, flow_of, change(cmems()), tmp_path)
-        assert message.startswith(f"{tmp_path / 'currents.nc'}: ")
+PARTITIONS = [
+    (attributes("phs0", units="cm"), "phs0: units 'cm'; allowed: m, meter"),
+    (attributes("pspr0", units="percent"), "pspr0: units 'percent'; allowed: degree"),
+    (without("ptp0"), "has phs0 but no ptp0"),
+    (values("phs0", everywhere(-3.0)), "phs0: -3; allowed: 0 to 30: see its units and fill"),
+    (values("ptp0", everywhere(90.0)), "ptp0: 90; allowed: 0.5 to 30"),
+    (values("ptp0", everywhere(np.nan)), "ptp0: is missing where phs0 is 4 m"),
+    (values("pspr0", everywhere(120.0)), "pspr0: 2.09.*; allowed: 0 to 1.41"),
+    (values("phs0", everywhere(np.nan)), "phs0: has no values at the area: land, calm"),
+]
 
-    @pytest.mark.parametrize("wrong", TIMES)
-    def test_times(self, tmp_path, wrong):
-        asked, match = TIMES[wrong]
-        self.refused(match, flow_of, cmems(), tmp_path, **asked)
+KINDS = {  # a file that serves, what reads it, and the name under which it is written
+    "currents": (cmems, flow_of, "currents.nc", CURRENTS.values()),
+    "bed": (sloping, bed_of, "bed.nc", BEDS.values()),
+    "WAVEWATCH III": (lambda: ww3(STORM), waves_of, "waves.nc", WAVEWATCH),
+    "ERA5": (lambda: era5(STORM), waves_of, "waves.nc", ERA5),
+    "partitions": (lambda: partitions(PARTS), waves_of, "waves.nc", PARTITIONS),
+}
 
-    def test_start_in_a_steady_file(self, tmp_path):
-        one = cmems(hours=HOURS[:1])
-        match = r"has one time, 1950-01-01T00:00:00; start = '1950-01-02' must be that or left empty"
-        self.refused(match, flow_of, one, tmp_path, start="1950-01-02")
-        match = r"uo: has no time coordinate; start = '1950-01-02' must be left empty"
-        self.refused(match, flow_of, one.isel(time=0, drop=True), tmp_path, start="1950-01-02")
 
-    @pytest.mark.parametrize("wrong", BEDS)
-    def test_bathymetry(self, tmp_path, wrong):
-        change, match = BEDS[wrong]
-        message = self.refused(match, bed_of, change(sloping()), tmp_path)
-        assert message.startswith(f"{tmp_path / 'bed.nc'}: ")
+def refused(said, read, *arguments, **asked):
+    with pytest.raises(OceanError, match=said) as caught:
+        read(*arguments, **asked)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "said"), [(kind, *row) for kind, (*_, rows) in KINDS.items() for row in rows]
+)
+def test_files(tmp_path, kind, change, said):
+    make, read, name, _ = KINDS[kind]
+    message = refused(said, read, change(make()), tmp_path)
+    assert message.startswith(f"{tmp_path / name}: ")
+
+
+@pytest.mark.parametrize("wrong", TIMES)
+def test_times(tmp_path, wrong):
+    asked, said = TIMES[wrong]
+    refused(said, flow_of, cmems(), tmp_path, **asked)
+
+
+def test_start_in_a_steady_file(tmp_path):
+    one = cmems(hours=HOURS[:1])
+    said = r"has one time, 1950-01-01T00:00:00; start = '1950-01-02' must be that or left empty"
+    refused(said, flow_of, one, tmp_path, start="1950-01-02")
+    said = r"uo: has no time coordinate; start = '1950-01-02' must be left empty"
+    refused(said, flow_of, one.isel(time=0, drop=True), tmp_path, start="1950-01-02")
+    refused(r"has one time, .*; start = '2014-08-23' must be that or", waves_of, era5(STORM), tmp_path, "2014-08-23")
+
+
+@pytest.mark.parametrize(
+    ("make", "name", "most", "more"),
+    [
+        (lambda: ww3(STORM), "wnd", 60.0, 60.1),
+        (lambda: partitions(PARTS), "phs0", 30.0, 30.1),
+        (lambda: partitions(PARTS), "ptp0", 30.0, 30.1),
+        (lambda: partitions(PARTS), "ptp0", 0.5, 0.4),
+        (lambda: partitions(PARTS), "pdir0", 720.0, 721.0),
+        (lambda: partitions(PARTS), "pdir0", -360.0, -361.0),
+    ],
+)
+def test_up_to_the_bound_and_no_further(make, name, most, more, tmp_path):
+    waves_of(values(name, everywhere(most))(make()), tmp_path)
+    with pytest.raises(OceanError, match=f"waves.nc: {name}: .*; allowed: "):
+        waves_of(values(name, everywhere(more))(make()), tmp_path)
+
+
+@pytest.mark.parametrize(("name", "least"), [("frequency", 3), ("direction", 4)])
+def test_as_few_as_allowed_and_no_fewer(name, least, tmp_path):
+    def some(count):
+        dataset = ww3((5.0, 11.0, 90.0, 1))
+        step = dataset.sizes[name] // count if name == "direction" else 1  # which must go round the circle
+        return dataset.isel({name: slice(0, count * step, step)})
+
+    waves_of(some(least), tmp_path)
+    with pytest.raises(OceanError, match=f"waves.nc: {name}: .*; allowed: "):
+        waves_of(some(least - 1), tmp_path)
+
+
+@pytest.mark.parametrize("start", ["2014-08-22T23:00:00", "2026-01-01"])
+def test_times_that_a_file_of_waves_does_not_have(start, tmp_path):
+    with pytest.raises(OceanError, match=r"waves.nc: time: the mission lasts from .* and the file from .*; it must"):
+        waves_of(ww3(STORM), tmp_path, start)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.9])
+def test_a_damaged_file(share, tmp_path, monkeypatch):
+    monkeypatch.setattr(remote, "PATIENCE", 5.0)
+    path = tmp_path / "waves.nc"
+    ww3(STORM).to_netcdf(path, engine="h5netcdf")
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    with pytest.raises(OceanError, match=r"waves.nc: .*(cannot be read|damaged)") as refused:
+        read_waves(path, LocalFrame(5.0, 60.0), 2000.0, 2000.0)
+    assert "\n" not in str(refused.value)
 
 
 class TestFiles:
