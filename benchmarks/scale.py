@@ -28,10 +28,9 @@ import torch
 from benchmarks.machine import best_time, describe
 from usvauv import policies
 from usvauv.cli.commands.train import STEPS
-from usvauv.cli.engines.conduct import Engine, conduct, signs_in
-from usvauv.cli.engines.local import Local
-from usvauv.cli.engines.on_ray import OnRay
-from usvauv.cli.engines.task import Signs, Task
+from usvauv.cli.sweep.clusters import OnRay
+from usvauv.cli.sweep.engine import Engine, Signs, Task, conduct, signs_in
+from usvauv.cli.sweep.local import Local
 from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError

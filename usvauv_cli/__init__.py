@@ -1,5 +1,5 @@
 """The command line: `app` is its entrance, `parser` knows the commands, `commands` has one file for each of them,
-`reproduction` makes the paper's results, `sweep` those of a study; `engines` are where both run.
+`sweep` does many runs on an engine and writes the results of a study, `reproduction` those of the paper.
 
 `mission_video` and `encoder` write a mission's video, `live` shows it in a browser tab while it runs, `web_report`
 writes the page of an evaluation, `report` and `tables` print to the terminal, `plan_figure` and `sea_view` are the

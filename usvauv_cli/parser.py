@@ -17,7 +17,6 @@ from usvauv.cli.commands import (
     live,
     plan,
     replay,
-    reproduce,
     scenarios,
     sea,
     simulate,
@@ -42,7 +41,7 @@ app.command("train-targets")(train_targets.train_targets)
 app.command("eval")(evaluate.evaluate)
 app.command("export")(export.export)
 app.command("sweep")(sweep.sweep)
-app.command("reproduce")(reproduce.reproduce)
+app.command("reproduce")(sweep.reproduce)
 app.command("plan")(plan.plan)
 app.command("sea")(sea.sea)
 app.command("scenarios")(scenarios.scenarios)

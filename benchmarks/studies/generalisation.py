@@ -12,20 +12,19 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
-from usvauv.cli import console
-from usvauv.cli.engines import training
-from usvauv.cli.engines.local import finish
-from usvauv.cli.engines.task import Signs
-from usvauv.env import EpisodeMetrics, Scenario, World, evaluate
+from usvauv.cli.sweep.local import Local
+from usvauv.cli.sweep.perform import perform_all
+from usvauv.cli.sweep.run import Piece
+from usvauv.cli.sweep.study import Evaluation, Run, define
+from usvauv.env import EpisodeMetrics, Scenario, evaluate
+from usvauv.env.storage.files import locked
 from usvauv.kernels import runtime
-from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv.kernels.errors import UserError
 
 PROFILE = "observation.current=profile"
 TRAINED = {
@@ -62,32 +61,22 @@ ABLATIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Training:
-    """A training run in a process of its own, which goes on where it was saved last."""
-
-    name: str
-    steps: int
-    place: Path
-
-    def __call__(self, signs: Signs) -> None:
-        base, changes = TRAINED[self.name]
-        scenario = Scenario.load(base, changes)
-        config = policies.TrainingConfig(shared=True, seed=1)
-        world = World(scenario, config.num_worlds, config.seed)
-        evaluation_worlds = World(scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET)
-        trainer = policies.Trainer(world, config, self.place, partial(policies.figures_of_merit, evaluation_worlds))
-        training.go_on(trainer, self.steps, signs.advance, signs.stopping)
-
-
 def train(steps: int, folder: Path, jobs: int) -> dict[str, Path]:
     """Train what is not finished already, `jobs` at a time; returns the last checkpoint of each."""
-    places = {name: folder / name.replace(" ", "-") for name in TRAINED}
-    left = {name: steps - training.trained(place) for name, place in places.items()}
-    todo = {places[name].name: Training(name, steps, places[name]) for name in TRAINED if left[name] > 0}
-    with console.progress("training", sum(left[each.name] for each in todo.values())) as bar:
-        finish(todo, folder, jobs, lambda units: bar(round(units)))
-    return {name: place / "last.safetensors" for name, place in places.items()}
+    runs = {
+        name: Run(name=name, scenario=base, set=changes, algorithm="sac", steps=steps, shared=True, seed=1)
+        for name, (base, changes) in TRAINED.items()
+    }
+    pieces = {
+        name: Piece(definition=define(run, Evaluation(episodes=1), name), method=name, task=run.scenario)
+        for name, run in runs.items()
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    threads = max(1, runtime.available_cores() // jobs)
+    with locked(folder):
+        if failure := perform_all(list(pieces.values()), folder, lambda: Local(jobs, threads), threads, "auto"):
+            raise UserError(failure)
+    return {name: piece.place(folder) / "last.safetensors" for name, piece in pieces.items()}
 
 
 def test(name: str | Path, test_in: tuple[str, Sequence[str], str], episodes: int, seed: int) -> list[EpisodeMetrics]:

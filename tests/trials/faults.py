@@ -36,7 +36,7 @@ import xarray
 
 from tests.trials.kills import BEGIN, CPU
 from usvauv.cli import app, parser, plan_figure, report, sea_view  # noqa: F401  imported once, for all forks
-from usvauv.cli.reproduction import targets  # noqa: F401
+from usvauv.cli.reproduction import page  # noqa: F401
 from usvauv.policies import checkpoint
 from usvauv.policies.policy import PolicyError
 

@@ -12,12 +12,10 @@ from pathlib import Path
 import pytest
 
 from tests.usvauv_cli import slurm_here, work
-from usvauv.cli.engines import on_slurm
-from usvauv.cli.engines.conduct import ATTEMPTS, Engine, conduct, signs_in
-from usvauv.cli.engines.local import Local
-from usvauv.cli.engines.on_ray import OnRay
-from usvauv.cli.engines.on_slurm import OnSlurm
-from usvauv.cli.engines.task import Ended, Task
+from usvauv.cli.sweep import clusters
+from usvauv.cli.sweep.clusters import OnRay, OnSlurm
+from usvauv.cli.sweep.engine import ATTEMPTS, Ended, Engine, Task, conduct, signs_in
+from usvauv.cli.sweep.local import Local
 from usvauv.kernels.errors import UserError
 
 
@@ -97,7 +95,7 @@ def slurm(request, monkeypatch):
     pytest.importorskip("submitit", reason="needs the extra scale")
     if request.param == "installed" and not slurm_here.INSTALLED:
         pytest.skip("needs Slurm's daemons and munge")
-    monkeypatch.setattr(on_slurm, "ASK", 1.0)
+    monkeypatch.setattr(clusters, "ASK", 1.0)
     with getattr(slurm_here, request.param)() as variables:
         for name, value in variables.items():
             monkeypatch.setenv(name, value)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,14 +13,15 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from safetensors.torch import load_file, save_file
 
 from usvauv import policies
-from usvauv.cli.sweep import summary
-from usvauv.cli.sweep.board import Board
-from usvauv.cli.sweep.study import Evaluation, Resources, Run, key_of, plan, read
+from usvauv.cli.sweep import run
+from usvauv.cli.sweep.perform import Board
+from usvauv.cli.sweep.run import Piece, key_of
+from usvauv.cli.sweep.study import Evaluation, Resources, Run, define, read
 from usvauv.env.storage.tables import read_rows
 from usvauv.kernels.errors import UserError
-from usvauv.policies import checkpoint
 
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
@@ -149,39 +149,37 @@ class TestFile:
         assert len({planned.key for planned in runs}) == len(runs)
 
     def test_of_the_examples_is_a_study(self):
-        names = summary.labels(read(ROOT / "examples" / "study.toml").runs)
-        assert Counter(names.values()) == {(m, t): 2 for m in ("clear", "sac") for t in ("ideal", "extreme")}
+        names = Counter((piece.method, piece.task) for piece in read(ROOT / "examples" / "study.toml").runs)
+        assert names == {(m, t): 2 for m in ("clear", "sac") for t in ("ideal", "extreme")}
 
 
-class TestName:
-    def test_does_not_depend_on_the_order_of_keys(self):
-        assert key_of({"a": {"b": 1.0, "c": [1, 2]}, "d": None}) == key_of({"d": None, "a": {"c": [1, 2], "b": 1.0}})
-        assert key_of({"a": [1, 2]}) != key_of({"a": [2, 1]})
-
-    def test_is_that_of_what_decides_the_results(self, tmp_path):
+class TestKey:
+    def test_is_that_of_what_decides_the_results(self):
         def key(evaluation=None, **fields):
-            return plan(Run(policy="clear", **fields), evaluation or Evaluation(), "here").key
+            return key_of(define(Run(policy="clear", **fields), evaluation or Evaluation(), "here"))
 
+        assert key_of({"a": {"b": 1.0, "c": [1, 2]}, "d": None}) == key_of({"d": None, "a": {"c": [1, 2], "b": 1.0}})
         assert key() == key(name="mine", usv="fim", set=("auv.count=2",)) == key(Evaluation(score="ec"))
         changes = [{"seed": 1}, {"usv": "centroid"}, {"set": ("auv.count=3",)}, {"targets": "sectors"}]
         assert len({key(), *(key(**change) for change in changes), key(Evaluation(episodes=21))}) == 6
 
-    def test_is_another_when_a_file_changes(self, tmp_path):
-        (tmp_path / "mine").mkdir()
-        best = shutil.copy(ROOT / "policies/trained/sac-extreme.safetensors", tmp_path / "mine" / "best.safetensors")
-        before = plan(Run(policy=str(best.parent)), Evaluation(), "here").key
-        about, tensors = checkpoint.read(best, checkpoint.POLICY)
-        checkpoint.write(best, {checkpoint.POLICY: (about, {name: 1.01 * value for name, value in tensors.items()})})
-        assert plan(Run(policy=str(best.parent)), Evaluation(), "here").key != before
+    def test_is_another_when_weights_or_the_file_of_a_class_change(self, tmp_path, monkeypatch):
+        def keys(*names):
+            return {key_of(define(Run(policy=name), Evaluation(), "here")) for name in names}
 
-    def test_is_another_when_the_file_of_a_class_changes(self, tmp_path, monkeypatch):
+        folder = tmp_path / "mine" / "best"
+        folder.mkdir(parents=True)
+        for file in (ROOT / "policies" / "trained" / "sac-extreme").iterdir():
+            (folder / file.name).write_bytes(file.read_bytes())
         monkeypatch.syspath_prepend(tmp_path)
         (tmp_path / "mine_here.py").write_text("class Best: ...\nclass Other: ...\n")
-        before = [plan(Run(policy=f"mine_here:{name}"), Evaluation(), "here").key for name in ("Best", "Other")]
-        assert before[0] != before[1]
+        names = str(folder.parent), "mine_here:Best", "mine_here:Other"
+        before = keys(*names)
+        assert len(before) == 3
+        weights = {name: 1.01 * value for name, value in load_file(folder / "policy.safetensors").items()}
+        save_file(weights, folder / "policy.safetensors")
         (tmp_path / "mine_here.py").write_text("class Best: ...\nclass Other: pass\n")
-        after = [plan(Run(policy=f"mine_here:{name}"), Evaluation(), "here").key for name in ("Best", "Other")]
-        assert not set(before) & set(after)
+        assert not before & keys(*names)
 
 
 def counted(folder: Path) -> Counter:
@@ -365,10 +363,42 @@ def test_a_full_disk_of_one_process_fails_its_run_and_leaves_no_half(tmp_path, r
     assert len(counted(tmp_path / "a")) == 2 * 40
 
 
+def test_a_stopped_training_ends_as_one_in_one_go(tmp_path, monkeypatch):
+    """During training; the evaluation of the untrained policy takes the first 12 reports."""
+    monkeypatch.setattr("usvauv.policies.training.trainer.WINDOW", 5)
+    fields = {"steps": 160, "worlds": 4, "learn": ("hidden=8", "batch=16", "warmup=40", "n_step=2", "replay=400")}
+    settings = Run(scenario="ideal", set=("mission.duration=12",), algorithm="ddpg", **fields)
+    piece = Piece(definition=define(settings, Evaluation(episodes=2), "here"), method="", task="")
+
+    class Signs:
+        def __init__(self, most: int) -> None:
+            self.reports, self.most = 0, most
+
+        def advance(self, units: float) -> None:
+            self.reports += 1
+
+        def stopping(self) -> bool:
+            return self.reports > self.most
+
+    one, two = piece.place(tmp_path / "one"), piece.place(tmp_path / "two")
+    run.perform(piece.definition, piece.evaluate, one, Signs(10**9))
+    with pytest.raises(run.Stopped):
+        run.perform(piece.definition, piece.evaluate, two, Signs(14))
+    assert 0 < policies.read_run(two)[2]["steps"] < 160
+    assert not piece.finished(tmp_path / "two")
+    run.perform(piece.definition, piece.evaluate, two, Signs(10**9))
+    assert policies.read_history(one) == policies.read_history(two)
+    assert (one / "episodes.csv").read_bytes() == (two / "episodes.csv").read_bytes()
+    for part in ("best", "last"):
+        tensors = [load_file(place / part / "policy.safetensors") for place in (one, two)]
+        assert all(tensors[0][name].equal(tensors[1][name]) for name in tensors[0])
+
+
 def test_the_live_table_fits_a_terminal():
-    runs = [plan(Run(policy="clear", name="a long name " * 4, seed=seed), Evaluation(), "here") for seed in range(40)]
-    board = Board(runs, summary.labels(runs))
-    board.update({planned.key: 0.5 for planned in runs[:30]})
+    definition = define(Run(policy="clear"), Evaluation(), "here")
+    runs = [Piece(definition={**definition, "seed": n}, method="a long name " * 4, task="here") for n in range(40)]
+    board = Board(runs)
+    board.update({piece.key: 0.5 * piece.work for piece in runs[:30]})
     console = Console(width=80)
     with console.capture() as shown:
         console.print(board.table())

@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 from usvauv.cli.sweep import summary
-from usvauv.cli.sweep.statistics import improvement, interquartile_mean, interval, mean, median, normalised, profile
 from usvauv.cli.sweep.study import Evaluation
+from usvauv.cli.sweep.summary import improvement, interquartile_mean, interval, mean, median, normalised, profile
 
 DRAW = np.random.default_rng(3)
 ONE, OTHER = ([DRAW.normal(shift, 1.0, 10) for _ in range(3)] for shift in (0.4, 0.0))
@@ -88,7 +88,7 @@ def rows(score):
 
 
 def test_summary_takes_the_better_direction_and_whole_runs():
-    found = summary.figures(rows(lambda method, task, seed: seed + 10 * (method == "b")), "ec")
+    found = summary.scores(rows(lambda method, task, seed: seed + 10 * (method == "b")), "ec")
     assert found["x"]["b"].tolist() == [10.0, 11.0, 12.0]
     results = summary.summary(found, Evaluation(score="ec", better="lower"))
     assert results["tasks"]["x"]["b"]["value"] == 11.0
@@ -110,7 +110,7 @@ def test_of_many_methods_the_best_is_compared_with_the_others():
 
 def test_summary_of_tasks_that_methods_do_not_share(capsys):
     apart = [row for row in rows(lambda method, task, seed: seed) if row["method"] + row["task"] in ("ax", "by")]
-    results = summary.summary(summary.figures(apart, "ec"), Evaluation(score="ec"))
+    results = summary.summary(summary.scores(apart, "ec"), Evaluation(score="ec"))
     assert results["aggregates"] == {}
     assert results["improvement"] == []
     summary.show(results)
@@ -125,6 +125,6 @@ def test_tables_fit_80_columns(capsys):
             "task": "and such a task " + row["task"],
         }
 
-    found = summary.figures(map(long, rows(lambda method, task, seed: 1e3 * seed)), "ec")
+    found = summary.scores(map(long, rows(lambda method, task, seed: 1e3 * seed)), "ec")
     summary.show(summary.summary(found, Evaluation(score="ec")))
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 80

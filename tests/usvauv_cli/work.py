@@ -1,19 +1,39 @@
-"""Pieces of work for tests of the engines, in a module that the processes which do them load at once."""
+"""Pieces of work for tests of the engines, in a module that the processes which do them load at once, and an engine."""
 
 import json
 import os
 import signal
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
-from usvauv.cli.engines.task import Signs, Stopped
+from usvauv.cli.sweep.engine import Ended, Signs, Stopped, Task
 from usvauv.kernels.errors import UserError
+
+
+class Here:
+    """An engine without processes: tasks in this one, one after the other."""
+
+    def __init__(self) -> None:
+        self.waiting: list[Task] = []
+
+    def submit(self, tasks: Sequence[Task]) -> None:
+        self.waiting += tasks
+
+    def wait(self, seconds: float) -> list[Ended]:
+        return [self.waiting.pop(0)()] if self.waiting else []
+
+    def cancel(self, names: Sequence[str]) -> None:
+        self.waiting = [task for task in self.waiting if task.name not in names]
+
+    def close(self) -> None:
+        """There is nothing to close."""
 
 
 def cores_of_process(path: Path, signs: Signs) -> None:
     import torch
 
-    from usvauv.cli.engines import local
+    from usvauv.cli.sweep import local
     from usvauv.kernels import runtime
 
     threads = [os.environ[local.THREADS], runtime.start().threads, torch.get_num_threads()]

@@ -1,35 +1,32 @@
-"""`usvauv sweep`: a study of many runs, each done once, on this machine, Ray or Slurm."""
+"""`usvauv sweep` and `usvauv reproduce`: many runs, each done once, on this machine, Ray or Slurm."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from usvauv.cli.commands.options import Plugins, at_least, make_folder
 from usvauv.kernels.errors import UserError
 
-if TYPE_CHECKING:
-    from usvauv.cli.engines.conduct import Engine
-    from usvauv.cli.sweep.study import Resources
-
-MOST_JOBS = 1000  # of a Slurm array at a time, unless told otherwise
+Ray = Annotated[
+    str | None, typer.Option(metavar="local|auto|ADDRESS", help="Run on Ray: begun here, found, or at an address.")
+]
+Slurm = Annotated[
+    str | None, typer.Option(metavar="PARTITION", help="Run under Slurm, in that partition (or several: a,b).")
+]
+Jobs = Annotated[
+    int | None, typer.Option(help="Runs at a time; default as many as there are cores and memory for (Slurm: 1000).")
+]
 
 
 def sweep(
     study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="File that names the runs.")],
     out: Annotated[Path | None, typer.Option(help="Folder of everything; default studies/STUDY.")] = None,
-    ray: Annotated[
-        str | None, typer.Option(metavar="local|auto|ADDRESS", help="Run on Ray: begun here, found, or at an address.")
-    ] = None,
-    slurm: Annotated[
-        str | None, typer.Option(metavar="PARTITION", help="Run under Slurm, in that partition (or several: a,b).")
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(help="Runs at a time; default as many as there are cores and memory for (Slurm: 1000)."),
-    ] = None,
+    ray: Ray = None,
+    slurm: Slurm = None,
+    jobs: Jobs = None,
     plugins: Plugins = None,
 ) -> None:
     """Train and evaluate what a study file names; write one CSV row an episode and a summary with
@@ -49,37 +46,65 @@ def sweep(
     `usvauv sweep examples/study.toml --slurm batch --jobs 100`
     """
     from usvauv.cli.sweep import results
+    from usvauv.cli.sweep.perform import engine
     from usvauv.cli.sweep.study import read
 
-    at_least("--jobs", 1 if jobs is None else jobs, 1)
-    if ray is not None and slurm is not None:
-        raise UserError("--ray, --slurm: must not both be given")
+    _check(ray, slurm, jobs)
     wanted = read(study)
     folder = out or Path("studies") / study.stem
     make_folder(folder)
     try:
-        results.sweep(wanted, folder, lambda: _engine(wanted.resources, folder, ray, slurm, jobs))
+        results.sweep(wanted, folder, lambda: engine(wanted.resources, folder, ray, slurm, jobs))
     except KeyboardInterrupt:
         typer.echo(f"what is done is kept in {folder}; the same command goes on")
         raise
 
 
-def _engine(resources: Resources, folder: Path, ray: str | None, slurm: str | None, jobs: int | None) -> Engine:
-    from usvauv.cli.engines.local import Local
-    from usvauv.cli.engines.on_ray import OnRay
-    from usvauv.cli.engines.on_slurm import OnSlurm
-    from usvauv.env.storage import memory
+def reproduce(
+    target: Annotated[
+        str, typer.Argument(metavar="TARGET", help="table2, fig3, fig4a, fig4b, all of these, or collaboration.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of everything; the same one goes on.")],
+    quick: Annotated[bool, typer.Option("--quick", help="A small version, in minutes.")] = False,
+    ray: Ray = None,
+    slurm: Slurm = None,
+    jobs: Jobs = None,
+    plugins: Plugins = None,
+) -> None:
+    """Train and evaluate what a table or figure of the paper needs; write CSV, PNG, PDF and a page with the paper's
+    numbers beside ours and every convention named. `collaboration` compares the boat's strategies where they decide.
+
+    What is done is kept in the folder and not done again. Ctrl-C ends it cleanly; the same command goes on.
+
+    **Examples:**
+
+    `usvauv reproduce all --quick --out quick`
+
+    `usvauv reproduce table2 --out full`
+    """
+    from usvauv.cli.reproduction.page import reproduce
+    from usvauv.cli.reproduction.runs import FULL, QUICK
+    from usvauv.cli.sweep.perform import engine
+    from usvauv.cli.sweep.study import Resources
     from usvauv.kernels import runtime
 
-    if ray not in (None, "local") and jobs is not None:
-        raise UserError(f"--jobs {jobs}: must go without --ray {ray}, whose resources decide")
-    room = [runtime.available_cores() / resources.cores, memory.available() / (resources.memory * 1e9)]
-    if resources.gpu:
-        room.append(1 / resources.gpu)
-    here = jobs or max(1, int(min(room)))
-    needs = resources.cores, resources.memory, resources.gpu
-    if ray is not None:
-        return OnRay(ray, here, *needs)
-    if slurm is not None:
-        return OnSlurm(folder / "slurm", slurm, jobs or MOST_JOBS, *needs, resources.hours)
-    return Local(here, resources.cores)
+    _check(ray, slurm, jobs)
+    make_folder(out)
+    options = [*(["--quick"] if quick else []), *(f"--plugin {file}" for file in plugins or ())]
+    command = " ".join(["usvauv reproduce", target, *options, "--out DIR"])
+    resources = Resources(cores=max(1, runtime.available_cores() // jobs) if jobs else 1)
+    try:
+        page = reproduce(
+            target, QUICK if quick else FULL, out, lambda: engine(resources, out, ray, slurm, jobs), resources.cores,
+            command,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        typer.echo(f"what is done is kept in {out}; the same command goes on")
+        raise
+    typer.echo(f"page: {page.resolve()}")
+
+
+def _check(ray: str | None, slurm: str | None, jobs: int | None) -> None:
+    at_least("--jobs", 1 if jobs is None else jobs, 1)
+    if ray is not None and slurm is not None:
+        raise UserError("--ray, --slurm: must not both be given")

@@ -1,4 +1,5 @@
-"""The paper's Table 2, Fig. 3 and Fig. 4 made again: settings, resumable pieces of work, figures, a page.
+"""The paper's Table 2, Fig. 3 and Fig. 4 made again, and what the boat's strategy brings in.
 
-`targets.reproduce` is the entrance; each table or figure has a file that names its pieces of work and draws it.
+`runs` has settings and runs, which `usvauv.cli.sweep` does; each table or figure has the runs it needs, and a function
+that draws it and returns its section of the page.
 """

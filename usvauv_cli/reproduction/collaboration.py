@@ -11,19 +11,16 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from usvauv import policies
-from usvauv.cli.engines.training import EVALUATION_STEP
-from usvauv.cli.reproduction import figure
-from usvauv.cli.reproduction.settings import WIDE, Settings
-from usvauv.cli.reproduction.work import Piece, Work
-from usvauv.env import World
-from usvauv.env.record.metrics import COLUMNS, episode_metrics
-from usvauv.env.record.recorder import record
+from usvauv.cli.reproduction.paper import number, picture, spread, table, titled_figure
+from usvauv.cli.reproduction.runs import Settings
+from usvauv.cli.sweep.run import Piece
+from usvauv.cli.sweep.study import Evaluation, Run, define
 from usvauv.env.render.figure_theme import Ground, write_pair
 from usvauv.env.render.style import looks
-from usvauv.env.storage.tables import read_rows, write_rows
+from usvauv.env.storage.tables import write_rows
 
 NAME = "collaboration"
+WIDE = "wide"  # the scenario in which the boat's strategy decides
 STEERING = "pace"
 CENTRE = "hold:300,300"
 STRATEGIES = (CENTRE, "centroid", "fim", "visit", "belief")
@@ -32,60 +29,22 @@ SUMMARY = ("axis", "value", "boat", "episodes", "share", *FIGURES, "mbit95", "be
 
 
 @dataclass(frozen=True)
-class Missions:
-    """Episodes of `wide` with one strategy of the boat; one row of metrics each.
-
-    Attributes:
-        name: in file names.
-        boat: the strategy.
-        changes: of the scenario.
-    """
-
-    name: str
-    boat: str
-    changes: tuple[str, ...]
-
-    def result(self, folder: Path) -> Path:
-        """Table of the episodes."""
-        boat = self.boat.replace(":", "-").replace(",", "-")
-        return folder / "evaluations" / f"{WIDE}-{self.name}-{boat}.csv"
-
-    def left(self, settings: Settings, folder: Path) -> float:
-        steps = settings.scenario(WIDE).mission.steps
-        return 0 if self.result(folder).exists() else EVALUATION_STEP * steps
-
-    def run(self, work: Work) -> None:
-        settings = work.settings
-        scenario = settings.scenario(WIDE, self.changes)
-        world = World(scenario, settings.wide_episodes, settings.test_seed, self.boat)
-        trace = record(world, policies.load(STEERING, world).act, STEERING, on_step=work.step)
-        rows = (row.columns() for row in episode_metrics(trace))
-        names = (*COLUMNS, "aoi_mean")
-        write_rows(self.result(work.folder), names, ({name: row[name] for name in names} for row in rows))
-
-
-@dataclass(frozen=True)
 class Axis:
     """One thing that is varied.
 
     Attributes:
         name: what it is, with its unit.
-        points: value → name in file names, and changes of the scenario.
+        points: value → changes of the scenario.
         boats: strategies compared.
     """
 
     name: str
-    points: Mapping[float, tuple[str, tuple[str, ...]]]
+    points: Mapping[float, tuple[str, ...]]
     boats: tuple[str, ...] = STRATEGIES
 
-    def missions(self, value: float, boat: str) -> Missions:
-        """The missions of one point."""
-        name, changes = self.points[value]
-        return Missions(name, boat, changes)
 
-
-def _level(decibel: int) -> tuple[str, tuple[str, ...]]:
-    return f"{decibel}dB", (f"acoustics.source_level={decibel}",)
+def _level(decibel: int) -> tuple[str, ...]:
+    return (f"acoustics.source_level={decibel}",)
 
 
 BASE = _level(142)
@@ -94,28 +53,24 @@ AXES = (
     Axis("replies understood to, m", {150: NEAR, 200: BASE, 300: _level(145), 850: _level(187)}),
     Axis(
         "time between pings at 200 m, s",
-        {1.0: BASE} | {s: (f"ping-{s:g}s", (*BASE[1], f"channel.interval={s:g}")) for s in (10.0, 30.0)},
+        {1.0: BASE} | {s: (*BASE, f"channel.interval={s:g}") for s in (10.0, 30.0)},
     ),
     Axis(
         "error of an AUV's velocity at 200 m, m/s",
-        {s: (f"drift-{s}", (*BASE[1], f"navigation.velocity_bias={s}")) for s in (0.03, 0.2)} | {0.1: BASE},
+        {s: (*BASE, f"navigation.velocity_bias={s}") for s in (0.03, 0.2)} | {0.1: BASE},
     ),
     Axis(
         "number of boats at 150 m",
-        {1.0: NEAR} | {n: (f"{n:g}-boats", (*NEAR[1], f"boat.count={n:g}")) for n in (2.0, 3.0, 4.0)},
+        {1.0: NEAR} | {n: (*NEAR, f"boat.count={n:g}") for n in (2.0, 3.0, 4.0)},
         ("centroid", "fim", "visit", "belief"),
     ),
 )
-PERFECT = Missions(
-    "perfect",
-    CENTRE,
-    (
-        "channel.schedule=every-step",
-        "navigation.sensor=none",
-        "acoustics.source_level=250",
-        "acoustics.sound_speed_error=0",
-        *(f"usbl.{name}_error=0" for name in ("attitude", "alignment", "heading", "lever_arm", "gnss")),
-    ),
+PERFECT = (
+    "channel.schedule=every-step",
+    "navigation.sensor=none",
+    "acoustics.source_level=250",
+    "acoustics.sound_speed_error=0",
+    *(f"usbl.{name}_error=0" for name in ("attitude", "alignment", "heading", "lever_arm", "gnss")),
 )
 
 
@@ -141,10 +96,18 @@ class Point:
     more_interval: float
 
 
-def pieces(settings: Settings) -> list[Piece]:
-    """The pieces of work that the figure needs."""
-    found = (axis.missions(value, boat) for axis in AXES for value in axis.points for boat in axis.boats)
-    return list(dict.fromkeys([PERFECT, *found]))
+def missions(settings: Settings, boat: str, changes: tuple[str, ...]) -> Piece:
+    """Episodes of `wide` with one strategy of the boat."""
+    run = Run(scenario=WIDE, set=(*settings.overrides, *changes), policy=STEERING, usv=boat)
+    evaluation = Evaluation(episodes=settings.wide_episodes, seed=settings.test_seed)
+    task = ", ".join(changes) if changes != PERFECT else "perfect fixes"
+    return Piece(definition=define(run, evaluation, NAME), method=f"{STEERING}, boat {boat}", task=task)
+
+
+def runs(settings: Settings) -> list[Piece]:
+    """The runs that the figure needs."""
+    found = [(boat, changes) for axis in AXES for changes in axis.points.values() for boat in axis.boats]
+    return [missions(settings, *each) for each in dict.fromkeys([(CENTRE, PERFECT), *found])]
 
 
 def half_width(values: np.ndarray) -> float:
@@ -152,19 +115,19 @@ def half_width(values: np.ndarray) -> float:
     return 1.96 * float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
 
 
-def points(folder: Path) -> Iterator[Point]:
-    """All points of all axes, from the tables of the episodes."""
+def points(settings: Settings, folder: Path) -> Iterator[Point]:
+    """All points of all axes, from the rows of the episodes."""
 
-    def columns(missions: Missions) -> dict[str, np.ndarray]:
-        rows = read_rows(missions.result(folder))
+    def columns(boat: str, changes: tuple[str, ...]) -> dict[str, np.ndarray]:
+        rows = missions(settings, boat, changes).rows(folder)
         return {name: np.array([float(row[name]) for row in rows]) for name in FIGURES}
 
-    most = columns(PERFECT)["delivered_mbit"].mean()
+    most = columns(CENTRE, PERFECT)["delivered_mbit"].mean()
     for axis in AXES:
-        for value in sorted(axis.points):
-            best = columns(axis.missions(value, "belief"))["delivered_mbit"]
+        for value, changes in sorted(axis.points.items()):
+            best = columns("belief", changes)["delivered_mbit"]
             for boat in axis.boats:
-                found = columns(axis.missions(value, boat))
+                found = columns(boat, changes)
                 data = found["delivered_mbit"]
                 means = {name: float(np.nanmean(values)) for name, values in found.items()}
                 share, more = float(data.mean() / most), best - data
@@ -174,20 +137,47 @@ def points(folder: Path) -> Iterator[Point]:
                 )  # fmt: skip
 
 
-def make(folder: Path, place: Path) -> list[Point]:
-    """Write collaboration.csv, a pair of .png, and .pdf; returns the points."""
-    found = list(points(folder))
+def make(settings: Settings, folder: Path, place: Path) -> str:
+    """Write collaboration.csv, a pair of .png, and .pdf; returns the section of the page: a table for each axis."""
+    found = list(points(settings, folder))
     rows = (
         (p.axis, p.value, p.boat, p.episodes, p.share, *p.means.values(), p.interval, p.more, p.more_interval)
         for p in found
     )
     write_rows(place / f"{NAME}.csv", SUMMARY, (dict(zip(SUMMARY, row, strict=True)) for row in rows))
     write_pair(place / f"{NAME}.png", partial(_draw, found), pdf=True)
-    return found
+    most = found[0].means["delivered_mbit"] / found[0].share
+    head = ["", "boat", "Mbit", "of perfect", "`belief` brings more", "age, s", "own rms, p95, m", "fixes", "outage, s"]
+    parts = [
+        f"{found[0].episodes} episodes of `wide` for each, the same worlds for all; AUVs are steered by"
+        f" `{STEERING}`. With perfect fixes they bring in {number(most, 1)} Mbit. ± is half the 95 %"
+        " interval of a mean, or of the mean difference in the same worlds. Age is that of information (mean over nodes"
+        " and time), own the error of where AUVs take themselves to be, fixes the share of AUVs and seconds with one,"
+        " outage an episode's longest time without a fix of some AUV.",
+        picture(NAME, "Data by the boat's strategy, range, ping interval, drift and number of boats"),
+    ]
+    for axis in AXES:
+        rows = (
+            [
+                f"{p.value:g}",
+                f"`{p.boat}`",
+                spread(p.means["delivered_mbit"], p.interval, 1),
+                f"{100 * p.share:.1f} %",
+                "" if p.boat == "belief" else spread(p.more, p.more_interval, 1),
+                number(p.means["aoi_mean"], 0),
+                f"{number(p.means['own_error_rms'], 1)}, {number(p.means['own_error_p95'], 1)}",
+                number(p.means["fix_availability"]),
+                number(p.means["outage_longest"], 0),
+            ]
+            for p in found
+            if p.axis == axis.name
+        )
+        parts += [f"## {axis.name[0].upper()}{axis.name[1:]}", table(head, rows)]
+    return "\n\n".join(parts)
 
 
 def _draw(found: Sequence[Point], ground: Ground) -> Figure:
-    drawn = figure.titled_figure(
+    drawn = titled_figure(
         7.6,
         "What the boat's strategy brings in",
         f"data of 8 AUVs over those with perfect fixes; {found[0].episodes} episodes of {WIDE}, the same for all;"

@@ -2,22 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from usvauv import policies
 from usvauv.cli import tables
-from usvauv.cli.sweep import figures, statistics, summary
-from usvauv.cli.sweep.run import FAILURE, finished, seconds
-from usvauv.cli.sweep.study import Planned, Study
+from usvauv.cli.sweep import summary
+from usvauv.cli.sweep.run import FAILURE, Piece, seconds
+from usvauv.cli.sweep.study import Study
 from usvauv.cli.web_report import document
+from usvauv.cli.web_report.figure_style import (
+    INK,
+    MUTED,
+    colour,
+    dash,
+    drawing,
+    legend,
+    marker,
+    new,
+    rows_of_legend,
+    style_axes,
+)
+from usvauv.cli.web_report.figures import shortened
 from usvauv.env.storage.files import writing
 from usvauv.policies.policy import PolicyError
+
+NAMES = {"iqm": "interquartile mean", "median": "median", "mean": "mean"}
+ROW = 0.15  # inches of a row of points
+TITLE = 54  # letters
+Values = Mapping[str, Any]  # "value", "low" and "high", of which the last two may be None
+Curve = Sequence[tuple[float, Values]]  # world-steps, score
 
 # What is shown at most, so that the page stays below 3 MB.
 METHODS, TASKS = 12, 12  # of figures
@@ -39,13 +62,12 @@ class Row(NamedTuple):
     words: str
 
 
-def write(folder: Path, study: Study, names: summary.Labels, results: Mapping[str, Any]) -> Path:
+def write(folder: Path, study: Study, results: Mapping[str, Any]) -> Path:
     """Write DIR/report/index.html and its figures as PDF; returns the page.
 
     Args:
         folder: of the study.
         study: of which the page is.
-        names: method and task of its runs.
         results: of `summary.summary`.
 
     Raises:
@@ -54,7 +76,7 @@ def write(folder: Path, study: Study, names: summary.Labels, results: Mapping[st
     place = folder / "report"
     with writing(place):
         place.mkdir(exist_ok=True)
-    runs = [_row(folder, planned, names) for planned in study.runs]
+    runs = [_row(folder, piece) for piece in study.runs]
     runs.sort(key=lambda row: row.how == "done")  # in the order of the study but for that
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))
     counts = {how: sum(row.how == how for row in runs) for how in ("done", "failed", "not run")}
@@ -85,45 +107,44 @@ def write(folder: Path, study: Study, names: summary.Labels, results: Mapping[st
         if len(methods) > METHODS or len(results["tasks"]) > TASKS
         else "",
         words=summary.in_words,
-        pictures=_pictures(place, study, results, _learning(folder, study, names)),
+        pictures=_pictures(place, study, results, _learning(folder, study)),
     )
 
 
-def _row(folder: Path, planned: Planned, names: summary.Labels) -> Row:
-    place = planned.place(folder)
+def _row(folder: Path, piece: Piece) -> Row:
+    place = piece.place(folder)
     how, words, took = "not run", "", seconds(place)
-    if finished(place):
+    if piece.finished(folder):
         how = "done"
     elif (place / FAILURE).is_file():
         lines = (place / FAILURE).read_text(encoding="utf-8", errors="replace").strip().splitlines()
         how, words = "failed", lines[-1][:WORDS] if lines else ""
-    return Row(planned.key, *names[planned.key], planned.run.seed, how, took, words)
+    return Row(piece.key, piece.method, piece.task, piece.seed, how, took, words)
 
 
-def _learning(folder: Path, study: Study, names: summary.Labels) -> dict[str, dict[str, figures.Curve]]:
+def _learning(folder: Path, study: Study) -> dict[str, dict[str, Curve]]:
     """Score of the evaluations during the trainings that are done: task → method → curve."""
     found: dict[str, dict[str, list[dict[float, float]]]] = {}
-    for planned in study.runs:
-        place, (method, task) = planned.place(folder), names[planned.key]
-        if planned.run.algorithm and finished(place):
+    for piece in study.runs:
+        if piece.definition["training"] and piece.finished(folder):
             with suppress(PolicyError):
-                history = policies.read_history(place)
+                history = policies.read_history(piece.place(folder))
                 scores = {row["steps"]: row[study.evaluation.score] for row in history if study.evaluation.score in row}
                 if scores:
-                    found.setdefault(task, {}).setdefault(method, []).append(scores)
-    return {task: {m: _curve(runs) for m, runs in methods.items()} for task, methods in found.items()}
+                    found.setdefault(piece.task, {}).setdefault(piece.method, []).append(scores)
+    return {task: {m: _mean_curve(runs) for m, runs in methods.items()} for task, methods in found.items()}
 
 
-def _curve(runs: list[dict[float, float]]) -> figures.Curve:
+def _mean_curve(runs: list[dict[float, float]]) -> Curve:
     """Mean over runs with its interval at the steps that all of them have."""
     return [
-        (step, summary.as_json(statistics.interval(statistics.mean, [np.array([run[step] for run in runs])])))
+        (step, summary.as_json(summary.interval(summary.mean, [np.array([run[step] for run in runs])])))
         for step in sorted(set.intersection(*map(set, runs)))
     ]
 
 
 def _pictures(
-    place: Path, study: Study, results: Mapping[str, Any], learning: Mapping[str, Mapping[str, figures.Curve]]
+    place: Path, study: Study, results: Mapping[str, Any], learning: Mapping[str, Mapping[str, Curve]]
 ) -> list[document.Picture]:
     """The figures for which there are numbers; PDFs of others are removed."""
     score, words = study.evaluation.score, summary.in_words
@@ -139,7 +160,7 @@ def _pictures(
     if tasks:
         add(
             "scores",
-            figures.scores(tasks, short, score),
+            draw_scores(tasks, short, score),
             "Scores",
             "; ".join(f"{m} in {task}: {words(about)}" for task, of in tasks.items() for m, about in of.items()),
             "Mean over runs, with 95 % intervals of the bootstrap over runs.",
@@ -148,14 +169,14 @@ def _pictures(
         of = {m: about for m, about in results["aggregates"].items() if m in short}
         add(
             "aggregates",
-            figures.aggregates(of, short),
+            draw_aggregates(of, short),
             "Scores over all tasks",
             "; ".join(f"{m}: interquartile mean {words(about['iqm'])}" for m, about in of.items()),
             "Scaled so that in each task the worst run is 0 and the best 1.",
         )
         add(
             "profiles",
-            figures.profiles({m: profile for m, profile in results["profiles"].items() if m in short}, short),
+            draw_profiles({m: profile for m, profile in results["profiles"].items() if m in short}, short),
             "Performance profiles",
             f"Share of runs above a scaled score, for {', '.join(of)}.",
             "The higher the line, the better; where lines cross, neither method is better throughout.",
@@ -163,7 +184,7 @@ def _pictures(
         pairs = [pair for pair in results["improvement"] if {pair["method"], pair["over"]} <= short.keys()][:PAIRS]
         add(
             "improvement",
-            figures.improvement(pairs, short),
+            draw_improvement(pairs, short),
             "Probability of improvement",
             "; ".join(f"{pair['method']} over {pair['over']}: {words(pair)}" for pair in pairs),
             "That a run of the one is better than one of the other on the same task. An interval that holds 0.5 tells"
@@ -175,7 +196,7 @@ def _pictures(
         ends = (f"{m} in {task} ends at {words(c[-1][1])}" for task, of in learned.items() for m, c in of.items())
         add(
             "learning",
-            figures.learning(learned, short, score),
+            draw_learning(learned, short, score),
             "Learning",
             "; ".join(ends),
             "Mean over runs of the evaluations during the training, in worlds of their own, with 95 % intervals.",
@@ -184,3 +205,106 @@ def _pictures(
         if path.stem not in {picture.name for picture in made}:
             path.unlink()
     return made
+
+
+def draw_scores(tasks: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str], score: str) -> Figure:
+    """Mean score of each method, a plot for each task; `methods` has names in the order of their colours."""
+    with drawing("scores"):
+        heights = [ROW * len(of) + 0.42 for of in tasks.values()]
+        figure = new(sum(heights) + 0.25 + rows_of_legend(list(methods.values())))
+        plots = figure.subplots(len(tasks), 1, squeeze=False, height_ratios=heights).ravel()
+        for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
+            _rows(axes, [(list(methods).index(method), value) for method, value in of_methods.items()])
+            axes.set_title(shortened(task, TITLE), loc="left", pad=3)
+        plots[-1].set_xlabel(score)
+        legend(figure, _points(methods.values()))
+    return figure
+
+
+def draw_aggregates(of_methods: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str]) -> Figure:
+    """Interquartile mean, median and mean of scaled scores, side by side."""
+    with drawing("aggregates"):
+        figure = new(ROW * len(of_methods) + 0.65 + rows_of_legend(list(methods.values())))
+        plots = figure.subplots(1, len(NAMES), sharex=True)
+        for axes, (name, words) in zip(plots, NAMES.items(), strict=True):
+            _rows(axes, [(list(methods).index(method), of[name]) for method, of in of_methods.items()])
+            axes.set_title(words, loc="left", pad=3)
+            axes.set_xlim(-0.02, 1.02)
+        plots[1].set_xlabel("scaled score")
+        legend(figure, _points(methods.values()))
+    return figure
+
+
+def draw_profiles(of_methods: Mapping[str, Sequence[Values]], methods: Mapping[str, str]) -> Figure:
+    """Share of runs above a scaled score, with bands of 95 %."""
+    with drawing("profiles"):
+        figure = new(2.2 + rows_of_legend(list(methods.values())))
+        axes = figure.add_subplot()
+        for method, profile in of_methods.items():
+            _curve(axes, list(methods).index(method), [(point["above"], point) for point in profile])
+        axes.set(xlabel="scaled score τ", ylabel="share of runs above τ", xlim=(0, 1), ylim=(-0.02, 1.02))
+        style_axes(axes)
+        legend(figure, _lines(methods.values()))
+    return figure
+
+
+def draw_improvement(pairs: Sequence[Values], methods: Mapping[str, str]) -> Figure:
+    """Probability that a run of one method is better than one of another, for each pair."""
+    with drawing("improvement"):
+        figure = new(0.32 * len(pairs) + 0.55)
+        axes = figure.add_subplot()
+        _rows(axes, [(list(methods).index(pair["method"]), pair) for pair in pairs])
+        names = [[shortened(methods[pair[which]], 24) for which in ("method", "over")] for pair in pairs]
+        axes.set_yticks(range(0, -len(pairs), -1), [f"{one}\nover {other}" for one, other in names])
+        axes.axvline(0.5, color=MUTED, lw=0.8, zorder=1)
+        axes.set(xlim=(-0.02, 1.02), xlabel="probability of improvement")
+    return figure
+
+
+def draw_learning(tasks: Mapping[str, Mapping[str, Curve]], methods: Mapping[str, str], score: str) -> Figure:
+    """Mean score of evaluations during the training, with bands of 95 % over seeds, a plot for each task."""
+    drawn = {method for of_methods in tasks.values() for method in of_methods}
+    with drawing("learning"):
+        figure = new(1.75 * len(tasks) + 0.25 + rows_of_legend([methods[method] for method in drawn]))
+        plots = figure.subplots(len(tasks), 1, squeeze=False).ravel()
+        for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
+            for method, curve in of_methods.items():
+                _curve(axes, list(methods).index(method), curve)
+            axes.set_title(shortened(task, TITLE), loc="left", pad=3)
+            axes.set_ylabel(score)
+            style_axes(axes)
+        plots[-1].set_xlabel("world-steps")
+        legend(
+            figure, [line for method, line in zip(methods, _lines(methods.values()), strict=True) if method in drawn]
+        )
+    return figure
+
+
+def _rows(axes: Axes, rows: Sequence[tuple[int, Values]]) -> None:
+    """A point with its interval in each row, of method number i."""
+    for place, (i, about) in enumerate(rows):
+        if about["low"] is not None:
+            axes.plot([about["low"], about["high"]], [-place, -place], color=colour(i), lw=1.2, solid_capstyle="butt")
+        axes.plot(about["value"], -place, marker(i), color=colour(i), ms=4.5, mec=INK, mew=0.6, zorder=5)
+    style_axes(axes)
+    axes.set_yticks([])
+    axes.set_ylim(0.6 - len(rows), 0.6)
+
+
+def _curve(axes: Axes, i: int, curve: Curve) -> None:
+    """A line of method number i, with its band."""
+    at = [place for place, _ in curve]
+    low, value, high = (
+        [math.nan if about[name] is None else about[name] for _, about in curve] for name in ("low", "value", "high")
+    )
+    axes.fill_between(at, low, high, color=colour(i), alpha=0.15, lw=0)
+    axes.plot(at, value, color=colour(i), ls=dash(i))
+
+
+def _points(names: Iterable[str]) -> list[Line2D]:
+    looks = {"ls": "none", "ms": 4.5, "mec": INK, "mew": 0.6}
+    return [Line2D([], [], marker=marker(i), color=colour(i), label=name, **looks) for i, name in enumerate(names)]
+
+
+def _lines(names: Iterable[str]) -> list[Line2D]:
+    return [Line2D([], [], color=colour(i), ls=dash(i), label=name) for i, name in enumerate(names)]

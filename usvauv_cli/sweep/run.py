@@ -9,24 +9,25 @@ HASH/made.json      seconds of all attempts, host and version of the last
 
 from __future__ import annotations
 
+import hashlib
 import json
 import platform
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from usvauv import env, policies
-from usvauv.cli.engines import training
-from usvauv.cli.engines.task import Signs, Stopped
+from usvauv.cli.sweep.engine import Signs, Stopped
 from usvauv.env import Scenario, World
 from usvauv.env.storage.files import OutputError, atomic_write, locked, writing
-from usvauv.env.storage.tables import write_rows
-from usvauv.policies.checkpoint import clean, provenance
+from usvauv.env.storage.tables import read_rows, write_rows
+from usvauv.policies import checkpoint
+from usvauv.policies.checkpoint import provenance
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 from usvauv.policies.training.trainer import EVALUATIONS
 
@@ -34,90 +35,169 @@ RESULT = "episodes.csv"
 DEFINITION = "run.json"
 FAILURE = "failure.txt"
 MADE = "made.json"
+EVALUATION_STEP = 12  # world-steps of training that take as long as one step of an evaluation's worlds
 PATIENCE = 120.0  # seconds in which a process that was lost may still hold the lock; NFS shows signs after a minute
 
-
-def finished(place: Path) -> bool:
-    """Whether the run of a folder is done."""
-    return (place / RESULT).is_file()
+Evaluate = Callable[[Mapping[str, Any], Path, Callable[[int], None]], list[dict[str, Any]]]
 
 
-@dataclass(frozen=True)
-class Perform:
-    """Does a run, or what is left of it, in a process of its own.
+def episodes(definition: Mapping[str, Any], place: Path, step: Callable[[int], None]) -> list[dict[str, Any]]:
+    """Rows of `usvauv eval` for the policy of a run in the scenario of the run.
+
+    Args:
+        definition: of the run.
+        place: its folder, with the policy where one was trained.
+        step: called after each step with the number of worlds that made it; it may raise `Stopped`.
+    """
+    wanted, config = definition["evaluation"], definition["training"]
+    name = config["algorithm"] if config else definition["policy"]
+    rows = env.evaluate(
+        Scenario.from_dict(definition["scenario"], str(place)),
+        {name: partial(policies.acting, place if config else name)},
+        episodes=wanted["episodes"],
+        seed=wanted["seed"] + definition["seed"],
+        usv=definition["usv"],
+        on_step=step,
+    )
+    return [row.columns() for row in rows]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """A run that was checked.
 
     Attributes:
-        definition: of the run, `study.Planned.definition`.
-        place: its folder.
+        definition: JSON that decides the results: "scenario", "policy" or "training" (a `TrainingConfig`, "total"
+            world-steps, and if they are not the default "evaluations" and "judged" episodes in each), "usv", "seed",
+            and "evaluation" with its number of "episodes" and what `evaluate` needs.
+        method, task: what acts and in what, as tables name them.
+        evaluate: gives the rows of `RESULT`; a function at the top of a module.
     """
 
     definition: Mapping[str, Any]
-    place: Path
+    method: str
+    task: str
+    evaluate: Evaluate = episodes
+
+    @cached_property
+    def key(self) -> str:
+        """Name of the run's folder."""
+        return key_of(self.definition)
+
+    @property
+    def seed(self) -> int:
+        """Seed of the training."""
+        return self.definition["seed"]
 
     @property
     def work(self) -> float:
         """Work of the whole run, in world-steps of training."""
-        config, episodes = self.definition["training"], self.definition["evaluation"]["episodes"]
-        steps = Scenario.from_dict(self.definition["scenario"], stored=True).mission.steps
-        evaluated = training.EVALUATION_STEP * steps * episodes / EVALUATION_EPISODES
-        if config is None:
-            return evaluated
-        return config["total"] + (EVALUATIONS + 1) * training.EVALUATION_STEP * steps + evaluated
+        steps = EVALUATION_STEP * Scenario.from_dict(self.definition["scenario"]).mission.steps
+        evaluated = steps * self.definition["evaluation"]["episodes"] / EVALUATION_EPISODES
+        config = self.definition["training"]
+        return evaluated + (config["total"] + (config.get("evaluations", EVALUATIONS) + 1) * steps if config else 0)
 
-    def __call__(self, signs: Signs) -> None:
-        place = self.place
-        with writing(place):
-            place.mkdir(parents=True, exist_ok=True)
-        with _locked(place):
-            if finished(place):
-                return
-            with atomic_write(place / DEFINITION) as partial_file:
-                partial_file.write_text(json.dumps(self.definition, indent=2) + "\n", encoding="utf-8")
-            scenario = Scenario.from_dict(self.definition["scenario"], str(place), stored=True)
-            with _noted(place / MADE):
-                if self.definition["training"]:
-                    self._train(scenario, signs)
-                self._evaluate(scenario, signs)
+    def place(self, folder: Path) -> Path:
+        """Folder of the run in that of a study."""
+        return folder / "runs" / self.key
 
-    def _train(self, scenario: Scenario, signs: Signs) -> None:
-        clean(self.place)
-        settings = dict(self.definition["training"])
-        total, usv = settings.pop("total"), self.definition["usv"]
-        config = policies.TrainingConfig.from_dict(settings, str(self.place))
-        left = training.left(self.place, total, EVALUATIONS, scenario.mission.steps)
-        signs.advance(total + (EVALUATIONS + 1) * training.EVALUATION_STEP * scenario.mission.steps - left)
-        if not left:
+    def finished(self, folder: Path) -> bool:
+        """Whether the run is done."""
+        return (self.place(folder) / RESULT).is_file()
+
+    def rows(self, folder: Path) -> list[dict[str, str]]:
+        """The result of the run."""
+        return read_rows(self.place(folder) / RESULT)
+
+
+def key_of(definition: Mapping[str, Any]) -> str:
+    """Hash of JSON values; the order of their keys does not matter."""
+    text = json.dumps(definition, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def perform(definition: Mapping[str, Any], evaluate: Evaluate, place: Path, signs: Signs) -> None:
+    """Do a run, or what is left of it; see `Piece`.
+
+    Raises:
+        Stopped: `signs` asked for it; the training is saved.
+    """
+
+    def step(world_steps: int) -> None:
+        signs.advance(EVALUATION_STEP * world_steps / EVALUATION_EPISODES)
+        if signs.stopping():
+            raise Stopped
+
+    with writing(place):
+        place.mkdir(parents=True, exist_ok=True)
+    with _locked(place):
+        if (place / RESULT).is_file():
             return
-        world = World(scenario, config.num_worlds, config.seed, usv)
-        judges = World(scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, usv)
+        with atomic_write(place / DEFINITION) as partial_file:
+            partial_file.write_text(json.dumps(definition, indent=2) + "\n", encoding="utf-8")
+        with _noted(place / MADE):
+            if definition["training"]:
+                _train(definition, place, signs)
+            rows = evaluate(definition, place, step)
+            (place / FAILURE).unlink(missing_ok=True)
+            write_rows(place / RESULT, list(rows[0]), rows)
 
-        def evaluate(policy: policies.LearnedPolicy) -> dict[str, float]:
-            return policies.figures_of_merit(judges, policy, lambda _: signs.advance(training.EVALUATION_STEP))
 
-        begun = policies.read_run(self.place)[2] if training.trained(self.place) else {}
-        about = provenance(begun) | {"usv": usv, "total": total}
-        trainer = policies.Trainer(world, config, self.place, evaluate, about)
-        training.go_on(trainer, total, signs.advance, signs.stopping)
+def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:
+    checkpoint.clean(place)
+    scenario, usv = Scenario.from_dict(definition["scenario"], str(place)), definition["usv"]
+    settings = dict(definition["training"])
+    total, evaluations = settings.pop("total"), settings.pop("evaluations", EVALUATIONS)
+    judged = settings.pop("judged", EVALUATION_EPISODES)
+    config = policies.TrainingConfig.from_dict(settings, str(place))
+    evaluation_work = EVALUATION_STEP * scenario.mission.steps
+    begun = {}
+    if checkpoint.path_of(place, checkpoint.LAST).exists():
+        begun = policies.read_run(place)[2]
+        done = total, evaluations + 1
+        if begun["steps"] < total:
+            done = begun["steps"], len(policies.read_history(place))
+        signs.advance(done[0] + done[1] * evaluation_work)
+        if begun["steps"] >= total:
+            return
+    world = World(scenario, config.num_worlds, config.seed, usv)
+    judges = World(scenario, judged, config.seed + EVALUATION_SEED_OFFSET, usv)
 
-    def _evaluate(self, scenario: Scenario, signs: Signs) -> None:
-        wanted, config = self.definition["evaluation"], self.definition["training"]
-        name = config["algorithm"] if config else self.definition["policy"]
+    def evaluate(policy: policies.LearnedPolicy) -> dict[str, float]:
+        return policies.figures_of_merit(judges, policy, lambda _: signs.advance(EVALUATION_STEP))
 
-        def step(world_steps: int) -> None:
-            signs.advance(training.EVALUATION_STEP * world_steps / EVALUATION_EPISODES)
-            if signs.stopping():
-                raise Stopped
+    about = provenance(begun) | {"usv": usv, "total": total}
+    train(policies.Trainer(world, config, place, evaluate, about, evaluations), total, signs)
 
-        rows = env.evaluate(
-            scenario,
-            {name: partial(policies.acting, self.place if config else name)},
-            episodes=wanted["episodes"],
-            seed=wanted["seed"] + self.definition["seed"],
-            usv=self.definition["usv"],
-            on_step=step,
-        )
-        (self.place / FAILURE).unlink(missing_ok=True)
-        write_rows(self.place / RESULT, list(rows[0].columns()), (row.columns() for row in rows))
+
+def train(trainer: policies.Trainer, steps: int, signs: Signs) -> None:
+    """Train until `steps` world-steps are done in all; then the run is only read, and its replay is removed.
+
+    Args:
+        trainer: new; it resumes the run of its directory, which is cleaned and locked.
+        steps: of the whole run.
+        signs: get the world-steps just done.
+
+    Raises:
+        Stopped: `signs` asked for it; the run is saved.
+        KeyboardInterrupt: the same after Ctrl-C in this process.
+    """
+    assert trainer.directory is not None
+    if checkpoint.path_of(trainer.directory, checkpoint.LAST).exists():
+        trainer.resume()
+    done = trainer.steps
+
+    def watch(figures: Mapping[str, Any]) -> None:
+        nonlocal done
+        signs.advance(figures["steps"] - done)
+        done = figures["steps"]
+        trainer.stopped |= signs.stopping()
+
+    trainer.train(steps, watch)
+    if trainer.steps < steps:
+        trainer.interruption.raise_if_asked()
+        raise Stopped
+    checkpoint.close_run(trainer.directory)
 
 
 @contextmanager

@@ -6,8 +6,6 @@ all of them.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
@@ -18,6 +16,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from usvauv import policies
 from usvauv.cli.evaluation.run import digests
+from usvauv.cli.sweep.run import Piece, key_of
 from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.fields import Section, known, one_line
@@ -85,33 +84,12 @@ class Resources(Section):
 
 
 @dataclass(frozen=True)
-class Planned:
-    """A run that was checked.
-
-    Attributes:
-        run: as the study file has it.
-        scenario: with all changes.
-        definition: JSON that decides the results.
-        key: hash of it, the name of the run's folder.
-    """
-
-    run: Run
-    scenario: Scenario
-    definition: dict[str, Any]
-    key: str
-
-    def place(self, folder: Path) -> Path:
-        """Folder of the run in that of a study."""
-        return folder / "runs" / self.key
-
-
-@dataclass(frozen=True)
 class Study:
     """What a study file says; runs that are there twice are taken once."""
 
     path: Path
     text: str
-    runs: tuple[Planned, ...]
+    runs: tuple[Piece, ...]
     evaluation: Evaluation
     resources: Resources
 
@@ -136,17 +114,18 @@ def read(path: Path) -> Study:
             raise UserError(f"{path}: {name} = {value!r}: must be {'[[runs]]' if name == 'runs' else f'[{name}]'}")
     evaluation = _valid(Evaluation, data.get("evaluation", {}), f"{path}: evaluation")
     resources = _valid(Resources, data.get("resources", {}), f"{path}: resources")
-    planned: dict[str, Planned] = {}
+    planned: dict[str, tuple[Run, dict[str, Any]]] = {}
     for number, entry in enumerate(data.get("runs", [])):
         source = f"{path}: runs[{number}]"
         if not isinstance(entry, Mapping):
             raise UserError(f"{source} = {entry!r}: must be a table of fields")
         for values in _combinations({**data.get("common", {}), **entry}, source):
-            checked = plan(_valid(Run, values, source), evaluation, source)
-            planned.setdefault(checked.key, checked)
+            run = _valid(Run, values, source)
+            definition = define(run, evaluation, source)
+            planned.setdefault(key_of(definition), (run, definition))
     if not planned:
         raise UserError(f"{path}: runs: there are none; expected at least one [[runs]]")
-    return Study(path, path.read_text(encoding="utf-8"), tuple(planned.values()), evaluation, resources)
+    return Study(path, path.read_text(encoding="utf-8"), tuple(_named(list(planned.values()))), evaluation, resources)
 
 
 S = TypeVar("S", bound=Section)
@@ -176,8 +155,8 @@ def _combinations(fields: Mapping[str, Any], source: str) -> Iterator[dict[str, 
         yield dict(zip(fields, values, strict=True))
 
 
-def plan(run: Run, evaluation: Evaluation, source: str) -> Planned:
-    """Check a run as far as it can be without a world.
+def define(run: Run, evaluation: Evaluation, source: str) -> dict[str, Any]:
+    """The definition of a run, which is checked as far as it can be without a world; see `Piece`.
 
     Raises:
         UserError: `source` and what is wrong.
@@ -193,7 +172,7 @@ def plan(run: Run, evaluation: Evaluation, source: str) -> Planned:
             policies.check(run.policy, scenario)
     except UserError as error:
         raise UserError(f"{source}: {error}") from None
-    definition = {
+    return {
         "scenario": scenario.to_dict(),
         "policy": run.policy,
         "training": training,
@@ -202,10 +181,26 @@ def plan(run: Run, evaluation: Evaluation, source: str) -> Planned:
         "evaluation": {"episodes": evaluation.episodes, "seed": evaluation.seed},
         "files": [digest for _, digest in digests([run.policy], (run.usv, run.targets))],
     }
-    return Planned(run, scenario, definition, key_of(definition))
 
 
-def key_of(definition: Mapping[str, Any]) -> str:
-    """Hash of JSON values; the order of their keys does not matter."""
-    text = json.dumps(definition, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+def _named(runs: Sequence[tuple[Run, dict[str, Any]]]) -> Iterator[Piece]:
+    """Runs with their method and task in words: what acts, and in which scenario; of settings and changes those that
+    are not the same in all runs.
+    """
+    settings = [
+        [f"{name}={getattr(run, name)}" for name in OF_TRAINING[:-1] if name in run.model_fields_set] + list(run.learn)
+        for run, _ in runs
+    ]
+    same = _in_all([of for of, (run, _) in zip(settings, runs, strict=True) if run.algorithm])
+    changes = _in_all([run.set for run, _ in runs])
+    boats = len({definition["usv"] for _, definition in runs}) > 1
+    for of, (run, definition) in zip(settings, runs, strict=True):
+        varying = [text for text in of if text not in same]
+        parts = [run.policy or run.algorithm, *varying, definition["usv"] if boats else "", run.targets]
+        task = [definition["scenario"]["name"], *(change for change in run.set if change not in changes)]
+        method = run.name or " · ".join(filter(None, parts))
+        yield Piece(definition=definition, method=method, task=" ".join(task))
+
+
+def _in_all(lists: Sequence[Sequence[str]]) -> set[str]:
+    return set.intersection(*map(set, lists)) if lists else set()

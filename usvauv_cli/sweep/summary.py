@@ -1,4 +1,10 @@
-"""What a study says: tables of at most 80 columns, and the same numbers as JSON."""
+"""What few runs say about methods: aggregates, performance profiles, probability of improvement, bootstrap intervals,
+as JSON and as tables of at most 80 columns.
+
+By the definitions of Agarwal, Schwarzer, Castro, Courville and Bellemare, "Deep reinforcement learning at the edge of
+the statistical precipice" (NeurIPS 2021, arXiv:2108.13264) and of their library rliable. A method's scores are a list
+with an array for each task, of one score a run; functions of them reduce the last axis, so that they take resamples.
+"""
 
 from __future__ import annotations
 
@@ -6,56 +12,90 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from usvauv.cli import tables
 from usvauv.cli.evaluation.comparison import digits
-from usvauv.cli.sweep import statistics
-from usvauv.cli.sweep.statistics import Interval, interval
-from usvauv.cli.sweep.study import OF_TRAINING, Evaluation, Planned
+from usvauv.cli.sweep.study import Evaluation
 
-LEVELS = (0.0, 0.25, 0.5, 0.75, 0.9)  # of the profiles that are printed
+Scores = Sequence[np.ndarray]  # one array a task, (…, N) over its runs
+LEVEL = 0.95  # of intervals
+REPEATS = 2000  # resamples
+SHOWN = (0.0, 0.25, 0.5, 0.75, 0.9)  # of the profiles that are printed
 COMPARED = 20  # methods of which all pairs are compared
 CURVE = np.linspace(0, 1, 41)  # of those in the JSON
 LONGEST = 24  # columns of a name
-Labels = dict[str, tuple[str, str]]  # key of a run → method, task
-Figures = Mapping[str, Mapping[str, np.ndarray]]  # task → method → mean score of each run
 
 
-def labels(runs: Sequence[Planned]) -> Labels:
-    """Method and task of each run, in words: what acts, and in which scenario; of settings and changes those that are
-    not the same in all runs.
+class Interval(NamedTuple):
+    """A figure, a number or an array, and its 95 % interval; NaN where no task has two runs."""
+
+    value: Any
+    low: Any
+    high: Any
+
+
+def interquartile_mean(scores: Scores) -> np.ndarray:
+    """Mean of the middle half of the runs of all tasks."""
+    ordered = np.sort(np.concatenate(scores, axis=-1), axis=-1)
+    count = ordered.shape[-1]
+    return ordered[..., count // 4 : count - count // 4].mean(-1)
+
+
+def mean(scores: Scores) -> np.ndarray:
+    """Mean over tasks of the mean of their runs."""
+    return np.mean([task.mean(-1) for task in scores], axis=0)
+
+
+def median(scores: Scores) -> np.ndarray:
+    """Median over tasks of the mean of their runs."""
+    return np.median([task.mean(-1) for task in scores], axis=0)
+
+
+def profile(scores: Scores, levels: np.ndarray) -> np.ndarray:
+    """Performance profile (…, L): share of runs with a score above each of L levels, mean over tasks."""
+    return np.mean([(task[..., None, :] > levels[:, None]).mean(-1) for task in scores], axis=0)
+
+
+def improvement(scores: Scores, others: Scores) -> np.ndarray:
+    """Probability that a run of one method is better than one of another on the same task; equal ones count half.
+
+    The Mann–Whitney statistic of each task over the number of pairs, mean over tasks.
     """
-    settings = {
-        planned.key: [f"{name}={getattr(planned.run, name)}" for name in OF_TRAINING[:-1] if _given(planned, name)]
-        + list(planned.run.learn)
-        for planned in runs
-    }
-    same = _in_all([settings[planned.key] for planned in runs if planned.run.algorithm])
-    changes = _in_all([planned.run.set for planned in runs])
-    boats = len({planned.definition["usv"] for planned in runs}) > 1
-    found: Labels = {}
-    for planned in runs:
-        run, usv = planned.run, planned.definition["usv"]
-        varying = [text for text in settings[planned.key] if text not in same]
-        parts = [run.policy or run.algorithm, *varying, usv if boats else "", run.targets]
-        task = [planned.scenario.name, *(change for change in run.set if change not in changes)]
-        found[planned.key] = run.name or " · ".join(filter(None, parts)), " ".join(task)
-    return found
+    pairs = [(one[..., :, None], other[..., None, :]) for one, other in zip(scores, others, strict=True)]
+    return np.mean([((a > b) + 0.5 * (a == b)).mean((-2, -1)) for a, b in pairs], axis=0)
 
 
-def _given(planned: Planned, name: str) -> bool:
-    return name in planned.run.model_fields_set
+def interval(figure: Callable[..., np.ndarray], *methods: Scores, repeats: int = REPEATS, seed: int = 0) -> Interval:
+    """A figure of one or two methods with its percentile interval of the stratified bootstrap: within each task as many
+    runs are drawn, with replacement, as there are.
+    """
+    value = figure(*methods)
+    if all(len(task) < 2 for scores in methods for task in scores):
+        return Interval(value, value * np.nan, value * np.nan)
+    draw = np.random.default_rng(seed)
+    resampled = [[task[draw.integers(len(task), size=(repeats, len(task)))] for task in scores] for scores in methods]
+    tail = 50 * (1 - LEVEL)
+    return Interval(value, *np.percentile(figure(*resampled), [tail, 100 - tail], axis=0))
 
 
-def _in_all(lists: Sequence[Sequence[str]]) -> set[str]:
-    return set.intersection(*map(set, lists)) if lists else set()
+def normalised(tasks: Sequence[Sequence[np.ndarray]]) -> list[list[np.ndarray]]:
+    """Scores (task → method → runs) scaled in each task, so that the worst run of any method is 0 and the best 1.
+
+    Where all runs are equal they are 1.
+    """
+    scaled = []
+    for methods in tasks:
+        every = np.concatenate(methods)
+        low, span = every.min(), np.ptp(every)
+        scaled.append([(runs - low) / span if span else np.ones_like(runs) for runs in methods])
+    return scaled
 
 
-def figures(rows: Iterable[Mapping[str, Any]], score: str) -> Figures:
-    """Mean score of each run over the episodes that have it."""
+def scores(rows: Iterable[Mapping[str, Any]], score: str) -> dict[str, dict[str, np.ndarray]]:
+    """Task → method → mean score of each run over the episodes that have it."""
     episodes: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
         value = float(row.get(score) or "nan")
@@ -67,32 +107,32 @@ def figures(rows: Iterable[Mapping[str, Any]], score: str) -> Figures:
     return {task: {m: np.array(v) for m, v in methods.items()} for task, methods in found.items()}
 
 
-def summary(found: Figures, evaluation: Evaluation) -> dict[str, Any]:
+def summary(found: Mapping[str, Mapping[str, np.ndarray]], evaluation: Evaluation) -> dict[str, Any]:
     """Statistics of a study as JSON values; None stands for what cannot be known.
 
     Aggregates, profiles and probabilities are over the tasks in which every method has a run, with scores scaled as
-    `statistics.normalised` does it. Of more than `COMPARED` methods only the one of highest interquartile mean is
+    `normalised` does it. Of more than `COMPARED` methods only the one of highest interquartile mean is
     compared with the others.
     """
     methods = list(dict.fromkeys(method for task in found.values() for method in task))
     shared = [task for task in found.values() if all(method in task for method in methods)]
     sign = 1.0 if evaluation.better == "higher" else -1.0
-    scaled = statistics.normalised([[sign * task[method] for method in methods] for task in shared])
+    scaled = normalised([[sign * task[method] for method in methods] for task in shared])
     of = {method: [task[place] for task in scaled] for place, method in enumerate(methods)} if shared else {}
     aggregates: dict[str, Callable[..., np.ndarray]] = {
-        "iqm": statistics.interquartile_mean,
-        "median": statistics.median,
-        "mean": statistics.mean,
+        "iqm": interquartile_mean,
+        "median": median,
+        "mean": mean,
     }
     pairs = list(combinations(of, 2))
     if len(of) > COMPARED:
-        best = max(of, key=lambda method: float(statistics.interquartile_mean(of[method])))
+        best = max(of, key=lambda method: float(interquartile_mean(of[method])))
         pairs = [(best, other) for other in of if other != best]
-    curve = partial(statistics.profile, levels=CURVE)
+    curve = partial(profile, levels=CURVE)
     return {
         **evaluation.model_dump(),
         "tasks": {
-            task: {m: {"runs": len(v), **as_json(interval(statistics.mean, [v]))} for m, v in methods_of.items()}
+            task: {m: {"runs": len(v), **as_json(interval(mean, [v]))} for m, v in methods_of.items()}
             for task, methods_of in found.items()
         },
         "aggregates": {m: {name: as_json(interval(f, s)) for name, f in aggregates.items()} for m, s in of.items()},
@@ -104,8 +144,7 @@ def summary(found: Figures, evaluation: Evaluation) -> dict[str, Any]:
             for m, s in of.items()
         },
         "improvement": [
-            {"method": one, "over": other, **as_json(interval(statistics.improvement, of[one], of[other]))}
-            for one, other in pairs
+            {"method": one, "over": other, **as_json(interval(improvement, of[one], of[other]))} for one, other in pairs
         ],
     }
 
@@ -135,10 +174,10 @@ def show(results: Mapping[str, Any]) -> None:
         tables.print_table(["method", "IQM", "median", "mean"], rows)
         print("\n" + tables.wrapped("Share of runs above a scaled score (performance profile):"))
         rows = [
-            [short[m], *(f"{_at(profile, level)['value']:.0%}" for level in LEVELS)]
+            [short[m], *(f"{_at(profile, level)['value']:.0%}" for level in SHOWN)]
             for m, profile in results["profiles"].items()
         ]
-        tables.print_table(["method", *(f"> {level:g}" for level in LEVELS)], rows)
+        tables.print_table(["method", *(f"> {level:g}" for level in SHOWN)], rows)
         print("\n" + tables.wrapped("Probability that a run is better than one of another method:"))
         rows = [[short[pair["method"]], short[pair["over"]], in_words(pair)] for pair in results["improvement"]]
         tables.print_table(["method", "over", "probability"], rows, 2)

@@ -7,19 +7,14 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import connection
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
-from pathlib import Path
 from typing import NamedTuple
 
-from usvauv.cli.engines.conduct import conduct, signs_in
-from usvauv.cli.engines.task import Ended, Signs, Task, reported
-from usvauv.env import plugins
-from usvauv.kernels import runtime
-from usvauv.kernels.errors import UserError
+from usvauv.cli.sweep.engine import Ended, Task
 from usvauv.kernels.interruption import SIGNALS, deferred, in_thread
 
 THREADS = "OMP_NUM_THREADS"  # environment variable that libraries read when they are loaded
@@ -97,39 +92,6 @@ class Local:
             process.start()
         there.close()
         return _Worker(process, here, place)
-
-
-def finish(
-    pieces: Mapping[str, Callable[[Signs], None]], folder: Path, jobs: int, advance: Callable[[float], None]
-) -> None:
-    """Do all pieces in processes of this machine, which share its cores.
-
-    Args:
-        pieces: by names that can be names of files.
-        folder: of the results; signs are in it meanwhile.
-        jobs: pieces at a time.
-        advance: called with the work just done, in the pieces' unit.
-
-    Raises:
-        UserError: a piece has failed; the others are asked to stop.
-        KeyboardInterrupt: after Ctrl-C, when those that run have stopped.
-    """
-    threads, done = max(1, runtime.available_cores() // jobs), 0.0
-
-    def ended(result: Ended) -> None:
-        if result.how != "done":
-            raise UserError(f"{result.words}; try --jobs 1" if result.how == "lost" else result.words)
-
-    def watch() -> None:
-        nonlocal done
-        now = sum(reported(signs, name) or 0.0 for name in pieces)
-        if now > done:
-            advance(now - done)
-            done = now
-
-    with signs_in(folder) as signs:
-        tasks = [Task(name, do, signs, threads, plugins=tuple(plugins.loaded())) for name, do in pieces.items()]
-        conduct(Local(jobs, threads), tasks, signs, ended, watch)
 
 
 def _apart(jobs: int, threads: int) -> list[set[int] | None]:

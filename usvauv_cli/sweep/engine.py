@@ -1,25 +1,33 @@
-"""A piece of work that runs in some process, and what that process and the one that waits for it tell each other.
+"""Pieces of work in processes, possibly of other machines: what an engine is, and how all pieces are done on one.
 
-They share a folder of signs, on a shared file system if they are on different machines: SIGNS/NAME says how much of a
-piece is done, SIGNS/stop asks all of them to stop, as does its removal.
+Processes that share nothing but a file system communicate by a folder of signs: SIGNS/NAME holds how much of a piece is
+done; SIGNS/stop, or the removal of the folder, asks all pieces to stop.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import time
 import traceback
-from collections.abc import Callable
-from contextlib import suppress
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
+from uuid import uuid4
 
+from usvauv.env.storage.files import writing
 from usvauv.kernels.errors import UserError, in_words
+from usvauv.kernels.interruption import deferred
 
+SIGNS = ".signs"
 STOP = "stop"  # the sign to stop
 REPORT = 0.3  # seconds between two looks at a sign, and between two reports
+ATTEMPTS = 3  # at a piece that does not end by itself
+UNFINISHED = ("lost", "stopped")
 
 
 class Stopped(Exception):
@@ -122,3 +130,88 @@ class Task:
         except (Exception, SystemExit) as error:
             return Ended(self.name, "failed", in_words(error), traceback.format_exc())
         return Ended(self.name, "done")
+
+
+class Engine(Protocol):
+    """Something that runs tasks in processes of its own."""
+
+    def submit(self, tasks: Sequence[Task]) -> None:
+        """Take tasks, to run each when there is room for it."""
+        ...
+
+    def wait(self, seconds: float) -> list[Ended]:
+        """Those that have ended since the last call; waits up to that long for the first."""
+        ...
+
+    def cancel(self, names: Sequence[str]) -> None:
+        """Forget tasks that have not begun."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the processes; none has a task."""
+        ...
+
+
+@contextmanager
+def signs_in(folder: Path) -> Iterator[Path]:
+    """A new folder for signs below `folder`, which is removed at the end. Those of others there are removed first, so
+    that what they left running on other machines stops.
+    """
+    signs = folder.absolute() / SIGNS / uuid4().hex  # processes begin elsewhere
+    with writing(signs):
+        shutil.rmtree(signs.parent, ignore_errors=True)
+        signs.mkdir(parents=True)
+    try:
+        yield signs
+    finally:
+        shutil.rmtree(signs.parent, ignore_errors=True)
+
+
+def conduct(
+    engine: Engine,
+    tasks: Sequence[Task],
+    signs: Path,
+    ended: Callable[[Ended], None],
+    watch: Callable[[], None] = lambda: None,
+) -> None:
+    """Run tasks and close the engine. Whatever ends it early, as Ctrl-C does, asks those that run to stop, and waits.
+
+    Args:
+        engine: runs them.
+        tasks: of different names.
+        signs: folder of their signs.
+        ended: called with each result that is final.
+        watch: called several times a second.
+    """
+    left, attempts = {task.name: task for task in tasks}, Counter()
+
+    def collect() -> Iterator[Ended]:
+        for result in engine.wait(REPORT):
+            attempts[result.name] += 1
+            if result.how not in UNFINISHED or attempts[result.name] == ATTEMPTS:
+                del left[result.name]
+            yield result
+
+    try:
+        engine.submit(tasks)
+        while left:
+            for result in collect():
+                if result.name in left:
+                    engine.submit([left[result.name]])
+                else:
+                    ended(result)
+            watch()
+    except BaseException:
+        with deferred():
+            (signs / STOP).touch()
+            waiting = [name for name in left if reported(signs, name) is None]
+            engine.cancel(waiting)
+            for name in waiting:
+                del left[name]
+            while left:
+                for result in engine.wait(REPORT):
+                    left.pop(result.name, None)
+        raise
+    finally:
+        with deferred():
+            engine.close()

@@ -1,0 +1,348 @@
+"""Table 2 and Fig. 3: sum data rate, energy consumption and reward of every method, and while two of them learn."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from usvauv import policies
+from usvauv.cli.reproduction import paper
+from usvauv.cli.reproduction.paper import number, spread, table
+from usvauv.cli.reproduction.runs import HEURISTICS, Settings, heuristic, learned
+from usvauv.cli.sweep.run import Piece
+from usvauv.env.render.figure_theme import Ground, write_pair
+from usvauv.env.render.style import looks
+from usvauv.env.storage.tables import write_rows
+from usvauv.kernels.mission.motion import travelling_power
+
+OTHERS = ("services", "delivered_mbit", "collisions", "border", "arps_without_eq5")
+TABLE_COLUMNS = (
+    *("row", "method", "trained_in", "tested_in", "usv", "runs", "untrained_runs", "episodes"),
+    *(f"{name}_{what}" for name in paper.FIGURES for what in ("mean", "sd", "runs_sd", "paper", "paper_sd")),
+    *(f"{name}_mean" for name in OTHERS),
+)
+LOWEST_EC = min(figures["ec"][0] for figures in paper.TABLE_2.values())
+NEAR = 0.05  # relative difference up to which two ECs count as equal
+LEARNING = ("ddpg", "sac")  # methods of Fig. 3
+CURVE_COLUMNS = ("method", "condition", "run", "steps", "episode_equivalents", "updates", *paper.FIGURES)
+DASHES = {"ISC": "-", "ESC": (0, (4, 2))}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of our table.
+
+    Attributes:
+        key, title: the method's, or a heuristic's name.
+        trained_in: condition it was trained in, "" for a heuristic. tested_in: condition.
+        usv: the boat's strategy.
+        runs: number of training runs pooled, 0 for a heuristic.
+        untrained_runs: how many of them had no better policy than the one before the first update.
+        episodes: number of episodes pooled.
+        mean, sd: figure → mean over all these episodes, and their sample standard deviation.
+        runs_sd: figure → sample standard deviation of the means of the runs; NaN for fewer than two.
+    """
+
+    key: str
+    title: str
+    trained_in: str
+    tested_in: str
+    usv: str
+    runs: int
+    untrained_runs: int
+    episodes: int
+    mean: dict[str, float]
+    sd: dict[str, float]
+    runs_sd: dict[str, float]
+
+    @property
+    def name(self) -> str:
+        """As the paper names its rows."""
+        return f"{self.title} ({self.tested_in})"
+
+    @property
+    def printed(self) -> dict[str, tuple[float, float]]:
+        """The paper's row for it; empty where there is none."""
+        return paper.printed(self.key, self.tested_in)
+
+
+def table_runs(settings: Settings) -> list[Piece]:
+    """The runs that Table 2 needs."""
+    keys = [method.key for method in settings.methods]
+    return [*_learned(settings, keys), *(heuristic(settings, policy) for policy in HEURISTICS)]
+
+
+def curve_runs(settings: Settings) -> list[Piece]:
+    """The runs that Fig. 3 needs."""
+    return _learned(settings, LEARNING)
+
+
+def _learned(settings: Settings, methods: Sequence[str]) -> list[Piece]:
+    scenarios = paper.CONDITIONS.values()
+    return [learned(settings, key, name, seed) for seed in settings.seeds for key in methods for name in scenarios]
+
+
+def table_rows(settings: Settings, folder: Path) -> list[Row]:
+    """All rows: the paper's reading (trained in ISC, tested in both), trained in ESC, heuristics."""
+
+    def pooled(key: str, title: str, trained_in: str, pieces: Sequence[Piece]) -> list[Row]:
+        tests = [piece.rows(folder) for piece in pieces]
+        return [
+            pool(
+                key, title, trained_in, condition, [[row for row in test if row["scenario"] == name] for test in tests]
+            )
+            for condition, name in paper.CONDITIONS.items()
+        ]
+
+    found = []
+    for trained_in, name in paper.CONDITIONS.items():
+        for method in settings.methods:
+            runs = [learned(settings, method.key, name, seed) for seed in settings.seeds]
+            found += pooled(method.key, method.title, trained_in, runs)
+    for policy in HEURISTICS:
+        found += pooled(policy, f"`{policy}`", "", [heuristic(settings, policy)])
+    return found
+
+
+def pool(key: str, title: str, trained_in: str, tested_in: str, tests: Sequence[Sequence[dict[str, str]]]) -> Row:
+    """Statistics over the episodes of several runs, given as rows of their tests."""
+    values = {name: [[value(row, name) for row in test] for test in tests] for name in (*paper.FIGURES, *OTHERS)}
+    pooled = {name: [v for run in runs for v in run] for name, runs in values.items()}
+    means = {name: [statistics.fmean(run) for run in runs] for name, runs in values.items()}
+    learned = [test[0] for test in tests if test[0]["run"] != ""]
+    return Row(
+        key=key,
+        title=title,
+        trained_in=trained_in,
+        tested_in=tested_in,
+        usv=tests[0][0]["usv"],
+        runs=len(learned),
+        untrained_runs=sum(int(row["updates"]) == 0 for row in learned),
+        episodes=sum(len(test) for test in tests),
+        mean={name: statistics.fmean(v) for name, v in pooled.items()},
+        sd={name: statistics.stdev(v) for name, v in pooled.items()},
+        runs_sd={name: statistics.stdev(v) if len(v) > 1 else math.nan for name, v in means.items()},
+    )
+
+
+def value(row: dict[str, str], name: str) -> float:
+    """A figure of an episode; `arps_without_eq5` is its arps without the collaboration term."""
+    if name == "arps_without_eq5":
+        return float(row["arps"]) - float(row["collaboration"])
+    return float(row[name])
+
+
+def make_table(settings: Settings, folder: Path, place: Path) -> str:
+    """Write table2.csv, a pair of .png, and .pdf; returns the section of the page: the paper's rows beside ours, all
+    tests, the heuristics.
+    """
+    rows = table_rows(settings, folder)
+    write_rows(place / "table2.csv", TABLE_COLUMNS, (_cells(row) for row in rows))
+    write_pair(place / "table2.png", partial(_draw_table, rows, settings), pdf=True)
+    own = [row for row in rows if row.trained_in == "ISC" and row.printed]
+    head = [f"{name.upper()}{whose}" for name in paper.FIGURES for whose in (", paper", ", here")]
+    beside = (
+        [row.name, *(spread(*pair) for n in paper.FIGURES for pair in (row.printed[n], (row.mean[n], row.sd[n])))]
+        for row in own
+    )
+    above = {name: sum(row.mean[name] > row.printed[name][0] for row in own) for name in ("sdr", "arps")}
+    frugal = sum(row.mean["ec"] <= LOWEST_EC * (1 + NEAR) for row in own)
+    all_head = ["", "trained in", "tested in", "runs", "SDR Mbit/s", "EC W", "ARPS", "± of runs' ARPS"]
+    all_head += ["ARPS without Eq. 5", "services", "collisions", "runs not above untrained"]
+    parts = [
+        "## Table 2",
+        "Trained in ISC, tested in the condition named. The paper has one row for the baseline; here it is tested in"
+        " both.",
+        table(["", *head], beside),
+        f"Of these {len(own)} rows, {above['sdr']} have a higher SDR than the paper's row and {above['arps']} a higher"
+        f" ARPS; {frugal} have an EC of at most {number(LOWEST_EC * (1 + NEAR), 1)} W, which is {100 * NEAR:g} % above"
+        " the paper's lowest.",
+        _room(rows, settings),
+        _weighted(rows),
+        paper.picture("table2", "SDR, EC and ARPS of every method, ours and the paper's"),
+        f"All tests, mean ± standard deviation over {rows[0].episodes} episodes; the last column is the number of runs"
+        " whose best policy was that before the first update:",
+        table(all_head, (_all_cells(row) for row in rows)),
+    ]
+    return "\n\n".join(parts)
+
+
+def _room(rows: Sequence[Row], settings: Settings) -> str:
+    """Number of services that the lowest EC allows, at their energy with `straight`."""
+    straight = next(row for row in rows if row.key == "straight" and row.tested_in == "ISC")
+    speed = settings.scenario(paper.CONDITIONS["ISC"]).auv.speed_min
+    travelling, limit = travelling_power(speed), LOWEST_EC * (1 + NEAR)
+    mean = straight.mean
+    share = (limit - travelling) / (mean["ec"] - travelling)
+    return (
+        f"Travelling at the lowest speed, {speed:g} m/s, takes {number(travelling, 1)} W; the rest of EC is hovering,"
+        f" which each service needs: `straight` in ISC has {number(mean['services'], 1)} services at"
+        f" {number(mean['ec'], 1)} W. At that price {number(limit, 1)} W leave room for"
+        f" {number(share * mean['services'], 1)} services, an SDR of {number(share * mean['sdr'])}; whoever serves more"
+        " has a higher EC."
+    )
+
+
+def _weighted(rows: Sequence[Row]) -> str:
+    """The method that learned from other weights, beside the paper's SAC."""
+    row = next(row for row in rows if row.key == "data" and (row.trained_in, row.tested_in) == ("ISC", "ISC"))
+    sdr, ec = (paper.printed("sac", "ISC")[name][0] for name in ("sdr", "ec"))
+    return (
+        f"**{row.title}** learns from a reward with other weights and is tested like the others: an SDR of"
+        f" {number(row.mean['sdr'])} at {number(row.mean['ec'], 1)} W, where the paper's SAC (ISC) has {number(sdr)} at"
+        f" {number(ec, 1)} W."
+    )
+
+
+def _all_cells(row: Row) -> list[str]:
+    learned = row.runs > 0
+    return [
+        row.title,
+        row.trained_in,
+        row.tested_in,
+        str(row.runs) if learned else "",
+        *(spread(row.mean[name], row.sd[name]) for name in paper.FIGURES),
+        number(row.runs_sd["arps"]) if row.runs > 1 else "",
+        number(row.mean["arps_without_eq5"]),
+        number(row.mean["services"], 1),
+        number(row.mean["collisions"]),
+        str(row.untrained_runs) if learned else "",
+    ]
+
+
+def _cells(row: Row) -> dict[str, object]:
+    cells: dict[str, object] = {"row": row.name.replace("`", ""), "method": row.key}
+    for name in ("trained_in", "tested_in", "usv", "runs", "untrained_runs", "episodes"):
+        cells[name] = getattr(row, name)
+    for name in paper.FIGURES:
+        printed = row.printed.get(name, ("", ""))
+        numbers = (row.mean[name], row.sd[name], row.runs_sd[name] if row.runs > 1 else "", *printed)
+        columns = ("mean", "sd", "runs_sd", "paper", "paper_sd")
+        cells |= {f"{name}_{what}": number for what, number in zip(columns, numbers, strict=True)}
+    return cells | {f"{name}_mean": row.mean[name] for name in OTHERS}
+
+
+def _draw_table(rows: Sequence[Row], settings: Settings, ground: Ground) -> Figure:
+    """Ours and the paper's, row by row, one panel a figure."""
+    shown = [row for row in rows if row.trained_in in ("ISC", "")]
+    drawn = paper.titled_figure(
+        1.85 + 0.3 * len(shown),
+        "Table 2: ours beside the paper's",
+        f"trained in ISC, tested in both; mean ± standard deviation over {shown[0].episodes} episodes of"
+        f" {len(settings.seeds)} runs of {settings.steps:,} world-steps",
+        ground,
+    )  # fmt: skip
+    height = drawn.get_figheight()
+    room = {"left": 0.16, "right": 0.98, "top": 1 - 1.15 / height, "bottom": 0.4 / height, "wspace": 0.08}
+    panels = drawn.subplots(1, 3, sharey=True, gridspec_kw=room)
+    looked = looks(paper.METHODS, ground.colours)
+    for axes, (name, words) in zip(panels, paper.TITLES.items(), strict=True):
+        for y, row in enumerate(shown):
+            colour, marker = looked.get(row.key, (ground.muted, "o"))
+            axes.errorbar(row.mean[name], y - 0.14, xerr=row.sd[name], fmt=marker, ms=6, lw=1.6, color=colour)
+            if name in row.printed:
+                centre, spread = row.printed[name]
+                axes.errorbar(centre, y + 0.2, xerr=spread, fmt="D", ms=5, mfc="none", lw=1.0, color=ground.text)
+        axes.set(ylim=(len(shown) - 0.4, -0.6), yticks=range(len(shown)), title=words)
+        axes.set_yticklabels([row.name.replace("`", "") for row in shown])
+    marks = [
+        Line2D([], [], marker="o", ls="-", color=ground.muted, label="ours"),
+        Line2D([], [], marker="D", ls="-", mfc="none", color=ground.text, label="paper"),
+    ]
+    drawn.legend(handles=marks, loc="upper right", bbox_to_anchor=(0.985, 0.985), ncols=2)
+    return drawn
+
+
+def curves(settings: Settings, folder: Path) -> list[dict[str, object]]:
+    """One row for each evaluation of each run."""
+    found = []
+    for method in LEARNING:
+        for condition, name in paper.CONDITIONS.items():
+            episode = settings.scenario(name).mission.steps
+            for seed in settings.seeds:
+                for point in policies.read_history(learned(settings, method, name, seed).place(folder)):
+                    about = (method, condition, seed, point["steps"], point["steps"] / episode, point["updates"])
+                    figures = (point[name] for name in paper.FIGURES)
+                    found.append(dict(zip(CURVE_COLUMNS, (*about, *figures), strict=True)))
+    return found
+
+
+def band(curves: Sequence[Mapping[str, Any]], method: str, condition: str, name: str) -> np.ndarray:
+    """World-steps, then mean, minimum and maximum over the runs of a figure, (4, evaluations)."""
+    points: dict[int, list[float]] = {}
+    for row in curves:
+        if (row["method"], row["condition"]) == (method, condition):
+            points.setdefault(row["steps"], []).append(row[name])
+    return np.array([(steps, np.mean(values), min(values), max(values)) for steps, values in points.items()]).T
+
+
+def make_curves(settings: Settings, folder: Path, place: Path) -> str:
+    """Write fig3.csv, a pair of .png, and .pdf; returns the section of the page: curves, their beginnings and ends."""
+    found = curves(settings, folder)
+    write_rows(place / "fig3.csv", CURVE_COLUMNS, found)
+    write_pair(place / "fig3.png", partial(_draw_curves, found, settings), pdf=True)
+    rows = []
+    for method in LEARNING:
+        for condition in paper.CONDITIONS:
+            title = f"{settings.method(method).title} ({condition})"
+            cells = []
+            for name in paper.FIGURES:
+                _, mean, low, high = band(found, method, condition, name)
+                end = f"{number(mean[-1])} ({number(low[-1])} to {number(high[-1])})"
+                cells += [number(paper.TABLE_2[method, condition][name][0]), number(mean[0]), end]
+            rows.append([title, *cells])
+    head = [f"{name.upper()}, {what}" for name in paper.FIGURES for what in ("Table 2", "start", "end")]
+    points = len({row["steps"] for row in found})
+    parts = [
+        "## Fig. 3",
+        f"Evaluations on worlds not trained in, {settings.judged} episodes each, at {points} times of"
+        f" {len(settings.seeds)} runs, without exploration; the first is of the policy before any update. The paper"
+        " prints no numbers with its curves, so Table 2's stand beside. In brackets: the worst and the best run.",
+        paper.picture("fig3", "SDR, EC and ARPS against training, DDPG and SAC in ISC and ESC"),
+        table(["", *head], rows),
+    ]
+    return "\n\n".join(parts)
+
+
+def _draw_curves(found: list[dict], settings: Settings, ground: Ground) -> Figure:
+    drawn = paper.titled_figure(
+        5.0,
+        "Fig. 3: learning in ideal and extreme sea conditions",
+        f"mean over {len(settings.seeds)} runs, band from the worst to the best run; each point {settings.judged}"
+        " episodes of worlds not trained in;\nmarks at the right: the paper's Table 2, ◁ ISC and ◇ ESC",
+        ground,
+    )  # fmt: skip
+    room = {"left": 0.055, "right": 0.98, "bottom": 0.2, "top": 0.66, "wspace": 0.2}
+    panels = drawn.subplots(1, 3, gridspec_kw=room)
+    episode = settings.scenario(paper.CONDITIONS["ISC"]).mission.steps / 1000
+    looked = looks(paper.METHODS, ground.colours)
+    for axes, (name, words) in zip(panels, paper.TITLES.items(), strict=True):
+        for method in LEARNING:
+            colour, marker = looked[method]
+            for condition, dash in DASHES.items():
+                steps, mean, low, high = band(found, method, condition, name)
+                label = f"{settings.method(method).title} ({condition})"
+                axes.fill_between(steps / 1000, low, high, color=colour, alpha=0.13, lw=0)
+                every = max(1, len(steps) // 6)
+                axes.plot(steps / 1000, mean, marker, ls=dash, lw=1.8, ms=5, markevery=every, color=colour, label=label)
+                printed = paper.TABLE_2[method, condition][name][0]
+                mark = "<" if condition == "ISC" else (4, 0, 0)
+                axes.plot(steps[-1] * 1.03 / 1000, printed, marker=mark, ms=7, mfc="none", color=colour, clip_on=False)
+        axes.set_xlabel("thousand world-steps")
+        above = axes.secondary_xaxis(
+            "top", functions=(lambda x: np.divide(x, episode), lambda x: np.multiply(x, episode))
+        )
+        above.set_xlabel("episode equivalents")
+        above.spines["top"].set_visible(False)
+        axes.set_title(words, pad=36)
+    drawn.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=4, handlelength=3.5)
+    return drawn
