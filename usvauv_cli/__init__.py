@@ -1,4 +1,4 @@
-"""The command line: `app` is its entrance, `parser` knows the commands, `commands` has one file for each of them,
+"""The command line: `app` is its entrance, `parser` knows the commands, `commands` has them,
 `sweep` does many runs on an engine and writes the results of a study, `reproduction` those of the paper.
 
 `mission_video` and `encoder` write a mission's video, `live` shows it in a browser tab while it runs, `web_report`

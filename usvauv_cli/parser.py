@@ -11,13 +11,12 @@ from typing import Annotated
 import typer
 
 from usvauv.cli.commands import (
-    doctor,
     evaluate,
     export,
+    inspect,
     live,
     plan,
     replay,
-    scenarios,
     sea,
     simulate,
     sweep,
@@ -44,8 +43,8 @@ app.command("sweep")(sweep.sweep)
 app.command("reproduce")(sweep.reproduce)
 app.command("plan")(plan.plan)
 app.command("sea")(sea.sea)
-app.command("scenarios")(scenarios.scenarios)
-app.command("doctor")(doctor.doctor)
+app.command("scenarios")(inspect.scenarios)
+app.command("doctor")(inspect.doctor)
 
 
 def _print_version(wanted: bool) -> None:

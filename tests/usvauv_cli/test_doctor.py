@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from usvauv.cli.commands import doctor
+from usvauv.cli.commands import inspect
 
 GOOD = {"rate": 100.0, "threads": 2, "observation": [0.1, 0.2], "reward": [1.0], "sea": [0.5]}
 
@@ -13,7 +13,7 @@ GOOD = {"rate": 100.0, "threads": 2, "observation": [0.1, 0.2], "reward": [1.0],
 def trials(monkeypatch):
     """What the trial of each architecture finds."""
     found = {"cpu": GOOD, "cuda": {"absent": "arch: no"}, "vulkan": GOOD}
-    monkeypatch.setattr(doctor, "_try", lambda arch: found[arch])
+    monkeypatch.setattr(inspect, "attempt", lambda arch: found[arch])
     return found
 
 
@@ -44,8 +44,8 @@ def test_what_is_broken_is_named(run_usvauv, trials, arch, found, words):
 
 
 def test_the_trial_runs(monkeypatch):
-    found = doctor._try("cpu")
+    found = inspect.attempt("cpu")
     assert found["rate"] > 0
     assert len(found["sea"]) == 50 * 50 * 4
-    assert doctor._differs(json.loads(json.dumps(found)), found) == ""
-    assert doctor._try("abacus") == {"absent": "arch: 'abacus' is not one of auto, cpu, cuda, vulkan"}
+    assert inspect.difference(json.loads(json.dumps(found)), found) == ""
+    assert inspect.attempt("abacus") == {"absent": "arch: 'abacus' is not one of auto, cpu, cuda, vulkan"}

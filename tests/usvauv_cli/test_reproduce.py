@@ -20,7 +20,11 @@ from usvauv.env.storage.tables import read_rows, write_rows
 
 TINY_RUN = {"num_worlds": 4, "hidden": (8,), "batch": 16, "warmup": 40, "n_step": 2, "replay": 400}
 TINY = Settings(
-    methods=tuple(dataclasses.replace(m, config=dataclasses.replace(m.config, **TINY_RUN)) for m in METHODS),
+    methods=tuple(
+        dataclasses.replace(method, config=dataclasses.replace(method.config, **TINY_RUN))
+        for method in METHODS
+        if method.key != "td3"  # learns in the worlds of DDPG
+    ),
     seeds=(0, 1),
     steps=160,
     evaluations=2,
@@ -104,7 +108,7 @@ def test_tables_and_figures_are_there(whole):
     results = whole[0] / paper.RESULTS
     rows = {name: read_rows(results / f"{name}.csv") for name in ("table2", "fig3", "fig4a", "fig4b")}
     counts = {name: len(of) for name, of in rows.items()}
-    assert counts == {"table2": 2 * (2 * 5 + 3), "fig3": 2 * 2 * 2 * 3, "fig4a": 2 * 3 * 20, "fig4b": 2 * 5}
+    assert counts == {"table2": 2 * (2 * 4 + 3), "fig3": 2 * 2 * 2 * 3, "fig4a": 2 * 3 * 20, "fig4b": 2 * 5}
     assert len(read_rows(results / "fig4b-over-time.csv")) == 2 * 5 * 20
     for name in rows:
         light, dark = ((results / f"{name}-{theme}.png").read_bytes() for theme in ("light", "dark"))
@@ -161,7 +165,7 @@ def test_a_missing_result_alone_is_made_again(whole, capsys):
     kept = {file: at for file, at in times.items() if piece.place(folder) not in file.parents}
     result.unlink()
     assert reproduce("all", folder) == path
-    assert "1 of 31 runs to do, 30 are done" in capsys.readouterr().out
+    assert "1 of 27 runs to do, 26 are done" in capsys.readouterr().out
     assert result.read_bytes() == before
     assert {file: file.stat().st_mtime_ns for file in kept} == kept
     timeless = re.compile("Time taken.*")

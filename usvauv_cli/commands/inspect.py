@@ -1,4 +1,4 @@
-"""`usvauv doctor`: what works on this machine."""
+"""`usvauv scenarios` and `usvauv doctor`: what is shipped, and what works on this machine."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import shutil
 import subprocess
 import sys
 from importlib import metadata
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
+
+from usvauv.cli.commands.options import Overrides, Plugins
 
 PACKAGES = ("usvauv", "taichi", "torch", "numpy", "pydantic", "gymnasium", "av", "opencv-python-headless")
 LIMIT = 300  # s, for the trial of an architecture
@@ -45,7 +46,26 @@ print(json.dumps({
 """
 
 
-def _try(arch: str) -> dict[str, Any]:
+def scenarios(
+    scenario: Annotated[str | None, typer.Argument(metavar="[SCENARIO]", help="Name or path to print.")] = None,
+    overrides: Overrides = None,
+    plugins: Plugins = None,
+) -> None:
+    """List the shipped scenarios, or print one as TOML in which every field is explained.
+
+    **Example:** `usvauv scenarios extreme --set auv.count=4 > mine.toml`, then `usvauv simulate mine.toml`
+    """
+    from usvauv.cli import tables
+    from usvauv.env import Scenario
+
+    if scenario:
+        typer.echo(Scenario.load(scenario, overrides or ()).to_toml(), nl=False)
+        return
+    for name in Scenario.shipped():
+        typer.echo(tables.wrapped(f"{name:16} {Scenario.load(name).description}", 17))
+
+
+def attempt(arch: str) -> dict[str, Any]:
     """A few mission steps of `extreme` in a process of its own, because Taichi starts one architecture a process."""
     command = [sys.executable, "-c", TRIAL, arch, str(STEPS)]
     try:
@@ -59,7 +79,7 @@ def _try(arch: str) -> dict[str, Any]:
     return json.loads(lines[-1])
 
 
-def _differs(found: dict[str, Any], cpu: dict[str, Any]) -> str:
+def difference(found: dict[str, Any], cpu: dict[str, Any]) -> str:
     """The first quantity that differs from the CPU's by more than `TOLERANCE`, in words; "" if none does."""
     for name, tolerance in TOLERANCE.items():
         differences = [abs(a - b) for a, b in zip(found[name], cpu[name], strict=True)]
@@ -67,15 +87,6 @@ def _differs(found: dict[str, Any], cpu: dict[str, Any]) -> str:
         if wrong:
             return f"{name} differs from the CPU's by {max(wrong):.2g}, {tolerance:g} allowed"
     return ""
-
-
-def _memory() -> str:
-    """Free memory in words."""
-    try:
-        numbers = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-        return f"{int(numbers['MemAvailable'].split()[0]) / 2**20:.1f} GiB"
-    except (OSError, KeyError, ValueError):
-        return "unknown on this system"
 
 
 def _h264() -> str:
@@ -97,6 +108,7 @@ def doctor() -> None:
     import torch
 
     from usvauv.cli import tables
+    from usvauv.env.storage import memory
     from usvauv.kernels import runtime
 
     def show(name: str, text: str) -> None:
@@ -111,19 +123,19 @@ def doctor() -> None:
             show(package[:13], "MISSING")
             broken.append(f"{package} is not installed")
     show("cores", str(runtime.available_cores()))
-    show("free memory", _memory())
+    show("free memory", memory.words(memory.available()))
     show("free disk", f"{shutil.disk_usage('.').free / 2**30:.1f} GiB here")
     encoder = _h264()
     show("H.264", encoder or "MISSING")
     if not encoder:
         broken.append("PyAV has no H.264 encoder: no videos")
     show("CUDA device", torch.cuda.get_device_name() if torch.cuda.is_available() else "none")
-    cpu = _try("cpu")
+    cpu = attempt("cpu")
     for arch in ("cpu", "cuda", "vulkan"):
-        found = cpu if arch == "cpu" else _try(arch)
+        found = cpu if arch == "cpu" else attempt(arch)
         problem = found.get("broken", "")
         if not problem and "rate" in found and "rate" in cpu:
-            problem = _differs(found, cpu)
+            problem = difference(found, cpu)
         if "absent" in found and arch != "cpu":
             show(arch, "not here")
         elif problem or "rate" not in found:
