@@ -6,7 +6,9 @@ together.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +18,7 @@ from usvauv.cli.reproduction.runs import Settings, best
 from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import duration, perform_all
 from usvauv.cli.sweep.run import Piece, seconds
+from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, locked
 from usvauv.kernels.errors import UserError
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
@@ -74,12 +77,61 @@ def reproduce(
         results.mkdir(exist_ok=True)
         sections = [each.make(settings, folder, results) for each in wanted]
         if wanted != [WIDE]:
-            sections.append(paper.conventions_section(settings))
+            sections.append(conventions_section(settings))
         page = folder / f"{name}.md"
         with atomic_write(page) as partial:
             text = "\n\n".join([f"# {title}", *sections, made_section(pieces, settings, folder, command)])
             partial.write_text(f"{text}\n", encoding="utf-8")
     return page
+
+
+def conventions_section(settings: Settings) -> str:
+    """Every convention, and the settings of every method."""
+    parts = [
+        "## Conventions",
+        paper.EXPLAINED.strip(),
+        "Fields of the scenarios that decide what the numbers are; `usvauv scenarios paper-extreme` prints all:",
+        scenario_table(settings),
+        "Settings of the training runs:",
+        method_table(settings),
+    ]
+    return "\n\n".join(parts)
+
+
+def scenario_table(settings: Settings) -> str:
+    """Table of the conventions that are fields of a scenario: the paper's or demonstration's, and ours."""
+    ours, physical = settings.scenario(paper.CONDITIONS["ESC"]), settings.scenario(paper.PHYSICAL)
+    lines = [f"| | paper (P) or demonstration (D) | field | `{ours.name}` | `{physical.name}` |", "|" + " --- |" * 5]
+    for about, theirs, fields in paper.CONVENTIONS:
+        for i, field in enumerate(fields):
+            lead = (about, theirs) if i == 0 else ("", "")
+            lines.append(f"| {' | '.join(lead)} | `{field}` | {_value(ours, field)} | {_value(physical, field)} |")
+    return "\n".join(lines)
+
+
+def method_table(settings: Settings) -> str:
+    """Table of the training settings of each method."""
+    titles = [method.title for method in settings.methods]
+    lines = [f"| | {' | '.join(titles)} |", "|" + " --- |" * (len(titles) + 1)]
+    columns = [asdict(method.config) for method in settings.methods]
+    for name in columns[0]:
+        if name != "seed":
+            lines.append(f"| `{name}` | {' | '.join(_shown(column[name]) for column in columns)} |")
+    lines.append(f"| boat | {' | '.join(f'`{method.usv}`' for method in settings.methods)} |")
+    changes = [", ".join(f"`{change}`" for change in method.learning) for method in settings.methods]
+    lines.append(f"| scenario while learning | {' | '.join(changes)} |")
+    return "\n".join(lines)
+
+
+def _value(scenario: Scenario, field: str) -> str:
+    section, _, name = field.partition(".")
+    return _shown(getattr(getattr(scenario, section), name))
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, tuple):
+        return " × ".join(map(str, value))
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def made_section(pieces: Sequence[Piece], settings: Settings, folder: Path, command: str) -> str:

@@ -6,18 +6,11 @@ conditions", ICASSP 2025.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
 from usvauv.env.render.figure_theme import Ground
-
-if TYPE_CHECKING:
-    from usvauv.cli.reproduction.runs import Settings
-    from usvauv.env.scenario import Scenario
 
 FIGURES = ("sdr", "ec", "arps")
 """Sum data rate, energy consumption, average reward per time step."""
@@ -46,7 +39,7 @@ TITLES = {"sdr": "Sum data rate (SDR), Mbit/s", "ec": "Energy consumption (EC), 
 WIDTH = 9.6  # inches
 
 # Subject; what the paper (P) or its demonstration (D) has; fields of the scenario that hold what was done here.
-SCENARIO = (
+CONVENTIONS = (
     ("noise of a fix against SNR", "D: amplitude 10^(−SNR/10), which is 10^(−SNR/20)", ("acoustics.noise_law",)),
     ("positioning signal", "P: an echo of 135 dB", ("acoustics.path", "acoustics.source_level", "usbl.signal")),
     ("fixes", "P: of all AUVs in each step", ("channel.schedule", "navigation.sensor")),
@@ -136,52 +129,3 @@ def titled_figure(height: float, title: str, about: str, ground: Ground) -> Figu
     figure.text(left, 1 - 0.34 / height, title, fontsize=15, fontweight="bold", va="center")
     figure.text(left, 1 - 0.55 / height, about, color=ground.muted, fontsize=9.5, va="top", linespacing=1.4)
     return figure
-
-
-def conventions_section(settings: Settings) -> str:
-    """Every convention, and the settings of every method."""
-    parts = [
-        "## Conventions",
-        EXPLAINED.strip(),
-        "Fields of the scenarios that decide what the numbers are; `usvauv scenarios paper-extreme` prints all:",
-        scenario_table(settings),
-        "Settings of the training runs:",
-        method_table(settings),
-    ]
-    return "\n\n".join(parts)
-
-
-def scenario_table(settings: Settings) -> str:
-    """Table of the conventions that are fields of a scenario: the paper's or demonstration's, and ours."""
-    ours, physical = settings.scenario(CONDITIONS["ESC"]), settings.scenario(PHYSICAL)
-    lines = [f"| | paper (P) or demonstration (D) | field | `{ours.name}` | `{physical.name}` |", "|" + " --- |" * 5]
-    for about, theirs, fields in SCENARIO:
-        for i, field in enumerate(fields):
-            lead = (about, theirs) if i == 0 else ("", "")
-            lines.append(f"| {' | '.join(lead)} | `{field}` | {_value(ours, field)} | {_value(physical, field)} |")
-    return "\n".join(lines)
-
-
-def method_table(settings: Settings) -> str:
-    """Table of the training settings of each method."""
-    titles = [method.title for method in settings.methods]
-    lines = [f"| | {' | '.join(titles)} |", "|" + " --- |" * (len(titles) + 1)]
-    columns = [asdict(method.config) for method in settings.methods]
-    for name in columns[0]:
-        if name != "seed":
-            lines.append(f"| `{name}` | {' | '.join(_shown(column[name]) for column in columns)} |")
-    lines.append(f"| boat | {' | '.join(f'`{method.usv}`' for method in settings.methods)} |")
-    changes = [", ".join(f"`{change}`" for change in method.learning) for method in settings.methods]
-    lines.append(f"| scenario while learning | {' | '.join(changes)} |")
-    return "\n".join(lines)
-
-
-def _value(scenario: Scenario, field: str) -> str:
-    section, _, name = field.partition(".")
-    return _shown(getattr(getattr(scenario, section), name))
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, tuple):
-        return " × ".join(map(str, value))
-    return value if isinstance(value, str) else json.dumps(value)
