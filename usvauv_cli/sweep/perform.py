@@ -29,6 +29,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 
 MOST_ROWS = 14  # of running runs
+MEASURED = 20.0  # seconds of work by which the time of the whole is estimated
 MOST_JOBS = 1000  # of a Slurm array at a time, unless told otherwise
 
 
@@ -121,7 +122,8 @@ class Board:
         self.unfinished = dict.fromkeys(self._pieces)
         self.failed = 0
         self._begun = time.monotonic()
-        self._done, self._first = dict[str, float](), dict[str, float]()  # work by run: all, and at the first report
+        self._done, self._seen = dict[str, float](), set[str]()  # work done by run, runs that have reported some
+        self._measured, self._before = 0.0, 0.0  # when the first one did, and work that was done before it was watched
         self._console = Console(markup=False, emoji=False, highlight=False)
         self._live = Live(console=self._console, refresh_per_second=4, transient=True)
 
@@ -151,18 +153,21 @@ class Board:
     def update(self, done: Mapping[str, float]) -> None:
         """Show how much work is done of the runs that have begun."""
         self._done |= done
-        for key, units in done.items():
-            if units:  # a resumed run begins with what it had
-                self._first.setdefault(key, units)
+        new = {key: units for key, units in done.items() if units and key not in self._seen}
+        if new and not self._seen:  # the time before includes compilation
+            self._measured, self._before = time.monotonic(), sum(self._done.values())
+        else:
+            self._before += sum(new.values())  # a resumed run begins with what it had
+        self._seen |= new.keys()
         self._live.update(self.table())
 
     def _left(self) -> str:
-        """Expected time in words; empty until some work is done."""
-        done = sum(self._done.values()) - sum(self._first.values())
-        if done <= 0:
+        """Expected time in words; empty until enough work is done to measure its rate."""
+        taken, done = time.monotonic() - self._measured, sum(self._done.values()) - self._before
+        if not self._seen or taken < MEASURED or done <= 0:
             return ""
         left = sum(self._work.values()) - sum(self._done.values())
-        return f", about {duration(max(left, 0.0) * (time.monotonic() - self._begun) / done)} left"
+        return f", about {duration(max(left, 0.0) * taken / done)} left"
 
     def table(self) -> RenderableType:
         """The live table: it fits 80 columns and 20 lines."""
