@@ -19,8 +19,8 @@ from usvauv.cli.commands.options import (
     Seed,
     at_least,
     make_folder,
-    tell_of_bed,
     tell_of_team,
+    warn_uneven_bed,
     writable,
 )
 from usvauv.kernels.errors import UserError
@@ -132,7 +132,7 @@ def evaluate(
             raise UserError("--report: cannot go with --resume: its figures are of missions that are not run again")
         make_folder(report_folder, "--report")
         writable(report_folder / "index.html", "--report", (".html",))
-    tell_of_bed(setting)
+    warn_uneven_bed(setting)
     recordings = Recordings(len(scenarios))
     comparison = Comparison(list(scenarios), reference, front_episodes(len(scenarios)) if report_folder else 0)
     with GrowingTable(out, resume) as table:

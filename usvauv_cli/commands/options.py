@@ -13,6 +13,7 @@ import typer
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
+    from usvauv.cli.mission_video import VideoSettings
     from usvauv.env import Scenario
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
@@ -36,6 +37,20 @@ TARGETS = (
     " learned:FILE (of train-targets)"
 )
 Targets = Annotated[str | None, typer.Option(help=f"{TARGETS}. Default: the scenario's.")]
+
+VideoOut = Annotated[
+    Path | None,
+    typer.Option(help="Video (.mp4, .webm, .gif, .webp) or picture (.png) to write; default usvauv-SCENARIO.mp4."),
+]
+Size = Annotated[str, typer.Option(metavar="WxH", help="Frame size in pixels.")]
+Fps = Annotated[int, typer.Option(help="Frames a second, at most.")]
+Speedup = Annotated[
+    float | None,
+    typer.Option(help="Seconds of mission in a second of video; default one mission step a frame."),
+]
+ViewOption = Annotated[str, typer.Option("--view", help="map (from above, with plots), sea (in perspective), or both.")]
+ThemeOption = Annotated[str, typer.Option("--theme", help="dark or light.")]
+At = Annotated[float | None, typer.Option(help="Moment that a picture shows, s of mission; default its end.")]
 
 
 def _load_plugins(context: typer.Context, files: list[Path] | None) -> list[Path] | None:
@@ -77,8 +92,8 @@ def tell_of_team(name: str, scenario: Scenario) -> None:
             )
 
 
-def tell_of_reflections(scenario: Scenario) -> None:
-    """Say so where reflections that a scenario leaves out would be the largest error of fixes."""
+def warn_reflections(scenario: Scenario) -> None:
+    """Warn where reflections that a scenario leaves out would be the largest error of fixes."""
     from usvauv.env.multipath import warning
     from usvauv.env.site.site import Site
 
@@ -86,8 +101,8 @@ def tell_of_reflections(scenario: Scenario) -> None:
         typer.echo(f"warning: {line}", err=True)
 
 
-def tell_of_bed(scenario: Scenario) -> None:
-    """Say so where the storm is wrong over a scenario's bed."""
+def warn_uneven_bed(scenario: Scenario) -> None:
+    """Warn where the storm is wrong over a scenario's bed."""
     from usvauv.env.sea.storm import uneven_bed_warning
     from usvauv.env.site.site import Site
 
@@ -150,3 +165,29 @@ def parse_size(text: str) -> tuple[int, int]:
     if len(parts) != 2 or not all(part.isdigit() and 320 <= int(part) <= 7680 for part in parts):
         raise UserError(f"--size {text!r}: expected WIDTHxHEIGHT in pixels, each from 320 to 7680, like 1280x720")
     return int(parts[0]), int(parts[1])
+
+
+def video_settings(
+    out: Path, size: str, fps: int, speedup: float | None, view: str, theme: str, at: float | None
+) -> VideoSettings:
+    """What the options ask for, checked before long work.
+
+    Raises:
+        UserError: an option has a value that is not allowed, or the file cannot be written.
+    """
+    from usvauv.cli.mission_video import ENDINGS, VideoSettings
+    from usvauv.env.render.frames import VIEWS, Look
+    from usvauv.env.render.style import THEMES
+
+    at_least("--fps", fps, 1)
+    if speedup is not None:
+        at_least("--speedup", speedup, 0.01)
+    if at is not None:
+        at_least("--at", at, 0.0)
+    if view not in VIEWS:
+        raise UserError(f"--view {view!r}: must be one of {', '.join(VIEWS)}")
+    if theme not in THEMES:
+        raise UserError(f"--theme {theme!r}: must be one of {', '.join(THEMES)}")
+    settings = VideoSettings(parse_size(size), fps, speedup, Look(view, theme), at)
+    settings.check(writable(out, "--out", ENDINGS))
+    return settings

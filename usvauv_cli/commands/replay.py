@@ -7,15 +7,16 @@ from typing import Annotated
 
 import typer
 
-from usvauv.cli.commands.options import Plugins, writable
-from usvauv.cli.commands.video_options import (
+from usvauv.cli.commands.options import (
     At,
     Fps,
+    Plugins,
     Size,
     Speedup,
     ThemeOption,
     ViewOption,
     video_settings,
+    writable,
 )
 from usvauv.kernels.errors import UserError
 

@@ -18,7 +18,7 @@ from usvauv.cli.commands.options import (
     Seed,
     at_least,
     parse_size,
-    tell_of_bed,
+    warn_uneven_bed,
     writable,
 )
 from usvauv.kernels.errors import DivergenceError, UserError
@@ -122,7 +122,7 @@ def sea(
     records = round(duration / interval) + 1
     water = SeaSimulation(setting, seed, shape, interval, first_vortices(setting, seed, arch))
     typer.echo(describe(water, records))
-    tell_of_bed(setting)
+    warn_uneven_bed(setting)
     if kind == ".mp4":
         typer.echo(
             f"{records / fps:.3g} s of video at {fps} frames a second, {fps * interval:g} × the speed of the sea"

@@ -11,27 +11,25 @@ import typer
 from usvauv.cli.commands.options import (
     POLICIES,
     Arch,
+    At,
+    Fps,
     Overrides,
     Plugins,
     ScenarioName,
     Seed,
-    Targets,
-    Usv,
-    at_least,
-    tell_of_bed,
-    tell_of_reflections,
-    tell_of_team,
-    writable,
-)
-from usvauv.cli.commands.video_options import (
-    At,
-    Fps,
     Size,
     Speedup,
+    Targets,
     ThemeOption,
+    Usv,
     VideoOut,
     ViewOption,
+    at_least,
+    tell_of_team,
     video_settings,
+    warn_reflections,
+    warn_uneven_bed,
+    writable,
 )
 
 if TYPE_CHECKING:
@@ -103,8 +101,8 @@ def simulate(
         policies.check(run.policy, run.scenario(setting))
         tell_of_team(run.policy, setting)
         StrategyChoice.parse(run.usv, setting)
-    tell_of_bed(setting)
-    tell_of_reflections(setting)
+    warn_uneven_bed(setting)
+    warn_reflections(setting)
     recorded, problem = [], None
     for run in runs:
         shown, problem = simulated(run, setting, seed, duration, arch)
