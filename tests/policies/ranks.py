@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 
 from usvauv.env import Scenario, World
-from usvauv.kernels import runtime
 from usvauv.policies import PolicyError, Trainer, TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
 from usvauv.policies.learned import Standardizer
@@ -74,7 +73,6 @@ def work(folder: Path, ranks: Ranks) -> dict[str, Any]:
     weight = (mine.stop - mine.start) / (BATCH - 1)
     joint = Standardizer.of(samples()[:-1][mine], lambda value: ranks.mean([value], weight)[0])
     found["statistics"] = joint.mean, joint.deviation
-    found["threads"] = torch.get_num_threads(), runtime.start().threads
 
     whole = trainer(folder / "whole", ranks)
     found["figures"] = whole.train(TOTAL)

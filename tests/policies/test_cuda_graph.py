@@ -3,8 +3,6 @@
 There need not be a GPU: a recorder in Python stands for its graphs, and operations that would wait are refused.
 """
 
-import copy
-
 import pytest
 import torch
 
@@ -71,7 +69,7 @@ def learn(algorithm, recorder=None):
     return learner, figures, recorder
 
 
-@pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
+@pytest.mark.parametrize("algorithm", ["sac", "td3"])
 def test_replayed_updates_are_updates(algorithm):
     alone, figures, _ = learn(algorithm)
     recorded, same_figures, recorder = learn(algorithm, ReplayOfLearner)
@@ -81,15 +79,6 @@ def test_replayed_updates_are_updates(algorithm):
     assert all(torch.equal(value, expected[name]) for name, value in recorded.tensors().items())
     assert figures == same_figures
     assert len({float(each["critic_loss"]) for each in same_figures}) == CALLS
-
-
-def test_after_a_restore_it_is_recorded_anew():
-    """A restored optimiser has other tensors than those recorded."""
-    learner, _, recorder = learn("sac", ReplayOfLearner)
-    learner.restore(copy.deepcopy(learner.tensors()))
-    for batch in batches(WARM_UP + 1):
-        learner.learn(batch)
-    assert recorder.recorded == 2
 
 
 class Now:
@@ -111,8 +100,9 @@ class Still(ToyWorld):
         return torch.zeros(*shape, self.observation_size), torch.zeros(shape), ended, ended, info
 
 
-@pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
-@pytest.mark.parametrize(("frame", "shared"), [("guided", True), ("target", False), ("world", False)])
+@pytest.mark.parametrize(
+    ("algorithm", "frame", "shared"), [("sac", "guided", True), ("td3", "target", False), ("ddpg", "world", False)]
+)
 def test_a_step_of_training_does_not_wait_for_the_device(monkeypatch, algorithm, frame, shared):
     settings = {"algorithm": algorithm, "frame": frame, "shared": shared, "n_step": 2, "updates": 2, "renewal": True}
     config = TrainingConfig(**{**vars(LEARNING), **settings, "num_worlds": 4, "warmup": 16, "batch": 16})

@@ -1,24 +1,32 @@
-"""Steering in a current: crab angles, economical speeds, the autopilot's frame."""
+"""Steering in a current: crab angles, economical speeds; frames between world and network."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 import torch
 from scipy.optimize import minimize_scalar
 
 from tests.policies.toy import ToyWorld, scenario
 from usvauv import policies
-from usvauv.env import Scenario
-from usvauv.policies.frames import BORDER_MARGIN, PRICE, GuidedFrame
-from usvauv.policies.guidance import SPEEDS, SpeedToFly, clear_of_others, crab, unit
+from usvauv.policies.frames import BORDER_MARGIN, PRICE, GuidedFrame, TargetFrame, WorldFrame
+from usvauv.policies.guidance import SpeedToFly, clear_of_others, crab, rotate, unit, unrotate
 
 
 def directions(count, seed=0):
     angle = 2 * math.pi * torch.rand(count, generator=torch.Generator().manual_seed(seed))
     return torch.stack((angle.cos(), angle.sin()), -1)
+
+
+def observe(toy, worlds=64, seed=0):
+    """Observations of a world that has just begun, and the world."""
+    world = ToyWorld(toy, worlds, seed)
+    return world.reset(), world
+
+
+def angle(vector):
+    return torch.atan2(vector[..., 1], vector[..., 0])
 
 
 def power(speed):
@@ -55,14 +63,6 @@ class TestSpeedToFly:
     def test_a_current_that_cannot_be_beaten_is_met_at_full_speed(self):
         found = SpeedToFly(scenario())(torch.tensor([1.0, 0.0]), torch.tensor(0.0), torch.tensor([-2.0, 0.0]))
         assert float(found) == pytest.approx(2.2)
-
-    def test_time_that_costs_more_is_sailed_faster(self):
-        prices = torch.logspace(0, 3.3, 50)
-        track = torch.tensor([1.0, 0.0]).expand(50, 2)
-        speeds = SpeedToFly(scenario())(track, prices, torch.zeros(50, 2))
-        assert (speeds.diff() >= 0).all()
-        assert float(speeds[0]) == pytest.approx(1.2)
-        assert float(speeds[-1]) > 2.1
 
 
 class TestClearOfOthers:
@@ -113,25 +113,6 @@ class TestGuidedFrame:
         repelled = (action - pace.act(observation)).norm(dim=-1)[inside] > 1e-3
         assert repelled.any() == (count > 1)
 
-    def test_without_a_current_the_middle_is_where_speeds_begin_to_differ(self):
-        """In still water the lowest speed is the best up to the price V P′(V) − P(V), by a difference in the test."""
-        calm = Scenario.load("paper-ideal")
-        frame, lowest = GuidedFrame(calm), calm.auv.speed_min
-        step = (calm.auv.speed_max - lowest) / (SPEEDS - 1)
-        slow, fast = power(lowest), power(lowest + step)
-        assert frame.price == pytest.approx(lowest * (fast - slow) / step - slow, rel=1e-5)
-        observation = torch.zeros(1, 2, frame.layout.size)
-        frame.term(observation, "target")[..., 0] = 0.2  # in the east
-        frame.term(observation, "position")[:] = 0.3  # in the middle of the area
-        frame.term(observation, "others")[:] = 0.4  # far away
-        speeds = [
-            float(frame.decode(observation, torch.tensor([0.0, a1]).expand(1, 2, 2))[0, 0].norm()) * calm.auv.speed_max
-            for a1 in (-1.0, -0.01, 0.1, 0.5)
-        ]
-        assert speeds[0] == pytest.approx(lowest)
-        assert speeds[1] == pytest.approx(lowest)
-        assert lowest + 0.5 * step < speeds[2] < speeds[3]
-
     @pytest.mark.parametrize(("side", "course"), [("west", 1.0), ("west", 0.6), ("north", -0.5)])
     def test_a_course_that_leads_out_is_turned_along_the_border(self, side, course):
         place, axis, outwards = {"west": ((2.0, 40.0), 0, -1.0), "north": ((40.0, 98.5), 1, 1.0)}[side]
@@ -141,9 +122,45 @@ class TestGuidedFrame:
         assert outwards * float(ground[axis]) < 1e-5
         assert float(ground.norm()) > 0.5
 
-    def test_away_from_the_border_the_course_is_kept(self):
-        world, observation = self.observe((10.0, 40.0), (80.0, 40.0))
-        action = GuidedFrame(world.scenario).decode(observation, torch.tensor([0.5, 0.0]).expand(1, 2, 2))
-        ground = (world.velocity(action) + world.drift)[0, 0].numpy()
-        # Half a turn to the left of a target in the east: north.
-        np.testing.assert_allclose(ground / np.linalg.norm(ground), (0.0, 1.0), atol=1e-5)
+
+class TestFrames:
+    def turned(self, observation, layout, turn):
+        """The observation of the same team with the world turned about the AUV by an angle."""
+        observation = observation.clone()
+        direction = torch.tensor([math.cos(turn), math.sin(turn)])
+        for name in ("others", "target", "current"):
+            vectors = observation[..., layout.slice(name)]
+            vectors.copy_(rotate(vectors.unflatten(-1, (-1, 2)), direction).flatten(-2))
+        return observation
+
+    def test_target_frame_turns_with_the_target(self):
+        toy = scenario(auv={"count": 3})
+        frame = TargetFrame(toy)
+        observation, _ = observe(toy)
+        before, after = frame.encode(observation), frame.encode(self.turned(observation, frame.layout, 0.7))
+        assert before.shape[-1] == frame.features
+        bearing = [2, 3]
+        rest = [index for index in range(frame.features) if index not in bearing]
+        torch.testing.assert_close(after[..., rest], before[..., rest], atol=1e-5, rtol=0)
+        turned = angle(after[..., bearing]) - angle(before[..., bearing])
+        torch.testing.assert_close(turned.remainder(2 * math.pi), torch.full_like(turned, 0.7), atol=1e-4, rtol=0)
+
+    @pytest.mark.parametrize("form", ["vector", "polar"])
+    def test_course_and_speed_come_out_as_asked(self, form):
+        toy = scenario(auv={"action": form})
+        observation, world = observe(toy)
+        asked = 2.0 * torch.rand((64, 2, 2), generator=torch.Generator().manual_seed(1)) - 1.0
+        velocity = world.velocity(TargetFrame(toy).decode(observation, asked))
+        torch.testing.assert_close(velocity.norm(dim=-1), 1.7 + 0.5 * asked[..., 1], atol=1e-5, rtol=0)
+        course = angle(unrotate(velocity, unit(world.target - world.position)))
+        off = (course - math.pi * asked[..., 0] + math.pi).remainder(2 * math.pi) - math.pi
+        assert off.abs().max() < 1e-4
+
+    def test_world_frame_changes_nothing(self):
+        toy = scenario()
+        observation, _ = observe(toy)
+        frame = WorldFrame(toy)
+        assert torch.equal(frame.encode(observation), observation)
+        assert frame.features == observation.shape[-1]
+        action = torch.rand(64, 2, 2)
+        assert frame.decode(observation, action) is action

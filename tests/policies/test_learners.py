@@ -8,7 +8,7 @@ import torch
 from tests.policies.toy import LEARNING, seeded
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
 from usvauv.policies.learned import Standardizer
-from usvauv.policies.networks import ACTION_GAIN, Critic, DeterministicActor, GaussianActor, StackedMLP, stack, unstack
+from usvauv.policies.networks import GaussianActor, StackedMLP
 from usvauv.policies.training.exploration import CorrelatedNoise
 from usvauv.policies.training.replay import Replay
 
@@ -73,10 +73,6 @@ class TestReplay:
         assert drawn[5] == (48.0, 0.125, 8.0)
         assert 4 not in drawn
 
-    def test_one_step(self):
-        drawn = self.drawn(self.filled([1, 2, 4, 8], horizon_ended={1}), n=1)
-        assert drawn == {1: (2.0, 0.0, 2.0), 2: (4.0, 0.5, 3.0)}
-
     def test_the_ring_forgets_the_oldest(self):
         drawn = self.drawn(self.filled([float(step) for step in range(27)], rows=10), n=2)
         assert set(drawn) == set(range(18, 25))
@@ -95,21 +91,6 @@ class TestReplay:
         assert torch.equal(batch.next_observation[..., 0], batch.reward + 100)
         assert torch.equal(batch.discount == 0, batch.reward == 311)
         assert (batch.reward == 311).any()
-
-    def test_shared_learners_get_the_transitions_of_all(self):
-        replay = Replay(8, (3, 2, 1, 1), CPU, shared=True)
-        for step in range(8):
-            place = 10.0 * step + torch.arange(2.0).expand(3, 2)
-            replay.add(place.unsqueeze(-1), place.unsqueeze(-1), place, torch.zeros(3, 2, dtype=torch.bool))
-        batch = replay.sample(64, 1, 0.9, seeded())
-        assert batch.observation.shape == (1, 64, 1)
-        assert set((batch.reward % 10).flatten().tolist()) == {0.0, 1.0}
-        assert torch.equal(batch.observation[..., 0], batch.reward)
-
-    @pytest.mark.parametrize("shared", [False, True])
-    def test_unstack_inverts_stack(self, shared):
-        value = torch.randn(5, 3, 4)
-        assert torch.equal(unstack(stack(value, shared), 3), value)
 
 
 class TestNetworks:
@@ -131,17 +112,6 @@ class TestNetworks:
             torch.testing.assert_close(network(x)[index], self.alone(network, index, x[index]))
         assert not torch.allclose(network(x[:1].expand(3, -1, -1))[0], network(x[:1].expand(3, -1, -1))[1])
 
-    def test_critics_share_the_input_of_their_agent(self):
-        critic = Critic(2, Sizes(3, 4, 2), (16,), seeded(), layer_norm=False)
-        observation, action = torch.randn(3, 10, 4), torch.randn(3, 10, 2)
-        value = critic(observation, action)
-        for twin in range(2):
-            for agent in range(3):
-                x = torch.cat((observation[agent], ACTION_GAIN * action[agent]), -1)
-                expected = self.alone(critic.of_state, 3 * twin + agent, observation[agent])
-                expected = expected + self.alone(critic.of_action, 3 * twin + agent, x)
-                torch.testing.assert_close(value[twin, agent], expected[:, 0])
-
     def test_the_squashed_density_integrates_to_one(self):
         actor = GaussianActor(1, (3, 8, 2), seeded(), output_gain=0.0)
         with torch.no_grad():
@@ -155,12 +125,6 @@ class TestNetworks:
         area = ((-log_density).exp() * inside).mean().detach()
         torch.testing.assert_close(area, torch.tensor(1.8), rtol=0.02, atol=0)
         torch.testing.assert_close(actor(torch.zeros(1, 1, 3)).flatten(), torch.tensor([0.3]).tanh())
-
-    def test_the_mode_is_deterministic(self):
-        actor = DeterministicActor(2, (3, 8, 2), seeded())
-        x = torch.randn(2, 5, 3)
-        assert torch.equal(actor(x), actor(x))
-        assert actor(100.0 * x).abs().max() <= 1.0
 
 
 class TestLearners:
@@ -195,15 +159,6 @@ class TestLearners:
         expected = (value - batch.reward - 0.9 * future).square().mean()
         assert float(learner.update(batch)["critic_loss"]) == pytest.approx(float(expected.detach()), rel=1e-5)
 
-    def test_targets_move_by_tau(self):
-        learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
-        before = [value.clone() for value in learner.target_critics.parameters()]
-        learner.update(random_batch(1))
-        for old, new, network in zip(
-            before, learner.target_critics.parameters(), learner.critics.parameters(), strict=True
-        ):
-            torch.testing.assert_close(new.data, old + LEARNING.tau * (network.data - old))
-
     def test_td3_waits_before_it_moves_its_actor(self):
         learner = ALGORITHMS["td3"](Sizes(1, 5, 2), LEARNING, seeded())
         before = [value.clone() for value in learner.actor.parameters()]
@@ -211,13 +166,6 @@ class TestLearners:
         assert all(torch.equal(old, new) for old, new in zip(before, learner.actor.parameters(), strict=True))
         learner.update(random_batch(1))
         assert not any(torch.equal(old, new) for old, new in zip(before, learner.actor.parameters(), strict=True))
-
-    def test_temperature_falls_while_entropy_is_above_its_target(self):
-        learner = ALGORITHMS["sac"](Sizes(2, 5, 2), LEARNING, seeded())
-        before = learner.log_alpha.detach().clone()
-        figures = learner.update(random_batch(2))
-        assert float(figures["entropy"]) > learner.target_entropy
-        assert (learner.log_alpha < before).all()
 
 
 class TestNoise:

@@ -1,35 +1,48 @@
-"""A policy and an algorithm from files outside the package."""
-
-from __future__ import annotations
+"""What comes from outside the package, plugins and MODULE:CLASS, and one line for what either does wrongly."""
 
 import dataclasses
+import math
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import taichi as ti
 import torch
 
 from tests.policies.toy import LEARNING, ToyWorld, scenario
 from usvauv import policies
-from usvauv.env import plugins
+from usvauv.env import Scenario, World, plugins
+from usvauv.env.record.metrics import Metric, episode_metrics, task_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
+from usvauv.env.world.observation import ObservationTerm, observation_terms
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.mission.target_rules import TargetRule, target_rules
+from usvauv.kernels.mission.worlds import Strategy
+from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws
+from usvauv.kernels.types import vec2
 from usvauv.policies import PolicyError, Trainer
+from usvauv.policies.algorithms import ALGORITHMS
+from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.heuristics import HEURISTICS, Heuristic
 
 pytestmark = pytest.mark.usefixtures("own_registries")
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plugins"
 
 
-def load(name: str, folder: Path) -> None:
+def load_example(name: str, folder: Path) -> None:
     plugins.load(shutil.copy(EXAMPLES / name, folder / f"my_{name}"))
 
 
 def test_a_policy_leads_its_target_by_the_drift(tmp_path):
     world = ToyWorld(scenario(), 16, seed=2)
     observation = world.reset()
-    with pytest.raises(PolicyError, match="neither a checkpoint directory nor one of"):
+    with pytest.raises(PolicyError, match="neither a checkpoint nor one of"):
         policies.load("lead:20", world)
-    load("policy.py", tmp_path)
+    load_example("policy.py", tmp_path)
     assert policies.available()[-1] == "lead"
     straight = policies.load("straight", world).act(observation)
     torch.testing.assert_close(policies.load("lead:0", world).act(observation), straight)
@@ -43,7 +56,7 @@ def test_a_policy_leads_its_target_by_the_drift(tmp_path):
 def test_an_algorithm_trains_and_its_policy_is_kept(tmp_path):
     with pytest.raises(PolicyError, match=r"algorithm = 'ensemble': must be one of sac, td3, ddpg$"):
         dataclasses.replace(LEARNING, algorithm="ensemble")
-    load("algorithm.py", tmp_path)
+    load_example("algorithm.py", tmp_path)
     config = dataclasses.replace(LEARNING, algorithm="ensemble", warmup=320)
     trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config, tmp_path / "run")
     untrained = trainer.learner.actor.weights[-1].detach().clone()
@@ -72,3 +85,213 @@ def test_a_plugin_of_version_02_is_told_the_new_name(tmp_path, line, said):
     )
     assert done.returncode == 2
     assert said in " ".join(done.stderr.split())
+
+
+TEXT = """
+import math
+import torch
+
+class East:
+    def __init__(self, world):
+        self.world = world
+
+    def act(self, observation):
+        return torch.ones(self.world.num_worlds, self.world.num_auvs, 2)
+
+def function(world):
+    return East(world).act
+
+class Inert:
+    def __init__(self, world):
+        pass
+
+def text(world):
+    return lambda observation: "north"
+
+def failing(world):
+    return lambda observation: {}["north"]
+
+number = 5
+"""
+
+
+@pytest.fixture
+def _modules(tmp_path, monkeypatch):
+    """The text above as modules of the working directory, which is forgotten after a test."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "modules", {**sys.modules})
+    (tmp_path / "own_east.py").write_text(TEXT)
+    (tmp_path / "straight.py").write_text(TEXT)
+    (tmp_path / "own_broken.py").write_text("import nowhere")
+
+
+@pytest.mark.usefixtures("_modules")
+@pytest.mark.parametrize("name", ["own_east:East", "own_east:function"])
+def test_it_acts_under_its_name(name):
+    world = ToyWorld(scenario(), 3, seed=2)
+    policies.check(name, scenario())
+    policy = policies.load(name, world)
+    assert (policy.name, policy.scenario) == (name, world.scenario)
+    for act in (policy.act, policies.acting(name, world), policies.named(name)[name](world)):
+        assert act(world.reset()).tolist() == torch.ones(3, 2, 2).tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("own_gone:East", "module own_gone cannot be imported: ModuleNotFoundError: No module named 'own_gone'"),
+        ("own_broken:East", "module own_broken cannot be imported: ModuleNotFoundError: No module named 'nowhere'"),
+        ("own_east:West", "own_east.py has no class or function 'West'"),
+        ("own_east:number", "own_east.py has no class or function 'number'"),
+    ],
+)
+@pytest.mark.usefixtures("_modules")
+def test_what_cannot_be_found_is_refused_without_a_world(name, problem):
+    with pytest.raises(PolicyError, match=rf"^policy '{name}': .*{problem}$"):
+        policies.check(name, scenario())
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("Inert", "returned <own_east.Inert object at .*>: must be an object with `act`, or a function"),
+        ("text", r"returned 'north': must be a tensor of shape \(3, 2, 2\)"),
+        ("failing", "raised KeyError: 'north'"),
+    ],
+)
+@pytest.mark.usefixtures("_modules")
+def test_what_fails_names_the_class_and_its_file(name, problem):
+    world = ToyWorld(scenario(), 3, seed=2)
+    with pytest.raises(PolicyError, match=rf"^policy 'own_east:{name}' of .*own_east\.py: {problem}"):
+        policies.acting(f"own_east:{name}", world)(world.reset())
+
+
+@pytest.mark.usefixtures("_modules")
+def test_heuristics_and_folders_come_first(tmp_path):
+    with pytest.raises(PolicyError, match="'East' is not a speed"):
+        policies.check("straight:East", scenario())
+    (tmp_path / "own_east:East").mkdir()
+    with pytest.raises(PolicyError, match=r"holds no best\.safetensors"):
+        policies.check("own_east:East", scenario())
+
+
+def test_what_is_no_name_of_a_class_is_unknown():
+    for name in ("hold:100,100", "straigth:1.5", "own_east:", ":East", "own east:East"):
+        with pytest.raises(PolicyError, match=r"neither a checkpoint nor one of .*, nor MODULE:CLASS$"):
+            policies.check(name, scenario())
+
+
+def fails():
+    return {}["no\nsuch"]
+
+
+@pytest.mark.parametrize(
+    ("answer", "match"),
+    [
+        (lambda o: torch.full((16, 2, 2), math.nan), "returned nan: must be numbers in"),
+        (lambda o: torch.zeros(3), r"float32 of shape \(3,\) on cpu.*real numbers of shape \(16, 2, 2\)"),
+        (lambda o: torch.zeros(16, 2, 2, dtype=torch.int64), "int64 of shape .*real numbers"),
+        (lambda o: None, "returned None"),
+        (lambda o: fails(), "raised KeyError"),
+        (lambda o: exit(0), "raised SystemExit"),
+    ],
+)
+def test_a_policy(answer, match):
+    class Wrong(Heuristic):
+        def act(self, observation):
+            return answer(observation)
+
+    HEURISTICS.register("wrong", Wrong)
+    world = ToyWorld(scenario(), 16, seed=2)
+    act = policies.acting("wrong", world)
+    with pytest.raises(PolicyError, match=rf"^policy 'wrong' of .*test_plugins\.py: .*{match}") as caught:
+        act(world.reset())
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("registry", "item"), [(HEURISTICS, 5), (HEURISTICS, dict), (boat_strategies, None), (observation_terms, "x")]
+)
+def test_an_item_of_another_form_is_refused_at_once(registry, item):
+    with pytest.raises(UserError, match=r"'wrong': is .*: must be a "):
+        registry.register("wrong", item)
+
+
+@pytest.mark.parametrize(
+    ("law", "match"),
+    [
+        (lambda f, s, w: math.nan, "returned nan: must be a level"),
+        (lambda f, s, w: fails(), "raised KeyError"),
+        (lambda f: 0.0, "raised TypeError"),
+    ],
+)
+def test_a_noise_law(law, match):
+    ambient_noise_laws.register("wrong", law)
+    with pytest.raises(UserError, match=f"^ambient noise law 'wrong' of .*: {match}"):
+        World(Scenario.load("ideal", ["acoustics.ambient_noise=wrong"]), 1)
+
+
+@ti.func
+def node_far_beyond(worlds: ti.template(), w, k):
+    return 100000000
+
+
+@ti.func
+def no_place(worlds: ti.template(), w, b):
+    return vec2(ti.math.nan, 0.0)
+
+
+@ti.func
+def no_vector(worlds: ti.template(), w, b):
+    return 3.0
+
+
+@pytest.mark.parametrize(
+    ("goal", "usv", "match"),
+    [
+        (
+            no_place,
+            "hold:0,0",
+            "^world 0 at 0 s: target of AUV 0 is 1e.08: must be .* from 0 to 29 .*'far' of .*plugins",
+        ),
+        (no_place, "wrong", r"^world 0 at 0 s: goal_x of boat 0 is nan.*\(uses usv 'wrong' of .*plugins"),
+        (no_vector, "wrong", "^usv 'wrong' of .*plugins.py: TaichiSyntaxError: .*motion.py.*expected to be a Matrix"),
+    ],
+)
+def test_what_runs_in_the_kernel(goal, usv, match):
+    target_rules.register("far", TargetRule(node_far_beyond))
+    boat_strategies.register("wrong", BoatStrategy(Strategy(start=goal, goal=goal)))
+    rule = "nodes.target_rule=far" if usv != "wrong" else "nodes.target_rule=greedy"
+    with pytest.raises(UserError, match=match) as caught:
+        World(Scenario.load("ideal", [rule]), 1, usv=usv).reset()
+    assert str(caught.value).isprintable()
+
+
+def test_an_observation_term_without_numbers():
+    observation_terms.register("wrong", ObservationTerm(no_place, lambda num_auvs: 5, "1", 0.0, 1.0))
+    with pytest.raises(UserError, match=r"^observation term 'wrong' of .*: raised TypeError"):
+        World(Scenario.load("ideal", ['observation.extra=["wrong"]']), 1)
+
+
+def test_a_metric_of_another_shape():
+    task_metrics.register("wrong", Metric("data-collection", lambda trace: np.zeros(7)))
+    world = World(Scenario.load("ideal", ["mission.duration=2"]), 1)
+    trace = record(world, policies.load("straight", world).act, "straight")
+    with pytest.raises(UserError, match=r"^metric 'wrong' of .*: must be an array of 1 numbers"):
+        episode_metrics(trace)
+
+
+@pytest.mark.parametrize(
+    ("method", "answer", "match"),
+    [
+        ("update", lambda self, batch: fails(), "raised KeyError"),
+        ("update", lambda self, batch: {"loss": 0.0}, "returned .*one number for each name"),
+        ("explore", lambda self, observation, noise: noise[..., :1], "returned .*must be of"),
+    ],
+)
+def test_an_algorithm(method, answer, match):
+    ALGORITHMS.register("wrong", type("Wrong", (DDPG,), {method: answer}))
+    config = dataclasses.replace(LEARNING, algorithm="wrong", warmup=320)
+    with pytest.raises(PolicyError, match=f"^algorithm 'wrong' of .*plugins.py: {match}"):
+        Trainer(ToyWorld(scenario(), 32, seed=1), config).train(32 * 20)

@@ -17,7 +17,6 @@ import torch
 from tests.policies import ranks as program
 from tests.policies.ranks import ALGORITHM_NAMES, STOP, TOTAL, WORLDS
 from tests.policies.test_resume import same
-from usvauv.env import ScenarioError, World
 from usvauv.kernels.errors import UserError
 from usvauv.policies.checkpoint import TRAINING, read
 from usvauv.policies.learned import Standardizer
@@ -93,11 +92,6 @@ def test_statistics_of_features_are_those_of_all_samples(run):
         close(found["statistics"], (expected.mean, expected.deviation), 1e-6)
 
 
-def test_ranks_divide_the_cores(run):
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    assert [found["threads"] for found in run[1]] == [(1, max(1, cores // 2))] * 2
-
-
 class TestRun:
     def test_ranks_hold_equal_weights_and_draw_different_numbers(self, run):
         one, other = run[1]
@@ -143,21 +137,6 @@ class TestRun:
             one.train(TOTAL + 10 * WORLDS)
             assert one.steps == TOTAL + 10 * WORLDS
 
-    def test_worlds_of_a_rank_are_those_of_the_batch(self):
-        mine = Ranks(1, 3).share(WORLDS)
-        whole, part = program.world(0, WORLDS, None), program.world(mine.start, mine.stop, WORLDS)
-        actions = torch.rand((9, WORLDS, 2, 2), generator=torch.Generator().manual_seed(2))
-        for world, which in ((whole, slice(None)), (part, mine)):
-            world.rewind()
-            world.reset()
-            for action in actions:
-                world.step(action[which])
-        joint = whole.state()
-        for name, value in part.state().items():
-            assert torch.equal(value, joint[name] if name in part.common_state else joint[name][mine]), name
-        with pytest.raises(ScenarioError, match="batch = 2: must be at least first_world"):
-            World(whole.scenario, 2, first_world=1, batch=2)
-
     def test_the_others_of_a_rank_that_is_killed_say_so(self, run):
         folder, _, last_line = run
         assert re.search(
@@ -180,20 +159,6 @@ class TestRun:
 class TestCommand:
     SMALL = (*("--learn", "hidden=8,8", "--learn", "batch=8", "--learn", "n_step=2"), "--set", "mission.duration=12")
     BEGIN = ("-m", "usvauv.cli", "train", "extreme", "--worlds", WORLDS, "--usv", "centroid", *SMALL)
-
-    @pytest.mark.slow
-    def test_a_signal_to_one_ends_all_and_saves(self, tmp_path):
-        out = tmp_path / "run"
-        processes = begin(2, *self.BEGIN, "--steps", 10**6, "--out", out)
-        assert processes[0].stdout
-        assert any(" left: " in line for line in processes[0].stdout), end(processes)  # a report, of both
-        processes[1].send_signal(signal.SIGTERM)
-        (code, said, error), *other = end(processes)
-        assert (code, error) == (143, "stopped\n")
-        steps, _, place = said.partition("stopped at ")[2].partition(" of 1000000 world-steps; go on with: --out ")
-        assert place.splitlines()[0] == f"{out} --resume"
-        assert read(out / "last.safetensors", TRAINING)[0]["steps"] == int(steps)
-        assert other == [(143, "", "")]
 
     @pytest.mark.parametrize(
         ("options", "said"),

@@ -22,7 +22,6 @@ class TestTraining:
             ("ddpg", {}),
             pytest.param("ddpg", {"shared": True}, marks=pytest.mark.slow),
             pytest.param("sac", {"frame": "world"}, marks=pytest.mark.slow),
-            pytest.param("sac", {"frame": "guided"}, marks=pytest.mark.slow),
         ],
     )
     def test_each_algorithm_solves_the_toy_task(self, algorithm, changes):
@@ -43,9 +42,6 @@ class TestTraining:
             # In world axes the untrained policy knows nothing.
             assert untrained < 2.0
             assert learned > 0.7 * best
-        elif changes.get("frame") == "guided":
-            assert untrained > random
-            assert learned > fast
         else:
             # In the target's frame it heads for the target at the middle speed; learning finds that fast is better.
             assert untrained == pytest.approx(middle, abs=0.2)
@@ -78,37 +74,17 @@ class TestTraining:
         assert last["reward"]["progress"] < 0.512
         assert last["sdr"] == pytest.approx(last["services"])
 
-    def test_ends_of_the_horizon_reach_the_replay(self):
-        trainer = Trainer(ToyWorld(scenario(), 32, seed=1, terminates=True), LEARNING)
-        trainer.train(3200)
-        assert trainer.replay.horizon_ended.any()
-        assert int(trainer.replay.end.sum()) == 2
-
-    def test_trains_in_the_real_world(self):
-        from usvauv.env import Scenario, World
-
-        config = dataclasses.replace(LEARNING, num_worlds=4, warmup=80, hidden=(16,), batch=32)
-        trainer = Trainer(World(Scenario.load("extreme"), num_worlds=4, seed=5), config)
-        figures = trainer.train(320)
-        assert figures["updates"] == 60
-        assert torch.isfinite(trainer.policy().act(trainer.observation)).all()
-
 
 class TestConfig:
     @pytest.mark.parametrize(
         ("changes", "part"),
         [
             ({"algorithm": "ppo"}, "algorithm = 'ppo': must be one of sac, td3, ddpg"),
-            ({"num_worlds": 0}, "num_worlds = 0: must be from 1 to 4194304"),
-            ({"learning_rate": float("inf")}, "learning_rate = inf: must be from 1e-09 to 1.0"),
             ({"tau": float("nan")}, "tau = nan: must be from 1e-06 to 1.0"),
             ({"batch": 1.5}, "batch = 1.5: must be of type int"),
             ({"hidden": (64, 10**9)}, "hidden = (64, 1000000000): must be from 1 to 16 widths, each from 1 to 8192"),
             ({"replay": 10**12}, "replay = 1000000000000: must be from num_worlds · (n_step + 3) = 1664 to 1000000000"),
-            ({"gamma": 1.0}, "gamma = 1.0: must be at least 0 and below 1"),
             ({"hidden": ()}, "hidden"),
-            ({"learning_rate": float("nan")}, "learning_rate = nan"),
-            ({"replay": 10}, "replay = 10"),
         ],
     )
     def test_bad_settings_get_one_clear_line(self, changes, part):
@@ -116,7 +92,7 @@ class TestConfig:
             TrainingConfig(**changes)
         assert part in str(caught.value)
 
-    @pytest.mark.parametrize("changes", [{"warmup": 170}, {"warmup": 192}, {"warmup": 0}])
+    @pytest.mark.parametrize("changes", [{"warmup": 170}, {"warmup": 0}])
     def test_learning_begins_when_it_says(self, changes):
         config = dataclasses.replace(LEARNING, **changes)
         run = Trainer(ToyWorld(scenario(), 32, seed=1), config)
@@ -160,33 +136,8 @@ class TestRenewal:
         assert (paid.unsqueeze(-1) - sums).abs().amin(-1).max() < 1e-4
         assert ((paid < 1.5) & (one.discount == 0)).any()
 
-    def test_without_it_services_end_nothing(self):
-        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, renewal=False))
-        trainer.train(32 * 60)
-        assert not trainer.replay.horizon_ended.any()
-        assert trainer.gain == 0.0
-
-    def test_where_the_scenario_ends_the_horizon_itself_time_has_no_price(self):
-        toy = scenario(reward={"service_terminates": True})
-        trainer = Trainer(ToyWorld(toy, 32, seed=1, terminates=True), LEARNING)
-        trainer.train(32 * 60)
-        assert trainer.gain == 0.0
-        assert trainer.replay.horizon_ended.any()
-
 
 class TestScales:
-    def test_rewards_are_brought_to_the_configured_size(self):
-        runs = []
-        for size in (0.2, 0.4):
-            trainer = Trainer(
-                ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, reward_scale=size, warmup=800)
-            )
-            trainer.train(32 * 26)
-            runs.append(trainer)
-        before = runs[0].replay.reward[:25].abs().mean()
-        torch.testing.assert_close(before, torch.tensor(0.2), rtol=1e-4, atol=0)
-        assert runs[1].scale == pytest.approx(2 * runs[0].scale)
-
     def test_the_unit_of_rewards_changes_nothing(self):
         """A power of two, so that not even rounding differs; the gain is subtracted in the same unit."""
 
@@ -221,15 +172,6 @@ class TestScales:
         torch.testing.assert_close(learner.averaged.biases[0].data, expected)
 
 
-class TestPolicy:
-    def test_one_taken_before_learning_goes_on_with_the_trainer(self):
-        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), LEARNING)
-        early = trainer.policy()
-        trainer.train(32 * 60)
-        observation = ToyWorld(scenario(), 64, seed=7).reset()
-        assert torch.equal(early.act(observation), trainer.policy().act(observation))
-
-
 class TestSettings:
     def test_settings_can_be_changed_by_name(self):
         config = TrainingConfig().changed(["updates=4", "hidden=128,32", "renewal=false", "gamma=0.98", "frame=world"])
@@ -241,9 +183,7 @@ class TestSettings:
         [
             ("updates", "NAME=VALUE"),
             ("speed=3", "NAME=VALUE with a NAME of frame"),
-            ("seed=3", "NAME=VALUE with a NAME of frame"),
             ("updates=many", "updates = 'many': must be of type int"),
-            ("renewal=maybe", "renewal = 'maybe': must be of type bool"),
             ("hidden=12,x", "must be of type tuple"),
             ("gamma=1.5", "gamma = 1.5: must be at least 0 and below 1"),
         ],
