@@ -90,14 +90,6 @@ def test_a_port_that_does_not_exist_is_refused(run_usvauv, port):
     assert err.count("\n") == 1
 
 
-def test_a_port_in_use_is_refused(run_usvauv):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        code, out, err = run_usvauv("live", "--port", port)
-    assert (code, out) == (2, "")
-    assert err == f"error: --port {port}: address already in use; 0 takes a free one\n"
-
-
 def test_without_viser_one_line_names_the_extra(run_usvauv, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     code, out, err = run_usvauv("live")

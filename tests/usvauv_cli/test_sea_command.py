@@ -14,24 +14,14 @@ import cv2
 import h5py
 import numpy as np
 import pytest
-import torch
 import xarray
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from tests.usvauv_env.ocean_files import cmems, eastward, northward, write
 from usvauv.cli import app
-from usvauv.cli.commands import sea as sea_command
-from usvauv.cli.commands.sea import sink
-from usvauv.cli.sea_view import figure
-from usvauv.cli.sea_view.figure import measured, spectrum, target_spectrum, wanted
-from usvauv.cli.sea_view.surface import LevelSurface, Section
-from usvauv.cli.sea_view.video import Block, SeaPainter, SeaVideo
+from usvauv.cli.sea_view.figure import measured, spectrum, target_spectrum
+from usvauv.cli.sea_view.surface import Section
+from usvauv.cli.sea_view.video import SeaPainter
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.render import style
-from usvauv.env.render.figure_theme import log_ticks
-from usvauv.env.render.layout import Layout, MapView, Rectangle
 from usvauv.env.sea.build import build_sea, build_short_waves
 from usvauv.env.sea.netcdf import SeaFile
 from usvauv.env.sea.simulation import SeaSimulation, cells, survey
@@ -191,36 +181,9 @@ class TestData:
         write(fail=False)
         assert xarray.load_dataset(path, engine="h5netcdf").sizes["time"] == 1
 
-    def test_size_is_foretold(self, tmp_path):
-        sea = SeaSimulation(Scenario.load("extreme"), 0, (64, 64), 1.0)
-        with SeaFile(tmp_path / "a.nc", sea) as file:
-            for record in range(40):
-                if record:
-                    sea.advance()
-                file.add(sea)
-                if record == 4:
-                    expected = file.expected_bytes(40)
-        assert (tmp_path / "a.nc").stat().st_size == pytest.approx(expected, rel=0.2)
-
 
 class TestSeaSimulation:
-    @pytest.mark.slow
-    def test_vortices_that_change_are_those_of_the_world(self, tmp_path):
-        scenario = Scenario.load("extreme", ["current.mutual=true", "current.viscosity=2", "sea.realisations=1"])
-        world = World(scenario, 1, 5, "hold:0,0")
-        world.reset()
-        sea = SeaSimulation(scenario, 5, (10, 10), 1.0, first_vortices(scenario, 5))
-        with SeaFile(tmp_path / "a.nc", sea) as file:
-            for _ in range(4):
-                np.testing.assert_allclose(sea.vortices, world.vortex[0].cpu(), rtol=1e-6)
-                file.add(sea)
-                sea.advance()
-                world.step(torch.zeros(1, 2, 2))
-        current = xarray.load_dataset(tmp_path / "a.nc", engine="h5netcdf").current_x
-        assert current.dims == ("time", "y", "x")
-        assert abs(current[0] - current[3]).max() > 1e-3
-
-    def test_land_has_no_storm_and_its_colour(self, monkeypatch):
+    def test_land_has_no_storm(self, monkeypatch):
         def still_depth(_, shape):
             return np.where(np.arange(shape[0]) < shape[0] // 2, -3.0, 50.0) * np.ones((shape[1], 1))
 
@@ -229,26 +192,6 @@ class TestSeaSimulation:
         sea = SeaSimulation(scenario, 0, (20, 20), 1.0)
         assert not sea.surface().storm[:, :10].any()
         assert sea.surface().storm[:, 10:].all()
-        painter = SeaPainter(sea, survey(scenario, 0, 2), 2, (640, 360), 30)
-        frame = painter.frame(sea)
-        box = painter.layout.map
-        assert (painter.layout.map.of(frame)[5, box.width // 4] == style.LAND).all()
-        assert (painter.layout.map.of(frame)[5, 3 * box.width // 4] != style.LAND).any()
-
-    def test_real_current_is_added(self, monkeypatch):
-        class Flow:
-            times = np.array([0.0, 10.0])
-
-            def at(self, t: float) -> np.ndarray:
-                y, x = np.mgrid[0:3, 0:4]
-                return np.stack([np.stack([x + t, 10.0 * y], -1)] * 2).astype(np.float32)
-
-        monkeypatch.setattr(Site, "current", Flow())
-        sea = SeaSimulation(Scenario.load("extreme"), 0, (8, 8), 2.0)
-        sea.advance()
-        np.testing.assert_allclose(sea.current()[..., 0], np.broadcast_to(3 * sea.x / 200 + 2, (8, 8)), rtol=1e-6)
-        np.testing.assert_allclose(sea.current()[..., 1].T, np.broadcast_to(20 * sea.y / 200, (8, 8)), rtol=1e-6)
-        assert not sea.steady
 
     def test_resolution(self):
         scenario = Scenario.load("extreme", ["area.width=400"])
@@ -286,13 +229,6 @@ class TestVideo:
         sea = SeaSimulation(scenario, 0, (50, 50), 0.5, first_vortices(scenario, 0))
         return SeaPainter(sea, survey(scenario, 0, 5), 11, size, 30), sea
 
-    def test_map_is_bright_where_the_sea_is_high(self):
-        painter, sea = self.painter("current.count=0")
-        frame = painter.frame(sea)
-        box = painter.layout.map
-        seen = cv2.resize(box.of(frame), (50, 50), interpolation=cv2.INTER_AREA).mean(axis=-1)[::-1]
-        assert np.corrcoef(seen.ravel(), sea.surface().elevation.ravel())[0, 1] > 0.6
-
     def test_figures(self):
         painter, sea = self.painter(*STEADY)
         painter.frame(sea)
@@ -306,26 +242,8 @@ class TestVideo:
         assert said["storm Hs, m"] == pytest.approx(4 * np.sqrt(np.mean([s.storm**2 for s in both])), abs=0.006)
         assert said["current to, m/s"] == pytest.approx(np.hypot(*np.moveaxis(sea.current(), -1, 0)).max(), abs=0.006)
 
-    def test_plots_grow_with_time(self):
-        painter, sea = self.painter()
-        box = painter._level_plot.box
-        shown = []
-        for _ in range(3):
-            frame = painter.frame(sea)
-            drawn = (np.abs(box.of(frame).astype(int) - style.SEA[4]).max(axis=-1) < 30).any(axis=0)
-            shown.append(np.flatnonzero(drawn).max(initial=0))
-            sea.advance()
-        assert shown[0] < shown[1] < shown[2]
-        assert shown[2] == pytest.approx(0.2 * box.width, abs=4)  # 1 s of 5 s
-
     @pytest.mark.parametrize(
-        ("size", "overrides"),
-        [
-            ((320, 320), STILL),
-            ((1920, 400), ["area.width=2000", "area.length=100"]),
-            ((360, 640), ["storm.spectrum=none"]),
-            ((1280, 720), ["sea.irregular_rms=0", "sea.start_rms=0", "storm.direction=1.2"]),
-        ],
+        ("size", "overrides"), [((320, 320), STILL), ((1920, 400), ["area.width=2000", "area.length=100"])]
     )
     def test_any_sea_in_any_shape(self, size, overrides):
         painter, sea = self.painter(*overrides, size=size)
@@ -334,16 +252,6 @@ class TestVideo:
             sea.advance()
         assert frame.shape == (size[1], size[0], 3)
         assert frame.std() > 5
-
-    def test_size_is_foretold(self, tmp_path):
-        scenario = Scenario.load("extreme")
-        sea = SeaSimulation(scenario, 0, (50, 50), 1 / 15)
-        with SeaVideo(tmp_path / "a.mp4", sea, survey(scenario, 0, 4), 60, (640, 360), 30) as film:
-            for _ in range(60):
-                film.add(sea)
-                sea.advance()
-            expected = film.expected_bytes(60)
-        assert (tmp_path / "a.mp4").stat().st_size == pytest.approx(expected, rel=0.5)
 
 
 class TestSectionAndBlock:
@@ -357,22 +265,12 @@ class TestSectionAndBlock:
         level = section.along((0.01 * x + 0.02 * y).astype(np.float32))
         np.testing.assert_allclose(level[5:-5], (section.points @ (0.01, 0.02))[5:-5], atol=0.03)
 
-    def test_without_a_storm_it_follows_the_waves_from_the_forced_edge(self):
-        overrides = ["storm.spectrum=none", "sea.forced_edge=north", "area.width=400"]
-        section = Section(Site(Scenario.load("extreme", overrides)))
-        np.testing.assert_allclose(section.direction, (0, -1), atol=1e-9)
-        np.testing.assert_allclose(section.ends, [(200, 0), (200, 200)], atol=1e-9)
-
     @pytest.mark.parametrize(
         ("direction", "words"),
         [
-            (0.0, "A (west) to B (east)"),
             (math.pi, "A (west) to B (east)"),
-            (math.pi / 2, "A (south) to B (north)"),
             (-math.pi / 2, "A (south) to B (north)"),
             (2.3, "A (north-west) to B (south-east)"),
-            (-2.3, "A (south-west) to B (north-east)"),
-            (-1.5, "A (north) to B (south)"),
         ],
     )
     def test_it_runs_as_the_map_does_whichever_way_the_waves_go(self, direction, words):
@@ -382,41 +280,19 @@ class TestSectionAndBlock:
         assert section.direction == pytest.approx((math.cos(direction), math.sin(direction)))
         assert section.words == words
 
-    def test_block_shows_a_hill_where_it_is_and_above_the_level(self):
-        scenario = Scenario.load("extreme")
-        layout, room = Layout.fit(1280, 720, scenario.area), Rectangle(0, 0, 600, 300)
-        y, x = np.mgrid[0:100, 0:100]
-        hill = 12 * np.exp(-((x - 30) ** 2 + (y - 60) ** 2) / 200).astype(np.float32)
-        block = Block(scenario.area, room, layout, hill[None], 12.0)
-        relief = np.full((100, 100, 3), 60, np.uint8)
-        relief[38:41, 29:32] = (0, 0, 255)  # its top; the north is on top
-        picture = np.zeros((300, 600, 3), np.uint8)
-        block.draw(picture, hill, relief, Section(Site(scenario)))
-        red = np.argwhere((picture[..., 2] > 200) & (picture[..., 0] < 60))
-        top, foot = block._project(np.array([(61.0 - 100, 121.0 - 100)] * 2), np.array([12.0, 0.0]))
-        assert red.mean(axis=0)[::-1] == pytest.approx(top, abs=2)
-        assert foot[1] - top[1] > 15
-
 
 class TestFigure:
-    @pytest.mark.parametrize("name", ["a.png", "b.PDF", "c.svg"])
+    @pytest.mark.parametrize("name", ["a.png", "b.PDF"])
     def test_is_drawn(self, tmp_path, monkeypatch, name):
         options = ["--duration", 12, "--resolution", 10, "--out", name]
         assert run(monkeypatch, tmp_path, *options) == 0
         assert [path.name for path in tmp_path.iterdir()] == [name]
         start = (tmp_path / name).read_bytes()[:100]
-        assert {"a.png": b"PNG", "b.PDF": b"%PDF", "c.svg": b"<?xml"}[name] in start
+        assert {"a.png": b"PNG", "b.PDF": b"%PDF"}[name] in start
         if name == "a.png":
             picture = cv2.imread(str(tmp_path / name))
             assert picture.shape == (1350, 2040, 3)
             assert picture.std() > 20
-
-    def test_spectrum_keeps_the_variance(self):
-        time = np.arange(0, 400, 0.5)
-        waves = np.stack([2 * np.cos(2 * np.pi * 0.1 * time + phase) for phase in range(5)], axis=1)
-        frequency, density = spectrum(waves, 0.5, 100.0)
-        assert frequency[density.argmax()] == pytest.approx(0.1, abs=0.006)
-        assert density.sum() * frequency[0] == pytest.approx(2.0, rel=0.02)
 
     def test_spectrum_of_the_storm_is_its_target(self):
         scenario = Scenario.load("extreme", ["sea.irregular_rms=0", "sea.start_rms=0", "sea.fine_cells=16"])
@@ -434,109 +310,17 @@ class TestFigure:
             assert density[band].sum() * frequency[0] == pytest.approx(energy, rel=0.35)
 
 
-class TestMeasured:
-    STEP = 0.5
-
-    def records(self, *waves):
-        """Elevation and slopes (T, P, 3) of waves of amplitude (m), period (s) and direction (rad), along x and y."""
-        place = np.random.default_rng(0).uniform(0, 200, (50, 2))
-        time, records = self.STEP * np.arange(1200), np.zeros((1200, 50, 3))
-        for amplitude, period, direction in waves:
-            k = 0.03 * np.array([math.cos(direction), math.sin(direction)])
-            phase = (place @ k)[None] - 2 * math.pi / period * time[:, None]
-            records += np.stack([np.cos(phase), -k[0] * np.sin(phase), -k[1] * np.sin(phase)], -1) * amplitude
-        return records
-
-    def test_one_wave_has_no_spread(self):
-        found = measured(self.records((1.5, 10.0, 2.0)), self.STEP, 120.0)
-        assert found.height == pytest.approx(4 * 1.5 / math.sqrt(2), rel=0.01)
-        assert found.period == pytest.approx(10.0, rel=0.01)
-        assert found.spread == pytest.approx(0.0, abs=0.02)
-
-    @pytest.mark.parametrize("half", [0.3, 1.0])
-    def test_two_crossing_waves_have_the_spread_of_their_angle(self, half):
-        """The first moment of two directions ±α is cos α; periods differ a little, so that phases do not matter."""
-        crossing = self.records((1.0, 10.0, 0.7 + half), (1.0, 10.2, 0.7 - half))
-        found = measured(crossing, self.STEP, 120.0)
-        assert found.spread == pytest.approx(math.sqrt(2 * (1 - math.cos(half))), rel=0.05)
-
-    @pytest.mark.parametrize("spreading", [2, 10, 50])
-    def test_a_storm_is_as_it_is_wanted(self, spreading):
-        scenario = Scenario.load("extreme", [f"storm.spreading={spreading}"])
-        waves, place = build_short_waves(Site(scenario), [(1, 0)]), np.linspace(10, 190, 8)
-        x, y = (axis.ravel() for axis in np.meshgrid(place, place))
-        k = waves.k[0] * np.array([np.cos(waves.direction[0]), np.sin(waves.direction[0])])  # (2, N)
-        here = waves.amplitude[0] * np.exp(1j * (np.stack([x, y], 1) @ k + waves.phase[0]))
-        turned = np.exp(-1j * np.outer(self.STEP * np.arange(1800), waves.omega[0]))
-        found = measured(
-            np.stack([(turned @ (part * here).T).real for part in (1, 1j * k[0], 1j * k[1])], -1), self.STEP, 132.0
-        )
-        goal = wanted(scenario.storm.systems)
-        assert (goal.height, goal.period) == (6.5, 11.0)
-        for name, tolerance in {"height": 0.1, "period": 0.1, "spread": 0.15}.items():
-            assert getattr(found, name) == pytest.approx(getattr(goal, name), rel=tolerance), name
-
-
-class TestColours:
-    VIEW = MapView(Scenario.load("extreme").area, Rectangle(0, 0, 200, 200))
-
-    def surface(self, level, height):
-        x, t = np.linspace(0, 20, 60), np.linspace(0, 10, 9)
-        sample = (level + height * np.sin(x[None, None] + t[:, None, None])).repeat(60, 1).astype(np.float32)
-        return LevelSurface(sample, self.VIEW, sample), sample
-
-    def test_are_about_the_level_of_a_calm_sea_and_not_steeper_than_decimetres(self):
-        surface, sample = self.surface(5.0, 0.02)
-        assert (surface.level, surface.limit) == (5.0, 0.3)
-        middle = np.abs(surface.relief(np.full_like(sample[0], 5.0)).astype(int) - style.SEA[2]).max()
-        assert middle <= 2  # mid-blue, as the mean level is
-
-    def test_are_about_zero_where_the_level_is_small_beside_the_waves(self):
-        assert self.surface(0.5, 4.0)[0].level == 0.0
-        assert self.surface(2.0, 4.0)[0].level == 2.0
-
-    def test_a_level_sea_says_so(self):
-        assert self.surface(5.0, 0.0)[0].stillness == "level at η = 5 m"
-        assert self.surface(0.0, 0.0)[0].stillness == "still: neither long waves nor a storm"
-        assert self.surface(5.0, 0.02)[0].stillness == ""
-
-
-@pytest.mark.parametrize(("low", "high"), [(0.01, 0.4), (0.08, 0.42), (0.11, 0.19), (1.02, 1.9), (3e-4, 30)])
-def test_a_logarithmic_axis_has_several_ticks(low, high):
-    axes = Figure().add_subplot()
-    axes.set(xscale="log", xlim=(low, high))
-    log_ticks(axes.xaxis)
-    assert len(axes.get_xticks()) >= 3
-    assert low <= min(axes.get_xticks()) < max(axes.get_xticks()) <= high
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        [],
-        ["storm.direction=1.2"],
-        ["storm.spectrum=none", "sea.irregular_rms=0.5"],
-        [*STILL, "sea.regular_amplitude=5", "sea.forced_edge=east"],
-    ],
-    ids=["storm", "across", "long waves", "tide"],
-)
-def test_nothing_stands_over_the_curves_of_a_figure(tmp_path, monkeypatch, changes):
-    drawn = []
-    monkeypatch.setattr(figure, "save", lambda made, path: drawn.append(made))
-    options = ["--duration", 12, "--resolution", 10, "--out", "a.png", *sets(changes)]
-    assert run(monkeypatch, tmp_path, *options) == 2  # nothing is saved
-    (made,) = drawn
-    FigureCanvasAgg(made).draw()
-    boxes = [axes.get_window_extent() for axes in made.axes]
-    for axes in made.axes:
-        words = [axes._left_title] + ([axes.get_legend()] if axes.get_legend() else [])
-        words = [each.get_window_extent() for each in words if not isinstance(each, Text) or each.get_text()]
-        assert not any(box.shrunk(0.99, 0.98).overlaps(own) for own in words for box in boxes)
-        below = [other.xaxis.label.get_window_extent() for other in made.axes if other.get_xlabel()]
-        assert not any(own.overlaps(label) for own in words for label in below)
-    about = made.texts[2].get_text()
-    assert ("Hs" in about) == ("storm.spectrum=none" not in changes)
-    assert made.texts[0].get_text().endswith("is level at η = 5 m") == ("sea.regular_amplitude=5" in changes)
+def test_two_crossing_waves_have_the_spread_of_their_angle():
+    """The first moment of two directions ±1 is cos 1; periods differ a little, so that phases do not matter."""
+    place = np.random.default_rng(0).uniform(0, 200, (50, 2))
+    time, records = 0.5 * np.arange(1200), np.zeros((1200, 50, 3))
+    for period, direction in ((10.0, 1.7), (10.2, -0.3)):
+        k = 0.03 * np.array([math.cos(direction), math.sin(direction)])
+        phase = (place @ k)[None] - 2 * math.pi / period * time[:, None]
+        records += np.stack([np.cos(phase), -k[0] * np.sin(phase), -k[1] * np.sin(phase)], -1)
+    found = measured(records, 0.5, 120.0)
+    assert found.spread == pytest.approx(math.sqrt(2 * (1 - math.cos(1.0))), rel=0.05)
+    assert found.period == pytest.approx(10.1, rel=0.01)
 
 
 @pytest.mark.parametrize("name", ["a.mp4", "a.nc", "a.png"])
@@ -547,19 +331,6 @@ def test_still_sea(tmp_path, monkeypatch, capsys, name):
     said = capsys.readouterr().out
     for part in ("10 × 10 cells of 20 m", "1 s in 2 steps of 0.5 s", "expect about", name):
         assert part in said
-
-
-@pytest.mark.parametrize("name", ["a.mp4", "a.nc", "a.png"])
-def test_ctrl_c_before_the_first_record_leaves_nothing(tmp_path, monkeypatch, capsys, name):
-    def interrupted(*arguments):
-        signal.raise_signal(signal.SIGINT)
-        return sink(*arguments)
-
-    monkeypatch.setattr(sea_command, "sink", interrupted)
-    options = ["ideal", "--duration", 1, "--resolution", 20, "--interval", 0.5, "--out", name]
-    assert run(monkeypatch, tmp_path, *options) == 130
-    assert capsys.readouterr().err == "stopped\n"
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_ctrl_c_keeps_what_there_is(tmp_path):
@@ -587,24 +358,14 @@ def test_ctrl_c_keeps_what_there_is(tmp_path):
     ("arguments", "parts"),
     [
         (["--out", "a.gif"], ["--out a.gif", ".mp4, .nc, .png"]),
-        (["--out", "missing/a.nc"], ["missing/a.nc", "does not exist"]),
-        (["--out", "folder.nc"], ["folder.nc", "is a folder"]),
         (["--resolution", "90"], ["resolution 90 m", "79.6 m"]),
-        (["--resolution", "0.001"], ["resolution 0.001 m", "0.0245"]),
-        (["--duration", "-1"], ["--duration -1", "at least"]),
         (["--duration", "nan"], ["--duration nan", "at least"]),
         (["--duration", "1", "--interval", "2"], ["--duration 1", "--interval, 2 s"]),
-        (["--interval", "0"], ["--interval 0", "at least"]),
-        (["--fps", "0"], ["--fps 0", "at least"]),
-        (["--size", "9x9"], ["--size", "9x9"]),
         (["--fps", "10", "--out", "a.nc"], ["--fps 10", "a.nc"]),
         (["--seed", "-1"], ["seed = -1"]),
-        (["extrem"], ["extrem", "paper-ideal"]),
-        (["--set", "storm.height=2"], ["storm.height", "unknown field"]),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, capsys, arguments, parts):
-    (tmp_path / "folder.nc").mkdir()
     assert run(monkeypatch, tmp_path, *arguments) == 2
     said = capsys.readouterr()
     assert said.err.startswith("error: ")
@@ -612,4 +373,4 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, capsys, ar
     for part in parts:
         assert part in said.err
     assert not said.out
-    assert [path.name for path in tmp_path.iterdir()] == ["folder.nc"]
+    assert not list(tmp_path.iterdir())

@@ -67,8 +67,10 @@ def mirrored_action(action: torch.Tensor, mirror: str) -> torch.Tensor:
     return action * torch.tensor([-1.0, 1.0] if mirror == "x" else [1.0, -1.0])
 
 
-@pytest.mark.parametrize(("usv", "edge", "seed"), [("fim", "east", 1), ("centroid", "north", 2)])
-@pytest.mark.parametrize("mirror", ["x", "y", "diagonal"])
+@pytest.mark.parametrize(
+    ("mirror", "usv", "edge", "seed"),
+    [("x", "fim", "east", 1), ("y", "fim", "north", 2), ("diagonal", "fim", "east", 3)],
+)
 def test_mirrored_worlds_have_mirrored_futures(mirror, usv, edge, seed):
     def built(edge: str, width: float, length: float) -> World:
         place = [f"sea.forced_edge={edge}", f"area.width={width}", f"area.length={length}"]

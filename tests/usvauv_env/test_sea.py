@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env import Scenario, World
 from usvauv.env.sea.build import build_sea, coarse_cells, draw_boundary_wave, fine_cells
 from usvauv.env.site.site import Site
 from usvauv.kernels.mission.columns import BoatColumn
@@ -55,14 +55,6 @@ class TestSeeds:
             for b in range(a):
                 assert np.abs(fields[a] - fields[b]).max() > 0.1
 
-    def test_start_does_not_depend_on_the_number_of_components(self):
-        """Forcing and start are drawn from separate streams."""
-        starts = []
-        for components in (1, 16):
-            sea = scenario(forced_edge="west", start_rms=1.0, irregular_components=components)
-            starts.append(sea_of(sea, 3, 1, (20, 20)).elevation())
-        np.testing.assert_array_equal(*starts)
-
 
 class TestStatistics:
     def test_boundary_wave(self):
@@ -75,7 +67,7 @@ class TestStatistics:
         np.testing.assert_array_equal(np.floor(band), np.arange(12))
         assert np.ptp(wave.phase[1:]) > 2
 
-    @pytest.mark.parametrize("side", ["none", *SIDES])
+    @pytest.mark.parametrize("side", ["none", "west", "north"])
     def test_start_rms_is_exact(self, side):
         """The modes are orthogonal on the grid too, so the rms over the cells is that over the area, in f32."""
         sea = sea_of(scenario(start_rms=0.7, forced_edge=side), 5, 2, (40, 30))
@@ -84,24 +76,9 @@ class TestStatistics:
         if side == "none":
             assert np.abs(sea.mass()).max() < 1e-6 * 200 * 200
 
-    def test_start_fits_the_boundaries(self):
-        """No slope at a wall, no elevation at a forced boundary: both vanish with the cells towards it."""
-        eta = sea_of(scenario(start_rms=1.0, forced_edge="north"), 2, 1, (256, 256)).elevation()[0]
-        steepest = np.abs(np.diff(eta, axis=1)).max()
-        assert np.abs(eta[-1]).max() < 0.03 * np.abs(eta).max()
-        assert np.abs(eta[1] - eta[0]).max() < 0.1 * steepest
-        assert np.abs(eta[:, 1] - eta[:, 0]).max() < 0.1 * steepest
-
-    def test_flat(self):
-        sea = sea_of(scenario(), 0, 4)
-        assert sea.still
-        sea.advance()
-        assert not sea.elevation().any()
-
 
 class TestForcing:
-    @pytest.mark.parametrize("side", SIDES)
-    @pytest.mark.parametrize("drag", [0.0, 0.05])
+    @pytest.mark.parametrize(("side", "drag"), [*zip(SIDES, (0.0, 0.05, 0.05, 0.0), strict=True)])
     def test_steady_from_the_start(self, side, drag):
         """A regular wave is Eq. 7's seiche, with drag its damped form, from t = 0 on: at every time the same phasor.
 
@@ -142,18 +119,6 @@ class TestForcing:
             np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=1e-3)
             sea.advance()
 
-    def test_sponge_absorbs_it(self):
-        """A layer of the wave's own length at the far end: it reflects less than 1 %."""
-        wave = {"regular_amplitude": 1.0, "regular_period": 5.0, "sponge_width": 171.0}
-        sea = sea_of(scenario(400.0, forced_edge="west", sponge_edges=["east"], **wave), 0, 1, (400, 10))
-        k = 2 * math.pi / 5 / math.sqrt(9.81 * 120)
-        x = np.arange(400) + 0.5
-        for _ in range(60):
-            sea.advance()
-        expected = np.cos(2 * math.pi / 5 * sea.time - k * x)
-        np.testing.assert_allclose(sea.elevation()[0, 5, :200], expected[:200], atol=0.02)
-        assert np.abs(sea.elevation()[0, 5, 380:]).max() < 0.3
-
     def test_incoming_wave(self):
         """Prescribed as the incoming wave at the open side opposite a wall: twice its amplitude stands at the wall."""
         wave = {"regular_amplitude": 1.0, "regular_period": 40.0, "forcing": "incident"}
@@ -183,46 +148,6 @@ class TestResolution:
         area = scenario(200.0, 100.0)
         assert coarse_cells(area) == (50, 25)
         assert fine_cells(area) == (512, 256)
-
-    def test_free_waves_differ_by_dispersion_alone(self):
-        """Each standing mode turns at its grid's own frequency, so |difference| ≤ Σ |A| |cos ω̃t − cos ω̃'t| exactly.
-
-        sin²(ω̃Δt/2) = g h Δt² (sin²(kΔx/2)/Δx² + sin²(lΔy/2)/Δy²); the bound also allows for bilinear interpolation
-        of the fine field, (Δx'/2)²/2 of its curvature each way.
-        """
-        modes = 3
-        calm = scenario(start_rms=0.5, start_modes=modes, update_interval=2.0)
-        coarse, fine = sea_of(calm, 6, 1), sea_of(calm, 6, 1, (512, 512))
-        place = (np.arange(50) + 0.5) / 50
-        basis = np.cos(math.pi * place[:, None] * np.arange(modes + 1))
-        amplitude = np.abs(np.linalg.pinv(basis) @ coarse.elevation()[0] @ np.linalg.pinv(basis).T)
-        assert amplitude.max() > 0.1
-        k = math.pi * np.arange(modes + 1) / 200
-
-        def frequency(sea):
-            inner = (np.sin(k * sea.dx / 2) / sea.dx) ** 2
-            inner = np.sqrt(9.81 * 120 * (inner[:, None] + inner))
-            return 2 / sea.time_step * np.arcsin(sea.time_step * inner)
-
-        curvature = (amplitude * (k[:, None] ** 2 + k**2)).sum() * (fine.dx / 2) ** 2 / 2
-        for _ in range(15):
-            coarse.advance()
-            fine.advance()
-            turned = np.abs(np.cos(frequency(coarse) * coarse.time) - np.cos(frequency(fine) * fine.time))
-            bound = (amplitude * turned).sum() + curvature + 1e-5  # f32
-            found = np.abs(coarse.elevation()[0] - between_cells(fine.elevation()[0], (50, 50))).max()
-            assert found < bound
-        assert found > 0.1 * bound  # the bound is not far too large
-
-    def test_manning_slows_the_nonlinear_sea(self):
-        wave = {"forced_edge": "west", "regular_amplitude": 0.5, "regular_period": 60.0, "equations": "nonlinear"}
-        smooth, rough = (sea_of(scenario(**wave, manning=n), 0, 1, (12, 12)) for n in (0.0, 0.15))
-        for sea in (smooth, rough):
-            for _ in range(20):
-                sea.advance()
-        assert not np.array_equal(smooth.elevation(), rough.elevation())
-        with pytest.raises(ScenarioError, match=r'sea: manning = 0.03: needs equations = "nonlinear"'):
-            Scenario.load("extreme", ["sea.manning=0.03"])
 
     def test_table_1_and_fine_grid_see_the_same_storm(self):
         """With forcing, drag and start: the error against 512² is what Richardson predicts from 25² and 50², a third of
@@ -260,17 +185,6 @@ class TestNonlinear:
             differences.append(np.abs(linear.elevation() - nonlinear.elevation()).max() / np.std(linear.elevation()))
         assert differences[1] < 0.4 * differences[0]
         assert differences[1] < 0.1
-
-    def test_small_incident_waves_are_linear(self):
-        """Without standing waves at the start, which do not fit an open edge."""
-        waves = CALM | {"forcing": "incident", "start_rms": 0.0}
-        linear, nonlinear = (
-            sea_of(scenario(**waves, equations=equations), 3, 2, (50, 50)) for equations in ("linear", "nonlinear")
-        )
-        for _ in range(5):
-            linear.advance()
-            nonlinear.advance()
-        assert np.abs(linear.elevation() - nonlinear.elevation()).max() < 0.002 * np.std(linear.elevation())
 
     def test_packed_fields_are_those_of_the_solvers(self):
         """The packed elevation is the solvers' own, and goes back with the state, bit for bit."""
@@ -349,21 +263,3 @@ def test_table_1_tide_is_flat():
     elevation = sea.elevation()[0]
     assert elevation.mean() == pytest.approx(5.0, abs=1e-3)
     assert np.ptp(elevation) < 64 * np.spacing(np.float32(5))
-
-
-def test_resonance_is_at_a_quarter_wave():
-    """Forced at T = 4L/√(gh) = 23.3 s the elevation at the wall grows alike each period; at 30 s it does not grow."""
-    amplitude = {}
-    for period in (4 * 200 / math.sqrt(9.81 * 120), 30.0):
-        overrides = ["sea.forced_edge=east", "sea.regular_amplitude=0.1", f"sea.regular_period={period}"]
-        sea = sea_of(Scenario.load("ideal", overrides), 0, 1, (50, 50))
-        wall = []
-        for _ in range(int(12 * period)):
-            sea.advance()
-            wall.append(abs(sea.elevation()[0, :, 0]).max())
-        wall = np.array(wall)
-        amplitude[period] = [wall[int((n - 1) * period) : int(n * period)].max() for n in (5, 10)]
-    assert min(amplitude) == pytest.approx(23.317, abs=1e-3)
-    resonant, other = (amplitude[period] for period in sorted(amplitude))
-    assert resonant[1] / resonant[0] == pytest.approx(2, rel=0.1)
-    assert other[1] == pytest.approx(other[0], rel=0.1)

@@ -11,7 +11,6 @@ from tests.links import EVERY_STEP
 from tests.usvauv_env.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.sea.build import build_sea
-from usvauv.env.site.ocean import read_bathymetry
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import data_level
@@ -93,35 +92,6 @@ class TestRealCurrent:
             world.reset(torch.tensor([True, False]))
         assert world.current().isfinite().all()
 
-    def test_start_as_a_time_or_as_text(self, currents):
-        texts = ["water.start=1950-01-01T00:00:00", 'water.start="1950-01-01T00:00:00"']
-        assert len({Scenario.load("ideal", [*PLACE, text]).water.start for text in texts}) == 1
-
-    def test_trace_keeps_it(self, currents, tmp_path):
-        from usvauv.env.record.recorder import record
-        from usvauv.env.record.trace import Trace
-
-        world = World(Scenario.load("ideal", [*PLACE, f"water.currents={currents}"]), 1, seed=1)
-        felt = []
-
-        def still(_) -> torch.Tensor:
-            felt.append(world.current()[0].numpy().copy())
-            return torch.zeros(1, 2, 2)
-
-        trace = record(world, still, "none", steps=40)
-        trace.save(tmp_path / "trace.nc")
-        again = Trace.load(tmp_path / "trace.nc")
-        np.testing.assert_array_equal(again.stream, trace.stream)
-        np.testing.assert_array_equal(again.stream_time, trace.stream_time)
-        assert len(trace.stream) == 2
-        for t in (0, 38):  # what an AUV feels between its nodes, at the time
-            where = np.array([trace.auv_position[t, 0]], float)
-            weights = [np.maximum(0, 1 - abs(where[..., i] / side * (n - 1) - np.arange(n)[:, None]))
-                for i, side, n in ((0, 4000, trace.stream.shape[2]), (1, 3000, trace.stream.shape[1]))]  # fmt: skip
-            along = np.einsum("yxa,yk,xk->ka", again.stream_at(t + 1.0), weights[1], weights[0])
-            np.testing.assert_allclose(along, felt[t + 1], atol=2e-6)
-        assert abs(again.stream_at(39.0) - again.stream_at(0.0)).max() > 3e-4
-
     def test_trace_lies_on_its_own_input(self, currents, tmp_path):
         """Read by xarray alone: the current at the file's longitudes, latitudes and times."""
         from usvauv.env.record.recorder import record
@@ -148,18 +118,6 @@ class TestRealCurrent:
             assert file.surface.attrs["grid_mapping"] == "crs"
             assert all({"long_name", "units"} & set(file[name].attrs) for name in file.variables)
 
-    def test_no_place_and_no_date_without_one(self, tmp_path):
-        from usvauv.env.record.recorder import record
-
-        world = World(Scenario.load("ideal"), 1, seed=1)
-        record(world, lambda observation: torch.zeros(1, 2, 2), "none", steps=3, surface=True).save(tmp_path / "t.nc")
-        with xarray.open_dataset(tmp_path / "t.nc", engine="h5netcdf") as file:
-            assert not [name for name in file.variables if "itude" in name or name == "crs"]
-            assert file.time.values.tolist() == [1, 2, 3]
-            assert file.time.attrs["units"] == "s"
-            assert "standard_name" not in file.time.attrs
-            assert "grid_mapping" not in file.surface.attrs
-
 
 class TestRealBed:
     def scenario(self, slope, *changes) -> Scenario:
@@ -181,21 +139,6 @@ class TestRealBed:
         x, y = np.meshgrid((np.arange(30) + 0.5) * 50, (np.arange(20) + 0.5) * 50)
         np.testing.assert_allclose(sea.depth, bed_depth(*frame.to_geographic(x, y)), atol=0.01)
         assert site.mean_depth == pytest.approx(sea.depth.mean(), abs=0.1)
-
-    def test_file_is_read_once_for_each_grid(self, slope, monkeypatch):
-        grids = []
-
-        def read(*arguments) -> np.ndarray:
-            grids.append(arguments[-1])
-            return read_bathymetry(*arguments)
-
-        monkeypatch.setattr("usvauv.env.site.site.read_bathymetry", read)
-        site = Site(self.scenario(slope))
-        assert grids == []
-        for _ in range(2):
-            build_sea(site, [(0, 0)])
-            assert site.bed.max() > site.mean_depth
-        assert grids == [(30, 20), (256, 171)]
 
     def test_nodes_lie_on_it(self, slope):
         """A service has the data rate of the slant range to a node on the bed."""
@@ -243,21 +186,3 @@ class TestVortices:
             vortex.evolution(expected, room, 1.0, 0.5, True)()
             world.step(torch.zeros(5, 2, 2))
         assert torch.equal(world.vortex, expected)
-
-    def test_stay_otherwise(self):
-        world = World(Scenario.load("extreme", ["current.viscosity=0", "current.mutual=false"]), 3, seed=1)
-        world.reset()
-        before = world.vortex.clone()
-        world.step(torch.zeros(3, 2, 2))
-        assert torch.equal(world.vortex, before)
-
-    def test_state_brings_them_back(self):
-        world = World(Scenario.load("extreme", ["current.mutual=true"]), 3, seed=1)
-        world.reset()
-        state = world.state()
-        world.step(torch.zeros(3, 2, 2))
-        moved = world.vortex.clone()
-        assert not torch.equal(moved, state["vortex"])
-        world.load_state(state)
-        world.step(torch.zeros(3, 2, 2))
-        assert torch.equal(world.vortex, moved)
