@@ -8,9 +8,8 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -181,7 +180,7 @@ def counted(folder: Path) -> Counter:
 def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv, monkeypatch):
     (tmp_path / "own.py").write_text(MINE)
     monkeypatch.delitem(sys.modules, "own", raising=False)  # of another test
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(tmp_path)]))
+    monkeypatch.syspath_prepend(tmp_path)  # which processes that are started take over
     text = f'[common]\n{SHORT}\n[[runs]]\npolicy = ["own:Good", "own:Bad", "own:Killed"]\n[evaluation]\nepisodes = 3'
     written(tmp_path, text)
     code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")
@@ -224,110 +223,47 @@ def workers(process: int) -> list[int]:
     return [int(child) for child in found if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
-class Study:
-    """A study of one training in a folder, and the processes that do it; in the folder `a`."""
-
-    LEARNED = 40000  # world-steps
-
-    def __init__(self, folder: Path, *options: str, more: str = "") -> None:
-        self.folder = folder
-        self.command = [*COMMAND, "sweep", "study.toml", "--out", "a", *options]
-        text = f"""
-            [common]
-            {SHORT}
-            [[runs]]
-            algorithm = "sac"
-            steps = {self.LEARNED}
-            worlds = 8
-            learn = ["hidden=8", "batch=16", "warmup=200"]
-            {more}
-            [evaluation]
-            episodes = 2
-        """
-        written(folder, text)
-
-    @contextmanager
-    def begun(self) -> Iterator[subprocess.Popen]:
-        """The command runs."""
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        pipe = subprocess.PIPE
-        with subprocess.Popen(
-            self.command, cwd=self.folder, env=environment, stdout=pipe, stderr=pipe, text=True
-        ) as self.running:
-            yield self.running
-
-    def saved(self) -> int:
-        """World-steps of the training that are saved."""
-        for path in self.folder.glob("a/runs/*/last.safetensors"):
-            return policies.read_run(path.parent)[2]["steps"]
-        return 0
-
-    def wait_for(self, steps: int, results: int = 0) -> None:
-        while self.saved() < steps or len(self.results()) < results:
-            assert self.running.poll() is None, self.running.communicate()
-            time.sleep(0.02)
-
-    def results(self) -> list[Path]:
-        return sorted(self.folder.glob("a/runs/*/episodes.csv"))
-
-    def resumed(self) -> list[int]:
-        """World-steps from which the training went on."""
-        (last,) = self.folder.glob("a/runs/*/last.safetensors")
-        return [entry["steps"] for entry in policies.read_run(last.parent)[2]["resumed"]]
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the process")
 def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
-    study = Study(tmp_path, "--jobs", "1")
-    with study.begun() as running:
-        study.wait_for(1)
-        running.send_signal(signal.SIGINT)
-        said, complaints = running.communicate(timeout=120)
+    """Ctrl-C, then a kill of the command, then one of the process that trains."""
+    total = 40_000
+    training = f'algorithm = "sac"\nsteps = {total}\nworlds = 8\nlearn = ["hidden=8", "batch=16", "warmup=200"]'
+    written(tmp_path, f"[common]\n{SHORT}\n[[runs]]\n{training}\n[evaluation]\nepisodes = 2")
+
+    def run_of() -> dict[str, Any]:
+        for path in tmp_path.glob("a/runs/*/last.safetensors"):
+            return policies.read_run(path.parent)[2]
+        return {"steps": 0}
+
+    def begun() -> subprocess.Popen:
+        """The command, when it has saved more world-steps than before."""
+        command, before = [*COMMAND, "sweep", "study.toml", "--out", "a", "--jobs", "1"], run_of()["steps"]
+        running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while run_of()["steps"] <= before:
+            assert running.poll() is None, running.communicate()
+            time.sleep(0.02)
+        return running
+
+    running = begun()
+    running.send_signal(signal.SIGINT)
+    said, complaints = running.communicate(timeout=120)
     assert (running.returncode, complaints) == (130, "stopped\n")
     assert "the same command goes on" in said
-    stopped = study.saved()
-    assert 0 < stopped < study.LEARNED
-    assert not study.results()
-    with study.begun() as running:
-        study.wait_for(stopped + 1)
-        (worker,) = workers(running.pid)
-        os.kill(worker, signal.SIGKILL)
-        said, complaints = running.communicate(timeout=300)
+    saved = [run_of()["steps"]]
+    running = begun()
+    running.kill()
+    running.communicate(timeout=120)  # the process that trains ends too, and saves
+    saved.append(run_of()["steps"])
+    running = begun()
+    (worker,) = workers(running.pid)
+    os.kill(worker, signal.SIGKILL)
+    said, complaints = running.communicate(timeout=300)
     assert (running.returncode, complaints) == (0, "")
-    resumed = study.resumed()
-    assert len(resumed) == 2
-    assert resumed[0] == stopped < resumed[1]
-    assert set(counted(tmp_path / "a").values()) == {1}
-    assert len(counted(tmp_path / "a")) == 2
-
-
-@pytest.mark.slow
-def test_a_command_that_is_killed_loses_and_repeats_nothing_on_ray(tmp_path):
-    cluster_utils = pytest.importorskip("ray.cluster_utils", reason="needs the extra scale")
-    before = signal.getsignal(signal.SIGTERM)
-    cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-    cluster.add_node(num_cpus=1)
-    try:
-        study = Study(tmp_path, "--ray", cluster.address, more='[[runs]]\npolicy = "clear"')
-        with study.begun() as running:
-            study.wait_for(1, results=1)
-            running.kill()
-            running.communicate(timeout=60)
-        (done,), saved = study.results(), study.saved()
-        written_at = done.stat().st_mtime_ns
-        with study.begun() as running:
-            said, complaints = running.communicate(timeout=300)
-    finally:
-        cluster.shutdown()
-        signal.signal(signal.SIGTERM, before)  # which a node took for itself
-    assert (running.returncode, complaints) == (0, "")
-    assert said.startswith("1 of 2 runs to do, 1 are done\n")
-    assert done.stat().st_mtime_ns == written_at
-    (resumed,) = study.resumed()
-    assert 0 < saved <= resumed < study.LEARNED
-    assert set(counted(tmp_path / "a").values()) == {1}
-    assert len(counted(tmp_path / "a")) == 2 * 2
+    resumed = [entry["steps"] for entry in run_of()["resumed"]]
+    assert resumed[:2] == saved
+    assert 0 < resumed[0] < resumed[1] < resumed[2] < total
+    assert list(counted(tmp_path / "a").values()) == [1, 1]
 
 
 @pytest.mark.slow
@@ -336,7 +272,7 @@ def test_a_full_disk_of_one_process_fails_its_run_and_leaves_no_half(tmp_path, r
     """In the process of one of two runs no file can grow beyond a few kilobytes, which are less than its table has."""
     (tmp_path / "own.py").write_text(MINE)
     monkeypatch.delitem(sys.modules, "own", raising=False)  # of another test
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(tmp_path)]))
+    monkeypatch.syspath_prepend(tmp_path)  # which processes that are started take over
     written(tmp_path, f'[common]\n{SHORT}\n[[runs]]\npolicy = ["own:Good", "own:Full"]\n[evaluation]\nepisodes = 40')
     code, said, _ = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "2")
     assert code == 2
@@ -385,15 +321,16 @@ def test_a_stopped_training_ends_as_one_in_one_go(tmp_path, monkeypatch):
         assert all(tensors[0][name].equal(tensors[1][name]) for name in tensors[0])
 
 
-def test_the_live_table_fits_a_terminal():
+def test_the_bars_fit_a_terminal():
     definition = define(Run(policy="clear"), Evaluation(), "here")
     runs = [Piece(definition={**definition, "seed": n}, method="a long name " * 4, task="here") for n in range(40)]
     board = Board(runs)
     board.update({piece.key: 0.5 * piece.work for piece in runs[:30]})
     console = Console(width=80)
     with console.capture() as shown:
-        console.print(board.table())
+        console.print(board.bars.get_renderable())
     lines = shown.get().splitlines()
     assert max(map(len, lines)) <= 80
     assert len(lines) <= 20
-    assert lines[0].startswith("0 of 40 done, 30 running, 10 waiting, 0 failed")
+    assert lines[0].startswith("0 of 40 ended")
+    assert all(f" {n} " in line for n, line in enumerate(lines[1:]))

@@ -1,4 +1,5 @@
-"""Studies of many runs: the file that names them, a folder for each run, their results and what they say.
+"""Many runs, each done once, on an engine (`engine`): on this machine (`local`), on Ray or under Slurm (`clusters`).
 
-`results.sweep` is the entrance; where the runs are done is an engine of `usvauv.cli.engines`.
+`perform` does runs (`run`) and shows them in the terminal; `results` does those of a study file (`study`) and writes
+what they say (`summary`, `report`).
 """

@@ -1,19 +1,16 @@
-"""Runs on an engine until all are done or Ctrl-C, shown in the terminal: a live table, elsewhere a line for each run
+"""Runs on an engine until all are done or Ctrl-C, shown in the terminal: bars, elsewhere a line for each run
 that ends.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 
-from rich import box
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
-from rich.table import Table
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from usvauv.cli import tables
 from usvauv.cli.sweep.clusters import OnRay, OnSlurm
@@ -29,7 +26,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 
 MOST_ROWS = 14  # of running runs
-MEASURED = 20.0  # seconds of work by which the time of the whole is estimated
+MEMORY = 300.0  # seconds of work by which the time of the rest is estimated
 MOST_JOBS = 1000  # of a Slurm array at a time, unless told otherwise
 
 
@@ -113,6 +110,7 @@ class Board:
     Attributes:
         unfinished: keys of the runs that have not ended.
         failed: number of those that failed.
+        bars: of all work and of the runs that have begun.
     """
 
     def __init__(self, pieces: Sequence[Piece]) -> None:
@@ -121,66 +119,65 @@ class Board:
         self._short = tables.shortened([name for piece in pieces for name in (piece.method, piece.task)], LONGEST)
         self.unfinished = dict.fromkeys(self._pieces)
         self.failed = 0
-        self._begun = time.monotonic()
-        self._done, self._seen = dict[str, float](), set[str]()  # work done by run, runs that have reported some
-        self._measured, self._before = 0.0, 0.0  # when the first one did, and work that was done before it was watched
+        self._done = dict[str, float]()  # work by run
+        self._rows = dict[str, TaskID]()
         self._console = Console(markup=False, emoji=False, highlight=False)
-        self._live = Live(console=self._console, refresh_per_second=4, transient=True)
+        self.bars = Progress(
+            *(TextColumn(f"{{task.{field}}}", markup=False) for field in ("description", "fields[task]")),
+            BarColumn(8),
+            TaskProgressColumn(),
+            TimeRemainingColumn(),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+            speed_estimate_period=MEMORY,
+        )
+        self._all = self.bars.add_task("", total=sum(self._work.values()), task="")
+        self.update({})
 
     def __enter__(self) -> Board:
-        if self._console.is_terminal:
-            self._live.start()
+        self.bars.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._live.stop()
+        self.bars.stop()
 
     def ended(self, result: Ended) -> None:
         """Show that a run has ended; the last line of one that failed stays."""
         del self.unfinished[result.name]
-        self._done[result.name] = self._work[result.name]
+        if result.name in self._rows:
+            self.bars.remove_task(self._rows.pop(result.name))
         bad = result.how != "done"
         self.failed += bad
+        self.update({result.name: self._work[result.name]})
         if bad or not self._console.is_terminal:
             piece, number = self._pieces[result.name], len(self._pieces) - len(self.unfinished)
             words = f"failed: {result.words}" if bad else "done"
             line = f"{number}/{len(self._pieces)} {piece.method} in {piece.task}, seed {piece.seed}: {words}"
-            left = self._left() if self.unfinished else ""
-            self._console.print(tables.wrapped(f"{line}{left} ({result.name})", 2), soft_wrap=True)
+            left = self.bars.tasks[0].time_remaining
+            line += f", about {duration(left)} left" if left and self.unfinished else ""
+            self._console.print(tables.wrapped(f"{line} ({result.name})", 2), soft_wrap=True)
 
     def update(self, done: Mapping[str, float]) -> None:
-        """Show how much work is done of the runs that have begun."""
+        """Show how much work is done of runs."""
         self._done |= done
-        new = {key: units for key, units in done.items() if units and key not in self._seen}
-        if new and not self._seen:  # the time before includes compilation
-            self._measured, self._before = time.monotonic(), sum(self._done.values())
-        else:
-            self._before += sum(new.values())  # a resumed run begins with what it had
-        self._seen |= new.keys()
-        self._live.update(self.table())
-
-    def _left(self) -> str:
-        """Expected time in words; empty until enough work is done to measure its rate."""
-        taken, done = time.monotonic() - self._measured, sum(self._done.values()) - self._before
-        if not self._seen or taken < MEASURED or done <= 0:
-            return ""
-        left = sum(self._work.values()) - sum(self._done.values())
-        return f", about {duration(max(left, 0.0) * taken / done)} left"
-
-    def table(self) -> RenderableType:
-        """The live table: it fits 80 columns and 20 lines."""
-        running = [key for key in self._done if key in self.unfinished]
-        done, waiting = len(self._pieces) - len(self.unfinished) - self.failed, len(self.unfinished) - len(running)
-        head = f"{done} of {len(self._pieces)} done, {len(running)} running, {waiting} waiting, {self.failed} failed"
-        table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-        for heading in ("method", "task", "seed", "done"):
-            table.add_column(heading, justify="left" if heading in ("method", "task") else "right", no_wrap=True)
-        for key in running[:MOST_ROWS]:
-            piece, share = self._pieces[key], min(self._done[key] / self._work[key], 1.0)
-            table.add_row(self._short[piece.method], self._short[piece.task], str(piece.seed), f"{share:.0%}")
-        return Group(f"{head}; {duration(time.monotonic() - self._begun)}{self._left()}", table)
+        for key, units in done.items():
+            if key in self.unfinished:
+                if key not in self._rows:
+                    piece = self._pieces[key]
+                    method, task = (self._short[name] for name in (piece.method, piece.task))
+                    self._rows[key] = self.bars.add_task(method, total=self._work[key], task=f"{task} {piece.seed}")
+                self.bars.update(self._rows[key], completed=min(units, self._work[key]))
+        for place, row in enumerate(self._rows.values()):
+            self.bars.update(row, visible=place < MOST_ROWS)
+        count, waiting = len(self._pieces), len(self.unfinished) - len(self._rows)
+        ended = count - len(self.unfinished)
+        words = f"{len(self._rows)} running, {waiting} waiting, {self.failed} failed"
+        self.bars.update(
+            self._all, completed=sum(self._done.values()), description=f"{ended} of {count} ended", task=words
+        )
 
 
 def duration(seconds: float) -> str:
