@@ -26,7 +26,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 
 MOST_ROWS = 14  # of running runs
-MEMORY = 300.0  # seconds of work by which the time of the rest is estimated
+RECENT = 300.0  # seconds of work by which the time of the rest is estimated
 MOST_JOBS = 1000  # of a Slurm array at a time, unless told otherwise
 
 
@@ -130,7 +130,7 @@ class Board:
             console=self._console,
             transient=True,
             disable=not self._console.is_terminal,
-            speed_estimate_period=MEMORY,
+            speed_estimate_period=RECENT,
         )
         self._all = self.bars.add_task("", total=sum(self._work.values()), task="")
         self.update({})

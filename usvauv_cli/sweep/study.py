@@ -32,18 +32,18 @@ MOST_RUNS = 10_000
 class Run(Section):
     """A run: a policy that is named, or an algorithm that learns one."""
 
-    name: str = Field("", description="of the method in tables; default what distinguishes it")
-    scenario: str = Field("extreme", description="shipped name or path of a TOML file")
-    set: tuple[str, ...] = Field((), description="changes of the scenario, SECTION.FIELD=VALUE")
-    policy: str = Field("", description="as `usvauv eval --policy` takes it")
-    algorithm: str = Field("", description="sac, td3 or ddpg: the policy is learned first")
-    steps: int = Field(2_000_000, ge=1, description="world-steps of the training")
-    worlds: int = Field(128, ge=1, description="worlds stepped together in it")
-    shared: bool = Field(False, description="one network for all AUVs")
-    learn: tuple[str, ...] = Field((), description="settings of the learning, NAME=VALUE")
-    usv: str = Field("", description="boat strategy; default the scenario's")
-    targets: str = Field("", description="target rule; default the scenario's")
-    seed: int = Field(0, ge=0, lt=2**31, description="of the training; it is added to that of the evaluation")
+    name: str = Field(default="", description="of the method in tables; default what distinguishes it")
+    scenario: str = Field(default="extreme", description="shipped name or path of a TOML file")
+    set: tuple[str, ...] = Field(default=(), description="changes of the scenario, SECTION.FIELD=VALUE")
+    policy: str = Field(default="", description="as `usvauv eval --policy` takes it")
+    algorithm: str = Field(default="", description="sac, td3 or ddpg: the policy is learned first")
+    steps: int = Field(default=2_000_000, ge=1, description="world-steps of the training")
+    worlds: int = Field(default=128, ge=1, description="worlds stepped together in it")
+    shared: bool = Field(default=False, description="one network for all AUVs")
+    learn: tuple[str, ...] = Field(default=(), description="settings of the learning, NAME=VALUE")
+    usv: str = Field(default="", description="boat strategy; default the scenario's")
+    targets: str = Field(default="", description="target rule; default the scenario's")
+    seed: int = Field(default=0, ge=0, lt=2**31, description="of the training; it is added to that of the evaluation")
 
     @model_validator(mode="after")
     def _check(self) -> Run:
@@ -58,10 +58,12 @@ class Run(Section):
 class Evaluation(Section):
     """How each run is evaluated."""
 
-    episodes: int = Field(20, ge=1, le=1_000_000, description="of each run")
-    seed: int = Field(2026, ge=1, le=1_000_000, description="that of the run is added; 0 would be that of its training")
-    score: str = Field("arps", description="figure that the summary compares, a column of `usvauv eval`")
-    better: Literal["higher", "lower"] = Field("higher", description="which score is better")
+    episodes: int = Field(default=20, ge=1, le=1_000_000, description="of each run")
+    seed: int = Field(
+        default=2026, ge=1, le=1_000_000, description="that of the run is added; 0 would be that of its training"
+    )
+    score: str = Field(default="arps", description="figure that the summary compares, a column of `usvauv eval`")
+    better: Literal["higher", "lower"] = Field(default="higher", description="which score is better")
 
     @field_validator("score")
     @classmethod
@@ -72,10 +74,10 @@ class Evaluation(Section):
 class Resources(Section):
     """What a run may take; an engine gives it that."""
 
-    cores: int = Field(1, ge=1, le=1024, description="CPU cores")
-    memory: float = Field(2.0, ge=0.1, le=100_000, description="memory, GB")
-    gpu: float = Field(0.0, ge=0, le=1, description="share of a graphics card; 0: on the CPU")
-    hours: float = Field(24.0, ge=0.02, le=10_000, description="time limit under Slurm, h")
+    cores: int = Field(default=1, ge=1, le=1024, description="CPU cores")
+    memory: float = Field(default=2.0, ge=0.1, le=100_000, description="memory, GB")
+    gpu: float = Field(default=0.0, ge=0, le=1, description="share of a graphics card; 0: on the CPU")
+    hours: float = Field(default=24.0, ge=0.02, le=10_000, description="time limit under Slurm, h")
 
     @property
     def arch(self) -> str:
