@@ -13,7 +13,7 @@ import torch
 
 from benchmarks.machine import batch, best_time
 from usvauv.kernels import runtime
-from usvauv.kernels.positioning import acoustic_link, pulse
+from usvauv.kernels.positioning import acoustic_link, matched_filter, pulse, reflections
 from usvauv.kernels.positioning.reflections import SEDIMENTS
 
 CARRIER, TONE = 25000.0, 15000.0
@@ -62,7 +62,7 @@ class Case:
 
     def measure(self, gamma: float, seed: int, water: torch.Tensor | None = None) -> np.ndarray:
         energy = torch.full((self.count,), gamma, device=self.geometry[2].device)
-        measured = pulse.measurements(self.tables, *self.geometry, energy, seed, water=water)
+        measured = matched_filter.measurements(self.tables, *self.geometry, energy, seed, water=water)
         return measured.double().cpu().numpy()
 
 
@@ -73,7 +73,7 @@ def measure_rates(seconds: float) -> dict[str, float]:
         case = Case(signal, batch(1 << 14, 1 << 19))
         energy = torch.full((case.count,), 100.0, device=case.geometry[2].device)
         work = (case.tables, *case.geometry, energy, 1)
-        rates[signal] = case.count / best_time(lambda w=work: pulse.measurements(*w), seconds)
+        rates[signal] = case.count / best_time(lambda w=work: matched_filter.measurements(*w), seconds)
     return rates
 
 
@@ -87,8 +87,8 @@ def measure_energies(signal: str, count: int) -> list[dict[str, float]]:
     rows = []
     for gamma in ENERGIES[signal]:
         measured = case.measure(gamma, 5)
-        energy, wrong = measured[:, pulse.AMPLITUDE] ** 2 / 2, measured[:, pulse.SLIP] != 0
-        phase = measured[~wrong, : pulse.PHASE_Y + 1] - case.kappa * direction
+        energy, wrong = measured[:, matched_filter.AMPLITUDE] ** 2 / 2, measured[:, matched_filter.SLIP] != 0
+        phase = measured[~wrong, : matched_filter.PHASE_Y + 1] - case.kappa * direction
         phase = np.remainder(phase + np.pi, 2 * np.pi) - np.pi
         bound = SOUND_SPEED / (2 * math.pi * case.frequency) / math.sqrt(8 * gamma)
         detected = energy >= DETECTION[signal]
@@ -97,7 +97,7 @@ def measure_energies(signal: str, count: int) -> list[dict[str, float]]:
                 "energy_over_noise_db": 10 * math.log10(gamma),
                 "detected": detected.mean(),
                 "phase_variance_over_bound": (phase**2).mean() * gamma,
-                "range_variance_over_bound": (measured[~wrong, pulse.RANGE_ERROR] ** 2).mean() / bound**2,
+                "range_variance_over_bound": (measured[~wrong, matched_filter.RANGE_ERROR] ** 2).mean() / bound**2,
                 "wrong_peak": wrong.mean(),
                 "wrong_and_detected": (wrong & detected).mean(),
                 "wrong_and_above_false_alarm_threshold": (wrong & (energy >= threshold(1e-4, GATE))).mean(),
@@ -179,9 +179,9 @@ def measure_reflections(count: int) -> list[dict[str, object]]:
         turn = SOUND_SPEED / CARRIER / 2 * length / abs(2 * plane - offset[2])
         water[:, 0 if height == 0 else 1] += turns * turn * torch.linspace(-0.5, 0.5, count)
         water = water.to(case.geometry[2].device)
-        columns = [pulse.PHASE_X, pulse.PHASE_Y, pulse.RANGE_ERROR]
+        columns = [matched_filter.PHASE_X, matched_filter.PHASE_Y, matched_filter.RANGE_ERROR]
         error = (case.measure(1e10, 1, water) - case.measure(1e12, 1))[:, columns]
-        variance = pulse.multipath_variances(case.tables, *case.geometry, water).double().mean(0)
+        variance = reflections.multipath_variances(case.tables, *case.geometry, water).double().mean(0)
         rows.append(
             {
                 "offset": offset,
@@ -191,7 +191,7 @@ def measure_reflections(count: int) -> list[dict[str, object]]:
                 "excess_chips": (length - math.hypot(*offset)) * BANDWIDTH / SOUND_SPEED,
                 "closed_form": variance.sqrt().tolist(),
                 "waveform": error.std(0).tolist(),
-                "wrong_peak": (case.measure(100.0, 2, water)[:, pulse.SLIP] != 0).mean(),
+                "wrong_peak": (case.measure(100.0, 2, water)[:, matched_filter.SLIP] != 0).mean(),
             }
         )
     return rows

@@ -23,9 +23,9 @@ import torch
 
 from benchmarks import pulse as pulses
 from benchmarks.machine import batch, best_time, describe, parse
+from usvauv.env.planning.fix_errors import reception
 from usvauv.kernels import runtime
-from usvauv.kernels.positioning import acoustic_link, pulse, usbl
-from usvauv.kernels.positioning.fix_probability import good_probability
+from usvauv.kernels.positioning import acoustic_link, matched_filter, pulse, usbl
 
 CARRIER = 15000.0
 SAMPLING_RATE = 2.016e6
@@ -93,10 +93,10 @@ def measure_rates(seconds: float) -> dict[str, float]:
     case = places(count)
     generator = torch.Generator(device).manual_seed(2)
     noise = torch.randn((count, 6), generator=generator, device=device)
-    rates["statistical"] = count / best_time(lambda: usbl.flagged_fixes(*case, noise), seconds)
+    rates["statistical"] = count / best_time(lambda: usbl.fixes(*case, noise), seconds)
 
     def draw_and_fix() -> None:
-        usbl.flagged_fixes(*case, torch.randn((count, 6), generator=generator, device=device))
+        usbl.fixes(*case, torch.randn((count, 6), generator=generator, device=device))
 
     rates["statistical_with_noise_drawn"] = count / best_time(draw_and_fix, seconds)
 
@@ -109,17 +109,19 @@ def pulse_fixes(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Estimated offsets (n, 3) of sampled tones received by a level array, and whether they are good.
 
-    Arguments as for `pulse.measurements`.
+    Arguments as for `matched_filter.measurements`.
     """
-    measured = pulse.measurements(pulse.tones(1, 10, offset.device), link, row, offset, level, energy, seed).double()
+    tables = pulse.tones(1, 10, offset.device)
+    measured = matched_filter.measurements(tables, link, row, offset, level, energy, seed).double()
     kappa, S = link[0, acoustic_link.KAPPA].double(), offset.double().norm(dim=1)
-    phase = measured[:, : pulse.PHASE_Y + 1]
+    phase = measured[:, : matched_filter.PHASE_Y + 1]
     wrapped = ((phase - kappa * offset[:, :2] / S[:, None]).abs() > math.pi).any(1)
     up = 1 - (phase / kappa).square().sum(1)
     direction = torch.cat([phase / kappa, -up.clamp(min=0).sqrt()[:, None]], 1)
-    detected = measured[:, pulse.AMPLITUDE].square() >= link[0, acoustic_link.THRESHOLD]
-    ambiguous = measured[:, pulse.RESIDUAL].abs() > math.pi / 2
-    return (S + measured[:, pulse.RANGE_ERROR])[:, None] * direction, detected & (up > 0) & ~wrapped & ~ambiguous
+    detected = measured[:, matched_filter.AMPLITUDE].square() >= link[0, acoustic_link.THRESHOLD]
+    ambiguous = measured[:, matched_filter.RESIDUAL].abs() > math.pi / 2
+    good = detected & (up > 0) & ~wrapped & ~ambiguous
+    return (S + measured[:, matched_filter.RANGE_ERROR])[:, None] * direction, good
 
 
 def measure_agreement(count: int) -> list[dict[str, object]]:
@@ -135,9 +137,9 @@ def measure_agreement(count: int) -> list[dict[str, object]]:
         link = torch.from_numpy(acoustic_link.link_table((CARRIER,), acoustic_link.Sonar(spacing=spacing))).to(device)
         loss = link[0, acoustic_link.PATHS] * (15 * math.log10(S) + link[0, acoustic_link.ABSORPTION] * S / 1000)
         link[0, acoustic_link.RATIO_AT_1M] = energy + loss
-        drawn, _, flags = usbl.flagged_fixes(link, row, offset, level, noise)
+        drawn, _, flags = usbl.fixes(link, row, offset, level, noise)
         sampled, good_samples = pulse_fixes(link, row, offset, level, drawn[:, 3] ** -2, 7)
-        detected, usable = good_probability(link, row[:1], offset[:1], level[:1])
+        detected, usable = reception(link, row[:1], offset[:1], level[:1])[2:]
         result: dict[str, object] = {"offset": place, "energy_over_noise_density_db": energy, "spacing": spacing}
         result["good_predicted"] = (detected * usable).item()
         models = ("waveform", sampled, good_samples), ("statistical", drawn, flags == usbl.DETECTED)

@@ -16,7 +16,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator
 
 from usvauv.cli.objectives import NAMES
-from usvauv.env.positioning import BoatPlace, Landscape, Plan
+from usvauv.env.planning.plan import BoatPlace, Landscape, Plan
 from usvauv.env.render import style
 from usvauv.env.render.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
 from usvauv.env.render.style import CATEGORICAL
@@ -76,7 +76,7 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     """Draw the result of a plan and save it, the format by the file's suffix.
 
     Args:
-        result, landscape: of `usvauv.env.positioning.solve`.
+        result, landscape: of `usvauv.env.planning.plan.solve`.
         path: file to write.
     """
     width, length = result.area.width, result.area.length

@@ -19,8 +19,8 @@ import numpy as np
 import torch
 
 from benchmarks.machine import best_time, describe
-from usvauv.env import Scenario, World, multipath
-from usvauv.env.error_budget import error_budget
+from usvauv.env import Scenario, World
+from usvauv.env.planning.fix_errors import error_budget, reflection_errors
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import boundaries, link_table
 from usvauv.kernels import runtime
@@ -75,7 +75,7 @@ def closed_form(setting: Scenario, world: World, good: np.ndarray) -> float:
     places = [(x, y, setting.auv.depth) for x, y in auv]
     boat = setting.area.width / 2, setting.area.length / 2
     noise = error_budget(setting, link.repeat(world.num_worlds, 1), places, boat, "fix", (0.0, 0.0))["noise"]
-    reflected = multipath.errors(Site(setting), link, places, boat)
+    reflected = reflection_errors(Site(setting), link, places, boat)
     return math.hypot(rms(np.array(noise)[good]), rms(np.array(reflected)[good]))
 
 

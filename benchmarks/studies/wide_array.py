@@ -45,7 +45,7 @@ def taken_as_they_are(trace: Trace, seed: int) -> tuple[np.ndarray, np.ndarray]:
     index = torch.arange(away.shape[2], dtype=torch.int32, device=device).repeat(len(offset) // away.shape[2])
     noise = torch.randn((len(offset), 7), generator=torch.Generator().manual_seed(seed)).to(device)
     link = torch.from_numpy(link_table(Site(scenario))).to(device)
-    found, _, flags = usbl.flagged_fixes(link, index, offset, tilt, noise)
+    found, _, flags = usbl.fixes(link, index, offset, tilt, noise)
     error = (found[:, :2] - offset[:, :2]).norm(dim=1)
     return error.double().cpu().numpy(), (flags & usbl.WRAPPED > 0).cpu().numpy()
 

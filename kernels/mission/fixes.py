@@ -6,8 +6,8 @@ from usvauv.kernels.mission import motion, navigation
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Sensor
 from usvauv.kernels.mission.reception import ArrayPose, array_pose, covariance_at, measure
 from usvauv.kernels.mission.worlds import normals, uniforms
-from usvauv.kernels.positioning import tracker, usbl, validation
-from usvauv.kernels.positioning.validation import Expectation
+from usvauv.kernels.positioning import tracker, usbl
+from usvauv.kernels.positioning.usbl import Expectation
 from usvauv.kernels.types import vec2, vec3
 
 DEPLOYMENT_VARIANCE = 1e-4  # of the place where an AUV is deployed, m²
@@ -100,7 +100,7 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
 
     The fix that is there at the end of a step was received `latency` earlier, of a tone that had left the AUV S/c
     before. Without a tracker the estimate is the last fix that the receiver could use (`usbl.usable`); one farther away
-    than the AUV can have gone since is not used, see `usvauv.kernels.positioning.validation`.
+    than the AUV can have gone since is not used, see `usvauv.kernels.positioning.usbl`.
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
@@ -175,10 +175,7 @@ def set_estimate_from_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expec
     estimate = ti.static(worlds.estimate)
     auv = ti.static(worlds.auv)
     flags = fix.flags
-    if (
-        usbl.usable(flags)
-        and validation.squared_innovation(expected, fix.place - here, fix.covariance) > validation.GATE
-    ):
+    if usbl.usable(flags) and usbl.squared_innovation(expected, fix.place - here, fix.covariance) > usbl.GATE:
         flags |= usbl.REJECTED
     auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
     if usbl.usable(flags):

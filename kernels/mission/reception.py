@@ -10,9 +10,9 @@ import taichi as ti
 from usvauv.kernels import random
 from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter, Refraction
 from usvauv.kernels.mission.worlds import Worlds, address, key, normals
-from usvauv.kernels.positioning import acoustic_link, pulse, rays, reflections, usbl, validation
+from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
-from usvauv.kernels.positioning.validation import Expectation
+from usvauv.kernels.positioning.usbl import Expectation
 from usvauv.kernels.types import mat3, vec2, vec3, vec4, vec6
 
 
@@ -95,7 +95,7 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
 
 @ti.func
 def sounds(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k):
-    """What the hydrophones receive of a pulse, as `pulse.sounds` has it.
+    """What the hydrophones receive of a pulse, as `matched_filter.sounds` has it.
 
     The array lies at its depth below the surface as it is there; it and the AUVs rise and sink over a level bottom.
     """
@@ -114,7 +114,7 @@ def sounds(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k):
     bent = ti.static(reflections.Profile(worlds.layers, worlds.mirrored_layers, z, speed, direct))
     around = ti.static(surroundings(worlds, boundaries, bent))
     body = arrival.path * arrival.body
-    return pulse.sounds(worlds.pulses, worlds.link, k, body, arrival.path, arrival.offset, pose.axes, around)
+    return matched_filter.sounds(worlds.pulses, worlds.link, k, body, arrival.path, arrival.offset, pose.axes, around)
 
 
 def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> reflections.Surroundings:
@@ -131,9 +131,9 @@ def sample(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, sigma, draw
     """The sampled signal of AUV k as the receiver measures it, columns of `pulse`."""
     heard = sounds(worlds, pose, arrival, w, k)
     noise = ti.static(worlds.pulse_noise)
-    pulse.draw(noise, w, draw, key(worlds, w))
+    matched_filter.draw(noise, w, draw, key(worlds, w))
     energy = 1.0 / (sigma * sigma)
-    return pulse.measure(worlds.pulses, worlds.link, k, arrival.path, energy, heard, noise, w)
+    return matched_filter.measure(worlds.pulses, worlds.link, k, arrival.path, energy, heard, noise, w)
 
 
 @ti.func
@@ -148,15 +148,15 @@ def receive(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k) -> S
     amplitude = 0.0
     if ti.static(worlds.program.waveform):
         measured = sample(worlds, pose, arrival, sigma, draw, w, k)
-        phase = vec2(measured[pulse.PHASE_X], measured[pulse.PHASE_Y])
-        residual = measured[pulse.RESIDUAL]
-        slant_range += measured[pulse.RANGE_ERROR]
-        amplitude = measured[pulse.AMPLITUDE]
+        phase = vec2(measured[matched_filter.PHASE_X], measured[matched_filter.PHASE_Y])
+        residual = measured[matched_filter.RESIDUAL]
+        slant_range += measured[matched_filter.RANGE_ERROR]
+        amplitude = measured[matched_filter.AMPLITUDE]
     else:
         body = arrival.body
         if ti.static(worlds.program.multipath):
             heard = sounds(worlds, pose, arrival, w, k)
-            disturbed = pulse.disturbance(worlds.pulses, link, k, heard)
+            disturbed = matched_filter.disturbance(worlds.pulses, link, k, heard)
             body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
             slant_range += disturbed[2]
             sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)
@@ -195,15 +195,15 @@ def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> ve
 def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, expected: Expectation, w, k):
     """Phase differences of a signal of AUV k with the turns that they most probably lack, and 1 where others are near.
 
-    See `usvauv.kernels.positioning.validation`. `length` as of `usbl.located`.
+    See `usvauv.kernels.positioning.usbl`. `length` as of `usbl.located`.
     """
     link = ti.static(worlds.link)
     odd = usbl.odd_turns(signal.residual)
-    most = validation.most_turns(link, k, length)
+    most = usbl.most_turns(link, k, length)
     kappa = length * link[k, acoustic_link.KAPPA]
     phase = signal.phase
-    best = validation.NO_CANDIDATE
-    second = validation.NO_CANDIDATE
+    best = usbl.NO_CANDIDATE
+    second = usbl.NO_CANDIDATE
     for m in range(-most, most + 1):
         for n in range(-most, most + 1):
             candidate = signal.phase + 2.0 * math.pi * vec2(m, n)
@@ -213,14 +213,14 @@ def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, 
                 loss = acoustic_link.further_loss(link, k, offset, pose.effort)
                 sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
                 covariance = covariance_at(worlds, pose, k, offset)
-                cost = validation.cost(link, k, expected, offset, covariance, sigma)
+                cost = usbl.candidate_cost(link, k, expected, offset, covariance, sigma)
                 if cost < best:
                     second = best
                     best = cost
                     phase = candidate
                 elif cost < second:
                     second = cost
-    return phase, ti.cast(second - best < validation.GATE, ti.i32)
+    return phase, ti.cast(second - best < usbl.GATE, ti.i32)
 
 
 @ti.func

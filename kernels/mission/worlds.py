@@ -41,7 +41,7 @@ class Program(NamedTuple):
         tracker: the boat tracks its AUVs by their commanded velocities.
         schedule: of `Schedule`.
         sensor: of `Sensor`, what AUVs reckon with.
-        turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.validation`.
+        turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
         fleet: there is more than one boat.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
     """

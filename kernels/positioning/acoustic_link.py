@@ -31,10 +31,16 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
-from usvauv.kernels.positioning import sonar_equation
-from usvauv.kernels.positioning.absorption import thorp
-from usvauv.kernels.positioning.ambient_noise import NoiseLaw, coates
-from usvauv.kernels.positioning.bubbles import bubble_loss
+from usvauv.kernels.positioning.sonar import (
+    LN10,
+    NoiseLaw,
+    bubble_loss,
+    coates,
+    log10,
+    path_loss,
+    power_of_10,
+    thorp,
+)
 from usvauv.kernels.types import vec3
 
 # Columns of the link table, one row an AUV.
@@ -104,7 +110,7 @@ class Sonar:
         path: "echo" or "transponder".
         spreading: loss a decade of range, dB.
         absorption: law of the absorption, Hz → dB/km.
-        ambient_noise: law of the noise density, see `usvauv.kernels.positioning.ambient_noise`.
+        ambient_noise: law of the noise density, see `usvauv.kernels.positioning.sonar`.
         shipping, wind: arguments of that law, 0 to 1 and m/s.
         noise_law: "density" or "demonstration".
         signal: "tone" or "code".
@@ -196,12 +202,12 @@ def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
         code_energy = max(CODE_ENERGY, 10.0 ** (0.1 * s.data_ratio))
         row[THRESHOLD] = 8.0 + (8.0 * code_energy if s.signal == "code" else 4.0 * PERIOD_ENERGY * s.periods)
         # T = κ²/(σ² q) with σ² = VARIANCE · 10^(−exponent · ratio/10).
-        loss = sonar_equation.path_loss(s.reference_range, s.spreading, alpha)
+        loss = path_loss(s.reference_range, s.spreading, alpha)
         row[LEVEL] = math.log(row[KAPPA] ** 2 / row[VARIANCE] / s.reference_range**2)
-        row[LEVEL] += exponent * (row[RATIO_AT_1M] - paths * loss) * sonar_equation.LN10 / 10.0
+        row[LEVEL] += exponent * (row[RATIO_AT_1M] - paths * loss) * LN10 / 10.0
         by_range = exponent * paths if s.planner_noise == "range" else 0
         row[POWER] = 1.0 + 0.05 * s.spreading * by_range
-        row[DECAY] = by_range * alpha * sonar_equation.LN10 / 1e4
+        row[DECAY] = by_range * alpha * LN10 / 1e4
         sea = s.ambient_noise(f, s.shipping, s.wind)
         row[OWN_NOISE] = 10.0 ** ((s.own_noise(f) - sea) / 10.0)
         row[BUBBLES] = bubble_loss(f, s.wind, math.pi / 2, s.array_depth) if s.bubbles else 0.0
@@ -225,7 +231,7 @@ def further_loss(link: ti.template(), k: ti.i32, offset: vec3, effort: ti.f32) -
     slope = offset.norm() / ti.max(ti.abs(offset[2]), 1e-3)
     loss = link[k, PATHS] * ti.min(link[k, BUBBLES] * slope, MOST_BUBBLES)
     cube = effort * effort * effort
-    return loss + 10.0 * sonar_equation.log10(1.0 + link[k, OWN_NOISE] * cube * cube)
+    return loss + 10.0 * log10(1.0 + link[k, OWN_NOISE] * cube * cube)
 
 
 @ti.func
@@ -234,9 +240,9 @@ def phase_deviation(link: ti.template(), k: ti.i32, S: ti.f32, loss: ti.f32) -> 
 
     `loss` is what `further_loss` takes, dB.
     """
-    along = sonar_equation.path_loss(S, link[k, SPREADING], link[k, ABSORPTION])
+    along = path_loss(S, link[k, SPREADING], link[k, ABSORPTION])
     ratio = link[k, RATIO_AT_1M] - link[k, PATHS] * along - loss
-    sigma = sonar_equation.power_of_10(-0.05 * link[k, NOISE_EXPONENT] * ratio) * ti.sqrt(link[k, VARIANCE])
+    sigma = power_of_10(-0.05 * link[k, NOISE_EXPONENT] * ratio) * ti.sqrt(link[k, VARIANCE])
     return ti.min(sigma, LARGEST_DEVIATION)
 
 

@@ -7,7 +7,7 @@ every cosine is w = A/√(1 + t²), A = √(1 + k t²), k = 1 − c²/c_m² ≥ 
 
 r(t) increases and is concave, so Newton's method from any point left of the root converges to it without overshoot.
 t = R/(vertical distance), the straight line's, is left of the root. Beyond the range of the ray that is horizontal at
-the fastest depth `usvauv.kernels.positioning.turning_rays` looks for a ray that turns.
+the fastest depth `layered_water.turning_ray` looks for a ray that turns.
 
 Source: Fang and Chen, "A fast and robust two-point ray tracing method in layered media with constant or linearly
 varying layer velocity", Geophysical Prospecting 67 (2019), for t as the unknown.
@@ -18,7 +18,6 @@ varying layer velocity", Geophysical Prospecting 67 (2019), for t as the unknown
 import taichi as ti
 import torch
 
-from usvauv.kernels import runtime
 from usvauv.kernels.positioning.layered_water import (
     DEPTH,
     EXCESS,
@@ -31,8 +30,8 @@ from usvauv.kernels.positioning.layered_water import (
     layer_at,
     layer_time,
     sound_speed,
+    turning_ray,
 )
-from usvauv.kernels.positioning.turning_rays import turning_ray
 from usvauv.kernels.types import array1, array2, vec2, vec3
 
 FLATTEST = 1e5  # tan θ at which a ray counts as horizontal
@@ -223,11 +222,6 @@ def follow(layers: ti.template(), depth: ti.f32, direction: vec3, slant_range: t
     return vec3(to_metres * across[0], to_metres * across[1], depth - z)
 
 
-def _whole(out: torch.Tensor, layers: torch.Tensor) -> torch.Tensor:
-    """What a kernel has found, see `runtime.whole`."""
-    return runtime.whole(out, f"rays through {layers.shape[0]} layers take")
-
-
 @ti.kernel
 def _eigenrays(layers: array2, ends: array2, surface: ti.f32, out: array2):
     for n in range(ends.shape[0]):
@@ -236,7 +230,7 @@ def _eigenrays(layers: array2, ends: array2, surface: ti.f32, out: array2):
         out[n, 1] = ray.upper_cosine
         out[n, 2] = ray.lower_cosine
         out[n, 3] = ray.time
-        out[n, 4] = runtime.or_nan(ti.f32(ray.exists), ends.shape[1])
+        out[n, 4] = ray.exists
 
 
 def eigenrays(layers: torch.Tensor, ends: torch.Tensor, surface: float = 0.0) -> torch.Tensor:
@@ -247,7 +241,7 @@ def eigenrays(layers: torch.Tensor, ends: torch.Tensor, surface: float = 0.0) ->
     """
     out = torch.empty((ends.shape[0], 5), dtype=torch.float32, device=ends.device)
     _eigenrays(layers, ends, surface, out)
-    return _whole(out, layers)
+    return out
 
 
 @ti.kernel
@@ -257,7 +251,7 @@ def _arrivals(layers: array2, depth: array1, offset: array2, c: ti.f32, surface:
         for j in ti.static(range(3)):
             out[n, j] = arrival.direction[j]
         out[n, 3] = arrival.slant_range
-        out[n, 4] = runtime.or_nan(ti.f32(arrival.exists), offset.shape[1])
+        out[n, 4] = arrival.exists
 
 
 def arrivals(
@@ -266,7 +260,7 @@ def arrivals(
     """`refracted` for many arrays at depths (n,) and offsets (n, 3), m: (n, 5) direction, range (m), existence."""
     out = torch.empty((offset.shape[0], 5), dtype=torch.float32, device=offset.device)
     _arrivals(layers, depth, offset, c, surface, out)
-    return _whole(out, layers)
+    return out
 
 
 @ti.kernel
@@ -274,13 +268,12 @@ def _positions(layers: array2, depth: array1, arrival: array2, c: ti.f32, out: a
     for n in range(arrival.shape[0]):
         direction = vec3(arrival[n, 0], arrival[n, 1], arrival[n, 2])
         source = follow(layers, depth[n], direction, arrival[n, 3], c)
-        for j in ti.static(range(2)):
+        for j in ti.static(range(3)):
             out[n, j] = source[j]
-        out[n, 2] = runtime.or_nan(source[2], arrival.shape[1])
 
 
 def positions(layers: torch.Tensor, depth: torch.Tensor, arrival: torch.Tensor, c: float) -> torch.Tensor:
     """`follow` for many arrivals (n, 5) of `arrivals` at arrays at depths (n,), m: (n, 3) offsets, m."""
     out = torch.empty((arrival.shape[0], 3), dtype=torch.float32, device=arrival.device)
     _positions(layers, depth, arrival, c, out)
-    return _whole(out, layers)
+    return out

@@ -36,11 +36,13 @@ with β² = −R''(0), of the variance ½ (a R'(Δ)/β²)² (½ cos δ_x/2 + ½ 
 from typing import Any, NamedTuple
 
 import taichi as ti
+import torch
 
-from usvauv.kernels.positioning import acoustic_link, rays, sonar_equation
+from usvauv.kernels.positioning import acoustic_link, rays, sonar
 from usvauv.kernels.positioning.layered_water import sound_speed
-from usvauv.kernels.positioning.usbl import TWO_PI
-from usvauv.kernels.types import vec2, vec3
+from usvauv.kernels.positioning.pulse import FINE, Pulses, chip, envelope
+from usvauv.kernels.positioning.usbl import TWO_PI, array_axes, attitude
+from usvauv.kernels.types import array1, array2, array3, index1, mat3, vec2, vec3
 
 SEDIMENTS = {  # density and speed of sound over the water's, absorption in dB a wavelength
     "clay": (1.5, 1.0, 0.2),
@@ -173,12 +175,12 @@ def reflection(which: ti.i32, offset: vec3, around: ti.template(), link: ti.temp
         coefficient = bottom_coefficient(sine, boundaries)
     spreading = link[k, acoustic_link.SPREADING]
     absorption = link[k, acoustic_link.ABSORPTION]
-    loss = sonar_equation.path_loss(length, spreading, absorption) - sonar_equation.path_loss(S, spreading, absorption)
+    loss = sonar.path_loss(length, spreading, absorption) - sonar.path_loss(S, spreading, absorption)
     return Reflection(
         source=source,
         slant_range=slant_range,
         excess=excess,
-        amplitude=exists * coefficient * sonar_equation.power_of_10(-0.05 * loss),
+        amplitude=exists * coefficient * sonar.power_of_10(-0.05 * loss),
     )
 
 
@@ -213,4 +215,73 @@ def extra_variance(kappa: ti.f32, body: vec3, image: vec3, rho: ti.f32, slope: t
         together += 0.5 * cosine
     shift = slope / width[1] * together
     variance[2] = 0.5 * shift * shift
+    return variance
+
+
+@ti.func
+def multipath_variance(
+    tables: ti.template(), link: ti.template(), k: ti.i32, offset: vec3, axes: mat3, around: ti.template()
+) -> vec3:
+    """Extra variance of both phase differences (rad²) and of the slant range (m²) by reflections of unknown phase.
+
+    The sum over the reflections (`extra_variance`), to add to the variance by noise.
+    """
+    metres = chip(tables, link, k)
+    h = 1.0 / FINE
+    width = vec2(tables.rate[k], 2.0 * (1.0 - tables.envelope[k, 1]) / (h * h))
+    variance = vec3(0.0)
+    for which in range(REFLECTIONS):
+        r = reflection(which, offset, around, link, k)
+        excess = r.excess / link[k, acoustic_link.WAVELENGTH] * tables.rate[k]
+        rho = r.amplitude * envelope(tables.envelope, k, excess)
+        later, earlier = envelope(tables.envelope, k, excess + h), envelope(tables.envelope, k, excess - h)
+        slope = r.amplitude * 0.5 * (later - earlier) / h
+        towards, image = axes @ offset / offset.norm(), axes @ r.source / r.slant_range
+        added = extra_variance(link[k, acoustic_link.KAPPA], towards, image, rho, slope, width)
+        variance += vec3(added[0], added[1], added[2] * metres * metres)
+    return variance
+
+
+@ti.func
+def situation(offset: ti.template(), slope: ti.template(), water: ti.template(), n: ti.i32):
+    """Row n of offsets (m), slopes and boundaries: offset, axes of the array, boundaries."""
+    r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
+    axes = array_axes(attitude(vec2(slope[n, 0], slope[n, 1])))
+    boundaries = Boundaries(water[n, 0], water[n, 1], water[n, 2], water[n, 3], water[n, 4], water[n, 5])
+    return r, axes, boundaries
+
+
+@ti.kernel
+def _multipath_variances(
+    envelopes: array2,
+    noise: array3,
+    rate: array1,
+    tone: ti.template(),
+    link: array2,
+    auv: index1,
+    offset: array2,
+    slope: array2,
+    water: array2,
+    variance: array2,
+):
+    for n in range(offset.shape[0]):
+        tables = ti.static(Pulses(envelopes, noise, rate, tone))
+        r, axes, boundaries = situation(offset, slope, water, n)
+        around = ti.static(Surroundings(boundaries))
+        added = multipath_variance(tables, link, auv[n], r, axes, around)
+        for j in ti.static(range(3)):
+            variance[n, j] = added[j]
+
+
+def multipath_variances(
+    tables: Pulses,
+    link: torch.Tensor,
+    auv: torch.Tensor,
+    offset: torch.Tensor,
+    slope: torch.Tensor,
+    water: torch.Tensor,
+) -> torch.Tensor:
+    """`multipath_variance` of many pulses, (n, 3), rad², rad² and m²; arguments as of `matched_filter.measurements`."""
+    variance = torch.empty((offset.shape[0], 3), dtype=torch.float32, device=offset.device)
+    _multipath_variances(*tables, link, auv, offset, slope, water, variance)
     return variance

@@ -5,7 +5,7 @@ State (x, y, c_x, c_y). Over a time t in which the AUV is carried by the water (
     x ← x + t (v + c),   c ← ρ c + w,   ρ = e^{−t/τ},   w ~ N(0, σ² (1 − ρ²) I),   fix = x + n,   n ~ N(0, R),
 
 v the commanded velocity through the water, R the fix's predicted covariance. For an Ornstein–Uhlenbeck current, whose
-σ² and τ are those of `usvauv.kernels.positioning.current_process`, and Gaussian fixes this is the least-squares
+given σ² and τ, and Gaussian fixes this is the least-squares
 estimate. A fix in Cartesian coordinates and v in the world's frame make the filter linear; only R is linearised. The
 covariance consists of 2 × 2 blocks A (position), B (position, current), C (current) and is updated in Joseph's form, a
 sum of squares, with I − gain written as R S⁻¹, which does not cancel: it stays positive definite in single precision.
@@ -15,7 +15,7 @@ correlation between AUVs is not used. The error of a relative position is theref
 say. A joint filter of two to six AUVs did not improve the positions themselves (rms 0.1 to 1 % worse, the currents
 being correlated too).
 
-A fix whose normalised innovation squared exceeds `validation.GATE` is rejected, one of a thousand where the model
+A fix whose normalised innovation squared exceeds `usbl.GATE` is rejected, one of a thousand where the model
 holds. A filter that has lost its AUV would reject all: where CONFIRMATIONS fixes that are rejected in a row agree with
 one another, each within what the AUV can have gone since the one before, the track begins anew at the last of them.
 
@@ -27,8 +27,7 @@ detections).
 import taichi as ti
 import torch
 
-from usvauv.kernels import runtime
-from usvauv.kernels.positioning.validation import GATE, Expectation, squared_innovation
+from usvauv.kernels.positioning.usbl import GATE, Expectation, squared_innovation
 from usvauv.kernels.types import array2, array3, mat2, vec2, vec3
 
 # Columns of a track: the state, the upper triangle of its covariance, whether the AUV is adrift and its last commanded
@@ -363,12 +362,8 @@ def follow(
     Returns:
         (T + 1, N, COLUMNS) tracks at the start and after each step; (T, N) normalised innovation squared, −1 where
         there was no fix; a fix was rejected where the track's REJECTIONS are not 0.
-
-    Raises:
-        Unsupported: so many steps that a Vulkan device may leave the loop before its end.
     """
     steps, count = adrift.shape
-    runtime.check_loops(steps * (1 + COLUMNS), f"a track of {steps} steps")
     track = start.new_empty((steps + 1, count, COLUMNS))
     track[0] = start
     squared = start.new_empty((steps, count))

@@ -3,7 +3,7 @@
 import pytest
 
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.positioning.absorption import absorption_laws
+from usvauv.kernels.positioning.sonar import absorption_laws
 from usvauv.kernels.registry import Registry
 
 

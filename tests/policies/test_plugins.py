@@ -22,7 +22,7 @@ from usvauv.env.world.observation import ObservationTerm, observation_terms
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.target_rules import TargetRule, target_rules
 from usvauv.kernels.mission.worlds import Strategy
-from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws
+from usvauv.kernels.positioning.sonar import ambient_noise_laws
 from usvauv.kernels.types import vec2
 from usvauv.policies import PolicyError, Trainer
 from usvauv.policies.algorithms import ALGORITHMS

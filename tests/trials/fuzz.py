@@ -168,7 +168,7 @@ def fuzz_plan(r: random.Random, folder: Path) -> None:
     from usvauv.cli.commands.plan import surface_slope, with_team
     from usvauv.cli.objectives import MEASUREMENTS, OBJECTIVES
     from usvauv.env import Scenario
-    from usvauv.env.positioning import solve
+    from usvauv.env.planning.plan import solve
     from usvauv.env.site.place import auv_position, boat_position
 
     overrides = []

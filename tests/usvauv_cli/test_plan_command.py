@@ -11,7 +11,8 @@ from matplotlib import image
 
 from tests.links import TILTING, TILTING_OPTIONS
 from usvauv.cli.plan_figure import draw
-from usvauv.env import Scenario, positioning
+from usvauv.env import Scenario
+from usvauv.env.planning.plan import solve
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.planning import objectives, search
@@ -121,7 +122,7 @@ class TestErrors:
         noise = torch.randn((draws, 6), generator=torch.Generator().manual_seed(3)).to(device)
         offset = noise.new_tensor([20.0 - 170.0, 0.0, -100.0]).expand(draws, 3).contiguous()
         index = torch.zeros(draws, dtype=torch.int32, device=device)
-        flags = usbl.flagged_fixes(link, index, offset, offset.new_zeros(draws, 2), noise)[2]
+        flags = usbl.fixes(link, index, offset, offset.new_zeros(draws, 2), noise)[2]
         share = (flags == usbl.DETECTED).double().mean().item()
         assert good[1] == pytest.approx(share, abs=5 * math.sqrt(share * (1 - share) / draws) + 1e-4)
         assert "100.0%" in plan(*wide)[1]
@@ -198,7 +199,7 @@ class TestOutput:
 
     def test_figure_of_a_flat_landscape_in_single_precision(self, tmp_path):
         setting = Scenario.load("extreme", ["auv.count=1"])
-        result, landscape = positioning.solve(setting, [(60.0, 80.0, 100.0)], [], "d", "fix")
+        result, landscape = solve(setting, [(60.0, 80.0, 100.0)], [], "d", "fix")
         flat = landscape._replace(log_objective=np.full_like(landscape.log_objective, 700.1, dtype=np.float32))
         draw(result, flat, tmp_path / "flat.png")
         assert (tmp_path / "flat.png").stat().st_size > 10_000

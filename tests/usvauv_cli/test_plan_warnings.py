@@ -9,8 +9,8 @@ import torch
 
 from tests.links import TILTING, TILTING_OPTIONS
 from usvauv.env import Scenario
-from usvauv.env.fix_prediction import FixError
-from usvauv.env.fix_warnings import reason
+from usvauv.env.planning.fix_errors import FixError
+from usvauv.env.planning.plan import reason
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.positioning import usbl
@@ -51,7 +51,7 @@ class TestProbabilities:
         offset = noise.new_tensor([20.0 - x, 20.0 - y, -20.0]).expand(draws, 3).contiguous()
         index = torch.zeros(draws, dtype=torch.int32, device=device)
         level = offset.new_zeros(draws, 2)
-        flags = usbl.flagged_fixes(torch.from_numpy(table).to(device), index, offset, level, noise)[2].cpu().numpy()
+        flags = usbl.fixes(torch.from_numpy(table).to(device), index, offset, level, noise)[2].cpu().numpy()
         detected = flags & usbl.DETECTED > 0
         # Predictions take phases as independent of the amplitude.
         for name, drawn in (

@@ -10,8 +10,9 @@ from scipy import stats
 
 from tests.slowly import slowly
 from tests.usvauv_env.test_fix_accuracy import QUIET, WORLDS, errors_of_fixes
-from usvauv.env import Scenario, ScenarioError, multipath
-from usvauv.env.positioning import solve
+from usvauv.env import Scenario, ScenarioError
+from usvauv.env.planning import fix_errors
+from usvauv.env.planning.plan import solve
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.mission.columns import AuvColumn
@@ -143,7 +144,7 @@ def test_predicted_errors_are_those_of_missions(device, wind, sediment):
     auv = world.auv.double().cpu().numpy()
     link = torch.from_numpy(link_table(site)).to(device)
     offset = (auv[..., :2] - world.boat.double().cpu().numpy()[..., :2]).reshape(-1, 2)
-    predicted = multipath.errors(site, link, [(x, y, 100.0) for x, y in offset], (0.0, 0.0))
+    predicted = fix_errors.reflection_errors(site, link, [(x, y, 100.0) for x, y in offset], (0.0, 0.0))
     good = auv[..., AuvColumn.fix_flags].reshape(-1) == usbl.DETECTED
     assert rms(np.linalg.norm(error, axis=-1)[good]) == pytest.approx(rms(np.array(predicted)[good]), rel=0.1)
 
@@ -160,7 +161,7 @@ def test_predicted_errors_are_those_of_missions(device, wind, sediment):
 )
 def test_who_leaves_out_what_matters_is_told(changes, expected):
     site = Site(Scenario.load("ideal", [*QUIET, *changes]))
-    line = multipath.warning(site)
+    line = fix_errors.reflections_warning(site)
     assert ("leaves out reflections from surface and bottom" in line) == expected
     auv = site.scenario.auv
     layout = [(10.0 + 150 * k, 10.0, auv.depth) for k in range(auv.count)]

@@ -9,12 +9,12 @@ import torch
 
 from tests.links import EVERY_STEP
 from usvauv.env import Scenario, World
-from usvauv.env.error_budget import error_budget
+from usvauv.env.planning.fix_errors import error_budget, reception
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
-from usvauv.kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
-from usvauv.kernels.positioning.ambient_noise import coates
+from usvauv.kernels.positioning import acoustic_link, sonar, usbl
+from usvauv.kernels.positioning.sonar import coates
 from usvauv.kernels.types import vec3
 
 QUIET = [
@@ -173,12 +173,12 @@ class TestEnergy:
         """
         table_1 = {"path": "echo", "source_level": 135.0, "bandwidth": 1000.0, "spreading": 15.0}
         right = self.deviation(device, **table_1)
-        noise = sonar_equation.noise_level(coates(15e3, 0.5, 0.0), 1000.0)
-        snr = sonar_equation.echo_snr(135.0, 3.0, noise, 100.0, 15e3)
+        noise = sonar.noise_level(coates(15e3, 0.5, 0.0), 1000.0)
+        snr = sonar.echo_snr(135.0, 3.0, noise, 100.0, 15e3)
         assert right**2 / (4 * 10 ** (-snr / 10) / 1344) == pytest.approx(504, rel=0.01)
         link = torch.from_numpy(
             acoustic_link.link_table((15000.0,), acoustic_link.Sonar(noise_law="density", **table_1))
         )
         place = torch.tensor([[0.0, 0.0, -100.0]], device=device)
         index, level = torch.zeros(1, dtype=torch.int32, device=device), place.new_zeros(1, 2)
-        assert fix_probability.good_probability(link.to(device), index, place, level)[0].item() < 0.05
+        assert reception(link.to(device), index, place, level)[2].item() < 0.05

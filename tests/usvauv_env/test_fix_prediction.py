@@ -8,10 +8,16 @@ import torch
 from scipy.stats import norm
 
 from usvauv.env import Scenario
-from usvauv.env.error_budget import error_budget
-from usvauv.env.fix_prediction import LARGEST_VARIANCE, LEAST_GOOD, FixError, ellipse, predict, wrap_probability
-from usvauv.env.fix_warnings import cause, reach, reason, warnings_of
-from usvauv.env.positioning import root_mean_square
+from usvauv.env.planning.fix_errors import (
+    LARGEST_VARIANCE,
+    LEAST_GOOD,
+    FixError,
+    ellipse,
+    error_budget,
+    predict,
+    wrap_probability,
+)
+from usvauv.env.planning.plan import cause, reach, reason, root_mean_square, warnings_of
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.positioning import acoustic_link

@@ -10,7 +10,8 @@ from pyproj import CRS, Transformer
 
 from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv.cli import app
-from usvauv.env import Scenario, geojson
+from usvauv.env import Scenario
+from usvauv.env.exchange import geojson
 from usvauv.env.record.metrics import served
 from usvauv.env.site import place
 from usvauv.env.site.place import LocalFrame

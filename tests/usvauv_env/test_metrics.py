@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from tests.links import EVERY_STEP
 from tests.usvauv_env.test_trace import AUVS, NODES, STEP, STEPS, WORLDS, random_trace
 from usvauv.env import Scenario, Trace, World, evaluate
-from usvauv.env.error_budget import SUM, error_budget
+from usvauv.env.planning.fix_errors import SUM, error_budget
 from usvauv.env.record import error_bound, evaluation
 from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, mean_figures, newest_birth, usable
 from usvauv.env.record.recorder import EACH, record, trace_bytes

@@ -9,14 +9,18 @@ from usvauv.env import Scenario, ScenarioError
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables
 from usvauv.env.world.boat_strategies import StrategyChoice
-from usvauv.env.world.current_statistics import current_bound, current_model
+from usvauv.env.world.current_statistics import FOREVER, current_bound, current_model
 from usvauv.kernels.mission.columns import Parameter, Refraction
-from usvauv.kernels.positioning.absorption import Water, francois_garrison
-from usvauv.kernels.positioning.ambient_noise import coates, rain_noise
-from usvauv.kernels.positioning.current_process import FOREVER
 from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
 from usvauv.kernels.positioning.reflections import SEDIMENTS
-from usvauv.kernels.positioning.sea_wind import height_of_developed_sea, wind_of_developed_sea
+from usvauv.kernels.positioning.sonar import (
+    SeaWater,
+    coates,
+    francois_garrison,
+    height_of_developed_sea,
+    rain_noise,
+    wind_of_developed_sea,
+)
 
 NUMBERS = {
     "area": {"width": 300, "length": 250, "depth": 140},
@@ -56,7 +60,7 @@ def test_numbers_that_are_computed():
     found, place = packed(site()), site()
     noise = 10 * math.log10(10 ** (coates(24000, 0.3, 9) / 10) + 10 ** (rain_noise(24000, 6) / 10) + 0)
     level = 170.77 + 10 * math.log10(0.1) - noise - 10 * math.log10(8000)
-    alpha = francois_garrison(24000, Water(12, 34, 7.9, 30))
+    alpha = francois_garrison(24000, SeaWater(12, 34, 7.9, 30))
     slant = math.hypot(140 - 60, 11)
     snr = level - 17 * math.log10(slant) - alpha * slant / 1000
     rate = 8000 * math.log2(1 + 10 ** (snr / 10)) / 1e6

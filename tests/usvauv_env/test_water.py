@@ -16,7 +16,7 @@ from usvauv.env.site.site import Site
 from usvauv.env.world.tables import data_level
 from usvauv.kernels.flow import vortex
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
-from usvauv.kernels.positioning import sonar_equation
+from usvauv.kernels.positioning import sonar
 
 PLACE = ["area.width=4000", "area.length=3000", "sea.cell_size=100", "water.longitude=5.01", "water.latitude=60.01"]
 FRAME = LocalFrame(5.01, 60.01)
@@ -155,8 +155,8 @@ class TestRealBed:
         depth = bed_depth(*frame.to_geographic(node[:, NodeColumn.x], node[:, NodeColumn.y]))
         level, nodes = data_level(Site(scenario)), scenario.nodes
         for distance, below, rate in zip(away, depth - 100, auv[:, AuvColumn.rate], strict=True):
-            snr = level - sonar_equation.transmission_loss(math.hypot(distance, below), nodes.frequency)
-            assert rate == pytest.approx(1e-6 * sonar_equation.shannon_rate(nodes.bandwidth, snr, 0), rel=1e-3)
+            snr = level - sonar.transmission_loss(math.hypot(distance, below), nodes.frequency)
+            assert rate == pytest.approx(1e-6 * sonar.shannon_rate(nodes.bandwidth, snr, 0), rel=1e-3)
         assert np.ptp(depth) > 10
 
     def test_auvs_must_clear_it(self, slope):

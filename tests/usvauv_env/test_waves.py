@@ -18,7 +18,7 @@ from usvauv.env.site.site import Site
 from usvauv.env.site.waves import WaveSpectrum
 from usvauv.env.world.current_statistics import current_bound, current_parts
 from usvauv.env.world.tables import wind
-from usvauv.kernels.positioning.sea_wind import wind_of_developed_sea
+from usvauv.kernels.positioning.sonar import wind_of_developed_sea
 
 WIND_SEA = (5.0, 11.0, 90.0, 10)  # Hs, Tp, travels towards the east, s
 SWELL = (2.0, 16.0, 210.0, 40)  # towards the south-south-west

@@ -19,7 +19,7 @@ from usvauv.cli.commands.options import (
     Seed,
     at_least,
     make_folder,
-    tell_of_team,
+    warn_team_size,
     warn_uneven_bed,
     writable,
 )
@@ -113,7 +113,7 @@ def evaluate(
     names = list(dict.fromkeys(policy or [policies.default(setting), "straight"]))
     for name in names:
         policies.check(name, setting)
-        tell_of_team(name, setting)
+        warn_team_size(name, setting)
     strategies = [StrategyChoice.parse(name, setting).name for name in usv or [None]]
     settings = [setting.with_targets(rule) for rule in targets or [None]]
     scenarios = {

@@ -16,7 +16,7 @@ from usvauv.cli.commands.options import (
     Seed,
     Targets,
     Usv,
-    tell_of_team,
+    warn_team_size,
 )
 from usvauv.kernels.interruption import stoppable
 
@@ -54,7 +54,7 @@ def live(
     setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
     with listen(port) as listening, serve(listening, f"usvauv {setting.name}") as (server, address):
         session = Session(setting, seed, usv, policy, arch)
-        tell_of_team(session.policy, setting)
+        warn_team_size(session.policy, setting)
         show = Show(server, session)
         typer.echo(f"live: {address} (Ctrl-C ends it)")
         if open_tab:

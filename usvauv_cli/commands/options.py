@@ -80,7 +80,7 @@ Plugins = Annotated[
 ]
 
 
-def tell_of_team(name: str, scenario: Scenario) -> None:
+def warn_team_size(name: str, scenario: Scenario) -> None:
     """Say so where a trained policy that ships was trained with another number of AUVs than a scenario has."""
     from usvauv import policies
 
@@ -94,10 +94,10 @@ def tell_of_team(name: str, scenario: Scenario) -> None:
 
 def warn_reflections(scenario: Scenario) -> None:
     """Warn where reflections that a scenario leaves out would be the largest error of fixes."""
-    from usvauv.env.multipath import warning
+    from usvauv.env.planning.fix_errors import reflections_warning
     from usvauv.env.site.site import Site
 
-    if line := warning(Site(scenario)):
+    if line := reflections_warning(Site(scenario)):
         typer.echo(f"warning: {line}", err=True)
 
 

@@ -14,7 +14,7 @@ from usvauv.kernels.errors import UserError
 if TYPE_CHECKING:
     from usvauv.cli.fix_log.estimate import Estimate
     from usvauv.env import Scenario
-    from usvauv.env.positioning import BoatPlace, Plan
+    from usvauv.env.planning.plan import BoatPlace, Plan
 
 FORMATS = (".png", ".pdf", ".svg", ".geojson")
 MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
@@ -134,8 +134,9 @@ def plan(
     import json
     from dataclasses import asdict, replace
 
-    from usvauv.env import Scenario, geojson
-    from usvauv.env.positioning import solve
+    from usvauv.env import Scenario
+    from usvauv.env.exchange import geojson
+    from usvauv.env.planning.plan import solve
     from usvauv.env.site.place import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
 
@@ -284,7 +285,7 @@ def print_estimates(estimates: list[Estimate]) -> None:
 def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
     from usvauv.cli import tables
-    from usvauv.env.fix_prediction import LEAST_GOOD
+    from usvauv.env.planning.fix_errors import LEAST_GOOD
     from usvauv.env.site.place import coordinates
 
     best = result.optimum

@@ -56,7 +56,8 @@ def replay(
     `usvauv replay mission.nc --out mission.geojson`
     """
     from usvauv.cli import console, mission_video
-    from usvauv.env import Trace, geojson
+    from usvauv.env import Trace
+    from usvauv.env.exchange import geojson
 
     out = out or Path(f"{traces[0].stem}.mp4")
     mapped = out.suffix.lower() == geojson.ENDING

@@ -25,9 +25,9 @@ from usvauv.cli.commands.options import (
     VideoOut,
     ViewOption,
     at_least,
-    tell_of_team,
     video_settings,
     warn_reflections,
+    warn_team_size,
     warn_uneven_bed,
     writable,
 )
@@ -99,7 +99,7 @@ def simulate(
         runs.append(runs[0].but(compare))
     for run in runs:
         policies.check(run.policy, run.scenario(setting))
-        tell_of_team(run.policy, setting)
+        warn_team_size(run.policy, setting)
         StrategyChoice.parse(run.usv, setting)
     warn_uneven_bed(setting)
     warn_reflections(setting)

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from contourpy import contour_generator
 
-from usvauv.env.fix_prediction import reception
+from usvauv.env.planning.fix_errors import reception
 from usvauv.env.record.metrics import energy_consumption, position_error, target_distance
 from usvauv.env.record.trace import Trace
 from usvauv.env.site.site import Site

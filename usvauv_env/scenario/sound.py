@@ -8,9 +8,8 @@ from pydantic import Field, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Bandwidth, Carrier, Number, Section, known
 from usvauv.kernels.planning.information import MAX_AUVS
-from usvauv.kernels.positioning.absorption import absorption_laws
-from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws
 from usvauv.kernels.positioning.reflections import SEDIMENTS
+from usvauv.kernels.positioning.sonar import absorption_laws, ambient_noise_laws
 
 
 class Acoustics(Section):

@@ -14,20 +14,28 @@ from usvauv.env.site.place import far_position
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
 from usvauv.env.world.boat_strategies import BoatStrategy
-from usvauv.env.world.current_statistics import current_bound, current_model
+from usvauv.env.world.current_statistics import FOREVER, current_bound, current_model
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
-from usvauv.kernels.positioning import current_process, pulse, sonar_equation, validation
-from usvauv.kernels.positioning.absorption import Water, absorption_laws
+from usvauv.kernels.positioning import pulse, sonar, usbl
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar
 from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
-from usvauv.kernels.positioning.ambient_noise import NoiseLaw, ambient_noise_laws, boat_noise, rain_noise, total_level
 from usvauv.kernels.positioning.reflections import SEDIMENTS
-from usvauv.kernels.positioning.sea_wind import height_of_developed_sea, wind_of_developed_sea
+from usvauv.kernels.positioning.sonar import (
+    NoiseLaw,
+    SeaWater,
+    absorption_laws,
+    ambient_noise_laws,
+    boat_noise,
+    height_of_developed_sea,
+    rain_noise,
+    total_level,
+    wind_of_developed_sea,
+)
 
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
 SERVICE_FILL = 0.65  # share of a full buffer that a typical service takes, for the boat's foresight
@@ -70,7 +78,7 @@ def wind(site: Site) -> float:
 def absorption(scenario: Scenario, frequency: float) -> float:
     """Absorption at a frequency (Hz) half way down to the AUVs, dB/km."""
     acoustics = scenario.acoustics
-    water = Water(acoustics.water_temperature, acoustics.water_salinity, acoustics.ph, scenario.auv.depth / 2)
+    water = SeaWater(acoustics.water_temperature, acoustics.water_salinity, acoustics.ph, scenario.auv.depth / 2)
     return absorption_laws[acoustics.absorption](frequency, water)
 
 
@@ -79,8 +87,8 @@ def data_level(site: Site) -> float:
     scenario = site.scenario
     nodes, noise = scenario.nodes, scenario.acoustics
     density = noise_law(scenario)(nodes.frequency, noise.shipping, wind(site))
-    level = sonar_equation.noise_level(density, nodes.bandwidth)
-    return sonar_equation.acoustic_source_level(nodes.source_power) - level
+    level = sonar.noise_level(density, nodes.bandwidth)
+    return sonar.acoustic_source_level(nodes.source_power) - level
 
 
 def reference_rate(site: Site) -> float:
@@ -89,9 +97,9 @@ def reference_rate(site: Site) -> float:
     auv, nodes = scenario.auv, scenario.nodes
     separation = auv.depth if auv.separation == "demonstration" else scenario.area.depth - auv.depth
     slant = math.hypot(separation, auv.hover_radius)
-    loss = sonar_equation.path_loss(slant, scenario.acoustics.spreading, absorption(scenario, nodes.frequency))
+    loss = sonar.path_loss(slant, scenario.acoustics.spreading, absorption(scenario, nodes.frequency))
     snr = data_level(site) - loss
-    return max(1e-6 * sonar_equation.shannon_rate(nodes.bandwidth, snr, nodes.rate_law == "demonstration"), LEAST_RATE)
+    return max(1e-6 * sonar.shannon_rate(nodes.bandwidth, snr, nodes.rate_law == "demonstration"), LEAST_RATE)
 
 
 def sound_profile(site: Site) -> SoundSpeedProfile:
@@ -136,7 +144,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         tracker=s.tracker.enabled,
         schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
         sensor=getattr(Sensor, s.navigation.sensor),
-        turns=validation.turns_possible(link),
+        turns=usbl.turns_possible(link),
         fleet=s.boat.count > 1,
     )
 
@@ -249,7 +257,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         link: of `link_table`.
     """
     s = site.scenario
-    current_variance, correlation_time = 0.0, current_process.FOREVER
+    current_variance, correlation_time = 0.0, FOREVER
     if s.tracker.enabled or s.navigation.sensor == "water":
         current_variance, correlation_time = current_model(site, link)
     elif s.navigation.sensor == "ground":  # the log's bias takes the current's place

@@ -20,7 +20,7 @@ from usvauv.kernels.mission.target_rules import knowledge, share_nodes
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.mission.worlds import uniforms
-from usvauv.kernels.positioning import sonar_equation
+from usvauv.kernels.positioning import sonar
 from usvauv.kernels.types import vec2
 
 GUIDE = 64
@@ -130,10 +130,10 @@ def begin_service(worlds: ti.template(), w, k, distance):
         depth = grid_sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
         separation = depth - p[Parameter.cruise]
     slant = ti.sqrt(distance * distance + separation * separation)
-    loss = sonar_equation.path_loss(slant, p[Parameter.spreading], p[Parameter.data_absorption])
+    loss = sonar.path_loss(slant, p[Parameter.spreading], p[Parameter.data_absorption])
     snr = p[Parameter.data_level] - loss
     law = ti.cast(p[Parameter.data_demonstration], ti.i32)
-    rate = ti.max(1e-6 * sonar_equation.shannon_rate(p[Parameter.data_bandwidth], snr, law), LEAST_RATE)
+    rate = ti.max(1e-6 * sonar.shannon_rate(p[Parameter.data_bandwidth], snr, law), LEAST_RATE)
     cargo = unclaimed(worlds, w, target)
     knowledge.learn(worlds, w, k, target, cargo)
     auv[w, k, AuvColumn.rate] = rate

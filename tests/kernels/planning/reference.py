@@ -7,8 +7,8 @@ import torch
 from torch.func import grad, jacrev, vmap
 
 from usvauv.kernels.planning import objectives
-from usvauv.kernels.positioning import acoustic_link, sonar_equation
-from usvauv.kernels.positioning.ambient_noise import coates
+from usvauv.kernels.positioning import acoustic_link, sonar
+from usvauv.kernels.positioning.sonar import coates
 
 CODES = {
     f"{objective} {measurement}": objectives.objective_code(measurement, objective)
@@ -55,7 +55,7 @@ def sigma(K, S, source_level=162.0):
     """Standard deviation (rad) of the phase differences of an echo at slant ranges S (K,), straight from the laws."""
     out = []
     for f, s in zip(carriers(K), S, strict=True):
-        snr = sonar_equation.echo_snr(source_level, 3.0, sonar_equation.noise_level(coates(f, 0.5, 0.0), 1000.0), s, f)
+        snr = sonar.echo_snr(source_level, 3.0, sonar.noise_level(coates(f, 0.5, 0.0), 1000.0), s, f)
         out.append(math.sqrt(10 ** (-snr / 10) / (1000.0 * 10 / f)))  # E/N0 = SNR · B · T, ten periods
     return torch.tensor(out, dtype=torch.float64)
 

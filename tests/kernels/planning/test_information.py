@@ -91,7 +91,7 @@ class TestLevelArray:
         T = information_batch(link, auvs, boat, measurement=FIX)[:, 0].double().cpu()
         offset = torch.cat([auvs[:, 0, :2] - boat, auvs[:, 0, 2:]], 1)
         zero = torch.zeros(3, dtype=torch.int32, device=device)
-        estimate, _ = usbl.fixes(link, zero, offset, offset.new_zeros(3, 2), offset.new_zeros(3, 5))
+        estimate, _, _ = usbl.fixes(link, zero, offset, offset.new_zeros(3, 2), offset.new_zeros(3, 5))
         across = offset.norm(dim=1) * estimate[:, 3] / link[0, acoustic_link.KAPPA]
         assert torch.allclose(T, across.double().cpu() ** -2, rtol=2e-5)
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from usvauv.kernels.positioning.absorption import (
-    Water,
+from usvauv.kernels.positioning.sonar import (
+    SeaWater,
     absorption_laws,
     ainslie_mccolm,
     francois_garrison,
@@ -42,16 +42,16 @@ def test_thorp(kilohertz, alpha):
 @pytest.mark.parametrize(("temperature", "salinity", "kilohertz", "alpha"), TABLE)
 def test_francois_garrison(temperature, salinity, kilohertz, alpha):
     """To the last of three digits."""
-    assert francois_garrison(1000 * kilohertz, Water(temperature, salinity)) == pytest.approx(alpha, rel=6e-3)
+    assert francois_garrison(1000 * kilohertz, SeaWater(temperature, salinity)) == pytest.approx(alpha, rel=6e-3)
 
 
 @pytest.mark.parametrize(
     "waters",
     [
-        [Water(temperature=T) for T in range(-6, 36)],
-        [Water(ph=ph) for ph in (7.7, 7.8, 7.9, 8.0, 8.1, 8.2, 8.3)],
-        [Water(salinity=S) for S in range(5, 51, 5)],
-        [Water(depth=z) for z in range(0, 7001, 500)],
+        [SeaWater(temperature=T) for T in range(-6, 36)],
+        [SeaWater(ph=ph) for ph in (7.7, 7.8, 7.9, 8.0, 8.1, 8.2, 8.3)],
+        [SeaWater(salinity=S) for S in range(5, 51, 5)],
+        [SeaWater(depth=z) for z in range(0, 7001, 500)],
     ],
     ids=["temperature", "pH", "salinity", "depth"],
 )
@@ -65,11 +65,11 @@ def test_ainslie_mccolm_within_ten_percent(waters):
 
 
 def test_water_is_at_the_surface_unless_its_depth_is_said():
-    assert Water() == Water(temperature=10.0, salinity=35.0, ph=8.0, depth=0.0)
+    assert SeaWater() == SeaWater(temperature=10.0, salinity=35.0, ph=8.0, depth=0.0)
 
 
 def test_thorp_has_a_quarter_more_at_15_kilohertz_in_warm_water():
-    assert thorp(15e3) / francois_garrison(15e3, Water()) == pytest.approx(1.25, abs=0.02)
+    assert thorp(15e3) / francois_garrison(15e3, SeaWater()) == pytest.approx(1.25, abs=0.02)
 
 
 @pytest.mark.parametrize(("temperature", "coefficient"), PINKERTON)
@@ -77,18 +77,18 @@ def test_thorp_has_a_quarter_more_at_15_kilohertz_in_warm_water():
 def test_pure_water(law, tolerance, temperature, coefficient):
     """Without salt, and at high frequencies with it: α ∝ f², in Np/m over Hz² as measured in pure water."""
     for salinity, f in ((0.0, 1e5), (35.0, 1e8)):
-        neper = law(f, Water(temperature, salinity)) / 1000 / (20 * math.log10(math.e))
+        neper = law(f, SeaWater(temperature, salinity)) / 1000 / (20 * math.log10(math.e))
         assert neper / f**2 == pytest.approx(coefficient * 1e-15, rel=tolerance)
 
 
 def test_pressure_lowers_the_absorption_of_pure_water():
     """Francois and Garrison's 1 − 3.83e-5 z + 4.9e-10 z², worked out by hand for 5 km."""
-    deep, shallow = (francois_garrison(1e6, Water(salinity=0.0, depth=z)) for z in (5000.0, 0.0))
+    deep, shallow = (francois_garrison(1e6, SeaWater(salinity=0.0, depth=z)) for z in (5000.0, 0.0))
     assert deep / shallow == pytest.approx(0.82075)
 
 
 def test_branches_of_pure_water_meet_at_20_degrees():
-    below, above = (francois_garrison(1e6, Water(T, 0.0)) for T in (20.0, 20.0 + 1e-9))
+    below, above = (francois_garrison(1e6, SeaWater(T, 0.0)) for T in (20.0, 20.0 + 1e-9))
     assert above == pytest.approx(below, rel=2e-3)
 
 
@@ -101,7 +101,7 @@ class TestRelaxation:
     @pytest.mark.parametrize(("law", "corner"), [(francois_garrison, 1117.0), (ainslie_mccolm, 1146.0)])
     def test_boric_acid(self, law, corner):
         """2.8 · 10^(4 − 1245/283) kHz, and 0.78 e^(10/26) kHz; boric acid alone depends on pH."""
-        at, above = (law(f, Water(ph=8.3)) - law(f, Water(ph=8.0)) for f in (corner, 1000 * corner))
+        at, above = (law(f, SeaWater(ph=8.3)) - law(f, SeaWater(ph=8.0)) for f in (corner, 1000 * corner))
         assert at / above == pytest.approx(0.5, abs=1e-3)
 
     @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ class TestRelaxation:
     )
     def test_magnesium_sulphate(self, law, corner, above):
         """8.17 · 10^(8 − 1990/283) kHz with 21.44 · 35/c · 1.25 dB/km/kHz; 42 e^(10/17) kHz with 0.52 (1 + 10/43)."""
-        salt = [law(f, Water()) - law(f, Water(salinity=0.0)) for f in (corner, 1000 * corner)]
+        salt = [law(f, SeaWater()) - law(f, SeaWater(salinity=0.0)) for f in (corner, 1000 * corner)]
         boric = 0.12  # dB/km, constant far above its own frequency
         assert salt[1] == pytest.approx(above, rel=3e-3)
         assert (salt[0] - boric) / (salt[1] - boric) == pytest.approx(0.5, abs=1e-3)
@@ -117,14 +117,14 @@ class TestRelaxation:
 
 @pytest.mark.parametrize("name", absorption_laws)
 def test_more_at_higher_frequencies(name):
-    assert np.all(np.diff([absorption_laws[name](f, Water()) for f in FREQUENCIES]) > 0)
+    assert np.all(np.diff([absorption_laws[name](f, SeaWater()) for f in FREQUENCIES]) > 0)
 
 
 @pytest.mark.parametrize("law", WATER_LAWS)
 def test_less_at_depth_and_in_fresh_water(law):
     for f in (1e4, 1e5, 1e6):
-        assert np.all(np.diff([law(f, Water(depth=z)) for z in range(0, 5000, 100)]) < 0)
-        assert np.all(np.diff([law(f, Water(salinity=S)) for S in range(41)]) > 0)
+        assert np.all(np.diff([law(f, SeaWater(depth=z)) for z in range(0, 5000, 100)]) < 0)
+        assert np.all(np.diff([law(f, SeaWater(salinity=S)) for S in range(41)]) > 0)
 
 
 def test_names():

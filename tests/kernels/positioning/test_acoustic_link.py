@@ -10,7 +10,7 @@ import torch
 
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
-from usvauv.kernels.positioning.bubbles import vertical_bubble_loss
+from usvauv.kernels.positioning.sonar import vertical_bubble_loss
 from usvauv.kernels.types import array2, vec3
 
 CARRIERS = (15000.0, 18000.0)

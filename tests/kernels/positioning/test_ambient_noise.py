@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from usvauv.kernels.positioning.ambient_noise import ambient_noise_laws, boat_noise, coates, rain_noise, total_level
+from usvauv.kernels.positioning.sonar import ambient_noise_laws, boat_noise, coates, rain_noise, total_level
 
 KNOT = 1852 / 3600  # m/s
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from usvauv.kernels.positioning.bubbles import LAYER_PER_WIND, bubble_loss, vertical_bubble_loss
+from usvauv.kernels.positioning.sonar import LAYER_PER_WIND, bubble_loss, vertical_bubble_loss
 
 # APL-UW TR 9407, Eqs. 28a and 28b, both ways, worked out by hand: Hz, m/s, degrees, dB.
 HANDBOOK = [

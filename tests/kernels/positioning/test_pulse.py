@@ -10,8 +10,8 @@ import pytest
 import torch
 from scipy import stats
 
-from usvauv.kernels.positioning import acoustic_link, pulse, reflections, usbl
-from usvauv.kernels.positioning.pulse import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
+from usvauv.kernels.positioning import acoustic_link, matched_filter, pulse, reflections, usbl
+from usvauv.kernels.positioning.matched_filter import AMPLITUDE, PHASE_X, PHASE_Y, RANGE_ERROR, RESIDUAL, SLIP
 
 SIGNIFICANCE = 1e-5
 C = 1500.0
@@ -49,13 +49,13 @@ class Batch:
         """(count, MEASURED) at the energy `gamma` over N0 on one hydrophone."""
         energy = torch.full((count,), float(gamma), device=self.device)
         case = *self.geometry(count, spread), energy, seed
-        return pulse.measurements(self.tables, *case, water=water).double().cpu().numpy()
+        return matched_filter.measurements(self.tables, *case, water=water).double().cpu().numpy()
 
     def statistical(self, count, seed=2):
         """Errors (count, 3), flags, and γ by the link."""
         noise = torch.randn(count, 7, generator=torch.Generator().manual_seed(seed)).to(self.device)
         geometry = self.geometry(count)
-        estimate, _, flags = usbl.flagged_fixes(*geometry, noise)
+        estimate, _, flags = usbl.fixes(*geometry, noise)
         error = (estimate[:, :3] - geometry[2]).double().cpu().numpy()
         return error, flags.cpu().numpy(), 1 / estimate[0, 3].item() ** 2
 
@@ -295,7 +295,7 @@ class TestReflections:
         disturbed = batch.measure(1e10, count, spread=0.0, water=water)[:, [PHASE_X, PHASE_Y, RANGE_ERROR]]
         clean = batch.measure(1e12, count, spread=0.0)[:, [PHASE_X, PHASE_Y, RANGE_ERROR]]
         error = disturbed - clean
-        variance = pulse.multipath_variances(batch.tables, *batch.geometry(count, 0.0), water).double().mean(0)
+        variance = reflections.multipath_variances(batch.tables, *batch.geometry(count, 0.0), water).double().mean(0)
         assert error.var(0) == pytest.approx(variance.cpu().numpy(), rel=0.12)
         assert (np.abs(error.mean(0)) / error.std(0)).max() < 0.35
 

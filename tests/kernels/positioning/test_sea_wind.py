@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from usvauv.kernels.positioning.sea_wind import (
+from usvauv.kernels.positioning.sonar import (
     drag,
     height_of_developed_sea,
     wind_of_developed_sea,

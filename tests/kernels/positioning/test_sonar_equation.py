@@ -6,21 +6,20 @@ import pytest
 import taichi as ti
 import torch
 
-from usvauv.kernels.positioning import sonar_equation
-from usvauv.kernels.positioning.absorption import thorp
-from usvauv.kernels.positioning.ambient_noise import coates
+from usvauv.kernels.positioning import sonar
+from usvauv.kernels.positioning.sonar import coates, thorp
 
 LAWS = {
     "thorp": (thorp, (15000.0,)),
-    "path_loss": (sonar_equation.path_loss, (250.0, 20.0, 4.3)),
-    "transmission_loss": (sonar_equation.transmission_loss, (250.0, 15000.0)),
+    "path_loss": (sonar.path_loss, (250.0, 20.0, 4.3)),
+    "transmission_loss": (sonar.transmission_loss, (250.0, 15000.0)),
     "coates": (coates, (15000.0, 0.5, 4.0)),
-    "noise_level": (sonar_equation.noise_level, (26.0, 1000.0)),
-    "one_way_snr": (sonar_equation.one_way_snr, (135.0, 56.0, 120.0, 18000.0)),
-    "echo_snr": (sonar_equation.echo_snr, (135.0, 3.0, 56.0, 120.0, 18000.0)),
-    "acoustic_source_level": (sonar_equation.acoustic_source_level, (0.03,)),
-    "shannon_rate": (sonar_equation.shannon_rate, (1e4, 60.0, 0)),
-    "demonstration_rate": (sonar_equation.shannon_rate, (1e4, 60.0, 1)),
+    "noise_level": (sonar.noise_level, (26.0, 1000.0)),
+    "one_way_snr": (sonar.one_way_snr, (135.0, 56.0, 120.0, 18000.0)),
+    "echo_snr": (sonar.echo_snr, (135.0, 3.0, 56.0, 120.0, 18000.0)),
+    "acoustic_source_level": (sonar.acoustic_source_level, (0.03,)),
+    "shannon_rate": (sonar.shannon_rate, (1e4, 60.0, 0)),
+    "demonstration_rate": (sonar.shannon_rate, (1e4, 60.0, 1)),
 }
 
 
@@ -39,19 +38,19 @@ def test_kernel_and_host_agree(device, law, arguments):
 
 class TestFits:
     def test_loss_doubles_the_range(self):
-        doubled = sonar_equation.transmission_loss(200.0, 1e4) - sonar_equation.transmission_loss(100.0, 1e4)
+        doubled = sonar.transmission_loss(200.0, 1e4) - sonar.transmission_loss(100.0, 1e4)
         assert doubled == pytest.approx(15 * math.log10(2) + 0.1 * thorp(1e4))
 
     @pytest.mark.parametrize("spreading", [10.0, 15.0, 20.0])
     def test_path_loss(self, spreading):
         """Spreading over three decades, and 4 dB/km over one kilometre."""
-        assert sonar_equation.path_loss(1000.0, spreading, 4.0) == pytest.approx(3 * spreading + 4)
+        assert sonar.path_loss(1000.0, spreading, 4.0) == pytest.approx(3 * spreading + 4)
         for r in (0.0, 0.4, 1.0):  # no nearer than 1 m
-            assert sonar_equation.path_loss(r, spreading, 4.0) == pytest.approx(0.004)
-        assert sonar_equation.path_loss(1.2, spreading, 0.0) == pytest.approx(spreading * math.log10(1.2))
+            assert sonar.path_loss(r, spreading, 4.0) == pytest.approx(0.004)
+        assert sonar.path_loss(1.2, spreading, 0.0) == pytest.approx(spreading * math.log10(1.2))
 
     def test_loss_begins_at_one_metre(self):
-        assert sonar_equation.transmission_loss(0.0, 1e4) == sonar_equation.transmission_loss(1.0, 1e4)
+        assert sonar.transmission_loss(0.0, 1e4) == sonar.transmission_loss(1.0, 1e4)
 
     @pytest.mark.parametrize(
         ("f", "shipping", "wind", "density"),
@@ -68,33 +67,33 @@ class TestFits:
 
     def test_noise_in_a_band(self):
         density = coates(15000.0, 0.5, 0.0)
-        assert sonar_equation.noise_level(density, 1000.0) == pytest.approx(density + 30)
+        assert sonar.noise_level(density, 1000.0) == pytest.approx(density + 30)
 
     def test_echo_travels_twice(self):
-        one_way = sonar_equation.one_way_snr(135.0, 56.0, 100.0, 15000.0)
-        echo = sonar_equation.echo_snr(135.0, 3.0, 56.0, 100.0, 15000.0)
-        assert one_way - echo == pytest.approx(sonar_equation.transmission_loss(100.0, 15000.0) - 3)
+        one_way = sonar.one_way_snr(135.0, 56.0, 100.0, 15000.0)
+        echo = sonar.echo_snr(135.0, 3.0, 56.0, 100.0, 15000.0)
+        assert one_way - echo == pytest.approx(sonar.transmission_loss(100.0, 15000.0) - 3)
 
     def test_positioning_link_of_table_1(self):
         """135 dB, 15 kHz, 1 kHz band, no wind, 100 m: 21.4 dB of echo."""
-        noise = sonar_equation.noise_level(coates(15000.0, 0.5, 0.0), 1000.0)
-        assert sonar_equation.echo_snr(135.0, 3.0, noise, 100.0, 15000.0) == pytest.approx(21.4, abs=0.05)
+        noise = sonar.noise_level(coates(15000.0, 0.5, 0.0), 1000.0)
+        assert sonar.echo_snr(135.0, 3.0, noise, 100.0, 15000.0) == pytest.approx(21.4, abs=0.05)
 
 
 class TestRate:
     def test_shannon(self):
-        assert sonar_equation.shannon_rate(1000.0, 0.0, 0) == pytest.approx(1000.0)
-        assert sonar_equation.shannon_rate(1000.0, 10.0, 0) == pytest.approx(1000 * math.log2(11))
-        assert sonar_equation.shannon_rate(1000.0, -30.0, 0) == pytest.approx(1000 * math.log2(1.001))
+        assert sonar.shannon_rate(1000.0, 0.0, 0) == pytest.approx(1000.0)
+        assert sonar.shannon_rate(1000.0, 10.0, 0) == pytest.approx(1000 * math.log2(11))
+        assert sonar.shannon_rate(1000.0, -30.0, 0) == pytest.approx(1000 * math.log2(1.001))
 
     def test_demonstration_takes_decibels_for_bels(self):
-        assert sonar_equation.shannon_rate(1000.0, 1.0, 1) == pytest.approx(1000 * math.log2(11))
-        ratio = sonar_equation.shannon_rate(1e4, 70.0, 1) / sonar_equation.shannon_rate(1e4, 70.0, 0)
+        assert sonar.shannon_rate(1000.0, 1.0, 1) == pytest.approx(1000 * math.log2(11))
+        ratio = sonar.shannon_rate(1e4, 70.0, 1) / sonar.shannon_rate(1e4, 70.0, 0)
         assert ratio == pytest.approx(10, rel=1e-3)
 
     def test_node_link_at_100_m(self):
         """A 30 mW node at 20 kHz in a 10 kHz band has 61 dB over 100 m and carries 0.2 Mbit/s."""
-        noise = sonar_equation.noise_level(coates(20000.0, 0.5, 0.0), 10000.0)
-        snr = sonar_equation.one_way_snr(sonar_equation.acoustic_source_level(0.03), noise, 100.0, 20000.0)
+        noise = sonar.noise_level(coates(20000.0, 0.5, 0.0), 10000.0)
+        snr = sonar.one_way_snr(sonar.acoustic_source_level(0.03), noise, 100.0, 20000.0)
         assert snr == pytest.approx(155.54 - 30.41 - (23.88 + 40), abs=0.05)
-        assert sonar_equation.shannon_rate(10000.0, snr, 0) == pytest.approx(0.2035e6, rel=1e-3)
+        assert sonar.shannon_rate(10000.0, snr, 0) == pytest.approx(0.2035e6, rel=1e-3)

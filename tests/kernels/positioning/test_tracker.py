@@ -13,11 +13,12 @@ from tests.links import TILTING
 from usvauv import policies
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
+from usvauv.env.world import current_statistics
 from usvauv.env.world.current_statistics import current_model
 from usvauv.env.world.tables import link_table
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.columns import AuvColumn
-from usvauv.kernels.positioning import current_process, tracker
+from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import array1, array2, array3, vec2, vec3
 
 UPPER = np.triu_indices(4)
@@ -544,8 +545,8 @@ class TestMission:
 
 class TestCurrentModel:
     def test_still_water_needs_no_noise(self):
-        assert current_process.ornstein_uhlenbeck([], 0.1, 1.0) == (0.0, current_process.FOREVER)
-        assert current_process.eddies(0, (0.0, 0.0), (30.0, 30.0), 4e4, 1.5) == (0.0, 0.0)
+        assert current_statistics.ornstein_uhlenbeck([], 0.1, 1.0) == (0.0, current_statistics.FOREVER)
+        assert current_statistics.eddies(0, (0.0, 0.0), (30.0, 30.0), 4e4, 1.5) == (0.0, 0.0)
 
     def test_eddies(self):
         """Means of Lamb and Oseen's velocity squared over a disc of the same area, and of a quarter of their vorticity
@@ -557,7 +558,7 @@ class TestCurrentModel:
         ring = 2 * math.pi * r * r[0] * count * (Gamma**2).mean() / area
         V = -np.expm1(-((r / core) ** 2)) / (2 * math.pi * r)
         vorticity = np.exp(-((r / core) ** 2)) / (math.pi * core**2)
-        variance, frequency = current_process.eddies(count, (100.0, 300.0), (20.0, 40.0), area, speed)
+        variance, frequency = current_statistics.eddies(count, (100.0, 300.0), (20.0, 40.0), area, speed)
         assert variance == pytest.approx((0.5 * V**2 * ring).sum(), rel=3e-3)
         change = speed**2 * (0.25 * vorticity**2 * ring).sum()
         assert frequency == pytest.approx(math.sqrt(change / variance), rel=3e-3)
@@ -569,21 +570,21 @@ class TestCurrentModel:
         n = np.arange(modes + 1)
         k = math.pi / length * math.sqrt((n[:, None] ** 2 + n**2).mean())
         left = np.exp(-drag * np.linspace(0, duration, 100_001)).mean()
-        found = current_process.standing_waves(rms, modes, length, depth, 9.81, drag, duration)
+        found = current_statistics.standing_waves(rms, modes, length, depth, 9.81, drag, duration)
         # Half of the energy at the crests is that of the mean elevation, g rms²/2, which the two axes share.
         assert found == pytest.approx((9.81 * rms**2 / 2 / depth / 2 * left, k * math.sqrt(9.81 * depth)), rel=1e-4)
 
     def test_dead_reckoning_in_still_water(self, device):
-        (start, covariance), arrays, truth = simulate(3, 200, 50, 0.0, current_process.FOREVER)
+        (start, covariance), arrays, truth = simulate(3, 200, 50, 0.0, current_statistics.FOREVER)
         start = begin(start, covariance, 0.0, device)
-        track, _ = follow(device, start, *arrays, variance=0.0, correlation_time=current_process.FOREVER)
+        track, _ = follow(device, start, *arrays, variance=0.0, correlation_time=current_statistics.FOREVER)
         error = np.linalg.norm(track[-1, :, :2] - truth[-1, :, :2], axis=-1)
         assert np.sqrt((error**2).mean()) < 0.06
         assert np.abs(track[..., 2:4]).max() == 0
 
     def test_memory_is_that_of_the_filter(self):
         R, interval = 0.09, 2.0
-        variance, time = current_process.ornstein_uhlenbeck([(0.2, 0.03), (0.003, 0.6)], R, interval)
+        variance, time = current_statistics.ornstein_uhlenbeck([(0.2, 0.03), (0.003, 0.6)], R, interval)
         walk = 2 * variance / time
         memory = (R * interval / walk) ** 0.25
         increment = 2 * 0.2 * -math.expm1(-0.5 * (0.03 * memory) ** 2) + 2 * 0.003 * -math.expm1(
@@ -594,7 +595,7 @@ class TestCurrentModel:
     def test_orbital_motion_of_one_wave(self):
         """A narrow band in deep water: u² + v² has the mean a² ω² e^{2kz}, half of it per axis, and its frequency."""
         omega = np.linspace(0.999, 1.001, 101)
-        variance, frequency = current_process.orbital_motion(
+        variance, frequency = current_statistics.orbital_motion(
             omega, np.ones(101), 4 * math.sqrt(0.5), -5.0, 1000.0, 9.81
         )
         assert variance == pytest.approx(0.25 * math.exp(-2 * 5 / 9.81), rel=1e-3)

@@ -11,8 +11,9 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from usvauv.kernels.positioning import acoustic_link, fix_probability, sonar_equation, usbl
-from usvauv.kernels.positioning.ambient_noise import coates
+from usvauv.env.planning.fix_errors import reception
+from usvauv.kernels.positioning import acoustic_link, sonar, usbl
+from usvauv.kernels.positioning.sonar import coates
 from usvauv.kernels.types import array2, vec2, vec3
 
 CARRIERS = (15000.0, 18000.0)
@@ -27,7 +28,7 @@ def fixes(device, offset, *, slope=LEVEL, attitude_error=0.0, noise=None, auv=0,
     n = noise.shape[0]
     true = torch.tensor(offset, dtype=torch.float32, device=device).expand(n, 3).contiguous()
     sonar = acoustic_link.Sonar(accuracy=acoustic_link.Accuracy(attitude=attitude_error), **link)
-    estimate, covariance = usbl.fixes(
+    estimate, covariance, _ = usbl.fixes(
         torch.from_numpy(acoustic_link.link_table(CARRIERS, sonar)).to(device),
         torch.full((n,), auv, dtype=torch.int32, device=device),
         true,
@@ -59,12 +60,8 @@ class TestNoise:
     def test_sigma_from_the_sonar_equation(self, device, path, noise_law, auv):
         f, offset = CARRIERS[auv], (80.0, -30.0, -100.0)
         S = math.hypot(*offset)
-        NL = sonar_equation.noise_level(coates(f, 0.5, 0.0), 1000.0)
-        snr = (
-            sonar_equation.echo_snr(150.0, 3.0, NL, S, f)
-            if path == "echo"
-            else sonar_equation.one_way_snr(150.0, NL, S, f)
-        )
+        NL = sonar.noise_level(coates(f, 0.5, 0.0), 1000.0)
+        snr = sonar.echo_snr(150.0, 3.0, NL, S, f) if path == "echo" else sonar.one_way_snr(150.0, NL, S, f)
         if noise_law == "density":
             expected = math.sqrt(1 / (10 ** (snr / 10) * 1000.0 * 10 / f))  # E/N0 = SNR · B · T
         else:
@@ -228,8 +225,8 @@ def flagged(device, offset, *, slope=LEVEL, seed=9, **link):
     true = torch.tensor(offset, dtype=torch.float32, device=device).expand(DRAWS, 3).contiguous()
     tilt = torch.tensor(slope, dtype=torch.float32, device=device).expand(DRAWS, 2).contiguous()
     noise = torch.randn(DRAWS, 6, generator=torch.Generator().manual_seed(seed)).to(device)
-    _, _, flags = usbl.flagged_fixes(table, auv, true, tilt, noise)
-    detected, usable = fix_probability.good_probability(table, auv[:1], true[:1], tilt[:1])
+    _, _, flags = usbl.fixes(table, auv, true, tilt, noise)
+    detected, usable = reception(table, auv[:1], true[:1], tilt[:1])[2:]
     return flags.cpu().numpy(), detected.item(), usable.item()
 
 
@@ -254,7 +251,7 @@ class TestValidity:
         """Four hydrophones' energy over the noise is noncentral χ² of 8 degrees of freedom."""
         S, f = 100.0, CARRIERS[0]
         energy = 10 * math.log10(a * a / 2)  # a² is twice E/N0
-        level = energy + sonar_equation.transmission_loss(S, f) + coates(f, 0.5, 0.0) - 10 * math.log10(10 / f)
+        level = energy + sonar.transmission_loss(S, f) + coates(f, 0.5, 0.0) - 10 * math.log10(10 / f)
         flags, detected, _ = flagged(device, (0.0, 0.0, -S), source_level=level, path="transponder")
         exact = stats.ncx2.sf(8 + 4 * acoustic_link.PERIOD_ENERGY * 10, 8, 4 * a * a)
         assert detected == pytest.approx(exact, abs=1e-3)
@@ -273,7 +270,7 @@ class TestValidity:
         noise[:, 0], noise[1, 5] = 1.0, 3.0
         table = torch.from_numpy(acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(source_level=142.0))).to(device)
         place = torch.tensor([[0.0, 0.0, -100.0]] * 2, device=device)
-        estimate, _, _ = usbl.flagged_fixes(
+        estimate, _, _ = usbl.fixes(
             table, place.new_zeros(2, dtype=torch.int32), place, place.new_zeros(2, 2), noise.to(device)
         )
         strength = math.sqrt(8) / estimate[0, 3].item()
@@ -305,7 +302,7 @@ class TestValidity:
         table, offset = torch.from_numpy(link).to(device), torch.tensor(place, device=device)
         none = offset.new_zeros(n, 6)
         auv = torch.ones(n, dtype=torch.int32, device=device)
-        estimate, covariance, flags = usbl.flagged_fixes(table, auv, offset, offset.new_zeros(n, 2), none)
+        estimate, covariance, flags = usbl.fixes(table, auv, offset, offset.new_zeros(n, 2), none)
         assert (estimate.shape, covariance.shape, flags.shape) == ((n, 4), (n, 3), (n,))
         S = np.linalg.norm(place.astype(float), axis=1)
         kappa = 2 * math.pi * CARRIERS[1] * spacing / 1500
@@ -359,7 +356,7 @@ def test_numbers_that_are_missing_count_as_zero(device):
     auv = torch.arange(n, dtype=torch.int32) % 2
 
     def found(noise):
-        return usbl.flagged_fixes(link, *(part.to(device) for part in (auv, offset, slope, noise)))
+        return usbl.fixes(link, *(part.to(device) for part in (auv, offset, slope, noise)))
 
     seen = []
     for columns in (5, 6, 7):

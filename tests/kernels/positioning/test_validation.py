@@ -8,14 +8,14 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from usvauv.kernels.positioning import acoustic_link, validation
+from usvauv.kernels.positioning import acoustic_link, usbl
 from usvauv.kernels.types import vec2, vec3
 
 ARRAY = ti.types.ndarray(dtype=ti.f32, ndim=2)
 
 
 def test_the_gate_is_a_quantile_of_chi_square():
-    assert pytest.approx(stats.chi2.isf(1e-3, 2)) == validation.GATE
+    assert pytest.approx(stats.chi2.isf(1e-3, 2)) == usbl.GATE
 
 
 @pytest.mark.parametrize("reach", [0.0, 3.0])
@@ -32,9 +32,9 @@ def test_squared_innovation_beside_numpy(device, reach):
     def run(rows: ARRAY, found: ARRAY, reach: ti.f32):
         for n in range(found.shape[0]):
             C = vec3(rows[n, 2], rows[n, 3], rows[n, 4])
-            expected = validation.Expectation(place=vec2(5.0, -7.0), covariance=C, reach=reach, separation=0.0)
+            expected = usbl.Expectation(place=vec2(5.0, -7.0), covariance=C, reach=reach, separation=0.0)
             R = vec3(rows[n, 5], rows[n, 6], rows[n, 7])
-            found[n, 0] = validation.squared_innovation(expected, vec2(5.0 + rows[n, 0], rows[n, 1] - 7.0), R)
+            found[n, 0] = usbl.squared_innovation(expected, vec2(5.0 + rows[n, 0], rows[n, 1] - 7.0), R)
 
     run(torch.from_numpy(rows).to(device), found, reach)
     length = np.linalg.norm(nu, axis=1, keepdims=True).astype(float)
@@ -56,11 +56,11 @@ def test_cost_is_bounded_by_the_gate_and_grows_with_the_wrong_depth(device):
     @ti.kernel
     def run(link: ARRAY, offset: ARRAY, found: ARRAY):
         for n in range(found.shape[0]):
-            expected = validation.Expectation(
+            expected = usbl.Expectation(
                 place=vec2(30.5, 40.0), covariance=vec3(0.2, 0.0, 0.2), reach=0.0, separation=100.0
             )
             place = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
-            found[n, 0] = validation.cost(link, 0, expected, place, vec3(0.3, 0.0, 0.3), 0.02)
+            found[n, 0] = usbl.candidate_cost(link, 0, expected, place, vec3(0.3, 0.0, 0.3), 0.02)
 
     run(link, offset, found)
     kappa = 2 * math.pi * 15000 * 0.06 / 1500
@@ -77,7 +77,7 @@ def test_cost_is_bounded_by_the_gate_and_grows_with_the_wrong_depth(device):
 )
 def test_turns_are_possible_from_half_a_wavelength_on(spacing, periods, possible):
     table = acoustic_link.link_table((15000.0, 18000.0), acoustic_link.Sonar(spacing=spacing, periods=periods))
-    assert validation.turns_possible(table) == possible
+    assert usbl.turns_possible(table) == possible
 
 
 @pytest.mark.parametrize("spacing", [0.033, 0.06, 0.11, 0.23])
@@ -88,7 +88,7 @@ def test_most_turns_reach_every_direction(device, spacing):
     @ti.kernel
     def run(link: ARRAY, found: ARRAY):
         for n in range(found.shape[0]):
-            found[n, 0] = ti.cast(validation.most_turns(link, 0, 1.0), ti.f32)
+            found[n, 0] = ti.cast(usbl.most_turns(link, 0, 1.0), ti.f32)
 
     run(link, found)
     phase = 2 * math.pi * spacing / 0.1 * np.linspace(-1, 1, 100_001)
@@ -101,4 +101,4 @@ def test_turns_are_possible_where_noise_can_wrap_one_of_the_links():
     link[:, acoustic_link.THRESHOLD] = 8 / 0.1**2
     for kappas, possible in (((2.0, 2.83), False), ((2.0, 2.85), True), ((2.85, 2.0), True), ((4.0, 2.0), True)):
         link[:, acoustic_link.KAPPA] = kappas
-        assert validation.turns_possible(link) == possible
+        assert usbl.turns_possible(link) == possible

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from usvauv.env.positioning import AuvPosition, BoatPlace, Plan
+from usvauv.env.planning.plan import AuvPosition, BoatPlace, Plan
 from usvauv.env.record.metrics import served
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
