@@ -1,23 +1,94 @@
-"""Kernels bound to their arguments, which are inspected once and not at each call.
+"""Kernels bound to their arguments, and arrays that stay in the memory of a device that torch cannot reach.
 
 Taichi inspects each argument of each call in Python, some 5 µs an array; a mission step has sixty arrays, so a single
-world would spend most of its time there. The arrays of a world stay in place, so their pointers are passed once. This
-uses Taichi's launch context as `taichi.lang.kernel_impl.Kernel.launch_kernel` of the pinned version does.
+world would spend most of its time there. The arrays of a world stay in place, so their pointers are passed once
+(`Launch`). This uses Taichi's launch context as `taichi.lang.kernel_impl.Kernel.launch_kernel` of the pinned version
+does.
+
+Torch has no Vulkan tensors, so a tensor that a kernel takes lies in the CPU's memory, and Taichi copies it to the
+device and back at each launch. For arrays that kernels alone work on, launch after launch, that is most of the time
+(`DeviceArrays`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import taichi as ti
 import torch
 from taichi.lang import impl
-from taichi.lang.util import cook_dtype
-from taichi.types.utils import is_signed
 
-from usvauv.kernels.device_arrays import DeviceArray, DeviceArrays
+from usvauv.kernels import runtime
+from usvauv.kernels.types import array1, index1
 
 SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
+UNSIGNED = (ti.u8, ti.u16, ti.u32, ti.u64)
+
+
+@dataclass(frozen=True)
+class DeviceArray:
+    """Argument of a `Launch` in place of a tensor.
+
+    Attributes:
+        tensor: that it stands for.
+        memory: the device's copy, a flat `ti.ndarray`.
+        owner: keeps both alike.
+    """
+
+    tensor: torch.Tensor
+    memory: Any
+    owner: "DeviceArrays"
+
+    def view(self, *shape: int) -> "DeviceArray":
+        """The same numbers in another shape."""
+        return replace(self, tensor=self.tensor.view(*shape))
+
+
+class DeviceArrays:
+    """Copies of contiguous float32 tensors, all of which the same kernels write, or none.
+
+    A tensor that was written since is sent to the device as a whole before a launch; torch counts the writes of each
+    tensor. What kernels wrote comes back by `fetch` alone. On the CPU and with CUDA the tensors themselves serve, and
+    nothing is copied.
+
+    Args:
+        tensors: to copy; they keep their memory.
+
+    Attributes:
+        arguments: for a `Launch`, as `tensors`.
+    """
+
+    def __init__(self, tensors: Sequence[torch.Tensor]) -> None:
+        self._tensors = tuple(tensors)
+        self.arguments: tuple[Any, ...] = self._tensors
+        self._copied = not runtime.start().shares_memory_with_torch
+        self._ahead = False  # the device's copies
+        if self._copied:
+            copies = [ti.ndarray(ti.f32, tensor.numel()) for tensor in self._tensors]
+            self._written = [-1] * len(copies)
+            self.arguments = tuple(
+                DeviceArray(tensor, memory, self) for tensor, memory in zip(self._tensors, copies, strict=True)
+            )
+
+    def send(self) -> None:
+        """Copy tensors that were written since the last copy to the device."""
+        for index, (tensor, argument) in enumerate(zip(self._tensors, self.arguments, strict=True)):
+            if tensor._version != self._written[index]:
+                argument.memory.from_numpy(tensor.view(-1).numpy())
+                self._written[index] = tensor._version
+
+    def mark_written(self) -> None:
+        """A kernel has written the copies."""
+        self._ahead = True
+
+    def fetch(self) -> None:
+        """Bring the tensors up to date with what kernels wrote, unless they were written since."""
+        if self._ahead and self._written == [tensor._version for tensor in self._tensors]:
+            for tensor, argument in zip(self._tensors, self.arguments, strict=True):
+                tensor.view(-1).copy_(torch.from_numpy(argument.memory.to_numpy()))
+            self._written = [tensor._version for tensor in self._tensors]  # views of one tensor count together
+        self._ahead = False
 
 
 class Launch:
@@ -26,8 +97,7 @@ class Launch:
     Args:
         kernel: a `ti.kernel` without return value.
         arguments: all its arguments by position. Tensors must be contiguous, stay on the kernel's device and keep their
-            memory: they are held, and read and written at each call. Those of `usvauv.kernels.device_arrays` are not
-            copied.
+            memory: they are held, and read and written at each call. A `DeviceArray` is not copied.
 
     Raises:
         ValueError: a tensor is not contiguous.
@@ -68,10 +138,10 @@ class Launch:
             annotation.set_kernel_struct_args(annotation(*value), self._context, position)
         elif isinstance(value, float | np.floating):
             self._context.set_arg_float(position, float(value))
-        elif is_signed(cook_dtype(annotation)):
-            self._context.set_arg_int(position, int(value))
-        else:
+        elif annotation in UNSIGNED:
             self._context.set_arg_uint(position, int(value))
+        else:
+            self._context.set_arg_int(position, int(value))
 
     def __call__(self) -> None:
         for arrays in self._on_device:
@@ -79,3 +149,49 @@ class Launch:
         self._launch(self._compiled, self._context)
         for arrays in self._on_device:
             arrays.mark_written()
+
+
+@ti.kernel
+def mark_outside(numbers: array1, limit: ti.f32, flag: index1):
+    """Set the flag if one of the numbers is not finite or beyond ±`limit`."""
+    for n in range(numbers.shape[0]):
+        if flag[0] == 0 and not ti.abs(numbers[n]) <= limit:  # what is not read is not sent: `docs/architectures.md`
+            flag[0] = 1
+
+
+class DeviceFlag:
+    """Looks at numbers that kernels write, step after step.
+
+    On a CPU it sees them as they are, and on a device that torch cannot reach a kernel looks at them. With CUDA it sees
+    what a copy brought that an earlier look began, so that nobody waits: what a step writes is seen one step later.
+
+    Args:
+        numbers: to be looked at; they keep their memory.
+        limit: largest magnitude.
+    """
+
+    def __init__(self, numbers: torch.Tensor | DeviceArray, limit: float) -> None:
+        running = runtime.start()
+        self._numbers, self._limit = numbers, limit
+        self._outside = torch.zeros(1, dtype=torch.int32, device=running.device)
+        self._at_once = running.torch_on_host
+        if isinstance(numbers, DeviceArray):
+            self._mark = Launch(mark_outside, numbers.view(-1), limit, self._outside)
+        elif not self._at_once:
+            self._copy = torch.zeros(1, dtype=torch.int32, pin_memory=torch.cuda.is_available())
+            self._seen = self._copy.numpy()
+
+    def raised(self) -> bool:
+        """Whether one of the numbers is not finite or beyond the limit."""
+        if isinstance(self._numbers, DeviceArray):
+            self._outside.zero_()
+            self._mark()
+            runtime.synchronize()
+            return bool(self._outside.item())
+        low, high = torch.aminmax(self._numbers)
+        if self._at_once:
+            return not (low.item() >= -self._limit and high.item() <= self._limit)
+        seen = bool(self._seen[0])
+        self._outside.copy_(~((low >= -self._limit) & (high <= self._limit)))
+        self._copy.copy_(self._outside, non_blocking=True)
+        return seen

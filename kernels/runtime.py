@@ -7,6 +7,7 @@ with another architecture is an error.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import functools
 import io
 import os
@@ -28,6 +29,8 @@ from usvauv.kernels.errors import UserError
 
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
+SOFTWARE_VULKAN = "USVAUV_TEST_SOFTWARE_VULKAN"  # environment variable: tests of the GPU path on a machine without one
+VULKAN_CPU = 4  # VkPhysicalDeviceType
 FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
 ITERATIONS = 16  # of a loop that a thread takes at a time
 LEFT_BEHIND = 60.0  # seconds; Taichi holds the lock of its cache for a few
@@ -116,6 +119,11 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
         arch = "cuda" if torch.cuda.is_available() else "cpu"
     if arch == "cuda" and not torch.cuda.is_available():
         raise RuntimeUnavailable("arch: 'cuda' was asked for, but torch sees no CUDA device here")
+    if arch == "vulkan" and not os.environ.get(SOFTWARE_VULKAN):
+        with _silent_stderr():
+            devices = _vulkan_devices()
+        if devices and all(kind == VULKAN_CPU for _, kind in devices):
+            raise RuntimeUnavailable(f"arch: 'vulkan': {devices[0][0]} computes in software: use cpu")
     threads = threads or available_cores()
     free_cache()
     try:
@@ -143,6 +151,28 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
     device = torch.device("cuda" if arch == "cuda" else "cpu")
     _running = Runtime(arch, device, threads)
     return _running
+
+
+def _vulkan_devices() -> list[tuple[str, int]]:
+    """Name and VkPhysicalDeviceType of each device that Vulkan's loader finds, which Taichi does not report."""
+    from ctypes.util import find_library
+
+    try:
+        vulkan = ctypes.CDLL(find_library("vulkan") or find_library("vulkan-1"))
+        info, instance, count = (ctypes.c_uint64 * 8)(1), ctypes.c_void_p(), ctypes.c_uint32()  # VkInstanceCreateInfo
+        if vulkan.vkCreateInstance(info, None, ctypes.byref(instance)):
+            return []
+    except (OSError, AttributeError):
+        return []
+    vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None)
+    devices, found = (ctypes.c_void_p * count.value)(), []
+    vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), devices)
+    for device in devices:
+        about = (ctypes.c_uint32 * 1024)()  # VkPhysicalDeviceProperties, which is shorter
+        vulkan.vkGetPhysicalDeviceProperties(ctypes.c_void_p(device), about)
+        found.append((bytes(about)[20:276].split(b"\0")[0].decode(errors="replace"), int(about[4])))
+    vulkan.vkDestroyInstance(instance, None)
+    return found
 
 
 def stop() -> None:
@@ -183,14 +213,18 @@ def _speed_up_reading_of_kernels() -> None:
     """Halve the time in which Taichi reads the source of a kernel, as each process does, also of one compiled before.
 
     For its error messages Taichi composes an extract of the source for each expression, and at each call of a function
-    it reads and wraps its source again. Here messages have file and line only, and a source is read once.
+    it reads and wraps its source again. Here messages about kernels of this package have file and line only, and a
+    source is read once.
     """
+    transformer: Any = ast_transformer_utils.ASTTransformerContext
+    whole, ours = transformer.get_pos_info, str(Path(__file__).parent)
 
     def position(context, node) -> str:
+        if not context.file.startswith(ours):
+            return whole(context, node)
         line = node.lineno + context.lineno_offset
         return f'File "{context.file}", line {line}, in {context.func.func.__name__}:\n'
 
-    transformer: Any = ast_transformer_utils.ASTTransformerContext
     transformer.get_pos_info = position
     for name in ("getsourcelines", "getsourcefile"):
         setattr(kernel_impl, name, functools.cache(getattr(kernel_impl, name)))

@@ -6,17 +6,20 @@ from typing import Any, ClassVar
 import taichi as ti
 from taichi.lang import kernel_impl
 
+_inside_class = kernel_impl._inside_class
 
-def _in_class_body(level_of_class_stackframe: int) -> bool:
-    """Whether the caller that many frames above is the body of a class.
 
-    Taichi's decorators ask this. Their own way reads the caller's source, which takes as long for the 600 functions of
-    the kernels as all other imports of `usvauv.env` but torch's and Taichi's.
+def _inside_others_class(level_of_class_stackframe: int) -> bool:
+    """Whether a function that a decorator of Taichi is at is in the body of a class, where none of ours is.
+
+    Taichi's own way reads the caller's source, which takes as long for the 600 functions of the kernels as all other
+    imports of `usvauv.env` but torch's and Taichi's.
     """
-    return "__qualname__" in sys._getframe(level_of_class_stackframe).f_locals
+    ours = sys._getframe(level_of_class_stackframe - 1).f_globals["__name__"].startswith("usvauv.")
+    return not ours and _inside_class(level_of_class_stackframe + 1)
 
 
-kernel_impl._inside_class = _in_class_body
+kernel_impl._inside_class = _inside_others_class
 
 vec2 = ti.types.vector(2, ti.f32)
 ivec2 = ti.types.vector(2, ti.i32)

@@ -10,8 +10,7 @@ import numpy as np
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.device_arrays import DeviceArrays
-from usvauv.kernels.launch import Launch
+from usvauv.kernels.launch import DeviceArrays, Launch
 from usvauv.kernels.shallow_water.boundaries import GEOMETRY, BasinBoundaries, Boundary, Side
 from usvauv.kernels.shallow_water.cellwise import CellwiseBackend
 from usvauv.kernels.shallow_water.discretisation import LANES, Discretisation, Packing

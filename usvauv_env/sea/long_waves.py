@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.device_flag import DeviceFlag
 from usvauv.kernels.errors import DivergenceError
+from usvauv.kernels.launch import DeviceFlag
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 

@@ -24,11 +24,10 @@ from usvauv.env.world.seeds import Seeds
 from usvauv.env.world.state_check import bounds_of, check_state, first_outside
 from usvauv.env.world.water import WorldWater
 from usvauv.kernels import runtime
-from usvauv.kernels.device_flag import DeviceFlag
 from usvauv.kernels.errors import DivergenceError, in_words
 from usvauv.kernels.flow import current, vortex
 from usvauv.kernels.flow.vortex import Vortex
-from usvauv.kernels.launch import Launch
+from usvauv.kernels.launch import DeviceFlag, Launch
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
