@@ -81,68 +81,6 @@ def test_toml_round_trip():
     assert tomllib.loads(of_a_plugin.to_toml())["task_parameters"] == {"dwell": 3.5}
 
 
-@pytest.mark.parametrize(
-    ("override", "parts"),
-    [
-        ("auv.cout=3", ["auv.cout", "unknown field", "count"]),
-        ("auv.count=0", ["auv.count", "0", "greater than or equal to 1"]),
-        ("auv.count=17", ["auv.count", "17", "16"]),
-        ("auv.count=two", ["auv.count", "two", "integer"]),
-        ("task=fishing", ["task", "fishing", "data-collection, station-keeping"]),
-        ("task_parameters.radius=3", ["task_parameters.radius", "data-collection", "none"]),
-        ("nodes.target_rule=far", ["nodes.target_rule", "far", "greedy[:ALPHA]"]),
-        ("auv.action=vektor", ["auv.action", "vektor", "vector", "polar"]),
-        ("area.depth=90", ["auv.depth", "area.depth"]),
-        ("boat.top_speed=nan", ["boat.top_speed", "nan"]),
-        ("auv.speed_max=3.5", ["auv.speed_max = 3.5", "2.5"]),
-        ("sea.start_rms=1e6", ["sea.start_rms", "1000000.0", "10"]),
-        ("reward.power=1e39", ["reward.power", "1e+39"]),
-        ("current.circulation_max=1e5", ["circulation_max = 100000", "core_radius_min = 30", "20 m/s"]),
-        ("auv.depth=9", ["auv.depth = 9", "troughs", "14.5 m"]),
-        ("usbl.sampling_rate=20000", ["sampling_rate = 20000", "36000 Hz"]),
-        ("storm.spectrum=waves", ["storm.spectrum", "jonswap", "tma"]),
-        ("storm.shortest_wave=60", ["storm.shortest_wave", "twice the frequency", "storm.peak_period"]),
-        ("storm.significant_height=19", ["storm.significant_height", "18.9 m", "break"]),
-        ("sea.forced_edge=none", ["forced_edge", "irregular_rms"]),
-        ("auv.start_separation=150", ["auv.start_separation", "too large"]),
-        ("nodes.margin=100", ["nodes.margin", "100"]),
-        ("reference.straight_speed=3", ["reference.straight_speed", "speed_max"]),
-        ("reference.zermelo_speed=3", ["reference.zermelo_speed", "speed_max"]),
-        ("acoustics.ambient_noise=silence", ["acoustics.ambient_noise", "'silence': allowed are coates"]),
-        ("auv", ["--set", "section.field=value"]),
-        ("name.x=1", ["--set", "not a section"]),
-    ],
-)
-def test_overrides_that_are_refused(override, parts):
-    with pytest.raises(ScenarioError) as error:
-        Scenario.load("extreme", [override])
-    message = str(error.value)
-    assert "\n" not in message
-    for part in parts:
-        assert part in message
-
-
-@pytest.mark.parametrize(
-    ("overrides", "parts"),
-    [
-        (["area.depth=30", "auv.depth=20", "sea.regular_amplitude=8"], ["16 m", "half of area.depth, 15 m"]),
-        (["mission.step=0.01", "mission.duration=1e6"], ["100000000 steps", "10000000"]),
-        (["mission.step=6", "current.count=16"], ["mission.step", "by 56 m", "core_radius_min, 30 m"]),
-        (
-            ["sea.radiating_edges=[]", 'sea.sponge_edges=["north", "south"]', "sea.sponge_width=101"],
-            ["100 m", "overlap"],
-        ),
-    ],
-)
-def test_numbers_that_exclude_one_another(overrides, parts):
-    with pytest.raises(ScenarioError) as error:
-        Scenario.load("extreme", overrides)
-    message = str(error.value)
-    assert "\n" not in message
-    for part in parts:
-        assert part in message
-
-
 def test_every_number_has_bounds():
     """What a random scenario is drawn from: each number between two finite bounds, its default within them."""
     for name, (_, low, high, default) in numbers().items():
@@ -208,7 +146,6 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
         ("auv.depth=120", "auv.separation", "demonstration", "geometry", "must be below area.depth, 120 m"),
         ("auv.count=3", "boat.count", 3, 4, "must not be above auv.count, 3"),
         ("area.length=100", "nodes.margin", 49.9, 50, "nodes.margin = 50: must be below half .* side, 50 m"),
-        ("area.width=100", "nodes.margin", 49.9, 50, "nodes.margin = 50: must be below half .* side, 50 m"),
         ("area.width=100 auv.start_separation=0", "auv.start_margin", 49.9, 50, "auv.start_margin = 50: .* side, 50 m"),
         (
             "auv.count=4 auv.start_margin=18 area.width=236 area.length=136",
@@ -218,15 +155,12 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
             "most 50 m",
         ),
         ("", "reference.crab_speed", 1.2, 1.19, "1.2 to 2.2 m/s"),
-        ("", "reference.crab_speed", 2.2, 2.21, "1.2 to 2.2 m/s"),
         ("mission.step=5", "nodes.arrival_rates", [1, 16, 2], [1, 17, 2], "up to 17: must not be above 16 at mission"),
         ("mission.step=0.01", "mission.duration", 1e5, 100000.01, "10000001 steps: must be at most 10000000"),
         ("task=station-keeping area.length=100", "stations.radius", 50, 50.1, "half the area's smaller side, 50 m"),
         ("area.width=100", "sea.cell_size", 25, 25.1, "at most 25 m, a quarter of the area"),
-        ("area.length=100", "sea.cell_size", 25, 25.1, "at most 25 m, a quarter of the area"),
         ('area.width=100 sea.sponge_edges=["west"]', "sea.sponge_width", 100, 100.1, "not be above 100 m"),
         ('area.width=100 sea.sponge_edges=["west","east"]', "sea.sponge_width", 50, 50.1, "not be above 50 m"),
-        ('area.length=100 sea.sponge_edges=["south","north"]', "sea.sponge_width", 50, 50.1, "not be above 50 m"),
         ('sea.cell_size=6 sea.sponge_edges=["west"]', "sea.sponge_width", 12, 11.9, "two sea.cell_size, 12 m"),
         (LONG, "sea.irregular_rms", 4, 4.1, "= 25.3 m: must not be above half of area.depth, 25 m"),
         ("area.depth=20 auv.depth=19 sea.start_rms=4", "water.bathymetry", "a.nc", "", "half of area.depth, 10 m"),
@@ -252,17 +186,14 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
             "15 chips; from 16 to 1000",
         ),
         ("usbl.carriers=[9000] usbl.carrier_max=20000", "usbl.sampling_rate", 40000, 39999, "two a period, 40000 Hz"),
-        ("usbl.carriers=[9000,21000]", "usbl.sampling_rate", 42000, 41999, "two a period, 42000 Hz"),
         ("", "usbl.carrier_max", 12000, 11999, "carrier_max must not be below carrier_min"),
         ("auv.speed_max=1.3", "auv.speed_min", 1.3, 1.31, "speed_max must not be below speed_min"),
         ("", "nodes.buffer", 1000, 999, "start_backlog must not be above buffer"),
         ("", "sea.irregular_period_max", 75, 74, "must not be below irregular_period_min"),
-        ("current.circulation_min=3", "current.circulation_max", 3, 2, "must not be below circulation_min"),
         ("", "current.core_radius_max", 30, 29, "must not be below core_radius_min"),
         ("", "sea.manning", 0, 0.01, 'needs equations = "nonlinear"'),
         ("sea.manning=0.01", "sea.equations", "nonlinear", "linear", 'needs equations = "nonlinear"'),
         ("", "sea.regular_amplitude", 0, 0.1, "forced_edge must name an edge"),
-        ("", "sea.irregular_rms", 0, 0.1, "forced_edge must name an edge"),
         ('sea.radiating_edges=["west"]', "sea.sponge_edges", ["east"], ["west"], "not name an edge twice: west"),
         ("sea.equations=nonlinear", "sea.sponge_edges", [], ["east"], "must go without sponge_edges"),
         ("navigation.sensor=ground", "channel.schedule", "by-need", "every-step", "needs a channel.schedule other"),
@@ -309,40 +240,17 @@ def test_what_follows_from_the_numbers():
 
 
 @pytest.mark.parametrize(
-    ("override", "possible"),
-    [
-        ("usbl.pulse_length=0.004", True),  # 16 chips
-        ("usbl.pulse_length=0.00375", False),
-        ("usbl.pulse_length=0.25", True),  # 1000 chips
-        ("usbl.pulse_length=0.25025", False),
-        ("usbl.signal=tone", False),
-        ("auv.separation=demonstration", False),
-    ],
-)
-def test_who_can_have_multipath(override, possible):
-    assert Scenario.load("ideal", [override]).can_have_multipath is possible
-
-
-@pytest.mark.parametrize(
-    ("changes", "heeds"),
-    [
-        ("code statistical false", False),
-        ("code statistical true", True),
-        ("code waveform false", True),
-        ("tone waveform false", True),
-        ("tone statistical false", False),
-    ],
-)
-def test_who_heeds_the_form_of_pulses(changes, heeds):
-    fields = "usbl.signal", "usbl.model", "acoustics.multipath"
-    overrides = map("=".join, zip(fields, changes.split(), strict=True))
-    assert Scenario.load("ideal", list(overrides)).uses_pulse_tables is heeds
-
-
-@pytest.mark.parametrize(
     ("override", "said"),
     [
         ("auv.x=1", "^ideal: auv.x: unknown field; allowed here: count, depth, separation"),
+        ("auv.count=two", "^ideal: auv.count = 'two': input should be a valid integer"),
+        ("task=fishing", "^ideal: task: 'fishing': allowed are data-collection, station-keeping"),
+        ("task_parameters.radius=3", "^ideal: task_parameters.radius: allowed for task 'data-collection': none"),
+        ("nodes.target_rule=far", r"^ideal: nodes.target_rule: .*far.*greedy\[:ALPHA\]"),
+        ("auv.action=vektor", "^ideal: auv.action = 'vektor': input should be 'vector' or 'polar'"),
+        ("boat.top_speed=nan", "^ideal: boat.top_speed = nan: "),
+        ("sea.start_rms=1e6", "^ideal: sea.start_rms = 1000000.0: input should be less than or equal to 10"),
+        ("acoustics.ambient_noise=silence", "^ideal: acoustics.ambient_noise: 'silence': allowed are coates"),
         ("x=1", "^ideal: x: unknown field; allowed here: name, description, task, area"),
         ("auv.count=0", "^ideal: auv.count = 0: input should be greater than or equal to 1$"),
         ("auv.depth=120", "^ideal: auv.depth = 120: must be below area.depth, 120 m$"),
