@@ -34,7 +34,6 @@ VULKAN_CPU = 4  # VkPhysicalDeviceType
 FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
 ITERATIONS = 16  # of a loop that a thread takes at a time
 LEFT_BEHIND = 60.0  # seconds; Taichi holds the lock of its cache for a few
-LONGEST = 65_535  # iterations of a thread's loops, all together, after which Vulkan in software leaves them
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 
 
@@ -266,63 +265,6 @@ def compiled_quickly() -> Iterator[None]:
 def better_alone(tasks: int) -> bool:
     """Whether the calling thread finishes so few short tasks on a CPU before another thread wakes up."""
     return start().on_cpu and tasks <= FEW_TASKS
-
-
-def constant_range(tasks: int) -> int:
-    """Number of tasks to compile into a kernel as the range of its loop; 0: the range is to be read at each launch.
-
-    On Vulkan, Taichi starts as many threads as a constant range has tasks, and 131,072 for any other range. A graphics
-    card does not notice. A device in software walks through the whole body of the kernel for each of them.
-    """
-    return -(-tasks // 128) * 128 if start().arch == "vulkan" else 0
-
-
-def check_loops(iterations: int, what: str) -> None:
-    """Refuse what a thread would do in more iterations than a Vulkan device may allow it.
-
-    Args:
-        iterations: of all loops of a thread.
-        what: takes them, for the message.
-
-    Raises:
-        Unsupported: it is refused.
-    """
-    if start().arch == "vulkan" and iterations > LONGEST:
-        raise Unsupported(f"{what} takes {iterations} iterations of a thread, which devices cut short after {LONGEST}")
-
-
-@ti.func
-def loops_are_cut(length) -> bool:
-    """Whether the device has ended loops of this thread: it then ends a further one too.
-
-    Args:
-        length: 2 or more, of an array's axis: were it known to the compiler, there would be no loop.
-    """
-    turns = 0
-    for _ in range(length):
-        turns += 1
-    return turns < length
-
-
-@ti.func
-def or_nan(number, length):
-    """A result, or NaN where the device has cut short the search for it; `length` as for `loops_are_cut`."""
-    return ti.select(loops_are_cut(length), ti.math.nan, number)
-
-
-def whole(results: torch.Tensor, what: str) -> torch.Tensor:
-    """The same results, in whose last column `or_nan` has marked those that a device has cut short.
-
-    Args:
-        results: (n, columns) float32.
-        what: takes the loops, with a verb, for the message.
-
-    Raises:
-        Unsupported: some are marked.
-    """
-    if start().arch == "vulkan" and results[:, -1].isnan().any():
-        raise Unsupported(f"{what} loops that this device cuts short")
-    return results
 
 
 def one_task_a_thread() -> int | None:
