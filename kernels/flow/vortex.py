@@ -18,7 +18,7 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.launch import Launch
-from usvauv.kernels.types import Columns, array2, array3, vec2
+from usvauv.kernels.types import Columns, array3, vec2
 
 TWO_PI = 6.283185307179586
 FAR = 17.4  # r²/δ² from which on 1 − e^{−r²/δ²} is 1 in single precision
@@ -102,18 +102,6 @@ def mutual_velocities(vortex: ti.template(), work: ti.template(), w: ti.i32):
         work[w, v, Work.v] = V[1]
 
 
-@ti.func
-def vorticity(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32:
-    """Vorticity ϖ (1/s) at (x, y) in world w; `vortex` has shape (W, V, 4)."""
-    total = 0.0
-    for v in range(vortex.shape[1]):
-        dx = x - vortex[w, v, Vortex.x]
-        dy = y - vortex[w, v, Vortex.y]
-        delta2 = core_squared(vortex, w, v)
-        total += 2.0 * vortex[w, v, Vortex.Gamma] / (TWO_PI * delta2) * ti.exp(-(dx * dx + dy * dy) / delta2)
-    return total
-
-
 @ti.kernel
 def _evolve(
     serial: ti.template(),
@@ -161,16 +149,6 @@ def _sample_current(
         out[w, p, 1] = V[1]
 
 
-@ti.kernel
-def _sample_vorticity(
-    vortex: array3,
-    points: array3,
-    out: array2,
-):
-    for w, p in ti.ndrange(points.shape[0], points.shape[1]):
-        out[w, p] = vorticity(vortex, w, points[w, p, 0], points[w, p, 1])
-
-
 def evolution(vortex: torch.Tensor, work: torch.Tensor, dt: float, viscosity: float, mutual: bool) -> Launch:
     """A launch that lets vortices spread and move one another for a time, in place: classical Runge–Kutta method.
 
@@ -198,12 +176,4 @@ def sample_current(vortex: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
     out = torch.zeros_like(points)
     if vortex.shape[1]:
         _sample_current(vortex.contiguous(), points.contiguous(), out)
-    return out
-
-
-def sample_vorticity(vortex: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
-    """Vorticity (1/s) at many points: shapes as `sample_current`, result (W, P)."""
-    out = points.new_zeros(points.shape[:2])
-    if vortex.shape[1]:
-        _sample_vorticity(vortex.contiguous(), points.contiguous(), out)
     return out

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -12,71 +11,10 @@ from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.launch import DeviceFlag
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing
+from usvauv.kernels.shallow_water.linear import ShallowWater
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 DRY = 1e4  # m, above every elevation where land may be dry
-
-
-class LongWaves(Protocol):
-    """Independent seas over one bed on nx × ny cells, advanced together.
-
-    Attributes:
-        fields: packed elevation and transports, each (blocks, rows, W, LANES), as arguments of a `Launch`; see
-            `usvauv.kernels.shallow_water.discretisation`.
-        nx, ny: cells. dx, dy: their size, m.
-        interval: time of one `advance`, s. time: that of the elevation, s.
-        eta: packed elevation as it is now, m.
-        transports: packed transports U, V through western and southern faces as they are now; times `units` in m²/s.
-        units: factors that turn `transports` into m²/s.
-    """
-
-    fields: tuple[Any, ...]
-    nx: int
-    ny: int
-    dx: float
-    dy: float
-    interval: float
-
-    @property
-    def time(self) -> float: ...
-
-    @property
-    def eta(self) -> torch.Tensor: ...
-
-    @property
-    def transports(self) -> tuple[torch.Tensor, torch.Tensor]: ...
-
-    @property
-    def units(self) -> tuple[float, float]: ...
-
-    def set_forcing(self, amplitude: np.ndarray, period: np.ndarray, phase: np.ndarray) -> None:
-        """Prescribe the elevation Σ a cos(2πt/T + φ) along the forced edge, or the wave that comes in there.
-
-        Args:
-            amplitude, period, phase: a (m), T (s) and φ (rad), (num_seas, components).
-        """
-
-    def advance(self) -> None:
-        """One interval.
-
-        Raises:
-            FloatingPointError: (index of a sea, what is wrong with it).
-        """
-
-    def elevation(self) -> np.ndarray:
-        """Elevation at cell centres, m, (num_seas, ny, nx), f32; a copy."""
-        ...
-
-    def velocity(self) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities (u, v) at cell centres, m/s, each (num_seas, ny, nx), f32; zero on land."""
-        ...
-
-    def state(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Copies of fields and clocks."""
-        ...
-
-    def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
-        """Restore what `state` returned, bit for bit."""
 
 
 class NonlinearSeas:
@@ -89,10 +27,8 @@ class NonlinearSeas:
 
     Attributes:
         eta: packed elevation, torch (blocks, rows, W, LANES).
-        fields: of both, see `LongWaves`.
         transports: packed transports at western and southern faces, m²/s, likewise; the mean of the cells beside them.
-        units: (1, 1), as in `usvauv.kernels.shallow_water.linear.ShallowWater`.
-        nx, ny, dx, dy, interval: as in `usvauv.kernels.shallow_water.linear.ShallowWater`.
+        fields, units, nx, ny, dx, dy, interval: as in `usvauv.kernels.shallow_water.linear.ShallowWater`.
     """
 
     units = 1.0, 1.0
@@ -163,6 +99,9 @@ class NonlinearSeas:
             self._packing.pack(np.moveaxis(faces, 0, 2 - axis), packed, 0)
 
 
+LongWaves = ShallowWater | NonlinearSeas  # solvers of independent seas over one bed, advanced together
+
+
 class SeaWatch:
     """Advances long waves and looks at their elevation.
 
@@ -175,7 +114,7 @@ class SeaWatch:
     def __init__(self, sea: LongWaves, deepest: float, named: Callable[[int], str] = lambda index: "the sea") -> None:
         self._sea = sea
         self._named = named
-        self._limit = DRY if sea.units == (1.0, 1.0) else deepest
+        self._limit = DRY if isinstance(sea, NonlinearSeas) else deepest
         self._flag = DeviceFlag(sea.fields[0], self._limit)
 
     def advance(self) -> None:
