@@ -56,68 +56,6 @@ def episode(world, moves):
 class TestAutoreset:
     """Episodes of five steps against what is written here step by step."""
 
-    def test_next_step(self, short):
-        moves = actions(8)
-        world = World(short, 3, seed=7)
-        first, first_rewards = episode(world, moves[:5])
-        second, second_rewards = episode(world, moves[6:8])  # the sixth action is ignored
-        envs = vector_env(short)
-        assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
-        observation, info = envs.reset(seed=7)
-        np.testing.assert_array_equal(observation, first[0])
-        assert info == {}
-        got = [envs.step(move) for move in moves]
-        for step, (observation, reward, terminated, truncated, info) in enumerate(got, start=1):
-            expected = first[step] if step <= 5 else second[step - 6]
-            np.testing.assert_array_equal(observation, expected, err_msg=f"step {step}")
-            assert truncated.tolist() == [step == 5] * 3
-            assert not terminated.any()
-            if step == 6:
-                assert info.keys() == {"auv_reward", "_auv_reward"}
-                np.testing.assert_array_equal(reward, np.zeros(3))
-            else:
-                per_auv = first_rewards[step - 1] if step <= 5 else second_rewards[step - 7]
-                np.testing.assert_array_equal(info["auv_reward"], per_auv)
-                np.testing.assert_allclose(reward, per_auv.sum(axis=1), rtol=1e-5, atol=1e-5)
-                assert info["_auv_reward"].all()
-
-    def test_same_step(self, short):
-        moves = actions(7)
-        world = World(short, 3, seed=7)
-        first, first_rewards = episode(world, moves[:5])
-        second, _ = episode(world, moves[5:7])
-        envs = vector_env(short, AutoresetMode.SAME_STEP)
-        assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-        envs.reset(seed=7)
-        for step, move in enumerate(moves, start=1):
-            observation, reward, terminated, truncated, info = envs.step(move)
-            expected = first[step] if step < 5 else second[step - 5]
-            np.testing.assert_array_equal(observation, expected, err_msg=f"step {step}")
-            assert truncated.tolist() == [step == 5] * 3
-            assert not terminated.any()
-            assert ("final_obs" in info) == ("final_info" in info) == (step == 5)
-            if step == 5:
-                np.testing.assert_array_equal(np.stack(info["final_obs"]), first[5])
-                np.testing.assert_array_equal(info["final_info"]["auv_reward"], first_rewards[4])
-                np.testing.assert_allclose(reward, first_rewards[4].sum(axis=1), rtol=1e-5, atol=1e-5)
-
-    def test_disabled(self, short):
-        moves = actions(7)
-        world = World(short, 3, seed=7)
-        first, _ = episode(world, moves[:5])
-        second, _ = episode(world, moves[5:7])
-        envs = vector_env(short, AutoresetMode.DISABLED)
-        envs.reset(seed=7)
-        for step in range(1, 6):
-            observation, _, _, truncated, _ = envs.step(moves[step - 1])
-            np.testing.assert_array_equal(observation, first[step])
-            assert truncated.tolist() == [step == 5] * 3
-        with pytest.raises(gymnasium.error.ResetNeeded, match=r"worlds \[0, 1, 2\] are over"):
-            envs.step(moves[5])
-        observation, _ = envs.reset(options={"reset_mask": np.ones(3, bool)})
-        np.testing.assert_array_equal(observation, second[0])
-        np.testing.assert_array_equal(envs.step(moves[5])[0], second[1])
-
     def test_disabled_needs_every_ended_world_reset(self, short):
         envs = vector_env(short, AutoresetMode.DISABLED)
         envs.reset(seed=7)
@@ -228,13 +166,8 @@ class TestVectorEnv:
         ("seed", "match"),
         [
             ([1, 2], "seed: 2 for 3 worlds; must be one for all, or one for each"),
-            ([], "seed: 0 for 3 worlds"),
             ([1, None, 2], "seed = None: must be a whole number from 0 to"),
             ([1, 2, -3], "seed = -3: must be"),
-            (1 << 64, f"seed = {1 << 64}: must be"),
-            (1.5, "seed = 1.5: must be"),
-            ("abc", "seed = 'a': must be"),
-            (np.ones(3), "seed = .*1.0.*: must be"),
             (np.ones((3, 1), int), "seed = array"),
         ],
     )
@@ -246,18 +179,10 @@ class TestVectorEnv:
             envs.reset(seed=seed)
         assert envs.world is world
 
-    def test_seeds_of_any_kind(self, short):
-        envs = vector_env(short)
-        first, _ = envs.reset(seed=SEEDS)
-        for seeds in (tuple(SEEDS), np.array(SEEDS, np.uint64)):
-            np.testing.assert_array_equal(envs.reset(seed=seeds)[0], first)
-        np.testing.assert_array_equal(envs.reset(seed=np.int64(7))[0], envs.reset(seed=7)[0])
-
     @pytest.mark.parametrize(
         ("mask", "error"),
         [
             ([True, False, False], TypeError),
-            (np.array([1, 0, 0]), TypeError),
             (np.array([True, False]), ValueError),
             (np.zeros(3, bool), ValueError),
         ],
@@ -267,16 +192,6 @@ class TestVectorEnv:
         envs.reset(seed=1)
         with pytest.raises(error, match="reset_mask"):
             envs.reset(options={"reset_mask": mask})
-
-    def test_mask_with_a_seed_or_too_early(self, short):
-        envs, options = vector_env(short), {"reset_mask": np.array([True, False, False])}
-        with pytest.raises(gymnasium.error.ResetNeeded, match="first reset"):
-            envs.reset(options=options)
-        with pytest.raises(gymnasium.error.ResetNeeded, match="before the first step"):
-            envs.step(actions(1)[0])
-        envs.reset(seed=1)
-        with pytest.raises(ValueError, match="seed"):
-            envs.reset(seed=2, options=options)
 
     def test_seeds(self, short):
         envs = vector_env(short)
@@ -300,22 +215,6 @@ class TestVectorEnv:
         envs.step(-actions(1)[0])
         np.testing.assert_array_equal(observation, kept)
         assert data_equivalence(info, kept_info, exact=True)
-
-    def test_horizon_of_paper_scenarios(self):
-        scenario = Scenario.load("paper-ideal", ["mission.duration=300"])
-        envs = vector_env(scenario, num_envs=8)
-        observation, _ = envs.reset(seed=1)
-        ended = 0
-        for step in range(1, 301):
-            to_target = observation[..., 2:4]
-            move = 0.7 * to_target / np.maximum(np.linalg.norm(to_target, axis=-1, keepdims=True), 1e-9)
-            observation, _, terminated, truncated, info = envs.step(move)
-            served = info["measures"][..., envs.measure_names.index("service_rate")] > 0
-            np.testing.assert_array_equal(info["horizon_ended"], served)
-            assert not terminated.any()
-            assert truncated.any() == (step == 300)
-            ended += served.sum()
-        assert ended > 0
 
     @pytest.mark.parametrize(("move", "match"), [(np.zeros((3, 2)), "shape"), (np.full((3, 2, 2), np.nan), "finite")])
     def test_bad_actions(self, short, move, match):
@@ -346,8 +245,6 @@ class TestSpaces:
         "scenario",
         [
             Scenario.load("ideal"),
-            Scenario.load("paper-extreme"),
-            Scenario.load("extreme", ["observation.current=none", "auv.count=1"]),
             Scenario.load("extreme", ["observation.current=vector", "auv.count=16"]),
         ],
         ids=lambda scenario: f"{scenario.name}-{scenario.auv.count}",
@@ -372,16 +269,6 @@ class TestSpaces:
         bound = auv_observation_space(Site(scenario)).high[8]
         assert 0.99 * bound < speed.max() <= bound
 
-    def test_storm_stays_within_six_deviations(self):
-        scenario = Scenario.load("extreme", ["current.count=0", "sea.irregular_rms=0", "sea.start_rms=0"])
-        bound = auv_observation_space(Site(scenario)).high[8]
-        world = World(scenario, 256, seed=2)
-        world.reset()
-        still = torch.zeros(256, 2, 2)
-        speed = torch.stack([world.step(still)[0][..., 8].clone() for _ in range(60)])
-        assert speed.square().mean().sqrt() == pytest.approx(bound / 6, rel=0.1)
-        assert 0.3 * bound < speed.max() < bound
-
     def test_wild_fixes_are_clamped(self):
         """An attitude error of half a radian five kilometres above the AUVs: fixes scatter far outside the area."""
         deep = [
@@ -401,10 +288,6 @@ class TestSpaces:
 class TestSingleEnv:
     def test_checker(self):
         check_env(gymnasium.make(NAME).unwrapped)
-
-    def test_checker_with_the_vector_of_the_current(self):
-        scenario = Scenario.load("paper-extreme", ["observation.current=vector", "auv.count=3"])
-        check_env(gymnasium.make(NAME, scenario=scenario, usv="centroid").unwrapped)
 
     def test_is_the_world(self, short):
         moves = actions(STEPS, 1)
@@ -511,20 +394,6 @@ class TestPictures:
         np.testing.assert_array_equal(again[0], first)
         np.testing.assert_array_equal(again[2], third)
         assert (again[1] != second).mean() > 0.01
-        alone = gymnasium.make_vec(NAME, num_envs=3, scenario=short, render_mode="rgb_array")
-        alone.reset(seed=5)
-        alone.reset()
-        # The second episode's first picture, but for the sea, which runs on where only some worlds are reset.
-        panel = np.s_[60:, 720:]
-        assert (alone.render()[1][panel] != again[1][panel]).mean() < 0.05
-
-    def test_each_with_a_seed_of_its_own(self, short):
-        envs = gymnasium.make_vec(NAME, num_envs=2, scenario=short, render_mode="rgb_array")
-        envs.reset(seed=[4, 9])
-        for seed, picture in zip((4, 9), envs.render(), strict=True):
-            env = DataCollectionEnv(short, render_mode="rgb_array")
-            env.reset(seed=seed)
-            np.testing.assert_array_equal(env.render(), picture)
 
     def test_pettingzoo(self, short):
         def make(render_mode):

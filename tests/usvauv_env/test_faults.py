@@ -23,8 +23,10 @@ def world():
     return world
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("array", ["auv", "node", "vortex", "boat", "track"])
+@pytest.mark.parametrize(
+    ("array", "value"),
+    [("auv", math.nan), ("node", math.inf), ("vortex", math.nan), ("boat", -math.inf), ("track", math.nan)],
+)
 def test_a_state_that_is_not_finite_stops_the_step(world, array, value):
     """Wherever it is; the message names the world, the quantity and the time."""
     column = {"auv": AuvColumn.x, "node": 2, "vortex": 3}.get(array, 0)
@@ -106,7 +108,7 @@ def test_what_a_state_is_refused_for(world, name):
     world.load_state(state)
 
 
-@pytest.mark.parametrize("value", [-1.0, 30.0, 0.5, 1e9])
+@pytest.mark.parametrize("value", [-1.0, 30.0, 0.5])
 def test_a_target_that_is_no_node_is_refused(world, value):
     state = world.state()
     state["auv"][0, 0, AuvColumn.target] = value
@@ -123,9 +125,7 @@ def test_every_run_stays_within_the_ranges_of_its_state(world):
         world.load_state(world.state())
 
 
-@pytest.mark.parametrize(
-    ("step", "interval"), [(1.0, 1.5), (1.0, 0.3), (0.1, 0.3), (2.0, 1.0), (0.7, 0.25), (1.0, 10.0)]
-)
+@pytest.mark.parametrize(("step", "interval"), [(1.0, 1.5), (0.1, 0.3), (0.7, 0.25)])
 def test_the_sea_keeps_time_whatever_its_interval(step, interval):
     """Its last update is no earlier than the mission's time, and by less than an interval later."""
     changes = [f"mission.step={step}", f"sea.update_interval={interval}", "sea.cell_size=20"]

@@ -79,12 +79,11 @@ def assert_sound(world: World) -> None:
     assert travelled.max() < math.hypot(width, length)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("case", CASES)
-def test_holds_whatever_is_done(case, seed):
+def test_holds_whatever_is_done(case):
     name, changes, usv = CASES[case]
-    world = World(Scenario.load(name, changes), num_worlds=100, seed=seed, usv=usv)
-    generator = torch.Generator().manual_seed(seed)
+    world = World(Scenario.load(name, changes), num_worlds=100, seed=1, usv=usv)
+    generator = torch.Generator().manual_seed(1)
     world.reset()
     refused = 0
     for step in range(60):

@@ -52,20 +52,3 @@ def test_a_fault_is_found_one_step_later(elsewhere):
     world.step(action)
     with pytest.raises(DivergenceError, match=r"^world 2 at 3 s: "):
         world.step(action)
-
-
-@pytest.mark.parametrize(
-    "wait",
-    [
-        lambda x: float(x.mean()),
-        lambda x: bool(x[0] > 0),
-        lambda x: x[x > 0],
-        lambda x: x.cpu(),
-        lambda x: x.tolist(),
-        lambda x: torch.tensor([1.0, 2.0]),
-    ],
-)
-def test_waiting_would_be_found(wait):
-    x = torch.ones(3)
-    with NothingWaits(), pytest.raises(AssertionError, match="waits for the device"):
-        wait(x)
