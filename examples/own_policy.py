@@ -5,9 +5,8 @@ In this folder: `usvauv eval --policy own_policy:Nearing --policy straight`; or 
 
 from torch import Tensor
 
-from usvauv import policies
-from usvauv.env import World, evaluate
-from usvauv.env.record.metrics import mean_figures
+from usvauv import World, evaluate, policies
+from usvauv.extend import mean_figures
 
 SLOWING = 100.0  # m from the target
 

@@ -127,7 +127,7 @@ def test_a_policy_of_ones_own(tmp_path):
         (None, "plugin broken.py: must be a Python file"),
         ("import nowhere", "plugin broken.py: ModuleNotFoundError: No module named 'nowhere'"),
         (
-            "from kernels.mission.target_rules import target_rules\ntarget_rules.register('greedy', None)",
+            "from usvauv.extend import target_rules\ntarget_rules.register('greedy', None)",
             "plugin broken.py: target rule 'greedy': is registered already",
         ),
     ],

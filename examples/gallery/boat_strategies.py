@@ -8,8 +8,7 @@ Eight AUVs out of hearing of one another: what they bring in depends on whom the
 import matplotlib.pyplot as plt
 import numpy as np
 
-from usvauv import policies
-from usvauv.env import Scenario, evaluate
+from usvauv import Scenario, evaluate, policies
 from usvauv.env.record.metrics import values_of
 
 # %%

@@ -8,10 +8,8 @@ One mission in an extreme sea, recorded step by step, and where the AUVs, the bo
 import matplotlib.pyplot as plt
 import numpy as np
 
-from usvauv import policies
-from usvauv.env import Scenario, World
+from usvauv import Scenario, World, policies, record
 from usvauv.env.record.metrics import position_error, usable
-from usvauv.env.record.recorder import record
 
 # %%
 # A world is made of a scenario and a seed. The policy steers the AUVs, the boat goes where the scenario says.

@@ -8,9 +8,8 @@ Anything that turns observations into actions can steer: here one that heads for
 import matplotlib.pyplot as plt
 from torch import Tensor
 
-from usvauv import policies
-from usvauv.env import Scenario, World, evaluate
-from usvauv.env.record.metrics import mean_figures
+from usvauv import Scenario, World, evaluate, policies
+from usvauv.extend import mean_figures
 
 # %%
 # A policy is made for a world and gets observations (W, K, O), for W worlds of K AUVs. Actions are velocities through

@@ -9,14 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import taichi as ti
 
-from usvauv import policies
-from usvauv.env import Scenario, World
-from usvauv.env.record.metrics import position_error
-from usvauv.env.record.recorder import record
-from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
-from usvauv.kernels.mission.columns import EstimateColumn
-from usvauv.kernels.mission.worlds import Strategy
-from usvauv.kernels.types import vec2
+from usvauv import Scenario, World, policies, record
+from usvauv.extend import BoatStrategy, EstimateColumn, Strategy, boat_strategies, position_error, vec2
 
 # %%
 # The function runs inside the mission's kernel, for all worlds at once. It gets the state of the worlds and returns

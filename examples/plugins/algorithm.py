@@ -6,8 +6,7 @@ usvauv train --plugin examples/plugins/algorithm.py --algorithm ensemble
 import torch
 from torch import Tensor
 
-from usvauv.policies.algorithms import ALGORITHMS, Batch
-from usvauv.policies.algorithms.ddpg import DeterministicLearner
+from usvauv.extend import ALGORITHMS, Batch, DeterministicLearner
 
 
 class EnsembleDDPG(DeterministicLearner):

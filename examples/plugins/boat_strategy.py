@@ -2,10 +2,7 @@
 
 import taichi as ti
 
-from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
-from usvauv.kernels.mission.columns import EstimateColumn
-from usvauv.kernels.mission.worlds import Strategy
-from usvauv.kernels.types import vec2
+from usvauv.extend import BoatStrategy, EstimateColumn, Strategy, boat_strategies, vec2
 
 
 @ti.func

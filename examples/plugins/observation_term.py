@@ -2,8 +2,7 @@
 
 import taichi as ti
 
-from usvauv.env.world.observation import ObservationTerm, observation_terms
-from usvauv.kernels.mission.columns import AuvColumn, NodeColumn, Parameter
+from usvauv.extend import AuvColumn, NodeColumn, ObservationTerm, Parameter, observation_terms
 
 
 @ti.func

@@ -5,9 +5,7 @@ usvauv eval extreme --plugin examples/plugins/policy.py --policy lead:20 --polic
 
 from torch import Tensor
 
-from usvauv.env import Scenario
-from usvauv.policies.guidance import command, unit
-from usvauv.policies.heuristics import HEURISTICS, Heuristic
+from usvauv.extend import HEURISTICS, Heuristic, Scenario, command, unit
 
 
 class Lead(Heuristic):

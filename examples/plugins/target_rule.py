@@ -2,8 +2,7 @@
 
 import taichi as ti
 
-from usvauv.kernels.mission.columns import BeliefColumn
-from usvauv.kernels.mission.target_rules import TargetRule, best_free, knowledge, target_rules
+from usvauv.extend import BeliefColumn, TargetRule, best_free, knowledge, target_rules
 
 
 @ti.func

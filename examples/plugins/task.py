@@ -2,13 +2,23 @@
 
 import taichi as ti
 
-from usvauv.env.record.metrics import Metric, task_metrics
-from usvauv.env.world.observation import ObservationTerm, observation_terms
-from usvauv.kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
-from usvauv.kernels.mission.motion import distance_to_target, travel
-from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
-from usvauv.kernels.mission.worlds import uniforms
+from usvauv.extend import (
+    AuvColumn,
+    Draw,
+    Metric,
+    NodeColumn,
+    ObservationTerm,
+    Parameter,
+    RewardTerm,
+    Task,
+    distance_to_target,
+    observation_terms,
+    rewards,
+    task_metrics,
+    tasks,
+    travel,
+    uniforms,
+)
 
 
 @ti.func

@@ -1,10 +1,11 @@
 """Learning algorithms, each one an update that reads like its paper.
 
-From outside: `ALGORITHMS`, the classes by name; `Learner`, what a new one derives from, and the types it is given.
+From outside: `ALGORITHMS`, the classes by name; `Learner` and `DeterministicLearner`, from which a new one derives, and
+the types it is given.
 """
 
 from usvauv.kernels.registry import Registry
-from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.algorithms.ddpg import DDPG, DeterministicLearner
 from usvauv.policies.algorithms.learner import Batch, Learner, Settings
 from usvauv.policies.algorithms.sac import SAC
 from usvauv.policies.algorithms.td3 import TD3
@@ -16,4 +17,4 @@ ALGORITHMS.register("sac", SAC)
 ALGORITHMS.register("td3", TD3)
 ALGORITHMS.register("ddpg", DDPG)
 
-__all__ = ["ALGORITHMS", "Batch", "Learner", "Settings", "Sizes"]
+__all__ = ["ALGORITHMS", "Batch", "DeterministicLearner", "Learner", "Settings", "Sizes"]
