@@ -2,6 +2,6 @@
 `sweep` does many runs on an engine and writes the results of a study, `reproduction` those of the paper.
 
 `mission_video` and `encoder` write a mission's video, `live` shows it in a browser tab while it runs, `web_report`
-writes the page of an evaluation, `report` and `tables` print to the terminal, `plan_figure` and `sea_view` are the
+writes the page of an evaluation, `report` and `tables` print to the terminal, `planning` and `sea_view` are the
 views of two commands. Nothing here is meant to be imported by other packages.
 """

@@ -35,7 +35,8 @@ import av
 import xarray
 
 from tests.trials.kills import BEGIN, CPU
-from usvauv.cli import app, parser, plan_figure, report, sea_view  # noqa: F401  imported once, for all forks
+from usvauv.cli import app, parser, report, sea_view  # noqa: F401  imported once, for all forks
+from usvauv.cli.planning import figure  # noqa: F401
 from usvauv.cli.reproduction import page  # noqa: F401
 from usvauv.policies import checkpoint
 from usvauv.policies.policy import PolicyError

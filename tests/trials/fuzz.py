@@ -166,10 +166,10 @@ def fuzz_learn(r: random.Random, folder: Path) -> None:
 
 def fuzz_plan(r: random.Random, folder: Path) -> None:
     from usvauv.cli.commands.plan import surface_slope, with_team
-    from usvauv.cli.objectives import MEASUREMENTS, OBJECTIVES
     from usvauv.env import Scenario
     from usvauv.env.planning.plan import solve
     from usvauv.env.site.place import auv_position, boat_position
+    from usvauv.kernels.planning.objectives import MEASUREMENTS, OBJECTIVES
 
     overrides = []
     for field in ("usbl.attitude_error", "usbl.spacing", "acoustics.source_level", "acoustics.bandwidth", "area.width"):
@@ -205,9 +205,9 @@ def fuzz_plan(r: random.Random, folder: Path) -> None:
     assert 0 <= answer.optimum.x <= area.width
     assert 0 <= answer.optimum.y <= area.length
     if r.random() < 0.01:
-        from usvauv.cli import plan_figure
+        from usvauv.cli.planning import figure
 
-        plan_figure.draw(answer, landscape, folder / "plan.png")
+        figure.draw(answer, landscape, folder / "plan.png")
     assert text
 
 

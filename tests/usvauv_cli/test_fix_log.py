@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv.cli.fix_log.estimate import auvs_of_log, estimate
-from usvauv.cli.fix_log.reader import Fixes, read_log
-from usvauv.cli.fix_log.sentences import BadLine, Boat, Geographic, Heading, Relative, parse
+from usvauv.cli.planning.fix_log import Fixes, auvs_of_log, estimate, read_log
+from usvauv.cli.planning.sentences import BadLine, Boat, Geographic, Heading, Relative, parse
 from usvauv.env import Scenario
 from usvauv.env.exchange import formats
 from usvauv.env.site.place import LocalFrame

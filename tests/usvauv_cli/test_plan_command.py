@@ -10,7 +10,7 @@ import torch
 from matplotlib import image
 
 from tests.links import TILTING, TILTING_OPTIONS
-from usvauv.cli.plan_figure import draw
+from usvauv.cli.planning.figure import draw
 from usvauv.env import Scenario
 from usvauv.env.planning.plan import solve
 from usvauv.env.site.site import Site

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from usvauv.cli.commands.options import Arch, Overrides, Plugins, writable
-from usvauv.cli.objectives import MEASUREMENTS, NAMES, OBJECTIVES
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv.cli.fix_log.estimate import Estimate
+    from usvauv.cli.planning.fix_log import Estimate
     from usvauv.env import Scenario
     from usvauv.env.planning.plan import BoatPlace, Plan
 
@@ -139,6 +138,7 @@ def plan(
     from usvauv.env.planning.plan import solve
     from usvauv.env.site.place import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
+    from usvauv.kernels.planning.objectives import MEASUREMENTS, OBJECTIVES
 
     setting, estimates, bad = Scenario.load(scenario, overrides or ()), [], []
     objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)
@@ -148,7 +148,7 @@ def plan(
     if log:
         if auvs:
             raise UserError("--log: gives the AUVs; leave --auv out")
-        from usvauv.cli.fix_log.estimate import auvs_of_log
+        from usvauv.cli.planning.fix_log import auvs_of_log
 
         estimates, setting, bad = auvs_of_log(log, setting)
         auvs = [(found.x, found.y, found.depth) for found in estimates]
@@ -188,9 +188,9 @@ def plan(
     if out and out.suffix.lower() == geojson.ENDING:
         geojson.write(out, geojson.of_plan(result, setting))
     elif out:
-        from usvauv.cli import plan_figure
+        from usvauv.cli.planning import figure
 
-        plan_figure.draw(result, landscape, out)
+        figure.draw(result, landscape, out)
     if not to_stdout:
         if log:
             print_estimates(estimates)
@@ -286,6 +286,7 @@ def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
     from usvauv.cli import tables
     from usvauv.env.planning.fix_errors import LEAST_GOOD
+    from usvauv.env.planning.plan import OBJECTIVE_NAMES
     from usvauv.env.site.place import coordinates
 
     best = result.optimum
@@ -307,7 +308,9 @@ def print_table(result: Plan) -> None:
     ]
     if on_earth:
         where += f" ({on_earth[0][1]})"
-    found = f"Boat at {where}: {NAMES[result.objective]} = {number(best.log_objective, 3)}, {expectation(best)}"
+    found = (
+        f"Boat at {where}: {OBJECTIVE_NAMES[result.objective]} = {number(best.log_objective, 3)}, {expectation(best)}"
+    )
     typer.echo(tables.wrapped(found, 2))
     array = "level array" if result.slope == (0, 0) else f"array on a slope of {', '.join(map(str, result.slope))}"
     about = (
@@ -315,7 +318,7 @@ def print_table(result: Plan) -> None:
         f" of the AUVs that are located, which are those with at least {LEAST_GOOD:.0%} good fixes"
     )
     typer.echo(f"{tables.wrapped(about, 2)}\n")
-    tables.print_table(("boat", "x m", "y m", NAMES[result.objective], "rms m"), boats)
+    tables.print_table(("boat", "x m", "y m", OBJECTIVE_NAMES[result.objective], "rms m"), boats)
     typer.echo()
     tables.print_table(("fixes from", "AUV", "range m", "major m", "minor m", "detected", "good"), fixes)
     for name, place in places:

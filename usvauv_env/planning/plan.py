@@ -21,6 +21,7 @@ from usvauv.kernels.positioning import acoustic_link
 
 LARGEST_ERROR = 1e8  # m; beyond, an error is unbounded
 REFLECTIONS = "reflections"  # in the budget
+OBJECTIVE_NAMES = {"d": "ln det J", "a": "−ln tr J⁻¹", "sum": "ln det ΣJ", "paper": "ln of Eq. 3"}
 NO_INFORMATION = -1e29  # ln of an objective; what is below stands for ln 0
 LARGEST_RAISE = 30  # dB, a thousand times the power; no source louder than that, or than LOUDEST, is proposed
 LOUDEST = 230.0  # dB re 1 µPa at 1 m

@@ -15,8 +15,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator
 
-from usvauv.cli.objectives import NAMES
-from usvauv.env.planning.plan import BoatPlace, Landscape, Plan
+from usvauv.env.planning.plan import OBJECTIVE_NAMES, BoatPlace, Landscape, Plan
 from usvauv.env.render import style
 from usvauv.env.render.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
 from usvauv.env.render.style import CATEGORICAL
@@ -133,7 +132,7 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) ->
     ticks = max(1, round(7 * min(1.0, y[-1] / x[-1])))
     scale = axes.figure.colorbar(shades, cax=bar, ticks=MaxNLocator(ticks))
     scale.outline.set_visible(False)
-    bar.set_title(NAMES[result.objective], color=MUTED, fontsize=9.5, loc="left", pad=8)
+    bar.set_title(OBJECTIVE_NAMES[result.objective], color=MUTED, fontsize=9.5, loc="left", pad=8)
     style_axes(axes, tick_pad=9)
     style_axes(bar, tick_pad=4)
     axes.set_xlabel("x (east), m", fontsize=10)
