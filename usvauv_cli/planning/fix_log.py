@@ -1,4 +1,4 @@
-"""Fixes that a real USBL system made, from CSV or its sentences: where each AUV is by them, and how much they scatter."""
+"""Fixes that a real USBL system made, from CSV or its sentences: where AUVs are by them, and how much they scatter."""
 
 from __future__ import annotations
 
