@@ -1,22 +1,247 @@
-"""Whether what is read from a checkpoint can be the state of a training run; it is checked before any of it is used."""
+"""The state of a training run, how it is saved, and how it is taken up again after a check of every number."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from usvauv.policies.algorithms.learner import Learner
+from usvauv.env.storage.memory import require
+from usvauv.kernels.errors import DivergenceError
+from usvauv.policies import checkpoint
+from usvauv.policies.algorithms import ALGORITHMS, Learner, Sizes
+from usvauv.policies.checkpoint import ENDING, FORMAT, LAST, POLICY, TRAINING
+from usvauv.policies.config import TrainingConfig
+from usvauv.policies.frames import ACTION_SIZE, FRAMES
+from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
+from usvauv.policies.training.exploration import CorrelatedNoise, TrainingWorld
+from usvauv.policies.training.ranks import Ranks
 from usvauv.policies.training.replay import STORED, Replay
 
 LARGEST = 1e12  # of a weight, a moment, a feature or a reward
 LATEST = 10**15  # steps, updates
 
 Shape = tuple[int, ...]
+
+
+def learning_bytes(config: TrainingConfig, sizes: Sizes) -> float:
+    """Estimate of the memory that networks, optimisers and an update take at its peak, bytes."""
+    widths = sizes.observation, *config.hidden, sizes.action
+    weights = sum(a * b for a, b in pairwise(widths))
+    features = sizes.observation + sum(config.hidden)
+    return sizes.stack * (140.0 * weights + config.batch * (128.0 * features + 64.0 * config.n_step))
+
+
+class SavedRun:
+    """What a training run consists of: worlds, learner, replay, random generators and counters; see `Trainer`.
+
+    Args:
+        world, config, directory, provenance, ranks: as of a `Trainer`.
+
+    Raises:
+        PolicyError: `config.num_worlds` is not the world's, or `config.batch` below its number of AUVs on each rank.
+        MemoryNeeded: networks, an update or the replay do not fit into memory.
+    """
+
+    def __init__(
+        self,
+        world: TrainingWorld,
+        config: TrainingConfig,
+        directory: str | Path | None,
+        provenance: Mapping[str, Any] | None,
+        ranks: Ranks,
+    ) -> None:
+        self.share = ranks.share(config.num_worlds)
+        if self.share.stop - self.share.start != world.num_worlds:
+            raise PolicyError(f"training: num_worlds = {config.num_worlds}, but the world has {world.num_worlds}")
+        least = ranks.count * (world.num_auvs if config.shared else 1)
+        if config.batch < least:
+            each = "one of each AUV" if ranks.count == 1 else f"one of each AUV on each of {ranks.count} ranks"
+            raise PolicyError(f"training: batch = {config.batch}: must be at least {least}, {each}")
+        self.world, self.config, self.ranks = world, config, ranks
+        self.weight = world.num_worlds / config.num_worlds  # of this rank in a mean over all worlds
+        self.directory = None if directory is None else Path(directory)
+        self.provenance = dict(provenance or {})
+        device = world.device
+        self.frame = FRAMES[config.frame](world.scenario)
+        self.generator = torch.Generator(device).manual_seed(config.seed)
+        sizes = Sizes(1 if config.shared else world.num_auvs, self.frame.features, ACTION_SIZE)
+        require(learning_bytes(config, sizes), "training: hidden, batch or n_step", device)
+        with ALGORITHMS.calling(config.algorithm):
+            self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
+            self.learner.averaged  # noqa: B018 - a plugin's may have forgotten `set_actor`
+        if ranks.count > 1:
+            self.learner.train_with_others(partial(ranks.mean, weight=self.weight))
+            ranks.apart(self.generator)
+        shape = (world.num_worlds, world.num_auvs, self.frame.features, ACTION_SIZE)
+        self.replay = Replay(config.replay // config.num_worlds, shape, device, config.shared)
+        self.renewal = config.renewal and not world.scenario.reward.service_terminates
+        self._gain = torch.zeros((), dtype=torch.float64, device=device)  # ρ
+        self.scale = 1.0  # of the rewards that are learned from
+        self.noise = CorrelatedNoise((*shape[:2], ACTION_SIZE), config.correlation, self.generator)
+        self.standardizer = Standardizer.identity(self.frame.features, device)
+        self.observation = torch.empty(0)
+        self.steps = 0
+        self.seconds = 0.0
+        self.best = -math.inf
+        self.evaluation: dict[str, float] = {}
+        self.history: list[dict[str, float]] = []
+
+    @property
+    def gain(self) -> float:
+        """The average reward ρ of a step, as estimated so far."""
+        return float(self._gain)
+
+    @property
+    def scaled_gain(self) -> Tensor:
+        """The same for rewards as they are learned from."""
+        return self.scale * self._gain
+
+    def policy(self, name: str = "training") -> LearnedPolicy:
+        """The policy in training, for the world's scenario; it shares the trainer's networks and changes with them."""
+        config = self.config
+        actor = self.learner.averaged
+        return LearnedPolicy(name, self.world.scenario, config.frame, self.standardizer, actor, config.shared)
+
+    def stop_if_not_finite(self) -> None:
+        """Raise DivergenceError if a number of the learner is not finite."""
+        if (name := first_not_finite(self.learner)) is not None:
+            algorithm = ALGORITHMS.described(self.config.algorithm)
+            raise DivergenceError(
+                f"training: {name} is not finite after {self.learner.updates} updates"
+                + (f" of {algorithm}" if algorithm else "")
+                + "; the checkpoints are those before"
+            )
+
+    def save(self) -> None:
+        """Write `last`: the policy, and the state of the run for `resume`, the same whatever the number of ranks.
+
+        Raises:
+            DivergenceError: a weight is not finite; what was saved before stays.
+        """
+        self.stop_if_not_finite()
+        everyone = self.ranks.to_first(self._own_tensors())
+        if everyone is None:
+            return
+        counters = {
+            "format": FORMAT,
+            "steps": self.steps,
+            "seconds": self.seconds,
+            "best": self.best if math.isfinite(self.best) else None,
+            "evaluation": self.evaluation,
+            "history": self.history,
+            "updates": self.learner.updates,
+            "gain": self.gain,
+            "scale": self.scale,
+            "head": self.replay.head,
+            "size": self.replay.size,
+        }
+        tensors = everyone[0]
+        if len(everyone) > 1:
+            axes = self._axes_of_worlds(tensors)
+            tensors |= {name: torch.cat([own[name] for own in everyone], axis) for name, axis in axes.items()}
+            tensors["generator"] = torch.stack([own["generator"] for own in everyone])
+        tensors |= {f"learner.{name}": value for name, value in self.learner.tensors().items()}
+        parts = {POLICY: self._describe(), TRAINING: (counters, tensors)}
+        checkpoint.write(self._folder() / f"{LAST}{ENDING}", parts)
+
+    def resume(self) -> None:
+        """Continue the run saved in `directory`; on the CPU the result is that of a run that was never stopped.
+
+        Under another number of ranks the worlds and their transitions are divided anew. What is drawn from then on is
+        other than it would have been.
+
+        Raises:
+            PolicyError: nothing to resume there, damaged, or of another configuration.
+        """
+        last = checkpoint.path_of(self._folder(), LAST)
+        counters, tensors = checkpoint.read(last, TRAINING, self.world.device)
+        try:
+            check_counters(counters, self.replay)
+            worlds, noise = self.config.num_worlds, self.noise.value
+            rest = {
+                "noise": noise.new_empty((worlds, *noise.shape[1:])),
+                "observation": noise.new_empty((worlds, self.world.num_auvs, self.frame.layout.size)),
+                "generator": self.generator.get_state(),
+            }
+            generators = tensors.get("generator", rest["generator"])
+            if generators.dim() == 2:  # one of each rank
+                rest["generator"] = rest["generator"].expand(len(generators), -1)
+            check_tensors(tensors, self.learner, self.replay, counters["size"], worlds, rest)
+        except PolicyError as error:
+            raise PolicyError(f"{last}: cannot be resumed: {error}") from None
+        groups: dict[str, dict[str, Tensor]] = {"learner": {}, "replay": {}, "world": {}}
+        try:
+            if self.ranks.count > 1:
+                for name, axis in self._axes_of_worlds(tensors).items():
+                    tensors[name] = tensors[name].movedim(axis, 0)[self.share].movedim(0, axis).contiguous()
+            self.observation = tensors.pop("observation")
+            self.noise.value = tensors.pop("noise")
+            states = tensors.pop("generator").cpu()
+            states = states if states.dim() == 2 else states.unsqueeze(0)
+            as_it_was = len(states) == self.ranks.count
+            self.generator.set_state(
+                states[self.ranks.rank if as_it_was else 0].clone()
+            )  # of a view it reads other memory
+            if not as_it_was:
+                self.ranks.apart(self.generator)
+            for name, value in tensors.items():
+                group, _, rest = name.partition(".")
+                groups[group][rest] = value
+            self.learner.restore(groups["learner"])
+            self.learner.updates = counters["updates"]
+            self._gain.fill_(counters["gain"])
+            self.scale = counters["scale"]
+            self.replay.restore(groups["replay"], counters["head"], counters["size"])
+            self.world.load_state(groups["world"])
+            self.steps, self.seconds = counters["steps"], counters["seconds"]
+            self.evaluation, self.history = counters["evaluation"], counters["history"]
+            self.best = -math.inf if counters["best"] is None else counters["best"]
+        except (IndexError, KeyError, RuntimeError, TypeError, ValueError) as error:
+            raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None
+        self.standardizer.copy_(checkpoint.load_policy(last, "training", device=self.world.device).standardizer)
+
+    def _folder(self) -> Path:
+        if self.directory is None:
+            raise PolicyError("training: without a directory nothing is saved and nothing can be resumed")
+        return self.directory
+
+    def _describe(self) -> checkpoint.Part:
+        about = {
+            "score": self.evaluation.get("arps"),
+            "evaluation": self.evaluation,
+            "steps": self.steps,
+            "updates": self.learner.updates,
+            "seconds": round(self.seconds, 1),
+            **self.provenance,
+        }
+        return checkpoint.describe(self.policy(), self.config, about)
+
+    def _own_tensors(self) -> dict[str, Tensor]:
+        """What a checkpoint has of this rank, beside the learner."""
+        own = {
+            "observation": self.observation,
+            "noise": self.noise.value,
+            "generator": self.generator.get_state(),
+        }
+        own |= {f"replay.{name}": value for name, value in self.replay.tensors().items()}
+        return own | {f"world.{name}": value for name, value in self.world.state().items()}
+
+    def _axes_of_worlds(self, names: Iterable[str]) -> dict[str, int]:
+        """Those of the tensors of a checkpoint that have an axis of worlds, and which it is."""
+        common = {"generator", "replay.end", *(f"world.{name}" for name in self.world.common_state)}
+        return {
+            name: int(name.startswith("replay."))
+            for name in names
+            if name not in common and not name.startswith("learner.")
+        }
 
 
 def check_counters(counters: Mapping[str, Any], replay: Replay) -> None:

@@ -21,7 +21,8 @@ from usvauv.policies.learned import Standardizer
 from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import explore
 from usvauv.policies.training.replay import Replay
-from usvauv.policies.training.trainer import WINDOW, Trainer, learn, learning_bytes
+from usvauv.policies.training.saved_run import learning_bytes
+from usvauv.policies.training.trainer import WINDOW, Trainer, learn
 
 # What a step of a `TrainingWorld` returns.
 Step = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]

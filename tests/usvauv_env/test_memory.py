@@ -77,7 +77,7 @@ print(video_bytes(1920, 1080) / growth(video))
 """
 LEARNING = """
 from usvauv.policies import Trainer, TrainingConfig
-from usvauv.policies.training.trainer import learning_bytes
+from usvauv.policies.training.saved_run import learning_bytes
 from tests.policies.toy import ToyWorld, scenario
 def run(width):
     config = TrainingConfig(num_worlds=8, shared=True, hidden=(width, width), batch=64, n_step=2, warmup=16, replay=80)
