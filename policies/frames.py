@@ -133,7 +133,7 @@ class TargetFrame(Frame):
 
 
 class GuidedFrame(TargetFrame):
-    """Features as `TargetFrame`; actions go through an autopilot that knows the current at the AUV.
+    """Features as `TargetFrame`; actions go through an autopilot, which compensates the current at the AUV.
 
     a_0 is the course over ground, π a_0 left of the track of the heuristic `clear`, held against the current by `crab`;
     a_1 the price of time, `PRICE` e^(4 a_1) W, from which `SpeedToFly` gives the speed through the water. Action 0 is

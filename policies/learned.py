@@ -28,7 +28,7 @@ class Standardizer:
 
     @classmethod
     def identity(cls, features: int, device: torch.device) -> Standardizer:
-        """Statistics that change nothing but the largest features."""
+        """Zero mean and unit deviation: only features beyond ±`CLIP` change."""
         return cls(torch.zeros(features, device=device), torch.ones(features, device=device))
 
     @classmethod
@@ -47,7 +47,7 @@ class Standardizer:
         return cls(mean, torch.where(deviation > LEAST_DEVIATION, deviation, torch.ones_like(deviation)))
 
     def copy_(self, other: Standardizer) -> None:
-        """Take over the statistics of another, for everyone who shares this one."""
+        """Copy the statistics of another in place, so that all holders of this object use them."""
         self.mean.copy_(other.mean)
         self.deviation.copy_(other.deviation)
 

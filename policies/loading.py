@@ -95,12 +95,12 @@ def trained() -> list[str]:
 
 
 def available() -> list[str]:
-    """Names that `load` knows: the trained ones, best first, then the heuristics."""
+    """Names that `load` takes: the trained policies, the highest score first, then the heuristics."""
     return [*trained(), *HEURISTICS]
 
 
 def default(scenario: Scenario) -> str:
-    """The policy where none is named: the heuristic of the task, which a learned one has to beat."""
+    """The default policy: the heuristic of the scenario's task, the baseline of learned policies."""
     return scenario.task_definition.heuristic
 
 

@@ -69,6 +69,7 @@ class StackedMLP(nn.Module):
             self.biases[-1].mul_(output_gain)
 
     def forward(self, x: Tensor, /) -> Tensor:
+        """Outputs (S, B, outputs) for inputs (S, B, inputs)."""
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = torch.baddbmm(bias, x, weight)
             if self.layer_norm:
@@ -134,6 +135,7 @@ class Critic(nn.Module):
         self.of_action = StackedMLP(stack, (both, *hidden, 1), generator, layer_norm)
 
     def forward(self, observation: Tensor, action: Tensor) -> Tensor:
+        """Values (C, S, B)."""
         stack, batch, _ = observation.shape
 
         def each(x: Tensor) -> Tensor:

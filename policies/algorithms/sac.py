@@ -16,6 +16,16 @@ from usvauv.policies.networks import Critic, GaussianActor, Sizes
 
 
 class SAC(Learner[GaussianActor]):
+    """Twin critics and a Gaussian actor π whose entropy is rewarded.
+
+    With R the n-step reward, Γ the discount of the value after it, a′ ~ π(s′) and target critics Q′ (`Batch`):
+
+        target       y = R + Γ (min_i Q′_i(s′, a′) − α ln π(a′|s′))
+        critics      minimise Σ_i mean (Q_i(s, a) − y)²
+        actor        minimises mean (α ln π(ã|s) − min_i Q_i(s, ã)), ã ~ π(s)
+        temperature  ln α falls by the gradient of −ln α mean (ln π(ã|s) − A), A components of an action
+    """
+
     @staticmethod
     def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> GaussianActor:
         layers = (sizes.observation, *config.hidden, 2 * sizes.action)

@@ -17,6 +17,15 @@ DELAY = 2  # updates of the critics for each of the actor
 
 
 class TD3(DeterministicLearner):
+    """Twin critics, target policy smoothing and a delayed actor μ.
+
+    With R, Γ as in `Batch` and target networks Q′, μ′:
+
+        target       y = R + Γ min_i Q′_i(s′, a′), a′ = clip(μ′(s′) + clip(ε, ±0.5), ±1), ε ~ N(0, 0.2²)
+        critics      minimise Σ_i mean (Q_i(s, a) − y)²
+        actor        every `DELAY` updates maximises mean Q_1(s, μ(s)); then target networks move by τ
+    """
+
     members = 2
     period = DELAY
 

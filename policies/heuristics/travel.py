@@ -112,7 +112,7 @@ class Clear(Pace):
 class Keep(Heuristic):
     """Commands the velocity over ground that reaches the target in one step, within the limits of speed.
 
-    It knows the current at the AUV and the measured position.
+    It uses the current at the AUV and the measured position.
     """
 
     def act(self, observation: Tensor) -> Tensor:

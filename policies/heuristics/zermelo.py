@@ -22,7 +22,7 @@ SAME_GOAL = 0.1  # m, largest shift of a target that counts as the same one
 class Zermelo(Crab):
     """Follows the path of least time at one speed through the water, in the true current: an upper bound.
 
-    It knows the current everywhere in the area, as it is at the moment, without the storm (Zermelo's problem, see
+    It uses the present current everywhere in the area, without the storm (Zermelo's problem, see
     `usvauv.kernels.planning.zermelo`). The path is solved for when the target changes and every `RENEWAL` seconds.
     Where no path exists it acts as `crab`.
     """

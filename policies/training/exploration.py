@@ -65,9 +65,8 @@ class TrainingWorld(Protocol):
 class CorrelatedNoise:
     """Standard normal noise whose neighbours in time have correlation ρ: ε ← ρ ε + √(1 − ρ²) ξ.
 
-    A course or speed tried for a single mission step changes the return too little to be told from noise. Correlated
-    noise holds it for about 1/(1 − ρ) steps, and n-step returns credit it. This is the process of Ornstein and
-    Uhlenbeck, as in DDPG's paper (arXiv:1509.02971), sampled at the mission's step.
+    A course or speed tried for a single mission step changes the return by less than its noise. Correlated noise holds
+    it for about 1/(1 − ρ) steps, and n-step returns credit it. This is the process of Ornstein and Uhlenbeck, as in DDPG's paper (arXiv:1509.02971), sampled at the mission's step.
 
     Args:
         shape: of the noise of one step.

@@ -1,4 +1,4 @@
-"""One training run in several processes, its ranks: what they tell each other, by torch.distributed.
+"""One training run in several processes, its ranks, which exchange tensors and values by torch.distributed.
 
 torchrun, or whatever sets its environment variables, starts them. Tensors on a CPU go by gloo, those on cards by NCCL.
 """
@@ -21,8 +21,8 @@ from usvauv.kernels.errors import UserError
 
 VARIABLES = "RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE"  # of the environment, set by torchrun
 CARDS = "CUDA_VISIBLE_DEVICES"
-PATIENCE = timedelta(minutes=30)  # without a word from a rank that has not ended
-FAILED = 2  # exit code of a rank whose error the first one tells
+TIMEOUT = timedelta(minutes=30)  # of a collective call
+FAILED = 2  # exit code of a rank that ends with an error of rank 0, which reports it
 
 Result = TypeVar("Result")
 
@@ -33,7 +33,7 @@ class RankLost(UserError):
 
 @dataclass(frozen=True)
 class Ranks:
-    """The ranks of a run. What they do together all of them call, in the same order; a single one talks to nobody.
+    """The ranks of a run. All of them call a collective method, in the same order; a single rank exchanges nothing.
 
     Attributes:
         rank: of this process, from 0. Rank 0 evaluates, writes and prints.
@@ -103,17 +103,17 @@ class Ranks:
         """
         if self.count == 1:
             return work()
-        failure, told = None, [None, False]
+        failure, outcome = None, [None, False]
         if self.leads:
             try:
-                told = [work(), True]
+                outcome = [work(), True]
             except UserError as error:
                 failure = error
         with self._reaching():
-            dist.broadcast_object_list(told)
+            dist.broadcast_object_list(outcome)
         if failure is not None:
             raise failure
-        result, done = told
+        result, done = outcome
         if not done:
             raise SystemExit(FAILED)
         return result  # pyright: ignore[reportReturnType]
@@ -167,7 +167,7 @@ def joined(arch: str) -> Iterator[Ranks]:
     nodes = [f"--nnodes={count // here}"] if count > here else []
     ranks = Ranks(rank, count, ("torchrun", *nodes, f"--nproc-per-node={here}", "-m", "usvauv.cli"))
     with ranks._reaching():
-        dist.init_process_group("cpu:gloo,cuda:nccl" if running.arch == "cuda" else "gloo", timeout=PATIENCE)
+        dist.init_process_group("cpu:gloo,cuda:nccl" if running.arch == "cuda" else "gloo", timeout=TIMEOUT)
     if not ranks.agree(running.arch == "cuda"):
         raise UserError(f"rank {rank} of {count}: runs on {running.arch}, but others do not; give --arch")
     yield ranks

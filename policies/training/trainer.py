@@ -28,7 +28,7 @@ from usvauv.policies.training.saved_run import SavedRun
 TINY = 1e-6
 WINDOW = 100  # steps of all worlds between two reports
 GAIN_RATE = 0.002  # step size of the running mean of the reward, for each step of all worlds
-EVALUATIONS = 10  # evaluations in a run, unless told otherwise
+EVALUATIONS = 10  # evaluations in a run by default
 
 Evaluate = Callable[[LearnedPolicy], Mapping[str, float]]
 Callback = Callable[[dict[str, Any]], None]

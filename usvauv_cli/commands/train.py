@@ -209,7 +209,7 @@ def _folders(out: Path) -> dict[int, Path]:
 
 
 def _show(show: Callable[[dict], None], trainer: Trainer | Seeds, figures: dict | list[dict]) -> None:
-    """Show figures; when nobody reads them any more, stop, so that what was learned is saved."""
+    """Show figures; stop and save when the reader of standard output has gone."""
     from usvauv.cli import report
 
     try:
