@@ -53,8 +53,8 @@ class DeterministicLearner(Learner[DeterministicActor]):
 class DDPG(DeterministicLearner):
     """One critic Q and a deterministic actor μ, with target networks Q′ and μ′.
 
-    With R, Γ as in `Batch`, the critic minimises mean (Q(s, a) − y)² with y = R + Γ Q′(s′, μ′(s′)), and the actor maximises
-    mean Q(s, μ(s)).
+    With R, Γ as in `Batch`, the critic minimises mean (Q(s, a) − y)² with y = R + Γ Q′(s′, μ′(s′)), and the actor
+    maximises mean Q(s, μ(s)).
     """
 
     members = 1

@@ -66,7 +66,8 @@ class CorrelatedNoise:
     """Standard normal noise whose neighbours in time have correlation ρ: ε ← ρ ε + √(1 − ρ²) ξ.
 
     A course or speed tried for a single mission step changes the return by less than its noise. Correlated noise holds
-    it for about 1/(1 − ρ) steps, and n-step returns credit it. This is the process of Ornstein and Uhlenbeck, as in DDPG's paper (arXiv:1509.02971), sampled at the mission's step.
+    it for about 1/(1 − ρ) steps, and n-step returns credit it. This is the process of Ornstein and Uhlenbeck,
+    as in DDPG's paper (arXiv:1509.02971), sampled at the mission's step.
 
     Args:
         shape: of the noise of one step.
