@@ -15,7 +15,6 @@ from torch import Tensor
 from usvauv.env import Scenario, World
 from usvauv.policies import PolicyError, Trainer, TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
-from usvauv.policies.learned import Standardizer
 from usvauv.policies.training.ranks import ALONE, Ranks, joined
 
 ALGORITHM_NAMES = "sac", "td3", "ddpg"
@@ -24,10 +23,6 @@ LEARNING = TrainingConfig(hidden=(16, 16))
 WORLDS, TOTAL, STOP = 5, 150, 100  # the ranks' shares differ
 SCENARIO = ["mission.duration=12"]
 RUN = TrainingConfig(num_worlds=WORLDS, hidden=(16, 16), batch=32, n_step=3, warmup=60, replay=WORLDS * 25, updates=2)
-
-
-def samples() -> Tensor:
-    return 3.0 + torch.randn((BATCH, 6), generator=torch.Generator().manual_seed(4)) * torch.arange(6)
 
 
 def learned(algorithm: str, ranks: Ranks = ALONE) -> tuple[list[Tensor], dict[str, Tensor]]:
@@ -69,11 +64,6 @@ def trainer(folder: Path, ranks: Ranks = ALONE) -> Trainer:
 
 def work(folder: Path, ranks: Ranks) -> dict[str, Any]:
     found: dict[str, Any] = {name: learned(name, ranks) for name in ALGORITHM_NAMES}
-    mine = ranks.share(BATCH - 1)
-    weight = (mine.stop - mine.start) / (BATCH - 1)
-    joint = Standardizer.of(samples()[:-1][mine], lambda value: ranks.mean([value], weight)[0])
-    found["statistics"] = joint.mean, joint.deviation
-
     whole = trainer(folder / "whole", ranks)
     found["figures"] = whole.train(TOTAL)
     found["weights"] = whole.learner.tensors()

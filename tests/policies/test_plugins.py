@@ -176,12 +176,6 @@ def test_heuristics_and_folders_come_first(tmp_path):
         policies.check("own_east:East", scenario())
 
 
-def test_what_is_no_name_of_a_class_is_unknown():
-    for name in ("hold:100,100", "straigth:1.5", "own_east:", ":East", "own east:East"):
-        with pytest.raises(PolicyError, match=r"neither a checkpoint nor one of .*, nor MODULE:CLASS$"):
-            policies.check(name, scenario())
-
-
 def fails():
     return {}["no\nsuch"]
 

@@ -19,7 +19,6 @@ from tests.policies.ranks import ALGORITHM_NAMES, STOP, TOTAL, WORLDS
 from tests.policies.test_resume import same
 from usvauv.kernels.errors import UserError
 from usvauv.policies.checkpoint import TRAINING, read
-from usvauv.policies.learned import Standardizer
 from usvauv.policies.training.ranks import Ranks, joined
 
 pytestmark = pytest.mark.cpu("processes that share one machine")
@@ -84,12 +83,6 @@ class TestLearning:
         for found in run[1]:
             assert found[algorithm][1].keys() == expected.keys()
             close(found[algorithm][1].values(), expected.values(), WEIGHT)
-
-
-def test_statistics_of_features_are_those_of_all_samples(run):
-    expected = Standardizer.of(program.samples()[:-1])
-    for found in run[1]:
-        close(found["statistics"], (expected.mean, expected.deviation), 1e-6)
 
 
 class TestRun:

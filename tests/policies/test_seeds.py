@@ -72,8 +72,7 @@ class TestOneSeedIsAsAlone:
         [
             ({}, 2),
             ({"algorithm": "td3", "renewal": False}, 1),
-            pytest.param({"algorithm": "ddpg", "shared": True, "frame": "world"}, 1, marks=pytest.mark.slow),
-            pytest.param({"shared": True, "updates": 2}, 1, marks=pytest.mark.slow),
+            pytest.param({"algorithm": "ddpg", "shared": True, "updates": 2}, 1, marks=pytest.mark.slow),
         ],
         ids=str,
     )
@@ -90,20 +89,6 @@ class TestOneSeedIsAsAlone:
             assert run.gain == pytest.approx(alone.gain, rel=1e-5)
             weights.append(run.learner.actor.weights[0])
         assert not torch.allclose(weights[0], weights[1], atol=0.01)  # seeds differ
-
-    def test_figures_are_those_of_each(self):
-        runs, seen = [toy_run(seed) for seed in SEEDS], []
-        Seeds(runs).train(STEPS, seen.append)
-        for index, seed in enumerate(SEEDS):
-            alone = []
-            toy_run(seed).train(STEPS, alone.append)
-            assert len(alone) == len(seen)
-            for own, others in zip(alone, seen, strict=True):
-                figures = others[index]
-                assert figures.keys() == own.keys()
-                for name in ("steps", "total", "updates", "services", "evaluated_at"):
-                    assert figures[name] == own[name]
-                assert figures["arps"] == pytest.approx(own["arps"], rel=1e-4)
 
     def test_in_the_real_world(self, tmp_path):
         """Of the commands' kind: worlds of the seed, one of which ends while it learns."""

@@ -7,6 +7,7 @@ import dataclasses
 import pytest
 import torch
 
+from tests.nothing_waits import NothingWaits
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
 from usvauv.policies import PolicyError, Trainer, TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
@@ -101,10 +102,6 @@ class TestConfig:
         run.train(config.before_learning + 32)
         assert run.learner.updates == config.updates
 
-    def test_the_world_must_have_as_many_worlds(self):
-        with pytest.raises(PolicyError, match="num_worlds = 32, but the world has 4"):
-            Trainer(ToyWorld(scenario(), 4), LEARNING)
-
 
 class TestRenewal:
     def test_a_service_ends_the_horizon_and_the_average_reward_is_taken_off(self):
@@ -155,12 +152,6 @@ class TestScales:
         for one, other in zip(runs[0].learner.actor.parameters(), runs[1].learner.actor.parameters(), strict=True):
             assert torch.equal(one, other)
 
-    def test_the_learning_rate_falls_to_its_share(self):
-        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, final_rate=0.1, warmup=0))
-        trainer.train(32 * 100)
-        rate = trainer.learner.optimisers["actor"].param_groups[0]["lr"]
-        assert rate == pytest.approx(LEARNING.learning_rate * (1 - 0.9 * 99 / 100))
-
     def test_the_policy_is_the_average_of_the_actor(self):
         learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
         start = learner.actor.biases[0].detach().clone()
@@ -191,3 +182,37 @@ class TestSettings:
     def test_what_is_not_allowed_is_said(self, text, part):
         with pytest.raises(PolicyError, match=part):
             TrainingConfig().changed([text])
+
+
+class Now:
+    """Executor that does things at once, and in this thread."""
+
+    def submit(self, function, *arguments):
+        value = function(*arguments)
+        self.result = lambda: value
+        return self
+
+
+class Still(ToyWorld):
+    """Nothing happens in it."""
+
+    def step(self, action):
+        shape = self.num_worlds, self.num_auvs
+        ended = torch.zeros(shape, dtype=torch.bool)
+        info = {"reward_terms": torch.zeros(*shape, 3), "measures": torch.zeros(*shape, len(self.measure_names))}
+        return torch.zeros(*shape, self.observation_size), torch.zeros(shape), ended, ended, info
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "frame", "shared"), [("sac", "guided", True), ("td3", "target", False), ("ddpg", "world", False)]
+)
+def test_a_step_of_training_does_not_wait_for_the_device(monkeypatch, algorithm, frame, shared):
+    settings = {"algorithm": algorithm, "frame": frame, "shared": shared, "n_step": 2, "updates": 2, "renewal": True}
+    config = TrainingConfig(**{**vars(LEARNING), **settings, "num_worlds": 4, "warmup": 16, "batch": 16})
+    trainer = Trainer(Still(scenario(auv={"count": 3}), 4), config)
+    monkeypatch.setattr(trainer, "standardize", lambda features: features)  # waits, once in a run
+    trainer.observation = trainer.world.reset().clone()
+    with NothingWaits():
+        for _ in range(12):
+            trainer._advance(Now(), 1000)
+    assert trainer.learner.updates >= 8

@@ -20,7 +20,6 @@ from usvauv.kernels.mission.columns import (
     ExchangeColumn,
     ForesightColumn,
     Reply,
-    TallyColumn,
 )
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import tracker, usbl
@@ -209,16 +208,6 @@ class TestChannel:
                 order.append(world.auv[0, 0, AuvColumn.fix_boat].item())
         assert len(order) > 25
         assert set(np.diff(order)) == {-1.0, 1.0}
-
-    def test_a_turn_passes_on(self):
-        """The first boat has one near AUV, located once a step: what is left of the second is the other boat's."""
-        world = world_of([*CHANNEL, "channel.turn_around=0.1", "channel.schedule=by-need"], APART)
-        put(world, self.AUVS)
-        for done in range(30):
-            step(world, self.AUVS)
-            heard = (world.auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED) > 0
-            assert heard.all() or done < 2
-        assert (world.tally[:, TallyColumn.channel_free] <= 0.3).all()
 
 
 class TestPlans:

@@ -11,7 +11,6 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test, state_test
 from pettingzoo.utils import parallel_to_aec
 
@@ -149,17 +148,6 @@ class TestAutoreset:
             if step < STEPS:
                 np.testing.assert_array_equal(info["auv_reward"][0], single.step(move[0])[4]["auv_reward"])
 
-    @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-    def test_episode_statistics_wrapper(self, short, mode):
-        envs = RecordEpisodeStatistics(vector_env(short, mode))
-        envs.reset(seed=7)
-        total = np.zeros(3)
-        for move in actions(5):
-            _, reward, _, _, info = envs.step(move)
-            total += reward
-        np.testing.assert_allclose(info["episode"]["r"], total)
-        assert info["episode"]["l"].tolist() == [5, 5, 5]
-
 
 class TestVectorEnv:
     @pytest.mark.parametrize(
@@ -192,19 +180,6 @@ class TestVectorEnv:
         envs.reset(seed=1)
         with pytest.raises(error, match="reset_mask"):
             envs.reset(options={"reset_mask": mask})
-
-    def test_seeds(self, short):
-        envs = vector_env(short)
-        first, _ = envs.reset(seed=11)
-        next_one, _ = envs.reset()
-        other, _ = envs.reset(seed=12)
-        again, _ = envs.reset(seed=11)
-        np.testing.assert_array_equal(first, again)
-        np.testing.assert_array_equal(next_one, envs.reset()[0])
-        for different in (next_one, other, vector_env(short).reset()[0], vector_env(short).reset()[0]):
-            assert (first != different).any()
-        unseeded = [vector_env(short).reset()[0] for _ in range(2)]
-        assert (unseeded[0] != unseeded[1]).any()
 
     def test_returned_arrays_are_the_callers(self, short):
         envs = vector_env(short)

@@ -185,13 +185,6 @@ class TestRefusals:
         with pytest.raises(RuntimeError, match="first reset"):
             env.reset(mask_of(env.fake_tensordict(), 0))
 
-    def test_a_world_cannot_pause(self, short):
-        env = DataCollectionTorchRLEnv(short, 3)
-        data = env.rand_action(env.reset())
-        data["_step"] = torch.tensor([[True], [False], [True]])
-        with pytest.raises(NotImplementedError, match="step together"):
-            env.step(data)
-
     @pytest.mark.parametrize(
         ("library", "module", "what"),
         [
