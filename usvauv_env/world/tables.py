@@ -253,6 +253,8 @@ def boundaries(site: Site) -> tuple[float, ...]:
 def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     """All numbers of a scenario in the order of `usvauv.kernels.mission.columns.Parameter`, float32.
 
+    A parameter of the name of a field is that field; the others are computed here.
+
     Args:
         link: of `link_table`.
     """
@@ -263,62 +265,32 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     elif s.navigation.sensor == "ground":  # the log's bias takes the current's place
         current_variance, correlation_time = s.navigation.velocity_bias**2, s.navigation.bias_correlation_time
     way = math.sqrt(s.area.width * s.area.length / s.targets)  # from node to node
-    numbers = {
-        "step": s.mission.step,
-        "width": s.area.width,
-        "length": s.area.length,
+    sections = s.mission, s.area, s.current, s.usbl, s.channel, s.navigation, s.boat, s.tracker, s.auv, s.nodes
+    named = {name: value for section in sections for name, value in section if name in Parameter.names}
+    numbers = named | {
         "diagonal": s.area.diagonal,
-        "circulation_min": s.current.circulation_min,
-        "circulation_max": s.current.circulation_max,
-        "alternate": s.current.alternate,
-        "core_radius_min": s.current.core_radius_min,
-        "core_radius_max": s.current.core_radius_max,
         "random_vortices": s.current.count > 0 and not s.current.centres,
-        "tilt": s.usbl.tilt,
-        "attitude_error": s.usbl.attitude_error,
-        "alignment_error": s.usbl.alignment_error,
-        "heading_error": s.usbl.heading_error,
         "sound_speed_error": s.acoustics.sound_speed_error / s.acoustics.sound_speed,
-        "lever_arm_error": s.usbl.lever_arm_error,
-        "gnss_error": s.usbl.gnss_error,
         "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),
         "gnss_time": s.usbl.gnss_correlation_time,
-        "turn_around": s.channel.turn_around,
         "ping_interval": s.channel.interval,
         "signal_length": s.usbl.pulse_length if s.usbl.signal == "code" else s.usbl.periods / s.usbl.carrier_min,
         "velocity_walk": s.navigation.velocity_noise**2,
-        "velocity_bias": s.navigation.velocity_bias,
         "bias_memory": math.exp(-s.mission.step / s.navigation.bias_correlation_time),
         "velocity_variance": 0.5 * s.reference.straight_speed**2,
         "velocity_memory": way / s.reference.straight_speed,
-        "homing_range": s.navigation.homing_range,
-        "top_speed": s.boat.top_speed,
-        "drifts": s.boat.drifts,
         "separation_boat": s.auv.depth,
         "sound_speed": sound_speed(site),
         "propagates": s.usbl.propagation,
-        "latency": s.usbl.latency,
-        "packet_loss": s.usbl.packet_loss,
         "current_variance": current_variance,
         "correlation_time": correlation_time,
-        "current_reading": s.tracker.current_reading,
         "auv_speed": s.auv.speed_max + current_bound(site),
         "cruise": s.auv.depth,
         "separation_node": s.auv.depth if s.auv.separation == "demonstration" else 0.0,
         "refused_hovers": s.auv.refused_power == "hovering",
-        "speed_min": s.auv.speed_min,
-        "speed_max": s.auv.speed_max,
         "polar": s.auv.action == "polar",
-        "start_margin": s.auv.start_margin,
-        "start_separation": s.auv.start_separation,
-        "safe_distance": s.auv.safe_distance,
-        "collision_distance": s.auv.collision_distance,
-        "hover_radius": s.auv.hover_radius,
         "node_margin": s.nodes.margin,
         "formation_radius": s.stations.radius,
-        "buffer": s.nodes.buffer,
-        "start_backlog": s.nodes.start_backlog,
-        "payload": s.nodes.payload,
         "data_level": data_level(site),
         "data_absorption": absorption(s, s.nodes.frequency),
         "spreading": s.acoustics.spreading,
@@ -333,7 +305,6 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "reference_speed": s.reference.straight_speed,
         "reference_rate": reference_rate(site),
         "service_time": SERVICE_FILL * s.nodes.payload / reference_rate(site),
-        "duration": s.mission.duration,
         **dict(zip(Parameter.names[Parameter.span("array_depth", "bottom_absorption")], boundaries(site), strict=True)),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
