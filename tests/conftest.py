@@ -1,17 +1,13 @@
 """Fixtures that tests of more than one module use."""
 
-import functools
 import gc
 import os
 import signal
 import sys
-from collections.abc import Callable, Generator
-from typing import Any
+from collections.abc import Generator
 
 import pytest
-import taichi as ti
 import torch
-from taichi.lang.kernel_impl import Kernel
 
 from usvauv.cli import app
 from usvauv.env import plugins
@@ -27,24 +23,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--arch", default="auto", help="Where the kernels run: auto, cpu, cuda or vulkan.")
 
 
-def untraced(work: Callable[..., None]) -> Callable[..., None]:
-    """The same function, in which no lines are counted for the coverage."""
-
-    @functools.wraps(work)
-    def call(*args: Any, **others: Any) -> None:
-        trace = sys.gettrace()
-        sys.settrace(None)
-        try:
-            work(*args, **others)
-        finally:
-            sys.settrace(trace)
-
-    return call
-
-
 def pytest_configure(config: pytest.Config) -> None:
-    # Taichi's parser, which is Python, would take twice as long when its lines were counted.
-    Kernel.materialize = untraced(Kernel.materialize)
     # One kernel for any number of worlds, run by the calling thread: pytest's workers keep the other cores busy.
     runtime.FEW_TASKS = sys.maxsize
     # A shell starts what it puts into the background with Ctrl-C ignored, and so would all that tests start.
@@ -61,28 +40,24 @@ def pytest_collection_finish() -> None:
 
 def pytest_sessionfinish() -> None:
     """Write compiled kernels to Taichi's cache: a worker that still does so ten seconds after its end is killed."""
-    ti.reset()
+    runtime.stop()
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_setup(item: pytest.Item) -> Generator[None, None, None]:
-    """Skip what is about CPUs alone where kernels run elsewhere, and fixtures that the architecture refuses."""
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what is about CPUs alone where kernels run elsewhere."""
     marker = item.get_closest_marker("cpu")
     if marker and not runtime.start().on_cpu:
         pytest.skip(f"about CPUs alone: {marker.args[0]}")
-    try:
-        return (yield)
-    except runtime.Unsupported as error:
-        pytest.skip(str(error))
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, object]:
+def pytest_runtest_makereport(call: pytest.CallInfo) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Skip what the architecture under test refuses; a CPU refuses nothing."""
-    try:
-        return (yield)
-    except runtime.Unsupported as error:
-        pytest.skip(str(error))
+    if call.excinfo is not None and call.excinfo.errisinstance(runtime.Unsupported):
+        with pytest.raises(pytest.skip.Exception) as skipped:
+            pytest.skip(str(call.excinfo.value))
+        call.excinfo = skipped
+    return (yield)
 
 
 @pytest.fixture(scope="session")

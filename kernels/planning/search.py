@@ -382,8 +382,9 @@ def plan_batch(
     width: float = 200.0,
     length: float = 200.0,
     start: torch.Tensor | None = None,
+    reach: float = ANYWHERE,
 ) -> torch.Tensor:
-    """`plan` for many layouts at once.
+    """`plan` for many layouts at once, or `greedy` where the reach is limited.
 
     Args:
         link: (K, COLUMNS) float32 of `acoustic_link.link_table`.
@@ -391,6 +392,7 @@ def plan_batch(
         code: of `objectives.objective_code`.
         width, length: the box [0, width] × [0, length] the boat may be in, m.
         start: (n, 2) float32, a further place to start from, in the box, m; default its middle.
+        reach: greatest distance of the boat from `start`, m.
 
     Returns:
         (n, 3) float32: best x, y (m) and ln of the objective there (lengths in m).
@@ -400,21 +402,7 @@ def plan_batch(
     """
     if start is None:
         start = points.new_tensor([width / 2.0, length / 2.0]).expand(points.shape[0], 2).contiguous()
-    return greedy_batch(link, points, start, code=code, reach=ANYWHERE, width=width, length=length)
-
-
-def greedy_batch(
-    link: torch.Tensor,
-    points: torch.Tensor,
-    boat: torch.Tensor,
-    *,
-    code: int,
-    reach: float,
-    width: float = 200.0,
-    length: float = 200.0,
-) -> torch.Tensor:
-    """`greedy` for many layouts and boats (n, 2) in the box at once; otherwise as `plan_batch`."""
-    check_team(points, boat)
+    check_team(points, start)
     out = points.new_empty((points.shape[0], 3))
-    _batch(link, points, boat, code, reach < ANYWHERE, reach, width, length, out)
+    _batch(link, points, start, code, reach < ANYWHERE, reach, width, length, out)
     return out

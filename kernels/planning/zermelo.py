@@ -330,13 +330,7 @@ def solve(
     Args:
         due: (W, K) uint8.
         size: (width, length) of the area, m. radius: R > 0, m.
-
-    Raises:
-        Unsupported: on an architecture other than CPU and CUDA.
     """
-    running = runtime.start()
-    if not running.shares_memory_with_torch:
-        raise runtime.Unsupported("Zermelo's problem takes loops that devices may cut short")
     _solve(flow, goal, due, speeds, rates, *size, radius, cost)
 
 

@@ -52,19 +52,9 @@ class TestSignal:
         with pytest.raises(Interrupted):
             work()
         assert done == [1]
-
-    def test_waits_and_then_asks(self, interruption, signum, code):
         with stoppable() as stop, deferred():
             signal.raise_signal(signum)
         assert stop.asked
-
-
-@pytest.mark.parametrize("block", [stoppable, deferred])
-def test_signals_act_as_before_after_the_block(interruption, block):
-    with block():
-        pass
-    with pytest.raises(Interrupted):
-        signal.raise_signal(signal.SIGINT)
 
 
 def test_sigterm_without_a_handler_keeps_ending_the_process():

@@ -1,7 +1,6 @@
 """The planner's objectives: their values against blocks of the information, derivatives, and invariances."""
 
 import math
-from functools import partial
 
 import pytest
 import torch
@@ -143,8 +142,11 @@ def test_names():
 
 
 def test_layouts_that_are_refused(device):
+    def search_from(link, points, start, code):
+        return search.plan_batch(link, points, code=code, start=start)
+
     points, code = torch.zeros(1, 17, 3, device=device), CODES["a fix"]
-    for compute in (objectives.log_objective_batch, partial(search.greedy_batch, reach=5.0)):
+    for compute in (objectives.log_objective_batch, search_from):
         with pytest.raises(ValueError, match="17 AUVs, at most 16"):
             compute(table(device, 17), points, points[:, 0, :2].contiguous(), code=code)
         with pytest.raises(ValueError, match=r"places: \(3, 2\) must be \(4, 2\)"):

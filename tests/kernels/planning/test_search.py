@@ -105,9 +105,9 @@ class TestPlan:
         start = torch.tensor([[250.0, 20.0]], device=device).repeat(len(points), 1)
         for reach in (search.ANYWHERE, 60.0):
             about = {"code": code, "reach": reach}
-            one = search.greedy_batch(link, points, start, **about, width=280.0, length=90.0)
-            swapped = points[..., [1, 0, 2]].contiguous(), start.flip(1).contiguous()
-            other = search.greedy_batch(link, *swapped, **about, width=90.0, length=280.0)
+            one = search.plan_batch(link, points, start=start, **about, width=280.0, length=90.0)
+            swapped, corner = points[..., [1, 0, 2]].contiguous(), start.flip(1).contiguous()
+            other = search.plan_batch(link, swapped, start=corner, **about, width=90.0, length=280.0)
             assert ((one - other)[:, 2].abs() / (5 + one[:, 2].abs())).max() < (
                 1e-3 if code == CODES["paper phase"] else 3e-6
             )
@@ -177,7 +177,7 @@ class TestGreedy:
     def test_finds_the_best_place_in_reach(self, device, code, reach, K):
         points, boat = self.case(K, 100 + code)
         link = table(device, K, attitude_error=0.0017)
-        out = search.greedy_batch(link, points.to(device), boat.to(device), code=code, reach=reach).double().cpu()
+        out = search.plan_batch(link, points.to(device), start=boat.to(device), code=code, reach=reach).double().cpu()
         assert ((out[:, :2] - boat).norm(dim=1) <= reach + 5e-5).all()
         assert out[:, :2].min() >= 0
         assert out[:, :2].max() <= AREA
@@ -191,11 +191,11 @@ class TestGreedy:
     def test_with_a_reach_beyond_the_area_it_is_the_plan(self, device, code):
         points, boat = (part.to(device) for part in self.case(3, 7, 10))
         link = table(device, 3)
-        far = search.greedy_batch(link, points, boat, code=code, reach=500.0)
+        far = search.plan_batch(link, points, start=boat, code=code, reach=500.0)
         plan = search.plan_batch(link, points, code=code, start=boat)
         assert (far - plan)[:, 2].abs().max() < 1e-5
 
     def test_no_reach_is_no_move(self, device):
         points, boat = (part.to(device) for part in self.case(3, 8, 5))
-        found = search.greedy_batch(table(device, 3), points, boat, code=CODES["d fix"], reach=0.0)
+        found = search.plan_batch(table(device, 3), points, start=boat, code=CODES["d fix"], reach=0.0)
         assert (found[:, :2] - boat).abs().max() < 1e-5
