@@ -25,7 +25,7 @@ LIMIT = 3600  # s, of a part
 TESTS = {
     "kernels": ["tests/kernels"],
     "usvauv_env": ["tests/usvauv_env"],
-    "learning": ["tests/policies/test_learners.py", "tests/policies/test_cuda_graph.py"],
+    "learning": ["tests/policies/test_learners.py", "tests/policies/test_training.py"],
 }
 SMALL_TESTS = {"kernels": ["tests/kernels/test_launch.py"]}
 BENCHMARKS = {  # options, and those of `--small`
