@@ -89,14 +89,12 @@ class TestLocalEngine:
                 conduct(Local(1, 1), tasks, signs, pytest.fail, interrupt)
 
 
-@pytest.fixture(params=["installed", "stand_in"])
-def slurm(request, monkeypatch):
-    """Slurm, and commands of the same names; both forget a job soon."""
+@pytest.fixture
+def slurm(monkeypatch):
+    """Commands of the names of Slurm's; a job is soon forgotten."""
     pytest.importorskip("submitit", reason="needs the extra scale")
-    if request.param == "installed" and not slurm_here.INSTALLED:
-        pytest.skip("needs Slurm's daemons and munge")
     monkeypatch.setattr(clusters, "ASK", 1.0)
-    with getattr(slurm_here, request.param)() as variables:
+    with slurm_here.stand_in() as variables:
         for name, value in variables.items():
             monkeypatch.setenv(name, value)
         yield

@@ -85,15 +85,15 @@ def test_statistics_by_hand():
     first = [episode("0", "1", "0"), episode("0", "3", "0")]
     second = [episode("1", "5", "9"), episode("1", "11", "9")]
     row = learning.pool("sac", "SAC", "ISC", "ESC", [first, second])
-    assert (row.name, row.runs, row.untrained_runs, row.episodes) == ("SAC (ESC)", 2, 1, 4)
-    assert (row.mean["arps"], row.mean["arps_without_eq5"]) == (5.0, 3.0)
-    assert row.sd["arps"] == pytest.approx(math.sqrt((16 + 4 + 0 + 36) / 3))
-    assert row.runs_sd["arps"] == pytest.approx(math.sqrt(2 * 3.0**2))  # means 2 and 8
-    assert (row.mean["sdr"], row.sd["sdr"], row.printed["sdr"]) == (6.0, 0.0, (5.58, 2.35))
+    assert (row["row"], row["runs"], row["untrained_runs"], row["episodes"]) == ("SAC (ESC)", 2, 1, 4)
+    assert (row["arps_mean"], row["arps_without_eq5_mean"]) == (5.0, 3.0)
+    assert row["arps_sd"] == pytest.approx(math.sqrt((16 + 4 + 0 + 36) / 3))
+    assert row["arps_runs_sd"] == pytest.approx(math.sqrt(2 * 3.0**2))  # means 2 and 8
+    assert [row[f"sdr_{what}"] for what in ("mean", "sd", "paper", "paper_sd")] == [6.0, 0.0, 5.58, 2.35]
 
     level = fig4.level(ESC, "fim", [{"median": f"{m}", "p95": f"{10 * m}"} for m in (1, 2, 9)])
-    assert (level.episodes, level.median, level.p95, level.paper) == (3, 2.0, 20.0, 0.002)
-    assert 1.0 <= level.low <= 2.0 <= level.high <= 9.0
+    assert (level["episodes"], level["median"], level["p95"], level["paper"]) == (3, 2.0, 20.0, 0.002)
+    assert 1.0 <= level["low95"] <= 2.0 <= level["high95"] <= 9.0
 
     runs = [
         {"method": method, "condition": "ISC", "run": run, "steps": steps, "ec": ec}
@@ -204,13 +204,13 @@ class TestCollaboration:
         found = list(collaboration.points(TINY, tables))
         assert len(found) == 4 * 5 + 3 * 5 + 3 * 5 + 4 * 4
         axis = collaboration.AXES[0].name
-        centroid = next(p for p in found if (p.axis, p.value, p.boat) == (axis, 200, "centroid"))
-        assert centroid.share == pytest.approx(95 / 150)
-        assert centroid.interval == pytest.approx(1.96 * 15)  # deviation 15 √2 of 2 episodes
-        assert (centroid.more, centroid.more_interval) == (25, pytest.approx(1.96 * 15))
-        belief = next(p for p in found if p.boat == "belief")
-        assert (belief.share, belief.more, belief.more_interval) == (pytest.approx(0.8), 0, 0)
-        assert belief.means["outage_longest"] == 7
+        centroid = next(p for p in found if (p["axis"], p["value"], p["boat"]) == (axis, 200, "centroid"))
+        assert centroid["share"] == pytest.approx(95 / 150)
+        assert centroid["mbit95"] == pytest.approx(1.96 * 15)  # deviation 15 √2 of 2 episodes
+        assert (centroid["belief_more"], centroid["belief_more95"]) == (25, pytest.approx(1.96 * 15))
+        belief = next(p for p in found if p["boat"] == "belief")
+        assert (belief["share"], belief["belief_more"], belief["belief_more95"]) == (pytest.approx(0.8), 0, 0)
+        assert belief["outage_longest"] == 7
 
     def test_the_page_needs_no_more_than_the_tables(self, tables, capsys):
         path = reproduce("collaboration", tables)

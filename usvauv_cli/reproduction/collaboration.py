@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -74,28 +75,6 @@ PERFECT = (
 )
 
 
-@dataclass(frozen=True)
-class Point:
-    """Figures of a strategy at one value of an axis; an interval is half the width at 95 %.
-
-    Attributes:
-        share: of the data that AUVs with perfect fixes bring in.
-        means: of `FIGURES` over episodes.
-        interval: of the data, Mbit.
-        more: what `belief` brings in more in the same worlds, Mbit. more_interval: of that.
-    """
-
-    axis: str
-    value: float
-    boat: str
-    episodes: int
-    share: float
-    means: dict[str, float]
-    interval: float
-    more: float
-    more_interval: float
-
-
 def missions(settings: Settings, boat: str, changes: tuple[str, ...]) -> Piece:
     """Episodes of `wide` with one strategy of the boat."""
     run = Run(scenario=WIDE, set=(*settings.overrides, *changes), policy=STEERING, usv=boat)
@@ -115,8 +94,12 @@ def half_width(values: np.ndarray) -> float:
     return 1.96 * float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
 
 
-def points(settings: Settings, folder: Path) -> Iterator[Point]:
-    """All points of all axes, from the rows of the episodes."""
+def points(settings: Settings, folder: Path) -> Iterator[dict[str, Any]]:
+    """All points of all axes, from the rows of the episodes: a row of `SUMMARY` each.
+
+    "share" is of the data that AUVs with perfect fixes bring in; `FIGURES` are means over episodes; "belief_more" is
+    what `belief` brings in more in the same worlds, Mbit; "mbit95", "belief_more95" are half the width of intervals.
+    """
 
     def columns(boat: str, changes: tuple[str, ...]) -> dict[str, np.ndarray]:
         rows = missions(settings, boat, changes).rows(folder)
@@ -129,27 +112,22 @@ def points(settings: Settings, folder: Path) -> Iterator[Point]:
             for boat in axis.boats:
                 found = columns(boat, changes)
                 data = found["delivered_mbit"]
-                means = {name: float(np.nanmean(values)) for name, values in found.items()}
-                share, more = float(data.mean() / most), best - data
-                yield Point(
-                    axis.name, value, boat, len(data), share, means, half_width(data), float(more.mean()),
-                    half_width(more),
-                )  # fmt: skip
+                more = best - data
+                means = [float(np.nanmean(values)) for values in found.values()]
+                about = (axis.name, value, boat, len(data), float(data.mean() / most), *means)
+                about += (half_width(data), float(more.mean()), half_width(more))
+                yield dict(zip(SUMMARY, about, strict=True))
 
 
 def make(settings: Settings, folder: Path, place: Path) -> str:
     """Write collaboration.csv, a pair of .png, and .pdf; returns the section of the page: a table for each axis."""
     found = list(points(settings, folder))
-    rows = (
-        (p.axis, p.value, p.boat, p.episodes, p.share, *p.means.values(), p.interval, p.more, p.more_interval)
-        for p in found
-    )
-    write_rows(place / f"{NAME}.csv", SUMMARY, (dict(zip(SUMMARY, row, strict=True)) for row in rows))
+    write_rows(place / f"{NAME}.csv", SUMMARY, found)
     write_pair(place / f"{NAME}.png", partial(_draw, found), pdf=True)
-    most = found[0].means["delivered_mbit"] / found[0].share
+    most = found[0]["delivered_mbit"] / found[0]["share"]
     head = ["", "boat", "Mbit", "of perfect", "`belief` brings more", "age, s", "own rms, p95, m", "fixes", "outage, s"]
     parts = [
-        f"{found[0].episodes} episodes of `wide` for each, the same worlds for all; AUVs are steered by"
+        f"{found[0]['episodes']} episodes of `wide` for each, the same worlds for all; AUVs are steered by"
         f" `{STEERING}`. With perfect fixes they bring in {number(most, 1)} Mbit. ± is half the 95 %"
         " interval of a mean, or of the mean difference in the same worlds. Age is that of information (mean over nodes"
         " and time), own the error of where AUVs take themselves to be, fixes the share of AUVs and seconds with one,"
@@ -159,41 +137,41 @@ def make(settings: Settings, folder: Path, place: Path) -> str:
     for axis in AXES:
         rows = (
             [
-                f"{p.value:g}",
-                f"`{p.boat}`",
-                spread(p.means["delivered_mbit"], p.interval, 1),
-                f"{100 * p.share:.1f} %",
-                "" if p.boat == "belief" else spread(p.more, p.more_interval, 1),
-                number(p.means["aoi_mean"], 0),
-                f"{number(p.means['own_error_rms'], 1)}, {number(p.means['own_error_p95'], 1)}",
-                number(p.means["fix_availability"]),
-                number(p.means["outage_longest"], 0),
+                f"{row['value']:g}",
+                f"`{row['boat']}`",
+                spread(row["delivered_mbit"], row["mbit95"], 1),
+                f"{100 * row['share']:.1f} %",
+                "" if row["boat"] == "belief" else spread(row["belief_more"], row["belief_more95"], 1),
+                number(row["aoi_mean"], 0),
+                f"{number(row['own_error_rms'], 1)}, {number(row['own_error_p95'], 1)}",
+                number(row["fix_availability"]),
+                number(row["outage_longest"], 0),
             ]
-            for p in found
-            if p.axis == axis.name
+            for row in found
+            if row["axis"] == axis.name
         )
         parts += [f"## {axis.name[0].upper()}{axis.name[1:]}", table(head, rows)]
     return "\n\n".join(parts)
 
 
-def _draw(found: Sequence[Point], ground: Ground) -> Figure:
+def _draw(found: Sequence[dict[str, Any]], ground: Ground) -> Figure:
     drawn = titled_figure(
         7.6,
         "What the boat's strategy brings in",
-        f"data of 8 AUVs over those with perfect fixes; {found[0].episodes} episodes of {WIDE}, the same for all;"
+        f"data of 8 AUVs over those with perfect fixes; {found[0]['episodes']} episodes of {WIDE}, the same for all;"
         " bars: 95 % of the mean",
         ground,
     )  # fmt: skip
     room = {"left": 0.08, "right": 0.98, "bottom": 0.14, "top": 0.88, "wspace": 0.06, "hspace": 0.28}
-    most = found[0].means["delivered_mbit"] / found[0].share
+    most = found[0]["delivered_mbit"] / found[0]["share"]
     panels = drawn.subplots(2, 2, sharey=True, gridspec_kw=room)
     marks = looks(STRATEGIES, ground.colours)
     for axes, axis in zip(panels.flat, AXES, strict=True):
         places = {value: n for n, value in enumerate(sorted(axis.points))}
         for n, boat in enumerate(axis.boats):
-            own = [p for p in found if (p.axis, p.boat) == (axis.name, boat)]
-            x = [places[p.value] + 0.05 * (n - 0.5 * (len(axis.boats) - 1)) for p in own]
-            share, bars = [100 * p.share for p in own], [100 * p.interval / most for p in own]
+            own = [row for row in found if (row["axis"], row["boat"]) == (axis.name, boat)]
+            x = [places[row["value"]] + 0.05 * (n - 0.5 * (len(axis.boats) - 1)) for row in own]
+            share, bars = [100 * row["share"] for row in own], [100 * row["mbit95"] / most for row in own]
             colour, marker = marks[boat]
             axes.errorbar(x, share, bars, color=colour, marker=marker, ms=5, lw=1.4, capsize=2, label=boat)
         axes.set(xticks=list(places.values()), xticklabels=[f"{value:g}" for value in places], xlabel=axis.name)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -170,28 +169,6 @@ def _current(axes: Axes, trace: Trace, ground: Ground) -> None:
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Level:
-    """Errors of a strategy in a scenario, m.
-
-    Attributes:
-        episodes: number of episodes.
-        median: over episodes, of an episode's median over steps and AUVs. low, high: its 95 % interval by the
-            bootstrap over episodes.
-        p95: median over episodes of an episode's 95th percentile; None for the bound.
-        paper: what the paper's figure shows; None where it shows nothing.
-    """
-
-    scenario: str
-    strategy: str
-    episodes: int
-    median: float
-    low: float
-    high: float
-    p95: float | None
-    paper: float | None
-
-
 def error_runs(settings: Settings) -> list[Piece]:
     """The runs that Fig. 4(b) needs."""
     return [fix_errors(settings, scenario, usv) for scenario in SCENARIOS for usv in STRATEGIES]
@@ -208,27 +185,26 @@ def make_errors(settings: Settings, folder: Path, place: Path) -> str:
             levels.append(level(scenario, strategy, [row for row in run.rows(folder) if row["strategy"] == strategy]))
             rows = read_rows(run.place(folder) / OVER_TIME)
             over_time[scenario, strategy] = [row for row in rows if row["strategy"] == strategy]
-    cells = ((v.scenario, v.strategy, v.episodes, v.median, v.low, v.high, v.p95, v.paper) for v in levels)
-    write_rows(place / "fig4b.csv", SUMMARY, (dict(zip(SUMMARY, row, strict=True)) for row in cells))
+    write_rows(place / "fig4b.csv", SUMMARY, levels)
     named = ({"scenario": scenario, **row} for (scenario, _), rows in over_time.items() for row in rows)
     write_rows(place / "fig4b-over-time.csv", TIMES, named)
     write_pair(place / "fig4b.png", partial(_draw_errors, over_time, levels), pdf=True)
-    bounds = {level.scenario: level.median for level in levels if level.strategy == BOUND}
+    bounds = {row["scenario"]: row["median"] for row in levels if row["strategy"] == BOUND}
     cells = (
         [
-            f"`{level.scenario}`",
-            level.strategy if level.strategy == BOUND else f"`{level.strategy}`",
-            f"{level.paper:g}" if level.paper and level.scenario == ESC else "",
-            f"{level.median:.3g} ({level.low:.3g} to {level.high:.3g})",
-            f"{level.p95:.3g}" if level.p95 else "",
-            f"{level.median / bounds[level.scenario]:.2f}",
+            f"`{row['scenario']}`",
+            BOUND if row["strategy"] == BOUND else f"`{row['strategy']}`",
+            f"{row['paper']:g}" if row["paper"] and row["scenario"] == ESC else "",
+            f"{row['median']:.3g} ({row['low95']:.3g} to {row['high95']:.3g})",
+            f"{row['p95']:.3g}" if row["p95"] else "",
+            f"{row['median'] / bounds[row['scenario']]:.2f}",
         ]
-        for level in levels
+        for row in levels
     )
     ideal = bounds[ESC] / paper.FIG_4B["fim"]
     parts = [
         "## Fig. 4(b)",
-        f"Medians over {levels[0].episodes} episodes ({len(settings.seeds)} seeds × {settings.fix_episodes}) of an"
+        f"Medians over {levels[0]['episodes']} episodes ({len(settings.seeds)} seeds × {settings.fix_episodes}) of an"
         " episode's median horizontal error over steps and AUVs, in brackets the 95 % interval by the bootstrap; AUVs"
         " steered by `straight`, so that every strategy has the same ways to follow. The paper's levels are read off"
         " its figure to one digit. In `paper-extreme` `fim` maximises Eq. 2 as the paper does, in `extreme` the"
@@ -244,29 +220,29 @@ def make_errors(settings: Settings, folder: Path, place: Path) -> str:
     return "\n\n".join(parts)
 
 
-def level(scenario: str, strategy: str, rows: Sequence[dict[str, str]]) -> Level:
-    """The level of a strategy, from its rows over episodes."""
+def level(scenario: str, strategy: str, rows: Sequence[dict[str, str]]) -> dict[str, Any]:
+    """Errors of a strategy in a scenario, from its rows over episodes, m: a row of `SUMMARY`.
+
+    "median" is over episodes, of an episode's median over steps and AUVs, "low95" and "high95" its interval by the
+    bootstrap over episodes; "p95" the median of an episode's 95th percentile, None for the bound; "paper" what the
+    paper's figure shows, None where it shows nothing.
+    """
     medians = np.array([float(row["median"]) for row in rows])
     drawn = np.random.default_rng(0).integers(0, len(medians), (RESAMPLES, len(medians)))
-    low, high = np.quantile(np.median(medians[drawn], axis=1), (0.025, 0.975))
+    low, high = map(float, np.quantile(np.median(medians[drawn], axis=1), (0.025, 0.975)))
     largest = [float(row["p95"]) for row in rows if row["p95"]]
-    return Level(
-        scenario=scenario,
-        strategy=strategy,
-        episodes=len(rows),
-        median=float(np.median(medians)),
-        low=float(low),
-        high=float(high),
-        p95=float(np.median(largest)) if largest else None,
-        paper=paper.FIG_4B.get(strategy),
-    )
+    p95 = float(np.median(largest)) if largest else None
+    about = (scenario, strategy, len(rows), float(np.median(medians)), low, high, p95, paper.FIG_4B.get(strategy))
+    return dict(zip(SUMMARY, about, strict=True))
 
 
-def _draw_errors(over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[Level], ground: Ground) -> Figure:
+def _draw_errors(
+    over_time: dict[tuple[str, str], list[dict[str, str]]], levels: list[dict[str, Any]], ground: Ground
+) -> Figure:
     drawn = paper.titled_figure(
         5.4,
         "Fig. 4(b): error of the AUVs' positions by the boat's strategy",
-        f"median over {levels[0].episodes} episodes and AUVs steered by straight, band from quartile to quartile;\n"
+        f"median over {levels[0]['episodes']} episodes and AUVs steered by straight, band from quartile to quartile;\n"
         "dotted: the paper's levels, in the strategies' colours",
         ground,
     )  # fmt: skip

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,55 +22,14 @@ from usvauv.env.render.style import looks
 from usvauv.env.storage.tables import write_rows
 from usvauv.kernels.mission.motion import travelling_power
 
+Row = dict[str, Any]  # of table2.csv, see `pool`
+OURS, PAPER = ("mean", "sd"), ("paper", "paper_sd")  # ends of the names of columns
 OTHERS = ("services", "delivered_mbit", "collisions", "border", "arps_without_eq5")
-TABLE_COLUMNS = (
-    *("row", "method", "trained_in", "tested_in", "usv", "runs", "untrained_runs", "episodes"),
-    *(f"{name}_{what}" for name in paper.FIGURES for what in ("mean", "sd", "runs_sd", "paper", "paper_sd")),
-    *(f"{name}_mean" for name in OTHERS),
-)
 LOWEST_EC = min(figures["ec"][0] for figures in paper.TABLE_2.values())
 NEAR = 0.05  # relative difference up to which two ECs count as equal
 LEARNING = ("ddpg", "sac")  # methods of Fig. 3
 CURVE_COLUMNS = ("method", "condition", "run", "steps", "episode_equivalents", "updates", *paper.FIGURES)
 DASHES = {"ISC": "-", "ESC": (0, (4, 2))}
-
-
-@dataclass(frozen=True)
-class Row:
-    """A row of our table.
-
-    Attributes:
-        key, title: the method's, or a heuristic's name.
-        trained_in: condition it was trained in, "" for a heuristic. tested_in: condition.
-        usv: the boat's strategy.
-        runs: number of training runs pooled, 0 for a heuristic.
-        untrained_runs: how many of them had no better policy than the one before the first update.
-        episodes: number of episodes pooled.
-        mean, sd: figure → mean over all these episodes, and their sample standard deviation.
-        runs_sd: figure → sample standard deviation of the means of the runs; NaN for fewer than two.
-    """
-
-    key: str
-    title: str
-    trained_in: str
-    tested_in: str
-    usv: str
-    runs: int
-    untrained_runs: int
-    episodes: int
-    mean: dict[str, float]
-    sd: dict[str, float]
-    runs_sd: dict[str, float]
-
-    @property
-    def name(self) -> str:
-        """As the paper names its rows."""
-        return f"{self.title} ({self.tested_in})"
-
-    @property
-    def printed(self) -> dict[str, tuple[float, float]]:
-        """The paper's row for it; empty where there is none."""
-        return paper.printed(self.key, self.tested_in)
 
 
 def table_runs(settings: Settings) -> list[Piece]:
@@ -93,45 +50,47 @@ def _learned(settings: Settings, methods: Sequence[str]) -> list[Piece]:
 
 def table_rows(settings: Settings, folder: Path) -> list[Row]:
     """All rows: the paper's reading (trained in ISC, tested in both), trained in ESC, heuristics."""
-
-    def pooled(key: str, title: str, trained_in: str, pieces: Sequence[Piece]) -> list[Row]:
-        tests = [piece.rows(folder) for piece in pieces]
-        return [
-            pool(
-                key, title, trained_in, condition, [[row for row in test if row["scenario"] == name] for test in tests]
-            )
-            for condition, name in paper.CONDITIONS.items()
-        ]
-
-    found = []
-    for trained_in, name in paper.CONDITIONS.items():
-        for method in settings.methods:
-            runs = [learned(settings, method.key, name, seed) for seed in settings.seeds]
-            found += pooled(method.key, method.title, trained_in, runs)
-    for policy in HEURISTICS:
-        found += pooled(policy, f"`{policy}`", "", [heuristic(settings, policy)])
-    return found
+    runs = {
+        (method.key, method.title, trained_in): [learned(settings, method.key, name, s) for s in settings.seeds]
+        for trained_in, name in paper.CONDITIONS.items()
+        for method in settings.methods
+    }
+    runs |= {(policy, policy, ""): [heuristic(settings, policy)] for policy in HEURISTICS}
+    return [
+        pool(*about, condition, [[row for row in piece.rows(folder) if row["scenario"] == name] for piece in pieces])
+        for about, pieces in runs.items()
+        for condition, name in paper.CONDITIONS.items()
+    ]
 
 
 def pool(key: str, title: str, trained_in: str, tested_in: str, tests: Sequence[Sequence[dict[str, str]]]) -> Row:
-    """Statistics over the episodes of several runs, given as rows of their tests."""
-    values = {name: [[value(row, name) for row in test] for test in tests] for name in (*paper.FIGURES, *OTHERS)}
-    pooled = {name: [v for run in runs for v in run] for name, runs in values.items()}
-    means = {name: [statistics.fmean(run) for run in runs] for name, runs in values.items()}
-    learned = [test[0] for test in tests if test[0]["run"] != ""]
-    return Row(
-        key=key,
-        title=title,
-        trained_in=trained_in,
-        tested_in=tested_in,
-        usv=tests[0][0]["usv"],
-        runs=len(learned),
-        untrained_runs=sum(int(row["updates"]) == 0 for row in learned),
-        episodes=sum(len(test) for test in tests),
-        mean={name: statistics.fmean(v) for name, v in pooled.items()},
-        sd={name: statistics.stdev(v) for name, v in pooled.items()},
-        runs_sd={name: statistics.stdev(v) if len(v) > 1 else math.nan for name, v in means.items()},
-    )
+    """A row of our table over the episodes of several runs, given as rows of their tests.
+
+    "row" is as the paper names its rows; "runs" counts training runs, "untrained_runs" those which had no better policy
+    than the one before the first update. Of a figure: mean and sample standard deviation over all episodes, that of
+    the means of the runs (empty for fewer than two), and the paper's value with its ± (empty where there is none).
+    """
+    trained = [test[0] for test in tests if test[0]["run"] != ""]
+    printed = paper.printed(key, tested_in)
+    row: Row = {
+        "row": f"{title} ({tested_in})",
+        "method": key,
+        "trained_in": trained_in,
+        "tested_in": tested_in,
+        "usv": tests[0][0]["usv"],
+        "runs": len(trained),
+        "untrained_runs": sum(int(test["updates"]) == 0 for test in trained),
+        "episodes": sum(len(test) for test in tests),
+    }
+    for name in (*paper.FIGURES, *OTHERS):
+        values = [[value(episode, name) for episode in test] for test in tests]
+        pooled = [number for run in values for number in run]
+        row[f"{name}_mean"] = statistics.fmean(pooled)
+        if name in paper.FIGURES:
+            row[f"{name}_sd"] = statistics.stdev(pooled)
+            row[f"{name}_runs_sd"] = statistics.stdev(map(statistics.fmean, values)) if len(trained) > 1 else ""
+            row[f"{name}_paper"], row[f"{name}_paper_sd"] = printed.get(name, ("", ""))
+    return row
 
 
 def value(row: dict[str, str], name: str) -> float:
@@ -146,16 +105,15 @@ def make_table(settings: Settings, folder: Path, place: Path) -> str:
     tests, the heuristics.
     """
     rows = table_rows(settings, folder)
-    write_rows(place / "table2.csv", TABLE_COLUMNS, (_cells(row) for row in rows))
+    write_rows(place / "table2.csv", list(rows[0]), rows)
     write_pair(place / "table2.png", partial(_draw_table, rows, settings), pdf=True)
-    own = [row for row in rows if row.trained_in == "ISC" and row.printed]
+    own = [row for row in rows if row["trained_in"] == "ISC" and row["sdr_paper"]]
     head = [f"{name.upper()}{whose}" for name in paper.FIGURES for whose in (", paper", ", here")]
     beside = (
-        [row.name, *(spread(*pair) for n in paper.FIGURES for pair in (row.printed[n], (row.mean[n], row.sd[n])))]
-        for row in own
+        [row["row"], *(_spread(row, name, *what) for name in paper.FIGURES for what in (PAPER, OURS))] for row in own
     )
-    above = {name: sum(row.mean[name] > row.printed[name][0] for row in own) for name in ("sdr", "arps")}
-    frugal = sum(row.mean["ec"] <= LOWEST_EC * (1 + NEAR) for row in own)
+    above = {name: sum(row[f"{name}_mean"] > row[f"{name}_paper"] for row in own) for name in ("sdr", "arps")}
+    frugal = sum(row["ec_mean"] <= LOWEST_EC * (1 + NEAR) for row in own)
     all_head = ["", "trained in", "tested in", "runs", "SDR Mbit/s", "EC W", "ARPS", "± of runs' ARPS"]
     all_head += ["ARPS without Eq. 5", "services", "collisions", "runs not above untrained"]
     parts = [
@@ -169,75 +127,68 @@ def make_table(settings: Settings, folder: Path, place: Path) -> str:
         _room(rows, settings),
         _weighted(rows),
         paper.picture("table2", "SDR, EC and ARPS of every method, ours and the paper's"),
-        f"All tests, mean ± standard deviation over {rows[0].episodes} episodes; the last column is the number of runs"
-        " whose best policy was that before the first update:",
-        table(all_head, (_all_cells(row) for row in rows)),
+        f"All tests, mean ± standard deviation over {rows[0]['episodes']} episodes; the last column is the number of"
+        " runs whose best policy was that before the first update:",
+        table(all_head, (_cells(row) for row in rows)),
     ]
     return "\n\n".join(parts)
 
 
+def _spread(row: Row, name: str, centre: str, deviation: str) -> str:
+    return spread(row[f"{name}_{centre}"], row[f"{name}_{deviation}"])
+
+
 def _room(rows: Sequence[Row], settings: Settings) -> str:
     """Number of services that the lowest EC allows, at their energy with `straight`."""
-    straight = next(row for row in rows if row.key == "straight" and row.tested_in == "ISC")
+    straight = next(row for row in rows if (row["method"], row["tested_in"]) == ("straight", "ISC"))
     speed = settings.scenario(paper.CONDITIONS["ISC"]).auv.speed_min
     travelling, limit = travelling_power(speed), LOWEST_EC * (1 + NEAR)
-    mean = straight.mean
-    share = (limit - travelling) / (mean["ec"] - travelling)
+    services, sdr, ec = (straight[f"{name}_mean"] for name in ("services", "sdr", "ec"))
+    share = (limit - travelling) / (ec - travelling)
     return (
         f"Travelling at the lowest speed, {speed:g} m/s, takes {number(travelling, 1)} W; the rest of EC is hovering,"
-        f" which each service needs: `straight` in ISC has {number(mean['services'], 1)} services at"
-        f" {number(mean['ec'], 1)} W. At that price {number(limit, 1)} W leave room for"
-        f" {number(share * mean['services'], 1)} services, an SDR of {number(share * mean['sdr'])}; whoever serves more"
+        f" which each service needs: `straight` in ISC has {number(services, 1)} services at"
+        f" {number(ec, 1)} W. At that price {number(limit, 1)} W leave room for"
+        f" {number(share * services, 1)} services, an SDR of {number(share * sdr)}; whoever serves more"
         " has a higher EC."
     )
 
 
 def _weighted(rows: Sequence[Row]) -> str:
     """The method that learned from other weights, beside the paper's SAC."""
-    row = next(row for row in rows if row.key == "data" and (row.trained_in, row.tested_in) == ("ISC", "ISC"))
+    row = next(row for row in rows if (row["method"], row["trained_in"], row["tested_in"]) == ("data", "ISC", "ISC"))
     sdr, ec = (paper.printed("sac", "ISC")[name][0] for name in ("sdr", "ec"))
     return (
-        f"**{row.title}** learns from a reward with other weights and is tested like the others: an SDR of"
-        f" {number(row.mean['sdr'])} at {number(row.mean['ec'], 1)} W, where the paper's SAC (ISC) has {number(sdr)} at"
-        f" {number(ec, 1)} W."
+        f"**{row['row'].removesuffix(' (ISC)')}** learns from a reward with other weights and is tested like the"
+        f" others: an SDR of {number(row['sdr_mean'])} at {number(row['ec_mean'], 1)} W, where the paper's SAC (ISC)"
+        f" has {number(sdr)} at {number(ec, 1)} W."
     )
 
 
-def _all_cells(row: Row) -> list[str]:
-    learned = row.runs > 0
+def _cells(row: Row) -> list[str]:
+    """A row of the table of all tests."""
+    title, runs = row["row"].removesuffix(f" ({row['tested_in']})"), row["runs"]
     return [
-        row.title,
-        row.trained_in,
-        row.tested_in,
-        str(row.runs) if learned else "",
-        *(spread(row.mean[name], row.sd[name]) for name in paper.FIGURES),
-        number(row.runs_sd["arps"]) if row.runs > 1 else "",
-        number(row.mean["arps_without_eq5"]),
-        number(row.mean["services"], 1),
-        number(row.mean["collisions"]),
-        str(row.untrained_runs) if learned else "",
+        title if runs else f"`{title}`",
+        row["trained_in"],
+        row["tested_in"],
+        str(runs) if runs else "",
+        *(_spread(row, name, *OURS) for name in paper.FIGURES),
+        number(row["arps_runs_sd"]) if runs > 1 else "",
+        number(row["arps_without_eq5_mean"]),
+        number(row["services_mean"], 1),
+        number(row["collisions_mean"]),
+        str(row["untrained_runs"]) if runs else "",
     ]
-
-
-def _cells(row: Row) -> dict[str, object]:
-    cells: dict[str, object] = {"row": row.name.replace("`", ""), "method": row.key}
-    for name in ("trained_in", "tested_in", "usv", "runs", "untrained_runs", "episodes"):
-        cells[name] = getattr(row, name)
-    for name in paper.FIGURES:
-        printed = row.printed.get(name, ("", ""))
-        numbers = (row.mean[name], row.sd[name], row.runs_sd[name] if row.runs > 1 else "", *printed)
-        columns = ("mean", "sd", "runs_sd", "paper", "paper_sd")
-        cells |= {f"{name}_{what}": number for what, number in zip(columns, numbers, strict=True)}
-    return cells | {f"{name}_mean": row.mean[name] for name in OTHERS}
 
 
 def _draw_table(rows: Sequence[Row], settings: Settings, ground: Ground) -> Figure:
     """Ours and the paper's, row by row, one panel a figure."""
-    shown = [row for row in rows if row.trained_in in ("ISC", "")]
+    shown = [row for row in rows if row["trained_in"] in ("ISC", "")]
     drawn = paper.titled_figure(
         1.85 + 0.3 * len(shown),
         "Table 2: ours beside the paper's",
-        f"trained in ISC, tested in both; mean ± standard deviation over {shown[0].episodes} episodes of"
+        f"trained in ISC, tested in both; mean ± standard deviation over {shown[0]['episodes']} episodes of"
         f" {len(settings.seeds)} runs of {settings.steps:,} world-steps",
         ground,
     )  # fmt: skip
@@ -247,13 +198,13 @@ def _draw_table(rows: Sequence[Row], settings: Settings, ground: Ground) -> Figu
     looked = looks(paper.METHODS, ground.colours)
     for axes, (name, words) in zip(panels, paper.TITLES.items(), strict=True):
         for y, row in enumerate(shown):
-            colour, marker = looked.get(row.key, (ground.muted, "o"))
-            axes.errorbar(row.mean[name], y - 0.14, xerr=row.sd[name], fmt=marker, ms=6, lw=1.6, color=colour)
-            if name in row.printed:
-                centre, spread = row.printed[name]
+            colour, marker = looked.get(row["method"], (ground.muted, "o"))
+            mean, deviation, centre, spread = (row[f"{name}_{what}"] for what in (*OURS, *PAPER))
+            axes.errorbar(mean, y - 0.14, xerr=deviation, fmt=marker, ms=6, lw=1.6, color=colour)
+            if centre:
                 axes.errorbar(centre, y + 0.2, xerr=spread, fmt="D", ms=5, mfc="none", lw=1.0, color=ground.text)
         axes.set(ylim=(len(shown) - 0.4, -0.6), yticks=range(len(shown)), title=words)
-        axes.set_yticklabels([row.name.replace("`", "") for row in shown])
+        axes.set_yticklabels([row["row"] for row in shown])
     marks = [
         Line2D([], [], marker="o", ls="-", color=ground.muted, label="ours"),
         Line2D([], [], marker="D", ls="-", mfc="none", color=ground.text, label="paper"),

@@ -25,7 +25,7 @@ from usvauv.cli.sweep.local import LOST, THREADS
 from usvauv.kernels.errors import UserError, in_words
 from usvauv.kernels.interruption import SIGNALS
 
-# Else Ray tells other processes of this machine, and its makers, and warns of what a later version does.
+# Without these Ray reports its use to its makers, and warns of changes in later versions.
 SETTINGS = {"RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0", "RAY_USAGE_STATS_ENABLED": "0"}
 LOOK = 0.2  # seconds between two looks for results
 ASK = 10.0  # seconds between two questions to Slurm; a job without a result that has ended at two of them is lost
@@ -197,4 +197,4 @@ class OnSlurm:
             subprocess.run(["scancel", *jobs], capture_output=True, check=False)
 
     def close(self) -> None:
-        """Nothing is left to be let go."""
+        """There are no processes of this machine to end."""

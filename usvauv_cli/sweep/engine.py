@@ -41,7 +41,7 @@ class Ended(NamedTuple):
         name: of the piece.
         how: "lost" if its process or machine ended before the piece did.
         words: why it failed, in one line.
-        details: traceback of an error that is none of the user's.
+        details: traceback of an unexpected error.
     """
 
     name: str
@@ -51,19 +51,19 @@ class Ended(NamedTuple):
 
 
 class Signs:
-    """What a piece of work tells, and whether it is to stop."""
+    """The report of a piece of work, and whether it is to stop."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self._stop, self._report = folder / STOP, folder / name
         self._parent = multiprocessing.parent_process()
-        self._done, self._told, self._looked, self._asked = 0.0, 0.0, 0.0, False
+        self._done, self._written, self._looked, self._asked = 0.0, 0.0, 0.0, False
 
     def advance(self, units: float) -> None:
         """Report that much more work as done."""
         self._done += units
-        if time.monotonic() - self._told > REPORT:
-            self._told = time.monotonic()
-            with suppress(OSError):  # a report that is lost harms nobody
+        if time.monotonic() - self._written > REPORT:
+            self._written = time.monotonic()
+            with suppress(OSError):  # the next report replaces one that is lost
                 self._report.write_text(repr(self._done), encoding="ascii")
 
     def stopping(self) -> bool:
@@ -148,7 +148,7 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the processes; none has a task."""
+        """End the processes, none of which has a task."""
         ...
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -50,18 +50,6 @@ MOST_RUNS = 1000
 LONGEST, WORDS, TEXT = 40, 240, 200_000  # letters of a name in a figure, of a failure, of the study file
 
 
-class Row(NamedTuple):
-    """A run in the table of runs; `seconds` is None where it is not known."""
-
-    key: str
-    method: str
-    task: str
-    seed: int
-    how: str
-    seconds: float | None
-    words: str
-
-
 def write(folder: Path, study: Study, results: Mapping[str, Any]) -> Path:
     """Write DIR/report/index.html and its figures as PDF; returns the page.
 
@@ -77,9 +65,9 @@ def write(folder: Path, study: Study, results: Mapping[str, Any]) -> Path:
     with writing(place):
         place.mkdir(exist_ok=True)
     runs = [_row(folder, piece) for piece in study.runs]
-    runs.sort(key=lambda row: row.how == "done")  # in the order of the study but for that
+    runs.sort(key=lambda row: row["how"] == "done")  # in the order of the study but for that
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))
-    counts = {how: sum(row.how == how for row in runs) for how in ("done", "failed", "not run")}
+    counts = {how: sum(row["how"] == how for row in runs) for how in ("done", "failed", "not run")}
     return document.write(
         place,
         "sweep/report.html",
@@ -111,7 +99,8 @@ def write(folder: Path, study: Study, results: Mapping[str, Any]) -> Path:
     )
 
 
-def _row(folder: Path, piece: Piece) -> Row:
+def _row(folder: Path, piece: Piece) -> dict[str, Any]:
+    """A run in the table of runs."""
     place = piece.place(folder)
     how, words, took = "not run", "", seconds(place)
     if piece.finished(folder):
@@ -119,7 +108,8 @@ def _row(folder: Path, piece: Piece) -> Row:
     elif (place / FAILURE).is_file():
         lines = (place / FAILURE).read_text(encoding="utf-8", errors="replace").strip().splitlines()
         how, words = "failed", lines[-1][:WORDS] if lines else ""
-    return Row(piece.key, piece.method, piece.task, piece.seed, how, took, words)
+    about = {"key": piece.key, "method": piece.method, "task": piece.task, "seed": piece.seed}
+    return {**about, "how": how, "seconds": took, "words": words}
 
 
 def _learning(folder: Path, study: Study) -> dict[str, dict[str, Curve]]:
