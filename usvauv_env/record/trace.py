@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -49,55 +49,8 @@ class Stored(NamedTuple):
 
 
 _AUV, _BOAT, _WORLD = ("time", "world", "auv"), ("time", "world", "boat"), ("time", "world")
+_AUV_XY, _BOAT_XY, _COVARIANCE = (*_AUV, "axis"), (*_BOAT, "axis"), (*_AUV, "component")
 
-# Every array field, in the order of the file. Units are spelled as UDUNITS does, Mbit apart.
-VARIABLES: dict[str, Variable] = {
-    "node_position": Variable(("world", "node", "axis"), "m", "position of the nodes"),
-    "node_rate": Variable(("world", "node"), "s-1", "arrival rate λ of a node's packets"),
-    "time": Variable(("time",), "s", "time since the start of the mission, at the end of each step"),
-    "auv_position": Variable((*_AUV, "axis"), "m", "true position"),
-    "auv_velocity": Variable((*_AUV, "axis"), "m s-1", "velocity through the water, 0 while hovering"),
-    "fix": Variable((*_AUV, "axis"), "m", "measured position; NaN where nothing was detected"),
-    "heard_position": Variable((*_AUV, "axis"), "m", "where the AUV was when the signal of its last fix left it"),
-    "fix_covariance": Variable((*_AUV, "component"), "m2", "covariance predicted of the error of a fix"),
-    "fix_flags": Variable(_AUV, "1", "bits of kernels.positioning.usbl; good where DETECTED and nothing else"),
-    "fix_boat": Variable(_AUV, "1", "index of the boat that made the fix"),
-    "served_by": Variable(_AUV, "1", "index of the boat that serves the AUV"),
-    "estimate": Variable(
-        (*_AUV, "axis"), "m", "where the boat takes the AUV to be: its last usable fix, or a filter's"
-    ),
-    "own_position": Variable((*_AUV, "axis"), "m", "where the AUV takes itself to be; else the estimate"),
-    "foreseen_position": Variable(
-        (*_AUV, "axis"), "m", "where the boat foresees the AUV; the estimate where its strategy does not"
-    ),
-    "estimate_covariance": Variable((*_AUV, "component"), "m2", "covariance that the boat gives its estimate"),
-    "target": Variable(_AUV, "1", "index of the node or station headed for"),
-    "hovering": Variable(_AUV, "1", "1 while the AUV serves its node"),
-    "power": Variable(_AUV, "W", "power of the AUV in this step"),
-    "service_rate": Variable(_AUV, "Mbit s-1", "data rate of a service completed in this step, else 0"),
-    "delivered": Variable(_AUV, "Mbit", "data of a service completed in this step, else 0"),
-    "border": Variable(_AUV, "1", "1 where a move was refused at the border"),
-    "reward_terms": Variable((*_AUV, "reward_term"), "1", "weighted terms of the reward, which is their sum"),
-    "boat_position": Variable((*_BOAT, "axis"), "m", "position of the boat"),
-    "boat_goal": Variable((*_BOAT, "axis"), "m", "where the boat heads for"),
-    "boat_surface": Variable((*_BOAT, "surface_component"), None, "elevation under the boat, m, and its two slopes"),
-    "backlog": Variable(("time", "world", "node"), "1", "packets in the node's buffer"),
-    "overflowing": Variable(_WORLD, "1", "nodes that lost packets in this step"),
-    "collisions": Variable(_WORLD, "1", "pairs of AUVs closer than the collision distance"),
-    "packets_created": Variable(_WORLD, "1", "packets created in this step at all nodes"),
-    "packets_lost": Variable(_WORLD, "1", "packets lost in this step at full buffers"),
-    "packets_delivered": Variable(_AUV, "1", "packets of a service completed in this step, else 0"),
-    "vortex": Variable(
-        ("time", "world", "vortex", "vortex_parameter"), None, "centre x0 and y0, m, circulation Γ, m2 s-1, radius δ, m"
-    ),
-    "stream_time": Variable(("stream_time",), "s", "time since the start of the mission, of the real current"),
-    "stream": Variable(
-        ("stream_time", "stream_y", "stream_x", "axis"),
-        "m s-1",
-        "real current at cruise depth on a grid over the area; linear in time",
-    ),
-    "surface": Variable(("time", "y", "x"), "m", "elevation of world 0's sea over the area, row 0 in the south"),
-}
 OPTIONAL = {"stream_time": (0,), "stream": (0, 0, 0, 2), "surface": (0, 0, 0)}  # may be empty, with this shape
 PLACED = ("node", "auv", "boat")  # whose `…_position` also is in longitude and latitude where the area has a place
 
@@ -107,6 +60,11 @@ INTEGERS = (
 )
 LARGEST = 1e12  # of any number in a trace
 TOGETHER = 64  # steps of the surface that are read together
+
+
+def _stored(dimensions: tuple[str, ...], units: str | None, long_name: str) -> dict[str, Variable]:
+    """Metadata of an array field, which is a variable of a trace's file."""
+    return {"variable": Variable(dimensions, units, long_name)}
 
 
 class TraceError(UserError, ValueError):
@@ -131,41 +89,81 @@ class Trace:
     seed: int
     reward_names: tuple[str, ...]
     start: str
-    node_position: np.ndarray
-    node_rate: np.ndarray
-    time: np.ndarray
-    auv_position: np.ndarray
-    auv_velocity: np.ndarray
-    fix: np.ndarray
-    heard_position: np.ndarray
-    fix_covariance: np.ndarray
-    fix_flags: np.ndarray
-    fix_boat: np.ndarray
-    served_by: np.ndarray
-    estimate: np.ndarray
-    estimate_covariance: np.ndarray
-    own_position: np.ndarray
-    foreseen_position: np.ndarray
-    target: np.ndarray
-    hovering: np.ndarray
-    power: np.ndarray
-    service_rate: np.ndarray
-    delivered: np.ndarray
-    border: np.ndarray
-    reward_terms: np.ndarray
-    boat_position: np.ndarray
-    boat_goal: np.ndarray
-    boat_surface: np.ndarray
-    backlog: np.ndarray
-    overflowing: np.ndarray
-    collisions: np.ndarray
-    packets_created: np.ndarray
-    packets_lost: np.ndarray
-    packets_delivered: np.ndarray
-    vortex: np.ndarray
-    stream_time: np.ndarray
-    stream: np.ndarray
-    surface: np.ndarray
+    node_position: np.ndarray = field(metadata=_stored(("world", "node", "axis"), "m", "position of the nodes"))
+    node_rate: np.ndarray = field(metadata=_stored(("world", "node"), "s-1", "arrival rate λ of a node's packets"))
+    time: np.ndarray = field(
+        metadata=_stored(("time",), "s", "time since the start of the mission, at the end of each step")
+    )
+    auv_position: np.ndarray = field(metadata=_stored(_AUV_XY, "m", "true position"))
+    auv_velocity: np.ndarray = field(metadata=_stored(_AUV_XY, "m s-1", "velocity through the water, 0 while hovering"))
+    fix: np.ndarray = field(metadata=_stored(_AUV_XY, "m", "measured position; NaN where nothing was detected"))
+    heard_position: np.ndarray = field(
+        metadata=_stored(_AUV_XY, "m", "where the AUV was when the signal of its last fix left it")
+    )
+    fix_covariance: np.ndarray = field(
+        metadata=_stored(_COVARIANCE, "m2", "covariance predicted of the error of a fix")
+    )
+    fix_flags: np.ndarray = field(
+        metadata=_stored(_AUV, "1", "bits of kernels.positioning.usbl; good where DETECTED and nothing else")
+    )
+    fix_boat: np.ndarray = field(metadata=_stored(_AUV, "1", "index of the boat that made the fix"))
+    served_by: np.ndarray = field(metadata=_stored(_AUV, "1", "index of the boat that serves the AUV"))
+    estimate: np.ndarray = field(
+        metadata=_stored(_AUV_XY, "m", "where the boat takes the AUV to be: its last usable fix, or a filter's")
+    )
+    own_position: np.ndarray = field(
+        metadata=_stored(_AUV_XY, "m", "where the AUV takes itself to be; else the estimate")
+    )
+    foreseen_position: np.ndarray = field(
+        metadata=_stored(_AUV_XY, "m", "where the boat foresees the AUV; the estimate where its strategy does not")
+    )
+    estimate_covariance: np.ndarray = field(
+        metadata=_stored(_COVARIANCE, "m2", "covariance that the boat gives its estimate")
+    )
+    target: np.ndarray = field(metadata=_stored(_AUV, "1", "index of the node or station headed for"))
+    hovering: np.ndarray = field(metadata=_stored(_AUV, "1", "1 while the AUV serves its node"))
+    power: np.ndarray = field(metadata=_stored(_AUV, "W", "power of the AUV in this step"))
+    service_rate: np.ndarray = field(
+        metadata=_stored(_AUV, "Mbit s-1", "data rate of a service completed in this step, else 0")
+    )
+    delivered: np.ndarray = field(metadata=_stored(_AUV, "Mbit", "data of a service completed in this step, else 0"))
+    border: np.ndarray = field(metadata=_stored(_AUV, "1", "1 where a move was refused at the border"))
+    reward_terms: np.ndarray = field(
+        metadata=_stored((*_AUV, "reward_term"), "1", "weighted terms of the reward, which is their sum")
+    )
+    boat_position: np.ndarray = field(metadata=_stored(_BOAT_XY, "m", "position of the boat"))
+    boat_goal: np.ndarray = field(metadata=_stored(_BOAT_XY, "m", "where the boat heads for"))
+    boat_surface: np.ndarray = field(
+        metadata=_stored((*_BOAT, "surface_component"), None, "elevation under the boat, m, and its two slopes")
+    )
+    backlog: np.ndarray = field(metadata=_stored(("time", "world", "node"), "1", "packets in the node's buffer"))
+    overflowing: np.ndarray = field(metadata=_stored(_WORLD, "1", "nodes that lost packets in this step"))
+    collisions: np.ndarray = field(metadata=_stored(_WORLD, "1", "pairs of AUVs closer than the collision distance"))
+    packets_created: np.ndarray = field(metadata=_stored(_WORLD, "1", "packets created in this step at all nodes"))
+    packets_lost: np.ndarray = field(metadata=_stored(_WORLD, "1", "packets lost in this step at full buffers"))
+    packets_delivered: np.ndarray = field(
+        metadata=_stored(_AUV, "1", "packets of a service completed in this step, else 0")
+    )
+    vortex: np.ndarray = field(
+        metadata=_stored(
+            ("time", "world", "vortex", "vortex_parameter"),
+            None,
+            "centre x0 and y0, m, circulation Γ, m2 s-1, radius δ, m",
+        )
+    )
+    stream_time: np.ndarray = field(
+        metadata=_stored(("stream_time",), "s", "time since the start of the mission, of the real current")
+    )
+    stream: np.ndarray = field(
+        metadata=_stored(
+            ("stream_time", "stream_y", "stream_x", "axis"),
+            "m s-1",
+            "real current at cruise depth on a grid over the area; linear in time",
+        )
+    )
+    surface: np.ndarray = field(
+        metadata=_stored(("time", "y", "x"), "m", "elevation of world 0's sea over the area, row 0 in the south")
+    )
 
     def save(self, path: str | Path) -> None:
         """Write NetCDF-4; the file appears only when it is complete.
@@ -308,12 +306,18 @@ class Trace:
 
     def episode(self, world: int) -> Trace:
         """The same trace for one world only (the world axis stays, with length 1)."""
-        picked = {}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            axes = VARIABLES[field.name].dimensions if field.name in VARIABLES else ()
-            picked[field.name] = value.take([world], axis=axes.index("world")) if "world" in axes else value
-        return Trace(**picked)
+        picked = {
+            name: getattr(self, name).take([world], axis=about.dimensions.index("world"))
+            for name, about in VARIABLES.items()
+            if "world" in about.dimensions
+        }
+        return replace(self, **picked)
+
+
+# Every array field, in the order of the file. Units are spelled as UDUNITS does, Mbit apart.
+VARIABLES: dict[str, Variable] = {
+    each.name: each.metadata["variable"] for each in fields(Trace) if "variable" in each.metadata
+}
 
 
 def table() -> str:
