@@ -1,4 +1,4 @@
-"""A policy of one's own beside the shipped ones, in the same worlds.
+"""Your own policy beside the shipped ones, in the same worlds.
 
 In this folder: `usvauv eval --policy own_policy:Nearing --policy straight`; or `python examples/own_policy.py`
 """

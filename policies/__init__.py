@@ -7,7 +7,7 @@
 >>> action = policy.act(world.reset())
 
 From outside: the names below; the registries of `usvauv.policies.heuristics`, `usvauv.policies.algorithms` and
-`usvauv.policies.frames`; `usvauv.policies.guidance` for a policy of one's own, `usvauv.policies.export` and
+`usvauv.policies.frames`; `usvauv.policies.guidance` for your own policy, `usvauv.policies.export` and
 `usvauv.policies.training` for what their names say.
 """
 

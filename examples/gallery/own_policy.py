@@ -1,5 +1,5 @@
 """
-A policy of one's own
+Your own policy
 =====================
 
 Anything that turns observations into actions can steer: here one that heads for its target at a chosen speed.

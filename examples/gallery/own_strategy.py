@@ -1,5 +1,5 @@
 """
-A boat strategy of one's own
+A boat strategy of your own
 ============================
 
 A plugin in a few lines: the boat circles round the AUVs instead of staying above them.

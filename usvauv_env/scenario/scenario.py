@@ -51,7 +51,7 @@ class Scenario(Section):
     area: Area = section(Area, "the operating area")
     mission: Mission = section(Mission, "clock of the mission")
     sea: Sea = section(Sea, "sea surface: shallow-water equations (Eq. 6)")
-    storm: Storm = section(Storm, "short waves upon it: a directional Airy sea")
+    storm: Storm = section(Storm, "short waves on it: a directional Airy sea")
     water: Water = section(Water, "real bed, currents and waves from files")
     current: Current = section(Current, "current: Lamb–Oseen vortices (Eq. 8)")
     acoustics: Acoustics = section(Acoustics, "sonar equation of the positioning link")
