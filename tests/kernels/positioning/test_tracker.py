@@ -1,27 +1,26 @@
-"""The tracker: Riccati's equation, a filter in double precision, positive definite, consistent; and on the mission."""
+"""The tracker: closed forms, a filter in double precision, consistency, gate, and missions; beside Stone Soup."""
 
 import math
 
 import numpy as np
 import pytest
-import taichi as ti
 import torch
 from scipy import stats
-from scipy.linalg import expm, solve_discrete_are
+from scipy.linalg import solve_discrete_are
 
 from tests.links import TILTING
 from usvauv import policies
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
-from usvauv.env.world import current_statistics
 from usvauv.env.world.current_statistics import current_model
 from usvauv.env.world.tables import link_table
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.positioning import tracker
-from usvauv.kernels.types import array1, array2, array3, vec2, vec3
 
 UPPER = np.triu_indices(4)
+
+
 EXTREME_CURRENT = {"variance": 0.22, "correlation_time": 180.0}
 
 
@@ -184,156 +183,6 @@ class TestClosedForms:
         drift = 0.22 * (steps + 2 * ((steps - lag) * np.exp(-lag / 180)).sum())
         assert track[-1, 0, tracker.XX] == pytest.approx(0.04 + drift, rel=1e-4)
 
-    def test_a_reading_of_the_current_beside_a_fix(self, device):
-        start = begin(np.zeros((1, 2)), np.array([[0.04, 0, 0.04]]), 0.22, device)
-        one = np.ones((1, 1))
-        arrays = (np.zeros((1, 1, 2)), one, np.zeros((1, 1, 2)), np.ones((1, 1, 3)), -one)
-        reading = np.array([[[0.5, -0.2]]])
-        track, _ = follow(device, start, *arrays, reading=reading, deviation=0.1, **EXTREME_CURRENT)
-        rho = math.exp(-1 / 180)
-        S = 0.22 + 0.01
-        assert track[1, 0, [2, 3]] == pytest.approx(reading[0, 0] * 0.22 / S, rel=1e-5)
-        assert track[1, 0, [0, 1]] == pytest.approx(reading[0, 0] * 0.22 * rho / S, rel=1e-5)
-        assert track[1, 0, tracker.UU] == pytest.approx(0.22 * 0.01 / S, rel=1e-5)
-        assert track[1, 0, tracker.XX] == pytest.approx(0.04 + 0.22 - (0.22 * rho) ** 2 / S, rel=1e-4)
-
-
-@ti.kernel
-def operate(name: ti.template(), x: array1, track: array3, found: array2):
-    """An operation of the tracker on the second AUV of each world, with its arguments in `x`."""
-    for w in range(track.shape[0]):
-        way, R = vec2(x[0], x[1]), vec3(x[2], x[3], x[4])
-        if ti.static(name == "begin"):
-            tracker.begin(track, w, 1, x[0], x[1], R, x[5])
-        if ti.static(name == "spread"):
-            tracker.spread(track, w, 1, x[0])
-        if ti.static(name == "drift"):
-            tracker.drift(track, w, 1, way, x[2], x[3], x[4])
-        if ti.static(name == "sense"):
-            tracker.sense(track, w, 1, way, x[2])
-        if ti.static(name == "earlier"):
-            place, A = tracker.earlier(track, w, 1, x[2], way)
-            for i in ti.static(range(2)):
-                found[w, i] = place[i]
-            for i in ti.static(range(3)):
-                found[w, 2 + i] = A[i]
-        if ti.static(name == "update"):
-            fix = tracker.Fix(place=way, covariance=R, lag=x[5], carried=vec2(x[6], x[7]))
-            found[w, 0] = tracker.update(track, w, 1, fix, x[8], x[9])
-
-
-class TestOperations:
-    """One by one, on dense covariances in two worlds, beside matrices in double precision."""
-
-    @pytest.fixture
-    def tracks(self):
-        """(worlds, AUVs, COLUMNS), all columns in use."""
-        random = np.random.default_rng(17)
-        track = random.uniform(-9, 9, (2, 2, tracker.COLUMNS)).astype(np.float32)
-        root = random.normal(0, 1, (2, 4, 4))
-        track[:, 1, tracker.XX : tracker.VV + 1] = (root @ root.swapaxes(1, 2))[:, UPPER[0], UPPER[1]]
-        return track
-
-    def operated(self, device, name, arguments, tracks, written=()):
-        """Tracks (worlds, COLUMNS) of the second AUVs after an operation, and what it returned.
-
-        It leaves the first AUVs alone, and of the others all columns but the state, its covariance and `written`.
-        """
-        track, found = torch.tensor(tracks, device=device), torch.zeros((2, 5), device=device)
-        operate(name, single([*arguments, *[0.0] * 9], device), track, found)
-        new = track.cpu().numpy()
-        kept = [c for c in range(tracker.VV + 1, tracker.COLUMNS) if c not in written]
-        assert np.array_equal(new[:, 0], tracks[:, 0])
-        assert np.array_equal(new[:, 1, kept], tracks[:, 1, kept])
-        return new[:, 1].astype(float), found.cpu().numpy().astype(float)
-
-    def compare(self, new, tracks, expected, rel=1e-5):
-        """States and covariances with those that `expected` makes of the ones before."""
-        for before, after in zip(tracks[:, 1].astype(float), new, strict=True):
-            x, P = expected(before[:4], covariances(before))
-            assert after[:4] == pytest.approx(x, rel=rel, abs=1e-5)
-            assert covariances(after) == pytest.approx(P, rel=rel, abs=1e-5 if covariances(before).any() else 0.0)
-
-    @pytest.mark.parametrize("turns", [2e-5, 0.02, 0.149, 0.9, 8.0])
-    @pytest.mark.parametrize("certain", [True, False])
-    def test_drift_solves_the_stochastic_differential_equation(self, device, rounding, tracks, turns, certain):
-        """By the matrix exponential of Van Loan (1978), doi 10.1109/TAC.1978.1101743."""
-        variance, tau, way = 0.3, 50.0, (3.0, -7.0)
-        if certain:
-            tracks[:, 1, tracker.XX : tracker.VV + 1] = 0.0
-        A = np.kron([[0, 1], [0, -1 / tau]], np.eye(2))
-        Q = np.kron(np.diag([0, 2 * variance / tau]), np.eye(2))
-        E = expm(turns * tau * np.block([[-A, Q], [np.zeros((4, 4)), A.T]]))
-        F = E[4:, 4:].T
-        new, _ = self.operated(device, "drift", (*way, turns * tau, variance, tau), tracks)
-        rel = 2e-4 if turns > 1e-3 else 2e-3 * rounding  # e^(−t/τ) is rounded to 6e-8
-        self.compare(new, tracks, lambda x, P: (F @ x + [*way, 0, 0], F @ P @ F.T + F @ E[:4, 4:]), rel)
-
-    def test_begin_and_spread(self, device, tracks):
-        new, _ = self.operated(device, "begin", (5.0, -6.0, 1.0, 0.25, 2.0, 0.5), tracks, range(tracker.COLUMNS))
-        expected = np.zeros(tracker.COLUMNS)
-        expected[[tracker.X, tracker.Y, tracker.XX, tracker.XY, tracker.YY]] = 5.0, -6.0, 1.0, 0.25, 2.0
-        expected[[tracker.UU, tracker.VV]] = 0.5
-        assert np.array_equal(new, [expected, expected])
-        new, _ = self.operated(device, "spread", (3.0,), tracks)
-        self.compare(new, tracks, lambda x, P: (x, P + np.diag([3.0, 3.0, 0.0, 0.0])))
-
-    def test_a_reading_of_the_current(self, device, tracks):
-        reading, variance = np.array([0.7, -0.4]), 0.3
-
-        def expected(x, P):
-            gain = P[:, 2:] @ np.linalg.inv(P[2:, 2:] + variance * np.eye(2))
-            return x + gain @ (reading - x[2:]), P - gain @ P[2:]
-
-        new, _ = self.operated(device, "sense", (*reading, variance), tracks)
-        self.compare(new, tracks, expected)
-
-    def test_a_late_fix(self, device, tracks):
-        """Where the track was at its time, and what it makes of the track now."""
-        lag, way, R = 1.5, np.array([4.0, -3.0]), np.array([[2.0, 0.5], [0.5, 1.0]])
-        back = np.eye(4) - lag * np.eye(4, k=2)
-        fix = tracks[:, 1, :2].mean(0)
-        tracks[:, 1, :4] = [[*fix + way, 1.0, -0.5], [*fix + way + 2, 0.5, 1.0]]
-
-        def then(x, P):
-            return back @ x - [*way, 0, 0], back @ P @ back.T
-
-        def expected(x, P):
-            x, P = then(x, P)
-            gain = P[:, :2] @ np.linalg.inv(P[:2, :2] + R)
-            x, P = x + gain @ (fix - x[:2]), P - gain @ P[:2]
-            forth = np.linalg.inv(back)
-            return forth @ x + [*way, 0, 0], forth @ P @ forth.T
-
-        arguments = *fix, R[0, 0], R[0, 1], R[1, 1], lag, *way, 0.3, 5.0
-        new, squared = self.operated(device, "update", arguments, tracks, [tracker.REJECTIONS])
-        self.compare(new, tracks, expected, 1e-4)
-        assert np.all(new[:, tracker.REJECTIONS] == 0)
-        _, earlier = self.operated(device, "earlier", (*way, lag), tracks)
-        for before, chi2, found in zip(tracks[:, 1].astype(float), squared[:, 0], earlier, strict=True):
-            x, P = then(before[:4], covariances(before))
-            assert chi2 == pytest.approx((fix - x[:2]) @ np.linalg.solve(P[:2, :2] + R, fix - x[:2]), rel=1e-4)
-            assert found == pytest.approx([*x[:2], P[0, 0], P[0, 1], P[1, 1]], rel=1e-5)
-
-    def test_the_third_of_three_rejected_fixes_that_agree_begins_a_track(self, device, tracks):
-        """At its own time: what the AUV has gone since is added, and the current is unknown."""
-        lag, way, R, variance = 2.0, np.array([4.0, -3.0]), (2.0, 0.5, 1.0), 0.25
-        counted = [tracker.REJECTIONS, tracker.REJECTED_X, tracker.REJECTED_Y, tracker.REJECTED_AGE]
-        tracks[:, 1, counted] = 0.0
-        for fixes in (1, 2, 3):
-            fix = 900.0 + fixes, -800.0
-            new, squared = self.operated(device, "update", (*fix, *R, lag, *way, variance, 5.0), tracks, counted)
-            assert squared[:, 0].min() > tracker.GATE
-            if fixes < 3:
-                self.compare(new, tracks, lambda x, P: (x, P))
-                assert np.array_equal(new[:, counted], [[fixes, *fix, 0.0]] * 2)
-                tracks[:, 1, counted] = new[:, counted]
-        P = np.diag([R[0], R[2], variance, variance])
-        P[0, 1] = P[1, 0] = R[1]
-        F = np.eye(4) + lag * np.eye(4, k=2)
-        self.compare(new, tracks, lambda *_: ([fix[0] + way[0], fix[1] + way[1], 0, 0], F @ P @ F.T))
-        assert np.all(new[:, counted] == 0)
-
 
 class TestAgainstDoublePrecision:
     @pytest.mark.parametrize(("age", "lost"), [(0.0, 0.0), (0.0, 0.4), (0.2, 0.2), (1.0, 0.0)])
@@ -400,16 +249,6 @@ class TestConsistency:
         assert 0.99 * low < squared[seen].mean() < 1.01 * high
         assert np.mean(squared[seen] > 13.816) == pytest.approx(1e-3, rel=0.3)
 
-    def test_a_wrong_model_is_noticed(self, device):
-        (start, covariance), arrays, truth = simulate(21, 120, 500, *EXTREME_CURRENT.values())
-        wrong = {"variance": 0.22, "correlation_time": 2000.0}
-        track, _ = follow(device, begin(start, covariance, 0.22, device), *arrays, **wrong)
-        assert nees(track[1:], truth)[0].mean() > 5
-
-    def test_the_same_seed_gives_the_same_track(self, device):
-        for one, other in zip(run(device, 7, 30, 20), run(device, 7, 30, 20), strict=True):
-            assert np.array_equal(one, other)
-
 
 class TestGate:
     """Fixes that are none do not move a track, and a track that has lost its AUV finds it again."""
@@ -442,17 +281,6 @@ class TestGate:
         assert rejected[~outlier].mean() < 3e-3
         assert position[10:].mean() == pytest.approx(2, rel=0.03)
         assert states[10:].mean() == pytest.approx(4, rel=0.03)
-
-    def test_a_run_of_outliers(self, device):
-        def spoil(random, fix, truth):
-            distance, angle = random.uniform(60, 200, (20, 400)), random.uniform(0, 2 * math.pi, (20, 400))
-            fix[60:80] += np.stack([distance * np.cos(angle), distance * np.sin(angle)], -1)
-
-        states, position, track, _ = self.run(device, spoil)
-        assert (track[60:80, :, tracker.REJECTIONS] > 0).mean() > 0.998
-        for values, dimension in ((position, 2), (states, 4)):
-            for part in (slice(60, 80), slice(80, 120)):
-                assert values[part].mean() == pytest.approx(dimension, rel=0.08)
 
     def test_a_kidnapped_auv_is_found_by_three_fixes(self, device):
         def spoil(random, fix, truth):
@@ -533,70 +361,3 @@ class TestMission:
         assert math.sqrt((fix_error**2).mean() / (error**2).mean()) > 1.5
         # Fixes that the gate drops though nothing is wrong with them.
         assert np.mean(squared > 13.816) < 3e-3
-
-    def test_a_reading_of_the_current_halves_what_remains(self, device, log):
-        start, arrays, truth, model = log
-        reading = truth[..., 2:] + 0.1 * np.random.default_rng(9).standard_normal(truth[..., 2:].shape)
-        track, _ = follow(device, start, *arrays, reading=reading, deviation=0.1, **model)
-        fix_error = np.linalg.norm(arrays[2] - truth[..., :2], axis=-1)[20:]
-        error = np.linalg.norm(track[1:, :, :2] - truth[..., :2], axis=-1)[20:]
-        assert np.median(fix_error) / np.median(error) > 2.0
-
-
-class TestCurrentModel:
-    def test_still_water_needs_no_noise(self):
-        assert current_statistics.ornstein_uhlenbeck([], 0.1, 1.0) == (0.0, current_statistics.FOREVER)
-        assert current_statistics.eddies(0, (0.0, 0.0), (30.0, 30.0), 4e4, 1.5) == (0.0, 0.0)
-
-    def test_eddies(self):
-        """Means of Lamb and Oseen's velocity squared over a disc of the same area, and of a quarter of their vorticity
-        squared, by quadrature; circulations and cores between limits.
-        """
-        count, Gamma, delta, area, speed = 5, np.linspace(100, 300, 4001), np.linspace(20, 40, 4001), 2e5, 1.5
-        core = (1 / delta**2).mean() ** -0.5
-        r = np.linspace(0, math.sqrt(area / math.pi), 200_001)[1:]
-        ring = 2 * math.pi * r * r[0] * count * (Gamma**2).mean() / area
-        V = -np.expm1(-((r / core) ** 2)) / (2 * math.pi * r)
-        vorticity = np.exp(-((r / core) ** 2)) / (math.pi * core**2)
-        variance, frequency = current_statistics.eddies(count, (100.0, 300.0), (20.0, 40.0), area, speed)
-        assert variance == pytest.approx((0.5 * V**2 * ring).sum(), rel=3e-3)
-        change = speed**2 * (0.25 * vorticity**2 * ring).sum()
-        assert frequency == pytest.approx(math.sqrt(change / variance), rel=3e-3)
-
-    @pytest.mark.parametrize("drag", [0.0, 1e-3])
-    def test_standing_waves(self, drag):
-        """Means over the pairs of numbers of half waves, and of the energy over the mission."""
-        rms, modes, length, depth, duration = 0.4, 3, 500.0, 20.0, 900.0
-        n = np.arange(modes + 1)
-        k = math.pi / length * math.sqrt((n[:, None] ** 2 + n**2).mean())
-        left = np.exp(-drag * np.linspace(0, duration, 100_001)).mean()
-        found = current_statistics.standing_waves(rms, modes, length, depth, 9.81, drag, duration)
-        # Half of the energy at the crests is that of the mean elevation, g rms²/2, which the two axes share.
-        assert found == pytest.approx((9.81 * rms**2 / 2 / depth / 2 * left, k * math.sqrt(9.81 * depth)), rel=1e-4)
-
-    def test_dead_reckoning_in_still_water(self, device):
-        (start, covariance), arrays, truth = simulate(3, 200, 50, 0.0, current_statistics.FOREVER)
-        start = begin(start, covariance, 0.0, device)
-        track, _ = follow(device, start, *arrays, variance=0.0, correlation_time=current_statistics.FOREVER)
-        error = np.linalg.norm(track[-1, :, :2] - truth[-1, :, :2], axis=-1)
-        assert np.sqrt((error**2).mean()) < 0.06
-        assert np.abs(track[..., 2:4]).max() == 0
-
-    def test_memory_is_that_of_the_filter(self):
-        R, interval = 0.09, 2.0
-        variance, time = current_statistics.ornstein_uhlenbeck([(0.2, 0.03), (0.003, 0.6)], R, interval)
-        walk = 2 * variance / time
-        memory = (R * interval / walk) ** 0.25
-        increment = 2 * 0.2 * -math.expm1(-0.5 * (0.03 * memory) ** 2) + 2 * 0.003 * -math.expm1(
-            -0.5 * (0.6 * memory) ** 2
-        )
-        assert walk == pytest.approx(increment / memory, rel=1e-6)
-
-    def test_orbital_motion_of_one_wave(self):
-        """A narrow band in deep water: u² + v² has the mean a² ω² e^{2kz}, half of it per axis, and its frequency."""
-        omega = np.linspace(0.999, 1.001, 101)
-        variance, frequency = current_statistics.orbital_motion(
-            omega, np.ones(101), 4 * math.sqrt(0.5), -5.0, 1000.0, 9.81
-        )
-        assert variance == pytest.approx(0.25 * math.exp(-2 * 5 / 9.81), rel=1e-3)
-        assert frequency == pytest.approx(1.0, rel=1e-3)
