@@ -29,7 +29,7 @@ def test_only_kernels_import_taichi():
 
 def test_what_reads_no_netcdf_loads_no_library_for_it():
     code = (
-        "import sys, usvauv.policies, usvauv.env, usvauv.cli.mission_video; print({'xarray', 'h5py'} & {*sys.modules})"
+        "import sys, usvauv.policies, usvauv.env, usvauv.env.render.video; print({'xarray', 'h5py'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.splitlines()[-1] == "set()"

@@ -12,10 +12,11 @@ if TYPE_CHECKING:
     from usvauv.env.record.evaluation import evaluate
     from usvauv.env.record.recorder import record
     from usvauv.env.record.trace import Trace
+    from usvauv.env.render.video import write_video
     from usvauv.env.scenario import Scenario
     from usvauv.env.world.world import World
 
-__all__ = ["Scenario", "Trace", "World", "evaluate", "record"]
+__all__ = ["Scenario", "Trace", "World", "evaluate", "record", "write_video"]
 
 _MODULES = {
     "Scenario": "usvauv.env.scenario",
@@ -23,6 +24,7 @@ _MODULES = {
     "World": "usvauv.env.world.world",
     "evaluate": "usvauv.env.record.evaluation",
     "record": "usvauv.env.record.recorder",
+    "write_video": "usvauv.env.render.video",
 }
 
 

@@ -315,7 +315,7 @@ def test_scenarios(tmp_path, run_usvauv):
         (["simulate", "--out", "a.avi"], ["--out a.avi", ".mp4, .webm, .gif, .webp, .png"]),
         (["simulate", "--view", "front"], ["--view 'front'", "map, sea, both"]),
         (["simulate", "--speedup", "0"], ["--speedup 0", "at least"]),
-        (["simulate", "--at", "3"], ["--at 3", "--out usvauv-extreme.mp4", ".png"]),
+        (["simulate", "--at", "3"], ["--at 3", "usvauv-extreme.mp4", ".png"]),
         (["simulate", "--compare", "clever"], ["clever", "straight"]),
         (["simulate", "--compare", "targets=best"], ["best"]),
         (["replay", "missing.nc"], ["missing.nc"]),

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.frames import Painter
+from usvauv.env.render.frames import MapFrames
+from usvauv.env.render.style import DARK
 from usvauv.env.scenario import Scenario
 
 
@@ -118,7 +119,7 @@ def synthetic_trace(
     )
 
 
-def with_second_boat(trace):
+def with_second_boat(trace: Trace) -> Trace:
     """The trace with another boat at rest in the south-east, which has made the fixes of AUV 1."""
     place = np.full_like(trace.boat_position, 0.0) + np.array([170.0, 30.0])
     return replace(
@@ -130,15 +131,31 @@ def with_second_boat(trace):
     )
 
 
-def paint(trace: Trace, t: int, size: tuple[int, int] = (640, 360)) -> tuple[np.ndarray, Painter]:
+def keeping_station(trace: Trace) -> Trace:
+    """The trace as one of station-keeping: the first node of each AUV is its station, nothing is collected."""
+    auvs = trace.power.shape[2]
+    return replace(
+        trace,
+        scenario=Scenario.load("station-keeping", [f"auv.count={auvs}", "auv.start_separation=1"]),
+        node_position=trace.node_position[:, :auvs],
+        node_rate=trace.node_rate[:, :auvs],
+        backlog=np.zeros((*trace.backlog.shape[:2], auvs)),
+        target=np.broadcast_to(np.arange(auvs, dtype=np.int16), trace.target.shape),
+        hovering=np.zeros_like(trace.hovering),
+        service_rate=np.zeros_like(trace.service_rate),
+        delivered=np.zeros_like(trace.delivered),
+    )
+
+
+def paint(trace: Trace, t: int, size: tuple[int, int] = (640, 360)) -> tuple[np.ndarray, MapFrames]:
     """The frame of step t."""
-    painter = Painter(trace, size)
+    painter = MapFrames(trace.episode(0), size, DARK, 1.0)
     for step in range(t + 1):
         frame = painter.frame(step)
     return frame.copy(), painter
 
 
-def place(painter: Painter, x: float, y: float, area: tuple[float, float] = (200.0, 200.0)) -> tuple[int, int]:
+def place(painter: MapFrames, x: float, y: float, area: tuple[float, float] = (200.0, 200.0)) -> tuple[int, int]:
     """Row and column where a position in metres belongs, by proportion."""
     box = painter.layout.map
     return round(box.bottom - y / area[1] * box.height), round(box.left + x / area[0] * box.width)

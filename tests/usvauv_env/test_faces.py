@@ -19,7 +19,7 @@ from usvauv.env import Scenario, ScenarioError, World, parallel_env
 from usvauv.env.faces.camera import FPS, SIZE
 from usvauv.env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
 from usvauv.env.record.recorder import record
-from usvauv.env.render.frames import Painter
+from usvauv.env.render.frames import frames_of
 from usvauv.env.site.site import Site
 from usvauv.env.world.spaces import auv_observation_space
 
@@ -352,7 +352,7 @@ class TestPictures:
         env.reset(seed=4)
         env.step(np.zeros((2, 2), np.float32))
         trace = record(World(short, 1, seed=4), lambda o: torch.zeros(1, 2, 2), "agent", steps=1, surface=True)
-        drawn = Painter(trace, SIZE, speed_up=FPS * trace.scenario.mission.step).frame(0)[..., ::-1]
+        drawn = frames_of([trace], SIZE, speed_up=FPS * trace.scenario.mission.step).frame(0)[..., ::-1]
         map_only = np.s_[60:670, 70:690]
         assert (env.render()[map_only] != drawn[map_only]).any(-1).mean() < 0.06  # the current's streaks are elsewhere
 

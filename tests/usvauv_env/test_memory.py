@@ -12,9 +12,9 @@ import pytest
 import torch
 
 from tests.policies.toy import ToyWorld, scenario
-from usvauv.cli.encoder import video_file
 from usvauv.env import Scenario, World
 from usvauv.env.record.recorder import record
+from usvauv.env.render.video import video_file
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.storage import memory
 from usvauv.env.storage.files import OutputError
@@ -66,7 +66,7 @@ print(trace_bytes(world, 40) / growth(lambda: episode_metrics(record(world, lamb
 """
 VIDEO = """
 import numpy as np
-from usvauv.cli.encoder import video_bytes, video_file
+from usvauv.env.render.video import video_bytes, video_file
 picture = np.zeros((1080, 1920, 3), np.uint8)
 def video():
     with tempfile.TemporaryDirectory() as folder, video_file(Path(folder) / "v.mp4", 1920, 1080, 30) as append:

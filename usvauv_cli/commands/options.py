@@ -13,8 +13,8 @@ import typer
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv.cli.mission_video import VideoSettings
     from usvauv.env import Scenario
+    from usvauv.env.render.video import Video
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
 Seed = Annotated[int, typer.Option(help="Seed from 0 up; the same seed gives the same result.")]
@@ -167,27 +167,18 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(parts[0]), int(parts[1])
 
 
-def video_settings(
+def checked_video(
     out: Path, size: str, fps: int, speedup: float | None, view: str, theme: str, at: float | None
-) -> VideoSettings:
+) -> Video:
     """What the options ask for, checked before long work.
 
     Raises:
         UserError: an option has a value that is not allowed, or the file cannot be written.
     """
-    from usvauv.cli.mission_video import ENDINGS, VideoSettings
-    from usvauv.env.render.frames import VIEWS, Look
-    from usvauv.env.render.style import THEMES
+    from usvauv.env.render.video import ENDINGS, Video
 
-    at_least("--fps", fps, 1)
-    if speedup is not None:
-        at_least("--speedup", speedup, 0.01)
-    if at is not None:
-        at_least("--at", at, 0.0)
-    if view not in VIEWS:
-        raise UserError(f"--view {view!r}: must be one of {', '.join(VIEWS)}")
-    if theme not in THEMES:
-        raise UserError(f"--theme {theme!r}: must be one of {', '.join(THEMES)}")
-    settings = VideoSettings(parse_size(size), fps, speedup, Look(view, theme), at)
-    settings.check(writable(out, "--out", ENDINGS))
-    return settings
+    path, pixels = writable(out, "--out", ENDINGS), parse_size(size)
+    try:
+        return Video(path, view, theme, pixels, fps, speedup, at)
+    except UserError as error:
+        raise UserError(f"--{error}") from None  # it begins with the option's name

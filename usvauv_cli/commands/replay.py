@@ -15,7 +15,7 @@ from usvauv.cli.commands.options import (
     Speedup,
     ThemeOption,
     ViewOption,
-    video_settings,
+    checked_video,
     writable,
 )
 from usvauv.kernels.errors import UserError
@@ -55,7 +55,7 @@ def replay(
 
     `usvauv replay mission.nc --out mission.geojson`
     """
-    from usvauv.cli import console, mission_video
+    from usvauv.cli import console
     from usvauv.env import Trace
     from usvauv.env.exchange import geojson
 
@@ -67,18 +67,18 @@ def replay(
         )
     if mapped:
         writable(out, "--out", (geojson.ENDING,))
-    settings = None if mapped else video_settings(out, size, fps, speedup, view, theme, at)
+    video = None if mapped else checked_video(out, size, fps, speedup, view, theme, at)
     recorded = [Trace.load(path) for path in traces]
     for path, trace in zip(traces, recorded, strict=True):
         worlds = trace.power.shape[1]
         if not 0 <= episode < worlds:
             raise UserError(f"--episode {episode}: {path} has episodes 0 to {worlds - 1}")
     recorded = [trace.episode(episode) for trace in recorded]
-    if settings is None:
+    if video is None:
         features = geojson.of_mission(recorded[0])
         geojson.write(out, features)
         typer.echo(f"{len(features)} features: {out.resolve()}")
         return
-    with console.progress("drawing", mission_video.frames(recorded, out, settings)) as advance:
-        summary = mission_video.render(recorded, out, settings, advance)
+    with console.progress("drawing", len(video.steps(recorded))) as advance:
+        summary = video.write(recorded, advance)
     typer.echo(f"{summary.frames} frames: {summary.path.resolve()}")

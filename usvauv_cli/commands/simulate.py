@@ -25,7 +25,7 @@ from usvauv.cli.commands.options import (
     VideoOut,
     ViewOption,
     at_least,
-    video_settings,
+    checked_video,
     warn_reflections,
     warn_team_size,
     warn_uneven_bed,
@@ -83,14 +83,14 @@ def simulate(
     `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
     from usvauv import policies
-    from usvauv.cli import console, mission_video, report
+    from usvauv.cli import console, report
     from usvauv.env import Scenario
     from usvauv.env.record.metrics import episode_metrics
     from usvauv.env.world.boat_strategies import StrategyChoice
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
-    settings = video_settings(out, size, fps, speedup, view, theme, at)
+    video = checked_video(out, size, fps, speedup, view, theme, at)
     if trace:
         writable(trace, "--trace", (".nc",))
     at_least("--duration", 1.0 if duration is None else duration, 0.1)
@@ -109,13 +109,13 @@ def simulate(
         recorded.append(shown)
         if problem:
             break
-    with console.progress("drawing", mission_video.frames(recorded, out, settings)) as advance:
-        mission_video.render(recorded, out, settings, advance)
+    with console.progress("drawing", len(video.steps(recorded))) as advance:
+        video.write(recorded, advance)
     if trace:
         recorded[0].save(trace)
     for each in recorded:
         report.mission_summary(episode_metrics(each)[0], each)
-    typer.echo(f"{'picture' if out.suffix.lower() == mission_video.PICTURE else 'video'}: {out.resolve()}")
+    typer.echo(f"{'picture' if out.suffix.lower() == '.png' else 'video'}: {out.resolve()}")
     if trace:
         typer.echo(f"trace: {trace.resolve()}")
     if problem:

@@ -10,28 +10,25 @@ from typing import Any
 import cv2
 import numpy as np
 
-from usvauv.cli.encoder import even, expected_bytes, one_drawing_thread, video_file
 from usvauv.cli.sea_view.surface import LONG_WAVES, LevelSurface, Section, land, thumbnail, weather
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import (
+    Head,
     Layout,
     MapView,
     Rectangle,
     draw_card,
-    draw_clock,
-    fill_tiles,
-    name_tiles,
     nice,
     nice_above,
     within_margins,
     write_heading,
-    write_title,
 )
 from usvauv.env.render.map import draw_map_axes
 from usvauv.env.render.plots import LivePlot, SectionPlot
 from usvauv.env.render.sea import CurrentStreaks, SeaSurface
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import write
+from usvauv.env.render.video import even, expected_bytes, one_drawing_thread, video_file
 from usvauv.env.scenario.sea import Area
 from usvauv.env.sea.simulation import SeaSimulation, Surface
 from usvauv.env.sea.storm import wave_systems
@@ -235,13 +232,13 @@ class SeaPainter:
         heights += [block, section, rest - block - section]
         tops = [box.top + sum(heights[:place]) + place * gap for place in range(5)]
         boxes = [Rectangle(box.left, top, box.width, height) for top, height in zip(tops, heights, strict=True)]
-        self._title, self._tiles, block_box, section_box, level_box = boxes
-        for card in boxes[1:]:
+        title, tiles, block_box, section_box, level_box = boxes
+        for card in boxes[2:]:
             draw_card(still, card, layout)
-        name_tiles(still, self._tiles, layout, [name for name, _ in self.figures(0.0)])
         scenario = sea.scenario
-        name, about = f"Sea of “{scenario.name}”", f"{weather(sea)} · seed {sea.seed}"
-        write_title(still, self._title, layout, name, about, self._duration, self._fps * sea.interval)
+        words = f"Sea of “{scenario.name}”", f"{weather(sea)} · seed {sea.seed}"
+        names = [name for name, _ in self.figures(0.0)]
+        self._head = Head(still, title, tiles, layout, words, names, self._duration, self._fps * sea.interval)
 
         room = within_margins(block_box, unit, top=26, sides=8, bottom=6)
         self._block = Block(scenario.area, room, layout, sample - self._level, self._reach)
@@ -286,8 +283,8 @@ class SeaPainter:
         write(picture, "A", (box.left + 6 * unit, line), 11 * unit, self.layout.theme.text, bold=True)
         write(picture, "B", (box.right - 6 * unit, line), 11 * unit, self.layout.theme.text, bold=True, anchor="right")
         self._frame += 1
-        draw_clock(picture, self._title, self.layout, sea.time, self._frame / self._frames)
-        fill_tiles(picture, self._tiles, self.layout, [value for _, value in self.figures(now)])
+        values = [value for _, value in self.figures(now)]
+        self._head.draw(picture, sea.time, self._frame / self._frames, values)
         return picture
 
     def _measure(self, sea: SeaSimulation, surface: Surface) -> None:

@@ -45,11 +45,12 @@ class Camera:
 
     def picture(self, world: int) -> np.ndarray:
         """A world as it is now, (720, 1280, 3) uint8, RGB."""
-        from usvauv.env.render.frames import Painter  # brings matplotlib, which most runs need not
+        from usvauv.env.render.frames import frames_of  # brings matplotlib, which most runs need not
 
         now = self._recorder.world.surface(SURFACE_PIXELS, world)
         first = int(self._first[world])
         states = len(self._recorder) - first
         surface = np.broadcast_to(now, (states, *now.shape))
         trace = self._recorder.trace("agent", surface, first=first, worlds=slice(world, world + 1))
-        return Painter(trace, SIZE, speed_up=FPS * trace.scenario.mission.step).frame(states - 1)[..., ::-1].copy()
+        frames = frames_of([trace], SIZE, speed_up=FPS * trace.scenario.mission.step)
+        return frames.frame(states - 1)[..., ::-1].copy()

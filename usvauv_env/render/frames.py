@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -12,18 +11,15 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.render import style
 from usvauv.env.render.layout import (
     Bars,
+    Head,
     Layout,
     MapView,
     Rectangle,
     design_unit,
     draw_card,
-    draw_clock,
     draw_legend,
-    fill_tiles,
-    name_tiles,
     within_margins,
     write_heading,
-    write_title,
 )
 from usvauv.env.render.map import MissionMap, draw_map_axes, view_note
 from usvauv.env.render.mission import RunningMetrics, figures
@@ -35,19 +31,6 @@ from usvauv.kernels.errors import UserError
 VIEWS = ("map", "sea", "both")
 
 
-@dataclass(frozen=True)
-class Look:
-    """What a frame shows, and in which colours.
-
-    Attributes:
-        view: one of `VIEWS`: the map from above with plots, the sea in perspective, or the map with it beside.
-        theme: name of one of `style.THEMES`.
-    """
-
-    view: str = "map"
-    theme: str = "dark"
-
-
 class Frames(Protocol):
     """Draws frames in order of time."""
 
@@ -56,47 +39,59 @@ class Frames(Protocol):
         ...
 
 
-def painter_of(traces: Sequence[Trace], size: tuple[int, int], look: Look, speed_up: float) -> Frames:
-    """What draws world 0 of a trace, or of two traces side by side.
+def frames_of(
+    traces: Sequence[Trace], size: tuple[int, int], view: str = "map", theme: str = "dark", speed_up: float = 1.0
+) -> Frames:
+    """Frames of world 0 of a trace, or of two traces side by side.
 
     Args:
         traces: one, or two that are compared; each of at least one step.
         size: width and height of a frame, pixels.
-        speed_up: play speed that the title tells, s of mission in a second.
+        view: one of `VIEWS`: the map from above with plots, the sea in perspective, or the map with it beside.
+        theme: name of one of `style.THEMES`.
+        speed_up: play speed that the title states, s of mission in a second.
+
+    Raises:
+        UserError: more than two traces, or two that cannot be compared.
     """
-    if len(traces) == 2:
-        return Comparison(traces[0].episode(0), traces[1].episode(0), size, style.THEMES[look.theme], speed_up)
-    if look.view == "sea":
-        return SeaFrame(traces[0].episode(0), size, style.THEMES[look.theme], speed_up)
-    return Painter(traces[0], size, look, speed_up)
+    if len(traces) > 2:
+        raise UserError(f"{len(traces)} traces: at most two can be compared")
+    shown = [trace.episode(0) for trace in traces]
+    if len(shown) == 2:
+        return ComparisonFrames(shown[0], shown[1], size, style.THEMES[theme], speed_up)
+    if view == "sea":
+        return SeaFrames(shown[0], size, style.THEMES[theme], speed_up)
+    return MapFrames(shown[0], size, style.THEMES[theme], speed_up, perspective=view == "both")
 
 
-class Painter:
-    """Draws the map of world 0 of a trace beside a panel.
+def blank(size: tuple[int, int], theme: Theme) -> np.ndarray:
+    """An empty picture of a width and height."""
+    return np.full((size[1], size[0], 3), theme.background, np.uint8)
 
-    Args:
-        trace: of at least one step.
-        size: width and height of a frame, pixels.
-        look: view "map" or "both".
-        speed_up: play speed that the title tells, s of mission in a second.
-    """
 
-    def __init__(self, trace: Trace, size: tuple[int, int], look: Look = Look(), speed_up: float = 1.0) -> None:
-        trace = trace.episode(0)
-        width, height = size
-        area, running, theme = trace.scenario.area, RunningMetrics.of(trace), style.THEMES[look.theme]
-        self.layout = Layout.fit(width, height, area, theme=theme)
-        self._still = np.full((height, width, 3), theme.background, np.uint8)
+def title_of(trace: Trace) -> tuple[str, str]:
+    """Both lines of the title."""
+    return f"Scenario “{trace.scenario.name}”", f"policy {trace.policy} · boat {trace.usv} · seed {trace.seed}"
+
+
+class MapFrames:
+    """The map beside a panel."""
+
+    def __init__(
+        self, trace: Trace, size: tuple[int, int], theme: Theme, speed_up: float, perspective: bool = False
+    ) -> None:
+        area, running = trace.scenario.area, RunningMetrics.of(trace)
+        self.layout = Layout.fit(*size, area, theme=theme)
+        self._still = blank(size, theme)
         self._picture = np.empty_like(self._still)
         self.map = MissionMap(trace, running, self.layout)
         draw_map_axes(self._still, self.map, self.layout, area, view_note(trace.scenario))
         if self.layout.legend:
             foresees = not np.array_equal(trace.foreseen_position, trace.estimate)
             draw_legend(self._still, self.layout.legend, self.layout, trace.scenario.task, foresees)
-        self.panel = SidePanel(self._still, trace, running, self.map.view, self.layout, look.view == "both", speed_up)
+        self.panel = SidePanel(self._still, trace, running, self.map.view, self.layout, perspective, speed_up)
 
     def frame(self, t: int) -> np.ndarray:
-        """Picture (height, width, 3) BGR of step t; overwritten by the next."""
         self.panel.advance(t)
         np.copyto(self._picture, self._still)
         self.map.draw(self._picture, t)
@@ -104,60 +99,74 @@ class Painter:
         return self._picture
 
 
+class SeaFrames:
+    """The sea in perspective between title and figures."""
+
+    def __init__(self, trace: Trace, size: tuple[int, int], theme: Theme, speed_up: float) -> None:
+        unit = design_unit(*size)
+        margin, title_height, tiles_height = round(10 * unit), round(56 * unit), round(54 * unit)
+        title = Rectangle(margin, margin // 2, size[0] - 2 * margin, title_height)
+        tiles = Rectangle(margin, size[1] - margin - tiles_height, title.width, tiles_height)
+        top = title.bottom + margin // 2
+        room = Rectangle(margin, top, title.width, tiles.top - margin // 2 - top)
+        layout = Layout(*size, unit, room, room, None, theme)
+        self._trace, self._running = trace, RunningMetrics.of(trace)
+        self._still = blank(size, theme)
+        self._picture = np.empty_like(self._still)
+        names = [name for name, _, _ in figures(trace, self._running, 0)]
+        self._head = Head(self._still, title, tiles, layout, title_of(trace), names, float(trace.time[-1]), speed_up)
+        self._view = PerspectiveView(trace, self._running, room, layout)
+
+    def frame(self, t: int) -> np.ndarray:
+        time, shown = self._trace.time, figures(self._trace, self._running, t)
+        np.copyto(self._picture, self._still)
+        self._view.draw(self._picture, t)
+        values = [f"{value:{form}}" for _, value, form in shown]
+        self._head.draw(self._picture, float(time[t]), (t + 1) / len(time), values)
+        return self._picture
+
+
 LOWEST = 1e-3  # m, of the error plot
 
 
-class Comparison:
-    """Draws two traces of one world each, up to the end of the shorter one.
-
-    Args:
-        size: width and height of a frame, pixels.
-        speed_up: play speed that the title tells, s of mission in a second.
-    """
+class ComparisonFrames:
+    """Two traces of one world each side by side, up to the end of the shorter one, and how far they are apart."""
 
     def __init__(self, first: Trace, second: Trace, size: tuple[int, int], theme: Theme, speed_up: float) -> None:
-        width, height = size
-        check(first, second)
-        unit, self._traces = design_unit(width, height), (first, second)
+        check_comparable(first, second)
+        (width, height), unit = size, design_unit(*size)
+        self._traces = first, second
         self._running = [RunningMetrics.of(trace) for trace in self._traces]
         self._colours: tuple[Colour, Colour] = theme.vehicles[0], theme.vehicles[1]
-        self._still = np.full((height, width, 3), theme.background, np.uint8)
+        self._still = blank(size, theme)
         self._picture = np.empty_like(self._still)
         margin, gap = round(10 * unit), round(7 * unit)
-        plots, tiles, title = round(130 * unit), round(54 * unit), round(56 * unit)
-        self._titles, self._tiles, self._maps, self._layouts = [], [], [], []
+        plots_height, tiles_height, title_height = round(130 * unit), round(54 * unit), round(56 * unit)
         about = differences(first, second)
-        steps = min(len(trace.time) for trace in self._traces)
-        self._end = float(first.time[steps - 1])
-        half = width // 2
-        for side, trace in enumerate(self._traces):
-            left = side * half + margin
-            across = half - 2 * margin
-            self._titles.append(Rectangle(left, margin // 2, across, title))
-            row = height - margin - plots - gap - tiles
-            self._tiles.append(Rectangle(left, row, across, tiles))
-            room = Rectangle(left + round(36 * unit), margin + title + round(28 * unit), across - round(40 * unit), 0)
+        self._end = float(first.time[min(len(trace.time) for trace in self._traces) - 1])
+        self._heads, self._maps = [], []
+        across, row = width // 2 - 2 * margin, height - margin - plots_height - gap - tiles_height
+        for side, (trace, running) in enumerate(zip(self._traces, self._running, strict=True)):
+            left = side * (width // 2) + margin
+            title, tiles = (
+                Rectangle(left, margin // 2, across, title_height),
+                Rectangle(left, row, across, tiles_height),
+            )
+            room = Rectangle(
+                left + round(36 * unit), margin + title_height + round(28 * unit), across - round(40 * unit), 0
+            )
             room = room._replace(height=row - gap - round(40 * unit) - room.top)
             layout = Layout(width, height, unit, _fitted(room, trace), room, None, theme, left)
-            self._layouts.append(layout)
-            view = MissionMap(trace, self._running[side], layout)
-            self._maps.append(view)
-            draw_map_axes(self._still, view, layout, trace.scenario.area, "")
-            draw_card(self._still, self._tiles[side], layout)
-            names = [name for name, _, _ in figures(trace, self._running[side], 0)]
-            name_tiles(self._still, self._tiles[side], layout, names)
-            write_title(
-                self._still,
-                self._titles[side],
-                layout,
-                about[side],
-                f"scenario {trace.scenario.name} · seed {trace.seed}",
-                self._end,
-                speed_up,
-            )
-        boxes = [Rectangle(side * half + margin, height - margin - plots, half - 2 * margin, plots) for side in (0, 1)]
+            self._maps.append(MissionMap(trace, running, layout))
+            draw_map_axes(self._still, self._maps[side], layout, trace.scenario.area, "")
+            names = [name for name, _, _ in figures(trace, running, 0)]
+            words = about[side], f"scenario {trace.scenario.name} · seed {trace.seed}"
+            self._heads.append(Head(self._still, title, tiles, layout, words, names, self._end, speed_up))
+        self._layout = layout
+        top = height - margin - plots_height
+        boxes = [Rectangle(head.tiles.left, top, across, plots_height) for head in self._heads]
         for box in boxes:
-            draw_card(self._still, box, self._layouts[0])
+            draw_card(self._still, box, layout)
         self._plots = [self._plot_yield(boxes[0], about), self._plot_errors(boxes[1])]
 
     def _plot_yield(self, box: Rectangle, about: tuple[str, str]) -> RecordedPlot:
@@ -165,13 +174,13 @@ class Comparison:
         stations = self._traces[0].scenario.task == "station-keeping"
         series = [running.off_target if stations else running.delivered for running in self._running]
         title = "Distance of the AUVs to their stations, m" if stations else "Data delivered, Mbit"
-        write_heading(self._still, self._layouts[0], box, title, " · ".join(about))
+        write_heading(self._still, self._layout, box, title, " · ".join(about))
         return self._plot(box, series, 0.0, max(float(values.max()) for values in series) or 1.0)
 
     def _plot_errors(self, box: Rectangle) -> RecordedPlot:
         """Errors of the boat's estimates, rms over AUVs, median of 30 s each."""
         series = [np.sqrt(np.square(running.error_median).mean(axis=1)) for running in self._running]
-        write_heading(self._still, self._layouts[0], box, "Position error, m", "rms over AUVs of medians of 30 s")
+        write_heading(self._still, self._layout, box, "Position error, m", "rms over AUVs of medians of 30 s")
         high = max(float(values.max()) for values in series)
         low = max(min(float(np.quantile(values, 0.02)) for values in series), LOWEST)
         return self._plot(box, series, low, max(high, 1.5 * low), log=True)
@@ -179,7 +188,7 @@ class Comparison:
     def _plot(
         self, box: Rectangle, series: list[np.ndarray], low: float, high: float, log: bool = False
     ) -> RecordedPlot:
-        layout = self._layouts[0]
+        layout = self._layout
         room = within_margins(box, layout.unit, top=28, sides=18, bottom=20, left=42)
         plot = RecordedPlot(self._still, room, low, high, self._end, layout, log=log)
         for trace, values, colour in zip(self._traces, series, self._colours, strict=True):
@@ -188,22 +197,19 @@ class Comparison:
         return plot
 
     def frame(self, t: int) -> np.ndarray:
-        """Picture (height, width, 3) BGR of step t; overwritten by the next."""
         time = float(self._traces[0].time[t])
         for plot in self._plots:
             plot.show_until(time)
         np.copyto(self._picture, self._still)
         shown = [figures(trace, running, t) for trace, running in zip(self._traces, self._running, strict=True)]
-        for side, layout in enumerate(self._layouts):
+        for side, head in enumerate(self._heads):
             self._maps[side].draw(self._picture, t)
-            draw_clock(self._picture, self._titles[side], layout, time, time / self._end)
-            tiles = []
+            values = []
             for (_, value, form), (_, other, _) in zip(shown[side], shown[1 - side], strict=True):
                 more = f" ({value - other:+{form}})" if side == 1 else ""
-                tiles.append(f"{value:{form}}{more}".replace("-", "−"))
-            fill_tiles(self._picture, self._tiles[side], layout, tiles)
-            mark = self._tiles[side]
-            self._picture[mark.top : mark.bottom, mark.left : mark.left + layout.px(4)] = self._colours[side]
+                values.append(f"{value:{form}}{more}".replace("-", "−"))
+            head.draw(self._picture, time, time / self._end, values)
+            head.tiles._replace(width=self._layout.px(4)).of(self._picture)[:] = self._colours[side]
         for plot in self._plots:
             plot.draw_cursor(self._picture, time)
         return self._picture
@@ -234,7 +240,7 @@ def differences(first: Trace, second: Trace) -> tuple[str, str]:
     return one, other
 
 
-def check(first: Trace, second: Trace) -> None:
+def check_comparable(first: Trace, second: Trace) -> None:
     """Refuse two traces that cannot be shown in step.
 
     Raises:
@@ -245,46 +251,6 @@ def check(first: Trace, second: Trace) -> None:
         raise UserError(f"mission steps of {one.mission.step:g} s and {other.mission.step:g} s cannot be compared")
     if one.task != other.task:
         raise UserError(f"tasks {one.task} and {other.task} cannot be compared")
-
-
-class SeaFrame:
-    """Draws world 0 of a trace of one world.
-
-    Args:
-        size: width and height of a frame, pixels.
-        speed_up: play speed that the title tells, s of mission in a second.
-    """
-
-    def __init__(self, trace: Trace, size: tuple[int, int], theme: Theme, speed_up: float) -> None:
-        width, height = size
-        unit = design_unit(width, height)
-        margin, title, tiles = round(10 * unit), round(56 * unit), round(54 * unit)
-        across = width - 2 * margin
-        self._title = Rectangle(margin, margin // 2, across, title)
-        self._tiles = Rectangle(margin, height - margin - tiles, across, tiles)
-        top = self._title.bottom + margin // 2
-        room = Rectangle(margin, top, across, self._tiles.top - margin // 2 - top)
-        self._layout = Layout(width, height, unit, room, room, None, theme)
-        self._trace, self._running = trace, RunningMetrics.of(trace)
-        self._still = np.full((height, width, 3), theme.background, np.uint8)
-        self._picture = np.empty_like(self._still)
-        draw_card(self._still, self._tiles, self._layout)
-        names = [name for name, _, _ in figures(trace, self._running, 0)]
-        name_tiles(self._still, self._tiles, self._layout, names)
-        name = f"Scenario “{trace.scenario.name}”"
-        run = f"policy {trace.policy} · boat {trace.usv} · seed {trace.seed}"
-        write_title(self._still, self._title, self._layout, name, run, float(trace.time[-1]), speed_up)
-        self._view = PerspectiveView(trace, self._running, room, self._layout)
-
-    def frame(self, t: int) -> np.ndarray:
-        """Picture (height, width, 3) BGR of step t; overwritten by the next."""
-        trace = self._trace
-        np.copyto(self._picture, self._still)
-        self._view.draw(self._picture, t)
-        draw_clock(self._picture, self._title, self._layout, float(trace.time[t]), (t + 1) / len(trace.time))
-        shown = [f"{value:{form}}" for _, value, form in figures(trace, self._running, t)]
-        fill_tiles(self._picture, self._tiles, self._layout, shown)
-        return self._picture
 
 
 GAP = 7.0  # pixels of the design between cards
@@ -301,7 +267,7 @@ class SidePanel:
         still: picture that frames are copied from.
         view: of the map.
         perspective: show the sea in perspective in place of fixes and section.
-        speed_up: play speed that the title tells.
+        speed_up: play speed that the title states.
     """
 
     def __init__(
@@ -315,9 +281,9 @@ class SidePanel:
         speed_up: float,
     ) -> None:
         self._still, self._trace, self._running, self._layout = still, trace, running, layout
-        self._boxes = boxes = self._divide(perspective)
+        boxes = self._divide(perspective)
         for name, box in boxes.items():
-            if name != "title":
+            if name not in ("title", "tiles"):
                 draw_card(still, box, layout)
         self._insets = self._section = self._perspective = self._bars = None
         if "fixes" in boxes:
@@ -334,12 +300,11 @@ class SidePanel:
             scale = max(float(np.quantile(np.abs(running.reward[:, self._terms]), 0.98)), 1e-9)
             names = [trace.reward_names[term] for term in self._terms]
             self._bars = Bars(still, boxes["reward"], layout, ("reward a step,", "last 30 s"), names, scale)
-        name_tiles(still, boxes["tiles"], layout, [name for name, _, _ in figures(trace, running, 0)])
         duration = max(float(trace.time[-1]), trace.scenario.mission.step)
         self._error_plot = error_plot(still, trace, running, boxes["errors"], layout, duration)
-        name = f"Scenario “{trace.scenario.name}”"
-        run = f"policy {trace.policy} · boat {trace.usv} · seed {trace.seed}"
-        write_title(still, boxes["title"], layout, name, run, float(trace.time[-1]), speed_up)
+        names = [name for name, _, _ in figures(trace, running, 0)]
+        end = float(trace.time[-1])
+        self._head = Head(still, boxes["title"], boxes["tiles"], layout, title_of(trace), names, end, speed_up)
 
     def _divide(self, perspective: bool) -> dict[str, Rectangle]:
         """The cards from the top to the bottom, by name."""
@@ -377,10 +342,9 @@ class SidePanel:
 
     def draw(self, picture: np.ndarray, t: int) -> None:
         """Draw the moving parts of step t over a copy of the still picture."""
-        layout, time, trace = self._layout, float(self._trace.time[t]), self._trace
-        draw_clock(picture, self._boxes["title"], layout, time, (t + 1) / len(trace.time))
-        shown = [f"{value:{form}}" for _, value, form in figures(trace, self._running, t)]
-        fill_tiles(picture, self._boxes["tiles"], layout, shown)
+        time, trace = float(self._trace.time[t]), self._trace
+        values = [f"{value:{form}}" for _, value, form in figures(trace, self._running, t)]
+        self._head.draw(picture, time, (t + 1) / len(trace.time), values)
         if self._bars:
             self._bars.draw(picture, self._running.reward[t, self._terms].tolist())
         if self._insets:

@@ -1,4 +1,4 @@
-"""Layout of a frame: map on the left, panel on the right; elements of panels; the legend."""
+"""Layout of a frame: map on the left, panel on the right; title, tiles, cards and bars of panels; the legend."""
 
 from __future__ import annotations
 
@@ -138,49 +138,58 @@ def nice_above(value: float, steps: tuple[float, ...] = (1, 2, 5, 10)) -> float:
     return next(step * power for step in steps if step * power >= value * (1 - 1e-9))
 
 
-def write_title(
-    picture: np.ndarray, box: Rectangle, layout: Layout, name: str, run: str, duration: float, speed_up: float
-) -> None:
-    """Two lines: name, with room for the clock at its right; run, duration and play speed."""
-    unit, theme = layout.unit, layout.theme
-    end, edge = clock(duration), 2 * unit
-    room = box.width - text_width(end, 24 * unit, bold=True) - 14 * unit
-    name = shorten(name, 21 * unit, room, bold=True)
-    write(picture, name, (box.left + edge, box.top + 24 * unit), 21 * unit, theme.text, bold=True)
-    line, size = box.top + 44 * unit, 12 * unit
-    pace = f"of {end} · {speed_up:g} × speed"
-    run = shorten(run, size, box.width - text_width(pace, size) - 14 * unit)
-    write(picture, run, (box.left + edge, line), size, theme.muted)
-    write(picture, pace, (box.right - edge, line), size, theme.muted, anchor="right")
+class Head:
+    """Title with clock, and tiles with figures below or beside it.
 
+    Args:
+        still: picture that frames are copied from.
+        title, tiles: their boxes.
+        words: first line of the title, and what its second line begins with; both are shortened to what there is room
+            for beside the clock, the duration and the play speed.
+        names: of the figures.
+        end: duration, s. speed_up: play speed, s of mission in a second.
+    """
 
-def draw_clock(picture: np.ndarray, box: Rectangle, layout: Layout, time: float, share: float) -> None:
-    """The time in s, and a progress bar filled to `share`, in the title's box."""
-    unit, theme = layout.unit, layout.theme
-    corner = box.right - 2 * unit, box.top + 24 * unit
-    write(picture, clock(time), corner, 24 * unit, theme.text, bold=True, anchor="right")
-    top, done = round(box.bottom - 2 * unit), round(box.width * share)
-    bar = picture[top : top + layout.px(3), box.left : box.right]
-    bar[:], bar[:, :done] = theme.line, theme.muted
+    def __init__(
+        self,
+        still: np.ndarray,
+        title: Rectangle,
+        tiles: Rectangle,
+        layout: Layout,
+        words: tuple[str, str],
+        names: list[str],
+        end: float,
+        speed_up: float,
+    ) -> None:
+        self.title, self.tiles, self._layout = title, tiles, layout
+        unit, theme, edge = layout.unit, layout.theme, 2 * layout.unit
+        room = title.width - text_width(clock(end), 24 * unit, bold=True) - 14 * unit
+        name = shorten(words[0], 21 * unit, room, bold=True)
+        write(still, name, (title.left + edge, title.top + 24 * unit), 21 * unit, theme.text, bold=True)
+        line, size = title.top + 44 * unit, 12 * unit
+        pace = f"of {clock(end)} · {speed_up:g} × speed"
+        run = shorten(words[1], size, title.width - text_width(pace, size) - 14 * unit)
+        write(still, run, (title.left + edge, line), size, theme.muted)
+        write(still, pace, (title.right - edge, line), size, theme.muted, anchor="right")
+        draw_card(still, tiles, layout)
+        across = tiles.width / len(names)
+        self._columns = [tiles.left + place * across + 10 * unit for place in range(len(names))]
+        self._room = across - 14 * unit
+        size = min(_fitting(name, 11 * unit, self._room) for name in names)
+        for left, name in zip(self._columns, names, strict=True):
+            write(still, name, (left, tiles.top + 17 * unit), size, theme.muted)
 
-
-def name_tiles(still: np.ndarray, box: Rectangle, layout: Layout, names: list[str]) -> None:
-    """Names of tiles side by side, of one size."""
-    unit = layout.unit
-    across = box.width / len(names)
-    size = min(_fitting(name, 11 * unit, across - 14 * unit) for name in names)
-    for place, name in enumerate(names):
-        write(still, name, (box.left + place * across + 10 * unit, box.top + 17 * unit), size, layout.theme.muted)
-
-
-def fill_tiles(picture: np.ndarray, box: Rectangle, layout: Layout, values: list[str]) -> None:
-    """Values below the names."""
-    unit = layout.unit
-    across = box.width / len(values)
-    for place, value in enumerate(values):
-        size = _fitting(value, 20 * unit, across - 14 * unit, bold=True)
-        position = box.left + place * across + 10 * unit, box.top + 42 * unit
-        write(picture, value, position, size, layout.theme.text, bold=True)
+    def draw(self, picture: np.ndarray, time: float, share: float, values: list[str]) -> None:
+        """Draw the time in s, a progress bar filled to `share`, and the values of the figures."""
+        unit, theme, title = self._layout.unit, self._layout.theme, self.title
+        corner = title.right - 2 * unit, title.top + 24 * unit
+        write(picture, clock(time), corner, 24 * unit, theme.text, bold=True, anchor="right")
+        top, done = round(title.bottom - 2 * unit), round(title.width * share)
+        bar = picture[top : top + self._layout.px(3), title.left : title.right]
+        bar[:], bar[:, :done] = theme.line, theme.muted
+        for left, value in zip(self._columns, values, strict=True):
+            size = _fitting(value, 20 * unit, self._room, bold=True)
+            write(picture, value, (left, self.tiles.top + 42 * unit), size, theme.text, bold=True)
 
 
 def _fitting(text: str, size: float, room: float, bold: bool = False) -> float:

@@ -14,7 +14,7 @@ from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, Rectangle, nice_above
 from usvauv.env.render.map import OLD, Popups, error_axes
 from usvauv.env.render.mission import Exchanges, Itinerary, ReplyField, RunningMetrics, track
-from usvauv.env.render.scene import BOAT_BODY, WATER, Camera, Canvas, Scene, Swing, auv_body, turned
+from usvauv.env.render.scene import BOAT_BODY, WATER, Canvas, PinholeCamera, Scene, Swing, auv_body, turned
 from usvauv.env.render.sea import Columns, SeaShading, Sheet, colour_scale, elevation_limit, look
 from usvauv.env.render.style import shorten, text_width, write
 
@@ -40,7 +40,7 @@ class PerspectiveView:
         room = box.width - left - right, box.height - top - bottom
         self._swing = Swing.around(sides, 0.8 * limit * scene.heights, scene.bed, room).shifted(left, top)
         self._shading = SeaShading(trace.surface, limit, sides, self._swing.middle, scene.heights)
-        self._frame = Frame(scene, layout)
+        self._glass = GlassBox(scene, layout)
         self._backdrop = _backdrop(box.width, box.height)
         self._write_still(limit)
         floating = trace.boat_surface[:, 0] * (scene.heights if trace.surface.size else 0.0)
@@ -50,7 +50,7 @@ class PerspectiveView:
         self._sound = Sound(trace, scene, self.boats, self._below.auvs)
         self._field = ReplyField(trace)
 
-    def camera(self, t: int) -> Camera:
+    def camera(self, t: int) -> PinholeCamera:
         """The camera of step t; its pixels are those of the box."""
         return self._swing.at(t)
 
@@ -66,18 +66,18 @@ class PerspectiveView:
         heights, colours = self.surface(t)
         sheet = look(canvas.camera, columns, self.scene.sides, heights, self._box.height)
         paint_water(canvas, columns, self.scene.bed, sheet)
-        self._frame.draw_bed(canvas, columns, sheet)
+        self._glass.draw_bed(canvas, columns, sheet)
         self._below.draw_nodes(canvas, t)
         self._sound.draw_below(canvas, t, layout.px(1.2))
         self._below.draw_auvs(canvas, t)
         _paint_surface(canvas.picture, columns, sheet, colours)
-        self._frame.draw_edges(canvas, columns, sheet)
+        self._glass.draw_edges(canvas, columns, sheet)
         self._draw_field(canvas, t, heights)
         self._sound.draw_afloat(canvas, t, heights, layout.px(1.3))
         for boat in np.argsort(-canvas.camera.away(self.boats[t])):
             self._draw_boat(canvas, t, int(boat), heights)
-        self._frame.write_lengths(canvas)
-        self._frame.draw_compass(canvas)
+        self._glass.write_lengths(canvas)
+        self._glass.draw_compass(canvas)
         self._below.draw_words(canvas, t)
 
     def _write_still(self, limit: float) -> None:
@@ -158,7 +158,7 @@ HORIZON = style.colour("#4d8aa6")
 SHORE = style.colour("#bfe6ee")
 
 
-def _light(camera: Camera, columns: Columns, bed: float, rows: np.ndarray) -> np.ndarray:
+def _light(camera: PinholeCamera, columns: Columns, bed: float, rows: np.ndarray) -> np.ndarray:
     """Colours (R, C, 3) of the box at rows (R,) of the picture: its bed or far wall, veiled by the water before it."""
     near, far = columns.near.astype(np.float32), columns.far.astype(np.float32)
     fall = ((rows - camera.centre[1]) / camera.focal)[:, None].astype(np.float32)  # m of descent to 1 m of distance
@@ -197,7 +197,7 @@ def _labels_apart(places: np.ndarray, width: float, height: float) -> int:
     return max(1, math.ceil(min(width / max(across, 1e-3), height / max(up, 1e-3))))
 
 
-class Frame:
+class GlassBox:
     """Lines and words of the box."""
 
     def __init__(self, scene: Scene, layout: Layout) -> None:
@@ -208,7 +208,7 @@ class Frame:
         self._depths = np.arange(0, depth * 1.0001, nice_above(depth / 4))
         self._ticks = [np.arange(0, side * 1.0001, spacing) for side in scene.sides]
 
-    def _near(self, camera: Camera) -> np.ndarray:
+    def _near(self, camera: PinholeCamera) -> np.ndarray:
         """The area's nearest corner (2,), m."""
         return -self._half * np.sign(camera.forward)
 
@@ -289,7 +289,9 @@ class BelowSurface:
         auvs: (T, K, 3) their places in the scene.
     """
 
-    def __init__(self, trace: Trace, running: RunningMetrics, scene: Scene, layout: Layout, camera: Camera) -> None:
+    def __init__(
+        self, trace: Trace, running: RunningMetrics, scene: Scene, layout: Layout, camera: PinholeCamera
+    ) -> None:
         scenario, unit = trace.scenario, layout.unit
         self._trace, self._running, self._scene, self._layout = trace, running, scene, layout
         self.auvs = scene.place(trace.auv_position[:, 0], scene.auvs)

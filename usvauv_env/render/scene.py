@@ -28,7 +28,7 @@ SWING_FRAMES = 3600  # of one movement there and back
 
 
 @dataclass(frozen=True)
-class Camera:
+class PinholeCamera:
     """Scene coordinates are metres from the area's centre at mean sea level: east, north, up.
 
     Attributes:
@@ -73,7 +73,7 @@ class Camera:
 class Swing(NamedTuple):
     """A camera that moves slowly to and fro around a scene, which stays within the picture."""
 
-    middle: Camera
+    middle: PinholeCamera
 
     @classmethod
     def around(cls, sides: tuple[float, float], top: float, bottom: float, size: tuple[int, int]) -> Swing:
@@ -86,7 +86,7 @@ class Swing(NamedTuple):
         """
         frontal = math.pi / 2 if sides[0] >= sides[1] else math.pi
         distance = DISTANCE * math.hypot(*sides)
-        camera = Camera(frontal + OFF_AXIS, distance, distance * math.tan(ELEVATION), 1.0, (0.0, 0.0))
+        camera = PinholeCamera(frontal + OFF_AXIS, distance, distance * math.tan(ELEVATION), 1.0, (0.0, 0.0))
         half = 0.5 * np.array(sides)
         corners = np.array([(x, y, z) for x in (-half[0], half[0]) for y in (-half[1], half[1]) for z in (top, bottom)])
         turns = np.linspace(-SWING, SWING, 9)
@@ -96,7 +96,7 @@ class Swing(NamedTuple):
         x, y = 0.5 * np.array(size) - 0.5 * focal * (low + high)
         return cls(replace(camera, focal=focal, centre=(float(x), float(y))))
 
-    def at(self, frame: int) -> Camera:
+    def at(self, frame: int) -> PinholeCamera:
         """The camera in a frame."""
         turn = SWING * math.sin(2 * math.pi * frame / SWING_FRAMES)
         return replace(self.middle, heading=self.middle.heading + turn)
@@ -173,7 +173,7 @@ class Canvas(NamedTuple):
     """A BGR picture and the camera whose pixels are its own."""
 
     picture: np.ndarray
-    camera: Camera
+    camera: PinholeCamera
 
     def line(self, points: np.ndarray, ink: Colour, width: int = 1) -> None:
         """A line through points (N, 3) of the scene."""

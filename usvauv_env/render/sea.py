@@ -11,7 +11,7 @@ import torch
 
 from usvauv.env.render import style
 from usvauv.env.render.layout import MapView, nice_above
-from usvauv.env.render.scene import Camera
+from usvauv.env.render.scene import PinholeCamera
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.storage.memory import extremes
 from usvauv.kernels import runtime
@@ -201,7 +201,7 @@ class SeaShading:
     """The sea of a trace as heights and colours on one grid, row 0 in the south."""
 
     def __init__(
-        self, surface: np.ndarray, limit: float, sides: tuple[float, float], camera: Camera, scale: float
+        self, surface: np.ndarray, limit: float, sides: tuple[float, float], camera: PinholeCamera, scale: float
     ) -> None:
         """
         Args:
@@ -303,7 +303,7 @@ class Columns(NamedTuple):
     far: np.ndarray
 
     @classmethod
-    def of(cls, camera: Camera, sides: tuple[float, float], width: int) -> Columns:
+    def of(cls, camera: PinholeCamera, sides: tuple[float, float], width: int) -> Columns:
         """Those of a picture of a width, of an area with sides in x and y, m."""
         x = 2.0 * np.arange(width // 2) + 0.5
         ray = camera.forward + ((x - camera.centre[0]) / camera.focal)[:, None] * camera.right
@@ -343,7 +343,7 @@ class Sheet(NamedTuple):
     shore: np.ndarray
 
 
-def look(camera: Camera, columns: Columns, sides: tuple[float, float], field: np.ndarray, height: int) -> Sheet:
+def look(camera: PinholeCamera, columns: Columns, sides: tuple[float, float], field: np.ndarray, height: int) -> Sheet:
     """Look at a field (Y, X) of heights over an area, float32, row 0 in the south, m as drawn.
 
     What is above the first row of the picture or below its `height` is cut off.

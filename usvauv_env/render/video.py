@@ -1,16 +1,19 @@
-"""Pictures to a video file: H.264 in MP4, VP9 in WebM, GIF or WebP, by the ending of its name."""
+"""A mission, or two side by side, as a video or a picture; the encoder of all videos.
+
+By the ending of its name a file is H.264 in MP4, VP9 in WebM, GIF, WebP, or one picture in PNG.
+"""
 
 from __future__ import annotations
 
 import io
+import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Protocol
 
 import av
 import av.container
@@ -20,8 +23,12 @@ import cv2
 import numpy as np
 from av.video.reformatter import Colorspace, VideoReformatter
 
+from usvauv.env.record.trace import Trace
+from usvauv.env.render.frames import VIEWS, frames_of
+from usvauv.env.render.style import THEMES
 from usvauv.env.storage.files import OutputError, atomic_write
 from usvauv.env.storage.memory import require
+from usvauv.kernels.errors import UserError
 
 SMALLEST, LARGEST = 320, 7680  # pixels a side
 FRAME_BYTES = 40.0  # of memory, a pixel of a frame
@@ -76,11 +83,136 @@ FORMATS = {
 }
 
 
+PICTURE = ".png"
+ENDINGS = (*FORMATS, PICTURE)
+
+
+@dataclass(frozen=True)
+class Video:
+    """What `write_video` takes, checked before a mission is simulated; its arguments are described there.
+
+    Raises:
+        UserError: a value that is not allowed.
+        OutputError: the size is out of range.
+        MemoryNeeded: frames of that size.
+    """
+
+    path: Path
+    view: str = "map"
+    theme: str = "dark"
+    size: tuple[int, int] = (1280, 720)
+    fps: int = 30
+    speedup: float | None = None
+    at: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value, allowed in (("view", self.view, VIEWS), ("theme", self.theme, THEMES)):
+            if value not in allowed:
+                raise UserError(f"{name} {value!r}: must be one of {', '.join(allowed)}")
+        for name, value, least in (("fps", self.fps, 1), ("speedup", self.speedup, 0.01), ("at", self.at, 0.0)):
+            if value is not None and not least <= value < math.inf:
+                raise UserError(f"{name} {value}: must be at least {least}, and finite")
+        ending = self.path.suffix.lower()
+        if ending not in ENDINGS:
+            raise UserError(f"out {self.path}: must end in one of {', '.join(ENDINGS)}")
+        if self.at is not None and ending != PICTURE:
+            raise UserError(f"at {self.at:g}: is the moment of a picture; {self.path} does not end in {PICTURE}")
+        width, height = even(self.size, self.path)
+        require(video_bytes(width, height), f"size {width}x{height}")
+
+    def pace(self, step: float) -> tuple[int, Fraction]:
+        """Mission steps of `step` seconds from one frame to the next, and frames a second."""
+        speedup = self.speedup or self.fps * step
+        stride = max(1, math.ceil(speedup / (self.fps * step) - 1e-9))
+        return stride, Fraction(speedup / (step * stride)).limit_denominator(1000)
+
+    def steps(self, traces: Sequence[Trace]) -> list[int]:
+        """Steps that are shown, one a frame, up to the end of the shorter trace.
+
+        Raises:
+            UserError: the moment `at` lies beyond the mission.
+            OutputError: the trace has no steps.
+        """
+        time = traces[0].time[: min(len(trace.time) for trace in traces)]
+        if not len(time):
+            raise OutputError(f"{self.path}: there is nothing to show: the trace has no steps")
+        if self.path.suffix.lower() != PICTURE:
+            return list(range(0, len(time), self.pace(traces[0].scenario.mission.step)[0]))
+        if self.at is None:
+            return [len(time) - 1]
+        if self.at > time[-1]:
+            raise UserError(f"at {self.at:g}: the mission is from 0 to {time[-1]:g} s")
+        return [max(0, int(time.searchsorted(self.at, "right")) - 1)]
+
+    def write(self, traces: Sequence[Trace], progress: Callable[[int], object] = lambda frames: None) -> VideoSummary:
+        """Draw world 0 of a trace, or of two traces side by side; `progress` is called with 1 after each frame."""
+        size, step, shown = even(self.size, self.path), traces[0].scenario.mission.step, self.steps(traces)
+        stride, rate = self.pace(step)
+        with one_drawing_thread():
+            frames = frames_of(traces, size, self.view, self.theme, float(rate) * stride * step)
+            if self.path.suffix.lower() == PICTURE:
+                with atomic_write(self.path) as partial:
+                    partial.write_bytes(cv2.imencode(PICTURE, frames.frame(shown[0]))[1].tobytes())
+                progress(1)
+            else:
+                with video_file(self.path, *size, rate) as append:
+                    for t in shown:
+                        append(frames.frame(t))
+                        progress(1)
+        return VideoSummary(self.path, len(shown), size, float(rate))
+
+
+@dataclass(frozen=True)
+class VideoSummary:
+    """What was written: a file's path, its frames, their width and height in pixels, frames a second."""
+
+    path: Path
+    frames: int
+    size: tuple[int, int]
+    fps: float
+
+
+def write_video(
+    traces: Trace | Sequence[Trace],
+    path: str | Path,
+    *,
+    view: str = "map",
+    theme: str = "dark",
+    size: tuple[int, int] = (1280, 720),
+    fps: int = 30,
+    speedup: float | None = None,
+    at: float | None = None,
+    progress: Callable[[int], object] = lambda frames: None,
+) -> VideoSummary:
+    """Draw world 0 of a mission as a video or as a picture, or two missions side by side.
+
+    The sea is shown where it was recorded: `record(…, surface=True)`. The file appears when it is complete.
+
+    Args:
+        traces: one, or two that are compared: of one mission step and one task.
+        path: of a video, .mp4, .webm, .gif or .webp, or of a picture, .png.
+        view: "map" (from above, with plots), "sea" (in perspective) or "both".
+        theme: "dark" or "light".
+        size: width and height, each from 320 to 7680 pixels; odd numbers are reduced by 1.
+        fps: largest number of frames a second.
+        speedup: seconds of mission in a second of video; None shows each mission step for one frame.
+        at: moment that a picture shows, s of mission; None for its end.
+        progress: called with 1 after each frame.
+
+    Raises:
+        UserError: a value that is not allowed, or traces that cannot be compared.
+        OutputError: the size is out of range, the trace has no steps, or the file cannot be written.
+        MemoryNeeded: frames of that size do not fit into memory.
+    """
+    traces = [traces] if isinstance(traces, Trace) else list(traces)
+    return Video(Path(path), view, theme, size, fps, speedup, at).write(traces, progress)
+
+
 def even(size: tuple[int, int], out: Path) -> tuple[int, int]:
     """The size with odd numbers reduced by 1, as yuv420p requires.
 
     Raises:
-        OutputError: the size is out of range; the message names the file `out`.
+        OutputError: the size is out of range; the message names the file.
     """
     width, height = (side - side % 2 for side in size)
     if not all(SMALLEST <= side <= LARGEST for side in (width, height)):
@@ -163,10 +295,6 @@ def _add_stream(
     return stream
 
 
-class _Convert(Protocol):
-    def __call__(self, frame: av.VideoFrame) -> av.VideoFrame: ...
-
-
 def _pixels(frame: av.VideoFrame) -> np.ndarray:
     """Those of a bgr24 frame, (height, width, 3), to be written into."""
     plane = frame.planes[0]
@@ -174,7 +302,7 @@ def _pixels(frame: av.VideoFrame) -> np.ndarray:
     return rows[:, : 3 * frame.width].reshape(frame.height, frame.width, 3)
 
 
-def _converter(kind: Format, width: int, height: int, fps: Fraction | int) -> _Convert:
+def _converter(kind: Format, width: int, height: int, fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
     """Function from pictures to what the encoder takes; for GIF each picture has a palette of its own."""
     if kind.pixels == "pal8":
         graph = av.filter.Graph()

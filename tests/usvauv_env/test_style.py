@@ -1,4 +1,4 @@
-"""Colours of categories: told apart with any colour vision, and from their ground."""
+"""Colours of categories, told apart with any colour vision and from their ground; text in pictures."""
 
 import itertools
 
@@ -8,7 +8,7 @@ from matplotlib.markers import MarkerStyle
 
 from usvauv.env.render import style
 from usvauv.env.render.figure_theme import web
-from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, clock, shorten, text_width, write
 
 # Machado, Oliveira & Fernandes (2009), severity 1, applied to linear RGB.
 VISIONS = {
@@ -105,3 +105,53 @@ def test_colours_stand_out_from_their_ground(ground):
 def test_each_category_has_a_colour_on_both_grounds_and_a_shape_of_its_own():
     assert len(CATEGORICAL) == len(CATEGORICAL_ON_WHITE) == len(set(MARKERS)) == len(MARKERS) == 8
     assert all(MarkerStyle(marker).is_filled() for marker in MARKERS)
+
+
+@pytest.mark.parametrize("theme", style.THEMES.values(), ids=style.THEMES)
+def test_text_is_legible(theme):
+    for text, ground in ((theme.text, theme.card), (theme.muted, theme.card), (theme.muted, theme.background)):
+        assert contrast(web(text), web(ground)) >= 4.5  # WCAG 2.2, AA
+
+
+def test_sixteen_vehicles_have_colours_of_their_own():
+    for colours in (style.auv_colour, style.DARK.auv, style.LIGHT.auv):
+        assert len({colours(auv) for auv in range(16)}) == 16
+
+
+class TestText:
+    def test_letters_are_there_and_those_of_other_scripts_are_replaced(self):
+        pictures = np.zeros((4, 40, 120, 3), np.uint8)
+        write(pictures[0], "?", (10, 25), 20, (255, 255, 255))
+        for letter in "σηΣ±×→↑…“”·−²µ°":
+            pictures[1] = 0
+            write(pictures[1], letter, (10, 25), 20, (255, 255, 255))
+            assert pictures[1].any()
+            assert (pictures[1] != pictures[0]).any()
+        write(pictures[2], "海\n1", (10, 25), 20, (255, 255, 255))
+        write(pictures[3], "??1", (10, 25), 20, (255, 255, 255))
+        assert (pictures[2] == pictures[3]).all()
+
+    def test_what_is_outside_is_cut_off(self):
+        picture = np.zeros((20, 60, 3), np.uint8)
+        for position in ((-20, 15), (50, 15), (10, 3), (10, 32), (500, 15), (10, -90)):
+            write(picture, "Text", position, 14, (255, 255, 255))
+        assert picture.any()
+
+    def test_anchors_and_shortening(self):
+        width = text_width("clear words", 14)
+        for anchor, left in (("left", 100), ("centre", 100 - width // 2), ("right", 100 - width)):
+            picture = np.zeros((40, 200, 3), np.uint8)
+            write(picture, "clear words", (100, 25), 14, (255, 255, 255), anchor=anchor)
+            assert abs(np.nonzero(picture.any((0, 2)))[0][0] - left) <= 2
+        assert shorten("clear words", 14, width) == "clear words"
+        assert text_width(shorten("clear words", 14, width - 10), 14) <= width - 10
+
+    def test_times_are_in_minutes_or_hours(self):
+        assert [clock(time) for time in (0, 59.9, 61, 3599, 3600, 36061)] == [
+            "0:00",
+            "0:59",
+            "1:01",
+            "59:59",
+            "1:00:00",
+            "10:01:01",
+        ]

@@ -1,0 +1,322 @@
+"""Frames of a mission: what is where on the map and in the panel, at any size, with any number of vehicles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from tests.usvauv_env.made_traces import keeping_station, paint, place, synthetic_trace, with_second_boat
+from usvauv.env import Scenario, Trace
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.render import style
+from usvauv.env.render.frames import MapFrames, frames_of
+from usvauv.env.render.layout import Layout, MapView, Rectangle, nice, nice_above
+from usvauv.env.render.map import error_axes
+from usvauv.env.render.mission import ReplyField, RunningMetrics, figures
+from usvauv.env.render.plots import RecordedPlot
+from usvauv.env.render.sea import CurrentStreaks, SeaSurface
+from usvauv.env.scenario.sea import Area
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.positioning import usbl
+
+VIEWS = [("map", 1), ("sea", 1), ("both", 1), ("map", 2)]  # traces beside each other
+
+
+def near(frame: np.ndarray, frames: MapFrames, x: float, y: float, reach: int = 9, area=(200.0, 200.0)) -> np.ndarray:
+    """The pixels of a frame around a place of the area."""
+    row, column = place(frames, x, y, area)
+    return frame[row - reach : row + reach + 1, column - reach : column + reach + 1].astype(int)
+
+
+def at_rest(trace: Trace, **changes: np.ndarray) -> Trace:
+    """Vehicles that neither serve nor move, at 180, 180 m."""
+    shape = trace.power.shape
+    still = {
+        "auv_position": np.full((*shape, 2), 180.0),
+        "fix": np.full((*shape, 2), 180.0),
+        "boat_position": np.full_like(trace.boat_position, 180.0),
+        "boat_goal": np.full_like(trace.boat_goal, 180.0),
+        "hovering": np.zeros(shape, np.int8),
+        "service_rate": np.zeros(shape),
+        "delivered": np.zeros(shape),
+        "target": np.zeros(shape, np.int16),
+    }
+    return replace(trace, **{**still, **changes})
+
+
+class TestFrames:
+    @pytest.mark.parametrize(("view", "traces"), VIEWS)
+    def test_drawing_changes_no_trace_and_depends_on_the_step_alone(self, view, traces):
+        trace = synthetic_trace(steps=12)
+        arrays = {name: value.copy() for name, value in vars(trace).items() if isinstance(value, np.ndarray)}
+        frames = frames_of([trace] * traces, (640, 360), view)
+        first = [frames.frame(t).copy() for t in range(12)]
+        again = frames_of([trace] * traces, (640, 360), view)
+        np.testing.assert_array_equal(again.frame(11), first[11])
+        assert (first[11] != first[10]).any()
+        for name, value in arrays.items():
+            np.testing.assert_array_equal(value, getattr(trace, name), err_msg=name)
+
+    @pytest.mark.parametrize(
+        ("size", "options"),
+        [
+            ((640, 480), {"area": (2000.0, 100.0)}),
+            ((320, 320), {"area": (50.0, 2000.0), "auvs": 7}),
+            ((1920, 400), {}),
+            ((3840, 2160), {"auvs": 4}),
+        ],
+    )
+    def test_any_size_and_area_is_drawn_in_boxes_that_keep_apart(self, size, options):
+        frame, frames = paint(synthetic_trace(steps=3, **options), 2, size)
+        assert frame.shape == (size[1], size[0], 3)
+        layout = frames.layout
+        boxes = [layout.map, layout.panel, *([layout.legend] if layout.legend else [])]
+        assert all(box.left >= 0 and box.top >= 0 and box.right <= size[0] and box.bottom <= size[1] for box in boxes)
+        for first, second in combinations(boxes, 2):
+            beside = first.right <= second.left or second.right <= first.left
+            assert beside or first.bottom <= second.top or second.bottom <= first.top
+
+    def test_other_worlds_are_not_shown(self):
+        trace = synthetic_trace(steps=4, worlds=3)
+        both, alone, other = (paint(which, 3)[0] for which in (trace, trace.episode(0), trace.episode(1)))
+        assert (both == alone).all()
+        assert (both != other).any()
+
+    def test_perfect_fixes_are_drawn(self):
+        trace = synthetic_trace(steps=3)
+        at, covariance = trace.auv_position, np.zeros_like(trace.fix_covariance)
+        assert paint(replace(trace, fix=at, estimate=at, estimate_covariance=covariance), 2)[0].any()
+
+    def test_themes_change_what_is_around_the_map_only(self):
+        frames = {name: frames_of([synthetic_trace(steps=6)], (1280, 720), theme=name) for name in style.THEMES}
+        dark, light = (frames[name].frame(5).astype(int) for name in ("dark", "light"))
+        box = frames["dark"].layout.map
+        np.testing.assert_array_equal(box.of(dark), box.of(light))
+        assert light.mean() > dark.mean() + 60
+
+    def test_round_numbers_are_the_nearest_on_their_side(self):
+        assert [nice(value) for value in (0.7, 1.0, 4.99, 50.0)] == [0.5, 1, 2, 50]
+        assert [nice_above(value) for value in (0.7, 1.0, 5.01, 50.0)] == [1, 1, 10, 50]
+
+
+class TestComparison:
+    def test_missions_that_do_not_run_in_step_are_refused(self):
+        trace = synthetic_trace(steps=3)
+        scenario = Scenario.load("extreme", ["mission.step=0.5", "auv.count=2", "nodes.count=30"])
+        for others, message in (
+            ([replace(trace, scenario=scenario)], r"mission steps of 1 s and 0\.5 s cannot be compared"),
+            ([keeping_station(trace)], "tasks data-collection and station-keeping cannot be compared"),
+            ([trace, trace], "3 traces: at most two"),
+        ):
+            with pytest.raises(UserError, match=message):
+                frames_of([trace, *others], (640, 360))
+
+    def test_ends_with_the_shorter_and_shows_both(self):
+        first, second = synthetic_trace(steps=9), synthetic_trace(steps=6, seed=4)
+        both = frames_of([first, second], (640, 360)).frame(5).copy()
+        same = frames_of([first, first], (640, 360)).frame(5)
+        half = np.s_[60:180, 40:300]  # the left map
+        np.testing.assert_array_equal(both[half], same[half])
+        assert (both[60:180, 360:620] != same[60:180, 360:620]).any()
+
+
+class TestMap:
+    @pytest.mark.parametrize("area", [(200.0, 200.0), (400.0, 150.0), (120.0, 300.0)])
+    def test_an_auv_is_where_it_should_be(self, area):
+        trace = synthetic_trace(steps=1, auvs=1, nodes=1, area=area, vortices=0, sea=False)
+        for share in ((0.3, 0.7), (0.6, 0.2)):
+            at = np.broadcast_to(np.multiply(share, area), (1, 1, 1, 2))
+            moved = at_rest(trace, auv_position=at, fix=at, node_position=np.full((1, 1, 2), 0.95) * area)
+            frame, frames = paint(moved, 0)
+            around = near(frame, frames, *at[0, 0, 0], reach=14, area=area)
+            rows, columns = np.nonzero((around == style.auv_colour(0)).all(-1))
+            assert len(rows) > 20
+            # The body's middle lies a little ahead of the position, which is the middle of the whole outline.
+            assert abs(rows.mean() - 14) < 5
+            assert abs(columns.mean() - 14) < 5
+
+    def test_an_ellipse_has_the_axes_of_its_covariance_and_holds_86_per_cent(self):
+        for xx, xy, yy in ((0.09, 0.03, 0.04), (4.0, -1.9, 1.0), (1.0, 0.0, 0.25), (0.0, 0.0, 0.0)):
+            axes = error_axes(np.array([xx, xy, yy]))
+            np.testing.assert_allclose(axes.T @ axes / 4, [[xx, xy], [xy, yy]], atol=1e-12)
+        errors = np.random.default_rng(0).multivariate_normal([0, 0], [[4.0, -1.9], [-1.9, 1.0]], 20000)
+        inside = (np.linalg.solve(error_axes(np.array([4.0, -1.9, 1.0])).T, errors.T) ** 2).sum(0) < 1
+        assert inside.mean() == pytest.approx(1 - np.exp(-2), abs=0.01)
+
+    def test_a_nodes_colour_is_that_of_its_backlog(self):
+        trace = at_rest(
+            synthetic_trace(steps=1, auvs=1, nodes=3, sea=False, vortices=0),
+            node_position=np.array([[[50.0, 50.0], [100.0, 50.0], [150.0, 50.0]]]),
+            backlog=np.array([[[0.0, 2500.0, 5000.0]]]),
+        )
+        frame, frames = paint(trace, 0)
+        for x, share, colour in zip((50.0, 100.0, 150.0), (0.0, 0.5, 1.0), style.GAUGE, strict=True):
+            empty = style.mix(style.OUTLINE, colour, 0.35)
+            around = near(frame, frames, x, 50.0)  # clockwise from the top
+            assert np.abs(around[9, 11] - (colour if share > 0 else empty)).max() < 12
+            assert np.abs(around[9, 7] - (colour if share > 0.5 else empty)).max() < 12
+
+    def test_a_nodes_ring_brightens_with_the_age_of_its_data(self):
+        trace = at_rest(
+            synthetic_trace(steps=400, auvs=1, nodes=2, sea=False, vortices=0),
+            node_position=np.array([[[50.0, 50.0], [150.0, 50.0]]]),
+            backlog=np.full((400, 1, 2), 100.0),
+        )
+        trace.hovering[198:200], trace.target[199:], trace.service_rate[199] = 1, 1, 0.25  # of node 0; node 1 is alone
+        frames = MapFrames(trace, (1280, 720), style.DARK, 1.0)
+
+        def rings(t: int) -> list[float]:
+            return [near(frames.frame(t), frames, x, 50.0, reach=10).mean() for x in (50.0, 150.0)]
+
+        (first, other), (fresh, old) = rings(150), rings(250)
+        assert first == pytest.approx(other, abs=3)
+        assert fresh < first < old
+
+    def test_lines_lead_to_the_next_three_nodes_and_no_further(self):
+        nodes = np.array([[20.0, 20.0], [20.0, 60.0], [60.0, 60.0], [60.0, 20.0], [100.0, 20.0], [100.0, 60.0]])
+        trace = at_rest(synthetic_trace(steps=12, auvs=1, nodes=6, sea=False, vortices=0), node_position=nodes[None])
+        moving = replace(trace, target=(np.arange(12)[:, None, None] // 2).astype(np.int16))
+
+        def drawn(t: int) -> list[bool]:
+            (frame, frames), (still, _) = paint(moving, t, (1280, 720)), paint(trace, t, (1280, 720))
+            middles = (nodes[:-1] + nodes[1:]) / 2
+            return [
+                bool(np.abs(near(frame, frames, *at, 2) - near(still, frames, *at, 2)).max() > 20) for at in middles
+            ]
+
+        assert drawn(0) == [True, True, True, False, False]
+        assert drawn(3) == [False, True, True, True, False]  # from node 1 on
+        assert drawn(11) == [False] * 5
+
+    def test_a_line_runs_from_the_boat_that_heard_to_who_was_heard(self):
+        two = with_second_boat(synthetic_trace(steps=4))
+        two.fix_flags[:] = usbl.SILENT
+        silent, frames = paint(two, 3)
+        two.fix_flags[3, 0, 1] = usbl.DETECTED  # by the second boat
+        heard, _ = paint(two, 3)
+
+        def changed(boat: int, auv: int) -> bool:
+            at, to = two.boat_position[3, 0, boat], two.auv_position[3, 0, auv]
+            middle = at + 0.3 * (to - at)
+            return bool((near(silent, frames, *middle, 3) != near(heard, frames, *middle, 3)).any())
+
+        assert [changed(boat, auv) for boat, auv in ((0, 0), (0, 1), (1, 0), (1, 1))] == [False, False, False, True]
+
+    def test_a_second_boat_and_its_goal_are_drawn(self):
+        one = synthetic_trace(steps=4)
+        (alone, frames), (both, _) = paint(one, 3), paint(with_second_boat(one), 3)
+        for x, y in ((170.0, 30.0), (170.0, 150.0), (170.0, 90.0)):  # boat, goal, the dashes between
+            assert (near(alone, frames, x, y) != near(both, frames, x, y)).any()
+
+
+class TestSea:
+    def test_it_is_brighter_where_it_is_higher_north_is_up_and_the_light_comes_from_the_north_west(self):
+        view, picture = MapView(Area(), Rectangle(0, 0, 120, 120)), np.zeros((120, 120, 3), np.uint8)
+        rising = np.broadcast_to(np.linspace(-1, 1, 60, dtype=np.float32)[:, None], (60, 60))
+        surface = SeaSurface(rising[None], view)
+        surface.paint(picture, 0)
+        assert surface.limit == 1
+        assert picture[5].mean() > picture[60].mean() > picture[114].mean()
+        y, x = np.mgrid[-1:1:60j, -1:1:60j]
+        SeaSurface(np.exp(-6 * (x**2 + y**2)).astype(np.float32)[None], view).paint(picture, 0)
+        assert picture[42, 42].mean() > picture[77, 77].mean() + 5  # equally high
+
+    def test_streaks_drift_with_the_current(self):
+        """Heads of streaks, half a second apart, in a stream of (0.1 + x/1000, 0.2 − y/500) m/s and a moved vortex."""
+        stream = np.array([[[0.1, 0.2], [0.3, 0.2]], [[0.1, -0.2], [0.3, -0.2]]])
+        vortex = np.array([[80.0, 120.0, 200.0, 30.0]])
+        streaks = CurrentStreaks(vortex, stream, 200.0, 200.0, MapView(Area(), Rectangle(0, 0, 600, 600)), 1.0)
+        vortex = vortex + np.array([30.0, -40.0, 0.0, 10.0])
+        streaks.update(vortex, stream)
+        seen = []
+
+        class Recorder:
+            def white_lines(self, lines: np.ndarray, *_: object) -> None:
+                seen.append((lines + 0.5) * (1 / 3, -1 / 3) + (0.0, 200.0))
+
+        for time in (10.0, 10.5):
+            streaks.draw(Recorder(), time, 1)
+        at, moved = seen[0][:, 0], seen[2][:, 0] - seen[0][:, 0]
+        away = at - vortex[0, :2]
+        turn = vortex[0, 2] / (2 * np.pi * (away**2).sum(1)) * -np.expm1(-(away**2).sum(1) / vortex[0, 3] ** 2)
+        current = np.stack([0.1 + at[:, 0] / 1000 - turn * away[:, 1], 0.2 - at[:, 1] / 500 + turn * away[:, 0]], 1)
+        alive = (np.abs(at - 100) < 100).all(1) & (np.hypot(*(at - seen[0][:, -1]).T) > 2) & (np.hypot(*moved.T) > 0)
+        assert alive.sum() > 100
+        assert (np.hypot(*(moved - 0.5 * current)[alive].T) < 0.05).mean() > 0.97  # the rest ended its life in between
+
+    def test_no_current_no_streaks(self):
+        view = MapView(Area(), Rectangle(0, 0, 600, 600))
+        assert CurrentStreaks(np.zeros((0, 4)), np.zeros((0, 0, 2)), 200.0, 200.0, view, 1.0).fastest == 0
+
+
+class TestReplyField:
+    def field(self, level: float) -> ReplyField:
+        """Two AUVs 420 m apart, foreseen where they are; variances 300 and 100 m²."""
+        wide = ["area.width=600", "area.length=600", "channel.data_ratio=18", f"acoustics.source_level={level}"]
+        trace = synthetic_trace(steps=3, auvs=2, nodes=2, vortices=0, sea=False)
+        estimate, covariance = np.zeros_like(trace.estimate), np.zeros_like(trace.estimate_covariance)
+        estimate[:, 0] = (90.0, 300.0), (510.0, 300.0)
+        covariance[:, 0, 0, [0, 2]], covariance[:, 0, 1, [0, 2]] = 300.0, 100.0
+        scenario = Scenario.load("extreme", [*wide, "nodes.count=2"])
+        known = {"estimate": estimate, "foreseen_position": estimate, "estimate_covariance": covariance}
+        return ReplyField(replace(trace, scenario=scenario, **known))
+
+    def test_a_place_is_worth_what_is_heard_there(self):
+        """Beside an AUV its share of the variance, far from both nothing, and where all is heard everything."""
+        field = self.field(139.0)
+        share = field.share(2)
+        assert share[20, 6] == pytest.approx(0.75, abs=0.01)
+        assert share[20, 34] == pytest.approx(0.25, abs=0.01)
+        assert share[0, 0] < 0.05
+        assert self.field(190.0).share(2).min() > 0.999
+        around = np.concatenate(dict(field.lines(2))[0.6])
+        assert np.abs((around.min(axis=0) + around.max(axis=0)) / 2 - (90, 300)).max() < 20
+
+
+class TestPanel:
+    def test_figures_equal_the_metrics(self):
+        trace = synthetic_trace(steps=90, worlds=2)
+        running = RunningMetrics.of(trace)
+        for t in (0, 40, 89):
+            until = slice(0, t + 1)
+            said = {name: f"{value:{form}}" for name, value, form in figures(trace, running, t)}
+            assert said["SDR, Mbit/s"] == f"{trace.service_rate[until, 0].sum():.2f}"
+            assert said["services"] == str((trace.service_rate[until, 0] > 0).sum())
+            assert said["delivered, Mbit"] == f"{trace.delivered[until, 0].sum():.1f}"
+            assert said["full nodes"] == str(trace.overflowing[t, 0])
+        whole = episode_metrics(trace)[0]
+        assert (said["SDR, Mbit/s"], said["EC, W"]) == (f"{whole.sdr:.2f}", f"{whole.ec:.1f}")
+
+    def test_series_are_medians_shares_and_headings(self):
+        trace = synthetic_trace(steps=90)
+        running = RunningMetrics.of(trace)
+        error = np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)[:, 0]
+        for t in (0, 10, 29, 30, 80):
+            np.testing.assert_allclose(running.error_median[t], np.median(error[max(0, t - 29) : t + 1], axis=0))
+        np.testing.assert_allclose(running.service_share[trace.service_rate[:, 0] > 0], 1.0)
+        assert (running.service_share[trace.hovering[:, 0] == 0] == 0).all()
+        velocity = trace.auv_velocity[:, 0]
+        moving = np.hypot(velocity[..., 0], velocity[..., 1]) > 0
+        np.testing.assert_allclose(np.cos(running.heading[moving]), velocity[moving][:, 0] / 1.6, atol=1e-9)
+
+    def test_a_plot_passes_through_its_values_and_does_not_show_the_future(self):
+        layout, still = Layout.fit(1280, 720, Area()), np.zeros((720, 1280, 3), np.uint8)
+        plot = RecordedPlot(still, Rectangle(800, 300, 400, 100), 0.1, 10.0, 100.0, layout, log=True)
+        plot.curve(np.linspace(1, 100, 100), np.full(100, 1.0), (0, 0, 255))
+        plot.finish()
+        plot.show_until(50.0)
+        rows, columns = np.nonzero(still[300:400, 800:1200, 2] > 150)
+        assert rows.mean() == pytest.approx(49.5, abs=1)  # 1 is half way between 0.1 and 10
+        assert columns.max() == pytest.approx(0.5 * 399, abs=2)
+
+    @pytest.mark.parametrize("height", [6, 60])
+    def test_numbers_without_room_are_left_out(self, height):
+        """Numbers at an axis are 10 pixels apart at least; one of 6 pixels has a single number."""
+        layout, still = Layout.fit(1280, 720, Area()), np.zeros((720, 1280, 3), np.uint8)
+        RecordedPlot(still, Rectangle(800, 300, 400, height), 0.1, 12.0, 100.0, layout, log=True)
+        lit = still[280 : 308 + height, 760:784].any((1, 2))  # left of the plot and of the first time below it
+        numbers = int((np.diff(lit.astype(int)) == 1).sum())
+        assert numbers == 1 if height == 6 else 3 <= numbers <= 6

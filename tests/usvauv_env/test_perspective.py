@@ -1,0 +1,225 @@
+"""The perspective view: its camera, what hides what, and that vehicles stand where the camera sees them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.usvauv_env.made_traces import synthetic_trace
+from usvauv.env import Scenario, Trace
+from usvauv.env.render.layout import Layout, Rectangle
+from usvauv.env.render.mission import RunningMetrics
+from usvauv.env.render.perspective import PerspectiveView
+from usvauv.env.render.scene import BOAT_BODY, SWING_FRAMES, PinholeCamera, Scene, Swing, auv_body, turned
+from usvauv.env.render.sea import Columns, SeaShading, look
+
+SIDES = (200.0, 160.0)
+WIDTH, HEIGHT = 640, 480
+CAMERA = Swing.around(SIDES, 8.0, -100.0, (WIDTH, HEIGHT)).middle
+COLUMNS = Columns.of(CAMERA, SIDES, WIDTH)
+BOX = Rectangle(30, 20, 600, 450)
+
+
+def view_of(trace: Trace, box: Rectangle = BOX) -> PerspectiveView:
+    return PerspectiveView(trace, RunningMetrics.of(trace), box, Layout.fit(1280, 720, trace.scenario.area))
+
+
+def draw(view: PerspectiveView, t: int) -> np.ndarray:
+    """Step t in a picture of 720 × 1280."""
+    picture = np.full((720, 1280, 3), 77, np.uint8)
+    view.draw(picture, t)
+    return picture
+
+
+def around(picture: np.ndarray, place: np.ndarray, reach: int) -> np.ndarray:
+    """The pixels around a place of the box."""
+    x, y = np.rint(place).astype(int)
+    return BOX.of(picture)[y - reach : y + reach + 1, x - reach : x + reach + 1]
+
+
+class TestCamera:
+    def test_is_a_pinhole(self):
+        """By bearing and range from the camera; its picture is upright, d behind the hole."""
+        camera = PinholeCamera(heading=2.1, distance=500.0, height=260.0, focal=900.0, centre=(310.0, -40.0))
+        points = np.random.default_rng(0).uniform(-100, 100, (50, 3))
+        eye = np.array([-500 * math.cos(2.1), -500 * math.sin(2.1), 260.0])
+        for (x, y), (east, north, up) in zip(camera.pixel(points), points - eye, strict=True):
+            turn = math.atan2(north, east) - 2.1
+            assert x == pytest.approx(310 - 900 * math.tan(turn))
+            assert y == pytest.approx(-40 - 900 * up / (math.hypot(east, north) * math.cos(turn)))
+
+    @pytest.mark.parametrize("sides", [(200.0, 200.0), (600.0, 150.0), (150.0, 600.0)])
+    def test_the_box_fills_the_room_and_stays_in_it_as_the_camera_swings(self, sides):
+        swing = Swing.around(sides, 8.0, -100.0, (640, 480))
+        half = 0.5 * np.array(sides)
+        corners = np.array([(x, y, z) for x in (-half[0], half[0]) for y in (-half[1], half[1]) for z in (-100, 8)])
+        pixels = np.concatenate([swing.at(t).pixel(corners) for t in range(0, SWING_FRAMES, 60)])
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        assert (low > -2).all()
+        assert (high < (642, 482)).all()
+        assert max((high - low) / (640, 480)) > 0.99
+        headings = np.array([swing.at(t).heading for t in range(SWING_FRAMES + 1)])
+        assert 0 < np.abs(np.diff(headings)).max() < math.radians(0.02)
+        assert headings[-1] == pytest.approx(headings[0])
+
+    def test_columns_see_the_area_from_border_to_border(self):
+        eye, half = -CAMERA.distance * CAMERA.forward, 0.5 * np.array(SIDES)
+        for distance in (COLUMNS.near, COLUMNS.far):
+            places = np.abs(eye + COLUMNS.ray * distance[:, None]) / half
+            np.testing.assert_allclose(places.max(axis=1), 1)
+        middle = eye + COLUMNS.ray * (0.5 * (COLUMNS.near + COLUMNS.far))[:, None]
+        np.testing.assert_allclose(CAMERA.pixel(np.column_stack([middle, 0 * middle[:, 0]]))[:, 0], COLUMNS.x)
+
+
+def seen(field: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (N, 2) that show a surface, and the places (N, 2) m and heights (N,) they show."""
+    sheet = look(CAMERA, COLUMNS, SIDES, field, HEIGHT)
+    row, column = np.nonzero(sheet.covered)
+    pixels = np.stack([COLUMNS.x[column], sheet.top + 0.5 + 2.0 * row], 1)
+    texels = np.stack([sheet.texel_x[row, column], sheet.texel_y[row, column]], 1)
+    place = ((texels + 0.5) / field.shape[::-1] - 0.5) * SIDES
+    i, j = np.clip(np.rint(texels).astype(int), 0, np.array(field.shape[::-1]) - 1).T
+    return pixels, place, field[j, i]
+
+
+class TestSurface:
+    def test_pixels_show_the_places_that_project_to_them(self):
+        y, x = np.mgrid[0:320, 0:400] / 2
+        pixels, place, height = seen((3 * np.sin(0.11 * x) * np.cos(0.07 * y)).astype(np.float32))
+        back = CAMERA.pixel(np.column_stack([place, height]))
+        assert len(pixels) > 14000
+        assert np.abs(back - pixels).max() < 1.2  # heights of whole cells, 0.2 m steps of 3 pixels
+        assert np.median(np.abs(back - pixels)) < 0.2
+
+    def test_a_nearer_crest_hides_what_is_behind_it(self):
+        """Behind a wall 6 m thick all water is seen, and only that, of which the sight line passes above the wall."""
+        field = np.zeros((640, 800), np.float32)
+        field[320:344] = 20.0
+        eye = -CAMERA.distance * CAMERA.forward
+        shown = []
+        for sea in (field, np.zeros_like(field)):
+            _, place, height = seen(sea)
+            behind = (height == 0) & (place[:, 1] > 8) & (np.abs(place[:, 0]) < 60)
+            passed = (6.0 - eye[1]) / (place[behind, 1] - eye[1])  # share of the way at the wall's far side
+            shown.append(CAMERA.height * (1 - passed))  # height of the sight line there
+        assert shown[0].min() > 19
+        assert (shown[0] > 21).sum() == pytest.approx((shown[1] > 21).sum(), rel=0.02)
+        assert (shown[1] < 19).sum() > 500
+
+    def test_the_horizon_is_that_of_the_waves_and_what_is_beyond_the_picture_is_cut_off(self):
+        for height in (0.0, 6.0):
+            sheet = look(CAMERA, COLUMNS, SIDES, np.full((40, 50), height, np.float32), HEIGHT)
+            pixels = CAMERA.pixel(np.array([(x, y, height) for x in (-100, 100) for y in (-80, 80)]))
+            assert sheet.horizon.min() == pytest.approx(pixels[:, 1].min(), abs=1)
+            assert sheet.shore.max() == pytest.approx(pixels[:, 1].max(), abs=1)
+        sheet = look(CAMERA, COLUMNS, SIDES, np.full((40, 50), 100.0, np.float32), HEIGHT)
+        assert sheet.top == 0
+        assert 2 * sheet.covered.shape[0] <= HEIGHT
+
+    def test_a_square_sea_has_the_same_light_from_all_four_sides(self):
+        """Slopes that rise to the right face the sun, which stands to the left."""
+        x, y = np.linspace(-100, 100, 64), np.linspace(-100, 100, 64)[:, None]
+        light = []
+        for quarter in range(4):
+            camera = replace(CAMERA, heading=0.5 * math.pi * quarter)
+            rising = 0.05 * (x * camera.right[0] + y * camera.right[1])
+            shading = SeaShading(np.stack([rising, -rising]), 5.0, (200.0, 200.0), camera, 1.0)
+            light.append([shading.at(t)[1].mean() for t in range(2)])
+        assert np.ptp(light, axis=0).max() < 0.3
+        assert light[0][0] > light[0][1] + 15.0
+
+    def test_there_is_foam_on_steep_crests_alone(self):
+        """Foam, nearly white, from a k = √0.1 on: a wave of 50 m, 4 m or 1 m high."""
+        x = np.broadcast_to(2 * np.pi / 50 * np.arange(400) / 2, (400, 400))
+        white = []
+        for amplitude in (4.0, 1.0):
+            sea = (amplitude * np.sin(x)).astype(np.float32)[None]
+            white.append((SeaShading(sea, 5.0, (200.0, 200.0), CAMERA, 1.0).at(0)[1].min(-1) > 180).mean())
+        assert white[0] > 0.02 > 0.002 > white[1]
+
+
+class TestScene:
+    @pytest.mark.parametrize(
+        ("overrides", "limit", "note"),
+        [
+            ([], 8.0, "true to scale"),
+            ([], 0.3, "heights × 10"),
+            (["area.width=600", "area.length=600"], 20.0, "depths × 2"),
+            (["area.depth=2000"], 8.0, "depths × 0.05"),
+            (["area.width=20000"], 0.5, "heights × 100, depths × 50"),
+        ],
+    )
+    def test_exaggerates_only_what_would_not_be_seen(self, overrides, limit, note):
+        assert Scene.of(Scenario.load("extreme", overrides), limit).note == note
+
+    def test_lines_end_at_the_borders_and_at_the_bed(self):
+        scene = Scene.of(Scenario.load("extreme"), 0.0)
+        assert scene.place(np.array([0.0, 200.0]), -5.0).tolist() == [-100.0, 100.0, -5.0]
+        line = np.array([(-150, 0, 0), (-50, 0, 0), (50, 0, 0), (150, 0, 0), (150, 90, 0), (90, 90, 0), (80, 90, 0)])
+        assert [piece[:, 0].tolist() for piece in scene.inside(line)] == [[-50, 50], [90, 80]]
+        down = np.column_stack([0 * np.arange(5), 0 * np.arange(5), -40.0 * np.arange(5)])
+        assert [piece[-1, 2] for piece in scene.inside(down)] == [-120.0]
+
+    def test_a_body_stands_upright_on_its_slope(self):
+        axes = turned(0.7, np.array([0.3, -0.2]))
+        assert axes @ axes.T == pytest.approx(np.eye(3))
+        assert np.linalg.det(axes) == pytest.approx(1)
+        assert axes[2] == pytest.approx(np.array([-0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0]))
+        assert math.atan2(axes[0, 1], axes[0, 0]) == pytest.approx(0.7)
+
+    @pytest.mark.parametrize("body", [BOAT_BODY, auv_body((255, 0, 0))], ids=["boat", "auv"])
+    def test_faces_of_a_body_look_to_one_side_everywhere(self, body):
+        """Where two faces share an edge, they run along it in opposite directions."""
+        edges = Counter(
+            (tuple(face[i].round(9)), tuple(face[(i + 1) % 4].round(9)))
+            for face in body.corners
+            for i in range(4)
+            if not np.allclose(face[i], face[(i + 1) % 4])
+        )
+        assert max(edges.values()) == 1
+        np.testing.assert_allclose(np.linalg.norm(body.normals, axis=1), 1)
+
+
+class TestView:
+    def test_nothing_outside_the_box_is_touched(self):
+        covariance = np.zeros((4, 1, 2, 3)) + np.array([5000.0, 0.0, 5000.0])
+        trace = replace(synthetic_trace(steps=4, area=(400.0, 150.0)), estimate_covariance=covariance)
+        for box in (BOX, Rectangle(100, 80, 97, 71), Rectangle(5, 7, 33, 20)):
+            picture = draw(view_of(trace, box), 3)
+            box.of(picture)[:] = 77
+            assert (picture == 77).all()
+
+    def test_the_boat_stands_on_the_drawn_surface(self):
+        """The pixel that shows the surface at the boat's place is where the boat's waterline is drawn."""
+        trace = synthetic_trace(steps=30, area=(200.0, 160.0))
+        y, x = np.mgrid[0:160, 0:200] + 0.5
+        wave = [5 * np.sin(0.09 * x - 0.3 * t) * np.cos(0.05 * y) for t in range(30)]
+        boat = trace.boat_position[:, 0, 0]
+        rides = [5 * np.sin(0.09 * bx - 0.3 * t) * np.cos(0.05 * by) for t, (bx, by) in enumerate(boat)]
+        surface = np.stack([rides, np.zeros(30), np.zeros(30)], 1)[:, None, None]
+        trace = replace(trace, surface=np.array(wave, np.float32), boat_surface=surface)
+        away = replace(trace, boat_position=trace.boat_position + np.array([60.0, 40.0]))
+        view, other = view_of(trace), view_of(away)
+        for t in (0, 17):
+            camera, heights = view.camera(t), view.surface(t)[0]
+            columns = Columns.of(camera, SIDES, BOX.width)
+            sheet = look(camera, columns, SIDES, heights, BOX.height)
+            waterline = camera.pixel(view.boats[t, 0])
+            texel = boat[t] / SIDES * heights.shape[::-1] - 0.5
+            off = np.hypot(sheet.texel_x - texel[0], sheet.texel_y - texel[1])
+            row, column = np.unravel_index(np.where(sheet.covered, off, np.inf).argmin(), off.shape)
+            assert np.hypot(*(waterline - (columns.x[column], sheet.top + 0.5 + 2.0 * row))) < 2, t
+            assert (around(draw(view, t), waterline, 1) != around(draw(other, t), waterline, 1)).any()
+
+    def test_a_wave_heaves_and_rolls_the_boat(self):
+        trace = synthetic_trace(steps=4)
+        level = replace(trace, boat_surface=trace.boat_surface * (1.0, 0.0, 0.0))
+        view = view_of(level)
+        place, picture = view.camera(3).pixel(view.boats[3, 0]), draw(view, 3)
+        for change in ((4.0, 0.0, 0.0), (0.0, 0.3, 0.0)):
+            moved = draw(view_of(replace(level, boat_surface=level.boat_surface + np.array(change))), 3)
+            assert (around(picture, place, 9) != around(moved, place, 9)).any()

@@ -1,0 +1,166 @@
+"""Missions as files: formats by ending, colours, play speed, one moment as a picture; a file is whole or absent."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from tests.usvauv_env.made_traces import paint, synthetic_trace
+from usvauv import write_video
+from usvauv.env.render.frames import frames_of
+from usvauv.env.render.layout import Layout
+from usvauv.env.render.video import Video
+from usvauv.env.scenario.sea import Area
+from usvauv.env.storage.files import OutputError
+from usvauv.kernels.errors import UserError
+
+SMALL = (320, 320)
+CODECS = {".mp4": "h264", ".webm": "vp9", ".gif": "gif", ".webp": "webp"}
+
+
+@pytest.fixture(scope="module")
+def trace():
+    return synthetic_trace(steps=12)
+
+
+def decoded(path) -> list[np.ndarray]:
+    """Pictures of a file, BGR."""
+    if path.suffix == ".webp":  # FFmpeg reads no animated WebP
+        from PIL import Image
+
+        with Image.open(path) as file:
+            pictures = []
+            for place in range(file.n_frames):
+                file.seek(place)
+                pictures.append(np.asarray(file.convert("RGB"))[..., ::-1])
+            return pictures
+    with av.open(str(path)) as file:
+        codec = file.streams.video[0].codec_context.name
+        assert codec in (CODECS[path.suffix], f"lib{CODECS[path.suffix]}", "libvpx-vp9")
+        return [frame.to_ndarray(format="bgr24") for frame in file.decode(video=0)]
+
+
+class TestContent:
+    @pytest.mark.parametrize("ending", CODECS)
+    def test_each_ending_has_its_format_and_shows_the_frames_in_their_order(self, tmp_path, trace, ending):
+        """To what the kind of file loses; and the same frames make the same file."""
+        path, again = tmp_path / f"mission{ending}", tmp_path / f"again{ending}"
+        summary = write_video(trace, path, size=(480, 360), fps=10)
+        shown = decoded(path)
+        assert len(shown) == summary.frames == 12
+        frames = frames_of([trace], (480, 360), speed_up=10.0)
+        for t, picture in enumerate(shown):
+            assert np.abs(picture.astype(float) - frames.frame(t)).mean() < 5.0
+        write_video(trace, again, size=(480, 360), fps=10)
+        assert again.read_bytes() == path.read_bytes()
+
+    def test_an_mp4_is_what_browsers_play_in_the_colours_that_it_says(self, tmp_path, trace):
+        path, told = tmp_path / "mission.mp4", []
+        summary = write_video([trace], str(path), size=(640, 360), fps=24, progress=told.append)
+        assert (summary.path, summary.frames, summary.size, summary.fps) == (path, 12, (640, 360), 24)
+        assert told == [1] * 12
+        assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+        content = path.read_bytes()
+        assert content.index(b"moov") < content.index(b"mdat")  # starts to play before it is loaded
+        with av.open(str(path)) as file:
+            stream = file.streams.video[0]
+            codec = stream.codec_context
+            assert (codec.pix_fmt, codec.width, codec.height, stream.average_rate) == ("yuv420p", 640, 360, 24)
+            frame = next(file.decode(video=0))
+        assert frame.colorspace == 1  # the file says that its colours are BT.709's
+        blue, green, red = np.moveaxis(paint(trace, 0)[0].astype(float), -1, 0)
+        brightness = 16 + 219 / 255 * (0.2126 * red + 0.7152 * green + 0.0722 * blue)  # BT.709
+        box = Layout.fit(640, 360, Area()).map
+        assert abs(box.of(frame.to_ndarray()[:360]).mean() - box.of(brightness).mean()) < 1.0
+
+    def test_a_picture_is_the_frame_of_its_moment(self, tmp_path, trace):
+        path = tmp_path / "moment.png"
+        for at, t in ((None, 11), (3.9, 2), (0.0, 0), (12.0, 11)):
+            assert write_video(trace, path, size=SMALL, at=at).frames == 1
+            np.testing.assert_array_equal(cv2.imread(str(path)), frames_of([trace], SMALL, speed_up=30.0).frame(t))
+
+    @pytest.mark.parametrize(
+        ("step", "fps", "speedup", "stride", "rate"),
+        [
+            (1.0, 30, None, 1, 30),
+            (0.5, 30, None, 1, 30),
+            (1.0, 30, 10.0, 1, 10),
+            (1.0, 30, 45.0, 2, Fraction(45, 2)),
+            (0.1, 25, 1.0, 1, 10),
+            (2.0, 24, 100.0, 3, Fraction(50, 3)),
+        ],
+    )
+    def test_pace(self, tmp_path, step, fps, speedup, stride, rate):
+        assert Video(tmp_path / "x.mp4", fps=fps, speedup=speedup).pace(step) == (stride, rate)
+        assert stride * step * rate == (speedup or fps * step)  # s of mission in a second
+        assert rate <= fps
+
+    def test_a_faster_video_has_fewer_frames_of_the_same_steps(self, tmp_path, trace):
+        path = tmp_path / "fast.mp4"
+        summary = write_video(trace, path, size=SMALL, fps=4, speedup=20.0)
+        assert (summary.frames, summary.fps) == (3, 4.0)
+        frames = frames_of([trace], SMALL, speed_up=20.0)
+        for picture, t in zip(decoded(path), (0, 5, 10), strict=True):
+            assert np.abs(picture.astype(float) - frames.frame(t)).mean() < 5.0
+
+    def test_odd_sizes_become_even_and_one_step_is_enough(self, tmp_path):
+        summary = write_video(synthetic_trace(steps=1), tmp_path / "odd.mp4", size=(483, 361))
+        assert (summary.frames, summary.size) == (1, (482, 360))
+        assert decoded(tmp_path / "odd.mp4")[0].shape == (360, 482, 3)
+
+
+class TestFile:
+    @pytest.mark.parametrize(
+        ("out", "options", "message"),
+        [
+            ("x.avi", {}, "out x.avi: must end in one of .mp4, .webm, .gif, .webp, .png"),
+            ("x", {}, "out x: must end in one of"),
+            ("x.mp4", {"at": 3.0}, "at 3: is the moment of a picture; x.mp4 does not end in .png"),
+            ("x.png", {"at": 13.0}, "at 13: the mission is from 0 to 12 s"),
+            ("x.png", {"at": float("nan")}, "at nan: must be at least 0.0, and finite"),
+            ("x.mp4", {"view": "front"}, "view 'front': must be one of map, sea, both"),
+            ("x.mp4", {"theme": "pink"}, "theme 'pink': must be one of dark, light"),
+            ("x.mp4", {"fps": 0}, "fps 0: must be at least 1"),
+            ("x.mp4", {"speedup": 0.0}, "speedup 0.0: must be at least 0.01"),
+            ("x.mp4", {"size": (200, 360)}, "x.mp4: size 200x360: each side must be from 320 to 7680"),
+            ("x.mp4", {"size": (8000, 4000)}, "x.mp4: size 8000x4000: each side must be from 320 to 7680"),
+        ],
+    )
+    def test_what_there_is_not_is_refused_and_leaves_nothing(self, tmp_path, monkeypatch, trace, out, options, message):
+        monkeypatch.chdir(tmp_path)
+        with pytest.raises(UserError) as caught:
+            write_video(trace, out, **options)
+        assert str(caught.value).startswith(message)
+        assert list(tmp_path.iterdir()) == []
+
+    @pytest.mark.parametrize("ending", [KeyboardInterrupt, RuntimeError])
+    def test_what_is_cut_short_leaves_nothing(self, tmp_path, trace, ending):
+        def stop(_: int) -> None:
+            raise ending
+
+        with pytest.raises(ending):
+            write_video(trace, tmp_path / "mission.mp4", size=SMALL, progress=stop)
+        assert list(tmp_path.iterdir()) == []
+
+    def test_an_older_video_outlives_a_failure(self, tmp_path, trace, size_limit):
+        path = tmp_path / "mission.mp4"
+        path.write_bytes(b"older")
+        with size_limit(), pytest.raises(OutputError, match=r"mission\.mp4: cannot be written"):
+            write_video(trace, path, size=SMALL)
+        assert path.read_bytes() == b"older"
+        assert list(tmp_path.iterdir()) == [path]
+
+    def test_unwritable_places_give_one_line(self, tmp_path, trace):
+        (tmp_path / "file").write_text("")
+        (tmp_path / "folder.mp4").mkdir()
+        before = sorted(tmp_path.rglob("*"))
+        for place in ("missing/mission.mp4", "file/mission.mp4", "folder.mp4"):
+            with pytest.raises(OutputError) as caught:
+                write_video(trace, tmp_path / place, size=SMALL)
+            assert str(tmp_path / place) in str(caught.value)
+            assert "\n" not in str(caught.value)
+        assert sorted(tmp_path.rglob("*")) == before
