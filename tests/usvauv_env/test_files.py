@@ -26,7 +26,6 @@ from usvauv.env.storage.files import (
     check_place,
     hdf5_file,
     locked,
-    sync,
     writing,
 )
 from usvauv.env.storage.text_files import TextFileError
@@ -115,25 +114,6 @@ def test_the_systems_words_whoever_reports_them(error, reason):
     with pytest.raises(type(error) if reason is None else OutputError) as caught, writing(Path("a")):
         raise error
     assert caught.value is error if reason is None else str(caught.value) == f"a: cannot be written: {reason}"
-
-
-def test_a_file_is_on_the_disk_before_it_has_its_name(monkeypatch, tmp_path):
-    """Nothing stays open for that."""
-    done, numbers, replace = [], [], os.replace
-
-    def fsync(number):
-        numbers.append(number)
-        done.append(os.fstat(number).st_ino)
-
-    monkeypatch.setattr(os, "fsync", fsync)
-    monkeypatch.setattr(os, "replace", lambda *paths: done.append("renamed") or replace(*paths))
-    with atomic_write(tmp_path / "a.txt"):
-        pass
-    sync(tmp_path)
-    assert done == [(tmp_path / "a.txt").stat().st_ino, "renamed", tmp_path.stat().st_ino]
-    for number in numbers:
-        with pytest.raises(OSError, match="Bad file descriptor"):
-            os.fstat(number)
 
 
 class TestSizeLimit:

@@ -126,14 +126,6 @@ def test_a_batch_drops_all_that_followed_in_the_file(tmp_path):
         assert table.path.read_bytes() == partial_of(tmp_path / "b.csv", ((0, 4), (4, 1)))
 
 
-def test_what_defines_the_rows_is_json_that_all_can_read(tmp_path):
-    with GrowingTable(tmp_path / "m.csv", resume=False) as table:
-        table.begin({"price": float("nan")})
-        with pytest.raises(ValueError, match="JSON"):
-            table.append(PAIR[0], rows_of(PAIR[0], 0, 1))
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_without_rows_nothing_is_left(tmp_path):
     with GrowingTable(tmp_path / "m.csv", resume=False) as table:
         table.begin(ABOUT)

@@ -16,7 +16,7 @@ from usvauv.env import Scenario, Trace, World, evaluate
 from usvauv.env.planning.fix_errors import SUM, error_budget
 from usvauv.env.record import error_bound, evaluation
 from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, mean_figures, newest_birth, usable
-from usvauv.env.record.recorder import EACH, record, trace_bytes
+from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import read_rows, write_rows
@@ -276,19 +276,6 @@ def test_batches_change_nothing_and_are_told_of(scenario, monkeypatch):
     assert [len(batch) for batch in batches] == [2, 2, 1]
     assert texts(rows) == texts(chain(*(episode_metrics(trace, first) for trace, first in traces)))
     assert steps == [2] * 20 + [1] * 10
-
-
-def test_a_batch_is_halved_until_its_records_fit(scenario, monkeypatch):
-    """What all worlds share fits once, what is of each world ten times."""
-    world = World(scenario, 1)
-    shared = EACH * world.steps
-    each = trace_bytes(world, world.steps) - shared
-    assert trace_bytes(World(scenario, 3), 7) == pytest.approx(7 / world.steps * (shared + 3 * each))
-    monkeypatch.setattr(evaluation, "World", lambda *given, **how: world)
-    monkeypatch.setattr(evaluation.memory, "SHARE", 0.5)
-    for fitting, episodes, size in ((10, 37, 10), (9.99, 37, 5), (200, 37, 37), (500, 500, 128), (0.5, 37, 1)):
-        monkeypatch.setattr(evaluation.memory, "available", lambda fitting=fitting: 2 * (shared + fitting * each))
-        assert evaluation.batch_size(scenario, episodes) == size
 
 
 def test_complete_batches_are_kept_when_a_policy_fails(scenario, monkeypatch):

@@ -196,12 +196,6 @@ class TestCurrents:
         dataset = dataset.drop_vars(["x", "y"]).assign_coords(nav_lon=lon, nav_lat=lat).expand_dims(member=1)
         self.check(flow_of(dataset, tmp_path))
 
-    def test_speeds_along_x_and_y_on_longitude_and_latitude_lines(self, tmp_path):
-        dataset = cmems()
-        dataset["uo"].attrs["standard_name"] = "sea_water_x_velocity"
-        dataset["vo"].attrs["standard_name"] = "sea_water_y_velocity"
-        self.check(flow_of(dataset, tmp_path))
-
     def test_components_on_grids_of_their_own(self, tmp_path):
         """An Arakawa C grid of longitude and latitude lines, staggered in depth too."""
         dataset = cmems()[["uo"]]
@@ -274,17 +268,6 @@ class TestCurrents:
         assert (orders > 1.8).all(), orders
         assert (orders < 2.4).all(), orders
 
-    def test_time_in_blocks(self, tmp_path, monkeypatch):
-        """However few times are read at once, the result is the same."""
-        flow = flow_of(cmems(), tmp_path, duration=60000.0)
-        assert len(flow.times) == 4
-        monkeypatch.setattr("usvauv.env.site.ocean.BLOCK", 1)
-        np.testing.assert_array_equal(flow_of(cmems(), tmp_path, duration=60000.0).velocity, flow.velocity)
-
-    def test_at_outside_the_times(self, tmp_path):
-        with pytest.raises(ValueError, match=r"t = 30000 s; allowed: 0 to 21600 s"):
-            flow_of(cmems(), tmp_path).at(30000.0)
-
     def test_reads_only_the_part_it_needs(self, tmp_path):
         """A file that would take 100 GB in memory: only written where the area is, on both sides of its seam."""
         path = tmp_path / "large.nc"
@@ -341,9 +324,9 @@ class TestBathymetry:
         h = read_bathymetry(path, BED_FRAME, 15000.0, 12000.0, (100, 80))
         np.testing.assert_allclose(h, bed_of(dataset, tmp_path), rtol=0, atol=0.501)
 
-    @pytest.mark.parametrize("name", ["sea_floor_depth_below_geoid", "sea_floor_depth_below_sea_surface"])
-    def test_depth_of_a_model(self, tmp_path, name):
+    def test_depth_of_a_model(self, tmp_path):
         """Positive down, missing on land, in km, with a time of length 1, as `deptho` of CMEMS."""
+        name = "sea_floor_depth_below_geoid"
         dataset = sloping(standard_name=name, name="deptho")
         dataset["deptho"] = (-dataset["deptho"] / 1000).where(dataset["deptho"] < 0).expand_dims(time=1)
         dataset["deptho"].attrs = {"standard_name": name, "units": "km"}

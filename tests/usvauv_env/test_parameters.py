@@ -162,16 +162,6 @@ class TestWindAndNoise:
         assert tables.wind(site(storm=storm, **blown)) == wind_of_developed_sea(3)
         assert tables.wind(site(**blown)) == 0.0
 
-    def test_roughness_is_a_quarter_of_the_height(self):
-        storm = {"spectrum": "pm", "significant_height": 3.0, "swells": [[4.0, 14.0, 2.0, 0.3, 9.0]]}
-        assert tables.roughness(site(storm=storm)) == pytest.approx(5 / 4)
-
-    def test_own_noise_falls_by_six_decibels_an_octave(self):
-        scenario = site().scenario
-        found = [tables.own_noise(scenario, frequency) for frequency in (15000.0, 30000.0)]
-        assert found == pytest.approx([55, 55 - 20 * math.log10(2)])
-        assert tables.own_noise(site(boat={"noise_level": 0}).scenario, 15000.0) == -math.inf
-
     def test_errors_beside_noise(self):
         """Those of the array's place and of the boat's add up as variances."""
         expected = {"attitude": 0.01, "alignment": 0.02, "heading": 0.03, "sound_speed": 5 / 1480, "position": 0.5}

@@ -15,7 +15,6 @@ from usvauv.env.site import cf, ocean, place
 from usvauv.env.site.cf import Axis, Field, OceanError
 from usvauv.env.site.place import (
     LocalFrame,
-    angle,
     auv_position,
     boat_position,
     far_position,
@@ -55,10 +54,8 @@ class TestAxes:
                 [0, 0.9e-7, 1],
                 "has points 9e-08 degrees apart; allowed: at least 1e-07",
             ),
-            ("longitude", EAST, [5], [5, 5], "is not in order: 5.0 is repeated"),
             ("latitude", NORTH, [3, 2, 1], [3, 1, 2], "is not in order: 2.0 follows 1.0"),
             ("latitude", NORTH, [1, 2, 3], [1, 2, 2, 3], "is not in order: 2.0 is repeated"),
-            ("latitude", NORTH, [3, 2, 1], [3, 2, 2, 1], "is not in order: 2.0 is repeated"),
             ("depth", DOWN, [0, 12000], [0, 12001], "12001 m; allowed: up to 12000 m"),
             ("depth", UP, [0, -12000], [1, -12000], "1 with positive 'up' is above the surface"),
             ("time", DAYS, [-106650, 0], [-106651, 0], "1677-12-31.*; allowed: the years 1678 to 2261"),
@@ -96,16 +93,9 @@ class TestInterpolation:
         weights = ocean.depth_weights(depths, levels)
         np.testing.assert_allclose(weights @ values[0, :4, 0], np.interp(levels, depths, values[0, :4, 0]))
 
-    @pytest.mark.parametrize(
-        ("lon", "across"),
-        [
-            (np.arange(-0.005, 0.036, 0.005), 2),  # cells of 1000 m, points 557 m apart
-            (np.array([-0.01, 0, 0.0001, 0.04]), 8),  # four for each of the 4 points over 3 cells
-            (np.array([-0.1, 0.1]), 1),
-        ],
-    )
-    def test_means_over_cells(self, lon, across, monkeypatch):
+    def test_means_over_cells(self, monkeypatch):
         """At evenly spaced places, as many as bring one to each of the file's points; whatever is made at once."""
+        lon, across = np.arange(-0.005, 0.036, 0.005), 2  # points 557 m apart, cells of 1000 m
         frame, lat = LocalFrame(0.0, 0.0), np.arange(-0.004, 0.041, 0.004)  # 445 m apart, cells of 2000 m
         values = np.random.default_rng(2).standard_normal((len(lat), len(lon)))
         axes = {"longitude": axis(lon), "latitude": axis(lat)}
@@ -151,18 +141,6 @@ class TestPositions:
             with pytest.raises(OceanError, match="allowed: -"):
                 LocalFrame(longitude, latitude)
 
-    @pytest.mark.parametrize(
-        ("part", "sides", "degrees"),
-        [
-            ("90S", "NS", -90),
-            ("180E", "EW", 180),
-            ("1°59'59.9\"W", "EW", -(1 + 59 / 60 + 59.9 / 3600)),
-            ("0N", "NS", 0),
-        ],
-    )
-    def test_the_largest_angles(self, part, sides, degrees):
-        assert angle("--auv", part, part, sides) == pytest.approx(degrees, rel=1e-12)
-
     def test_the_edges_of_an_area_are_in_it(self):
         scenario = Scenario.load("ideal", ["area.width=300", "area.length=240"])
         assert boat_position("300,240", scenario) == (300, 240)
@@ -200,14 +178,10 @@ class TestPositions:
         [
             (["90.000,120.000"], True, True),
             (["90.001,120.000"], False, False),
-            (["1.000,-180.000"], True, True),
-            (["1.000,180.001"], False, False),
             (["22.500,114.000", "23.000,114.500"], True, True),
             (["22.500,114.000", "23.001,114.000"], False, False),
             (["23.0,114.5"], False, True),
-            (["113.5,22.0"], False, True),
             (["23.1,114.0"], False, False),
-            (["22.50,114.000"], False, True),
         ],
     )
     def test_what_looks_like_degrees(self, texts, plain, near):
@@ -237,13 +211,10 @@ class TestSoundSpeed:
         ("changes", "further", "said"),
         [
             ({"latitude": 90}, {"latitude": 90.1}, "latitude 90.1, longitude 0: allowed are"),
-            ({"longitude": -360}, {"longitude": -360.1}, "latitude 40, longitude -360.1: allowed are"),
             ({"temperature": -3}, {"temperature": -3.1}, "temperature -3.1 °C at 0 m; allowed: -3 to 45"),
             ({"temperature": 45}, {"temperature": 45.1}, "temperature 45.1 °C at 0 m"),
             ({"salt": 0}, {"salt": -0.1}, "salinity -0.1 g/kg at 0 m; allowed: 0 to 50 g/kg"),
-            ({"salt": 50}, {"salt": 50.1}, "salinity 50.1 g/kg at 0 m"),
             ({"salt": 0.02}, {"salt": 0.021}, "salinity 0.021 at 0 m looks like kg/kg"),
-            ({"salt": 0.05}, {"salt": 0.049}, "salinity 0.049 at 0 m looks like kg/kg"),
         ],
     )
     def test_the_last_numbers_of_water(self, changes, further, said):
