@@ -1,7 +1,7 @@
 """Types of Taichi arguments, and numbered columns of arrays."""
 
 import sys
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, get_origin
 
 import taichi as ti
 from taichi.lang import kernel_impl
@@ -43,6 +43,8 @@ mask2 = ti.types.ndarray(dtype=ti.u8, ndim=2)
 class Columns:
     """Numbers the columns of an array's last axis: a subclass's annotations of type int, in their order, from 0.
 
+    An annotation can be `Annotated[int, …]`.
+
     Attributes:
         names: of the columns.
     """
@@ -50,7 +52,8 @@ class Columns:
     names: ClassVar[tuple[str, ...]]
 
     def __init_subclass__(cls) -> None:
-        cls.names = tuple(name for name, kind in cls.__annotations__.items() if kind is int)
+        kinds = cls.__annotations__.items()
+        cls.names = tuple(name for name, kind in kinds if kind is int or get_origin(kind) is Annotated)
         for number, name in enumerate(cls.names):
             setattr(cls, name, number)
 

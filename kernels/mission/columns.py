@@ -1,6 +1,56 @@
-"""Columns of the mission's arrays (float32), and what a random draw is for. W worlds, K AUVs, B boats, M nodes."""
+"""Columns of the mission's arrays (float32), and what a random draw is for. W worlds, K AUVs, B boats, M nodes.
 
+Each column of a state says which values it may hold: for states that are loaded, and to see a runaway state at once.
+"""
+
+from typing import Annotated, ClassVar, NamedTuple
+
+from usvauv.kernels.positioning import usbl
 from usvauv.kernels.types import Columns
+
+
+class Range(NamedTuple):
+    """Values that a column may hold, bounds included. `whole`: no fractions.
+
+    A bound that is a name is "width" or "length" (m), the count "targets", or the largest index "last_target",
+    "last_auv", "last_boat" or "last_kind".
+    """
+
+    low: float | str
+    high: float | str
+    whole: bool = False
+
+
+Position = Annotated[int, Range(-1e12, 1e12)]  # of a fix, which can lie anywhere
+Covariance = Annotated[int, Range(-1e25, 1e25)]
+Velocity = Annotated[int, Range(-100.0, 100.0)]
+Displacement = Annotated[int, Range(-1e6, 1e6)]
+Slope = Annotated[int, Range(-1e3, 1e3)]
+Amount = Annotated[int, Range(0.0, 1e12)]  # of packets, Mbit, Mbit/s or m
+Flag = Annotated[int, Range(0.0, 1.0, whole=True)]
+Duration = Annotated[int, Range(0.0, 1e8)]
+Elapsed = Annotated[int, Range(-1.0, 1e8)]
+Hover = Annotated[int, Range(0.0, 1e30)]
+Instant = Annotated[int, Range(-1e8, 1e8)]
+X = Annotated[int, Range(0.0, "width")]
+Y = Annotated[int, Range(0.0, "length")]
+NodeIndex = Annotated[int, Range(0.0, "last_target", whole=True)]
+BoatIndex = Annotated[int, Range(0.0, "last_boat", whole=True)]
+AuvOrNone = Annotated[int, Range(-1.0, "last_auv", whole=True)]
+
+
+class StateColumns(Columns):
+    """Columns of an array of the state; each is annotated with its `Range`.
+
+    Attributes:
+        ranges: of the columns.
+    """
+
+    ranges: ClassVar[tuple[Range, ...]]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.ranges = tuple(cls.__annotations__[name].__metadata__[0] for name in cls.names)
 
 
 class KeyColumn(Columns):
@@ -92,93 +142,51 @@ class Parameter(Columns):
     bottom_absorption: int  # of sound, dB a wavelength
 
 
-class AuvColumn(Columns):
+class AuvColumn(StateColumns):
     """State of an AUV, and what the last step did and cost, (W, K, A)."""
 
-    x: int  # m, true
-    y: int
-    water_x: int  # velocity through the water, m/s
-    water_y: int
-    current_x: int  # velocity of the water at the AUV, m/s
-    current_y: int
-    target: int  # index of its node
-    hover: int  # time left to hover, s
-    rate: int  # of the data link while hovering, Mbit/s
-    cargo: int  # packets of the service under way, else 0
-    covariance_xx: int  # of the fix, m²
-    covariance_xy: int
-    covariance_yy: int
-    fix_x: int  # m
-    fix_y: int
-    heard_x: int  # where it was when the signal of its fix left it, m
-    heard_y: int
-    fix_flags: int  # bits of `usvauv.kernels.positioning.usbl`
-    fix_boat: int  # index of the boat that made it
-    moved_x: int  # displacement in the last step, m
-    moved_y: int
-    closed: int  # approach to the target in the last step, or minus the distance to it, m
-    power: int  # W
-    hovering: int  # 1 while it serves its node
-    service_rate: int  # rate of a service completed in the last step, else 0, Mbit/s
-    delivered: int  # its data, Mbit
-    border: int  # 1 where the last move was refused
-    position_error: int  # |estimate − truth|, m
-    packets_delivered: int  # of a service completed in the last step
+    x: X  # m, true
+    y: Y
+    water_x: Velocity  # velocity through the water, m/s
+    water_y: Velocity
+    current_x: Velocity  # velocity of the water at the AUV, m/s
+    current_y: Velocity
+    target: NodeIndex  # index of its node
+    hover: Hover  # time left to hover, s
+    rate: Amount  # of the data link while hovering, Mbit/s
+    cargo: Amount  # packets of the service under way, else 0
+    covariance_xx: Covariance  # of the fix, m²
+    covariance_xy: Covariance
+    covariance_yy: Covariance
+    fix_x: Position  # m
+    fix_y: Position
+    heard_x: Position  # where it was when the signal of its fix left it, m
+    heard_y: Position
+    fix_flags: Annotated[int, Range(0.0, usbl.FLAGS, whole=True)]  # bits of `usvauv.kernels.positioning.usbl`
+    fix_boat: BoatIndex  # index of the boat that made it
+    moved_x: Displacement  # displacement in the last step, m
+    moved_y: Displacement
+    closed: Displacement  # approach to the target in the last step, or minus the distance to it, m
+    power: Annotated[int, Range(0.0, 1e4)]  # W
+    hovering: Flag  # 1 while it serves its node
+    service_rate: Amount  # rate of a service completed in the last step, else 0, Mbit/s
+    delivered: Amount  # its data, Mbit
+    border: Flag  # 1 where the last move was refused
+    position_error: Amount  # |estimate − truth|, m
+    packets_delivered: Amount  # of a service completed in the last step
 
 
-class EstimateColumn(Columns):
+class EstimateColumn(StateColumns):
     """What the boats know of an AUV, (W, K, E)."""
 
-    x: int  # m
-    y: int
-    separation: int  # vertical distance to the boat that serves it, m
-    covariance_xx: int  # m²
-    covariance_xy: int
-    covariance_yy: int
-    age: int  # of the last fix used when the next one is made, s; without a tracker
-    served_by: int  # index of the boat that serves it, see `usvauv.kernels.mission.motion`
-
-
-class ExchangeColumn(Columns):
-    """Exchange with an AUV over the channel, and its dead reckoning since the last reply heard, (W, K, X)."""
-
-    reply: int  # of `Reply`
-    over: int  # 1 where an exchange with it ended in this step
-    reply_at: int  # when the reply leaves, from the end of the step, s
-    sent_x: int  # true position then, m
-    sent_y: int
-    bias_x: int  # of the AUV's velocity sensor, m/s
-    bias_y: int
-    step_x: int  # displacement measured in the last step, m, and the part of it adrift, s
-    step_y: int
-    step_adrift: int
-    way_x: int  # the same since the last reply that the boat has heard left
-    way_y: int
-    adrift: int
-    elapsed: int  # time since then, s
-    sent_way_x: int  # the same when the reply left that is under way
-    sent_way_y: int
-    sent_adrift: int
-    sent_elapsed: int
-    sent_velocity_x: int  # measured then, m/s
-    sent_velocity_y: int
-    velocity_x: int  # the same of the last reply heard
-    velocity_y: int
-    sent_heads_for: int  # index of the AUV's node when the reply left that is under way
-    sent_hovers: int  # time that it still hovered there, s
-    heads_for: int  # the same of the last reply heard
-    hovers: int
-
-
-class ForesightColumn(Columns):
-    """Where the boat foresees an AUV, (W, K, F), for strategies that do."""
-
-    x: int  # m
-    y: int
-    heads_for: int  # index of the node
-    hovers: int  # time that it still hovers there, s
-    elapsed: int  # the exchange's `elapsed` at that time, s
-    speed: int  # at which it travels, m/s
+    x: Position  # m
+    y: Position
+    separation: Annotated[int, Range(-1e3, 2e4)]  # vertical distance to the boat that serves it, m
+    covariance_xx: Covariance  # m²
+    covariance_xy: Covariance
+    covariance_yy: Covariance
+    age: Duration  # of the last fix used when the next one is made, s; without a tracker
+    served_by: BoatIndex  # index of the boat that serves it, see `usvauv.kernels.mission.motion`
 
 
 class Reply(Columns):
@@ -188,6 +196,48 @@ class Reply(Columns):
     due: int
     sent: int
     lost: int
+
+
+class ExchangeColumn(StateColumns):
+    """Exchange with an AUV over the channel, and its dead reckoning since the last reply heard, (W, K, X)."""
+
+    reply: Annotated[int, Range(0.0, len(Reply.names) - 1.0, whole=True)]  # of `Reply`
+    over: Flag  # 1 where an exchange with it ended in this step
+    reply_at: Instant  # when the reply leaves, from the end of the step, s
+    sent_x: Position  # true position then, m
+    sent_y: Position
+    bias_x: Velocity  # of the AUV's velocity sensor, m/s
+    bias_y: Velocity
+    step_x: Position  # displacement measured in the last step, m, and the part of it adrift, s
+    step_y: Position
+    step_adrift: Elapsed
+    way_x: Position  # the same since the last reply that the boat has heard left
+    way_y: Position
+    adrift: Elapsed
+    elapsed: Elapsed  # time since then, s
+    sent_way_x: Position  # the same when the reply left that is under way
+    sent_way_y: Position
+    sent_adrift: Elapsed
+    sent_elapsed: Elapsed
+    sent_velocity_x: Velocity  # measured then, m/s
+    sent_velocity_y: Velocity
+    velocity_x: Velocity  # the same of the last reply heard
+    velocity_y: Velocity
+    sent_heads_for: NodeIndex  # index of the AUV's node when the reply left that is under way
+    sent_hovers: Hover  # time that it still hovered there, s
+    heads_for: NodeIndex  # the same of the last reply heard
+    hovers: Hover
+
+
+class ForesightColumn(StateColumns):
+    """Where the boat foresees an AUV, (W, K, F), for strategies that do."""
+
+    x: X  # m
+    y: Y
+    heads_for: NodeIndex  # index of the node
+    hovers: Hover  # time that it still hovers there, s
+    elapsed: Elapsed  # the exchange's `elapsed` at that time, s
+    speed: Annotated[int, Range(0.0, 100.0)]  # at which it travels, m/s
 
 
 class Schedule(Columns):
@@ -207,26 +257,26 @@ class Sensor(Columns):
     water: int
 
 
-class NodeColumn(Columns):
+class NodeColumn(StateColumns):
     """State of a node or station, (W, M, N)."""
 
-    x: int  # m
-    y: int
-    rate: int  # of arrivals, packets/s
-    backlog: int  # packets
-    kind: int  # row of the table of arrivals
-    tour: int  # the node at this place of a tour
-    successor: int  # the node after this one
-    owner: int  # the AUV in whose sector it lies
+    x: X  # m
+    y: Y
+    rate: Amount  # of arrivals, packets/s
+    backlog: Annotated[int, Range(0.0, 1e8)]  # packets
+    kind: Annotated[int, Range(0.0, "last_kind", whole=True)]  # row of the table of arrivals
+    tour: NodeIndex  # the node at this place of a tour
+    successor: NodeIndex  # the node after this one
+    owner: Annotated[int, Range(0.0, "last_auv", whole=True)]  # the AUV in whose sector it lies
 
 
-class BeliefColumn(Columns):
+class BeliefColumn(StateColumns):
     """What is known of a node, (W, 1, M, C) for all AUVs, or (W, K, M, C)."""
 
-    count: int  # shape of the Gamma distribution of its rate, packets
-    exposure: int  # inverse scale of that, s
-    since: int  # when it was last visited, s
-    left: int  # packets expected there at that time
+    count: Amount  # shape of the Gamma distribution of its rate, packets
+    exposure: Amount  # inverse scale of that, s
+    since: Duration  # when it was last visited, s
+    left: Amount  # packets expected there at that time
 
 
 class Information(Columns):
@@ -238,38 +288,38 @@ class Information(Columns):
     own_visits: int
 
 
-class BoatColumn(Columns):
+class BoatColumn(StateColumns):
     """State of a boat, (W, B, F)."""
 
-    x: int  # m
-    y: int
-    goal_x: int  # where it heads for, m
-    goal_y: int
-    elevation: int  # of the sea under it, m
-    slope_x: int
-    slope_y: int
-    current_x: int  # velocity of the water there, m/s
-    current_y: int
-    moved_x: int  # displacement in the last step, m
-    moved_y: int
-    effort: int  # speed through the water in the last step over the top speed
-    gnss_x: int  # error of its own position, m
-    gnss_y: int
-    asked: int  # the AUV that it asked last
-    visits: int  # the AUV that it goes to, −1 for none
-    planned: int  # when it planned last, s
+    x: X  # m
+    y: Y
+    goal_x: X  # where it heads for, m
+    goal_y: Y
+    elevation: Annotated[int, Range(-500.0, 500.0)]  # of the sea under it, m
+    slope_x: Slope
+    slope_y: Slope
+    current_x: Velocity  # velocity of the water there, m/s
+    current_y: Velocity
+    moved_x: Displacement  # displacement in the last step, m
+    moved_y: Displacement
+    effort: Annotated[int, Range(0.0, 1.001)]  # speed through the water in the last step over the top speed
+    gnss_x: Annotated[int, Range(-1e3, 1e3)]  # error of its own position, m
+    gnss_y: Annotated[int, Range(-1e3, 1e3)]
+    asked: AuvOrNone  # the AUV that it asked last
+    visits: AuvOrNone  # the AUV that it goes to, −1 for none
+    planned: Duration  # when it planned last, s
 
 
-class TallyColumn(Columns):
+class TallyColumn(StateColumns):
     """State of the channel, and counts of the last step, (W, T)."""
 
-    channel_free: int  # when the exchange under way ends, from the end of the step, s
-    next_ping: int  # when the next one may begin at the earliest, likewise
-    asking: int  # index of the boat that began it, or the last one
-    overflowing: int  # nodes that lost packets
-    collisions: int  # pairs of AUVs closer than the collision distance
-    packets_created: int  # at all nodes
-    packets_lost: int  # at full buffers
+    channel_free: Instant  # when the exchange under way ends, from the end of the step, s
+    next_ping: Instant  # when the next one may begin at the earliest, likewise
+    asking: BoatIndex  # index of the boat that began it, or the last one
+    overflowing: Annotated[int, Range(0.0, "targets")]  # nodes that lost packets
+    collisions: Annotated[int, Range(0.0, 1e3)]  # pairs of AUVs closer than the collision distance
+    packets_created: Amount  # at all nodes
+    packets_lost: Amount  # at full buffers
 
 
 class Refraction(Columns):

@@ -4,6 +4,8 @@ Everything in a world happens in program order and every random number is addres
 a world's history does not depend on how many others run beside it or on threads.
 """
 
+import linecache
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import taichi as ti
@@ -15,9 +17,9 @@ from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.mission import channel, fixes, motion, navigation, observation, reception
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import Worlds, address, key, uniforms
+from usvauv.kernels.mission.worlds import ARRAYS, Worlds, address, key, uniforms
 from usvauv.kernels.positioning.pulse import Pulses
-from usvauv.kernels.types import Columns, array1, array2, array3, array4, index1, index2, mask1
+from usvauv.kernels.types import Columns, array1, array2, array3, array4, index1, index2
 
 START_ATTEMPTS = 256
 
@@ -181,102 +183,60 @@ class Phase(Columns):
     step: int
 
 
-@ti.kernel
-def run(
-    phase: ti.template(),
-    program: ti.template(),
-    p: array1,
-    link: array2,
-    pulse_envelope: array2,
-    pulse_output: array3,
-    pulse_rate: array1,
-    layers: array2,
-    mirrored_layers: array2,
-    arrivals: array2,
-    fixed_vortex: array2,
-    strategy_arguments: array1,
-    rule_numbers: array1,
-    task_parameters: array1,
-    reward_weights: array1,
-    observation_first: index1,
-    key: index2,
-    vortex: array3,
-    stream: array4,
-    bed: array4,
-    eta: array4,
-    U: array4,
-    V: array4,
-    unit_x: ti.f32,
-    unit_y: ti.f32,
-    nx: ti.i32,
-    ny: ti.i32,
-    sea_index: index1,
-    wave: airy.waves,
-    chosen: mask1,
-    clock: index2,
-    action: array3,
-    auv: array3,
-    node: array3,
-    boat: array3,
-    tally: array2,
-    estimate: array3,
-    track: array3,
-    own: array3,
-    exchange: array3,
-    foresight: array3,
-    belief: array4,
-    workspace: array2,
-    pulse_noise: array3,
-    observation: array3,
-    reward_terms: array3,
-    reward: array2,
-):
-    """Begin the next episode of each world w with `chosen[w]` ≠ 0, or advance all worlds by one mission step.
-
-    The arrays are those of `Worlds` and of its `Water`.
-    """
+# Arguments of the kernel beside `ARRAYS`: parts of `Water`.
+WATER = {
+    "stream": array4,
+    "bed": array4,
+    "eta": array4,
+    "U": array4,
+    "V": array4,
+    "unit_x": ti.f32,
+    "unit_y": ti.f32,
+    "nx": ti.i32,
+    "ny": ti.i32,
+    "sea_index": index1,
+    "wave": airy.waves,
+}
+PARAMETERS = {
+    "phase": ti.template(),
+    "program": ti.template(),
+    **WATER,
+    **{name: array.type for name, array in ARRAYS.items()},
+}
+SOURCE = f"""
+def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
     ti.loop_config(serialize=program.serial)
     for w in range(clock.shape[0]):
-        width = p[Parameter.width]
-        length = p[Parameter.length]
-        water = ti.static(Water(vortex, stream, width, length, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave))
-        worlds = ti.static(
-            Worlds(
-                program,
-                p,
-                link,
-                Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone),
-                layers,
-                mirrored_layers,
-                arrivals,
-                fixed_vortex,
-                strategy_arguments,
-                rule_numbers,
-                task_parameters,
-                reward_weights,
-                observation_first,
-                key,
-                water,
-                clock,
-                action,
-                auv,
-                node,
-                boat,
-                tally,
-                estimate,
-                track,
-                own,
-                exchange,
-                foresight,
-                belief,
-                workspace,
-                pulse_noise,
-                observation,
-                reward_terms,
-                reward,
-            )
-        )  # fmt: skip
+        water = ti.static(Water(vortex, stream, p[Parameter.width], p[Parameter.length], bed, eta, U, V,
+                                unit_x, unit_y, nx, ny, sea_index, wave))
+        pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
+        worlds = ti.static(Worlds(program, water, pulses, {", ".join(ARRAYS)}))
         if ti.static(phase == Phase.step):
             advance(worlds, w)
         elif chosen[w] != 0:
             begin_episode(worlds, w)
+"""
+
+
+def kernel_of(source: str, **names: Any) -> Callable[..., None]:
+    """A kernel from source text, which Taichi reads like a file's; `names` are those that the text uses."""
+    file = "<mission>"
+    linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
+    names["__name__"] = __name__
+    exec(compile(source, file, "exec"), names)
+    return ti.kernel(names["run"])
+
+
+# Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step.
+run = kernel_of(
+    SOURCE,
+    ti=ti,
+    PARAMETERS=PARAMETERS,
+    Phase=Phase,
+    Parameter=Parameter,
+    Water=Water,
+    Pulses=Pulses,
+    Worlds=Worlds,
+    advance=advance,
+    begin_episode=begin_episode,
+)

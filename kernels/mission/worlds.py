@@ -1,13 +1,34 @@
-"""What the functions of a mission pass on: the arrays of all worlds, and what is compiled into the kernels."""
+"""The arrays of all worlds, declared once, and what else the functions of a mission pass on: `Worlds`.
 
+The kernel's parameters (`usvauv.kernels.mission.run`), what `World` allocates, what a stored state holds and the values
+allowed in it follow from `ARRAYS`.
+"""
+
+from collections import namedtuple
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import taichi as ti
 
 from usvauv.kernels import random
-from usvauv.kernels.mission.columns import KeyColumn
+from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.mission.columns import (
+    AuvColumn,
+    BeliefColumn,
+    BoatColumn,
+    EstimateColumn,
+    ExchangeColumn,
+    ForesightColumn,
+    KeyColumn,
+    NodeColumn,
+    Parameter,
+    Range,
+    StateColumns,
+    TallyColumn,
+)
 from usvauv.kernels.mission.tasks.task import Task
+from usvauv.kernels.positioning import tracker
+from usvauv.kernels.types import Columns
 
 
 class Strategy(NamedTuple):
@@ -64,76 +85,105 @@ class Program(NamedTuple):
     serial: bool = False
 
 
-class Worlds(NamedTuple):
-    """Arrays of all worlds, float32 unless said: W worlds, K AUVs, B boats, M nodes.
+class Array(NamedTuple):
+    """An array of all worlds.
 
     Attributes:
-        program: what is compiled.
-        p: (P,) numbers of the scenario, `Parameter`.
-        link: (K, C) acoustic constants of each AUV, `usvauv.kernels.positioning.acoustic_link.link_table`.
-        pulses: `usvauv.kernels.positioning.pulse.Pulses` of the AUVs, where they are used.
-        layers: (N, 3) sound speed profile, `usvauv.kernels.positioning.rays`.
-        mirrored_layers: (M, 3) the same with its mirror image below the bottom, for reflections.
-        arrivals: (R, .) table of Poisson arrivals, `usvauv.kernels.mission.tasks.data_collection.arrival_table`.
-        fixed_vortex: (V, 4) vortices that are not drawn at random.
-        strategy_arguments: (≥ 1,) numbers that the boat strategy was given.
-        rule_numbers: (≥ 1,) numbers of the target rule.
-        task_parameters: (≥ 1,) numbers that the task declares.
-        reward_weights: (R,) weights of the reward terms.
-        observation_first: (terms,) int32, index of the first number of each term.
-        key: (W, .) int32 `KeyColumn`, the seed of each world.
-        water: `usvauv.kernels.flow.current.Water`.
-        clock: (W, 2) int32, episode and mission steps done.
-        action: (W, K, 2) in [−1, 1].
-        auv: (W, K, A) `AuvColumn`.
-        node: (W, M, N) `NodeColumn`.
-        boat: (W, B, F) `BoatColumn`.
-        tally: (W, T) `TallyColumn`.
-        estimate: (W, K, E) `EstimateColumn`.
-        track: (W, K, T) the boat's filters, where it has any, `usvauv.kernels.positioning.tracker`.
-        own: (W, K, T) the AUVs' own, where they have any.
-        exchange: (W, K, X) `ExchangeColumn`, where there is a channel.
-        foresight: (W, K, F) `ForesightColumn`, where the boat's strategy foresees the AUVs.
-        belief: (W, 1 or K, M, C) `BeliefColumn`.
-        workspace: (W, ≥ 1) numbers that the target rule needs while it chooses.
-        pulse_noise: (W, columns, 8) noise of one pulse, where it is sampled.
-        observation: (W, K, O).
-        reward_terms: (W, K, R) weighted.
-        reward: (W, K).
+        axes: a letter each: W worlds, K AUVs, B boats, M nodes, V vortices, I all AUVs together or each AUV that knows
+            something of its own, O numbers of an observation, R reward terms; "." has another length.
+        meaning: in words.
+        columns: of a last axis that is numbered.
+        dtype: of Taichi.
+        whose: in a message: what the second axis counts.
+        column_ranges: of the columns where `columns` does not have them.
     """
 
-    program: Any
-    p: Any
-    link: Any
-    pulses: Any
-    layers: Any
-    mirrored_layers: Any
-    arrivals: Any
-    fixed_vortex: Any
-    strategy_arguments: Any
-    rule_numbers: Any
-    task_parameters: Any
-    reward_weights: Any
-    observation_first: Any
-    key: Any
-    water: Any
-    clock: Any
-    action: Any
-    auv: Any
-    node: Any
-    boat: Any
-    tally: Any
-    estimate: Any
-    track: Any
-    own: Any
-    exchange: Any
-    foresight: Any
-    belief: Any
-    workspace: Any
-    pulse_noise: Any
-    observation: Any
-    reward_terms: Any
-    reward: Any
+    axes: str
+    meaning: str
+    columns: type[Columns] | None = None
+    dtype: Any = ti.f32
+    whose: str = ""
+    column_ranges: tuple[Range, ...] = ()
+
+    @property
+    def type(self) -> Any:
+        """Of a kernel's parameter."""
+        return ti.types.ndarray(dtype=self.dtype, ndim=len(self.axes) + bool(self.columns or self.column_ranges))
+
+    @property
+    def ranges(self) -> tuple[Range, ...]:
+        """What each column may hold; empty where the last axis has no columns with ranges."""
+        named = self.columns is not None and issubclass(self.columns, StateColumns)
+        return self.columns.ranges if named else self.column_ranges
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the columns."""
+        return self.columns.names if self.columns else tuple(f"column {n}" for n in range(len(self.column_ranges)))
+
+
+ANYWHERE = Range(-1e12, 1e12)
+TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
+VORTEX = ANYWHERE, ANYWHERE, Range(-1e5, 1e5), Range(0.0, 1e6)
+
+# Nothing changes these while worlds run.
+TABLES = {
+    "p": Array("", "numbers of the scenario", Parameter),
+    "link": Array("K.", "acoustic constants of each AUV, `usvauv.kernels.positioning.acoustic_link.link_table`"),
+    "pulse_envelope": Array("..", "pulses, where they are used, `usvauv.kernels.positioning.pulse.Pulses`"),
+    "pulse_output": Array("...", "likewise"),
+    "pulse_rate": Array(".", "likewise"),
+    "layers": Array("..", "sound speed profile, `usvauv.kernels.positioning.rays`"),
+    "mirrored_layers": Array("..", "the same with its mirror image below the bottom, for reflections"),
+    "arrivals": Array("..", "Poisson arrivals, `usvauv.kernels.mission.tasks.data_collection.arrival_table`"),
+    "fixed_vortex": Array("V", "vortices that are not drawn at random", Vortex),
+    "strategy_arguments": Array(".", "numbers that the boat strategy was given, at least one"),
+    "rule_numbers": Array(".", "numbers of the target rule, at least one"),
+    "task_parameters": Array(".", "numbers that the task declares, at least one"),
+    "reward_weights": Array("R", "weights of the reward terms"),
+    "observation_first": Array(".", "index of the first number of each term of an observation", dtype=ti.i32),
+    "key": Array("W", "seed of each world", KeyColumn, ti.i32),
+}
+# With the clock and the sea all that decides the future of the worlds.
+STATE = {
+    "auv": Array("WK", "AUVs, and what the last step did and cost", AuvColumn, whose="AUV"),
+    "node": Array("WM", "nodes or stations", NodeColumn, whose="node"),
+    "vortex": Array("WV", "vortices of the water", Vortex, whose="vortex", column_ranges=VORTEX),
+    "boat": Array("WB", "boats", BoatColumn, whose="boat"),
+    "tally": Array("W", "the channel, and counts of the last step", TallyColumn),
+    "estimate": Array("WK", "what the boats know of each AUV", EstimateColumn, whose="the estimate of AUV"),
+    "track": Array(
+        "WK", "the boats' filters, `usvauv.kernels.positioning.tracker`", whose="the track of AUV", column_ranges=TRACK
+    ),
+    "own": Array("WK", "filters of the AUVs", whose="the own track of AUV", column_ranges=TRACK),
+    "exchange": Array("WK", "exchanges over the channel", ExchangeColumn, whose="the exchange with AUV"),
+    "foresight": Array("WK", "where the boats foresee each AUV", ForesightColumn),
+    "belief": Array("WIM", "what is known of the nodes", BeliefColumn, whose="the belief, of all or of AUV"),
+    "observation": Array("WKO", "what each AUV observes"),
+}
+REWARDS = {
+    "reward": Array("WK", "sum of the reward terms"),
+    "reward_terms": Array("WKR", "weighted reward terms"),
+}
+ARRAYS = {
+    **TABLES,
+    **STATE,
+    **REWARDS,
+    "clock": Array("W.", "episode, and mission steps done", dtype=ti.i32),
+    "chosen": Array("W", "whether a world is to begin an episode, 0 or 1", dtype=ti.u8),
+    "action": Array("WK.", "actions in [−1, 1]"),
+    "workspace": Array("W.", "numbers that the target rule needs while it chooses, at least one"),
+    "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
+}
+
+Worlds = namedtuple("Worlds", ("program", "water", "pulses", *ARRAYS))
+Worlds.__doc__ = """All worlds, as the functions of a mission take them: the arrays of `ARRAYS` by name, and besides
+
+Attributes:
+    program: what is compiled, `Program`.
+    water: `usvauv.kernels.flow.current.Water`.
+    pulses: `usvauv.kernels.positioning.pulse.Pulses` of the AUVs, where they are used.
+"""
 
 
 @ti.func

@@ -8,8 +8,7 @@ import torch
 from pettingzoo.test import parallel_api_test
 
 from usvauv.env import Scenario, ScenarioError, World, parallel_env
-from usvauv.env.world.boat_agent import boat_observed, observe_boats
-from usvauv.env.world.global_state import global_state, size
+from usvauv.env.world.observation import boat_observed, global_state, global_state_size, observe_boats
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -87,7 +86,7 @@ def test_actions_that_are_none_are_refused(world):
 def test_the_global_state_is_the_truth(world):
     world.reset()
     state = global_state(world).cpu().numpy()
-    assert state.shape == (4, size(TWO)) == (4, 6 * 3 + 2 * 2 + 20)
+    assert state.shape == (4, global_state_size(TWO)) == (4, 6 * 3 + 2 * 2 + 20)
     auv = world.auv.cpu().numpy()
     np.testing.assert_allclose(state[:, :6], auv[..., : AuvColumn.y + 1].reshape(4, 6) / DIAGONAL, rtol=1e-6)
     for _ in range(3):

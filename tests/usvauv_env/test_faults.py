@@ -10,7 +10,7 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn
-from usvauv.kernels.mission.state_ranges import STATE
+from usvauv.kernels.mission.worlds import STATE
 
 WORLDS = 4
 
@@ -90,7 +90,7 @@ def test_an_action_beyond_its_bounds_is_the_nearest_in_its_direction(world):
     torch.testing.assert_close(velocity[travelling], expected.expand_as(velocity[travelling]))
 
 
-@pytest.mark.parametrize("name", [*STATE, "observation", "clock", "sea", "sea_clock", "sea_episode"])
+@pytest.mark.parametrize("name", [*STATE, "clock", "sea", "sea_clock", "sea_episode"])
 def test_what_a_state_is_refused_for(world, name):
     """Wrong numbers, shapes, types and names; nothing is changed by a refusal, and the state itself is taken."""
     state = world.state()

@@ -10,8 +10,8 @@ import torch
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
 from usvauv.env import Scenario, World, plugins
-from usvauv.env.world.arrays import STATE
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
+from usvauv.kernels.mission.worlds import STATE
 
 PLUGIN = Path(__file__).parents[2] / "examples" / "plugins" / "task.py"
 TRACKED = [*EVERY_STEP, "tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]

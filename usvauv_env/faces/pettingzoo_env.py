@@ -13,10 +13,15 @@ from pettingzoo import ParallelEnv
 from usvauv.env.faces.camera import FPS, MODES
 from usvauv.env.faces.gymnasium_env import DataCollectionEnv
 from usvauv.env.scenario import Scenario
-from usvauv.env.world.boat_agent import observe_boats
 from usvauv.env.world.boat_strategies import AGENT
-from usvauv.env.world.global_state import global_state, size
-from usvauv.env.world.spaces import action_space, auv_observation_space, boat_observation_space
+from usvauv.env.world.observation import (
+    action_space,
+    auv_observation_space,
+    boat_observation_space,
+    global_state,
+    global_state_size,
+    observe_boats,
+)
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
@@ -30,8 +35,8 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` gives the
     mission so far as a picture, (720, 1280, 3) uint8.
 
-    With usv = "agent" the boats are agents too, "usv_0", …: observation and action of `usvauv.env.world.boat_agent`,
-    reward the mean of the AUVs', an empty info. `state()` is `usvauv.env.world.global_state`, for centralised critics.
+    With usv = "agent" the boats are agents too, "usv_0", …: observation and action of `usvauv.env.world.observation`,
+    reward the mean of the AUVs', an empty info. `state()` is `usvauv.env.world.observation`, for centralised critics.
     """
 
     metadata = {  # noqa: RUF012 - PettingZoo defines it as a class attribute
@@ -52,7 +57,7 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         self._observation_spaces = {a: auv_observation_space(world.site) for a in self._auvs}
         self._observation_spaces |= {a: boat_observation_space(world.site) for a in self._boats}
         self._action_spaces = {a: action_space() for a in self.possible_agents}
-        self.state_space = Box(-np.inf, np.inf, (size(world.scenario),), np.float32)
+        self.state_space = Box(-np.inf, np.inf, (global_state_size(world.scenario),), np.float32)
 
     def observation_space(self, agent: str) -> Box:
         """What `agent` can observe; the same object each time."""

@@ -13,12 +13,12 @@ from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.site.place import far_position
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
-from usvauv.env.world.boat_strategies import BoatStrategy
+from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice
 from usvauv.env.world.current_statistics import FOREVER, current_bound, current_model
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
-from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
+from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
 from usvauv.kernels.positioning import pulse, sonar, usbl
@@ -149,32 +149,39 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
     )
 
 
-def rule_numbers(scenario: Scenario) -> np.ndarray:
-    """The numbers of the target rule, (≥ 1,)."""
-    return np.array(target_rules.parse(scenario.nodes.target_rule)[1] or [0.0])
+def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]:
+    """The arrays of `usvauv.kernels.mission.worlds.TABLES` that a scenario decides, and the bed."""
+    s = site.scenario
+    link = link_table(site)
+    sound = sound_profile(site)
+    task, given = s.task_definition, s.task_parameters.numbers
+    weights = [
+        getattr(s.reward, term.name) if term.weight is None else given.get(term.name, term.weight)
+        for term in task.reward_terms
+    ]
+    numbers = {
+        "p": pack_parameters(site, link),
+        "link": link,
+        "layers": sound.layers(),
+        "mirrored_layers": sound.mirrored(site.mean_depth).layers(),
+        "arrivals": arrival_table(s.nodes.arrival_rates, s.mission.step),
+        "fixed_vortex": fixed_vortices(s),
+        "strategy_arguments": strategy.numbers or [0.0],
+        "rule_numbers": target_rules.parse(s.nodes.target_rule)[1] or [0.0],
+        "task_parameters": [given.get(name, default) for name, default in task.parameters] or [0.0],
+        "reward_weights": weights,
+        "bed": site.bed,
+    }
+    return {
+        **{name: np.ascontiguousarray(table, np.float32) for name, table in numbers.items()},
+        "observation_first": np.array([place.start for _, place in ObservationLayout.of(s)], np.int32),
+    }
 
 
 def rule_workspace(scenario: Scenario) -> int:
     """How many numbers of its own the target rule needs in each world, ≥ 1."""
     rule, _ = target_rules.parse(scenario.nodes.target_rule)
     return max(1, rule.workspace(scenario.targets, scenario.auv.count))
-
-
-def task_parameters(scenario: Scenario) -> np.ndarray:
-    """The numbers that the task declares, as the scenario has them, (≥ 1,)."""
-    given = scenario.task_parameters.numbers
-    return np.array([given.get(name, default) for name, default in scenario.task_definition.parameters] or [0.0])
-
-
-def reward_weights(scenario: Scenario) -> np.ndarray:
-    """Weights of the task's reward terms, (R,)."""
-    given = scenario.task_parameters.numbers
-    return np.array(
-        [
-            getattr(scenario.reward, term.name) if term.weight is None else given.get(term.name, term.weight)
-            for term in scenario.task_definition.reward_terms
-        ]
-    )
 
 
 def own_noise(scenario: Scenario, frequency: float) -> float:

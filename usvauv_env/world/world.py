@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from inspect import signature
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -15,14 +14,22 @@ from usvauv.env.sea.long_waves import LongWaves
 from usvauv.env.sea.storm import AirySea
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
-from usvauv.env.world import arrays, tables
-from usvauv.env.world.adjustable import check_adjustable, check_continues
-from usvauv.env.world.arrays import STATE
+from usvauv.env.world import tables
 from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
 from usvauv.env.world.observation import ObservationLayout, observation_terms
-from usvauv.env.world.seeds import Seeds
-from usvauv.env.world.state_check import bounds_of, check_state, first_outside
-from usvauv.env.world.water import WorldWater
+from usvauv.env.world.state import (
+    LARGEST,
+    allocate,
+    array_shapes,
+    bounds_of,
+    check_adjustable,
+    check_continues,
+    check_state,
+    first_outside,
+    padded_length,
+    unused_arrays,
+)
+from usvauv.env.world.water import Seeds, WorldWater
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError, in_words
 from usvauv.kernels.flow import current, vortex
@@ -36,16 +43,41 @@ from usvauv.kernels.mission.columns import (
     ForesightColumn,
     NodeColumn,
 )
-from usvauv.kernels.mission.run import Phase, draw_vortices, run
-from usvauv.kernels.mission.state_ranges import LARGEST
+from usvauv.kernels.mission.run import PARAMETERS, Phase, draw_vortices, run
 from usvauv.kernels.mission.target_rules import target_rules
-from usvauv.kernels.mission.tasks.data_collection import arrival_table
 from usvauv.kernels.mission.tasks.task import tasks
+from usvauv.kernels.mission.worlds import REWARDS, STATE
 from usvauv.kernels.positioning import pulse, tracker
 
 MAX_WORLDS = 1 << 22
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
+
+
+class Step(NamedTuple):
+    """What a step of `World` gives. W worlds, K AUVs.
+
+    `observation`, `reward` and the tensors of `info` are views of the worlds' memory: the next step or reset overwrites
+    them. Whoever keeps them takes a `clone`.
+
+    Attributes:
+        observation: (W, K, O) float32, the terms of `World.observation_layout`.
+        reward: (W, K) float32, the sum of the weighted reward terms.
+        horizon_ended: (W, K) bool, a service ended the learner's value horizon; the episode goes on.
+        truncated: (W, K) bool, the episode's time is over: call `World.reset`.
+        info: "reward_terms" (W, K, R) float32, weighted, named `World.reward_names`; "measures" (W, K, 6) float32, what
+            the step cost and brought, named `World.measure_names`.
+    """
+
+    observation: torch.Tensor
+    reward: torch.Tensor
+    horizon_ended: torch.Tensor
+    truncated: torch.Tensor
+    info: dict[str, torch.Tensor]
+
+    def clone(self) -> Step:
+        """Copies, which later steps leave as they are."""
+        return Step(*(part.clone() for part in self[:4]), {name: part.clone() for name, part in self.info.items()})
 
 
 class World:
@@ -88,6 +120,22 @@ class World:
 
     measure_names = AuvColumn.names[MEASURED]
 
+    # The arrays of `usvauv.kernels.mission.worlds`.
+    auv: torch.Tensor
+    node: torch.Tensor
+    vortex: torch.Tensor
+    boat: torch.Tensor
+    tally: torch.Tensor
+    estimate: torch.Tensor
+    track: torch.Tensor
+    own: torch.Tensor
+    exchange: torch.Tensor
+    foresight: torch.Tensor
+    belief: torch.Tensor
+    observation: torch.Tensor
+    reward: torch.Tensor
+    reward_terms: torch.Tensor
+
     def __init__(
         self,
         scenario: Scenario,
@@ -122,21 +170,20 @@ class World:
         self._first_world = first_world
         self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
 
-        foresees = self.strategy.strategy.functions.foresees
+        self._foresees = foresees = self.strategy.strategy.functions.foresees
         # Names in `state` of what is not of single worlds.
-        self.common_state = ("sea", "sea_clock", "sea_episode", *arrays.unused(scenario, foresees))
-        shapes = arrays.shapes(scenario, num_worlds, foresees)
+        self.common_state = ("sea", "sea_clock", "sea_episode", *unused_arrays(scenario, foresees))
+        shapes = array_shapes(scenario, num_worlds, foresees)
         self._pulses = pulse.Pulses(self._zeros(1, 1), self._zeros(1, 1, 1), self._zeros(1))
         if scenario.uses_pulse_tables:
             self._pulses = tables.pulse_tables(scenario, self.device)
         drawn = 8 * self._pulses.noise.shape[2]  # noise of a pulse
         workspaces = tables.rule_workspace(scenario) + drawn
-        memory = 4.0 * (WORKSPACE * sum(map(arrays.room, shapes.values())) + num_worlds * workspaces)
+        memory = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + num_worlds * workspaces)
         require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
-        self._numbers, views = arrays.side_by_side(shapes, self.device)
-        self.auv, self.node, self.vortex, self.boat, self.tally, self.estimate, *views = views
-        self.track, self.own, self.exchange, self.foresight, self.belief, *views = views
-        self.observation, self.reward, self.reward_terms = views
+        self._numbers, arrays = allocate(shapes, self.device)
+        for name, array in arrays.items():
+            setattr(self, name, array)
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
         self._action = self._zeros(num_worlds, self.num_auvs, 2)
@@ -205,9 +252,7 @@ class World:
         self._stop_at_fault()
         return self.observation
 
-    def step(
-        self, action: torch.Tensor, boat_action: torch.Tensor | None = None
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
+    def step(self, action: torch.Tensor, boat_action: torch.Tensor | None = None) -> Step:
         """Advance all worlds by one mission step.
 
         Args:
@@ -215,17 +260,14 @@ class World:
             boat_action: (num_worlds, boats, 2) in [−1, 1], with the strategy "agent" and no other: velocity through
                 the water over the boat's top speed, its norm clamped to 1.
 
+        Returns:
+            what the worlds are like afterwards, valid until the next step: take a `Step.clone` to keep it.
+
         Raises:
             ValueError: an action of another shape, or on a CPU one that is not finite.
             ScenarioError: a boat's action is missing, or there is one and the strategy is not "agent".
             DivergenceError: a number of the state is not finite or has run away, on a GPU also after an action that is
                 not finite; there it is raised by the step after.
-
-        Returns:
-            observation (W, K, O); reward (W, K); horizon_ended (W, K) bool: a service ended the learner's value
-            horizon, the episode goes on; truncated (W, K) bool: the episode's time is over, call `reset`; info with
-            "reward_terms" (W, K, R) named `reward_names` and "measures" (W, K, 6) named `measure_names`. All but
-            horizon_ended and truncated are overwritten by the next step.
         """
         if action.shape != self._action.shape:
             raise ValueError(f"action has shape {tuple(action.shape)}: must be {tuple(self._action.shape)}")
@@ -246,7 +288,7 @@ class World:
         horizon_ended = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
         truncated = (self._clock[:, 1:] >= self.steps).expand(-1, self.num_auvs)
         info = {"reward_terms": self.reward_terms, "measures": self.measures()}
-        return self.observation, self.reward, horizon_ended, truncated, info
+        return Step(self.observation, self.reward, horizon_ended, truncated, info)
 
     def _steer_boats(self, action: torch.Tensor) -> None:
         """Make the place that a step at the velocity of an action (W, B, 2) leads to each boat's goal."""
@@ -271,8 +313,7 @@ class World:
     @property
     def foreseen_position(self) -> torch.Tensor:
         """Where the boats foresee each AUV, (W, K, 2), m; by a strategy that does not, where they take it to be."""
-        foresees = self.strategy.strategy.functions.foresees
-        places, names = (self.foresight, ForesightColumn) if foresees else (self.estimate, EstimateColumn)
+        places, names = (self.foresight, ForesightColumn) if self._foresees else (self.estimate, EstimateColumn)
         return places[..., names.span("x", "y")]
 
     def rewind(self) -> None:
@@ -282,8 +323,7 @@ class World:
     def state(self) -> dict[str, torch.Tensor]:
         """Everything that decides the future of the worlds, as copies; `load_state` brings it back bit for bit."""
         own = {name: getattr(self, name).clone() for name in STATE}
-        own["clock"] = self._clock.clone()
-        return own | self._water.state()
+        return {**own, "clock": self._clock.clone(), **self._water.state()}
 
     def load_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Go back to a state that `state` gave for a world of the same scenario, seed and size.
@@ -338,18 +378,18 @@ class World:
             ScenarioError: it is another kind of world.
         """
         check_continues(other.scenario, self.scenario)
-        state = other.state()
-        self._clock[:, 0] = state["clock"][:, 0] - 1
+        taken = other.state()
+        self._clock[:, 0] = taken["clock"][:, 0] - 1
         self.reset()  # for its tours
         planned = [NodeColumn.tour, NodeColumn.successor, NodeColumn.owner]
-        state["node"][..., planned] = self.node[..., planned]
+        taken["node"][..., planned] = self.node[..., planned]
         if self.foresight.shape != other.foresight.shape:
-            state["foresight"] = self._told(state) if self.strategy.strategy.functions.foresees else self.foresight
-        self.load_state(state)
+            taken["foresight"] = self._last_told(taken) if self._foresees else self.foresight
+        self.load_state(taken)
 
-    def _told(self, state: Mapping[str, torch.Tensor]) -> torch.Tensor:
-        """Foresight of the AUVs from what they have told last."""
-        foresight, exchange, track = torch.zeros_like(self.foresight), state["exchange"], state["track"]
+    def _last_told(self, taken: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """Foresight of the AUVs from their last replies."""
+        foresight, exchange, track = torch.zeros_like(self.foresight), taken["exchange"], taken["track"]
         place = track[..., [tracker.X, tracker.Y]]
         foresight[..., ForesightColumn.span("x", "y")] = place.clamp(torch.zeros_like(self._area), self._area)
         for column in ("heads_for", "hovers"):
@@ -427,61 +467,40 @@ class World:
         )
 
     def _upload_tables(self) -> dict[str, Any]:
-        """What the kernels read and nothing changes, by the names of the kernel's arguments."""
-        scenario = self.scenario
-        link = tables.link_table(self.site)
-        sound = tables.sound_profile(self.site)
-        numbers = {
-            "p": tables.pack_parameters(self.site, link),
-            "link": link,
-            "layers": sound.layers(),
-            "mirrored_layers": sound.mirrored(self.site.mean_depth).layers(),
-            "arrivals": arrival_table(scenario.nodes.arrival_rates, scenario.mission.step),
-            "fixed_vortex": tables.fixed_vortices(scenario),
-            "strategy_arguments": np.array(self.strategy.numbers or [0.0]),
-            "rule_numbers": tables.rule_numbers(scenario),
-            "task_parameters": tables.task_parameters(scenario),
-            "reward_weights": tables.reward_weights(scenario),
-            "bed": self.site.bed,
-        }
-        program = tables.program(self.site, self.strategy.strategy, link)
-        first = [place.start for _, place in self.observation_layout]
+        """What the mission's kernel reads and nothing changes, and its workspaces, by the names of its arguments."""
+        uploaded = tables.kernel_tables(self.site, self.strategy)
+        program = tables.program(self.site, self.strategy.strategy, uploaded["link"])
         return {
-            **{name: self._upload(array) for name, array in numbers.items()},
+            **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
+            "key": torch.from_numpy(self.seeds.keys()).to(self.device),
             "program": program._replace(serial=runtime.better_alone(self.num_worlds * self.num_auvs)),
-            "workspace": self._zeros(self.num_worlds, tables.rule_workspace(scenario)),
+            "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario)),
             "pulse_envelope": self._pulses.envelope,
             "pulse_output": self._pulses.noise,
             "pulse_rate": self._pulses.rate,
             "pulse_noise": self._zeros(self.num_worlds, self._pulses.noise.shape[2], 8),
-            "observation_first": torch.tensor(first, dtype=torch.int32, device=self.device),
-            "key": torch.from_numpy(self.seeds.keys()).to(self.device),
         }
 
     def _bind(self) -> None:
         """Compile the mission's kernels, where they are not, for the tables and the sea as they are now."""
         arguments = {
             **self._constants,
-            "vortex": self.vortex,
             **self._water.arguments(),
             "chosen": self._chosen,
             "clock": self._clock,
             "action": self._action,
-            **{name: getattr(self, name) for name in (*STATE, "reward_terms", "reward")},
+            **{name: getattr(self, name) for name in (*STATE, *REWARDS)},
         }
         try:
             with runtime.compiled_quickly():
                 self._reset, self._step = (
-                    Launch(run, *({"phase": phase, **arguments}[name] for name in signature(run).parameters))
+                    Launch(run, *({"phase": phase, **arguments}[name] for name in PARAMETERS))
                     for phase in (Phase.reset, Phase.step)
                 )
         except Exception as error:
             if plugins := self._plugins():  # a Taichi function of theirs cannot be compiled
                 raise ScenarioError(f"{plugins}: {in_words(error)}") from error
             raise
-
-    def _upload(self, numbers: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(np.ascontiguousarray(numbers, np.float32)).to(self.device)
 
     def surface(self, pixels: int, world: int = 0) -> np.ndarray:
         """Elevation of a world's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""

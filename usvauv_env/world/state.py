@@ -1,0 +1,202 @@
+"""The state of worlds: shapes and memory of the arrays, possible states, and what a scenario may change meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+import torch
+
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.world.observation import ObservationLayout
+from usvauv.kernels.mission.worlds import REWARDS, STATE
+
+ALIGNMENT = 16  # numbers
+ANYTHING = 1e12  # bound of a number without a range: of an observation, a reward
+LARGEST = max(float(r.high) for array in STATE.values() for r in array.ranges if not isinstance(r.high, str))
+LATEST = 1_000_000_000  # episode or step that a clock can show
+# Fields that only numbers of the kernels' tables, the storm and the forcing of the sea depend on.
+ADJUSTABLE = (
+    "current.circulation_min",
+    "current.circulation_max",
+    "storm.significant_height",
+    "sea.irregular_rms",
+    "acoustics.source_level",
+    "channel.interval",
+)
+DECISIONS = ("boat.strategy", "nodes.target_rule")
+
+
+def unused_arrays(scenario: Scenario, foresees: bool) -> tuple[str, ...]:
+    """Names of the arrays that a scenario does without.
+
+    Args:
+        foresees: the boat's strategy foresees the AUVs.
+    """
+    reckons = scenario.navigation.sensor != "none"
+    in_use = {
+        "track": scenario.tracker.enabled or reckons,
+        "own": reckons,
+        "exchange": scenario.channel.schedule != "every-step",
+        "foresight": foresees,
+    }
+    return tuple(name for name, used in in_use.items() if not used)
+
+
+def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[str, tuple[int, ...]]:
+    """Shape of each array of `STATE` and of the rewards; a row for all worlds where it is unused."""
+    lengths = {
+        "W": num_worlds,
+        "K": scenario.auv.count,
+        "B": scenario.boat.count,
+        "M": scenario.targets,
+        "V": max(scenario.current.vortices, 1),
+        "I": scenario.auv.count if scenario.nodes.information == "own-visits" else 1,
+        "O": ObservationLayout.of(scenario).size,
+        "R": len(scenario.task_definition.reward_names),
+    }
+    used = {
+        name: (*(lengths[axis] for axis in array.axes), *([len(array.names)] if array.names else []))
+        for name, array in {**STATE, **REWARDS}.items()
+    }
+    return used | {name: (1, 1, used[name][-1]) for name in unused_arrays(scenario, foresees)}
+
+
+def padded_length(shape: Sequence[int]) -> int:
+    """Numbers that an array takes beside others, each aligned."""
+    return -(-math.prod(shape) // ALIGNMENT) * ALIGNMENT
+
+
+def allocate(shapes: Mapping[str, Sequence[int]], device: torch.device) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    """All arrays as views of one of zeros, so that one look finds any fault: that one, (N,) float32, and the views."""
+    numbers = torch.zeros(sum(map(padded_length, shapes.values())), dtype=torch.float32, device=device)
+    parts = numbers.split([padded_length(shape) for shape in shapes.values()])
+    named = zip(parts, shapes.items(), strict=True)
+    views = {name: part[: math.prod(shape)].view(*shape) for part, (name, shape) in named}
+    return numbers, views
+
+
+def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
+    """Bounds of the columns of each array of `STATE`, (2, columns) float64: low, high."""
+    numbers = {
+        "width": float(np.float32(scenario.area.width)),
+        "length": float(np.float32(scenario.area.length)),
+        "targets": scenario.targets,
+        "last_target": scenario.targets - 1,
+        "last_auv": scenario.auv.count - 1,
+        "last_boat": scenario.boat.count - 1,
+        "last_kind": len(scenario.nodes.arrival_rates) - 1,
+    }
+
+    def number(bound: float | str) -> float:
+        return numbers[bound] if isinstance(bound, str) else bound
+
+    return {
+        name: np.array([[number(r.low) for r in array.ranges], [number(r.high) for r in array.ranges]])
+        for name, array in STATE.items()
+    }
+
+
+def first_outside(
+    name: str, values: torch.Tensor, bounds: Mapping[str, np.ndarray], columns: Sequence[str] = ()
+) -> tuple[int, str] | None:
+    """World and words for the first number of an array (W, ..., columns) that its column may not hold; None if all may.
+
+    Args:
+        name: of the array. bounds: of `bounds_of`.
+        columns: what the numbers are in an array whose columns have no ranges.
+    """
+    values = values.detach().double().cpu()
+    array = STATE.get(name)
+    ranges = array.ranges if array else ()
+    if not ranges:
+        wrong = ~(values.abs() <= ANYTHING)
+    else:
+        low, high = torch.from_numpy(bounds[name])
+        whole = torch.tensor([allowed.whole for allowed in ranges])
+        wrong = ~((values >= low) & (values <= high)) | (whole & (values != values.round()))
+    places = wrong.nonzero()
+    if not len(places):
+        return None
+    place = places[0].tolist()
+    value = float(values[tuple(place)])
+    if array is None or not ranges:
+        column = f" {columns[place[2]]!r}" if columns else ""
+        return place[0], f"{name}{column} of AUV {place[1]} is {value:g}"
+    column = place[-1]
+    whose = f"{array.whose} {place[1]}" if array.whose else f"the {name}"
+    rule = "a whole number from" if ranges[column].whole else "from"
+    low, high = bounds[name][:, column]
+    return place[0], f"{array.names[column]} of {whose} is {value:g}: must be {rule} {low:g} to {high:g}"
+
+
+def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tensor], scenario: Scenario) -> None:
+    """Refuse a state that a world of this scenario cannot have.
+
+    Args:
+        given: to be loaded. own: of the world as it is, for names, shapes and types.
+
+    Raises:
+        ScenarioError: it is another world's, or a number is not one that it can hold.
+    """
+
+    def refuse(problem: str) -> None:
+        raise ScenarioError(f"state of the world: {problem}")
+
+    if given.keys() != own.keys():
+        missing, unknown = sorted(own.keys() - given.keys()), sorted(given.keys() - own.keys())
+        refuse(f"{missing[0]} is missing" if missing else f"{unknown[0]} is unknown")
+    bounds = bounds_of(scenario)
+    for name, mine in own.items():
+        value = given[name]
+        if tuple(value.shape) != tuple(mine.shape):
+            refuse(f"{name} has shape {tuple(value.shape)}: must be {tuple(mine.shape)}")
+        if value.dtype != mine.dtype:
+            refuse(f"{name} is {value.dtype}: must be {mine.dtype}")
+        if name in ("clock", "sea_clock", "sea_episode"):
+            least = -1 if name == "clock" else 0
+            wrong = ~((value >= least) & (value <= LATEST))
+            if name != "sea_clock":  # a nonlinear sea's has a rate, too
+                wrong |= value != value.double().round()
+            if wrong.any():
+                kind = "" if name == "sea_clock" else "a whole number "
+                refuse(f"{name} has {float(value[wrong][0]):g}: must be {kind}from {least} to {LATEST}")
+        elif (problem := first_outside(name, value, bounds)) is not None:
+            refuse(f"world {problem[0]}: {problem[1]}")
+
+
+def check_adjustable(before: Scenario, after: Scenario) -> None:
+    """Refuse a scenario that worlds of another one cannot go on under.
+
+    Raises:
+        ScenarioError: they differ in a field that is not `ADJUSTABLE`.
+    """
+    _check(before, after, ADJUSTABLE, "cannot change while worlds run")
+
+
+def check_continues(before: Scenario, after: Scenario) -> None:
+    """Refuse a scenario whose worlds cannot go on where one of another scenario is.
+
+    Raises:
+        ScenarioError: they differ in a field that is none of `DECISIONS`.
+    """
+    _check(before, after, DECISIONS, "must be as in the world that is continued")
+
+
+def _check(before: Scenario, after: Scenario, allowed: Collection[str], problem: str) -> None:
+    old, new = _fields(before), _fields(after)
+    for name in (*old, *new):
+        if name not in allowed and old.get(name) != new.get(name):
+            raise ScenarioError(f"{name} = {new.get(name)!r}: {problem}; what may differ is {', '.join(allowed)}")
+
+
+def _fields(scenario: Scenario) -> dict[str, object]:
+    """All values of a scenario by "section.field"."""
+    fields: dict[str, object] = {}
+    for name, value in scenario.to_dict().items():
+        if isinstance(value, dict):
+            fields |= {f"{name}.{field}": number for field, number in value.items()}
+        else:
+            fields[name] = value
+    return fields
