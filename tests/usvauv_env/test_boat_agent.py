@@ -8,7 +8,7 @@ import torch
 from pettingzoo.test import parallel_api_test
 
 from usvauv.env import Scenario, ScenarioError, World, parallel_env
-from usvauv.env.world.observation import boat_observed, global_state, global_state_size, observe_boats
+from usvauv.env.world.agents import boat_observed, global_state, global_state_size, observe_boats
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,

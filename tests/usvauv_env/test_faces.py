@@ -21,7 +21,7 @@ from usvauv.env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVect
 from usvauv.env.record.recorder import record
 from usvauv.env.render.frames import frames_of
 from usvauv.env.site.site import Site
-from usvauv.env.world.observation import auv_observation_space
+from usvauv.env.world.agents import auv_observation_space
 
 NAME = "usvauv/DataCollection-v0"
 SEEDS = [7, (1 << 64) - 1, 7 + (1 << 32)]

@@ -12,7 +12,7 @@ import torch
 
 from usvauv.env import Scenario, World
 from usvauv.env.site.site import Site
-from usvauv.env.world.observation import auv_observation_space
+from usvauv.env.world.agents import auv_observation_space
 
 pytest.importorskip("torchrl")
 

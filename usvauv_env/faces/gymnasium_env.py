@@ -27,7 +27,7 @@ from gymnasium.vector.utils import batch_space
 
 from usvauv.env.faces.camera import FPS, MODES, Camera, check_mode
 from usvauv.env.scenario import Scenario
-from usvauv.env.world.observation import action_space, auv_observation_space
+from usvauv.env.world.agents import action_space, auv_observation_space
 from usvauv.env.world.world import World
 
 

@@ -13,8 +13,7 @@ from pettingzoo import ParallelEnv
 from usvauv.env.faces.camera import FPS, MODES
 from usvauv.env.faces.gymnasium_env import DataCollectionEnv
 from usvauv.env.scenario import Scenario
-from usvauv.env.world.boat_strategies import AGENT
-from usvauv.env.world.observation import (
+from usvauv.env.world.agents import (
     action_space,
     auv_observation_space,
     boat_observation_space,
@@ -22,6 +21,7 @@ from usvauv.env.world.observation import (
     global_state_size,
     observe_boats,
 )
+from usvauv.env.world.boat_strategies import AGENT
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
@@ -35,8 +35,8 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` gives the
     mission so far as a picture, (720, 1280, 3) uint8.
 
-    With usv = "agent" the boats are agents too, "usv_0", …: observation and action of `usvauv.env.world.observation`,
-    reward the mean of the AUVs', an empty info. `state()` is `usvauv.env.world.observation`, for centralised critics.
+    With usv = "agent" the boats are agents too, "usv_0", …: observation and action of `usvauv.env.world.agents`,
+    reward the mean of the AUVs', an empty info. `state()` is `usvauv.env.world.agents.global_state`, for centralised critics.
     """
 
     metadata = {  # noqa: RUF012 - PettingZoo defines it as a class attribute

@@ -13,7 +13,7 @@ episode is the root's. Tensors are new each step and stay on the world's device.
     "terminated"                         (W, 1)     bool     always False: nothing ends a mission before its time
     "truncated", "done"                  (W, 1)     bool     the mission's time is over
 
-With the strategy "agent" the B boats are a group of their own, "boats", see `usvauv.env.world.observation`:
+With the strategy "agent" the B boats are a group of their own, "boats", see `usvauv.env.world.agents`:
 
     ("boats", "action")                  (W, B, 2)  float32  in [−1, 1]
     ("boats", "observation")             (W, B, .)  float32  clamped into the spec's bounds
@@ -31,8 +31,8 @@ from pathlib import Path
 import torch
 
 from usvauv.env.scenario import Scenario
+from usvauv.env.world.agents import action_space, auv_observation_space, boat_observation_space, observe_boats
 from usvauv.env.world.boat_strategies import AGENT
-from usvauv.env.world.observation import action_space, auv_observation_space, boat_observation_space, observe_boats
 from usvauv.env.world.world import World
 
 try:

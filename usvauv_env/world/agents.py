@@ -1,0 +1,108 @@
+"""Spaces of the agents, what boats observe as agents (strategy "agent"), and the global state of a mission.
+
+Observation of boat b, float32, with D the area's diagonal, K AUVs and B boats: `boat_observed` tabulates it. What a
+boat's action is says `World.step`. The global state is truth, without noise, for critics that see everything while
+agents see their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from gymnasium.spaces import Box
+
+from usvauv.env.scenario import Scenario
+from usvauv.env.site.site import Site
+from usvauv.env.world.observation import POSITION_BOUND, Quantity, observed
+from usvauv.env.world.world import World
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, NodeColumn
+from usvauv.kernels.positioning import tracker
+
+SILENCE = 300.0  # s, the unit of times
+LONGEST = 10.0  # of these units, beyond which all are alike
+
+
+def auv_observation_space(site: Site) -> Box:
+    """What one AUV can observe, (O,), as `usvauv.env.world.observation` tabulates it.
+
+    Fixes and storm waves have no hard bound of their own: the rare observation farther out (fixes at a low
+    signal-to-noise ratio in very large areas, freak waves) is clamped into the space.
+    """
+    return _box(observed(site))
+
+
+def boat_observation_space(site: Site) -> Box:
+    """What one boat can observe with the strategy "agent", as `boat_observed` tabulates it."""
+    return _box(boat_observed(site.scenario))
+
+
+def _box(rows: Sequence[Quantity]) -> Box:
+    low, high = (np.array([row[column] for row in rows], np.float32) for column in (3, 4))
+    return Box(low, high, dtype=np.float32)
+
+
+def action_space() -> Box:
+    """What one AUV or boat can do, (2,)."""
+    return Box(-1.0, 1.0, (2,), np.float32)
+
+
+def boat_observed(scenario: Scenario) -> list[Quantity]:
+    """The observation of one boat, number by number, with the bounds of the space."""
+    diagonal = f"area's diagonal, {scenario.area.diagonal:.6g} m"
+    rows = [(f"own {axis}", diagonal, 0.0, 1.0) for axis in "xy"]
+    for other in range(1, scenario.boat.count):
+        rows += [(f"{axis} of other boat {other} minus own {axis}", diagonal, -1.0, 1.0) for axis in "xy"]
+    for k in range(scenario.auv.count):
+        rows += [
+            (f"{axis} where AUV {k} is foreseen, minus own {axis}", diagonal, -POSITION_BOUND, POSITION_BOUND)
+            for axis in "xy"
+        ]
+        rows += [
+            (f"standard deviation of where AUV {k} took itself to be when it was last heard", diagonal, 0.0, 1.0),
+            (f"time since AUV {k} was heard", f"{SILENCE:g} s", 0.0, LONGEST),
+            (f"1 if it serves AUV {k}, else 0", "1", 0.0, 1.0),
+        ]
+    return [Quantity(index, *row) for index, row in enumerate(rows)]
+
+
+def observe_boats(world: World) -> torch.Tensor:
+    """What all boats observe, (W, B, number of `boat_observed`)."""
+    scale = 1.0 / world.scenario.area.diagonal
+    own = world.boat[..., BoatColumn.span("x", "y")]
+    boats = own.shape[1]
+    away = (world.foreseen_position[:, None] - own[:, :, None]) * scale
+    variance = 0.5 * (world.track[..., tracker.XX] + world.track[..., tracker.YY])
+    deviation = (variance.clamp(min=0.0).sqrt() * scale).clamp(max=1.0)
+    silence = (world.exchange[..., ExchangeColumn.elapsed] / SILENCE).clamp(max=LONGEST)
+    served_by = world.estimate[:, None, :, EstimateColumn.served_by].round()
+    serves = (served_by == torch.arange(boats, device=own.device)[:, None]).float()
+    known = torch.stack([deviation, silence], -1)[:, None].expand(-1, boats, -1, -1)
+    each = torch.cat([away, known, serves[..., None]], -1).flatten(2)
+    others = (own[:, None] - own[:, :, None]) * scale
+    rest = ~torch.eye(boats, dtype=torch.bool, device=own.device)
+    return torch.cat([own * scale, others[:, rest].reshape(len(own), boats, -1), each], -1)
+
+
+def global_state_size(scenario: Scenario) -> int:
+    """Numbers of the state."""
+    return 6 * scenario.auv.count + 2 * scenario.boat.count + scenario.targets
+
+
+def global_state(world: World) -> torch.Tensor:
+    """The state (W, `global_state_size`): true x and y of each AUV over the area's diagonal D; where it takes itself to
+    be, less that, over D; the current there, m/s; x and y of each boat over D; the filled share of each node's buffer.
+    """
+    scale = 1.0 / world.scenario.area.diagonal
+    place = world.auv[..., AuvColumn.span("x", "y")]
+    return torch.cat(
+        [
+            (place * scale).flatten(1),
+            ((world.own_position - place) * scale).flatten(1),
+            world.auv[..., AuvColumn.span("current_x", "current_y")].flatten(1),
+            (world.boat[..., BoatColumn.span("x", "y")] * scale).flatten(1),
+            world.node[..., NodeColumn.backlog] / world.scenario.nodes.buffer,
+        ],
+        1,
+    )
