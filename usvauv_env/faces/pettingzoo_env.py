@@ -36,7 +36,8 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     mission so far as a picture, (720, 1280, 3) uint8.
 
     With usv = "agent" the boats are agents too, "usv_0", …: observation and action of `usvauv.env.world.agents`,
-    reward the mean of the AUVs', an empty info. `state()` is `usvauv.env.world.agents.global_state`, for centralised critics.
+    reward the mean of the AUVs', an empty info. `state()` is `usvauv.env.world.agents.global_state`, for centralised
+    critics.
     """
 
     metadata = {  # noqa: RUF012 - PettingZoo defines it as a class attribute
