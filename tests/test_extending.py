@@ -40,6 +40,13 @@ def evaluated(run_usvauv, tmp_path):
     return run
 
 
+def test_public_names_are_imported_when_they_are_used():
+    code = "import sys, usvauv; print('torch' in sys.modules); from usvauv import *; from usvauv.extend import *"
+    code += "; print({*usvauv.__all__} <= {*globals()}, 'torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True", "True"]
+
+
 def test_documentation_shows_the_files():
     text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     for path in EXAMPLES:
