@@ -2,8 +2,8 @@
 
 `Scenario` says what to simulate and `World` simulates a batch of it; `record` runs one mission into a `Trace`,
 `evaluate` compares policies, `write_video` draws. They are imported when they are first used, so that `import usvauv`
-takes no time. `usvauv.extend` is the one import of a plugin. `usvauv.env`, `usvauv.policies` and `usvauv.kernels` have the
-rest, `usvauv.cli` is the command.
+takes no time. `usvauv.extend` is the one import of a plugin. `usvauv.env`, `usvauv.policies` and `usvauv.kernels` have
+the rest, `usvauv.cli` is the command.
 """
 
 from importlib import import_module
