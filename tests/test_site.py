@@ -40,7 +40,7 @@ def test_every_command_has_its_options():
 
 
 def test_table_of_a_trace_is_the_one_printed():
-    assert trace.table() in (ROOT / "docs" / "trace.md").read_text(encoding="utf-8")
+    assert trace.variables_table() in (ROOT / "docs" / "trace.md").read_text(encoding="utf-8")
 
 
 def test_pictures_are_for_light_and_dark_pages():

@@ -15,7 +15,7 @@ from scipy.io import netcdf_file
 
 from tests.usvauv_env.ocean_files import cmems, write
 from usvauv.env.netcdf import child, remote
-from usvauv.env.netcdf.reader import load, open_file
+from usvauv.env.netcdf.reader import open_file, values
 from usvauv.env.netcdf.remote import NetcdfError, open_remote
 
 VALUES = np.arange(60, dtype="<f4").reshape(3, 4, 5) / 7
@@ -90,7 +90,7 @@ def test_a_crash_in_the_middle_is_an_error_of_the_file(child_of, tmp_path):
     described = json.dumps({"variables": {"v": about}, "attributes": {}, "bytes": 0})
     child_of(f"import sys; print({described!r}, flush=True); sys.stdin.readline()")
     with open_file(path) as dataset, pytest.raises(NetcdfError, match="damaged: reading it ends the process"):
-        load(dataset["v"], "v")
+        values(dataset["v"], "v")
 
 
 def test_values_are_those_of_the_file_by_any_index(tmp_path):
@@ -111,7 +111,7 @@ def test_values_are_those_of_the_file_by_any_index(tmp_path):
             one = expected
             for axis in reversed(range(4)):
                 one = one[(slice(None),) * axis + (part[axis],)]
-            assert np.array_equal(load(uo.isel(index), "uo"), one)
+            assert np.array_equal(values(uo.isel(index), "uo"), one)
 
 
 def test_the_reader_asks_for_what_its_key_says(packed):
@@ -154,7 +154,7 @@ def test_a_classic_file(tmp_path):
     with open_file(tmp_path / "classic.nc") as dataset:
         assert dataset.attrs["title"] == "süd"
         assert dataset["h"].attrs["units"] == "m"
-        assert load(dataset["h"][1:6:2], "h").tolist() == [0.75, 2.25, 3.75]
+        assert values(dataset["h"][1:6:2], "h").tolist() == [0.75, 2.25, 3.75]
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89HDF\r\n\x1a\n"])
@@ -174,9 +174,9 @@ def test_no_more_is_read_than_the_file_can_hold(tmp_path):
     with h5py.File(path, "w") as file:
         file.create_dataset("elevation", (10**6, 10**6), "f8", chunks=(1000, 1000), compression="gzip")
     with open_file(path) as dataset:
-        assert load(dataset["elevation"][:100, :100], "elevation").shape == (100, 100)
+        assert values(dataset["elevation"][:100, :100], "elevation").shape == (100, 100)
         with pytest.raises(NetcdfError, match=r"elevation: 8,000,000,000,000 bytes are asked for; at most"):
-            load(dataset["elevation"], "elevation")
+            values(dataset["elevation"], "elevation")
     with h5py.File(path, "w") as file:
         file.create_dataset("time", (10**12,), "f8", chunks=(1000,)).make_scale("time")
     with pytest.raises(NetcdfError, match=r"time: 8,000,000,000,000 bytes are asked for"), open_file(path):
@@ -196,7 +196,7 @@ def test_bytes_changed_anywhere_give_the_dataset_or_one_line(tmp_path, seed, mon
     path.write_bytes(content.tobytes())
     with contextlib.suppress(NetcdfError), open_file(path) as dataset:
         for name in dataset.variables:
-            load(dataset[name], str(name))
+            values(dataset[name], str(name))
 
 
 @pytest.mark.parametrize("name", ["x" * 300 + ".nc", "a\0b.nc", "a\nb.nc", "\udcff.nc"])

@@ -258,7 +258,7 @@ def test_start_of_a_mission():
 
 
 def test_clock_there_and_back():
-    units = place.clock("2026-11-01T04:00:00", "it")["units"]
+    units = place.time_attributes("2026-11-01T04:00:00", "it")["units"]
     assert units == "seconds since 2026-11-01 04:00:00"
     assert place.start_of(units) == "2026-11-01T04:00:00"
-    assert place.start_of(place.clock("", "it")["units"]) == ""
+    assert place.start_of(place.time_attributes("", "it")["units"]) == ""

@@ -83,7 +83,7 @@ def open_file(path: str | Path) -> Iterator[xarray.Dataset]:
         yield dataset
 
 
-def load(array: xarray.DataArray, where: str) -> np.ndarray:
+def values(array: xarray.DataArray, where: str) -> np.ndarray:
     """Values of a variable of an open file, or of a part of it; `where` names file and variable in an error message.
 
     Raises:

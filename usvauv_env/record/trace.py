@@ -231,7 +231,7 @@ class Trace:
         about = VARIABLES[name]
         attributes = {"long_name": about.long_name} | ({"units": about.units} if about.units else {})
         if name in ("time", "stream_time"):
-            attributes |= place.clock(self.start, "") | {"long_name": about.long_name}
+            attributes |= place.time_attributes(self.start, "") | {"long_name": about.long_name}
         if name == "surface":
             attributes["standard_name"] = "sea_surface_height_above_mean_sea_level"
             if placed:
@@ -320,7 +320,7 @@ VARIABLES: dict[str, Variable] = {
 }
 
 
-def table() -> str:
+def variables_table() -> str:
     """The variables of a trace's file as a Markdown table."""
     rows = (
         f"| `{name}` | {', '.join(about.dimensions)} | {about.units or '–'} | {about.long_name} |"

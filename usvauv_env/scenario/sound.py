@@ -92,7 +92,7 @@ class Usbl(Section):
     carrier_min: Carrier = Field(12000.0, description="carriers of further AUVs are spread from here ..., Hz")
     carrier_max: Carrier = Field(18000.0, description="... to here, Hz")
     signal: Literal["tone", "code"] = Field(
-        "code", description="a tone, or a coded pulse of acoustics.bandwidth, which tells AUVs apart"
+        "code", description="a tone, or a coded pulse of acoustics.bandwidth, which distinguishes AUVs"
     )
     periods: int = Field(10, ge=1, le=10000, description="length of a tone, carrier periods")
     pulse_length: float = Field(0.01, ge=1e-5, le=1, description="length of a coded pulse, s")

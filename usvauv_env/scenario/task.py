@@ -40,7 +40,7 @@ class Nodes(Section):
     )
     information: Literal["full", "rates", "visits", "own-visits"] = Field(
         "full",
-        description="what the rule knows: backlogs and rates, rates only, what all AUVs' visits have found, or only the"
+        description="what the rule has: backlogs and rates, rates only, what all AUVs' visits have found, or only the"
         " own ones (no communication)",
     )
     source_power: float = Field(0.03, ge=1e-6, le=1e5, description="acoustic source power, W")

@@ -17,7 +17,7 @@ class Navigation(Section):
     sensor: Literal["none", "ground", "water"] = Field(
         "none",
         description="an AUV has its position from the boat; or it reckons with its velocity over ground (Doppler log)"
-        " or through the water, and is told of its fixes by interrogations",
+        " or through the water, and receives its fixes by interrogations",
     )
     velocity_noise: float = Field(
         0.02, ge=0, le=10, description="standard deviation of that velocity's white error in one second, per axis, m/s"
@@ -27,7 +27,7 @@ class Navigation(Section):
     )
     bias_correlation_time: float = Field(300.0, ge=0.1, le=1e7, description="time in which the bias changes, s")
     homing_range: Distance = Field(
-        0.0, description="horizontal distance within which an AUV hears its node and knows the way to it, m"
+        0.0, description="horizontal distance within which an AUV hears its node and can head for it, m"
     )
 
 

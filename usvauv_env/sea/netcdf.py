@@ -104,7 +104,7 @@ class SeaFile:
         file, (ny, nx) = self._file, (len(sea.y), len(sea.x))
         file.dimensions = {"time": None, "y": ny, "x": nx, "side": 2}
         time = file.create_variable("time", ("time",), np.float64, chunks=(1024,))
-        _label(time, **place.clock(sea.site.start, "the start of the simulation"))
+        _label(time, **place.time_attributes(sea.site.start, "the start of the simulation"))
         for name, centres, spacing in zip("xy", (sea.x, sea.y), sea.spacing, strict=True):
             axis = file.create_variable(name, (name,), np.float64, data=centres)
             _label(axis, **(place.X_AXIS if name == "x" else place.Y_AXIS), bounds=f"{name}_bounds")

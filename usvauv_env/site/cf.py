@@ -92,7 +92,7 @@ class Field:
         kinds = [kind for kind in AXES if kind in self.axes and self.axes[kind].dimension]
         window = self.array.isel({axes[kind].dimension: axes[kind].order for kind in kinds})
         window = window.transpose(*(axes[kind].dimension for kind in kinds))
-        values = reader.load(window, f"{self.path}: {self.name}").astype(np.float64) * self.factor
+        values = reader.values(window, f"{self.path}: {self.name}").astype(np.float64) * self.factor
         return np.expand_dims(values, tuple(i for i, kind in enumerate(AXES) if kind not in kinds))
 
 
@@ -247,7 +247,7 @@ def read_axis(variable: xarray.DataArray, path: str | Path, kind: str, dimension
     require_numbers(variable, where)
     if not 1 <= variable.size <= MOST_VALUES[kind]:
         raise OceanError(f"{where}: has {variable.size} values; allowed: 1 to {MOST_VALUES[kind]}")
-    raw = np.atleast_1d(reader.load(variable, where).astype(np.float64))
+    raw = np.atleast_1d(reader.values(variable, where).astype(np.float64))
     if not np.isfinite(raw).all():
         raise OceanError(f"{where}: value {int(np.flatnonzero(~np.isfinite(raw))[0])} is missing; all must be given")
     if kind == "time":

@@ -140,7 +140,7 @@ def grid_mapping(frame: LocalFrame) -> dict[str, str | float]:
     }
 
 
-def clock(start: str, beginning: str) -> dict[str, str]:
+def time_attributes(start: str, beginning: str) -> dict[str, str]:
     """Attributes of a coordinate of seconds.
 
     Args:
@@ -159,7 +159,7 @@ def clock(start: str, beginning: str) -> dict[str, str]:
 
 
 def start_of(units: str) -> str:
-    """The start that `clock` was given, by the units that it gave."""
+    """The start that `time_attributes` was given, by the units that it gave."""
     return units.partition(" since ")[2].replace(" ", "T")
 
 

@@ -107,7 +107,7 @@ class Source:
 
         window = self.array.isel({name: i for name, i in sample.index.items() if name in self.array.dims})
         order = [self.spectral[kind] for kind in ("frequency", "direction") if kind in self.spectral]
-        return reader.load(window.transpose(*order), self.where).astype(np.float64)
+        return reader.values(window.transpose(*order), self.where).astype(np.float64)
 
 
 def _spectral_kind(dataset: xarray.Dataset, dimension: str) -> str | None:
@@ -148,7 +148,7 @@ def _nearest_station(
     dimension, there = stations[2], []
     for name in stations[:2]:
         others = [other for other in dataset[name].dims if other != dimension]
-        there.append(reader.load(dataset[name].isel(dict.fromkeys(others, time)), f"{path}: {name}"))
+        there.append(reader.values(dataset[name].isel(dict.fromkeys(others, time)), f"{path}: {name}"))
     longitude, latitude = there
     away = _distance(longitude, latitude, place)
     if not np.isfinite(away).any():

@@ -233,7 +233,7 @@ def _coordinate(dataset: xarray.Dataset, source: Source, kind: str) -> tuple[xar
     if name not in dataset.variables:
         raise OceanError(f"{where}: has no values; a coordinate must give them")
     require_numbers(dataset[name], where)
-    return dataset[name], np.atleast_1d(reader.load(dataset[name], where).astype(np.float64)), where
+    return dataset[name], np.atleast_1d(reader.values(dataset[name], where).astype(np.float64)), where
 
 
 def _some(values: np.ndarray) -> str:

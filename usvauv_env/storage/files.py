@@ -143,7 +143,7 @@ def sync(path: Path) -> None:
 class HDF5File(FileIO):
     """A file to be written by HDF5, which crashes the process when it cannot close a file.
 
-    HDF5 is told that every write succeeded; `check` raises the first one that failed. Nor does HDF5 survive an
+    Every write is reported to HDF5 as a success; `check` raises the first one that failed. Nor does HDF5 survive an
     exception while it calls these methods: use it within `usvauv.kernels.interruption.deferred`.
     """
 
@@ -195,7 +195,7 @@ def locked(folder: Path) -> Iterator[None]:
     """Keep other processes that ask for the same lock out of `folder`.
 
     The operating system holds the lock and drops it when this process ends, however it ends: a lock file left by a
-    killed process locks nothing, even if its process id is in use again. Where the file system knows no locks, nobody
+    killed process locks nothing, even if its process id is in use again. Where the file system has no locks, nobody
     is kept out.
 
     Raises:

@@ -140,7 +140,7 @@ class RowsOnDisk:
         return self
 
     def __exit__(self, *problem: object) -> None:
-        with suppress(OSError):  # of a full disk, which was told
+        with suppress(OSError):  # of a full disk, which `append` has reported
             self._file.close()
 
     def append(self, rows: np.ndarray) -> None:
