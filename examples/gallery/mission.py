@@ -5,10 +5,13 @@ A mission and its trace
 One mission in an extreme sea, recorded step by step, and where the AUVs, the boat and its fixes were.
 """
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import matplotlib.pyplot as plt
 import numpy as np
 
-from usvauv import Scenario, World, policies, record
+from usvauv import Scenario, World, policies, record, write_video
 from usvauv.env.record.metrics import position_error, usable
 
 # %%
@@ -16,7 +19,7 @@ from usvauv.env.record.metrics import position_error, usable
 scenario = Scenario.load("extreme", ["mission.duration=300"])
 world = World(scenario, seed=7)
 policy = policies.load(policies.default(scenario), world)
-trace = record(world, policy.act, "clear")
+trace = record(world, policy.act, "clear", surface=True)
 
 # %%
 # A trace has plain arrays over time, worlds and AUVs; ``trace.save("mission.nc")`` writes them as NetCDF.
@@ -39,3 +42,13 @@ axes.set(xlabel="time, s", ylabel="error of the boat's estimate, m", ylim=0)
 plt.show()
 print(f"rms {np.sqrt((error**2).mean()):.2f} m, a fix in {usable(trace).mean():.0%} of the steps")
 print(f"data brought in: {trace.delivered.sum():.1f} Mbit")
+
+# %%
+# The mission as a video, or one moment of it as a picture; the ending of the name says which.
+with TemporaryDirectory() as folder:
+    path = Path(folder) / "moment.png"
+    write_video(trace, path, view="both", theme="light", at=240)
+    picture = plt.imread(path)
+figure = plt.figure(figsize=(8, 4.5))
+figure.figimage(picture, resize=True)
+plt.show()
