@@ -21,8 +21,7 @@ from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
 from usvauv.env import evaluate
-from usvauv.env.render.figure_theme import Ground, write_pair
-from usvauv.env.render.style import MARKERS, looks
+from usvauv.env.render.style import MARKERS, Ground, looks, write_pair
 
 SCENARIO = "extreme"
 CURVES = {

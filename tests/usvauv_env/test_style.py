@@ -7,8 +7,7 @@ import pytest
 from matplotlib.markers import MarkerStyle
 
 from usvauv.env.render import style
-from usvauv.env.render.figure_theme import web
-from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, clock, shorten, text_width, write
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, clock, shorten, text_width, web, write
 
 # Machado, Oliveira & Fernandes (2009), severity 1, applied to linear RGB.
 VISIONS = {

@@ -17,9 +17,9 @@ from matplotlib.ticker import MaxNLocator
 
 from usvauv.env.planning.plan import OBJECTIVE_NAMES, BoatPlace, Landscape, Plan
 from usvauv.env.render import style
-from usvauv.env.render.figure_theme import BACKGROUND, MUTED, OUTLINE, SEA, TEXT, save, style_axes, web
-from usvauv.env.render.style import CATEGORICAL
+from usvauv.env.render.style import CATEGORICAL, ON_DARK, SEA_COLOURS, save_figure, style_axes, web
 
+TEXT, MUTED, OUTLINE = ON_DARK.text, ON_DARK.muted, web(style.OUTLINE)
 SIGMAS = 2
 # Upper bounds on a drawn semi-major axis over the shorter side of the area: from the optimum, from any place.
 LARGEST_BEST, LARGEST = 0.12, 0.25
@@ -85,7 +85,7 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     rows = 8 + len(result.auvs) + len(result.compare)
     below = max(along, 0.21 * rows) - along
     width_in, height_in = across + 5.2, along + below + 1.75
-    figure = Figure(figsize=(width_in, height_in), facecolor=BACKGROUND)
+    figure = Figure(figsize=(width_in, height_in), facecolor=ON_DARK.background)
 
     def at(x: float, y: float) -> tuple[float, float]:
         return x / width_in, y / height_in
@@ -103,7 +103,7 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     left, top = at(0.8, height_in - 0.45)
     figure.text(left, top, title, color=TEXT, fontsize=15, fontweight="bold")
     figure.text(left, at(0.8, height_in - 0.72)[1], about, color=MUTED, fontsize=10)
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) -> None:
@@ -117,7 +117,7 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) ->
     value = np.where(np.isfinite(value), value, value[np.isfinite(value)].min(initial=0.0)).astype(np.float64)
     best = value.max() if result.optimum.log_objective is None else result.optimum.log_objective
     low, high = np.percentile(value, 0.5), max(value.max(), best)
-    filled = axes.contourf(x, y, value, levels=np.linspace(low, high + 1e-3, 41), cmap=SEA, extend="min")
+    filled = axes.contourf(x, y, value, levels=np.linspace(low, high + 1e-3, 41), cmap=SEA_COLOURS, extend="min")
     filled.set_edgecolor("face")  # without it PDF and SVG show thin gaps between the bands
     ellipse_axes = {"d": 2 * len(result.auvs), "sum": 2}.get(result.objective, 1)
     levels = {best - 2 * ellipse_axes * math.log(factor): factor for factor in FACTORS}
@@ -128,7 +128,7 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) ->
         for label in labels:
             label.set(color=TEXT, path_effects=[withStroke(linewidth=2, foreground=OUTLINE)])
     axes.set(xlim=(0, x[-1]), ylim=(0, y[-1]), aspect="equal")
-    shades = ScalarMappable(Normalize(low, high), SEA)
+    shades = ScalarMappable(Normalize(low, high), SEA_COLOURS)
     ticks = max(1, round(7 * min(1.0, y[-1] / x[-1])))
     scale = axes.figure.colorbar(shades, cax=bar, ticks=MaxNLocator(ticks))
     scale.outline.set_visible(False)
@@ -148,7 +148,10 @@ def draw_places(result: Plan, axes: Axes) -> float:
     best, others, centroid = result.optimum, result.compare, result.centroid
     scale = magnification(result)
     shadow: list[AbstractPathEffect] = [withStroke(linewidth=3, foreground=OUTLINE)]
-    for place, colour, dash in [(best, TEXT, "-"), *((p, place_colour(i), (0, (4, 2))) for i, p in enumerate(others))]:
+    for place, colour, dash in [
+        (best, TEXT, "-"),
+        *((p, place_colour(i), (0, (4, 2))) for i, p in enumerate(others)),
+    ]:
         for auv, error in zip(result.auvs, place.errors, strict=True):
             if not error.located or error.major is None or error.minor is None or error.angle is None:
                 continue

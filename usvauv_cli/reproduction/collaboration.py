@@ -16,8 +16,7 @@ from usvauv.cli.reproduction.paper import number, picture, spread, table, titled
 from usvauv.cli.reproduction.runs import Settings
 from usvauv.cli.sweep.run import Piece
 from usvauv.cli.sweep.study import Evaluation, Run, define
-from usvauv.env.render.figure_theme import Ground, write_pair
-from usvauv.env.render.style import looks
+from usvauv.env.render.style import Ground, looks, write_pair
 from usvauv.env.storage.tables import write_rows
 
 NAME = "collaboration"

@@ -22,8 +22,7 @@ from usvauv.cli.sweep.run import Piece
 from usvauv.env import Trace, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.env.render.figure_theme import OUTLINE, Ground, log_ticks, write_pair
-from usvauv.env.render.style import looks
+from usvauv.env.render.style import OUTLINE, Ground, log_ticks, looks, web, write_pair
 from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex
@@ -134,7 +133,7 @@ def _map(axes: Axes, trace: Trace, ground: Ground) -> None:
     area, shadow = trace.scenario.area, [withStroke(linewidth=2.4, foreground=ground.card)]
     axes.grid(visible=False)
     _current(axes, trace, ground)
-    axes.plot(*trace.node_position[0].T, "^", ms=5.5, color=NODE, mec=OUTLINE, mew=0.6, zorder=3)
+    axes.plot(*trace.node_position[0].T, "^", ms=5.5, color=NODE, mec=web(OUTLINE), mew=0.6, zorder=3)
     for k, (vehicle, track) in enumerate(_tracks(trace).items()):
         boat = vehicle == "USV"
         colour = ground.text if boat else ground.colours[k]

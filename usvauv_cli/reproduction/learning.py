@@ -17,8 +17,7 @@ from usvauv.cli.reproduction import paper
 from usvauv.cli.reproduction.paper import number, spread, table
 from usvauv.cli.reproduction.runs import HEURISTICS, Settings, heuristic, learned
 from usvauv.cli.sweep.run import Piece
-from usvauv.env.render.figure_theme import Ground, write_pair
-from usvauv.env.render.style import looks
+from usvauv.env.render.style import Ground, looks, write_pair
 from usvauv.env.storage.tables import write_rows
 from usvauv.kernels.mission.motion import travelling_power
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 from matplotlib.figure import Figure
 
-from usvauv.env.render.figure_theme import Ground
+from usvauv.env.render.style import Ground
 
 FIGURES = ("sdr", "ec", "arps")
 """Sum data rate, energy consumption, average reward per time step."""

@@ -17,22 +17,16 @@ from matplotlib.ticker import MaxNLocator
 
 from usvauv.cli.sea_view.surface import LONG_WAVES, SHADED, LevelSurface, Section, land, thumbnail, weather
 from usvauv.env.render import style
-from usvauv.env.render.figure_theme import (
-    BACKGROUND,
-    CARD,
-    LINE,
-    MUTED,
-    OUTLINE,
-    TEXT,
-    WATER,
+from usvauv.env.render.layout import MapView, Rectangle
+from usvauv.env.render.style import (
+    ON_DARK,
+    clock,
     log_ticks,
-    save,
+    save_figure,
     set_title,
     style_axes,
     web,
 )
-from usvauv.env.render.layout import MapView, Rectangle
-from usvauv.env.render.style import clock
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import System, cumulative, density, moment, total_height, wave_systems
 from usvauv.env.site.site import Site
@@ -124,7 +118,7 @@ class SeaFigure:
         surface = self._relief()
         still, level = surface.limit == 0.0, surface.level
         ends = level - (surface.limit or 1.0), level + (surface.limit or 1.0)
-        figure = Figure(figsize=(13.6, 9.0), facecolor=BACKGROUND)
+        figure = Figure(figsize=(13.6, 9.0), facecolor=ON_DARK.background)
         grid = {"left": 0.065, "right": 0.93, "wspace": 0.14}
         top = figure.add_gridspec(1, len(self._maps) + 1, width_ratios=[1] * len(self._maps) + [0.045], **grid)
         top.update(bottom=0.55, top=0.845)
@@ -142,24 +136,24 @@ class SeaFigure:
         bar = figure.add_subplot(top[0, -1])
         shades = ScalarMappable(Normalize(*ends), LEVELS)
         figure.colorbar(shades, cax=bar, extend="both").outline.set_visible(False)
-        bar.set_title("η, m", color=MUTED, fontsize=9.5, loc="left", pad=8)
+        bar.set_title("η, m", color=ON_DARK.muted, fontsize=9.5, loc="left", pad=8)
         section, middle = (figure.add_subplot(low[row, 0]) for row in (0, 1))
         right = low[:, 1].get_position(figure)
         spectrum = figure.add_axes((right.x0, right.y0, right.width, 0.43 - right.y0))
         self._draw_section(section, ends)
         self._draw_level(middle, level)
         self._draw_spectrum(spectrum, still)
-        middle.set_facecolor(CARD)
-        spectrum.set_facecolor(CARD)
+        middle.set_facecolor(ON_DARK.card)
+        spectrum.set_facecolor(ON_DARK.card)
         for axes in (*maps, bar, section, middle, spectrum):
             style_axes(axes)
         title = f"Sea of “{scenario.name}”" + (f" is {surface.stillness}" if still else "")
         cells = f"{len(self._sea.x)} × {len(self._sea.y)} cells of {self._sea.spacing[0]:.3g} m"
         about = f"{weather(self._sea)} · seed {self._sea.seed} · {clock(duration)} min · {cells}"
-        figure.text(0.065, 0.955, title, color=TEXT, fontsize=16, fontweight="bold", va="center")
-        figure.text(0.065, 0.92, about, color=MUTED, fontsize=10, va="center")
-        figure.text(0.065, 0.89, self._beside(), color=MUTED, fontsize=10, va="center")
-        save(figure, self._out)
+        figure.text(0.065, 0.955, title, color=ON_DARK.text, fontsize=16, fontweight="bold", va="center")
+        figure.text(0.065, 0.92, about, color=ON_DARK.muted, fontsize=10, va="center")
+        figure.text(0.065, 0.89, self._beside(), color=ON_DARK.muted, fontsize=10, va="center")
+        save_figure(figure, self._out)
 
     def _beside(self) -> str:
         """What was measured of the storm beside what is wanted; empty without a storm."""
@@ -189,10 +183,10 @@ class SeaFigure:
         area, (a, b) = self._sea.scenario.area, self._section.ends
         extent = (0, area.width, 0, area.length)
         axes.imshow(relief[..., ::-1], extent=extent, interpolation="bilinear")
-        axes.plot(*zip(a, b, strict=True), color=TEXT, lw=0.9, ls=(0, (5, 4)), alpha=0.8)
+        axes.plot(*zip(a, b, strict=True), color=ON_DARK.text, lw=0.9, ls=(0, (5, 4)), alpha=0.8)
         for name, place in (("A", a + 0.05 * (b - a)), ("B", b + 0.05 * (a - b))):
-            label = axes.text(place[0], place[1], name, color=TEXT, fontsize=10, fontweight="bold", ha="center")
-            label.set_path_effects([withStroke(linewidth=2.5, foreground=OUTLINE)])
+            label = axes.text(place[0], place[1], name, color=ON_DARK.text, fontsize=10, fontweight="bold", ha="center")
+            label.set_path_effects([withStroke(linewidth=2.5, foreground=web(style.OUTLINE))])
         axes.set_xlabel("x (east), m")
         axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.yaxis.set_major_locator(MaxNLocator(4))
@@ -206,10 +200,10 @@ class SeaFigure:
 
     def _draw_level(self, axes: Axes, level: float) -> None:
         everything, storm = np.array(self._middle).T
-        axes.axhline(level, color=MUTED, lw=0.6, alpha=0.6)
+        axes.axhline(level, color=ON_DARK.muted, lw=0.6, alpha=0.6)
         if storm.any() and (everything != storm).any():
             axes.plot(self._times, everything - storm, color=AMBER, lw=1.4, label="long waves alone")
-        axes.plot(self._times, everything, color=WATER, lw=1.3, label="all")
+        axes.plot(self._times, everything, color=ON_DARK.water, lw=1.3, label="all")
         axes.set(xlim=(0, self._times[-1]), xlabel="time, s", ylabel="η, m")
         low, high = axes.get_ylim()
         middle, half = (low + high) / 2, max(high - low, LEAST_RANGE) / 2
@@ -217,7 +211,7 @@ class SeaFigure:
         set_title(axes, "η in the middle")
         if len(axes.lines) > 2:
             place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.99), "ncols": 2, "borderpad": 0.2}
-            axes.legend(frameon=False, labelcolor=MUTED, fontsize=9, **place)
+            axes.legend(frameon=False, labelcolor=ON_DARK.muted, fontsize=9, **place)
 
     def _draw_spectrum(self, axes: Axes, still: bool) -> None:
         """Draw the mean spectrum over probes all over the area, and the one that the storm is drawn from."""
@@ -226,13 +220,13 @@ class SeaFigure:
         set_title(axes, "Spectrum, mean over the area", pad=26)
         if still or len(self._times) < SHORTEST:
             words = "nothing moves" if still else f"too short: below {SHORTEST} records"
-            axes.text(0.5, 0.5, words, color=MUTED, ha="center", transform=axes.transAxes)
+            axes.text(0.5, 0.5, words, color=ON_DARK.muted, ha="center", transform=axes.transAxes)
             axes.set(xticks=[], yticks=[])
             return
         step = self._sea.interval
         piece = SEGMENT * self._systems[0].peak_period if self._systems else math.inf
         frequency, density = spectrum(np.array(self._probes), step, piece)
-        axes.loglog(frequency, density, color=WATER, lw=1.6, label="simulated")
+        axes.loglog(frequency, density, color=ON_DARK.water, lw=1.6, label="simulated")
         highest, last = density.max(), frequency[-1]
         if self._systems:
             f, target = target_spectrum(self._sea.site)
@@ -243,9 +237,9 @@ class SeaFigure:
             axes.axvspan(*ends, color=AMBER, alpha=0.15, lw=0, label="forced long waves")
         axes.set(xlim=(frequency[0], last), ylim=(1e-5 * highest, 2 * highest))
         log_ticks(axes.xaxis)
-        axes.grid(color=LINE, lw=0.6)
+        axes.grid(color=ON_DARK.line, lw=0.6)
         place = {"loc": "lower left", "bbox_to_anchor": (-0.01, 0.99), "ncols": 3, "borderpad": 0.2}
-        axes.legend(frameon=False, labelcolor=MUTED, fontsize=9, **place)
+        axes.legend(frameon=False, labelcolor=ON_DARK.muted, fontsize=9, **place)
 
 
 class Waves(NamedTuple):

@@ -19,8 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from usvauv.env.render import figure_theme
-from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, ON_DARK
 from usvauv.env.storage.files import atomic_write
 
 COLUMN = 3.4  # width, inches
@@ -38,9 +37,9 @@ LIGHT = {
     **{f"series{i}": light for i, light in enumerate(CATEGORICAL_ON_WHITE)},
 }
 DARK = {
-    "ink": figure_theme.TEXT,
-    "muted": figure_theme.MUTED,
-    "line": figure_theme.LINE,
+    "ink": ON_DARK.text,
+    "muted": ON_DARK.muted,
+    "line": ON_DARK.line,
     "sea": "#0f2a40",
     "node": "#8496a6",
     "age0": "#23496b",

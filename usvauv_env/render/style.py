@@ -1,17 +1,36 @@
-"""Colours, marker shapes and text of pictures."""
+"""Colours and marker shapes, text in pictures, and the look of figures.
+
+Colours of categories (vehicles, policies, methods, strategies) were found by a search over CIELAB for the largest least
+difference between two of them, as seen with normal vision and with each of the three dichromacies (Machado, Oliveira &
+Fernandes 2009, doi 10.1109/TVCG.2009.113), also from the colours of the sea. Colour number i is of a like hue on both
+grounds. Shapes or numbers stand beside the colours everywhere. Those of pictures are in OpenCV's order BGR.
+
+Text is DejaVu Sans, which matplotlib installs, rendered by FreeType; OpenCV's own fonts have no Greek. Rendering takes
+about 40 µs a letter, so masks are cached: most texts are the same in every frame.
+"""
 
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import matplotlib
 import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.ft2font import FT2Font
+from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
+
+from usvauv.env.storage.files import atomic_write
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
 
 # Yellow, lavender, aqua, rose, violet, olive, pale green, lime.
 CATEGORICAL = ("#f6fe2e", "#c9a0ff", "#94fcf0", "#bf7282", "#a753f5", "#83832f", "#bedea6", "#aab80a")
@@ -193,3 +212,111 @@ def write(
         alpha = (alpha * opacity).astype(np.uint16)
     region = image[y0:y1, x0:x1]
     region[:] = (region * (255 - alpha) + np.array(colour, np.uint16) * alpha + 127) // 255
+
+
+def web(colour: Colour) -> str:
+    """Web colour of the video's BGR."""
+    blue, green, red = colour
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+SEA_COLOURS = LinearSegmentedColormap.from_list("sea", [web(shade) for shade in SEA] + ["#c4e4e3"])
+RESOLUTION = 130  # dots an inch, of pairs of figures
+
+
+class Ground(NamedTuple):
+    """Web colours of a figure: categories, text, notes, panels, water, the ground around panels, lines of a grid."""
+
+    colours: tuple[str, ...]
+    text: str
+    muted: str
+    card: str
+    water: str
+    background: str
+    line: str
+
+    @classmethod
+    def of(cls, theme: Theme) -> Ground:
+        others = theme.text, theme.muted, theme.card, theme.water, theme.background, theme.line
+        return cls(tuple(map(web, theme.vehicles)), *map(web, others))
+
+
+ON_DARK = Ground.of(DARK)
+
+
+def write_pair(path: Path, draw: Callable[[Ground], Figure], pdf: bool = False) -> None:
+    """Draw a figure on each theme's ground; of a path x.png to x-light.png and x-dark.png, of the light one also x.pdf.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    for name, theme in THEMES.items():
+        ground = Ground.of(theme)
+        settings: dict[Any, Any] = {  # matplotlib's own names
+            "figure.constrained_layout.h_pad": 0.12,  # inches
+            "figure.constrained_layout.w_pad": 0.12,
+            "figure.facecolor": ground.background,
+            "axes.facecolor": ground.card,
+            "axes.labelcolor": ground.muted,
+            "axes.labelsize": 9.5,
+            "axes.titlecolor": ground.text,
+            "axes.titlelocation": "left",
+            "axes.titlesize": 11,
+            "axes.axisbelow": True,
+            "axes.grid": True,
+            **{f"axes.spines.{side}": False for side in ("left", "right", "top", "bottom")},
+            "grid.color": ground.line,
+            "grid.linewidth": 0.6,
+            "legend.fontsize": 9.5,
+            "legend.frameon": False,
+            "legend.labelcolor": ground.text,
+            "text.color": ground.text,
+            **{f"{axis}tick.{which}.size": 0 for axis in "xy" for which in ("major", "minor")},
+            **{f"{axis}tick.labelsize": 9 for axis in "xy"},
+            **{f"{axis}tick.color": ground.muted for axis in "xy"},
+        }
+        with matplotlib.rc_context(settings):
+            figure = draw(ground)
+            save_figure(figure, path.with_stem(f"{path.stem}-{name}"), RESOLUTION)
+            if pdf and theme is LIGHT:
+                save_figure(figure, path.with_suffix(".pdf"))
+
+
+def style_axes(axes: Axes, tick_pad: float = 5) -> None:
+    """Muted labels, numbers without tick marks and no frame; `tick_pad` is from the plot to its numbers, points."""
+    axes.tick_params(colors=ON_DARK.muted, labelsize=9, length=0, pad=tick_pad, which="both")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set(color=ON_DARK.muted, fontsize=9.5)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def log_ticks(axis: Axis) -> None:
+    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of ten, written out; finer ones where few are in view."""
+    low, high = axis.get_view_interval()
+    for steps in ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), [n / 10 for n in range(10, 100)]):
+        powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        ticks = [step * 10.0**power for power in powers for step in steps]
+        shown = [tick for tick in ticks if low <= tick <= high]
+        if len(shown) > 2:
+            break
+    axis.set_major_locator(FixedLocator(shown))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_locator(NullLocator())
+
+
+def set_title(axes: Axes, text: str, pad: float | None = None) -> None:
+    """Title at the left above a plot, `pad` points from it."""
+    axes.set_title(text, color=ON_DARK.text, fontsize=11, loc="left", pad=pad)
+
+
+def save_figure(figure: Figure, path: Path, dpi: float = 150) -> None:
+    """Write a figure, the format by the file's suffix; PDFs carry no date, so that equal figures are equal files.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    kind = path.suffix[1:].lower()
+    with atomic_write(path) as partial:
+        metadata = {"CreationDate": None} if kind == "pdf" else None
+        figure.savefig(partial, dpi=dpi, format=kind, metadata=metadata)
