@@ -11,7 +11,7 @@ from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv.cli.planning.fix_log import Fixes, auvs_of_log, estimate, read_log
 from usvauv.cli.planning.sentences import BadLine, Boat, Geographic, Heading, Relative, parse
 from usvauv.env import Scenario
-from usvauv.env.exchange import formats
+from usvauv.env.exchange import export_trace
 from usvauv.env.site.place import LocalFrame
 from usvauv.kernels.errors import UserError
 
@@ -219,7 +219,7 @@ class TestEstimate:
 class TestCommand:
     def test_from_a_simulated_run_to_a_place_for_the_boat(self, run_usvauv, tmp_path):
         trace = synthetic_trace(steps=60)
-        formats.write(trace, "csv", tmp_path)
+        export_trace(trace, "csv", tmp_path)
         code, out, _ = run_usvauv("plan", "--log", "fixes.csv", "--json", "-")
         assert code == 0
         said = json.loads(out)

@@ -95,11 +95,11 @@ def _export_policy(policy: str, scenario: str | None, onnx: Path | None, overrid
 
 def _export_trace(path: Path, to: str, out: Path | None, episode: int) -> None:
     from usvauv.env import Trace
-    from usvauv.env.exchange import formats
+    from usvauv.env.exchange import FOLDERS, WRITERS, export_trace
 
-    if to not in formats.WRITERS:
-        raise UserError(f"--to {to!r}: allowed are {', '.join(formats.WRITERS)}")
-    if to in formats.FOLDERS:
+    if to not in WRITERS:
+        raise UserError(f"--to {to!r}: allowed are {', '.join(WRITERS)}")
+    if to in FOLDERS:
         target = out or Path(path.stem)
     else:
         target = writable(out or Path(f"{path.stem}.{to}"), "--out", (f".{to}",))
@@ -107,7 +107,7 @@ def _export_trace(path: Path, to: str, out: Path | None, episode: int) -> None:
     episodes = trace.power.shape[1]
     if not 0 <= episode < episodes:
         raise UserError(f"--episode {episode}: {path} has episodes 0 to {episodes - 1}")
-    if to in formats.FOLDERS:
+    if to in FOLDERS:
         make_folder(target)
-    formats.write(trace, to, target, episode)
+    export_trace(trace, to, target, episode)
     typer.echo(f"{to}: {target.resolve()}")
