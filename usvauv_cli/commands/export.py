@@ -86,7 +86,7 @@ def _export_policy(policy: str, scenario: str | None, onnx: Path | None, overrid
     if overrides and scenario is None:
         raise UserError("--set: name the scenario whose fields it changes, after the policy")
     setting = None if scenario is None else Scenario.load(scenario, overrides)
-    path = writable(onnx or Path(f"{Path(policy).name}.onnx"), "--onnx", (".onnx",))
+    path = writable(onnx or Path(f"{Path(policy).name.removesuffix('.safetensors')}.onnx"), "--onnx", (".onnx",))
     player = policies.load_learned(policy, setting)
     write(player, path)
     auvs, size = player.scenario.auv.count, ObservationLayout.of(player.scenario).size
