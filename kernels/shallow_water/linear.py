@@ -40,8 +40,7 @@ class ShallowWater:
     boundary is free: if it is damped as well, layers of up to a wave reflect oblique waves more (`docs/validation.md`).
 
     For constant forcing and no drag the potential form needs two arrays instead of three, but its rounding in f32 is
-    far worse, because a potential is large against its differences between cells (measured in
-    `tests/kernels/shallow_water/test_linear.py`).
+    far worse, because a potential is large against its differences between cells (`docs/model.md`).
 
     Args:
         size: (width, length) of the basin X × Y, m.

@@ -101,13 +101,6 @@ class TestForcing:
             np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), atol=1e-4)
             sea.advance()
 
-    def test_a_resonant_wave_starts_from_rest(self):
-        period = 4 * 200 / math.sqrt(9.81 * 120)
-        wave = {"forced_edge": "west", "regular_amplitude": 1.0, "regular_period": period}
-        assert not sea_of(scenario(**wave), 0, 1).elevation().any()
-        drag = sea_of(scenario(**wave, drag=0.2), 0, 1).elevation()
-        assert 0.5 < np.abs(drag).max() < 10
-
     def test_open_basin_carries_a_progressive_wave(self):
         """Forced in the west with an open east: e^{i(ωt − kx)} from the start on, in exact arithmetic."""
         wave = {"regular_amplitude": 1.0, "regular_period": 60.0}

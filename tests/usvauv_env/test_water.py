@@ -56,32 +56,6 @@ class TestRealCurrent:
             np.testing.assert_allclose(found, expected, atol=2e-5)
         assert np.ptp(world.current().numpy()[..., 0]) > 1e-3
 
-    @pytest.mark.parametrize("depth", [22.5, 37.5])
-    def test_of_an_ekman_spiral_is_that_at_the_depth(self, depth, tmp_path):
-        """AUVs and boat against the closed form, to the error of linear interpolation, h²/8 times its curvature."""
-        speed, scale, spacing = 0.4, 30.0, 5.0
-
-        def spiral(part):
-            def component(lon, lat, z, t):
-                return speed * np.exp(-z / scale) * part(math.pi / 4 - z / scale) + 0 * lon
-
-            return component
-
-        fields = spiral(np.cos), spiral(np.sin)
-        file = write(cmems(depth=np.arange(0.0, 101.0, spacing), fields=fields), tmp_path / "ekman.nc")
-        world = World(Scenario.load("ideal", [*PLACE, f"water.currents={file}", f"auv.depth={depth}"]), 2, seed=1)
-        world.reset()
-        world.step(torch.zeros(2, 2, 2))
-        boat = world.boat[..., BoatColumn.span("current_x", "current_y")].numpy()
-        bound = spacing**2 / 8 * 2 * speed / scale**2
-        for z, found, within in ((depth, world.current().numpy(), bound), (0.0, boat, 1e-5)):
-            east, north = (field(5.05, 60.02, z, 0.0) for field in fields)
-            np.testing.assert_allclose(found, np.broadcast_to([east, north], found.shape), atol=within + 1e-3 * speed)
-        nearest = spacing * round(depth / spacing)
-        assert math.hypot(*(field(0, 0, nearest, 0) - field(0, 0, depth, 0) for field in fields)) > 2 * (
-            bound + 1e-3 * speed
-        )
-
     def test_runs_on_at_the_end_of_the_file(self, currents):
         """Masked resets let the sea outlive the mission that the file was checked for."""
         short = ["mission.duration=10", f"water.currents={currents}"]
