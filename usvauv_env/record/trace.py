@@ -202,7 +202,11 @@ class Trace:
                 parse_time(start)
             for name, shape in OPTIONAL.items():
                 arrays.setdefault(name, np.zeros(shape, np.float32))
-            texts = {name: _text(attributes, name) for name in ("scenario", "policy", "usv", "reward_names")}
+            texts: dict[str, Any] = {}
+            for name in ("scenario", "policy", "usv", "reward_names"):
+                texts[name] = attributes.get(name)
+                if not isinstance(texts[name], str):
+                    raise TraceError(f"its attribute {name} is not text")
             scenario = Scenario.from_dict(text_files.parse(texts["scenario"], "JSON"), "its scenario", stored=True)
             names = tuple(texts["reward_names"].split(","))
             _check_sizes(arrays, scenario, names)
@@ -367,13 +371,6 @@ def _check_numbers(values: np.ndarray, name: str) -> None:
             within |= np.isnan(row)
         if not within.all():
             raise TraceError(f"{name} holds {row[~within][0]}; expected finite numbers up to {LARGEST:g}")
-
-
-def _text(attributes: Mapping[str, Any], name: str) -> str:
-    value = attributes.get(name)
-    if not isinstance(value, str):
-        raise TraceError(f"its attribute {name} is not text")
-    return value
 
 
 def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_names: Sequence[str]) -> None:

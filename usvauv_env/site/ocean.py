@@ -121,19 +121,14 @@ def read_bathymetry(
         values = sign * source.read(axes)[0, 0]
     if not (known := np.isfinite(values)).any():
         raise OceanError(f"{path}: {source.name}: has no values in the area: all of it is land")
-    if (deepest := values[known].max()) > DEEPEST:
-        raise OceanError(
-            f"{path}: {source.name}: {deepest:g} m deep; allowed: up to {DEEPEST:g} m: see its units and fill"
-        )
-    if (highest := -values[known].min()) > HIGHEST:
-        raise OceanError(
-            f"{path}: {source.name}: {highest:g} m high; allowed: up to {HIGHEST:g} m: see its units and fill"
-        )
+    deepest, highest = values[known].max(), -values[known].min()
+    for extreme, limit, way in ((deepest, DEEPEST, "deep"), (highest, HIGHEST, "high")):
+        if extreme > limit:
+            allowed = f"allowed: up to {limit:g} m: see its units and fill"
+            raise OceanError(f"{path}: {source.name}: {extreme:g} m {way}; {allowed}")
     depth = cell_means(np.where(known, values, 0.0), axes, frame, width, length, cells)
     if not (depth > 0).any():
-        raise OceanError(
-            f"{path}: {source.name}: no water in the area: depths from {values[known].min():g} to {deepest:g} m"
-        )
+        raise OceanError(f"{path}: {source.name}: no water in the area: depths from {-highest:g} to {deepest:g} m")
     return depth
 
 
