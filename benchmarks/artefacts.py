@@ -159,7 +159,6 @@ ARTEFACTS = {
     "ranks": _study("scale.md", "ranks"),
     "video": _study("performance.md", "video"),
     "live": _study("live.md", "live"),
-    "architectures": Artefact("architectures.md", ("python -m tests.trials.architectures --arch vulkan",)),
 }
 
 

@@ -27,7 +27,7 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
 
 
 def batch(on_cpu: int, on_card: int) -> int:
-    """How many tasks fill the machine: fewer on a CPU, and on a Vulkan device, which may be one in software."""
+    """How many tasks fill the machine: fewer on a CPU, and on a Vulkan device, to which arrays are copied."""
     return on_card if runtime.start().arch == "cuda" else on_cpu
 
 

@@ -15,7 +15,7 @@ def _inside_others_class(level_of_class_stackframe: int) -> bool:
     Taichi's own way reads the caller's source, which takes as long for the 600 functions of the kernels as all other
     imports of `usvauv.env` but torch's and Taichi's.
     """
-    ours = sys._getframe(level_of_class_stackframe - 1).f_globals["__name__"].startswith("usvauv.")
+    ours = sys._getframe(level_of_class_stackframe - 1).f_globals.get("__name__", "").startswith("usvauv.")
     return not ours and _inside_class(level_of_class_stackframe + 1)
 
 

@@ -92,15 +92,6 @@ class TestUniformCurrent:
         assert both.sum() > 0.85 * np.isfinite(exact).sum()
         assert np.abs(costs[both] - exact[both]).max() < 2.0
 
-    def test_an_oblong_area(self, device):
-        size = (300.0, 120.0)
-        x, y = np.linspace(0, size[0], 101), np.linspace(0, size[1], 61)
-        place = np.stack(np.meshgrid(x, y), -1)
-        flow = np.broadcast_to([0.4, -0.5], (1, 61, 101, 2))
-        costs = Problem(device, flow, [GOAL], size=size).costs()
-        exact = uniform_time(np.array(GOAL) - place, np.array([0.4, -0.5]), 1.3)
-        assert np.abs(costs - exact).max() < 1.5
-
     def test_the_cheapest_of_several_speeds(self, device):
         speeds, c = np.array([1.2, 1.7, 2.2]), np.array([-0.9, 0.0])
         rates = np.array([travelling_power(float(speed)) for speed in speeds]) + 40.0
