@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from usvauv.env.render import shapes, style
-from usvauv.env.render.style import Theme, clock, shorten, text_width, write
+from usvauv.env.render.style import Colour, Theme, clock, shorten, text_width, write
 from usvauv.env.scenario.sea import Area
 
 
@@ -261,137 +261,117 @@ class Bars:
             shapes.stroke(picture, np.array([(middle, row), (middle + length, row)]), ink, layout.px(4))
 
 
-Symbol = Callable[[np.ndarray, np.ndarray, Layout], None]
+class LegendSymbol(NamedTuple):
+    """Draws symbols of the map at a place of a picture."""
+
+    picture: np.ndarray
+    at: np.ndarray
+    layout: Layout
+
+    def _line(self, points: list[tuple[float, float]] | np.ndarray, ink: Colour, width: float = 1.3) -> None:
+        """A line through points (N, 2) from the place, pixels of the design."""
+        ends = self.at + np.array(points) * self.layout.unit
+        shapes.stroke(self.picture, ends, ink, self.layout.px(width))
+
+    def _rings(self, rings: tuple[tuple[float, float], ...], ink: Colour, width: float) -> None:
+        """Rings of radii, each in a share of an ink."""
+        for radius, share in rings:
+            faded = style.mix(self.layout.theme.card, ink, share)
+            shapes.ring(self.picture, self.at, radius * self.layout.unit, faded, self.layout.px(width))
+
+    def _gauges(self, *gauges: tuple[float, float, float]) -> None:
+        """Nodes beside each other: offset, how full, age."""
+        sprites = shapes.NodeGauges(5.5 * self.layout.unit)
+        for x, share, old in gauges:
+            sprites.draw(self.picture, self.at + np.array([x, 0]) * self.layout.unit, share, old, pulse=0.6)
+
+    def auv(self) -> None:
+        shapes.auv(self.picture, self.at, 0.35, 22 * self.layout.unit, self.layout.theme.auv(0), self.layout.zoom)
+
+    def boat(self) -> None:
+        shapes.boat(self.picture, self.at, 0.35, 22 * self.layout.unit, self.layout.zoom)
+
+    def goal(self) -> None:
+        shapes.cross(self.picture, self.at, 4.5 * self.layout.unit, style.BOAT, self.layout.px(2))
+
+    def ping(self) -> None:
+        self._rings(((4, 0.7), (9, 0.35)), self.layout.theme.text, 1.3)
+
+    def heard(self) -> None:
+        theme = self.layout.theme
+        self._line([(-12, 5), (12, -5)], style.mix(theme.card, theme.auv(0), 0.6), 1.2)
+
+    def target(self) -> None:
+        ends = self.at + np.array([(-11, 5), (11, -5)]) * self.layout.unit
+        for piece in shapes.dashes(ends[0], ends[1], 4 * self.layout.unit):
+            shapes.stroke(self.picture, piece, self.layout.theme.auv(0), self.layout.px(1.3))
+
+    def next(self) -> None:
+        points, theme = [(-12, 5), (-3, -4), (5, 5), (13, -3)], self.layout.theme
+        for place, share in enumerate((0.4, 0.6, 0.75)):
+            self._line(points[place : place + 2], style.mix(theme.auv(0), theme.card, share))
+
+    def age(self) -> None:
+        self._gauges((-13, 0.25, 0.0), (0, 0.25, 0.5), (13, 0.25, 1.0))
+
+    def node(self) -> None:
+        self._gauges((-13, 0.12, 0.0), (0, 0.5, 0.0), (13, 0.85, 0.0))
+
+    def full(self) -> None:
+        self._gauges((0, 1.0, 0.0))
+
+    def station(self) -> None:
+        shapes.station(self.picture, self.at, 6.5 * self.layout.unit, self.layout.theme.auv(0), self.layout.zoom)
+
+    def service(self) -> None:
+        unit, colour = self.layout.unit, self.layout.theme.auv(0)
+        shapes.progress_ring(self.picture, self.at, 8 * unit, 0.65, colour, 2.8 * unit, self.layout.zoom)
+
+    def fix(self) -> None:
+        unit, ink, aside = self.layout.unit, self.layout.theme.text, np.array([7, 0]) * self.layout.unit
+        shapes.plus(self.picture, self.at - aside, 4.5 * unit, ink, self.layout.px(1))
+        shapes.fix(self.picture, self.at + aside, 4.5 * unit, ink, 1.5 * unit, self.layout.zoom)
+
+    def ellipse(self) -> None:
+        axes = np.array([(11.0, -3.0), (1.5, 5.0)]) * self.layout.unit
+        outline = shapes.ellipse_points(self.at, axes)
+        shapes.stroke(self.picture, outline, self.layout.theme.text, self.layout.px(1.2), closed=True)
+
+    def current(self) -> None:
+        for y, length in ((-4, 11), (4, 6)):
+            self._line([(-length, y), (0, y)], self.layout.theme.line, 1.5)
+            self._line([(0, y), (length, y)], self.layout.theme.muted, 1.5)
+
+    def foreseen(self) -> None:
+        unit, colour = self.layout.unit, self.layout.theme.auv(0)
+        shapes.foreseen(self.picture, self.at, 5 * unit, colour, 1.5 * unit, self.layout.zoom)
+
+    def field(self) -> None:
+        self._rings(((3, 0.8), (6, 0.55), (9, 0.3)), self.layout.theme.muted, 1.2)
 
 
-def _auv(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    shapes.auv(picture, at, 0.35, 22 * layout.unit, layout.theme.auv(0), layout.zoom)
-
-
-def _boat(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    shapes.boat(picture, at, 0.35, 22 * layout.unit, layout.zoom)
-
-
-def _goal(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    shapes.cross(picture, at, 4.5 * layout.unit, style.BOAT, layout.px(2))
-
-
-def _ping(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    for radius, share in ((4, 0.7), (9, 0.35)):
-        ink = style.mix(layout.theme.card, layout.theme.text, share)
-        shapes.ring(picture, at, radius * layout.unit, ink, layout.px(1.3))
-
-
-def _heard(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    ends = at + np.array([(-12, 5), (12, -5)]) * layout.unit
-    shapes.stroke(picture, ends, style.mix(layout.theme.card, layout.theme.auv(0), 0.6), layout.px(1.2))
-
-
-def _target(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    ends = at + np.array([(-11, 5), (11, -5)]) * layout.unit
-    for piece in shapes.dashes(ends[0], ends[1], 4 * layout.unit):
-        shapes.stroke(picture, piece, layout.theme.auv(0), layout.px(1.3))
-
-
-def _next(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    points = at + np.array([(-12, 5), (-3, -4), (5, 5), (13, -3)]) * layout.unit
-    for place, share in enumerate((0.4, 0.6, 0.75)):
-        ink = style.mix(layout.theme.auv(0), layout.theme.card, share)
-        shapes.stroke(picture, points[place : place + 2], ink, layout.px(1.3))
-
-
-def _age(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    gauges = shapes.NodeGauges(5.5 * layout.unit)
-    for x, age in ((-13, 0.0), (0, 0.5), (13, 1.0)):
-        gauges.draw(picture, at + (np.array([x, 0]) * layout.unit), 0.25, age)
-
-
-def _node(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    gauges = shapes.NodeGauges(5.5 * layout.unit)
-    for x, share in ((-13, 0.12), (0, 0.5), (13, 0.85)):
-        gauges.draw(picture, at + (np.array([x, 0]) * layout.unit), share)
-
-
-def _station(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    shapes.station(picture, at, 6.5 * layout.unit, layout.theme.auv(0), layout.zoom)
-
-
-def _full(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    shapes.NodeGauges(5.5 * layout.unit).draw(picture, at, 1.0, pulse=0.6)
-
-
-def _service(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    shapes.progress_ring(picture, at, 8 * layout.unit, 0.65, layout.theme.auv(0), 2.8 * layout.unit, layout.zoom)
-
-
-def _fix(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    shapes.plus(picture, at + np.array([-7, 0]) * layout.unit, 4.5 * layout.unit, layout.theme.text, layout.px(1))
-    shapes.fix(
-        picture,
-        at + np.array([7, 0]) * layout.unit,
-        4.5 * layout.unit,
-        layout.theme.text,
-        1.5 * layout.unit,
-        layout.zoom,
-    )
-
-
-def _ellipse(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    axes = np.array([(11.0, -3.0), (1.5, 5.0)]) * layout.unit
-    shapes.stroke(picture, shapes.ellipse_points(at, axes), layout.theme.text, layout.px(1.2), closed=True)
-
-
-def _current(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    for y, length in ((-4, 11), (4, 6)):
-        ends = at + np.array([(-length, y), (0, y), (length, y)]) * layout.unit
-        shapes.stroke(picture, ends[:2], layout.theme.line, layout.px(1.5))
-        shapes.stroke(picture, ends[1:], layout.theme.muted, layout.px(1.5))
-
-
-def _foreseen(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    shapes.foreseen(picture, at, 5 * layout.unit, layout.theme.auv(0), 1.5 * layout.unit, layout.zoom)
-
-
-def _field(picture: np.ndarray, at: np.ndarray, layout: Layout) -> None:
-    for radius, share in ((3, 0.8), (6, 0.55), (9, 0.3)):
-        shapes.ring(
-            picture, at, radius * layout.unit, style.mix(layout.theme.card, layout.theme.muted, share), layout.px(1.2)
-        )
-
-
-ENTRIES: tuple[tuple[Symbol, str], ...] = (
-    (_auv, "underwater vehicle (AUV), last 2 min"),
-    (_boat, "boat (USV): finds the AUVs by sound"),
-    (_ping, "ring: the boat asks where they are"),
-    (_heard, "line from the boat: an AUV it heard"),
-    (_target, "way to the sensor node it heads for"),
-    (_goal, "where the boat plans to go"),
-    (_next, "its way to the next three nodes"),
-    (_fix, "true place of an AUV, and estimated"),
-    (_node, "sensor nodes: how full with data"),
-    (_ellipse, "2-σ ellipse: 86 % of errors expected"),
-    (_full, "full: new data is being lost"),
-    (_service, "AUV hovers and takes over data"),
-    (_age, "white ring: last visited 5 min ago"),
-    (_current, "drifting streaks: water current"),
-)
-
-STATION_ENTRIES: tuple[tuple[Symbol, str], ...] = (
-    (_auv, "underwater vehicle (AUV), last 2 min"),
-    (_boat, "boat (USV): finds the AUVs by sound"),
-    (_ping, "ring: the boat asks where they are"),
-    (_heard, "line from the boat: an AUV it heard"),
-    (_target, "way back to its station"),
-    (_goal, "where the boat plans to go"),
-    (_current, "drifting streaks: water current"),
-    (_fix, "true place of an AUV, and estimated"),
-    (_station, "station that it holds"),
-    (_ellipse, "2-σ ellipse: 86 % of errors expected"),
-)
-
-FORESIGHT: tuple[tuple[Symbol, str], ...] = (
-    (_foreseen, "where the boat foresees an AUV"),
-    (_field, "lines: what the boat would learn there"),
+Entry = tuple[Callable[[LegendSymbol], None], str]
+AUV: Entry = LegendSymbol.auv, "underwater vehicle (AUV), last 2 min"
+BOAT: Entry = LegendSymbol.boat, "boat (USV): finds the AUVs by sound"
+PING: Entry = LegendSymbol.ping, "ring: the boat asks where they are"
+HEARD: Entry = LegendSymbol.heard, "line from the boat: an AUV it heard"
+GOAL: Entry = LegendSymbol.goal, "where the boat plans to go"
+FIX: Entry = LegendSymbol.fix, "true place of an AUV, and estimated"
+ELLIPSE: Entry = LegendSymbol.ellipse, "2-σ ellipse: 86 % of errors expected"
+CURRENT: Entry = LegendSymbol.current, "drifting streaks: water current"
+TO_NODE: Entry = LegendSymbol.target, "way to the sensor node it heads for"
+TO_STATION: Entry = LegendSymbol.target, "way back to its station"
+NEXT: Entry = LegendSymbol.next, "its way to the next three nodes"
+NODE: Entry = LegendSymbol.node, "sensor nodes: how full with data"
+FULL: Entry = LegendSymbol.full, "full: new data is being lost"
+SERVICE: Entry = LegendSymbol.service, "AUV hovers and takes over data"
+AGE: Entry = LegendSymbol.age, "white ring: last visited 5 min ago"
+STATION: Entry = LegendSymbol.station, "station that it holds"
+ENTRIES = AUV, BOAT, PING, HEARD, TO_NODE, GOAL, NEXT, FIX, NODE, ELLIPSE, FULL, SERVICE, AGE, CURRENT
+STATION_ENTRIES = AUV, BOAT, PING, HEARD, TO_STATION, GOAL, CURRENT, FIX, STATION, ELLIPSE
+FORESIGHT: tuple[Entry, ...] = (
+    (LegendSymbol.foreseen, "where the boat foresees an AUV"),
+    (LegendSymbol.field, "lines: what the boat would learn there"),
 )
 
 ON_MAP = replace(style.DARK, card=style.SEA[1])
@@ -418,5 +398,5 @@ def draw_legend(picture: np.ndarray, box: Rectangle, layout: Layout, task: str, 
     for place, (symbol, words) in enumerate(entries):
         left = box.left + (place % 2) * box.width / 2
         middle = box.top + (place // 2 + 0.5) * box.height / rows
-        symbol(picture, np.array([left + 20 * unit, middle]), on_map)
+        symbol(LegendSymbol(picture, np.array([left + 20 * unit, middle]), on_map))
         write(picture, words, (left + 43 * unit, middle + 0.36 * size), size, layout.theme.text)

@@ -12,7 +12,7 @@ from usvauv.env.record.metrics import age
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, MapView, Rectangle, nice, nice_above
-from usvauv.env.render.mission import TRAIL, Exchanges, Itinerary, ReplyField, RunningMetrics
+from usvauv.env.render.mission import TRAIL, Exchanges, Itinerary, ReplyField, RunningMetrics, track
 from usvauv.env.render.sea import CurrentStreaks, SeaSurface, colour_scale
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import text_width, write
@@ -97,16 +97,15 @@ class MissionMap:
         for auv in range(self._auvs.shape[1]):
             self._fade(self._auvs[:, auv], t, style.auv_colour(auv), 0.85, width)
 
-    def _fade(self, track: np.ndarray, t: int, colour: style.Colour, opacity: float, width: int) -> None:
-        first = max(0, t - round(TRAIL / self._step))
-        # At most 120 points: with a short mission step the trail would have thousands.
-        points = track[np.unique(np.linspace(first, t, min(t - first, 120) + 1).astype(int))]
+    def _fade(self, places: np.ndarray, t: int, colour: style.Colour, opacity: float, width: int) -> None:
+        steps = track(t, self._step, 120)
+        points = places[steps]
         length = max(2, len(points) // TRAIL_PIECES + 1)
         pieces = [points[begin : begin + length + 1] for begin in range(0, len(points) - 1, length)]
         for place, piece in enumerate(pieces):
             share = (place + 1) / len(pieces)
             # A trail shorter than TRAIL fades less.
-            full = min(1.0, (t - first) * self._step / TRAIL)
+            full = min(1.0, (t - int(steps[0])) * self._step / TRAIL)
             self._overlay.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
 
     def _draw_field(self, t: int) -> None:

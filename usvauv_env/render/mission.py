@@ -252,7 +252,7 @@ class ReplyField:
         return self._lines
 
 
-def track(t: int, step: float) -> np.ndarray:
-    """Steps, at most 60, of a trail that ends at step t, with a mission step in s."""
+def track(t: int, step: float, most: int) -> np.ndarray:
+    """Steps of a trail that ends at step t, with a mission step in s; at most `most` pieces, however short the step."""
     first = max(0, t - round(TRAIL / step))
-    return np.unique(np.linspace(first, t, min(t - first, 60) + 1).astype(int))
+    return np.unique(np.linspace(first, t, min(t - first, most) + 1).astype(int))

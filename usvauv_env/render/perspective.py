@@ -21,6 +21,7 @@ from usvauv.env.render.style import shorten, text_width, write
 OPACITY = 0.78  # of the surface before what is below
 LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note
 BOAT_LENGTH = 0.085  # as drawn, of the area's longer side
+FAINTEST = 0.1  # share of its colour to which the line to an AUV that was heard fades
 
 
 class PerspectiveView:
@@ -47,8 +48,7 @@ class PerspectiveView:
         self.boats = scene.place(trace.boat_position[:, 0], floating[..., 0])
         self._slopes = floating[..., 1:]
         self._below = BelowSurface(trace, running, scene, layout, self._swing.middle)
-        self._sound = Sound(trace, scene, self.boats, self._below.auvs)
-        self._field = ReplyField(trace)
+        self._exchanges, self._field = Exchanges(trace), ReplyField(trace)
 
     def camera(self, t: int) -> PinholeCamera:
         """The camera of step t; its pixels are those of the box."""
@@ -60,7 +60,7 @@ class PerspectiveView:
 
     def draw(self, picture: np.ndarray, t: int) -> None:
         """Draw step t inside the box of a BGR picture."""
-        canvas, layout = Canvas(self._box.of(picture), self.camera(t)), self._layout
+        canvas = Canvas(self._box.of(picture), self.camera(t))
         np.copyto(canvas.picture, self._backdrop)
         columns = Columns.of(canvas.camera, self.scene.sides, self._box.width)
         heights, colours = self.surface(t)
@@ -68,12 +68,12 @@ class PerspectiveView:
         paint_water(canvas, columns, self.scene.bed, sheet)
         self._glass.draw_bed(canvas, columns, sheet)
         self._below.draw_nodes(canvas, t)
-        self._sound.draw_below(canvas, t, layout.px(1.2))
+        self._draw_sound(canvas, t)
         self._below.draw_auvs(canvas, t)
         _paint_surface(canvas.picture, columns, sheet, colours)
         self._glass.draw_edges(canvas, columns, sheet)
         self._draw_field(canvas, t, heights)
-        self._sound.draw_afloat(canvas, t, heights, layout.px(1.3))
+        self._draw_pings(canvas, t, heights)
         for boat in np.argsort(-canvas.camera.away(self.boats[t])):
             self._draw_boat(canvas, t, int(boat), heights)
         self._glass.write_lengths(canvas)
@@ -106,6 +106,40 @@ class PerspectiveView:
             picture[line - up : line, left : left + across] = colour_scale(across, up)
             write(picture, low, (left - gap, line), size, style.DARK.muted, anchor="right")
 
+    def _draw_sound(self, canvas: Canvas, t: int) -> None:
+        """Lines to the AUVs that were heard, and two half circles of each ping's sphere, down to the bed."""
+        auvs, width = self._below.auvs[t], self._layout.px(1.2)
+        for auv, place in enumerate(auvs):
+            boat, fresh = self._exchanges.heard(t, auv)
+            lit = 0.85 * fresh
+            if lit > FAINTEST:
+                ends = np.stack([self.boats[t, boat], place])
+                canvas.line(ends, style.mix(WATER, style.auv_colour(auv), lit), width)
+        turn = np.linspace(0, np.pi, 40)[:, None]
+        for boat, radius, share in self._pings(t):
+            ink = style.mix(WATER, style.BOAT, 0.75 * (1 - share))
+            for across in (canvas.camera.right, canvas.camera.forward):
+                arc = np.concatenate([np.cos(turn) * across, -np.sin(turn) * self.scene.depths], 1) * radius + boat
+                for line in self.scene.inside(arc):
+                    canvas.line(line, ink, width)
+
+    def _draw_pings(self, canvas: Canvas, t: int, heights: np.ndarray) -> None:
+        """The circles in which the spheres of pings meet the surface."""
+        turn = np.linspace(0, 2 * np.pi, 73)
+        for boat, radius, share in self._pings(t):
+            circle = boat[:2] + radius * np.stack([np.cos(turn), np.sin(turn)], 1)
+            for line in self.scene.inside(self.scene.afloat(circle, heights)):
+                canvas.line(line, style.mix(style.BOAT, style.SEA[3], share), self._layout.px(1.3))
+
+    def _pings(self, t: int) -> list[tuple[np.ndarray, float, float]]:
+        """Place (3,) of each boat whose ping runs, its radius in m, and the share of its way."""
+        running = []
+        for boat, share in zip(self.boats[t], self._exchanges.ping(t), strict=True):
+            if share:
+                way = (self._below.auvs[t] - boat) / (1.0, 1.0, self.scene.depths)
+                running.append((boat, float(share * np.linalg.norm(way, axis=1).max()), share))
+        return running
+
     def _draw_field(self, canvas: Canvas, t: int, heights: np.ndarray) -> None:
         """Lines on the water of what replies heard at a place are worth, brighter where it is more."""
         for level, lines in self._field.lines(t):
@@ -116,7 +150,7 @@ class PerspectiveView:
     def _draw_boat(self, canvas: Canvas, t: int, boat: int, heights: np.ndarray) -> None:
         """Wake, way to the goal, goal and body."""
         layout, place, scene = self._layout, self.boats[t, boat], self.scene
-        wake = self.boats[track(t, self._trace.scenario.mission.step), boat, :2]
+        wake = self.boats[track(t, self._trace.scenario.mission.step, 60), boat, :2]
         canvas.trail(scene.afloat(wake, heights), style.BOAT, style.SEA[3], layout.px(1.3))
         goal = scene.place(self._trace.boat_goal[t, 0, boat], 0.0)
         way = place[:2] + np.linspace(0, 1, 24)[:, None] * (goal[:2] - place[:2])
@@ -343,7 +377,7 @@ class BelowSurface:
         """Trail, line down to the bed, ways to its next nodes, error ellipse, estimate, and the body."""
         colour, place, layout, size = style.auv_colour(auv), self.auvs[t, auv], self._layout, max(self._scene.sides)
         dim = style.mix(WATER, colour, 0.6)
-        canvas.trail(self.auvs[track(t, self._trace.scenario.mission.step), auv], colour, WATER, layout.px(2))
+        canvas.trail(self.auvs[track(t, self._trace.scenario.mission.step, 60), auv], colour, WATER, layout.px(2))
         foot = np.array([*place[:2], self._scene.bed])
         canvas.line(np.stack([place, foot]), dim)
         canvas.circle(foot, 0.012 * size, dim)
@@ -368,48 +402,3 @@ class BelowSurface:
             shapes.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         axes = turned(self._running.heading[t, auv], np.zeros(2))
         self._bodies[auv].draw(canvas, place, axes, AUV_LENGTH * size)
-
-
-FAINTEST = 0.1  # share of its colour to which a line fades
-
-
-class Sound:
-    """That of world 0, with the places of boats (T, B, 3) and AUVs (T, K, 3) in the scene."""
-
-    def __init__(self, trace: Trace, scene: Scene, boats: np.ndarray, auvs: np.ndarray) -> None:
-        self._scene, self._boats, self._auvs = scene, boats, auvs
-        self._exchanges = Exchanges(trace)
-
-    def _pings(self, t: int) -> list[tuple[np.ndarray, float, float]]:
-        """Place (3,) of each boat whose ping runs, its radius in m, and the share of its way."""
-        running = []
-        for boat, share in zip(self._boats[t], self._exchanges.ping(t), strict=True):
-            if share:
-                reach = np.linalg.norm((self._auvs[t] - boat) / (1.0, 1.0, self._scene.depths), axis=1).max()
-                running.append((boat, float(share * reach), share))
-        return running
-
-    def draw_below(self, canvas: Canvas, t: int, width: int) -> None:
-        """Lines to the AUVs, and two half circles of each ping's sphere, down to the bed."""
-        for auv, place in enumerate(self._auvs[t]):
-            boat, fresh = self._exchanges.heard(t, auv)
-            lit = 0.85 * fresh
-            if lit > FAINTEST:
-                canvas.line(
-                    np.stack([self._boats[t, boat], place]), style.mix(WATER, style.auv_colour(auv), lit), width
-                )
-        turn = np.linspace(0, np.pi, 40)[:, None]
-        for boat, radius, share in self._pings(t):
-            ink = style.mix(WATER, style.BOAT, 0.75 * (1 - share))
-            for across in (canvas.camera.right, canvas.camera.forward):
-                arc = np.concatenate([np.cos(turn) * across, -np.sin(turn) * self._scene.depths], 1) * radius + boat
-                for line in self._scene.inside(arc):
-                    canvas.line(line, ink, width)
-
-    def draw_afloat(self, canvas: Canvas, t: int, heights: np.ndarray, width: int) -> None:
-        """The circles in which the spheres meet the surface."""
-        turn = np.linspace(0, 2 * np.pi, 73)
-        for boat, radius, share in self._pings(t):
-            circle = boat[:2] + radius * np.stack([np.cos(turn), np.sin(turn)], 1)
-            for line in self._scene.inside(self._scene.afloat(circle, heights)):
-                canvas.line(line, style.mix(style.BOAT, style.SEA[3], share), width)

@@ -235,23 +235,25 @@ def plus(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, wid
 def fix(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, width: float, factor: int) -> None:
     """A hollow diamond: a measured position."""
     corners = np.array([(0, -size), (size, 0), (0, size), (-size, 0)])
-
-    def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
-        stroke(fine, middle + corners * zoom, style.OUTLINE, max(1, round(2 * width * zoom)), closed=True)
-        stroke(fine, middle + corners * zoom, colour, max(1, round(width * zoom)), closed=True)
-
-    smooth(image, centre, size + 2 * width, factor, draw)
+    _hollow(image, centre, corners, colour, width, size + 2 * width, factor)
 
 
 def foreseen(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, width: float, factor: int) -> None:
     """A hollow square: where a vehicle is expected."""
     corners = np.array([(-size, -size), (size, -size), (size, size), (-size, size)])
+    _hollow(image, centre, corners, colour, width, 1.5 * size + 2 * width, factor)
+
+
+def _hollow(
+    image: np.ndarray, centre: np.ndarray, corners: np.ndarray, colour: Colour, width: float, reach: float, factor: int
+) -> None:
+    """The dark-edged outline of a polygon with corners (N, 2) around a centre."""
 
     def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
         for ink, wide in ((style.OUTLINE, 2 * width), (colour, width)):
             stroke(fine, middle + corners * zoom, ink, max(1, round(wide * zoom)), closed=True)
 
-    smooth(image, centre, 1.5 * size + 2 * width, factor, draw)
+    smooth(image, centre, reach, factor, draw)
 
 
 def station(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour, factor: int) -> None:
