@@ -1,14 +1,31 @@
 """Files of real water and waves that must be refused, and in what words: one line with file, variable and value."""
 
+from contextlib import nullcontext
+
 import h5netcdf
 import numpy as np
 import pytest
+import xarray
 
-from tests.usvauv_env.ocean_files import BED_FRAME, HOURS, LATITUDES, LONGITUDES, bed_of, cmems, flow_of, sloping, write
-from tests.usvauv_env.wave_files import era5, partitions, waves_of, ww3
+from tests.usvauv_env.ocean_files import (
+    BED_FRAME,
+    FRAME,
+    HOURS,
+    LATITUDES,
+    LENGTH,
+    LEVELS,
+    LONGITUDES,
+    WIDTH,
+    cmems,
+    flow_of,
+    sloping,
+    write,
+)
+from tests.usvauv_env.wave_files import SIZE, era5, partitions, waves_of, ww3
 from usvauv.env.netcdf import remote
+from usvauv.env.site import ocean, waves
 from usvauv.env.site.cf import OceanError
-from usvauv.env.site.ocean import read_bathymetry
+from usvauv.env.site.ocean import read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.waves import read_waves
 
@@ -262,12 +279,13 @@ PARTITIONS = [
     (values("phs0", everywhere(np.nan)), "phs0: has no values at the area: land, calm"),
 ]
 
-KINDS = {  # a file that serves, what reads it, and the name under which it is written
-    "currents": (cmems, flow_of, "currents.nc", CURRENTS.values()),
-    "bed": (sloping, bed_of, "bed.nc", BEDS.values()),
-    "WAVEWATCH III": (lambda: ww3(STORM), waves_of, "waves.nc", WAVEWATCH),
-    "ERA5": (lambda: era5(STORM), waves_of, "waves.nc", ERA5),
-    "partitions": (lambda: partitions(PARTS), waves_of, "waves.nc", PARTITIONS),
+CORNER = LocalFrame(5.0, 60.0)
+KINDS = {  # a dataset that serves, what reads it, and what is refused
+    "currents": (cmems, lambda **asked: read_flow("a.nc", FRAME, WIDTH, LENGTH, LEVELS, **asked), CURRENTS.values()),
+    "bed": (sloping, lambda: read_bathymetry("a.nc", BED_FRAME, 15000.0, 12000.0, (100, 80)), BEDS.values()),
+    "WAVEWATCH III": (lambda: ww3(STORM), lambda: read_waves("a.nc", CORNER, SIZE, SIZE), WAVEWATCH),
+    "ERA5": (lambda: era5(STORM), lambda: read_waves("a.nc", CORNER, SIZE, SIZE), ERA5),
+    "partitions": (lambda: partitions(PARTS), lambda: read_waves("a.nc", CORNER, SIZE, SIZE), PARTITIONS),
 }
 
 
@@ -278,19 +296,33 @@ def refused(said, read, *arguments, **asked):
     return str(caught.value)
 
 
+@pytest.fixture
+def opened(monkeypatch):
+    """Function that puts a dataset in the place of every file: a process less for each of many refusals."""
+
+    def put_in_place(dataset):
+        decoded = xarray.decode_cf(dataset, decode_times=False)
+        for module in (ocean, waves):
+            monkeypatch.setattr(module, "open_file", lambda path: nullcontext(decoded))
+
+    return put_in_place
+
+
 @pytest.mark.parametrize(
     ("kind", "change", "said"), [(kind, *row) for kind, (*_, rows) in KINDS.items() for row in rows]
 )
-def test_files(tmp_path, kind, change, said):
-    make, read, name, _ = KINDS[kind]
-    message = refused(said, read, change(make()), tmp_path)
-    assert message.startswith(f"{tmp_path / name}: ")
+def test_datasets(opened, kind, change, said):
+    make, read, _ = KINDS[kind]
+    opened(change(make()))
+    asked = {"duration": 7200.0} if kind == "currents" else {}
+    assert refused(said, read, **asked).startswith("a.nc: ")
 
 
 @pytest.mark.parametrize("wrong", TIMES)
-def test_times(tmp_path, wrong):
+def test_times(opened, wrong):
     asked, said = TIMES[wrong]
-    refused(said, flow_of, cmems(), tmp_path, **asked)
+    opened(cmems())
+    refused(said, KINDS["currents"][1], **({"duration": 7200.0} | asked))
 
 
 def test_start_in_a_steady_file(tmp_path):
@@ -313,28 +345,11 @@ def test_start_in_a_steady_file(tmp_path):
         (lambda: partitions(PARTS), "pdir0", -360.0, -361.0),
     ],
 )
-def test_up_to_the_bound_and_no_further(make, name, most, more, tmp_path):
-    waves_of(values(name, everywhere(most))(make()), tmp_path)
-    with pytest.raises(OceanError, match=f"waves.nc: {name}: .*; allowed: "):
-        waves_of(values(name, everywhere(more))(make()), tmp_path)
-
-
-@pytest.mark.parametrize(("name", "least"), [("frequency", 3), ("direction", 4)])
-def test_as_few_as_allowed_and_no_fewer(name, least, tmp_path):
-    def some(count):
-        dataset = ww3((5.0, 11.0, 90.0, 1))
-        step = dataset.sizes[name] // count if name == "direction" else 1  # which must go round the circle
-        return dataset.isel({name: slice(0, count * step, step)})
-
-    waves_of(some(least), tmp_path)
-    with pytest.raises(OceanError, match=f"waves.nc: {name}: .*; allowed: "):
-        waves_of(some(least - 1), tmp_path)
-
-
-@pytest.mark.parametrize("start", ["2014-08-22T23:00:00", "2026-01-01"])
-def test_times_that_a_file_of_waves_does_not_have(start, tmp_path):
-    with pytest.raises(OceanError, match=r"waves.nc: time: the mission lasts from .* and the file from .*; it must"):
-        waves_of(ww3(STORM), tmp_path, start)
+def test_up_to_the_bound_and_no_further(opened, make, name, most, more):
+    opened(values(name, everywhere(most))(make()))
+    read_waves("a.nc", CORNER, SIZE, SIZE)
+    opened(values(name, everywhere(more))(make()))
+    refused(f"a.nc: {name}: .*; allowed: ", read_waves, "a.nc", CORNER, SIZE, SIZE)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.9])
