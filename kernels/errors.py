@@ -1,10 +1,10 @@
-"""The one kind of error that a user can cause and mend."""
+"""Errors that a user can cause and correct, each a message of one line."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 LONGEST = 2000  # characters of a message
-SHOWN = 400  # of one that is quoted
+SHOWN = 400  # characters of a message that is quoted
 
 
 class UserError(Exception):
@@ -21,7 +21,7 @@ class UserError(Exception):
 
 
 class DivergenceError(UserError, ArithmeticError):
-    """A simulation or a training run has left finite numbers, or those that mean something; it cannot go on."""
+    """A simulation or a training run diverged: a number is not finite, or outside its physical range."""
 
 
 def in_words(error: BaseException) -> str:

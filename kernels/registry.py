@@ -50,7 +50,7 @@ class Registry(Mapping[str, T], Generic[T]):
         return item
 
     def described(self, name: str) -> str:
-        """An item in words, with the file that registered it if that is none of the packages'; else empty."""
+        """An item of a plugin in words, with the file that registered it; empty for one of the packages."""
         return f"{self.kind} {name!r} of {self._files[name]}" if name in self._files else ""
 
     @contextmanager

@@ -62,7 +62,7 @@ class Runtime:
 
     @property
     def on_cpu(self) -> bool:
-        """Whether kernels run on the CPU. Torch's device does not tell: for Vulkan tensors lie in the CPU's memory."""
+        """Whether kernels run on the CPU. Torch's device is the CPU on Vulkan too, where tensors lie in its memory."""
         return self.arch == "cpu"
 
     @property

@@ -10,7 +10,7 @@ _inside_class = kernel_impl._inside_class
 
 
 def _inside_others_class(level_of_class_stackframe: int) -> bool:
-    """Whether a function that a decorator of Taichi is at is in the body of a class, where none of ours is.
+    """Whether a function that Taichi decorates is in the body of a class; those of this package never are.
 
     Taichi's own way reads the caller's source, which takes as long for the 600 functions of the kernels as all other
     imports of `usvauv.env` but torch's and Taichi's.
@@ -71,5 +71,5 @@ class Level(Columns):
 
 
 def columns(*names: str) -> Any:
-    """`Columns` of the given names, for a table that one file knows."""
+    """`Columns` of the given names, for a table that one file alone uses."""
     return type("Columns", (Columns,), {"__annotations__": dict.fromkeys(names, int)})

@@ -52,7 +52,7 @@ D, A, SUM, PAPER = range(4)
 
 
 def objective_code(measurement: str, objective: str) -> int:
-    """The code by which kernels know a scenario's planner.measurement and planner.objective.
+    """The constant of kernels that stands for a scenario's planner.measurement and planner.objective.
 
     Raises:
         ValueError: unknown name.
