@@ -1,15 +1,15 @@
-"""Where the boat goes by what it does not know: rollouts of the AUVs' uncertainty of themselves over minutes.
+"""The boat's visits by rollouts: how uncertain AUVs become of their own positions over the minutes to come.
 
-**Foresight.** With each reply an AUV tells which node it heads for and how fast it is. From there on the boat foresees
-it travelling from node to node as the target rule lets expect, with a typical service at each; one that is by then so
+**Foresight.** Each reply carries the node that the AUV heads for and its speed. From there on the boat foresees it
+travelling from node to node as the target rule lets expect, with a typical service at each; one that is by then so
 uncertain of its own position that it misses its node waits there.
 
 **Rollouts.** The boat compares first goals: each AUV where it is foreseen, their mean, and the goal it has. After the
 first goal it visits, in the rollout, the AUV that is then least certain of itself. The loss of a goal is the mean of
 a², over the horizon and all AUVs, with a the variance of an AUV's own position: the square, so that one AUV alone for
 long counts more than several for a short time. The goal of the least loss is chosen, and the AUV least certain of
-itself unless another's loss is less by a margin, because rollouts err. It is kept until the boat has heard whom it went
-to, has arrived, or has looked for too long: planned anew in each step, a far AUV would always come second.
+itself unless another's loss is less by a margin, because rollouts err. It is kept until the boat has heard the AUV that
+it visits, has arrived, or has looked for too long: planned anew in each step, a far AUV would always come second.
 
 One number of each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes treat both
 axes alike: a of the position, b of position and current, c of the current. Over the time t, with f = 1 − e^{−t/τ},
@@ -39,7 +39,7 @@ SURE = 0.8  # probability from which on a rollout takes an AUV to be heard
 LEARNED = 0.1  # share of the foreseen speed that each reply renews
 SLOWEST = 1e-3  # m/s, of a foreseen AUV
 MARGIN = 0.03  # share by which another goal's loss must be below that of going to the least certain AUV
-NOBODY = -1  # the index of a goal that is no AUV
+NO_AUV = -1  # the index of a goal that is no AUV
 STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the one foreseen, over the reference speed
 
 
@@ -177,7 +177,7 @@ def remembered(worlds: ti.template(), w, k) -> Way:
 
 @ti.func
 def foresee(worlds: ti.template(), w, k):
-    """Move the foreseen way of AUV k to the present: on from where it was, or from what a new reply has told."""
+    """Move the foreseen way of AUV k to the present: on from where it was, or from a new reply."""
     foresight = ti.static(worlds.foresight)
     exchange = ti.static(worlds.exchange)
     way = remembered(worlds, w, k)
@@ -192,9 +192,9 @@ def foresee(worlds: ti.template(), w, k):
         way.node = ti.cast(exchange[w, k, ExchangeColumn.heads_for], ti.i32)
         way.hovers = exchange[w, k, ExchangeColumn.hovers]
         if way.hovers == 0.0:
-            told = vec2(exchange[w, k, ExchangeColumn.velocity_x], exchange[w, k, ExchangeColumn.velocity_y]).norm()
-            if told > 0.5 * worlds.p[Parameter.speed_min]:
-                way.speed += LEARNED * (told - way.speed)
+            speed = vec2(exchange[w, k, ExchangeColumn.velocity_x], exchange[w, k, ExchangeColumn.velocity_y]).norm()
+            if speed > 0.5 * worlds.p[Parameter.speed_min]:
+                way.speed += LEARNED * (speed - way.speed)
         time = elapsed
     works = works_within(worlds)
     lost = ti.cast(own_uncertainty(worlds, w, k)[0] > works * works, ti.i32)
@@ -224,7 +224,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
     """Mean squared variance of the own positions of the AUVs that a boat serves, per axis (m⁴), over the horizon.
 
     Args:
-        first: the AUV that the boat visits first, or NOBODY: it goes to `where`, m.
+        first: the AUV that the boat visits first, or NO_AUV: it goes to `where`, m.
     """
     p = ti.static(worlds.p)
     count = worlds.estimate.shape[1]
@@ -256,7 +256,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
     visited = first
     total = 0.0
     for _ in range(STEPS):
-        if visited != NOBODY:
+        if visited != NO_AUV:
             goal = vec2(x[visited], y[visited])
         way = goal - here
         distance = way.norm()
@@ -308,8 +308,8 @@ def foreseen_place(worlds: ti.template(), w, k) -> vec2:
 
 @ti.func
 def least_certain(worlds: ti.template(), w, b) -> ti.i32:
-    """The AUV of boat b that is least certain of its own position, or NOBODY."""
-    least = NOBODY
+    """The AUV of boat b that is least certain of its own position, or NO_AUV."""
+    least = NO_AUV
     largest = -1.0
     for k in range(worlds.estimate.shape[1]):
         a = own_uncertainty(worlds, w, k)[0]
@@ -330,10 +330,10 @@ def plan(worlds: ti.template(), w, b) -> vec2:
     usual = least_certain(worlds, w, b)
     last = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
     best = last
-    chosen = NOBODY
+    chosen = NO_AUV
     least = 1e30
     for candidate in range(count + 2):
-        first = NOBODY
+        first = NO_AUV
         goal = last
         mine = True
         if candidate < count:
@@ -360,7 +360,7 @@ def aim(worlds: ti.template(), w, b) -> vec2:
     """Where boat b goes by its last plan: where the AUV that it visits is foreseen, or the place planned, m."""
     visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
     goal = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
-    if visited != NOBODY:
+    if visited != NO_AUV:
         goal = foreseen_place(worlds, w, visited)
     return goal
 
@@ -373,7 +373,7 @@ def just_heard(worlds: ti.template(), w, k):
 
 @ti.func
 def is_due(worlds: ti.template(), w, b, patience):
-    """Whether it is time to plan: whom boat b went to is heard, or served by another boat, or it has arrived there.
+    """Whether it is time to plan: boat b has heard the AUV that it visits, serves it no longer, or has arrived.
 
     Args:
         patience: longest time between two plans, s; the shortest is `INTERVAL`.
@@ -381,7 +381,7 @@ def is_due(worlds: ti.template(), w, b, patience):
     visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
     over = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step] - worlds.boat[w, b, BoatColumn.planned]
     due = over >= patience
-    if visited != NOBODY:
+    if visited != NO_AUV:
         due = due or just_heard(worlds, w, visited) or not motion.serves(worlds, w, b, visited)
     away = aim(worlds, w, b) - motion.boat_place(worlds, w, b)
     due = due or away.norm() < worlds.p[Parameter.top_speed] * INTERVAL

@@ -1,6 +1,6 @@
 """Boat strategies: where boat b should be, from estimated positions only; functions (worlds, w, b) → vec2, m.
 
-Each boat minds the AUVs that it serves; one that serves none stays where it is.
+A boat plans for the AUVs that it serves; without any it stays where it is.
 """
 
 import taichi as ti
@@ -40,7 +40,7 @@ def visit(worlds: ti.template(), w, b) -> vec2:
     foresee(worlds, w, b)
     goal = motion.boat_place(worlds, w, b)
     least = belief_planner.least_certain(worlds, w, b)
-    if least != belief_planner.NOBODY:
+    if least != belief_planner.NO_AUV:
         goal = belief_planner.foreseen_place(worlds, w, ti.max(least, 0))
     return goal
 

@@ -4,7 +4,7 @@ An exchange lasts for the way of the sound to the AUV and back, the transponder'
 signal. The boat asks all AUVs at once, which answer by codes of their own (the exchange then lasts until the farthest
 reply), or one at a time of those that it serves: in turn, or the one with the largest product of what its reply is
 worth (`reception.reply_worth`) and the time since it was asked. No AUV is located twice in a mission step. Several
-boats begin exchanges in turn; one that has nobody to ask passes the turn on. The boat that asked receives the replies,
+boats begin exchanges in turn; one without an AUV to ask passes the turn on. The boat that asked receives the replies,
 and all boats share what they bring. From one exchange to the next there can be a least time.
 
 Times count from the end of the present mission step, s; what lies before is negative.
@@ -114,8 +114,8 @@ def answer(worlds: ti.template(), w, k):
             moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
             exchange[w, k, ExchangeColumn.sent_x + axis] = worlds.auv[w, k, AuvColumn.x + axis] - share * moved
         if ti.static(worlds.program.sensor != Sensor.none):
-            navigation.tell(worlds, w, k)
-            navigation.send(worlds, w, k, age)
+            navigation.receive_filter(worlds, w, k)
+            navigation.write_reply(worlds, w, k, age)
 
 
 @ti.func
@@ -172,7 +172,7 @@ def begin_exchange(worlds: ti.template(), w):
     last = ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32)
     turns = boats
     if ti.static(worlds.program.schedule == Schedule.all):
-        turns = 1  # every boat has somebody to ask, if not now then in the next step
+        turns = 1  # every boat has an AUV to ask, if not now then in the next step
     begins = False
     for turn in range(turns):
         if not begins and start < 0.0:

@@ -177,7 +177,7 @@ class AuvColumn(StateColumns):
 
 
 class EstimateColumn(StateColumns):
-    """What the boats know of an AUV, (W, K, E)."""
+    """The boats' estimate of an AUV, (W, K, E)."""
 
     x: Position  # m
     y: Position

@@ -1,4 +1,4 @@
-"""The fixes of a mission, and what the boats then know of the AUVs."""
+"""The fixes of a mission, and the boats' estimates of the AUVs' positions."""
 
 import taichi as ti
 
@@ -149,7 +149,7 @@ def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, l
         expected = expect(worlds, w, pose.boat, k, here, worlds.p[Parameter.step] + age)
         fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
         if fix.flags & usbl.DETECTED:  # what the reply carries is there, whatever its fix is worth
-            navigation.hear(worlds, w, k)
+            navigation.read_reply(worlds, w, k)
             update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
     else:
         expected = expect(worlds, w, pose.boat, k, here, worlds.estimate[w, k, EstimateColumn.age])
@@ -200,11 +200,11 @@ def set_estimate_from_track(worlds: ti.template(), w, k):
 
 @ti.func
 def finish(worlds: ti.template(), pose: ArrayPose, w, k):
-    """What the boats know of AUV k at the end of the step, with the errors that fixes by its boat have in common."""
+    """Complete the estimate of AUV k for this step: with the errors that all fixes by its boat have in common."""
     estimate = ti.static(worlds.estimate)
     estimate[w, k, EstimateColumn.age] = estimate[w, k, EstimateColumn.age] + worlds.p[Parameter.step]
     if ti.static(worlds.program.sensor != Sensor.none):
-        navigation.expect(worlds, w, k)
+        navigation.extrapolate(worlds, w, k)
     z = separation(worlds, w, pose.boat)
     estimate[w, k, EstimateColumn.separation] = -z
     place = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y])

@@ -1,16 +1,16 @@
-"""Dead reckoning of the AUVs, and what AUV and boat make of it and of the fixes: a filter each.
+"""Dead reckoning of the AUVs, and the two filters of it and of the fixes: the AUV's and the boat's.
 
 An AUV adds up displacements: over ground by a Doppler velocity log, or through the water. Its velocity has a white
 error and a bias, a Gauss–Markov process, of log and compass together. A reply carries the displacement since the last
 reply that the boat has heard, an interrogation the boat's filter as of that reply. So
 
-- the boat's filter (`track`) is at the time of the last reply heard. A new one moves it by the displacement told; then
-  its fix updates it. In between the boat takes the AUV's velocity as a Gauss–Markov process of the variance s² and the
-  memory τ, so that after the time t
+- the boat's filter (`track`) is at the time of the last reply heard. A new reply moves it by the displacement that it
+  carries; then its fix updates it. In between the boat takes the AUV's velocity as a Gauss–Markov process of the
+  variance s² and the memory τ, so that after the time t
 
       x̂ = x + v τ (1 − e^{−t/τ}),   variance of its error s² τ² (2t/τ − 3 + 4 e^{−t/τ} − e^{−2t/τ});
 
-- the AUV's filter (`own`) is the boat's as it was last told, moved on by what the AUV has measured since.
+- the AUV's filter (`own`) is the boat's of the last interrogation heard, moved on by what the AUV has measured since.
 
 Both are filters of `usvauv.kernels.positioning.tracker`, whose current here is the water's, or the log's bias reversed.
 
@@ -89,7 +89,7 @@ def reckon(worlds: ti.template(), w, k):
     moved = vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
     adrift = step
     if ti.static(worlds.program.sensor == Sensor.water):
-        if auv[w, k, AuvColumn.hovering] + auv[w, k, AuvColumn.border] > 0.0:  # it holds its place and knows it
+        if auv[w, k, AuvColumn.hovering] + auv[w, k, AuvColumn.border] > 0.0:  # it holds its place, which it senses
             adrift = 0.0
         moved = adrift * vec2(auv[w, k, AuvColumn.water_x], auv[w, k, AuvColumn.water_y])
     noise = normals(worlds, w, Draw.navigation, k)
@@ -110,8 +110,8 @@ def reckon(worlds: ti.template(), w, k):
 
 
 @ti.func
-def tell(worlds: ti.template(), w, k):
-    """AUV k learns the boat's filter from an interrogation, and moves it on by what it has measured since."""
+def receive_filter(worlds: ti.template(), w, k):
+    """AUV k takes the boat's filter from an interrogation, and moves it on by what it has measured since."""
     exchange = ti.static(worlds.exchange)
     for c in ti.static(range(tracker.COLUMNS)):
         worlds.own[w, k, c] = worlds.track[w, k, c]
@@ -124,7 +124,7 @@ def tell(worlds: ti.template(), w, k):
 
 
 @ti.func
-def send(worlds: ti.template(), w, k, age):
+def write_reply(worlds: ti.template(), w, k, age):
     """What the reply of AUV k carries that has left `age` seconds before the end of this step."""
     exchange = ti.static(worlds.exchange)
     share = age / worlds.p[Parameter.step]
@@ -139,7 +139,7 @@ def send(worlds: ti.template(), w, k, age):
 
 
 @ti.func
-def hear(worlds: ti.template(), w, k):
+def read_reply(worlds: ti.template(), w, k):
     """The boat moves its filter of AUV k to the time when the reply left that it now has."""
     exchange = ti.static(worlds.exchange)
     way = vec3(
@@ -161,7 +161,7 @@ def hear(worlds: ti.template(), w, k):
 
 
 @ti.func
-def expect(worlds: ti.template(), w, k):
+def extrapolate(worlds: ti.template(), w, k):
     """Where the boat expects AUV k at the end of this step, without its systematic errors."""
     p = ti.static(worlds.p)
     estimate = ti.static(worlds.estimate)

@@ -292,7 +292,7 @@ def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> ve
 
 @ti.func
 def reply_worth(worlds: ti.template(), w, b, k) -> ti.f32:
-    """Variance per axis (m²) that a reply of AUV k is expected to take off what boat b knows: P a²/(a + r).
+    """Variance per axis (m²) by which a reply of AUV k is expected to improve its estimate by boat b: P a²/(a + r).
 
     P is the probability that it is heard from where the boat takes the AUV to be, a the variance of that place, r the
     variance of the fix.

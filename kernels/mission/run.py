@@ -218,7 +218,7 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
 """
 
 
-def kernel_of(source: str, **names: Any) -> Callable[..., None]:
+def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
     """A kernel from source text, which Taichi reads like a file's; `names` are those that the text uses."""
     file = "<mission>"
     linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file

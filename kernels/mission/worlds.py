@@ -89,8 +89,8 @@ class Array(NamedTuple):
     """An array of all worlds.
 
     Attributes:
-        axes: a letter each: W worlds, K AUVs, B boats, M nodes, V vortices, I all AUVs together or each AUV that knows
-            something of its own, O numbers of an observation, R reward terms; "." has another length.
+        axes: a letter each: W worlds, K AUVs, B boats, M nodes, V vortices, I 1, or K where AUVs have beliefs of their
+            own, O numbers of an observation, R reward terms; "." has another length.
         meaning: in words.
         columns: of a last axis that is numbered.
         dtype: of Taichi.
@@ -113,8 +113,8 @@ class Array(NamedTuple):
     @property
     def ranges(self) -> tuple[Range, ...]:
         """What each column may hold; empty where the last axis has no columns with ranges."""
-        named = self.columns is not None and issubclass(self.columns, StateColumns)
-        return self.columns.ranges if named else self.column_ranges
+        columns: Any = self.columns
+        return columns.ranges if columns and issubclass(columns, StateColumns) else self.column_ranges
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -151,7 +151,7 @@ STATE = {
     "vortex": Array("WV", "vortices of the water", Vortex, whose="vortex", column_ranges=VORTEX),
     "boat": Array("WB", "boats", BoatColumn, whose="boat"),
     "tally": Array("W", "the channel, and counts of the last step", TallyColumn),
-    "estimate": Array("WK", "what the boats know of each AUV", EstimateColumn, whose="the estimate of AUV"),
+    "estimate": Array("WK", "the boats' estimate of each AUV", EstimateColumn, whose="the estimate of AUV"),
     "track": Array(
         "WK", "the boats' filters, `usvauv.kernels.positioning.tracker`", whose="the track of AUV", column_ranges=TRACK
     ),

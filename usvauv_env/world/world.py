@@ -77,7 +77,9 @@ class Step(NamedTuple):
 
     def clone(self) -> Step:
         """Copies, which later steps leave as they are."""
-        return Step(*(part.clone() for part in self[:4]), {name: part.clone() for name, part in self.info.items()})
+        info = {name: part.clone() for name, part in self.info.items()}
+        parts = (self.observation, self.reward, self.horizon_ended, self.truncated)
+        return Step._make([*(part.clone() for part in parts), info])
 
 
 class World:
@@ -368,7 +370,7 @@ class World:
         """Go on where `other` is: with its state, bit for bit, but for what another strategy or rule decides.
 
         An AUV keeps its target until the next one is due. Tours and sectors are those that this world's rule makes of
-        where the nodes are as the episode begins. A boat that foresees AUVs begins with what they have told last.
+        where the nodes are as the episode begins. A boat that foresees AUVs begins with their last replies.
 
         Args:
             other: a world of the same size and seed and of the same scenario, but for the strategy of the boat and

@@ -3,9 +3,9 @@
 Where rates are not known, each has a Gamma distribution with `count` packets in `exposure` seconds, so its mean is
 count / exposure. It begins with the mean and variance of the scenario's rates, and a visit that finds n packets which
 came in τ seconds adds n and τ: the posterior of Poisson arrivals (Gelman et al., Bayesian Data Analysis, 3rd ed.,
-2013, section 2.6). Two visits tell less. The first also finds what was there at the start, uniform from 0 to S packets;
-a full buffer says only that at least so many came. Then the rate is known to lie in an interval, and the distribution
-becomes the Gamma distribution with the mean and variance of the one before, cut to that interval.
+2013, section 2.6). Two kinds of visits say less: the first one also finds what was there at the start, uniform from 0
+to S packets, and a full buffer says only that at least so many came. Then the rate is known to lie in an interval, and
+the distribution becomes the Gamma distribution with the mean and variance of the one before, cut to that interval.
 """
 
 import taichi as ti
@@ -29,7 +29,7 @@ def time(worlds: ti.template(), w):
 
 @ti.func
 def holder(worlds: ti.template(), k):
-    """Index in `worlds.belief` of what AUV k knows: its own visits, or those of all."""
+    """Index in `worlds.belief` of AUV k's belief: by its own visits, or by those of all."""
     index = 0
     if ti.static(worlds.program.information == Information.own_visits):
         index = k
@@ -61,7 +61,7 @@ def begin(worlds: ti.template(), w):
 
 @ti.func
 def rate(worlds: ti.template(), w, k, i):
-    """Arrivals at node i as AUV k knows or expects them, packets/s."""
+    """Rate of arrivals at node i, true or as AUV k estimates it, packets/s."""
     b = holder(worlds, k)
     known = worlds.belief[w, b, i, BeliefColumn.count] / worlds.belief[w, b, i, BeliefColumn.exposure]
     if ti.static(worlds.program.information <= Information.rates):

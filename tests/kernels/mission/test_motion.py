@@ -1,4 +1,4 @@
-"""The second task: the engine, the sea and the fixes of the first, with other targets and another reward."""
+"""Power of an AUV, the law of Zhang et al. (2024); station keeping: formation, reward, and who holds it."""
 
 import math
 
@@ -10,9 +10,54 @@ from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
+from usvauv.kernels.mission.motion import hovering_power, travelling_power
 from usvauv.policies import PolicyError
+
+
+def law(speed):
+    """Drag of ½·0.7·60·V² times V over the fitted efficiency, and 15 W for the rest."""
+    return 21.0 * speed**3 / np.polyval([-0.081, 0.215, -0.01, 0.541], speed) + 15.0
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.4, 1.2, 2.2])
+def test_travelling(speed):
+    assert travelling_power(speed) == pytest.approx(law(speed), rel=1e-6)
+
+
+def test_beyond_the_fit_power_grows_with_the_cube_of_the_speed():
+    """The fitted efficiency falls through zero near 3.25 m/s; at any speed the power stays positive and rises."""
+    for speed in (2.6, 3.25, 4.0, 100.0):
+        assert travelling_power(speed) == pytest.approx(15.0 + (law(2.5) - 15.0) * (speed / 2.5) ** 3, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("current", "power"),
+    [(0.0, 105.0), (1.3, 105.0), (1.6, law(1.6)), (2.5, law(2.5)), (4.0, law(2.5))],
+)
+def test_hovering_is_travelling_against_the_current_within_limits(current, power):
+    assert law(1.3) < 105.0 < law(1.6)
+    assert hovering_power(current) == pytest.approx(power, rel=1e-6)
+
+
+def test_a_mission_charges_hovering_by_the_current_at_the_auv():
+    """In vortices of 1.5 to 3 m/s most AUVs that hover pay more than the least."""
+    strong = ["current.count=6", "current.circulation_min=300", "current.circulation_max=500"]
+    world = World(Scenario.load("ideal", [*strong, "auv.hover_radius=60"]), 64, seed=4)
+    policy = policies.load("straight", world)
+    observation = world.reset()
+    paid, current = [], []
+    for _ in range(30):
+        before = world.current().clone()
+        observation = world.step(policy.act(observation))[0]
+        hovering = world.auv[..., AuvColumn.hovering] > 0
+        paid.append(world.auv[..., AuvColumn.power][hovering])
+        current.append(before[hovering].norm(dim=-1))
+    speed = torch.cat(current).double().numpy()
+    expected = np.maximum(law(np.minimum(speed, 2.5)), 105.0)
+    np.testing.assert_allclose(torch.cat(paid).double().numpy(), expected, rtol=1e-4)
+    assert 0.2 < (expected > 105.0).mean() < 1.0
+
 
 STILL = ["current.count=0", "storm.spectrum=none", "sea.irregular_rms=0"]
 
@@ -44,7 +89,7 @@ def test_reward_is_distance_energy_and_room():
     place = world.auv[..., AuvColumn.span("x", "y")].double()
     away = (world.node[..., NodeColumn.span("x", "y")] - place).norm(dim=-1)
     speed = world.auv[..., AuvColumn.span("water_x", "water_y")].double().norm(dim=-1)
-    power = speed.clone().apply_(motion.travelling_power)
+    power = speed.clone().apply_(travelling_power)
     apart = (place[:, :, None] - place[:, None]).norm(dim=-1) + 1e6 * torch.eye(3)
     crowding = (12 - apart).clamp(min=0).sum(-1)
     border = world.auv[..., AuvColumn.border]
