@@ -20,7 +20,7 @@ from usvauv import policies
 from usvauv.cli.sweep.local import Local
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import Piece
-from usvauv.cli.sweep.study import Evaluation, Run, define
+from usvauv.cli.sweep.study import Evaluation, StudyRun, define
 from usvauv.env import EpisodeMetrics, Scenario, evaluate
 from usvauv.env.storage.files import locked
 from usvauv.kernels import runtime
@@ -64,7 +64,7 @@ ABLATIONS = {
 def train(steps: int, folder: Path, jobs: int) -> dict[str, Path]:
     """Train what is not finished already, `jobs` at a time; returns the last checkpoint of each."""
     runs = {
-        name: Run(name=name, scenario=base, set=changes, algorithm="sac", steps=steps, shared=True, seed=1)
+        name: StudyRun(name=name, scenario=base, set=changes, algorithm="sac", steps=steps, shared=True, seed=1)
         for name, (base, changes) in TRAINED.items()
     }
     pieces = {

@@ -18,7 +18,7 @@ from usvauv import policies
 from usvauv.cli.sweep import run
 from usvauv.cli.sweep.perform import Board
 from usvauv.cli.sweep.run import Piece, key_of
-from usvauv.cli.sweep.study import Evaluation, Resources, Run, define, read
+from usvauv.cli.sweep.study import Evaluation, Resources, StudyRun, define, read
 from usvauv.env.storage.tables import read_rows
 from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint
@@ -118,7 +118,7 @@ class TestFile:
     def test_has_a_page_with_all_fields(self):
         page = (ROOT / "docs" / "scale.md").read_text(encoding="utf-8")
         rows = " ".join(line.split("|")[1] for line in page.splitlines() if line.startswith("| `"))
-        fields = [*Run.model_fields, *Evaluation.model_fields, *Resources.model_fields]
+        fields = [*StudyRun.model_fields, *Evaluation.model_fields, *Resources.model_fields]
         assert [name for name in fields if f"`{name}`" not in rows] == []
 
     def test_makes_every_combination_once(self, tmp_path):
@@ -148,7 +148,7 @@ class TestFile:
 class TestKey:
     def test_is_that_of_what_decides_the_results(self):
         def key(evaluation=None, **fields):
-            return key_of(define(Run(policy="clear", **fields), evaluation or Evaluation(), "here"))
+            return key_of(define(StudyRun(policy="clear", **fields), evaluation or Evaluation(), "here"))
 
         assert key_of({"a": {"b": 1.0, "c": [1, 2]}, "d": None}) == key_of({"d": None, "a": {"c": [1, 2], "b": 1.0}})
         assert key() == key(name="mine", usv="fim", set=("auv.count=2",)) == key(Evaluation(score="ec"))
@@ -157,7 +157,7 @@ class TestKey:
 
     def test_is_another_when_weights_or_the_file_of_a_class_change(self, tmp_path, monkeypatch):
         def keys(*names):
-            return {key_of(define(Run(policy=name), Evaluation(), "here")) for name in names}
+            return {key_of(define(StudyRun(policy=name), Evaluation(), "here")) for name in names}
 
         (tmp_path / "mine").mkdir()
         best = shutil.copy(ROOT / "policies/trained/sac-extreme.safetensors", tmp_path / "mine" / "best.safetensors")
@@ -294,7 +294,7 @@ def test_a_stopped_training_ends_as_one_in_one_go(tmp_path, monkeypatch):
     """During training; the evaluation of the untrained policy takes the first 12 reports."""
     monkeypatch.setattr("usvauv.policies.training.trainer.WINDOW", 5)
     fields = {"steps": 160, "worlds": 4, "learn": ("hidden=8", "batch=16", "warmup=40", "n_step=2", "replay=400")}
-    settings = Run(scenario="ideal", set=("mission.duration=12",), algorithm="ddpg", **fields)
+    settings = StudyRun(scenario="ideal", set=("mission.duration=12",), algorithm="ddpg", **fields)
     piece = Piece(definition=define(settings, Evaluation(episodes=2), "here"), method="", task="")
 
     class Signs:
@@ -322,7 +322,7 @@ def test_a_stopped_training_ends_as_one_in_one_go(tmp_path, monkeypatch):
 
 
 def test_the_bars_fit_a_terminal():
-    definition = define(Run(policy="clear"), Evaluation(), "here")
+    definition = define(StudyRun(policy="clear"), Evaluation(), "here")
     runs = [Piece(definition={**definition, "seed": n}, method="a long name " * 4, task="here") for n in range(40)]
     board = Board(runs)
     board.update({piece.key: 0.5 * piece.work for piece in runs[:30]})

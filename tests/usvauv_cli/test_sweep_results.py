@@ -179,7 +179,7 @@ class Made:
             (place / RESULT).unlink()
         (failed / FAILURE).write_text("Traceback\n  here\nthe <i>last</i> line\n")
         (left / MADE).unlink()
-        results.write(self.study, folder)
+        results.write_results(self.study, folder)
         self.text = (folder / "report" / "index.html").read_text(encoding="utf-8")
 
 
@@ -230,14 +230,14 @@ def test_page_needs_nothing_else_and_its_figures_are_described(made):
 
 def test_is_the_same_again(made, capsys):
     before = {path: path.read_bytes() for path in (made.folder / "report").iterdir()}
-    results.write(made.study, made.folder)
+    results.write_results(made.study, made.folder)
     assert {path: path.read_bytes() for path in (made.folder / "report").iterdir()} == before
 
 
 def test_without_any_result_there_is_a_page_of_failures(made, tmp_path, capsys):
     (tmp_path / "report").mkdir()
     (tmp_path / "report" / "scores.pdf").touch()
-    results.write(made.study, tmp_path)
+    results.write_results(made.study, tmp_path)
     text = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
     assert "<dt>not run</dt><dd>18<" in text
     assert not list((tmp_path / "report").glob("*.pdf"))
@@ -260,7 +260,7 @@ def test_without_pyarrow_there_is_no_stale_parquet(made, tmp_path, capsys, monke
     study = Study(made.study.path, STUDY, made.study.runs[2:4], made.study.evaluation, made.study.resources)
     perform(study, tmp_path)
     (tmp_path / "results.parquet").touch()
-    results.write(study, tmp_path)
+    results.write_results(study, tmp_path)
     assert "results.csv; there is no Parquet file without pyarrow (extra 'scale')\n" in capsys.readouterr().out
     assert not (tmp_path / "results.parquet").exists()
 
@@ -283,7 +283,7 @@ def test_the_largest_page_is_below_its_bound(made, tmp_path):
     for piece in pieces:
         piece.place(tmp_path).mkdir(parents=True)
         (piece.place(tmp_path) / FAILURE).write_text("<" * 5000)
-    text = report.write(tmp_path, study, found).read_text(encoding="utf-8")
+    text = report.write_report(tmp_path, study, found).read_text(encoding="utf-8")
     assert len(text.encode()) < LARGEST
     assert "<b>a method" not in text
     assert f"300 of {methods} methods, 24 of {tasks} tasks, 300 of {methods - 1} pairs, 1000 of 1100 runs." in text

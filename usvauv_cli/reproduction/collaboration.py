@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from usvauv.cli.reproduction.paper import number, picture, spread, table, titled_figure
+from usvauv.cli.reproduction.paper import markdown_table, picture_pair, rounded, spread, titled_figure
 from usvauv.cli.reproduction.runs import Settings
 from usvauv.cli.sweep.run import Piece
-from usvauv.cli.sweep.study import Evaluation, Run, define
+from usvauv.cli.sweep.study import Evaluation, StudyRun, define
 from usvauv.env.render.style import Ground, looks, write_pair
 from usvauv.env.storage.tables import write_rows
 
@@ -76,7 +76,7 @@ PERFECT = (
 
 def missions(settings: Settings, boat: str, changes: tuple[str, ...]) -> Piece:
     """Episodes of `wide` with one strategy of the boat."""
-    run = Run(scenario=WIDE, set=(*settings.overrides, *changes), policy=STEERING, usv=boat)
+    run = StudyRun(scenario=WIDE, set=(*settings.overrides, *changes), policy=STEERING, usv=boat)
     evaluation = Evaluation(episodes=settings.wide_episodes, seed=settings.test_seed)
     task = ", ".join(changes) if changes != PERFECT else "perfect fixes"
     return Piece(definition=define(run, evaluation, NAME), method=f"{STEERING}, boat {boat}", task=task)
@@ -127,11 +127,11 @@ def make(settings: Settings, folder: Path, place: Path) -> str:
     head = ["", "boat", "Mbit", "of perfect", "`belief` brings more", "age, s", "own rms, p95, m", "fixes", "outage, s"]
     parts = [
         f"{found[0]['episodes']} episodes of `wide` for each, the same worlds for all; AUVs are steered by"
-        f" `{STEERING}`. With perfect fixes they bring in {number(most, 1)} Mbit. ± is half the 95 %"
+        f" `{STEERING}`. With perfect fixes they bring in {rounded(most, 1)} Mbit. ± is half the 95 %"
         " interval of a mean, or of the mean difference in the same worlds. Age is that of information (mean over nodes"
         " and time), own the error of where AUVs take themselves to be, fixes the share of AUVs and seconds with one,"
         " outage an episode's longest time without a fix of some AUV.",
-        picture(NAME, "Data by the boat's strategy, range, ping interval, drift and number of boats"),
+        picture_pair(NAME, "Data by the boat's strategy, range, ping interval, drift and number of boats"),
     ]
     for axis in AXES:
         rows = (
@@ -141,15 +141,15 @@ def make(settings: Settings, folder: Path, place: Path) -> str:
                 spread(row["delivered_mbit"], row["mbit95"], 1),
                 f"{100 * row['share']:.1f} %",
                 "" if row["boat"] == "belief" else spread(row["belief_more"], row["belief_more95"], 1),
-                number(row["aoi_mean"], 0),
-                f"{number(row['own_error_rms'], 1)}, {number(row['own_error_p95'], 1)}",
-                number(row["fix_availability"]),
-                number(row["outage_longest"], 0),
+                rounded(row["aoi_mean"], 0),
+                f"{rounded(row['own_error_rms'], 1)}, {rounded(row['own_error_p95'], 1)}",
+                rounded(row["fix_availability"]),
+                rounded(row["outage_longest"], 0),
             ]
             for row in found
             if row["axis"] == axis.name
         )
-        parts += [f"## {axis.name[0].upper()}{axis.name[1:]}", table(head, rows)]
+        parts += [f"## {axis.name[0].upper()}{axis.name[1:]}", markdown_table(head, rows)]
     return "\n\n".join(parts)
 
 

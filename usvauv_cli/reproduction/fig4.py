@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 
 from usvauv import policies
 from usvauv.cli.reproduction import paper
-from usvauv.cli.reproduction.paper import PHYSICAL, number, table
+from usvauv.cli.reproduction.paper import PHYSICAL, markdown_table, rounded
 from usvauv.cli.reproduction.runs import BOUND, OVER_TIME, STRATEGIES, Settings, best, fix_errors, learned
 from usvauv.cli.sweep.run import Piece
 from usvauv.env import Trace, World
@@ -70,11 +70,11 @@ def make_tracks(settings: Settings, folder: Path, place: Path) -> str:
     cells = (
         [
             f"`{name}`",
-            *(number(getattr(row, figure)) for figure in paper.FIGURES),
+            *(rounded(getattr(row, figure)) for figure in paper.FIGURES),
             str(row.services),
             str(row.collisions),
             str(row.border),
-            number(row.position_error_median, 3),
+            rounded(row.position_error_median, 3),
         ]
         for name, row in episodes.items()
     )
@@ -84,8 +84,8 @@ def make_tracks(settings: Settings, folder: Path, place: Path) -> str:
         f"One episode in ESC and, with the same policy, one in `{PHYSICAL}`, whose currents it was never trained"
         f" in. Policy: {policy}, the run whose best policy scored highest on the worlds it was chosen by. The paper"
         " gives no numbers for its trajectories.",
-        paper.picture("fig4a", "Trajectories of AUVs and USV"),
-        table(["", "SDR", "EC", "ARPS", "services", "collisions", "refused moves", "median error, m"], cells),
+        paper.picture_pair("fig4a", "Trajectories of AUVs and USV"),
+        markdown_table(["", "SDR", "EC", "ARPS", "services", "collisions", "refused moves", "median error, m"], cells),
     ]
     return "\n\n".join(parts)
 
@@ -209,9 +209,9 @@ def make_errors(settings: Settings, folder: Path, place: Path) -> str:
         " its figure to one digit. In `paper-extreme` `fim` maximises Eq. 2 as the paper does, in `extreme` the"
         " information on all positions. The bound is the error of a single fix by a level array that is at every moment"
         " at the D-optimal place.",
-        paper.picture("fig4b", "Error of the AUVs' positions over time by the boat's strategy"),
+        paper.picture_pair("fig4b", "Error of the AUVs' positions over time by the boat's strategy"),
         f"Over time as [CSV]({paper.RESULTS}/fig4b-over-time.csv).",
-        table(["scenario", "boat", "paper, m", "median, m", "95th percentile, m", "median over bound"], cells),
+        markdown_table(["scenario", "boat", "paper, m", "median, m", "95th percentile, m", "median over bound"], cells),
         f"The paper's level with planning is {ideal:.0f} times below the bound at the demonstration's own noise: with"
         " Eq. 1's array and Table 1's level no place of the boat gives such fixes. What can be compared is the order of"
         " the strategies and the factors between them.",

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from usvauv import policies
 from usvauv.cli.reproduction import paper
-from usvauv.cli.reproduction.paper import number, spread, table
+from usvauv.cli.reproduction.paper import markdown_table, rounded, spread
 from usvauv.cli.reproduction.runs import HEURISTICS, Settings, heuristic, learned
 from usvauv.cli.sweep.run import Piece
 from usvauv.env.render.style import Ground, looks, write_pair
@@ -119,16 +119,16 @@ def make_table(settings: Settings, folder: Path, place: Path) -> str:
         "## Table 2",
         "Trained in ISC, tested in the condition named. The paper has one row for the baseline; here it is tested in"
         " both.",
-        table(["", *head], beside),
+        markdown_table(["", *head], beside),
         f"Of these {len(own)} rows, {above['sdr']} have a higher SDR than the paper's row and {above['arps']} a higher"
-        f" ARPS; {frugal} have an EC of at most {number(LOWEST_EC * (1 + NEAR), 1)} W, which is {100 * NEAR:g} % above"
+        f" ARPS; {frugal} have an EC of at most {rounded(LOWEST_EC * (1 + NEAR), 1)} W, which is {100 * NEAR:g} % above"
         " the paper's lowest.",
         _room(rows, settings),
         _weighted(rows),
-        paper.picture("table2", "SDR, EC and ARPS of every method, ours and the paper's"),
+        paper.picture_pair("table2", "SDR, EC and ARPS of every method, ours and the paper's"),
         f"All tests, mean ± standard deviation over {rows[0]['episodes']} episodes; the last column is the number of"
         " runs whose best policy was that before the first update:",
-        table(all_head, (_cells(row) for row in rows)),
+        markdown_table(all_head, (_cells(row) for row in rows)),
     ]
     return "\n\n".join(parts)
 
@@ -145,10 +145,10 @@ def _room(rows: Sequence[Row], settings: Settings) -> str:
     services, sdr, ec = (straight[f"{name}_mean"] for name in ("services", "sdr", "ec"))
     share = (limit - travelling) / (ec - travelling)
     return (
-        f"Travelling at the lowest speed, {speed:g} m/s, takes {number(travelling, 1)} W; the rest of EC is hovering,"
-        f" which each service needs: `straight` in ISC has {number(services, 1)} services at"
-        f" {number(ec, 1)} W. At that price {number(limit, 1)} W leave room for"
-        f" {number(share * services, 1)} services, an SDR of {number(share * sdr)}; whoever serves more"
+        f"Travelling at the lowest speed, {speed:g} m/s, takes {rounded(travelling, 1)} W; the rest of EC is hovering,"
+        f" which each service needs: `straight` in ISC has {rounded(services, 1)} services at"
+        f" {rounded(ec, 1)} W. At that price {rounded(limit, 1)} W leave room for"
+        f" {rounded(share * services, 1)} services, an SDR of {rounded(share * sdr)}; whoever serves more"
         " has a higher EC."
     )
 
@@ -159,8 +159,8 @@ def _weighted(rows: Sequence[Row]) -> str:
     sdr, ec = (paper.printed("sac", "ISC")[name][0] for name in ("sdr", "ec"))
     return (
         f"**{row['row'].removesuffix(' (ISC)')}** learns from a reward with other weights and is tested like the"
-        f" others: an SDR of {number(row['sdr_mean'])} at {number(row['ec_mean'], 1)} W, where the paper's SAC (ISC)"
-        f" has {number(sdr)} at {number(ec, 1)} W."
+        f" others: an SDR of {rounded(row['sdr_mean'])} at {rounded(row['ec_mean'], 1)} W, where the paper's SAC (ISC)"
+        f" has {rounded(sdr)} at {rounded(ec, 1)} W."
     )
 
 
@@ -173,10 +173,10 @@ def _cells(row: Row) -> list[str]:
         row["tested_in"],
         str(runs) if runs else "",
         *(_spread(row, name, *OURS) for name in paper.FIGURES),
-        number(row["arps_runs_sd"]) if runs > 1 else "",
-        number(row["arps_without_eq5_mean"]),
-        number(row["services_mean"], 1),
-        number(row["collisions_mean"]),
+        rounded(row["arps_runs_sd"]) if runs > 1 else "",
+        rounded(row["arps_without_eq5_mean"]),
+        rounded(row["services_mean"], 1),
+        rounded(row["collisions_mean"]),
         str(row["untrained_runs"]) if runs else "",
     ]
 
@@ -247,8 +247,8 @@ def make_curves(settings: Settings, folder: Path, place: Path) -> str:
             cells = []
             for name in paper.FIGURES:
                 _, mean, low, high = band(found, method, condition, name)
-                end = f"{number(mean[-1])} ({number(low[-1])} to {number(high[-1])})"
-                cells += [number(paper.TABLE_2[method, condition][name][0]), number(mean[0]), end]
+                end = f"{rounded(mean[-1])} ({rounded(low[-1])} to {rounded(high[-1])})"
+                cells += [rounded(paper.TABLE_2[method, condition][name][0]), rounded(mean[0]), end]
             rows.append([title, *cells])
     head = [f"{name.upper()}, {what}" for name in paper.FIGURES for what in ("Table 2", "start", "end")]
     points = len({row["steps"] for row in found})
@@ -257,8 +257,8 @@ def make_curves(settings: Settings, folder: Path, place: Path) -> str:
         f"Evaluations on worlds not trained in, {settings.judged} episodes each, at {points} times of"
         f" {len(settings.seeds)} runs, without exploration; the first is of the policy before any update. The paper"
         " prints no numbers with its curves, so Table 2's stand beside. In brackets: the worst and the best run.",
-        paper.picture("fig3", "SDR, EC and ARPS against training, DDPG and SAC in ISC and ESC"),
-        table(["", *head], rows),
+        paper.picture_pair("fig3", "SDR, EC and ARPS against training, DDPG and SAC in ISC and ESC"),
+        markdown_table(["", *head], rows),
     ]
     return "\n\n".join(parts)
 

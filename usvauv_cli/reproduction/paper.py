@@ -97,23 +97,23 @@ def printed(method: str, condition: str) -> dict[str, tuple[float, float]]:
     return TABLE_2.get((method, condition)) or TABLE_2.get((method, None), {})
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def number(value: float, digits: int = 2) -> str:
+def rounded(value: float, digits: int = 2) -> str:
     """A number with a typographic minus sign."""
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
 def spread(centre: float, deviation: float, digits: int = 2) -> str:
     """Centre ± deviation."""
-    return f"{number(centre, digits)} ± {number(deviation, digits)}"
+    return f"{rounded(centre, digits)} ± {rounded(deviation, digits)}"
 
 
-def picture(name: str, about: str) -> str:
+def picture_pair(name: str, about: str) -> str:
     """A figure for light and for dark pages, with links to its other formats."""
     pair = (
         f'<picture><source media="(prefers-color-scheme: dark)" srcset="{RESULTS}/{name}-dark.png">'

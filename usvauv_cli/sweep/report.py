@@ -32,7 +32,7 @@ from usvauv.cli.web_report.figure_style import (
     rows_of_legend,
     style_axes,
 )
-from usvauv.cli.web_report.figures import shortened
+from usvauv.cli.web_report.figures import truncated
 from usvauv.env.storage.files import writing
 from usvauv.policies.policy import PolicyError
 
@@ -50,7 +50,7 @@ MOST_RUNS = 1000
 LONGEST, WORDS, TEXT = 40, 240, 200_000  # letters of a name in a figure, of a failure, of the study file
 
 
-def write(folder: Path, study: Study, results: Mapping[str, Any]) -> Path:
+def write_report(folder: Path, study: Study, results: Mapping[str, Any]) -> Path:
     """Write DIR/report/index.html and its figures as PDF; returns the page.
 
     Args:
@@ -205,7 +205,7 @@ def draw_scores(tasks: Mapping[str, Mapping[str, Values]], methods: Mapping[str,
         plots = figure.subplots(len(tasks), 1, squeeze=False, height_ratios=heights).ravel()
         for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
             _rows(axes, [(list(methods).index(method), value) for method, value in of_methods.items()])
-            axes.set_title(shortened(task, TITLE), loc="left", pad=3)
+            axes.set_title(truncated(task, TITLE), loc="left", pad=3)
         plots[-1].set_xlabel(score)
         legend(figure, _points(methods.values()))
     return figure
@@ -244,7 +244,7 @@ def draw_improvement(pairs: Sequence[Values], methods: Mapping[str, str]) -> Fig
         figure = new(0.32 * len(pairs) + 0.55)
         axes = figure.add_subplot()
         _rows(axes, [(list(methods).index(pair["method"]), pair) for pair in pairs])
-        names = [[shortened(methods[pair[which]], 24) for which in ("method", "over")] for pair in pairs]
+        names = [[truncated(methods[pair[which]], 24) for which in ("method", "over")] for pair in pairs]
         axes.set_yticks(range(0, -len(pairs), -1), [f"{one}\nover {other}" for one, other in names])
         axes.axvline(0.5, color=MUTED, lw=0.8, zorder=1)
         axes.set(xlim=(-0.02, 1.02), xlabel="probability of improvement")
@@ -260,7 +260,7 @@ def draw_learning(tasks: Mapping[str, Mapping[str, Curve]], methods: Mapping[str
         for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
             for method, curve in of_methods.items():
                 _curve(axes, list(methods).index(method), curve)
-            axes.set_title(shortened(task, TITLE), loc="left", pad=3)
+            axes.set_title(truncated(task, TITLE), loc="left", pad=3)
             axes.set_ylabel(score)
             style_axes(axes)
         plots[-1].set_xlabel("world-steps")

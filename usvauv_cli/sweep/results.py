@@ -41,12 +41,12 @@ def sweep(study: Study, folder: Path, make_engine: Callable[[], Engine]) -> None
     """
     with locked(folder):
         failure = perform_all(study.runs, folder, make_engine, study.resources.cores, study.resources.arch)
-        write(study, folder)
+        write_results(study, folder)
     if failure:
         raise UserError(failure)
 
 
-def write(study: Study, folder: Path) -> None:
+def write_results(study: Study, folder: Path) -> None:
     """Write the tables and the page, and print the summary."""
     done = [piece for piece in study.runs if piece.finished(folder)]
 
@@ -66,7 +66,7 @@ def write(study: Study, folder: Path) -> None:
         partial.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     summary.show(results)
     print(f"summary: {folder / 'summary.json'}")
-    print(f"report: {report.write(folder, study, results)}")
+    print(f"report: {report.write_report(folder, study, results)}")
 
 
 def _write_parquet(table: Path) -> str:

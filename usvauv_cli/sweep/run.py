@@ -154,11 +154,10 @@ def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:
     begun = {}
     if checkpoint.path_of(place, checkpoint.LAST).exists():
         begun = policies.read_run(place)[2]
-        done = total, evaluations + 1
-        if begun["steps"] < total:
-            done = begun["steps"], len(policies.read_history(place))
-        signs.advance(done[0] + done[1] * evaluation_work)
-        if begun["steps"] >= total:
+        trained = begun["steps"] >= total
+        evaluated = evaluations + 1 if trained else len(policies.read_history(place))
+        signs.advance(min(begun["steps"], total) + evaluated * evaluation_work)
+        if trained:
             return
     world = World(scenario, config.num_worlds, config.seed, usv)
     judges = World(scenario, judged, config.seed + EVALUATION_SEED_OFFSET, usv)
@@ -167,23 +166,8 @@ def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:
         return policies.figures_of_merit(judges, policy, lambda _: signs.advance(EVALUATION_STEP))
 
     about = provenance(begun) | {"usv": usv, "total": total}
-    train(policies.Trainer(world, config, place, evaluate, about, evaluations), total, signs)
-
-
-def train(trainer: policies.Trainer, steps: int, signs: Signs) -> None:
-    """Train until `steps` world-steps are done in all; then the run is only read, and its replay is removed.
-
-    Args:
-        trainer: new; it resumes the run of its directory, which is cleaned and locked.
-        steps: of the whole run.
-        signs: get the world-steps just done.
-
-    Raises:
-        Stopped: `signs` asked for it; the run is saved.
-        KeyboardInterrupt: the same after Ctrl-C in this process.
-    """
-    assert trainer.directory is not None
-    if checkpoint.path_of(trainer.directory, checkpoint.LAST).exists():
+    trainer = policies.Trainer(world, config, place, evaluate, about, evaluations)
+    if begun:
         trainer.resume()
     done = trainer.steps
 
@@ -193,11 +177,11 @@ def train(trainer: policies.Trainer, steps: int, signs: Signs) -> None:
         done = figures["steps"]
         trainer.stopped |= signs.stopping()
 
-    trainer.train(steps, watch)
-    if trainer.steps < steps:
+    trainer.train(total, watch)
+    if trainer.steps < total:
         trainer.interruption.raise_if_asked()
         raise Stopped
-    checkpoint.close_run(trainer.directory)
+    checkpoint.close_run(place)  # it is only read from now on
 
 
 @contextmanager

@@ -29,7 +29,7 @@ LISTS = ("set", "learn")  # fields that are lists themselves; several of these a
 MOST_RUNS = 10_000
 
 
-class Run(Section):
+class StudyRun(Section):
     """A run: a policy that is named, or an algorithm that learns one."""
 
     name: str = Field(default="", description="of the method in tables; default what distinguishes it")
@@ -46,7 +46,7 @@ class Run(Section):
     seed: int = Field(default=0, ge=0, lt=2**31, description="of the training; it is added to that of the evaluation")
 
     @model_validator(mode="after")
-    def _check(self) -> Run:
+    def _check(self) -> StudyRun:
         if bool(self.policy) == bool(self.algorithm):
             raise ValueError(f"policy = {self.policy!r}, algorithm = {self.algorithm!r}: must be one of the two")
         given = [name for name in OF_TRAINING if name in self.model_fields_set]
@@ -116,13 +116,13 @@ def read(path: Path) -> Study:
             raise UserError(f"{path}: {name} = {value!r}: must be {'[[runs]]' if name == 'runs' else f'[{name}]'}")
     evaluation = _valid(Evaluation, data.get("evaluation", {}), f"{path}: evaluation")
     resources = _valid(Resources, data.get("resources", {}), f"{path}: resources")
-    planned: dict[str, tuple[Run, dict[str, Any]]] = {}
+    planned: dict[str, tuple[StudyRun, dict[str, Any]]] = {}
     for number, entry in enumerate(data.get("runs", [])):
         source = f"{path}: runs[{number}]"
         if not isinstance(entry, Mapping):
             raise UserError(f"{source} = {entry!r}: must be a table of fields")
         for values in _combinations({**data.get("common", {}), **entry}, source):
-            run = _valid(Run, values, source)
+            run = _valid(StudyRun, values, source)
             definition = define(run, evaluation, source)
             planned.setdefault(key_of(definition), (run, definition))
     if not planned:
@@ -157,7 +157,7 @@ def _combinations(fields: Mapping[str, Any], source: str) -> Iterator[dict[str, 
         yield dict(zip(fields, values, strict=True))
 
 
-def define(run: Run, evaluation: Evaluation, source: str) -> dict[str, Any]:
+def define(run: StudyRun, evaluation: Evaluation, source: str) -> dict[str, Any]:
     """The definition of a run, which is checked as far as it can be without a world; see `Piece`.
 
     Raises:
@@ -185,7 +185,7 @@ def define(run: Run, evaluation: Evaluation, source: str) -> dict[str, Any]:
     }
 
 
-def _named(runs: Sequence[tuple[Run, dict[str, Any]]]) -> Iterator[Piece]:
+def _named(runs: Sequence[tuple[StudyRun, dict[str, Any]]]) -> Iterator[Piece]:
     """Runs with their method and task in words: what acts, and in which scenario; of settings and changes those that
     are not the same in all runs.
     """

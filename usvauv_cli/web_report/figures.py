@@ -183,7 +183,7 @@ def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure
     for i, (axes, name) in enumerate(zip(plots, names, strict=False)):
         axes.set_facecolor(SEA)
         axes.set(xlim=(0, width), ylim=(0, length), aspect="equal")
-        axes.set_title(shortened(name, 46 // columns), loc="left", pad=3)
+        axes.set_title(truncated(name, 46 // columns), loc="left", pad=3)
         if frame:
             draw_graticule(axes, frame, width, length, 2 if columns > 1 else 3)
         else:
@@ -200,7 +200,7 @@ def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure
     return figure, list(plots[: len(names)])
 
 
-def shortened(name: str, most: int) -> str:
+def truncated(name: str, most: int) -> str:
     """A name of at most so many letters."""
     return name if len(name) <= most else f"{name[: most - 1]}…"
 
