@@ -1,6 +1,6 @@
-"""The batched world: `world.World`, what an AUV observes (`observation`, `spaces`), how the boat is steered
-(`boat_strategies`), its memory (`arrays`), what its draws depend on (`seeds`), and the numbers that the kernels read
-(`tables`, `current_statistics`).
+"""The batched world: `world.World`; what an AUV observes (`observation`), boats as agents and spaces (`agents`), where
+boats go (`boat_strategies`), shapes and bounds of the state (`state`), the sea and the seeds (`water`), and the numbers
+that the kernels read (`tables`, `current_statistics`).
 
-From outside: `World`, `ObservationLayout`, and the registries `boat_strategies` and `observation_terms`.
+From outside: `World`, `Step`, `ObservationLayout`, and the registries `boat_strategies` and `observation_terms`.
 """

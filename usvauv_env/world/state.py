@@ -131,6 +131,17 @@ def first_outside(
     return place[0], f"{array.names[column]} of {whose} is {value:g}: must be {rule} {low:g} to {high:g}"
 
 
+def first_fault(
+    arrays: Mapping[str, torch.Tensor], scenario: Scenario, columns: Mapping[str, Sequence[str]]
+) -> tuple[int, str]:
+    """World and words for the first number of some arrays that cannot be; `columns` as of `first_outside`, by array."""
+    bounds = bounds_of(scenario)
+    for name, values in arrays.items():
+        if (problem := first_outside(name, values, bounds, columns.get(name, ()))) is not None:
+            return problem
+    return 0, "its state was not finite"
+
+
 def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tensor], scenario: Scenario) -> None:
     """Refuse a state that a world of this scenario cannot have.
 

@@ -21,11 +21,10 @@ from usvauv.env.world.state import (
     LARGEST,
     allocate,
     array_shapes,
-    bounds_of,
     check_adjustable,
     check_continues,
     check_state,
-    first_outside,
+    first_fault,
     padded_length,
     unused_arrays,
 )
@@ -49,6 +48,7 @@ from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.worlds import REWARDS, STATE
 from usvauv.kernels.positioning import pulse, tracker
 
+ARRAYS = *STATE, *REWARDS
 MAX_WORLDS = 1 << 22
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
@@ -122,7 +122,7 @@ class World:
 
     measure_names = AuvColumn.names[MEASURED]
 
-    # The arrays of `usvauv.kernels.mission.worlds`.
+    # Arrays of `usvauv.kernels.mission.worlds`: the kernels work on them in place, and so does who writes into them.
     auv: torch.Tensor
     node: torch.Tensor
     vortex: torch.Tensor
@@ -406,23 +406,15 @@ class World:
             DivergenceError: one is not finite or has run away; names world, quantity and time.
         """
         if self._fault.raised():
-            world, problem = self._first_fault()
+            terms = [name for name, place in self.observation_layout for _ in range(place.start, place.stop)]
+            columns = {"observation": terms, "reward_terms": self.reward_names}
+            world, problem = first_fault({name: getattr(self, name) for name in ARRAYS}, self.scenario, columns)
             time = int(self._clock[world, 1]) * self.scenario.mission.step
             plugins = self._plugins()
             raise DivergenceError(
                 f"world {self._first_world + world} at {time:g} s: {problem}"
                 + (f" (uses {plugins})" if plugins else "")
             )
-
-    def _first_fault(self) -> tuple[int, str]:
-        """Index of the first world with a number that cannot be, and what it is."""
-        bounds = bounds_of(self.scenario)
-        terms = [name for name, place in self.observation_layout for _ in range(place.start, place.stop)]
-        columns = {"observation": terms, "reward_terms": self.reward_names}
-        for name in (*STATE, "reward_terms", "reward"):
-            if (problem := first_outside(name, getattr(self, name), bounds, columns.get(name, ()))) is not None:
-                return problem
-        return 0, "its state was not finite"
 
     def _plugins(self) -> str:
         """The parts of these worlds that plugins have registered, in words; empty where there are none."""
@@ -491,7 +483,7 @@ class World:
             "chosen": self._chosen,
             "clock": self._clock,
             "action": self._action,
-            **{name: getattr(self, name) for name in (*STATE, *REWARDS)},
+            **{name: getattr(self, name) for name in ARRAYS},
         }
         try:
             with runtime.compiled_quickly():
