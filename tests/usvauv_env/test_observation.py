@@ -4,8 +4,9 @@ import math
 import re
 
 import pytest
+import torch
 
-from usvauv.env import Scenario
+from usvauv.env import Scenario, World
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_bound
 from usvauv.env.world.observation import ObservationLayout, commanded, observation_terms, observed, quantities, table
@@ -56,3 +57,19 @@ def test_what_an_action_says():
     assert all(row.unit == "1.75 m/s" and "0.5 .. 1.75 m/s" in row.quantity for row in vector)
     assert [row.unit for row in polar] == ["pi rad", "1"]
     assert "0.5 m/s at -1, 1.75 m/s at 1" in polar[1].quantity
+
+
+def test_a_step_is_overwritten_by_the_next_one_and_its_clone_is_not():
+    world = World(Scenario.load("ideal"), 2)
+    world.reset()
+    action = torch.ones(2, world.num_auvs, 2, device=world.device)
+    first = world.step(action)
+    kept = first.clone()
+    observation, reward, horizon_ended, truncated, info = kept
+    assert torch.equal(first.observation, observation)
+    second = world.step(-action)
+    assert first.observation is second.observation
+    assert not torch.equal(first.observation, observation)
+    assert not torch.equal(first.info["measures"], info["measures"])
+    assert reward.shape == horizon_ended.shape == truncated.shape == (2, world.num_auvs)
+    assert info["reward_terms"].sum(-1).allclose(reward)
