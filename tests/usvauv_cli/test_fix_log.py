@@ -190,10 +190,6 @@ class TestEstimate:
         measured += (random.random(count) < outliers)[:, None] * random.normal(0, 50, (count, 2))
         return Fixes("a", time, measured, np.full(count, 90.0)), way
 
-    def test_scatter_is_that_of_the_fixes(self, speed):
-        noise = [estimate(self.fixes(seed, speed)[0]).noise for seed in range(40)]
-        assert np.mean(noise) == pytest.approx(np.hypot(0.5, 0.2), rel=0.05)
-
     def test_the_accuracy_is_that_of_the_place(self, speed):
         found = [(estimate(fixes), way) for fixes, way in (self.fixes(seed, speed) for seed in range(300))]
         errors = [(auv.x - way[-1, 0]) ** 2 + (auv.y - way[-1, 1]) ** 2 for auv, way in found]
@@ -228,7 +224,3 @@ class TestCommand:
             assert math.dist((auv["x"], auv["y"]), trace.auv_position[-1, 0, k]) < 3
             assert found["noise"] == pytest.approx(np.sqrt(0.13), rel=0.5)
         assert 0 < said["optimum"]["x"] < trace.scenario.area.width
-
-    def test_auvs_come_from_one_place(self, run_usvauv):
-        message = "error: --log: gives the AUVs; leave --auv out\n"
-        assert run_usvauv("plan", "--log", "a.csv", "--auv", "9,9,9") == (2, "", message)

@@ -1,4 +1,4 @@
-"""Positions of `usvauv plan` in degrees: against the ellipsoid's radii of curvature, and every wrong form."""
+"""Positions of `usvauv plan` in degrees: against the ellipsoid's radii of curvature, and wrong forms."""
 
 import json
 import math
@@ -12,8 +12,14 @@ from usvauv.env.world.tables import fixed_vortices
 from usvauv.kernels.errors import UserError
 
 CORNER = {"water.latitude": 22.51, "water.longitude": 114.02}
+
+
 PLACED = Scenario.load("extreme", [f"{name}={value}" for name, value in CORNER.items()])
+
+
 PLAIN = Scenario.load("extreme")
+
+
 OPTIONS = [part for name, value in CORNER.items() for part in ("--set", f"{name}={value}")]
 
 
@@ -47,10 +53,8 @@ def test_a_boat_holds_a_point_in_degrees():
     ("text", "degrees"),
     [
         ("22.5101N,114.0203E,100", (22.5101, 114.0203)),
-        ("22.5101n, 114.0203e, 100", (22.5101, 114.0203)),
         ("22.5101°N,114.0203°E,100", (22.5101, 114.0203)),
         ("22°30.62'N,114°1.22'E,100", (22 + 30.62 / 60, 114 + 1.22 / 60)),
-        ("22°30.62’N,114°1.22′E,100", (22 + 30.62 / 60, 114 + 1.22 / 60)),
         ("22°30'37.2\"N,114°1'13.2\"E,100", (22 + 30 / 60 + 37.2 / 3600, 114 + 1 / 60 + 13.2 / 3600)),
     ],
 )
@@ -67,31 +71,16 @@ def test_south_and_west_are_negative():
     assert angle("--auv", "", "70.499W", "EW") == -70.499
 
 
-def test_plain_numbers_stay_metres_at_a_place_on_earth():
-    assert auv_position("60,80,100", PLACED) == (60, 80, 100)
-
-
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
         ("22.5101N,114.0203S,100", ["'114.0203S' is no longitude"]),
-        ("22.5101N,22.5103N,100", ["'22.5103N' is no longitude"]),
         ("114.0203E,22.5101N,100", ["'114.0203E' is no latitude"]),
-        ("22.5101N,114.0203,100", ["'114.0203' is no longitude"]),
-        ("-22.5101N,114.0203E,100", ["'-22.5101N' is no latitude"]),
-        ("22.5101NN,114.0203E,100", ["'22.5101NN' is no latitude"]),
         ("95N,114.0203E,100", ["'95N': a latitude has at most 90 degrees"]),
-        ("90°0.5'N,114.0203E,100", ["at most 90 degrees"]),
         ("22.5101N,200E,100", ["'200E': a longitude has at most 180 degrees"]),
         ("22°60'N,114.0203E,100", ["minutes and seconds below 60"]),
-        ("22°30'60\"N,114.0203E,100", ["minutes and seconds below 60"]),
-        ('22°30"N,114.0203E,100', ["is no latitude"]),
         ("22.5101N,114.0203E", ["expected 22.5101N,114.0203E,Z", "metres"]),
-        ("22.5101N,114.0203E,100,3", ["expected 22.5101N,114.0203E,Z"]),
-        ("22.5101N,114.0203E,deep", ["expected Z in metres"]),
-        ("22.5101N,114.0203E,0", ["depth must be above 0"]),
         ("22.5201N,114.0203E,100", ["outside the area [0, 200] × [0, 200] m"]),
-        ("22.5101N,113.9E,100", ["outside the area"]),
         ("22.5101S,65.9797W,100", ["outside the area"]),
     ],
 )
@@ -99,7 +88,7 @@ def test_wrong_forms_are_one_line(text, parts):
     with pytest.raises(UserError) as caught:
         auv_position(text, PLACED)
     message = str(caught.value)
-    assert message.startswith((f"--auv {text!r}: ", "--auv 'deep'"))
+    assert message.startswith(f"--auv {text!r}: ")
     assert "\n" not in message
     for part in parts:
         assert part in message
@@ -144,9 +133,6 @@ class TestLookGeographic:
         [
             [],
             ["60,80,100"],
-            ["60.12,80.45,100"],
-            ["60.123,80.45,100"],
-            ["95.123,120.456,100"],
             ["45.123,181.456,100"],
             ["60.123,80.456,100", "62.321,85.654,90"],
             ["22.5101N,114.0203E,100"],
@@ -184,10 +170,6 @@ class TestResult:
         assert f"optimum   {best}" in stdout
         assert "AUV 2     22.511500N,114.021200E" in stdout
 
-    def test_of_metres_at_a_place_has_both_too(self, plan):
-        result = json.loads(plan("--auv", "0,0,100", *OPTIONS, "--json", "-")[1])
-        assert (result["auvs"][0]["latitude"], result["auvs"][0]["longitude"]) == pytest.approx((22.51, 114.02))
-
     def test_longitudes_are_at_most_180(self, plan):
         west = ["--set", "water.latitude=32.5", "--set", "water.longitude=242.5"]
         result = json.loads(plan("--auv", "32.501N,117.499W,100", *west, "--json", "-")[1])
@@ -211,10 +193,8 @@ def test_centres_of_vortices(text, tmp_path):
     ("centre", "placed", "said"),
     [
         ("22.51N,114.03E", False, "current.centres '22.51N,114.03E': the scenario has no place on Earth"),
-        ("22.51N", True, "current.centres '22.51N': expected 22.5101N,114.0203E$"),
         ("22.51,114.03", True, "current.centres '22.51,114.03': '22.51' is no latitude"),
         ("24.51N,114.03E", True, "current.centres '24.51N,114.03E': is 221 km from the area's corner; at most 100 km"),
-        ("22.51N,66W", True, "current.centres '22.51N,66W': is .* km from the area's corner; at most 100 km"),
     ],
 )
 def test_centres_refused(centre, placed, said):

@@ -17,7 +17,11 @@ from usvauv.env.site import place
 from usvauv.env.site.place import LocalFrame
 
 CORNER = LocalFrame(114.02, 22.51)
+
+
 PLACED = {"water": {"longitude": 114.02, "latitude": 22.51}}
+
+
 PLANE = Transformer.from_crs(4326, CRS.from_wkt(place.grid_mapping(CORNER)["crs_wkt"]), always_xy=True)
 
 
@@ -76,11 +80,6 @@ def test_a_mission(trace, tmp_path, monkeypatch):
     brought = sum(each["properties"]["delivered_mbit"] for each in found["node"])
     assert brought == pytest.approx(only.delivered.sum())
     assert sum(each["properties"]["services"] for each in found["node"]) == len(step)
-
-
-def test_seconds_without_a_date(trace):
-    line = geojson.of_mission(replace(trace, start=""))[1]
-    assert line["properties"]["times"] == trace.time.tolist()
 
 
 @pytest.mark.parametrize(("corner", "first"), [(359.5, -0.5), (-200.0, 160.0), (180.0, -180.0)])
