@@ -84,6 +84,7 @@ def drawn(case: Case) -> np.ndarray:
 def differences(name: str, frame: np.ndarray) -> tuple[float, float]:
     """Share of a frame's pixels that differ from the stored picture, and the mean of all channels' differences."""
     stored = cv2.imread(str(FOLDER / f"{name}.webp"))
+    assert stored is not None, f"{FOLDER / name}.webp is missing or damaged"
     away = cv2.subtract(cv2.absdiff(frame, stored), np.full_like(frame, LEVEL // 2))
     return float((away.max(-1) > FAR).mean()), float(away.mean())
 

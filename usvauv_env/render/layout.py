@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -268,7 +268,7 @@ class LegendSymbol(NamedTuple):
     at: np.ndarray
     layout: Layout
 
-    def _line(self, points: list[tuple[float, float]] | np.ndarray, ink: Colour, width: float = 1.3) -> None:
+    def _line(self, points: Sequence[tuple[float, float]], ink: Colour, width: float = 1.3) -> None:
         """A line through points (N, 2) from the place, pixels of the design."""
         ends = self.at + np.array(points) * self.layout.unit
         shapes.stroke(self.picture, ends, ink, self.layout.px(width))
