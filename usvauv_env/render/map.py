@@ -35,7 +35,7 @@ class MissionMap:
     """Draws world 0 of a trace.
 
     Attributes:
-        view: metres to pixels. surface, streaks: layers, whose scales `map_axes` draws.
+        view: metres to pixels. surface, streaks: layers, whose scales `draw_map_axes` draws.
     """
 
     def __init__(self, trace: Trace, running: RunningMetrics, layout: Layout) -> None:
@@ -277,7 +277,7 @@ FRAMES = 45  # for which the data of a completed service is shown
 
 
 class Popups:
-    """Of world 0 of a trace; `unit` is a pixel of the design."""
+    """Words over nodes, each with the data of a service in world 0; `unit` is a pixel of the design."""
 
     def __init__(self, trace: Trace, itinerary: Itinerary, unit: float) -> None:
         self._delivered, self._itinerary, self._unit = trace.delivered[:, 0], itinerary, unit

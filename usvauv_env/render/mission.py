@@ -1,4 +1,4 @@
-"""What a trace says at each step that views show: figures so far, exchanges of sound, next nodes, value of places."""
+"""What views show of a step of a trace: figures so far, pings and replies, next nodes, worth of boat positions."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def pings(asked: np.ndarray) -> np.ndarray:
 
 
 class Exchanges:
-    """Those of world 0 of a trace."""
+    """Pings that are on their way, and replies that were heard, in world 0 of a trace."""
 
     def __init__(self, trace: Trace) -> None:
         flags, self._by = trace.fix_flags[:, 0], trace.fix_boat[:, 0]
@@ -211,7 +211,11 @@ EVERY = 3  # steps at which lines, which change slowly, are made anew
 
 
 class ReplyField:
-    """The field of world 0 of a trace."""
+    """What a place of the boat is worth in world 0: the share of the AUVs' uncertainty that replies heard there remove.
+
+    At a place p it is Σ_k P_k(p) a_k / Σ_k a_k, with a_k the variance of where the boat takes AUV k to be, and P_k the
+    probability that its reply is heard at p from where the boat foresees it, over a calm array.
+    """
 
     def __init__(self, trace: Trace) -> None:
         area, auv = trace.scenario.area, trace.scenario.auv

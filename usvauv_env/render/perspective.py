@@ -317,7 +317,7 @@ ZOOMS = (0.85, 1.0, 1.15)  # of nodes by their distance, of which each size has 
 
 
 class BelowSurface:
-    """World 0 of a trace.
+    """AUVs and nodes of world 0 of a trace, with trails, ways to the next nodes, error ellipses and numbers.
 
     Attributes:
         auvs: (T, K, 3) their places in the scene.
@@ -359,7 +359,7 @@ class BelowSurface:
             gauges.draw(canvas.picture, heads[node], self._fill[t, node], self._age[t, node], pulse)
 
     def draw_auvs(self, canvas: Canvas, t: int) -> None:
-        """All of them, far to near."""
+        """All AUVs, far to near."""
         for auv in np.argsort(-canvas.camera.away(self.auvs[t])):
             self._draw_auv(canvas, t, int(auv))
 

@@ -1,4 +1,8 @@
-"""SEA"""
+"""The sea in pictures: from above as coloured relief with the current as streaks, in perspective as a lit surface.
+
+From above (`SeaSurface`, `CurrentStreaks`) and in perspective (`SeaShading`) it has one scale of colours. `look` finds
+where the sight lines of a perspective picture meet the surface.
+"""
 
 from __future__ import annotations
 
@@ -304,7 +308,7 @@ class Columns(NamedTuple):
 
     @classmethod
     def of(cls, camera: PinholeCamera, sides: tuple[float, float], width: int) -> Columns:
-        """Those of a picture of a width, of an area with sides in x and y, m."""
+        """Columns of a picture `width` pixels wide that see an area with `sides` in x and y, m."""
         x = 2.0 * np.arange(width // 2) + 0.5
         ray = camera.forward + ((x - camera.centre[0]) / camera.focal)[:, None] * camera.right
         eye = -camera.distance * camera.forward
@@ -344,9 +348,19 @@ class Sheet(NamedTuple):
 
 
 def look(camera: PinholeCamera, columns: Columns, sides: tuple[float, float], field: np.ndarray, height: int) -> Sheet:
-    """Look at a field (Y, X) of heights over an area, float32, row 0 in the south, m as drawn.
+    """Where the sight lines of the pixels of a picture meet a field (Y, X) of heights over an area.
 
-    What is above the first row of the picture or below its `height` is cut off.
+    A column of the picture is a vertical plane of the scene. The surface is sampled along each such plane from the near
+    border of the area to the far one. A pixel shows the first sample that is not below it: the samples are entered at
+    their rows, the nearest of those at one row remaining, and a running minimum from the top row down finds the nearest
+    of all that are as high. All columns are treated at once, at half the picture's resolution. One polygon a cell takes
+    OpenCV many times as long; a fixed-point search along the sight lines takes half as long, but does not find what is
+    hidden.
+
+    Args:
+        sides: of the area in x and y, m.
+        field: heights as drawn, m, float32, row 0 in the south.
+        height: of the picture, pixels. What is above its first row or below its last is cut off.
     """
     cells = np.array(field.shape[::-1])
     scale = cells / sides

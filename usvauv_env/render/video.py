@@ -296,7 +296,7 @@ def _add_stream(
 
 
 def _pixels(frame: av.VideoFrame) -> np.ndarray:
-    """Those of a bgr24 frame, (height, width, 3), to be written into."""
+    """Writable view (height, width, 3) of the pixels of a bgr24 frame."""
     plane = frame.planes[0]
     rows = np.frombuffer(memoryview(plane), np.uint8).reshape(frame.height, plane.line_size)
     return rows[:, : 3 * frame.width].reshape(frame.height, frame.width, 3)
