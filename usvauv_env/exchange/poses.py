@@ -73,7 +73,7 @@ def _sea(trace: Trace) -> np.ndarray:
 
 
 def _headings(velocity: np.ndarray) -> np.ndarray:
-    """Quaternions (T, K, 4) of turns about z towards velocities (T, K, 2); an AUV at rest keeps its heading, at first east."""
+    """Quaternions (T, K, 4) of turns about z towards velocities (T, K, 2); at rest the last one, at first east."""
     moving = (velocity != 0).any(-1)
     last = np.maximum.accumulate(np.where(moving, np.arange(len(moving))[:, None], -1), axis=0)
     held = np.take_along_axis(velocity, np.maximum(last, 0)[..., None], axis=0)
