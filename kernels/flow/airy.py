@@ -132,7 +132,7 @@ def wavenumber(omega: np.ndarray, depth: float, gravity: float) -> np.ndarray:
 
 
 def decay(k: np.ndarray, z: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """C and D at the level z, which nothing overflows: (e^{kz} ± e^{−k(z + 2h)})/(1 − e^{−2kh}), −h ≤ z ≤ 0."""
+    """C and D at the level z, −h ≤ z ≤ 0, as (e^{kz} ± e^{−k(z + 2h)})/(1 − e^{−2kh}): no exponential overflows."""
     down, up = np.exp(k * z), np.exp(-k * (z + 2 * depth))
     return (down + up) / -np.expm1(-2 * k * depth), (down - up) / -np.expm1(-2 * k * depth)
 

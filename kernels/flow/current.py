@@ -23,7 +23,7 @@ class Water(NamedTuple):
 
     Attributes:
         vortex: (W, V, 4) vortices: x0, y0, Γ, δ.
-        stream: (levels, rows, columns, 2) real current at each `Level`, m/s; of one row there is none.
+        stream: (levels, rows, columns, 2) real current at each `Level`, m/s; one row means no current.
         width, length: of the area, m.
         bed: (1, rows, columns, 1) depth h, m.
         eta: packed elevation of the long waves, m, (blocks, rows, W, LANES).

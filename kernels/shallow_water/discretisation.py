@@ -4,7 +4,7 @@ A packed field has the shape (blocks, rows, W, LANES): vectors of LANES numbers 
 together. The lanes are filled in one of two ways, by the same source.
 
 - *pool*, several seas: lane l of block b is sea 16 b + l, and W = nx + o.
-- *strips*, one sea: lane l holds columns l W to l W + W − 1, so W = ⌈(nx + o)/16⌉; W ≤ nx tells strips from pool.
+- *strips*, one sea: lane l holds columns l W to l W + W − 1, so W = ⌈(nx + o)/16⌉; W ≤ nx holds for strips alone.
 
 Rows 0 to ny − 1 and columns 0 to nx − 1 are water. U[j] and V[i] are the faces west of column j and south of row i, so
 column nx and row ny hold the eastern and northern boundary, and columns are cyclic, so that the last one (of the last

@@ -62,7 +62,7 @@ def march(
     U ← a U − Cx δx η,  V ← a V − Cy δy η,  η ← η − δx U − δy V.
 
     One thread marches a band of rows as a wavefront: each substep works one row behind the substep before it, so that a
-    row is fetched once for all of them. Around a band lie copies of its neighbours' rows, of which each substep
+    row is fetched once for all of them. Around a band lie copies of its neighbours' rows; each substep
     invalidates one. No value depends on how the rows are cut into bands, or on the number of threads.
 
     At an open boundary the outer cell is given the elevation E ± R U, with the transport U before the substep:

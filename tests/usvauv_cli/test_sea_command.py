@@ -229,19 +229,6 @@ class TestVideo:
         sea = SeaSimulation(scenario, 0, (50, 50), 0.5, first_vortices(scenario, 0))
         return SeaPainter(sea, survey(scenario, 0, 5), 11, size, 30), sea
 
-    def test_figures(self):
-        painter, sea = self.painter(*STEADY)
-        painter.frame(sea)
-        first = sea.surface()
-        sea.advance()
-        painter.frame(sea)
-        both = [first, sea.surface()]
-        said = {name: float(value.replace("−", "-")) for name, value in painter.figures(0.0)}
-        assert said["highest, m"] == pytest.approx(max(s.elevation.max() for s in both), abs=0.006)
-        assert said["lowest, m"] == pytest.approx(min(s.elevation.min() for s in both), abs=0.006)
-        assert said["storm Hs, m"] == pytest.approx(4 * np.sqrt(np.mean([s.storm**2 for s in both])), abs=0.006)
-        assert said["current to, m/s"] == pytest.approx(np.hypot(*np.moveaxis(sea.current(), -1, 0)).max(), abs=0.006)
-
     @pytest.mark.parametrize(
         ("size", "overrides"), [((320, 320), STILL), ((1920, 400), ["area.width=2000", "area.length=100"])]
     )
@@ -255,16 +242,6 @@ class TestVideo:
 
 
 class TestSectionAndBlock:
-    def test_section_runs_with_the_waves(self):
-        section = Section(Site(Scenario.load("extreme", ["area.width=400", "storm.direction=0.3"])))
-        way = section.ends[1] - section.ends[0]
-        assert math.atan2(way[1], way[0]) == pytest.approx(0.3)
-        assert section.ends.mean(axis=0) == pytest.approx([200, 100])
-        assert section.ends[:, 0] == pytest.approx([0, 400])
-        x, y = np.meshgrid((np.arange(80) + 0.5) * 5, (np.arange(40) + 0.5) * 5)
-        level = section.along((0.01 * x + 0.02 * y).astype(np.float32))
-        np.testing.assert_allclose(level[5:-5], (section.points @ (0.01, 0.02))[5:-5], atol=0.03)
-
     @pytest.mark.parametrize(
         ("direction", "words"),
         [

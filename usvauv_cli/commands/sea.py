@@ -105,7 +105,7 @@ def sea(
     kind = writable(out, "--out", FORMATS).suffix.lower()
     for option, value in (("--fps", fps), ("--size", size)):
         if value is not None and kind != ".mp4":
-            raise UserError(f"{option} {value}: is for a video, and --out {out} is none")
+            raise UserError(f"{option} {value}: is for videos; --out {out} is not one")
     fps, pixels = 30 if fps is None else fps, parse_size(size or "1280x720")
     at_least("--fps", fps, 1)
     at_least("--duration", duration, 0.1)

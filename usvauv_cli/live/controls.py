@@ -36,7 +36,7 @@ Drag the boat or a node to move it. Shift and click: the nearest node moves ther
 
 
 class Request(NamedTuple):
-    """Something to do, and what to tell meanwhile where it takes long."""
+    """An action, and the status line while it runs, empty for short actions."""
 
     action: Callable[[], None]
     meanwhile: str = ""
@@ -50,13 +50,13 @@ class Requests:
         self._waiting: dict[str, Request] = {}
 
     def put(self, about: str, action: Callable[[], None], meanwhile: str = "") -> None:
-        """Ask; from any thread."""
+        """Add a request; from any thread."""
         with self._lock:
             self._waiting.pop(about, None)
             self._waiting[about] = Request(action, meanwhile)
 
     def take(self) -> list[Request]:
-        """All that wait."""
+        """Remove and return all waiting requests."""
         with self._lock:
             waiting, self._waiting = self._waiting, {}
         return list(waiting.values())
@@ -232,7 +232,7 @@ class Controls:
             camera.position, camera.look_at = view["position"], view["look_at"]
 
     def serve_requests(self) -> None:
-        """Do what was asked for; what is refused is said in the tab, and the panel shows again what holds."""
+        """Carry out the waiting requests; the tab shows refusals, and the panel the values now in force."""
         for request in self.requests.take():
             if request.meanwhile:
                 self._status.content = f"**{clock(self._session.time)}** {request.meanwhile}"
@@ -241,10 +241,10 @@ class Controls:
             except UserError as error:
                 for client in self._server.get_clients().values():
                     client.add_notification("Refused", str(error), color="orange", auto_close_seconds=10.0)
-            self._show_what_holds()
+            self._show_settings()
             self._next_status = 0.0
 
-    def _show_what_holds(self) -> None:
+    def _show_settings(self) -> None:
         session = self._session
         for name, handle in self._sliders.items():
             handle.value = session.values[name]

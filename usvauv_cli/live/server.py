@@ -115,7 +115,7 @@ class Show:
         self._drawn: Moment | None = None
 
     def picture(self, elapsed: float) -> None:
-        """Do what was asked for, let so much real time pass (s), and draw."""
+        """Serve requests, advance by real time `elapsed` (s), and draw."""
         self.controls.serve_requests()
         self.session.advance(elapsed)
         moment, drawn = self.session.moment, self._drawn
@@ -125,7 +125,7 @@ class Show:
         self.controls.show()
 
     def run(self, stop: Stop) -> None:
-        """Go on until asked to stop."""
+        """Run until asked to stop."""
         last = time.perf_counter()
         while not stop.asked:
             begun = time.perf_counter()

@@ -17,7 +17,7 @@ from usvauv.env.site.site import Site
 
 SHADED = 480  # largest side of the surface as it is shaded, pixels
 LEAST_LIMIT = 0.3  # m; ripples on a calm sea do not fill the scale
-LEVEL_SHARE = 0.25  # of the usual deviation, below which a mean level is none of its own
+LEVEL_SHARE = 0.25  # a mean level below this share of the usual deviation counts as zero
 LONG_WAVES = style.colour("#ffb020")
 POINTS = 241  # of a section
 INWARDS = {"west": 0.0, "south": math.pi / 2, "east": math.pi, "north": -math.pi / 2}  # from an edge, rad

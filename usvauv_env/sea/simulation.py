@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -45,20 +46,16 @@ def cells(scenario: Scenario, spacing: float | None) -> tuple[int, int]:
     if min(count) < FEWEST or max(count) > MOST:
         finest, coarsest = max(sides) / (MOST + 0.49), min(sides) / (FEWEST - 0.49)
         raise ScenarioError(
-            f"resolution {spacing:g} m: must be from {_ceil(finest)} to {_floor(coarsest)} m, which is from {FEWEST} to"
-            f" {MOST} cells a side of {sides[0]:g} × {sides[1]:g} m"
+            f"resolution {spacing:g} m: must be from {_three_digits(finest, math.ceil)} to"
+            f" {_three_digits(coarsest, math.floor)} m, which is from {FEWEST} to {MOST} cells a side of"
+            f" {sides[0]:g} × {sides[1]:g} m"
         )
     return count
 
 
-def _ceil(value: float) -> str:
+def _three_digits(value: float, rounded: Callable[[float], int]) -> str:
     power = 10.0 ** (math.floor(math.log10(value)) - 2)
-    return f"{math.ceil(value / power) * power:g}"
-
-
-def _floor(value: float) -> str:
-    power = 10.0 ** (math.floor(math.log10(value)) - 2)
-    return f"{math.floor(value / power) * power:g}"
+    return f"{rounded(value / power) * power:g}"
 
 
 class SeaSimulation:

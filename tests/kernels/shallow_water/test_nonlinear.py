@@ -365,19 +365,6 @@ class TestRoughGround:
         assert (other.time, other.steps) == (solver.time, solver.steps)
 
 
-@pytest.mark.parametrize("cells", [(3, 3), (17, 5), (50, 3)])
-def test_fields_are_unpacked_from_any_grid(cells):
-    nx, ny = cells
-    solver = NonlinearShallowWater(size=(nx, ny), cells=cells, bed=-2.0, interval=1e-3)
-    eta, u, v = np.random.default_rng(0).normal(size=(3, ny, nx)).astype(np.float32)
-    solver.set_state(0.1 * eta, u, v)
-    np.testing.assert_array_equal(solver.elevation(), (0.1 * eta).astype(np.float32))
-    np.testing.assert_array_equal(solver.velocity(), (u, v))
-    mass = solver.mass()
-    solver.advance()
-    assert solver.mass() == pytest.approx(mass, rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
