@@ -158,7 +158,7 @@ def test_an_episode_without_fixes_or_services_has_no_figures_of_them(trace):
 
 
 def test_ec_leaves_out_the_exact_length_of_services(trace):
-    """A service of rate 1.25 and 1.5 Mbit that ends within two steps of 2 s: its 1.2 s are left out, not 4 s."""
+    """A service of 4 Mbit at 1.25 Mbit/s takes 3.2 s of two steps of 2 s: these are left out, not 4 s."""
     power, hovering, rate, data = (np.zeros((STEPS, WORLDS, AUVS)) for _ in range(4))
     power[:], hovering[2:4, 0, 0], rate[3, 0, 0], data[3, 0, 0] = 100.0, 1, 1.25, 1.5 + 1.25 * STEP
     exact = Scenario.from_dict(trace.scenario.to_dict() | {"nodes": {"count": NODES, "hovering_time": "exact"}})

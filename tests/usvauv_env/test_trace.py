@@ -145,11 +145,8 @@ def changed(name, place, value):
         (changed("surface", (8, 2, 3), np.nan), "surface holds nan; expected finite"),
         (changed("time", 4, 8.0), "time does not rise"),
         (changed("target", (1, 1, 1), -1), "target is from -1 to 4; expected 0 to 4"),
-        (changed("fix_boat", (1, 1, 1), 2), "fix_boat is from 0 to 2; expected 0 to 1"),
         (lambda trace: replace(trace, start="soon"), "allowed: ISO 8601"),
-        (lambda trace: replace(trace, reward_names=("a",)), "reward_terms has 2 along reward_term; expected 1"),
         (lambda trace: replace(trace, scenario=Scenario.load("ideal", ["auv.count=4", "boat.count=3"])), "expected"),
-        (lambda trace: replace(trace, border=trace.border.astype("f4")), "border is of type float32; expected whole"),
     ],
 )
 def test_what_a_file_may_not_hold(trace, tmp_path, change, said):
