@@ -215,7 +215,7 @@ def test_trace_agrees_with_the_reward_the_learner_sees():
 
 def test_is_what_happens_in_worlds():
     """The newest births, followed in the state of three worlds, step by step."""
-    world, twin = (World(Scenario.load("extreme", ["mission.duration=400"]), 3, seed=5, usv="centroid") for _ in "ab")
+    world, twin = (World(Scenario.load("extreme", ["mission.duration=400"]), 3, seed=5) for _ in "ab")
     policy = load("pace", world)
     trace = record(twin, load("pace", twin).act, "pace")
     observation = world.reset()
