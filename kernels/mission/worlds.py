@@ -176,14 +176,17 @@ ARRAYS = {
     "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
 }
 
-Worlds = namedtuple("Worlds", ("program", "water", "pulses", *ARRAYS))
-Worlds.__doc__ = """All worlds, as the functions of a mission take them: the arrays of `ARRAYS` by name, and besides
 
-Attributes:
-    program: what is compiled, `Program`.
-    water: `usvauv.kernels.flow.current.Water`.
-    pulses: `usvauv.kernels.positioning.pulse.Pulses` of the AUVs, where they are used.
-"""
+class Worlds(namedtuple("Worlds", ("program", "water", "pulses", *ARRAYS))):
+    """All worlds, as the functions of a mission take them: the arrays of `ARRAYS` by name, and besides
+
+    Attributes:
+        program: what is compiled, `Program`.
+        water: `usvauv.kernels.flow.current.Water`.
+        pulses: `usvauv.kernels.positioning.pulse.Pulses` of the AUVs, where they are used.
+    """
+
+    __slots__ = ()
 
 
 @ti.func
