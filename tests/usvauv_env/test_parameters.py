@@ -9,7 +9,7 @@ from usvauv.env import Scenario, ScenarioError
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables
 from usvauv.env.world.boat_strategies import StrategyChoice
-from usvauv.env.world.current_statistics import FOREVER, current_bound, current_model
+from usvauv.env.world.current_statistics import FOREVER, current_bound
 from usvauv.kernels.mission.columns import Parameter, Refraction
 from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
 from usvauv.kernels.positioning.reflections import SEDIMENTS
@@ -106,22 +106,6 @@ def test_rate_of_the_demonstration(demonstration):
     assert found["reference_rate"] == pytest.approx(rate, rel=0.02)
 
 
-@pytest.mark.parametrize(("sensor", "tracked"), [("none", False), ("none", True), ("ground", False), ("water", False)])
-def test_what_a_filter_takes_for_the_current(sensor, tracked):
-    """The water's model where a filter meets it, else the bias of a log over ground, else nothing that changes."""
-    place = site(
-        tracker={"enabled": tracked},
-        navigation={"sensor": sensor},
-        channel={"schedule": "all" if sensor != "none" else "every-step"},
-        storm={"spectrum": "pm", "significant_height": 2},
-    )
-    found = packed(place)
-    expected = {"none": (0.0, FOREVER), "ground": (0.2**2, 90.0)}.get(sensor)
-    if expected is None or tracked:
-        expected = current_model(place, tables.link_table(place))
-    assert (found["current_variance"], found["correlation_time"]) == pytest.approx(expected)
-
-
 class TestSound:
     PROFILE = (0, 1500), (140, 1430)  # 0.5 m/s slower a metre
 
@@ -161,8 +145,3 @@ class TestWindAndNoise:
         assert tables.wind(site(storm=storm)) == 9.0
         assert tables.wind(site(storm=storm, **blown)) == wind_of_developed_sea(3)
         assert tables.wind(site(**blown)) == 0.0
-
-    def test_errors_beside_noise(self):
-        """Those of the array's place and of the boat's add up as variances."""
-        expected = {"attitude": 0.01, "alignment": 0.02, "heading": 0.03, "sound_speed": 5 / 1480, "position": 0.5}
-        assert vars(tables.accuracy(site().scenario)) == pytest.approx(expected)
