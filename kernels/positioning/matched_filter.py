@@ -340,7 +340,7 @@ def measurements(
     """Measurements of many pulses; number n depends on the seed and on n only. Needs memory for the noise of all.
 
     Args:
-        link, auv, offset, slope: as in `usbl.flagged_fixes`; the link's levels are not used.
+        link, auv, offset, slope: as in `usbl.fixes`; the link's levels are not used.
         energy: (n,) float32, γ = E/N0 of the direct sound on one hydrophone, a ratio of energies.
         seed: 0 to 2⁶⁴ − 1.
         water: (n, 6) float32, fields of `reflections.Boundaries`; None: no reflections.
