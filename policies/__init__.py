@@ -1,6 +1,6 @@
 """Policies: heuristics, learned ones, and how they are learned.
 
->>> import policies
+>>> from usvauv import policies
 >>> from usvauv.env import Scenario, World
 >>> world = World(Scenario.load("extreme"))
 >>> policy = policies.load("straight:1.4", world)
