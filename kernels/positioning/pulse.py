@@ -121,7 +121,8 @@ def pulses(code: np.ndarray, carriers: Sequence[float], bandwidth: float, gate: 
     columns = max(part.shape[1] for part in noise)
     noise = np.stack([np.pad(part, ((0, 0), (0, columns - part.shape[1]))) for part in noise])
     tables = (R[:, : (record // 2) * FINE], noise, bandwidth / np.array(carriers))
-    return Pulses(*(torch.from_numpy(np.ascontiguousarray(part, np.float32)).to(device) for part in tables))
+    envelope, rows, rate = (torch.from_numpy(np.ascontiguousarray(part, np.float32)).to(device) for part in tables)
+    return Pulses(envelope, rows, rate)
 
 
 def tones(count: int, periods: int, device: torch.device) -> Pulses:

@@ -138,7 +138,8 @@ def plan(
     from usvauv.env.planning.plan import solve
     from usvauv.env.site.place import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
-    from usvauv.kernels.planning.objectives import MEASUREMENTS, OBJECTIVES
+    from usvauv.kernels.planning.information import MEASUREMENTS
+    from usvauv.kernels.planning.objectives import OBJECTIVES
 
     setting, estimates, bad = Scenario.load(scenario, overrides or ()), [], []
     objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)
