@@ -203,14 +203,6 @@ class TestEstimate:
         assert np.quantile(errors, 0.9) < 1.5
         assert np.mean([auv.noise for auv, _ in found]) < 1.35 * np.hypot(0.5, 0.2)
 
-    @pytest.mark.parametrize("count", [1, 2, 3])
-    def test_of_few_fixes_the_median_and_no_scatter(self, count):
-        places = np.array([[1.0, 5], [2, 6], [9, 7]])[:count]
-        auv = estimate(Fixes("a", np.arange(float(count)), places, np.full(count, 9.0)))
-        assert (auv.x, auv.y) == tuple(np.median(places, axis=0))
-        assert auv.noise is None
-        assert auv.accuracy is None
-
 
 class TestCommand:
     def test_from_a_simulated_run_to_a_place_for_the_boat(self, run_usvauv, tmp_path):

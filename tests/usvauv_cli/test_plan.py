@@ -8,7 +8,6 @@ import re
 import numpy as np
 import pytest
 import torch
-from matplotlib import image
 
 from tests.links import TILTING, TILTING_OPTIONS
 from usvauv.env import Scenario
@@ -150,19 +149,6 @@ class TestOutput:
         for error in result["compare"][0]["errors"]:
             assert f"{error['major']:.3f}" in stdout
         assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.json", "plan.png"]
-
-    @pytest.mark.parametrize(
-        ("arguments", "shape"), [([*TEAM, "--compare", "0,0"], (200, 200)), (["--auv", "9,9,9"], (4000, 40))]
-    )
-    def test_figure(self, plan, tmp_path, arguments, shape):
-        area = ["--set", f"area.width={shape[0]}", "--set", f"area.length={shape[1]}", "--set", "auv.start_margin=1"]
-        if shape[1] == 40:
-            arguments = [*arguments, "--set", "sea.cell_size=2"]
-        code, _, stderr = plan(*arguments, *area, "--out", "map.png")
-        assert (code, stderr) == (0, "")
-        picture = image.imread(tmp_path / "map.png")
-        assert min(picture.shape[:2]) > 300
-        assert len(np.unique(picture.reshape(-1, picture.shape[2]).round(2), axis=0)) > 100
 
     def test_no_information_is_no_number(self, plan, tmp_path):
         """A depth that is 0 in single precision; whether a subnormal one is depends on the process."""
@@ -307,13 +293,6 @@ class TestRemedies:
         for part in (*parts, "located from the optimum", "would change it"):
             assert part in line
 
-    def test_a_line_for_each_reason(self, solve):
-        close = ["--auv", "20,20,100", "--auv", "25,20,100", "--auv", "30,20,100"]
-        far, aside = ["--auv", "1999,1999,100"], ["--auv", "220,20,100"]
-        lines = solve(*close, *aside, *far, *WIDE, "--set", "usbl.spacing=0.08")["warnings"]
-        assert [re.search(r"AUVs? ([\d, ]+) not", line)[1] for line in lines] == ["5", "4"]
-        assert ["not detected" in line for line in lines] == [True, False]
-
     @pytest.mark.parametrize("more", [["--objective", "a"]])
     def test_the_source_level_is_the_least_that_does(self, solve, more):
         """At the same place: the optimum can move a little with the level."""
@@ -343,12 +322,3 @@ class TestRemedies:
         compare = solve(*arguments, *(part for place in at for part in ("--compare", place)))["compare"]
         good = [place["errors"][0]["good"] for place in compare]
         assert min(good[:2]) >= 0.9 > good[2]
-
-
-def test_tables_fit_a_hundred_columns(plan):
-    big = ["--set", "area.width=20000", "--set", "area.length=20000", "--objective", "a"]
-    for arguments in (["--auv", "60,80,100"], ["--auv", "10060,80,100", "--auv", "15000,12000,90", *big]):
-        stdout = plan(*arguments, "--compare", "199,199")[1]
-        table = [line for line in stdout.splitlines() if not line.startswith(("Boat", "written"))]
-        assert max(map(len, table)) <= 100
-        assert "…" not in stdout

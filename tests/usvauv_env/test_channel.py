@@ -9,7 +9,7 @@ import torch
 from tests.links import EVERY_STEP
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn
+from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn
 from usvauv.kernels.positioning import tracker, usbl
 
 SOUND = [
@@ -64,18 +64,6 @@ class TestTiming:
         assert (fixes >= math.floor(least)).all()
         assert (fixes <= math.ceil(most)).all()
         assert most - least < 2
-
-    def test_all_at_once_lasts_until_the_farthest_reply(self):
-        changes = ["auv.count=3", "channel.schedule=all", "channel.turn_around=1.5"]
-        world = World(Scenario.load("ideal", [*SOUND, *changes]), 8, 2, usv="hold:0,0")
-        times = []
-        for _ in sail(world, still(world), 200):
-            now = heard(world)
-            assert (now.all(1) == now.any(1)).all()
-            times.append(now.all(1))
-        rate = np.mean(times, axis=0)
-        S = torch.sqrt((world.auv[..., :2] - world.boat[..., :2]).square().sum(-1) + 100**2).max(1).values
-        assert rate == pytest.approx((1 / (2 * S / SPEED + 1.51)).cpu().numpy(), rel=0.02)
 
     def test_by_need_does_not_go_on_asking_whom_it_cannot_hear(self):
         """Most AUVs are out of hearing, and the boat knows least of these: still others are heard nearly as in turn."""
@@ -157,17 +145,6 @@ class TestFilters:
             assert mean.mean() > 3
         else:
             assert mean.mean() == pytest.approx(2, abs=0.25)
-
-    def test_the_boats_estimates_are_consistent_when_replies_are_new(self):
-        changes = ["channel.turn_around=1", "auv.count=4", "usbl.gnss_error=1", "usbl.heading_error=0.01"]
-        world = World(Scenario.load("extreme", [*SOUND, *GROUND, *changes]), 300, 9, usv="centroid")
-        act = policies.acting("straight", world)
-        mean = []
-        block = EstimateColumn.span("covariance_xx", "covariance_yy")
-        for step, _ in enumerate(sail(world, act, 120)):
-            if step % 20 == 19:
-                mean.append(self.squares(world, world.estimate, slice(0, 2), range(block.start, block.stop)))
-        assert 1.5 < np.mean(mean) < 2.4
 
     def test_one_good_fix_in_a_thousand_is_dropped(self):
         """Also where fixes follow the boat's error of its own position, which drifts by some decimetres a minute."""

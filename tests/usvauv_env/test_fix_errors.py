@@ -34,18 +34,6 @@ class TestEllipse:
         parts = [matrix[[0, 0, 1], [0, 1, 1]] for matrix in (covariance, np.linalg.inv(covariance))]
         assert ellipse(*parts) == pytest.approx((5, 2, angle))
 
-    @pytest.mark.parametrize(
-        ("variance", "strength", "expected"),
-        [
-            (math.inf, 1.0, (None, 1, None)),
-            (0.25, 1.0, (None, 1, None)),  # a major axis shorter than the minor one
-            (4.0, math.nan, (None, None, None)),
-        ],
-    )
-    def test_axes_without_a_bound(self, variance, strength, expected):
-        found = ellipse(np.array([variance, 0.0, 0.1]), np.array([0.0, 0.0, strength]))
-        assert found == pytest.approx(expected)
-
 
 def test_who_is_located():
     assert error(good=LEAST_GOOD).located

@@ -16,7 +16,7 @@ from usvauv.env.planning.fix_errors import error_budget, reception
 from usvauv.env.planning.plan import solve
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
+from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.positioning import acoustic_link, sonar, usbl
 from usvauv.kernels.positioning.sonar import coates
 
@@ -98,18 +98,6 @@ def test_the_budget_is_the_error_of_missions(device, slant):
     assert parts["lever arm"][0] == pytest.approx(math.sqrt(2) * 0.05, rel=1e-3)
     assert parts["boat's position"][0] == pytest.approx(math.sqrt(2) * 0.3, rel=1e-3)
     assert parts["all"][0] == pytest.approx(math.hypot(*(v[0] for n, v in parts.items() if n != "all")), rel=1e-3)
-
-
-def test_the_boats_position_changes_slowly(device):
-    """Autocorrelation e^(-t/60 s) of what the fixes of an AUV at rest have in common."""
-    _, _, world = errors_of_fixes(device, ERRORS["position"], 1)
-    first = world.boat[..., BoatColumn.span("gnss_x", "gnss_y")].clone()
-    for _ in range(30):
-        world.step(torch.zeros(WORLDS, 2, 2, device=device))
-    later = world.boat[..., BoatColumn.span("gnss_x", "gnss_y")]
-    correlation = torch.corrcoef(torch.stack([first.flatten(), later.flatten()]))[0, 1].item()
-    assert correlation == pytest.approx(math.exp(-30 / 60), abs=4 / math.sqrt(2 * WORLDS))
-    assert later.std().item() == pytest.approx(0.5, rel=0.05)
 
 
 class TestEnergy:
@@ -231,15 +219,6 @@ def test_errors_with_reflections(device, case):
     assert len(sampled[0]) / len(sampled[1]) == pytest.approx(len(statistical[0]) / len(statistical[1]), abs=0.05)
     alone = fixes(device, REFLECTING[case])[0]
     assert rms(sampled[0]) > 1.5 * rms(alone)
-
-
-@pytest.mark.slow
-def test_reflections_through_water_of_one_speed_are_straight(device):
-    changes = [*REFLECTING["shallow, breeze"], "acoustics.multipath=true"]
-    straight = fixes(device, changes)[0]
-    bent = fixes(device, [*changes, "acoustics.sound_speed_profile=[[0,1500]]"])[0]
-    assert len(bent) == pytest.approx(len(straight), rel=1e-3)
-    assert rms(bent) == pytest.approx(rms(straight), rel=3e-3)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import itertools
 import math
 
-import numpy as np
 import pytest
 import taichi as ti
 import torch
@@ -102,14 +101,6 @@ def test_a_link_beside_the_sonar_equation(device, chosen):
     assert table[1, [acoustic_link.SOUND_SPEED, acoustic_link.POSITION]] == pytest.approx([0.004**2, 0.005**2])
     columns = acoustic_link.KAPPA, acoustic_link.WAVELENGTH, acoustic_link.SAMPLES, acoustic_link.PERIODS
     assert table[1, columns] == pytest.approx([kappa, c / f, length * s.sampling_rate, s.periods])
-
-
-def test_what_is_not_said_adds_nothing():
-    """No errors, no noise of the boat, no bubbles, no data."""
-    table = link_table(CARRIERS, Sonar(signal="code", wind=9.0))
-    zero = acoustic_link.ATTITUDE, acoustic_link.ALIGNMENT, acoustic_link.HEADING, acoustic_link.SOUND_SPEED
-    assert np.all(table[:, [*zero, acoustic_link.POSITION, acoustic_link.OWN_NOISE, acoustic_link.BUBBLES]] == 0)
-    assert np.array_equal(table, link_table(CARRIERS, Sonar(signal="code", wind=9.0, data_ratio=0.0)))
 
 
 def test_deviations_of_what_is_not_heard_are_numbers(device):

@@ -8,14 +8,6 @@ import torch
 from scipy import stats
 from scipy.linalg import solve_discrete_are
 
-from tests.links import TILTING
-from usvauv import policies
-from usvauv.env.scenario import Scenario
-from usvauv.env.site.site import Site
-from usvauv.env.world.current_statistics import current_model
-from usvauv.env.world.tables import link_table
-from usvauv.env.world.world import World
-from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.positioning import tracker
 
 UPPER = np.triu_indices(4)
@@ -157,19 +149,6 @@ class TestClosedForms:
         assert P[np.ix_([1, 3], [1, 3])] == pytest.approx(posterior, rel=1e-5)
         assert P[np.ix_([0, 2], [1, 3])] == pytest.approx(np.zeros((2, 2)), abs=1e-9)
 
-    def test_holding_position_averages_the_fixes(self, device):
-        random = np.random.default_rng(5)
-        fix = 100 + random.standard_normal((49, 1, 2))
-        ones = np.ones((49, 1))
-        start = begin(fix[0], np.array([[1.0, 0, 1.0]]), 0.2, device)
-        covariance = np.tile([1.0, 0, 1.0], (49, 1, 1))
-        wind = np.ones((49, 1, 2))  # a commanded velocity that nothing comes of
-        track, _ = follow(device, start, wind, 0 * ones, fix, covariance, 0 * ones, **EXTREME_CURRENT)
-        mean = (fix.sum(0) + fix[0]) / 50
-        assert track[-1, 0, :2] == pytest.approx(mean[0], abs=2e-5)
-        assert track[-1, 0, tracker.XX] == pytest.approx(1 / 50, rel=1e-5)
-        assert track[-1, 0, tracker.UU] == pytest.approx(0.2 * math.exp(-98 / 180) + 0.22 * -math.expm1(-98 / 180))
-
     def test_without_fixes_the_current_keeps_its_variance_and_the_position_drifts(self, device):
         steps = 2000
         zeros, ones = np.zeros((steps, 1, 2)), np.ones((steps, 1))
@@ -261,12 +240,6 @@ class TestGate:
         track, squared = follow(device, start, velocity, adrift, fix, R, age, **EXTREME_CURRENT)
         return *nees(track[1:], truth), track[1:], squared
 
-    def test_one_of_a_thousand_is_beyond_it(self, device):
-        *_, track, squared = self.run(device, lambda *_: None)
-        rejected = track[..., tracker.REJECTIONS] > 0
-        assert np.array_equal(rejected, squared > -2 * math.log(1e-3))
-        assert stats.binomtest(int(rejected.sum()), rejected.size, 1e-3).pvalue > 1e-4
-
     def test_a_tenth_of_outliers(self, device):
         outlier = np.zeros(0)
 
@@ -308,56 +281,3 @@ class TestGate:
             track, _ = follow(device, start, np.zeros((6, 1, 2)), np.ones((6, 1)), fix, R, age, **model)
             assert (abs(track[-1, 0, tracker.X] - fix[5, 0, 0]) < 1e-3) == confirmed
             assert (abs(track[-1, 0, tracker.X]) < 5) != confirmed
-
-
-@pytest.fixture(scope="module")
-def log(device):
-    """150 steps of `crab` in 64 worlds of `extreme`: arguments of `follow`, truth, the model from the scenario."""
-    scenario = Scenario.load("extreme", [*TILTING, "usbl.propagation=false"])
-    world = World(scenario, 64, seed=4)
-    policy = policies.load("crab", world)
-    observation = world.reset()
-    logged, fixes = [world.auv.cpu().numpy().copy()], [world.estimate.cpu().numpy().copy()]
-    for _ in range(150):
-        observation = world.step(policy.act(observation))[0]
-        logged.append(world.auv.cpu().numpy().copy())
-        fixes.append(world.estimate.cpu().numpy().copy())
-    auv, fix = (np.stack(a).astype(float).reshape(151, 128, -1) for a in (logged, fixes))
-    column = {name: auv[..., getattr(AuvColumn, name)] for name in AuvColumn.names}
-    adrift = ((column["hovering"] == 0) & (column["border"] == 0)).astype(float)
-    velocity = np.stack([column["water_x"], column["water_y"]], -1)
-    covariance = np.stack([column["covariance_xx"], column["covariance_xy"], column["covariance_yy"]], -1)
-    truth = np.stack([column["x"], column["y"], column["current_x"], column["current_y"]], -1)
-    model = dict(
-        zip(("variance", "correlation_time"), current_model(Site(scenario), link_table(Site(scenario))), strict=True)
-    )
-    start = begin(fix[0, :, :2], covariance[0], model["variance"], device)
-    arrays = velocity[1:], adrift[1:], fix[1:, :, :2], covariance[1:], np.zeros((150, 128))
-    return start, arrays, truth[1:], model
-
-
-class TestMission:
-    def test_the_current_is_what_the_scenario_says(self, log):
-        _, _, truth, model = log
-        current = truth[..., 2:]
-        assert model["variance"] == pytest.approx((current**2).mean(), rel=0.4)
-        # The walk has the increment that was met over the filter's memory of 2 to 3 s.
-        increment = sum(((current[m:] - current[:-m]) ** 2).mean() / m for m in (2, 3)) / 2
-        assert 2 * model["variance"] / model["correlation_time"] == pytest.approx(increment, rel=0.4)
-
-    def test_errors_fall_and_are_as_large_as_predicted(self, device, log):
-        start, arrays, truth, model = log
-        track, squared = follow(device, start, *arrays, **model)
-        _, position = nees(track[1:], truth)
-        position, squared = position[20:], squared[20:]
-        # The two AUVs of a world share its attitude error, so 64 runs count.
-        low, high = band(2, 64)
-        for values in (position, squared):
-            mean = values.mean(1)
-            assert np.mean((mean > low) & (mean < high)) > 0.9
-        fix_error = np.linalg.norm(arrays[2] - truth[..., :2], axis=-1)[20:]
-        error = np.linalg.norm(track[1:, :, :2] - truth[..., :2], axis=-1)[20:]
-        assert np.median(fix_error) / np.median(error) > 1.5
-        assert math.sqrt((fix_error**2).mean() / (error**2).mean()) > 1.5
-        # Fixes that the gate drops though nothing is wrong with them.
-        assert np.mean(squared > 13.816) < 3e-3

@@ -58,13 +58,6 @@ class TestNoise:
         _, sigma, _ = fixes(device, offset, noise=torch.zeros(1, 5), auv=auv, **link)
         assert sigma == pytest.approx(expected, rel=1e-5)
 
-    @pytest.mark.parametrize(("path", "paths"), [("echo", 2), ("transponder", 1)])
-    def test_range_error(self, device, path, paths):
-        """The delay is the mean phase of four hydrophones, half as noisy as one; an echo halves the range error."""
-        error, sigma, _ = fixes(device, (0.0, 0.0, -100.0), noise=torch.tensor([[0.0, 0, 1e5, 0, 0]]), path=path)
-        delay = sigma / math.sqrt(2) / math.sqrt(4) / (2 * math.pi * CARRIERS[0])
-        assert -error[0, 2] / 1e5 == pytest.approx(1500 * delay / paths, rel=1e-3)
-
 
 class TestGeometry:
     @pytest.mark.parametrize("slope", [LEVEL, (0.2, 0.0), (0.0, -0.2), (-0.3, 0.25)])
@@ -184,19 +177,6 @@ class TestValidity:
         assert detected == pytest.approx(exact, abs=1e-3)
         assert abs((flags & usbl.DETECTED > 0).mean() - exact) < 1e-3 + 5 * math.sqrt(0.25 / DRAWS)
 
-    def test_a_strong_tone_has_better_phases(self, device):
-        """Amplitude and phases of one complex Gaussian: σ² falls as 2a/(2a + n)."""
-        noise = torch.zeros(2, 6)
-        noise[:, 0], noise[1, 5] = 1.0, 3.0
-        table = torch.from_numpy(acoustic_link.link_table(CARRIERS, acoustic_link.Sonar(source_level=142.0))).to(device)
-        place = torch.tensor([[0.0, 0.0, -100.0]] * 2, device=device)
-        estimate, _, _ = usbl.fixes(
-            table, place.new_zeros(2, dtype=torch.int32), place, place.new_zeros(2, 2), noise.to(device)
-        )
-        strength = math.sqrt(8) / estimate[0, 3].item()
-        ratio = (estimate[1, 0] / estimate[0, 0]).item()
-        assert ratio == pytest.approx(math.sqrt(strength / (strength + 3)), rel=1e-4)
-
     @pytest.mark.parametrize(
         "case",
         [
@@ -235,15 +215,6 @@ class TestValidity:
         assert np.array_equal(flags.cpu().numpy()[clear], expected[clear])
         assert estimate.cpu().numpy()[clear, :2] == pytest.approx((S[:, None] * u)[clear], rel=1e-4, abs=1e-3)
         assert lost.any() == (spacing > 0.05)
-
-
-class TestLinkTable:
-    @pytest.mark.parametrize(
-        ("field", "value"), [("path", "both"), ("noise_law", "loud"), ("planner_noise", "sometimes")]
-    )
-    def test_unknown_choice_is_refused(self, field, value):
-        with pytest.raises(ValueError, match=f"{field}: '{value}' is not one of"):
-            acoustic_link.Sonar(**{field: value})
 
 
 def test_the_gate_is_a_quantile_of_chi_square():
