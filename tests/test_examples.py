@@ -1,7 +1,6 @@
 """The examples that learn with other people's libraries: each for a few hundred steps of short missions."""
 
 import importlib
-import re
 from pathlib import Path
 
 import gymnasium
@@ -10,19 +9,16 @@ import pytest
 import torch
 from gymnasium.wrappers import FlattenObservation
 
-from usvauv import env
+from usvauv import Scenario
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-EXTREME = Path(env.__file__).parent / "scenarios" / "extreme.toml"
 
 
 @pytest.fixture(scope="module")
 def short_missions(tmp_path_factory):
     """The scenario extreme with missions of 40 steps, so that a few hundred steps hold several."""
-    text, changes = re.subn(r"(?m)^duration = [\d.]+", "duration = 40.0", EXTREME.read_text(encoding="utf-8"))
-    assert changes == 1
     path = tmp_path_factory.mktemp("scenario") / "short.toml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(Scenario.load("extreme", ["mission.duration=40"]).to_toml(), encoding="utf-8")
     return path
 
 

@@ -33,6 +33,7 @@ from usvauv.env.record.metrics import EpisodeMetrics, age, usable
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.scenario.sea import MAX_VORTICES
 from usvauv.env.scenario.task import MAX_NODES
+from usvauv.env.site.place import grid_mapping
 from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import Combination
 from usvauv.kernels.planning.information import MAX_AUVS
@@ -338,9 +339,9 @@ class TestPlaceOnEarth:
 
     @pytest.mark.parametrize(("longitude", "latitude"), [(114.02, 22.51), (179.95, -80.0), (-0.05, 60.0)])
     def test_lines_are_parallels_and_meridians(self, longitude, latitude):
-        place = f"water.longitude={longitude}", f"water.latitude={latitude}"
-        scenario, axes = self.drawn(*place, "area.width=20000", "area.length=12000", "sea.cell_size=200")
-        plane = CRS.from_wkt(place.grid_mapping(Site(scenario).frame)["crs_wkt"])
+        there = f"water.longitude={longitude}", f"water.latitude={latitude}"
+        scenario, axes = self.drawn(*there, "area.width=20000", "area.length=12000", "sea.cell_size=200")
+        plane = CRS.from_wkt(grid_mapping(Site(scenario).frame)["crs_wkt"])
         to_degrees = Transformer.from_crs(plane, 4326, always_xy=True)
         found = {"longitude": set(), "latitude": set()}
         for line in axes.lines:
