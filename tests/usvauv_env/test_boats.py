@@ -8,10 +8,6 @@ import torch
 
 from tests.links import EVERY_STEP
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.record.metrics import episode_metrics
-from usvauv.env.record.recorder import record
-from usvauv.env.record.trace import Trace
-from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.mission.columns import (
     AuvColumn,
@@ -34,8 +30,6 @@ CHANNEL = [
     "usbl.signal=code",
 ]
 APART = "hold:50,200,350,200"
-PLACE = EstimateColumn.span("x", "y")
-CLUSTERS = torch.tensor([[40.0, 100.0], [60.0, 120.0], [340.0, 300.0], [380.0, 280.0]])
 
 
 def world_of(changes, usv, worlds=4, seed=1):
@@ -274,26 +268,6 @@ class TestPlans:
             ScenarioError, match="served_by of the estimate of AUV 2 is 2: must be a whole number from 0 to 1"
         ):
             world.load_state(state)
-
-
-def test_points_on_the_earth():
-    """The area's corner, and one minute of latitude, some 1853 m, north of it."""
-    place = ["area.length=4000", "water.longitude=5", "water.latitude=45", "boat.count=2"]
-    found = StrategyChoice.parse("hold:45N,5E,45.0166666667N,5E", Scenario.load("ideal", place)).numbers
-    assert found[:3] == pytest.approx((0, 0, 0), abs=0.01)
-    assert found[3] == pytest.approx(1852.2, abs=1)
-
-
-def test_a_trace_has_all_boats(tmp_path):
-    world = World(Scenario.load("ideal", TWO), 3, 1, APART)
-    trace = record(world, lambda observation: torch.zeros_like(observation[..., :2]), "still", steps=5)
-    trace.save(tmp_path / "t.nc")
-    again = Trace.load(tmp_path / "t.nc")
-    assert again.boat_position.shape == (5, 3, 2, 2)
-    assert np.array_equal(again.boat_goal[:, :, 1], np.broadcast_to([350.0, 200.0], (5, 3, 2)))
-    assert np.array_equal(again.served_by[-1], server(world).cpu().numpy())
-    assert np.array_equal(again.fix_boat, again.served_by)
-    assert len(episode_metrics(again)) == 3
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import runpy
 from copy import deepcopy
-from itertools import pairwise
 from pathlib import Path
 
 import gymnasium
@@ -206,14 +205,6 @@ class TestVectorEnv:
         move = 4 * actions(1)[0]
         np.testing.assert_array_equal(a.step(move)[0], b.step(np.clip(move, -1, 1))[0])
 
-    @pytest.mark.parametrize(
-        ("argument", "match"),
-        [({"num_envs": 0}, "num_worlds = 0"), ({"usv": "circle"}, "allowed are fim"), ({"scenario": "x"}, "'x'")],
-    )
-    def test_bad_arguments(self, argument, match):
-        with pytest.raises(ScenarioError, match=match):
-            gymnasium.make_vec(NAME, **argument)
-
 
 class TestSpaces:
     @pytest.mark.parametrize(
@@ -330,21 +321,6 @@ class TestPictures:
         for make in (DataCollectionEnv, DataCollectionVectorEnv, parallel_env):
             with pytest.raises(TypeError, match="render_mode = 'human': must be None or one of rgb_array"):
                 make(render_mode="human")
-
-    def test_one_mission(self, short):
-        env = gymnasium.make(NAME, scenario=short, render_mode="rgb_array")
-        env.reset(seed=3)
-        pictures = [env.render()]
-        for move in actions(3, 1):
-            env.step(move[0])
-            pictures.append(env.render())
-        for picture in pictures:
-            assert picture.shape == (720, 1280, 3)
-            assert picture.dtype == np.uint8
-        for before, after in pairwise(pictures):
-            assert 0.001 < (before != after).mean() < 0.9
-        env.reset(seed=3)
-        np.testing.assert_array_equal(env.render(), pictures[0])
 
     def test_shows_the_same_as_the_video_of_the_mission(self, short):
         """A red picture of the map: the AUVs, nodes and boat stand where a trace of the same mission has them."""

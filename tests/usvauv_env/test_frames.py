@@ -8,19 +8,17 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tests.usvauv_env.made_traces import keeping_station, paint, place, synthetic_trace, with_second_boat
+from tests.usvauv_env.made_traces import keeping_station, paint, place, synthetic_trace
 from usvauv.env import Scenario, Trace
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.render import style
 from usvauv.env.render.frames import MapFrames, frames_of
-from usvauv.env.render.layout import Layout, MapView, Rectangle, nice, nice_above
+from usvauv.env.render.layout import MapView, Rectangle, nice, nice_above
 from usvauv.env.render.map import error_axes
 from usvauv.env.render.mission import ReplyField, RunningMetrics, figures
-from usvauv.env.render.plots import RecordedPlot
-from usvauv.env.render.sea import CurrentStreaks, SeaSurface
+from usvauv.env.render.sea import CurrentStreaks
 from usvauv.env.scenario.sea import Area
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.positioning import usbl
 
 VIEWS = [("map", 1), ("sea", 1), ("both", 1), ("map", 2)]  # traces beside each other
 
@@ -146,84 +144,8 @@ class TestMap:
         inside = (np.linalg.solve(error_axes(np.array([4.0, -1.9, 1.0])).T, errors.T) ** 2).sum(0) < 1
         assert inside.mean() == pytest.approx(1 - np.exp(-2), abs=0.01)
 
-    def test_a_nodes_colour_is_that_of_its_backlog(self):
-        trace = at_rest(
-            synthetic_trace(steps=1, auvs=1, nodes=3, sea=False, vortices=0),
-            node_position=np.array([[[50.0, 50.0], [100.0, 50.0], [150.0, 50.0]]]),
-            backlog=np.array([[[0.0, 2500.0, 5000.0]]]),
-        )
-        frame, frames = paint(trace, 0)
-        for x, share, colour in zip((50.0, 100.0, 150.0), (0.0, 0.5, 1.0), style.GAUGE, strict=True):
-            empty = style.mix(style.OUTLINE, colour, 0.35)
-            around = near(frame, frames, x, 50.0)  # clockwise from the top
-            assert np.abs(around[9, 11] - (colour if share > 0 else empty)).max() < 12
-            assert np.abs(around[9, 7] - (colour if share > 0.5 else empty)).max() < 12
-
-    def test_a_nodes_ring_brightens_with_the_age_of_its_data(self):
-        trace = at_rest(
-            synthetic_trace(steps=400, auvs=1, nodes=2, sea=False, vortices=0),
-            node_position=np.array([[[50.0, 50.0], [150.0, 50.0]]]),
-            backlog=np.full((400, 1, 2), 100.0),
-        )
-        trace.hovering[198:200], trace.target[199:], trace.service_rate[199] = 1, 1, 0.25  # of node 0; node 1 is alone
-        frames = MapFrames(trace, (1280, 720), style.DARK, 1.0)
-
-        def rings(t: int) -> list[float]:
-            return [near(frames.frame(t), frames, x, 50.0, reach=10).mean() for x in (50.0, 150.0)]
-
-        (first, other), (fresh, old) = rings(150), rings(250)
-        assert first == pytest.approx(other, abs=3)
-        assert fresh < first < old
-
-    def test_lines_lead_to_the_next_three_nodes_and_no_further(self):
-        nodes = np.array([[20.0, 20.0], [20.0, 60.0], [60.0, 60.0], [60.0, 20.0], [100.0, 20.0], [100.0, 60.0]])
-        trace = at_rest(synthetic_trace(steps=12, auvs=1, nodes=6, sea=False, vortices=0), node_position=nodes[None])
-        moving = replace(trace, target=(np.arange(12)[:, None, None] // 2).astype(np.int16))
-
-        def drawn(t: int) -> list[bool]:
-            (frame, frames), (still, _) = paint(moving, t, (1280, 720)), paint(trace, t, (1280, 720))
-            middles = (nodes[:-1] + nodes[1:]) / 2
-            return [
-                bool(np.abs(near(frame, frames, *at, 2) - near(still, frames, *at, 2)).max() > 20) for at in middles
-            ]
-
-        assert drawn(0) == [True, True, True, False, False]
-        assert drawn(3) == [False, True, True, True, False]  # from node 1 on
-        assert drawn(11) == [False] * 5
-
-    def test_a_line_runs_from_the_boat_that_heard_to_who_was_heard(self):
-        two = with_second_boat(synthetic_trace(steps=4))
-        two.fix_flags[:] = usbl.SILENT
-        silent, frames = paint(two, 3)
-        two.fix_flags[3, 0, 1] = usbl.DETECTED  # by the second boat
-        heard, _ = paint(two, 3)
-
-        def changed(boat: int, auv: int) -> bool:
-            at, to = two.boat_position[3, 0, boat], two.auv_position[3, 0, auv]
-            middle = at + 0.3 * (to - at)
-            return bool((near(silent, frames, *middle, 3) != near(heard, frames, *middle, 3)).any())
-
-        assert [changed(boat, auv) for boat, auv in ((0, 0), (0, 1), (1, 0), (1, 1))] == [False, False, False, True]
-
-    def test_a_second_boat_and_its_goal_are_drawn(self):
-        one = synthetic_trace(steps=4)
-        (alone, frames), (both, _) = paint(one, 3), paint(with_second_boat(one), 3)
-        for x, y in ((170.0, 30.0), (170.0, 150.0), (170.0, 90.0)):  # boat, goal, the dashes between
-            assert (near(alone, frames, x, y) != near(both, frames, x, y)).any()
-
 
 class TestSea:
-    def test_it_is_brighter_where_it_is_higher_north_is_up_and_the_light_comes_from_the_north_west(self):
-        view, picture = MapView(Area(), Rectangle(0, 0, 120, 120)), np.zeros((120, 120, 3), np.uint8)
-        rising = np.broadcast_to(np.linspace(-1, 1, 60, dtype=np.float32)[:, None], (60, 60))
-        surface = SeaSurface(rising[None], view)
-        surface.paint(picture, 0)
-        assert surface.limit == 1
-        assert picture[5].mean() > picture[60].mean() > picture[114].mean()
-        y, x = np.mgrid[-1:1:60j, -1:1:60j]
-        SeaSurface(np.exp(-6 * (x**2 + y**2)).astype(np.float32)[None], view).paint(picture, 0)
-        assert picture[42, 42].mean() > picture[77, 77].mean() + 5  # equally high
-
     def test_streaks_drift_with_the_current(self):
         """Heads of streaks, half a second apart, in a stream of (0.1 + x/1000, 0.2 − y/500) m/s and a moved vortex."""
         stream = np.array([[[0.1, 0.2], [0.3, 0.2]], [[0.1, -0.2], [0.3, -0.2]]])
@@ -289,34 +211,3 @@ class TestPanel:
             assert said["full nodes"] == str(trace.overflowing[t, 0])
         whole = episode_metrics(trace)[0]
         assert (said["SDR, Mbit/s"], said["EC, W"]) == (f"{whole.sdr:.2f}", f"{whole.ec:.1f}")
-
-    def test_series_are_medians_shares_and_headings(self):
-        trace = synthetic_trace(steps=90)
-        running = RunningMetrics.of(trace)
-        error = np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)[:, 0]
-        for t in (0, 10, 29, 30, 80):
-            np.testing.assert_allclose(running.error_median[t], np.median(error[max(0, t - 29) : t + 1], axis=0))
-        np.testing.assert_allclose(running.service_share[trace.service_rate[:, 0] > 0], 1.0)
-        assert (running.service_share[trace.hovering[:, 0] == 0] == 0).all()
-        velocity = trace.auv_velocity[:, 0]
-        moving = np.hypot(velocity[..., 0], velocity[..., 1]) > 0
-        np.testing.assert_allclose(np.cos(running.heading[moving]), velocity[moving][:, 0] / 1.6, atol=1e-9)
-
-    def test_a_plot_passes_through_its_values_and_does_not_show_the_future(self):
-        layout, still = Layout.fit(1280, 720, Area()), np.zeros((720, 1280, 3), np.uint8)
-        plot = RecordedPlot(still, Rectangle(800, 300, 400, 100), 0.1, 10.0, 100.0, layout, log=True)
-        plot.curve(np.linspace(1, 100, 100), np.full(100, 1.0), (0, 0, 255))
-        plot.finish()
-        plot.show_until(50.0)
-        rows, columns = np.nonzero(still[300:400, 800:1200, 2] > 150)
-        assert rows.mean() == pytest.approx(49.5, abs=1)  # 1 is half way between 0.1 and 10
-        assert columns.max() == pytest.approx(0.5 * 399, abs=2)
-
-    @pytest.mark.parametrize("height", [6, 60])
-    def test_numbers_without_room_are_left_out(self, height):
-        """Numbers at an axis are 10 pixels apart at least; one of 6 pixels has a single number."""
-        layout, still = Layout.fit(1280, 720, Area()), np.zeros((720, 1280, 3), np.uint8)
-        RecordedPlot(still, Rectangle(800, 300, 400, height), 0.1, 12.0, 100.0, layout, log=True)
-        lit = still[280 : 308 + height, 760:784].any((1, 2))  # left of the plot and of the first time below it
-        numbers = int((np.diff(lit.astype(int)) == 1).sum())
-        assert numbers == 1 if height == 6 else 3 <= numbers <= 6

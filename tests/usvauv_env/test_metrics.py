@@ -21,7 +21,6 @@ from usvauv.env.record.trace import VARIABLES
 from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.env.world.tables import link_table
-from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import usbl
@@ -121,20 +120,6 @@ def test_figures_by_loops(trace):
         expected = by_loops(trace, w)
         found = {name: value for name, value in row.columns().items() if not isinstance(value, str) and name != "seed"}
         assert found == pytest.approx(expected, rel=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("flags", "is_usable"),
-    [
-        (usbl.DETECTED, True),
-        (usbl.DETECTED | usbl.WRAPPED, True),
-        *((usbl.DETECTED | flag, False) for flag in (usbl.NO_DEPTH, usbl.AMBIGUOUS, usbl.REJECTED)),
-        *((flag, False) for flag in (usbl.WRAPPED, usbl.NO_RAY, usbl.LOST, usbl.SILENT, 0)),
-    ],
-)
-def test_what_a_receiver_can_use(trace, flags, is_usable):
-    trace.fix_flags[1, 0, 0] = flags
-    assert usable(trace)[1, 0, 0] == is_usable
 
 
 def test_an_episode_without_fixes_or_services_has_no_figures_of_them(trace):
@@ -288,11 +273,6 @@ def test_complete_batches_are_kept_when_a_policy_fails(scenario, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         evaluate(scenario, {"late": fails_later}, episodes=4, on_batch=kept.extend)
     assert [row.episode for row in kept] == [0, 1]
-
-
-def test_no_episodes_are_refused(scenario):
-    with pytest.raises(UserError, match=r"^episodes = 0: must be at least 1$"):
-        evaluate(scenario, {"east": East}, episodes=0)
 
 
 def test_the_variance_is_that_of_a_fix_from_the_best_place(device):

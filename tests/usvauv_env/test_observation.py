@@ -9,7 +9,7 @@ import torch
 from usvauv.env import Scenario, World
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_bound
-from usvauv.env.world.observation import ObservationLayout, commanded, observation_terms, observed, quantities, table
+from usvauv.env.world.observation import ObservationLayout, observation_terms, observed, quantities, table
 
 
 @pytest.mark.parametrize("num_auvs", [1, 2, 5])
@@ -47,16 +47,6 @@ def test_bounds_are_those_of_the_units():
                 assert f"{math.hypot(300, site.scenario.area.length):.6g} m" in row.unit
     assert len(rows[layout.slice("others")]) == 4
     assert [row.quantity[0] for row in rows[layout.slice("others")]] == list("xyxy")
-
-
-def test_what_an_action_says():
-    fast = ["auv.speed_min=0.5", "auv.speed_max=1.75"]
-    vector, polar = (commanded(Scenario.load("ideal", [*fast, f"auv.action={form}"])) for form in ("vector", "polar"))
-    for rows in (vector, polar):
-        assert [(row.index, row.low, row.high) for row in rows] == [(0, -1.0, 1.0), (1, -1.0, 1.0)]
-    assert all(row.unit == "1.75 m/s" and "0.5 .. 1.75 m/s" in row.quantity for row in vector)
-    assert [row.unit for row in polar] == ["pi rad", "1"]
-    assert "0.5 m/s at -1, 1.75 m/s at 1" in polar[1].quantity
 
 
 def test_a_step_is_overwritten_by_the_next_one_and_its_clone_is_not():

@@ -1,7 +1,6 @@
 """Places on the Earth without files: the plane against PROJ, positions, axes, interpolation, speeds of sound."""
 
 import math
-from datetime import datetime
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy.interpolate import RegularGridInterpolator
 from usvauv.env import Scenario
 from usvauv.env.scenario.fields import FARTHEST
 from usvauv.env.site import cf, ocean, place
-from usvauv.env.site.cf import Axis, Field, OceanError
+from usvauv.env.site.cf import Axis, OceanError
 from usvauv.env.site.place import (
     LocalFrame,
     auv_position,
@@ -20,7 +19,6 @@ from usvauv.env.site.place import (
     far_position,
     look_geographic,
 )
-from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv.env.site.waves import Partition, Waves, WaveSpectrum
 from usvauv.kernels.errors import UserError
@@ -29,16 +27,11 @@ EARTH = 6378137.0
 EAST, NORTH = {"units": "degrees_east"}, {"units": "degrees_north"}
 DOWN, UP = ({"units": "m", "positive": way} for way in ("down", "up"))
 DAYS = {"units": "days since 1970-01-01"}
-NOON = datetime(2026, 1, 31, 12)
 
 
 def axis(values) -> Axis:
     values = np.asarray(values)
     return Axis("x", "x", values, np.arange(len(values)))
-
-
-def source(**axes) -> Field:
-    return Field("a.nc", "v", xarray.DataArray(0.0), 1.0, {kind: axis(values) for kind, values in axes.items()})
 
 
 class TestAxes:
@@ -134,13 +127,6 @@ class TestWaves:
 
 
 class TestPositions:
-    def test_the_last_places_of_a_plane(self):
-        for longitude, latitude in ((-360, -85), (360, 85)):
-            LocalFrame(longitude, latitude)
-        for longitude, latitude in ((-360.1, 0), (360.1, 0), (0, 85.1), (0, -85.1)):
-            with pytest.raises(OceanError, match="allowed: -"):
-                LocalFrame(longitude, latitude)
-
     def test_the_edges_of_an_area_are_in_it(self):
         scenario = Scenario.load("ideal", ["area.width=300", "area.length=240"])
         assert boat_position("300,240", scenario) == (300, 240)
@@ -244,17 +230,6 @@ def test_proj_has_the_same_plane(latitude, form):
     there = Transformer.from_crs(CRS.from_wkt(wkt) if form == "wkt" else CRS.from_cf(attributes), 4326, always_xy=True)
     x, y = np.meshgrid(np.linspace(0, 20000, 5), np.linspace(0, 20000, 5))
     np.testing.assert_allclose(there.transform(x, y), frame.to_geographic(x, y), rtol=0, atol=1e-9)
-
-
-def test_start_of_a_mission():
-    def start(*changes: str) -> str:
-        return Site(Scenario.load("ideal", changes)).start
-
-    assert start() == ""
-    assert start("water.start=2026-11-01T06:00:00+02:00") == "2026-11-01T04:00:00"
-    assert start("water.start=2026-11-01T06:00:00.25") == "2026-11-01T06:00:00.250000"
-    with pytest.raises(OceanError, match=r"start = 'soon'; allowed: ISO 8601"):
-        start("water.start=soon")
 
 
 def test_clock_there_and_back():

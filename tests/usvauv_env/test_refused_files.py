@@ -106,7 +106,6 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
     "units of speed": (attributes("vo", units="furlong"), r"vo: units 'furlong'; allowed: m s-1, m/s, .*knots"),
     "too fast": (values("uo", put((0, 0, 4, 4), 32.767)), r"uo: 32.767 m/s; allowed: up to 20 m/s: see its units"),
     "no longitude": (without("longitude"), r"uo: dimension 'longitude' has no coordinate that is a longitude, lat"),
-    "no latitude": (lambda d: d.isel(latitude=4, drop=True), r"uo: has no latitude coordinate; .* 'degrees_north'"),
     "no depth": (lambda d: d.isel(depth=0, drop=True), r"uo: has no depth coordinate; it must say how deep"),
     "one longitude": (lambda d: d.isel(longitude=[3]), r"longitude: has one value, 5; at least two are needed"),
     "grid of a projection": (
@@ -119,12 +118,7 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
         lambda d: d.expand_dims(member=3).rename(member="number"),
         r"uo: dimension 'number' has no coordinate that is a longitude",
     ),
-    "unordered latitude": (
-        values("latitude", put(5, 59.0)),
-        r"latitude: is not in order: 59.0 follows 60.08\d+; values must rise or fall throughout",
-    ),
     "missing latitude": (values("latitude", put(2, np.nan)), r"latitude: value 2 is missing; all must be given"),
-    "longitude without units": (attributes("longitude", units=None), r"longitude: units None; allowed: degrees_east"),
     "depth in dbar": (attributes("depth", units="dbar"), r"depth: units 'dbar'; allowed: m, "),
     "depth sideways": (attributes("depth", positive="left"), r"depth: its attribute positive is 'left'; allowed: 'up'"),
     "sigma levels": (attributes("depth", standard_name="ocean_sigma_coordinate"), r"dimension 'depth' has no coord"),
@@ -145,23 +139,14 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
         values("longitude", lambda v: v + 350),
         r"longitude: the area spans 365.02000 to 365.16\d+ degrees and the file 354.75000 to 355.50000; ",
     ),
-    "too far north": (
-        lambda d: d.isel(latitude=slice(None, 4)),
-        r"latitude: the area spans 60.02\d+ to 60.08\d+ degrees and the file 59.75000 to 60.00000; its points must",
-    ),
     "too shallow": (
         lambda d: d.isel(depth=slice(None, 2)),
         r"depth: currents are needed at 100 m and the file's depths are 0.494 to 1.541 m; they serve from 0 to 2.06",
-    ),
-    "too deep": (
-        lambda d: d.isel(depth=slice(2, None)),
-        r"depth: currents are needed at 0.494 m and the file's depths are 92.326 to 130.666 m; they serve from 92.326",
     ),
     "all land": (
         lambda d: d.where(d["longitude"] > 5.3),
         r"uo: has no values in the area at a depth of 0.494 m at 1950-01-01T00:00:00: all of it is land",
     ),
-    "below the bed": (lambda d: d.where(d["depth"] < 50), r"uo: has no values in the area at a depth of 100 m at 1950"),
     "gap": (
         lambda d: d.where(d["time"] != HOURS[1]),
         r"uo: has no values in the area at a depth of 0.494 m at 1950-01-01T06:00:00: .* or the data have a gap",
@@ -178,11 +163,6 @@ TIMES = {  # what is asked for, and what the message says of it
         r"time: the mission lasts from 1949-12-31T23:00:00 to 1950-01-01T01:00:00 and the file from "
         r"1950-01-01T00:00:00 to 1950-01-01T18:00:00; it must enclose the mission",
     ),
-    "after": (
-        {"start": "1950-01-01T17:00"},
-        r"time: the mission lasts from 1950-01-01T17:00:00 to 1950-01-01T19:00:00",
-    ),
-    "too long": ({"duration": 1e5}, r"time: the mission lasts from 1950-01-01T00:00:00 to 1950-01-02T03:46:40 and the"),
     "no date": ({"start": "tomorrow"}, r"start = 'tomorrow'; allowed: ISO 8601, such as 2026-01-31T06:00:00"),
 }
 
@@ -205,20 +185,14 @@ BEDS = {
         values("elevation", lambda v: v + 3000),
         r"elevation: no water in the area: depths from -[\d.]+ to -[\d.]+ m",
     ),
-    "missing": (values("elevation", lambda v: v * np.nan), r"elevation: has no values in the area: all of it is land"),
     "fill": (
         values("elevation", put((50, 50), -32768)),
         r"elevation: 32768 m deep; allowed: up to 12000 m: see its uni",
-    ),
-    "elsewhere": (
-        values("lat", lambda v: v - 20),
-        r"lat: the area spans 59.99\d+ to 60.1\d+ degrees and the file 39.9",
     ),
 }
 
 WAVEWATCH = [
     (attributes("efth", units=None), "efth: has no units; allowed: m2 s rad-1"),
-    (attributes("frequency", units="rad s-1"), "frequency: units 'rad s-1'; allowed: s-1, hz"),
     (attributes("direction", standard_name=None), "direction: its standard_name must say which way"),
     (values("efth", everywhere(np.nan)), "efth: has no values at the area: land"),
     (
@@ -238,7 +212,6 @@ WAVEWATCH = [
         r"station 0 at 5.020, 58.000 degrees is 224 km from the area, at 5.018, 60.009; allowed: up to 50 km",
     ),
     (without("longitude"), "efth: has no longitude; stations, or a grid|has no longitude"),
-    (values("wnd", everywhere(900.0)), "wnd: 900 m/s; allowed: 0 to 60 m/s"),
     (without("efth"), "no waves: neither a spectrum .* nor a height of waves .*phs0"),
 ]
 
@@ -256,7 +229,6 @@ ERA5 = [
         values("frequency", lambda n: n + 1),
         r"frequency: 2, 3, 4, ..., 31; allowed: ERA5's numbers 1, 2, ..., up to 30",
     ),
-    (without("frequency"), "frequency: has no values; a coordinate must give them"),
     (curvilinear, r"d2fd: lies on a curvilinear grid \(nav_lon has dimensions y, x\)"),
     (
         lambda dataset: dataset.isel(longitude=slice(2)),
@@ -272,8 +244,6 @@ PARTITIONS = [
     (attributes("phs0", units="cm"), "phs0: units 'cm'; allowed: m, meter"),
     (attributes("pspr0", units="percent"), "pspr0: units 'percent'; allowed: degree"),
     (without("ptp0"), "has phs0 but no ptp0"),
-    (values("phs0", everywhere(-3.0)), "phs0: -3; allowed: 0 to 30: see its units and fill"),
-    (values("ptp0", everywhere(90.0)), "ptp0: 90; allowed: 0.5 to 30"),
     (values("ptp0", everywhere(np.nan)), "ptp0: is missing where phs0 is 4 m"),
     (values("pspr0", everywhere(120.0)), "pspr0: 2.09.*; allowed: 0 to 1.41"),
     (values("phs0", everywhere(np.nan)), "phs0: has no values at the area: land, calm"),

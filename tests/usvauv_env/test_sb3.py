@@ -8,7 +8,6 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor, VecNormalize
 
 from usvauv.env import Scenario, World
-from usvauv.env.faces.camera import SIZE
 from usvauv.env.faces.sb3_env import AuvVecEnv
 
 STEPS, WORLDS, AUVS = 4, 3, 2
@@ -68,15 +67,3 @@ def test_its_librarys_wrappers_and_evaluation(short):
     rewards, lengths = evaluate_policy(model, env, n_eval_episodes=env.num_envs, return_episode_rewards=True)
     assert lengths == [STEPS] * env.num_envs
     assert np.isfinite(rewards).all()
-
-
-def test_pictures_and_what_there_is_not(short):
-    env = AuvVecEnv(short, 2, 5, render_mode="rgb_array")
-    env.reset()
-    assert [picture.shape for picture in env.get_images()] == [(*SIZE[::-1], 3)] * 2
-    assert env.render().shape[2] == 3
-    for call in (lambda: env.set_attr("x", 1), lambda: env.env_method("x")):
-        with pytest.raises(NotImplementedError, match="x: the environments have no"):
-            call()
-    with pytest.raises(TypeError, match="render_mode"):
-        AuvVecEnv(short, render_mode="human")

@@ -9,7 +9,6 @@ import torch
 from usvauv.env import Scenario
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.site.site import Site
-from usvauv.env.world.water import first_vortices
 
 WIDTH, LENGTH, SHAPE = 210.0, 100.0, (7, 5)  # cells of 30 × 20 m
 WAVES = {"forced_edge": "west", "irregular_rms": 0.5}
@@ -75,15 +74,6 @@ class TestVortices:
         np.testing.assert_array_equal(sea.vortices, vortices[0].cpu())
         assert sea.steady
         assert SeaSimulation(scenario(viscosity=1, mutual=True), 0, SHAPE, 1.0).steady  # has none
-
-    def test_first_ones_are_drawn_from_the_seed(self):
-        """As many as the scenario has, within the area; none without."""
-        drawn = first_vortices(scenario(count=3, circulation_min=1, circulation_max=2), 5)
-        assert drawn.shape == (1, 3, 4)
-        assert (drawn[..., :2] >= 0).all()
-        assert (drawn[..., 2].abs() >= 1).all()
-        assert (drawn[..., 2].abs() <= 2).all()
-        assert first_vortices(scenario(), 5).shape == (1, 0, 4)
 
 
 class TestRealCurrent:

@@ -7,7 +7,7 @@ import pytest
 
 from tests.usvauv_env.ocean_files import sloping, write
 from usvauv.cli.sea_view.figure import target_spectrum, wanted
-from usvauv.env import Scenario, ScenarioError
+from usvauv.env import Scenario
 from usvauv.env.sea.storm import group_speed, shallowest_valid_depth, uneven_bed_warning
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_bound, current_parts
@@ -36,18 +36,6 @@ def test_energies_add_up():
     still = current_bound(Site(load("storm.spectrum=none"))) / 1.001
     bounds = [current_bound(Site(each)) / 1.001 - still for each in (both, wind_sea, swell)]
     assert bounds[0] == pytest.approx(math.hypot(*bounds[1:]), rel=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ("storm.swells=[[3.0, 16.0, 3.3, 0.5]]", r"storm.swells.0.4 = .3.0, .*: field required"),
-        ("storm.swells=[[9.0, 7.5, 3.3, 0.5, 10.0]]", "storm.significant_height = 9: must not be above"),
-    ],
-)
-def test_refused(change, said):
-    with pytest.raises(ScenarioError, match=said):
-        load(change)
 
 
 @pytest.mark.parametrize("period", [5.0, 11.0, 25.0])

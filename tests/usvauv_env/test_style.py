@@ -7,7 +7,7 @@ import pytest
 from matplotlib.markers import MarkerStyle
 
 from usvauv.env.render import style
-from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, clock, shorten, text_width, web, write
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, web, write
 
 # Machado, Oliveira & Fernandes (2009), severity 1, applied to linear RGB.
 VISIONS = {
@@ -135,22 +135,3 @@ class TestText:
         for position in ((-20, 15), (50, 15), (10, 3), (10, 32), (500, 15), (10, -90)):
             write(picture, "Text", position, 14, (255, 255, 255))
         assert picture.any()
-
-    def test_anchors_and_shortening(self):
-        width = text_width("clear words", 14)
-        for anchor, left in (("left", 100), ("centre", 100 - width // 2), ("right", 100 - width)):
-            picture = np.zeros((40, 200, 3), np.uint8)
-            write(picture, "clear words", (100, 25), 14, (255, 255, 255), anchor=anchor)
-            assert abs(np.nonzero(picture.any((0, 2)))[0][0] - left) <= 2
-        assert shorten("clear words", 14, width) == "clear words"
-        assert text_width(shorten("clear words", 14, width - 10), 14) <= width - 10
-
-    def test_times_are_in_minutes_or_hours(self):
-        assert [clock(time) for time in (0, 59.9, 61, 3599, 3600, 36061)] == [
-            "0:00",
-            "0:59",
-            "1:01",
-            "59:59",
-            "1:00:00",
-            "10:01:01",
-        ]

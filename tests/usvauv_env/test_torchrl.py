@@ -1,10 +1,7 @@
 """TorchRL face: the library's own check, agreement with the world, partial resets, specs, ownership of tensors."""
 
-import runpy
 import subprocess
 import sys
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +16,6 @@ pytest.importorskip("torchrl")
 from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs, step_mdp
 
-from usvauv.env.faces import torchrl_env
 from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
 
 STEPS = 5
@@ -123,15 +119,6 @@ class TestPartialReset:
             bare = env.reset(mask_of(data.empty(), 2))
         assert bare["done"].squeeze(-1).tolist() == [True, False, False]
 
-    def test_seas_begin_anew_only_with_all_worlds(self, short):
-        env = DataCollectionTorchRLEnv(short, 3, seed=7)
-        data = env.reset()
-        sea = env.world.sea
-        env.reset(mask_of(data, 0, 1))
-        assert env.world.sea is sea
-        env.reset(mask_of(data, 0, 1, 2))
-        assert env.world.sea is not sea
-
 
 class TestSeeds:
     def test_same_seed_same_episodes(self, short):
@@ -200,28 +187,3 @@ class TestRefusals:
         assert run.stderr.splitlines()[-1] == (
             f'ModuleNotFoundError: the {what} needs the extra {library}: pip install "usvauv[{library}]"'
         )
-
-
-@pytest.mark.cpu("asks for the CPU by its name")
-def test_what_benchmarl_asks_of_its_task(short, monkeypatch):
-    """Here without the library, whose experiments `test_benchmarl` runs in an environment of their own."""
-    base = type("TaskClass", (), {"__init__": lambda self, name, config: self.__dict__.update(config=config)})
-    for name in ("benchmarl", "benchmarl.environments", "benchmarl.environments.common"):
-        monkeypatch.setitem(sys.modules, name, SimpleNamespace(TaskClass=base))
-    path = Path(torchrl_env.__file__).with_name("benchmarl_task.py")
-    task = runpy.run_path(str(path))["DataCollectionTask"](short, "agent")
-    env = task.get_env_fun(num_envs=3, continuous_actions=True, seed=7, device="cpu")()
-    assert torch.equal(env.reset()["agents", "observation"], World(short, 3, 7).reset().clamp(env._low, env._high))
-    assert (task.supports_continuous_actions(), task.supports_discrete_actions()) == (True, False)
-    assert (task.has_render(env), task.state_spec(env), task.action_mask_spec(env)) == (False, None, None)
-    assert (task.max_steps(env), task.env_name()) == (short.mission.steps, "usvauv")
-    assert task.group_map(env) == {"agents": ["auv_0", "auv_1"], "boats": ["usv_0"]}
-    keys = {("agents", "observation"), ("boats", "observation")}
-    assert set(task.observation_spec(env).keys(True, True)) == keys
-    assert {key[:2] for key in task.info_spec(env).keys(True, True)} == {("agents", "info")}
-    assert task.action_spec(env)["agents", "action"].shape == (2, 2)
-    monkeypatch.setitem(sys.modules, "benchmarl", None)
-    monkeypatch.delitem(sys.modules, "benchmarl.environments")
-    monkeypatch.delitem(sys.modules, "benchmarl.environments.common")
-    with pytest.raises(ModuleNotFoundError, match=r"needs the extra benchmarl: pip install"):
-        runpy.run_path(str(path))

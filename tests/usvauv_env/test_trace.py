@@ -5,16 +5,14 @@ from dataclasses import fields, replace
 import h5py
 import numpy as np
 import pytest
-import torch
 import xarray
 
 from usvauv import policies
 from usvauv.env import Scenario, Trace, TraceError, World
 from usvauv.env.record.metrics import episode_metrics
-from usvauv.env.record.recorder import Recorder, record
+from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import INTEGERS, LARGEST, VARIABLES
 from usvauv.env.site.place import LocalFrame
-from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, TallyColumn
 from usvauv.kernels.positioning import usbl
 
 STEP, STEPS, WORLDS, AUVS, BOATS, NODES = 2.0, 11, 3, 4, 2, 5
@@ -226,42 +224,3 @@ def test_trace_survives_its_file(tmp_path):
     for row, as_before in zip(episode_metrics(again), episode_metrics(trace), strict=True):
         assert str(row) == str(as_before)  # numbers in full; NaN equals NaN there
     assert episode_metrics(trace.episode(1))[0].sdr == episode_metrics(trace)[1].sdr
-
-
-def test_a_recorder_keeps_some_states_of_some_worlds():
-    world = World(Scenario.load("ideal", ["mission.duration=10"]), 3, 5)
-    recorder = Recorder(world)
-    world.reset()
-    states = []
-    for step in range(4):
-        world.step(torch.full((3, 2, 2), 0.3 * step - 0.4))
-        recorder.add()
-        states.append([each.numpy().copy() for each in (world.auv, world.node, world.estimate, world.tally)])
-    recorder.drop_last()
-    assert len(recorder) == 3
-    trace = recorder.trace("p", np.zeros((0, 0, 0)), first=1, start=5.0, worlds=slice(1, 3))
-    assert trace.time.tolist() == [5, 6]
-    auv, _, known, tally = (np.stack([state[i][1:] for state in states[1:3]]) for i in range(4))
-    node = world.node[1:].numpy()
-    for name, expected in (
-        ("auv_position", auv[..., [AuvColumn.x, AuvColumn.y]]),
-        ("target", auv[..., AuvColumn.target]),
-        ("node_rate", node[..., NodeColumn.rate]),
-        ("node_position", node[..., [NodeColumn.x, NodeColumn.y]]),
-        ("estimate", known[..., [EstimateColumn.x, EstimateColumn.y]]),
-        ("served_by", known[..., EstimateColumn.served_by]),
-        *((name, tally[..., getattr(TallyColumn, name)]) for name in ("collisions", "packets_created", "packets_lost")),
-    ):
-        np.testing.assert_array_equal(getattr(trace, name), expected, err_msg=name)
-    backlog = np.stack([state[1][1:, :, NodeColumn.backlog] for state in states[1:3]])
-    np.testing.assert_array_equal(trace.backlog, backlog)
-    assert (trace.stream.shape, trace.stream_time.shape) == ((0, 0, 0, 2), (0,))
-    recorder.clear()
-    assert len(recorder) == 0
-
-
-def test_not_a_trace(tmp_path):
-    path = tmp_path / "x.nc"
-    path.write_bytes(b"nothing of the kind")
-    with pytest.raises(TraceError, match=r"x\.nc: not a NetCDF file"):
-        Trace.load(path)

@@ -217,10 +217,6 @@ class TestDrawn:
             assert sines == pytest.approx(cumulative(fine[there], first[there])[-1] / expected, abs=0.02)
         assert energy.sum() / 256 == pytest.approx((spectrum.significant_height / 4) ** 2, rel=1e-6)
 
-    def test_too_much_below_the_shortest_wave(self, tmp_path):
-        with pytest.raises(ScenarioError, match=r"storm.shortest_wave = 40: leaves out \d\d% of the energy of .*waves"):
-            wave_systems(Site(scenario_of(ww3((2.0, 6.0, 0.0, 10)), tmp_path, "storm.shortest_wave=40")))
-
     def test_waves_that_break_or_reach_the_auvs(self, tmp_path):
         shallow = ["area.depth=6", "auv.depth=5", "sea.irregular_rms=0", "sea.start_rms=0", "storm.shortest_wave=5"]
         with pytest.raises(ScenarioError, match=r"waves.nc: significant height = 5.0\d*: must not be above 3.6 m"):

@@ -259,9 +259,6 @@ class TestStart:
         ({"num_worlds": 2, "seed": [1, 2.0]}, r"seed = 2\.0: must be a whole number"),
         ({"num_worlds": 2, "seed": [1, 2], "first_world": 3}, "first_world = 3: must be 0"),
         ({"num_worlds": 2, "seed": [1, 2], "batch": 4}, "seed: 2 for 4 worlds"),
-        ({"usv": "hold:300,0"}, "area"),
-        ({"usv": "hold:1"}, "hold:X,Y"),
-        ({"usv": "circle"}, "allowed are fim"),
         ({"num_worlds": 2, "fine_sea": True}, "exactly one"),
     ],
 )
