@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from usvauv.cli import report
 from usvauv.cli.evaluation.comparison import (
     EXACT,
     LEAST_EPISODES,
@@ -19,7 +18,6 @@ from usvauv.cli.evaluation.comparison import (
     t_quantile,
     words,
 )
-from usvauv.cli.evaluation.run import first_difference
 from usvauv.env import World
 from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import FIGURES
@@ -132,24 +130,6 @@ class TestComparison:
         assert labels([Combination("a", "fim", "tour")]) == ["a"]
         both = [Combination("a", "fim", "tour"), Combination("b", "fim", "rate:60")]
         assert labels(both) == ["a · tour", "b · rate:60"]
-
-    def test_intervals_meanwhile(self):
-        comparison = Comparison([ONE, TWO])
-        comparison.add({ONE: rows([1, 2, 3]), TWO: rows([2, 4, 3])})
-        half = stats.t.ppf(0.975, 2) / math.sqrt(3)
-        assert report.intervals(comparison, "arps") == [
-            "arps of 3 episodes, with 95 % intervals:",
-            f"  one: 2.0 ± {half:.1f}",
-            f"  two: 3.0 ± {half:.1f}, difference +1.0 ± {half:.1f}",
-        ]
-
-
-def test_the_first_difference_of_definitions():
-    one = {"seed": 3, "scenario": {"auv": {"count": 2}}, "files": {}}
-    assert first_difference(one, {**one}) == ""
-    assert first_difference(one, one | {"seed": 4}) == "seed = 3, here 4"
-    assert first_difference(one, one | {"scenario": {"auv": {"count": 5}}}) == "scenario.auv.count = 2, here 5"
-    assert first_difference(one, one | {"files": {"a.py": "00"}}) == 'files.a.py = null, here "00"'
 
 
 @pytest.fixture

@@ -257,26 +257,6 @@ class TestProbabilities:
         assert (error["detected"] > 0.99) is (share < 1)
 
 
-class TestRms:
-    def test_is_that_of_the_auvs_located(self, solve, plan, tmp_path):
-        result = solve(*FAR)
-        best = result["optimum"]
-        near, far = sorted(best["errors"], key=lambda error: error["range"])
-        assert (best["located"], far["good"]) == (1, 0)
-        assert best["rms"] == pytest.approx(math.hypot(near["major"], near["minor"]))
-        code, stdout, stderr = plan(*FAR, "--compare", "0,0")
-        assert f"a fix is {best['rms']:.2f} m off (rms, 1 of 2 AUVs located)" in " ".join(stdout.split())
-        assert (code, stderr.count("\n")) == (0, 1)
-        assert (tmp_path / "plan.png").exists()
-
-    def test_is_none_where_nobody_is(self, solve, plan):
-        assert solve(*DEAF)["optimum"]["rms"] is None
-        code, stdout, stderr = plan(*DEAF)
-        assert (code, stderr.count("\n")) == (0, 1)
-        assert "the AUV is not located from there" in " ".join(stdout.split())
-        assert "(rms" not in stdout
-
-
 class TestRemedies:
     @pytest.mark.parametrize(
         ("arguments", "parts"),

@@ -171,23 +171,6 @@ def test_a_missing_result_alone_is_made_again(whole, capsys):
     assert timeless.sub("", path.read_text()) == timeless.sub("", text)
 
 
-def test_other_settings_are_other_runs(whole):
-    folder = whole[0]
-    changed = [
-        dataclasses.replace(TINY, steps=161),
-        dataclasses.replace(TINY, judged=3),
-        dataclasses.replace(TINY, overrides=("mission.duration=21",)),
-        dataclasses.replace(TINY, methods=(dataclasses.replace(TINY.methods[0], usv="centroid"),)),
-    ]
-    assert learned(TINY, "ddpg", ESC, 1).finished(folder)
-    assert not any(learned(settings, "ddpg", ESC, 1).finished(folder) for settings in changed)
-
-
-def test_the_command_refuses_what_is_no_target(run_usvauv):
-    code, _, stderr = run_usvauv("reproduce", "table3", "--out", "a")
-    assert (code, stderr) == (2, "error: table3: must be one of table2, fig3, fig4a, fig4b, all, collaboration\n")
-
-
 class TestCollaboration:
     @pytest.fixture
     def tables(self, tmp_path):
@@ -221,10 +204,3 @@ class TestCollaboration:
         names = ("collaboration.csv", "collaboration.pdf", "collaboration-dark.png", "collaboration-light.png")
         assert {file.name for file in (tables / paper.RESULTS).iterdir()} == set(names)
         assert len(read_rows(tables / paper.RESULTS / "collaboration.csv")) == 66
-
-    def test_missions_are_those_of_the_strategy_and_changes(self):
-        piece = collaboration.missions(TINY, "visit", collaboration.NEAR)
-        scenario, wanted = piece.definition["scenario"], piece.definition["evaluation"]
-        assert (scenario["name"], scenario["acoustics"]["source_level"]) == ("wide", 140)
-        assert (piece.definition["policy"], piece.definition["usv"]) == ("pace", "visit")
-        assert (wanted["seed"], wanted["episodes"]) == (2026, 2)

@@ -19,19 +19,14 @@ import xarray
 from tests.usvauv_env.ocean_files import cmems, eastward, northward, write
 from usvauv.cli import app
 from usvauv.cli.sea_view.figure import measured, spectrum, target_spectrum
-from usvauv.cli.sea_view.surface import Section
-from usvauv.cli.sea_view.video import SeaPainter
-from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env import Scenario, World
 from usvauv.env.sea.build import build_sea, build_short_waves
-from usvauv.env.sea.netcdf import SeaFile
-from usvauv.env.sea.simulation import SeaSimulation, cells, survey
+from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import cumulative
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
-from usvauv.env.world.water import first_vortices
 
 STEADY = ["current.mutual=false", "current.viscosity=0"]
-STILL = ["storm.spectrum=none", "sea.irregular_rms=0", "sea.start_rms=0", "current.count=0"]
 
 
 def run(monkeypatch, folder, *arguments: object) -> int:
@@ -154,54 +149,16 @@ class TestData:
                 assert {"standard_name", "long_name"} <= set(file[name].attrs)
             assert all("units" in file[name].attrs for name in fields)
 
-    def test_a_seed_is_a_sea(self, tmp_path, monkeypatch):
-        for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-            out = tmp_path / f"{name}.nc"
-            assert run(monkeypatch, tmp_path, "--duration", 2, "--resolution", 20, "--seed", seed, "--out", out) == 0
-        a, b, c = (xarray.load_dataset(tmp_path / f"{name}.nc", engine="h5netcdf") for name in "abc")
-        assert a.equals(b)
-        assert not np.allclose(a.elevation, c.elevation, atol=0.1)
-        assert not np.allclose(a.current_x, c.current_x, atol=0.01)
 
-    def test_appears_only_when_it_is_whole(self, tmp_path):
-        path, sea = tmp_path / "a.nc", SeaSimulation(Scenario.load("extreme"), 0, (10, 10), 1.0)
-        path.write_bytes(b"older")
+def test_land_has_no_storm(monkeypatch):
+    def still_depth(_, shape):
+        return np.where(np.arange(shape[0]) < shape[0] // 2, -3.0, 50.0) * np.ones((shape[1], 1))
 
-        def write(fail: bool) -> None:
-            with SeaFile(path, sea) as file:
-                file.add(sea)
-                assert path.read_bytes() == b"older"
-                if fail:
-                    raise RuntimeError
-
-        with pytest.raises(RuntimeError):
-            write(fail=True)
-        assert path.read_bytes() == b"older"
-        assert [entry.name for entry in tmp_path.iterdir()] == ["a.nc"]
-        write(fail=False)
-        assert xarray.load_dataset(path, engine="h5netcdf").sizes["time"] == 1
-
-
-class TestSeaSimulation:
-    def test_land_has_no_storm(self, monkeypatch):
-        def still_depth(_, shape):
-            return np.where(np.arange(shape[0]) < shape[0] // 2, -3.0, 50.0) * np.ones((shape[1], 1))
-
-        monkeypatch.setattr(Site, "still_depth", still_depth)
-        scenario = Scenario.load("extreme", ["area.depth=50", "auv.depth=40"])
-        sea = SeaSimulation(scenario, 0, (20, 20), 1.0)
-        assert not sea.surface().storm[:, :10].any()
-        assert sea.surface().storm[:, 10:].all()
-
-    def test_resolution(self):
-        scenario = Scenario.load("extreme", ["area.width=400"])
-        assert cells(scenario, None) == (512, 256)
-        assert cells(scenario, 10) == (40, 20)
-        for limit in (0.0489, 79.6):
-            assert 3 <= min(cells(scenario, limit)) <= max(cells(scenario, limit)) <= 8192
-        for beyond in (0.0487, 80.1, -1.0, math.nan, math.inf, 0.0):
-            with pytest.raises(ScenarioError, match=r"from 0\.0489 to 79\.6 m"):
-                cells(scenario, beyond)
+    monkeypatch.setattr(Site, "still_depth", still_depth)
+    scenario = Scenario.load("extreme", ["area.depth=50", "auv.depth=40"])
+    sea = SeaSimulation(scenario, 0, (20, 20), 1.0)
+    assert not sea.surface().storm[:, :10].any()
+    assert sea.surface().storm[:, 10:].all()
 
 
 @pytest.fixture(scope="module")
@@ -223,39 +180,6 @@ class TestVideo:
             assert stream.average_rate == 10
             assert sum(1 for _ in file.decode(stream)) == 8  # each 0.2 s from 0 to 1.4 s: twice as fast as it happens
             assert file.duration / 1e6 == pytest.approx(0.8)
-
-    def painter(self, *overrides: str, size=(1280, 720)) -> tuple[SeaPainter, SeaSimulation]:
-        scenario = Scenario.load("extreme", overrides)
-        sea = SeaSimulation(scenario, 0, (50, 50), 0.5, first_vortices(scenario, 0))
-        return SeaPainter(sea, survey(scenario, 0, 5), 11, size, 30), sea
-
-    @pytest.mark.parametrize(
-        ("size", "overrides"), [((320, 320), STILL), ((1920, 400), ["area.width=2000", "area.length=100"])]
-    )
-    def test_any_sea_in_any_shape(self, size, overrides):
-        painter, sea = self.painter(*overrides, size=size)
-        for _ in range(2):
-            frame = painter.frame(sea)
-            sea.advance()
-        assert frame.shape == (size[1], size[0], 3)
-        assert frame.std() > 5
-
-
-class TestSectionAndBlock:
-    @pytest.mark.parametrize(
-        ("direction", "words"),
-        [
-            (math.pi, "A (west) to B (east)"),
-            (-math.pi / 2, "A (south) to B (north)"),
-            (2.3, "A (north-west) to B (south-east)"),
-        ],
-    )
-    def test_it_runs_as_the_map_does_whichever_way_the_waves_go(self, direction, words):
-        section = Section(Site(Scenario.load("extreme", [f"storm.direction={direction}"])))
-        (ax, ay), (bx, by) = section.ends
-        assert bx > ax + 1e-6 or (bx == pytest.approx(ax, abs=1e-6) and by > ay)
-        assert section.direction == pytest.approx((math.cos(direction), math.sin(direction)))
-        assert section.words == words
 
 
 class TestFigure:

@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.console import Console
 
 from usvauv import policies
 from usvauv.cli.sweep import run
-from usvauv.cli.sweep.perform import Board
 from usvauv.cli.sweep.run import Piece, key_of
 from usvauv.cli.sweep.study import Evaluation, Resources, StudyRun, define, read
 from usvauv.env.storage.tables import read_rows
@@ -73,7 +71,6 @@ class TestFile:
         ("text", "line"),
         [
             ("", "runs: there are none; expected at least one [[runs]]"),
-            ("run = 1", "run: unknown; allowed here: common, runs, evaluation, resources"),
             ("runs = [1]", "runs[0] = 1: must be a table of fields"),
             ("[[runs]]", "runs[0]: policy = '', algorithm = '': must be one of the two"),
             (
@@ -83,8 +80,6 @@ class TestFile:
             ('[[runs]]\npolicy = "clear"\nseeds = 1', "runs[0]: seeds: unknown field; allowed here: name, scenario, "),
             ('[[runs]]\npolicy = "clear"\nseed = []', "runs[0]: seed = []: must have at least one entry"),
             ('[[runs]]\npolicy = "cleer"', "runs[0]: policy 'cleer': neither a checkpoint"),
-            ('[[runs]]\npolicy = "clear"\nscenario = "extrem"', "runs[0]: scenario: 'extrem' is neither a file"),
-            ('[[runs]]\npolicy = "clear"\nusv = "moon"', "runs[0]: usv: 'moon': allowed are "),
             ('[[runs]]\nalgorithm = "sac"\nlearn = ["tau=2"]', "runs[0]: training: tau = 2.0: must be from 1e-06"),
             ("[evaluation]\nepisodes = 0", "evaluation: episodes = 0: input should be greater than or equal to 1"),
             ('[evaluation]\nscore = "joy"', "evaluation: score: 'joy': allowed are sdr, "),
@@ -319,18 +314,3 @@ def test_a_stopped_training_ends_as_one_in_one_go(tmp_path, monkeypatch):
     for part in ("best", "last"):
         tensors = [checkpoint.read(place / f"{part}.safetensors", checkpoint.POLICY)[1] for place in (one, two)]
         assert all(tensors[0][name].equal(tensors[1][name]) for name in tensors[0])
-
-
-def test_the_bars_fit_a_terminal():
-    definition = define(StudyRun(policy="clear"), Evaluation(), "here")
-    runs = [Piece(definition={**definition, "seed": n}, method="a long name " * 4, task="here") for n in range(40)]
-    board = Board(runs)
-    board.update({piece.key: 0.5 * piece.work for piece in runs[:30]})
-    console = Console(width=80)
-    with console.capture() as shown:
-        console.print(board.bars.get_renderable())
-    lines = shown.get().splitlines()
-    assert max(map(len, lines)) <= 80
-    assert len(lines) <= 20
-    assert lines[0].startswith("0 of 40 ended")
-    assert all(f" {n} " in line for n, line in enumerate(lines[1:]))

@@ -14,7 +14,7 @@ from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figure
 from usvauv.cli.sweep import report, results, summary
 from usvauv.cli.sweep.run import FAILURE, MADE, RESULT
 from usvauv.cli.sweep.study import Evaluation, Study, read
-from usvauv.cli.sweep.summary import improvement, interquartile_mean, interval, mean, median, normalised, profile
+from usvauv.cli.sweep.summary import improvement, interquartile_mean, interval, mean, median, normalised
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.policies import checkpoint
@@ -48,12 +48,6 @@ def test_improvement_is_mann_whitneys():
     expected = np.mean([stats.mannwhitneyu(a, b).statistic / (len(a) * len(b)) for a, b in zip(*tied, strict=True)])
     assert improvement(*tied) == pytest.approx(expected)
     assert improvement(ONE, ONE) == 0.5
-
-
-def test_profile_counts_runs():
-    levels = np.array([-0.2, 0.3])
-    counted = [sum(score > level for task in ONE for score in task) / 30 for level in levels]
-    assert profile(ONE, levels) == pytest.approx(counted)
 
 
 def test_mean_and_median_are_over_tasks():

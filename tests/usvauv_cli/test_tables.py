@@ -79,19 +79,6 @@ def test_names_that_are_shortened_stay_different():
     assert tables.shortened(["straight:1.4"], 12) == {"straight:1.4": "straight:1.4"}
 
 
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
-def test_a_terminal_has_its_own_width(monkeypatch):
-    monkeypatch.setattr("sys.stdout", Terminal())
-    monkeypatch.setenv("COLUMNS", "120")
-    assert tables.width() == 120
-    monkeypatch.setattr("sys.stdout", io.StringIO())
-    assert tables.width() == 80
-
-
 @pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
 def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
     learner = learner_figures(algorithm)

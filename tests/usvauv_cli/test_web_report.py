@@ -23,7 +23,6 @@ from usvauv.cli.web_report.episodes import (
     MOST_SHOWN,
     Recordings,
     at_arrows,
-    ellipses,
     fix_quantiles,
     front_episodes,
     thinned,
@@ -87,17 +86,6 @@ def decoded(array: dict) -> np.ndarray:
 
 
 class TestRecordings:
-    def test_axes_of_ellipses(self):
-        rng = np.random.default_rng(2)
-        factor = rng.normal(size=(50, 2, 2))
-        matrix = factor @ factor.swapaxes(1, 2)
-        major, minor, angle = ellipses(matrix[:, [0, 0, 1], [0, 1, 1]], 1e9).T
-        direction = np.stack([np.cos(angle), np.sin(angle)], -1)
-        across = np.stack([-np.sin(angle), np.cos(angle)], -1)
-        for size, axis in ((major, direction), (minor, across)):
-            assert np.einsum("nij,nj->ni", matrix, axis) == pytest.approx(size[:, None] ** 2 * axis)
-        assert (major >= minor).all()
-
     def test_quantiles_of_fix_errors(self, made):
         """Over the fixes of all episodes, to the width of a class."""
         for trace, recording in zip(made.traces, made.recordings.values(), strict=True):
@@ -359,8 +347,3 @@ class TestPlaceOnEarth:
         _, axes = self.drawn("water.longitude=114.02", "water.latitude=22.51")
         (bar,) = (line for line in axes.lines if len(line.get_xdata()) == 2)
         assert [text.get_text() for text in axes.texts] == [f"{np.ptp(bar.get_xdata()):g} m"] == ["50 m"]
-
-    def test_metres_without_a_place(self):
-        _, axes = self.drawn()
-        assert not axes.lines
-        assert axes.get_xlabel() == "x (east), m"
