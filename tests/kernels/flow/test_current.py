@@ -144,14 +144,6 @@ def test_particle_paths(device):
     assert (np.stack(expected) < 0).any()
 
 
-def test_a_stream_of_one_row_is_none(device):
-    sample = Sample(device, 1)
-    start = sample.put(np.array([[40.0, 50.0]]))
-    about = {"level": 0, "size": SIZE, "step": 1.0, "count": 1}
-    none = torch.full((2, 1, 1, 2), 9.0, device=device)
-    assert torch.equal(current.particle_paths(start.new_zeros(1, 0, 4), none, start, **about)[:, 1], start)
-
-
 @ti.kernel
 def sample_all(
     eta: ti.types.ndarray(dtype=ti.f32, ndim=4),

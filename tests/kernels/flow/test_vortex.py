@@ -82,15 +82,6 @@ def test_baseline_preset_is_below_5_cm_per_second(device):
     assert 0.04 < fastest <= 0.045
 
 
-def test_worlds_are_separate_and_none_means_still_water(device):
-    vortex = torch.tensor([BASELINE, STRONG], dtype=torch.float32, device=device)
-    points = torch.full((2, 1, 2), 50.0, device=device)
-    both = sample_current(vortex, points)
-    assert torch.equal(both[1], sample_current(vortex[1:].contiguous(), points[1:])[0])
-    assert not torch.equal(both[0], both[1])
-    assert not sample_current(vortex[:, :0], points).any()
-
-
 def carried(device, vortices, dt, steps, viscosity=0.0, mutual=True):
     """History (steps + 1, V, 4) of one world's vortices."""
     vortex = torch.tensor([vortices], dtype=torch.float32, device=device)
