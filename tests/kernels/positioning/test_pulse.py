@@ -201,13 +201,6 @@ class TestBounds:
         assert np.abs(np.corrcoef(error.T) - np.eye(3)).max() < 4.5 / math.sqrt(len(error))
         assert (np.abs(error.mean(0)) / error.std(0)).max() < 4.5 / math.sqrt(len(error))
 
-    def test_an_echo_halves_the_range_error(self, device, signal):
-        spread = [
-            Batch(device, signal, path=path).measure(150, 10_000)[:, RANGE_ERROR].std()
-            for path in ("echo", "transponder")
-        ]
-        assert spread[1] / spread[0] == pytest.approx(2, rel=0.04)
-
 
 # Signal, offset (m), level (dB) and path: strong, far to the side, tilted, near the threshold.
 MODELS = [

@@ -161,13 +161,6 @@ class TestFix:
         assert (arrivals[:, 4] == 1).all()
         assert np.abs(back - offset).max() < 1e-3
 
-    def test_at_constant_speed_it_is_geometry(self, device):
-        depth, offset = self.offsets()
-        arrivals, _ = there_and_back(SoundSpeedProfile.constant(1500.0), depth, offset, 1500.0, device)
-        S = np.linalg.norm(offset, axis=1)
-        assert np.abs(arrivals[:, :3] - offset / S[:, None]).max() < 5e-7
-        assert arrivals[:, 3] == pytest.approx(S, rel=6e-7)
-
     @pytest.mark.parametrize("name", PROFILES)
     def test_noise_near_the_horizontal_stays_finite(self, device, name):
         random = np.random.default_rng(2)
