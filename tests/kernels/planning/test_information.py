@@ -81,26 +81,6 @@ class TestLevelArray:
             H = (jacrev(phases)(boat) / deviation[:, None, None]).reshape(-1, 2)
             assert torch.allclose(H.T @ H, J, rtol=1e-5, atol=2e-6 * J.trace().item())
 
-    @pytest.mark.parametrize("path", ["echo", "transponder"])
-    @pytest.mark.parametrize("noise_law", ["density", "demonstration"])
-    def test_strength_is_that_of_the_fixes(self, device, path, noise_law):
-        """T of the planner's power law is κ²/(σ² S²) with the σ that the fixes are drawn with, at any range."""
-        boat = torch.tensor([[0.0, 0.0], [80.0, 30.0], [900.0, 100.0]], device=device)
-        auvs = torch.tensor([[[0.0, 0.0, -100.0]]], device=device).repeat(3, 1, 1)
-        link = table(device, 1, path=path, noise_law=noise_law)
-        T = information_batch(link, auvs, boat, measurement=FIX)[:, 0].double().cpu()
-        offset = torch.cat([auvs[:, 0, :2] - boat, auvs[:, 0, 2:]], 1)
-        zero = torch.zeros(3, dtype=torch.int32, device=device)
-        estimate, _, _ = usbl.fixes(link, zero, offset, offset.new_zeros(3, 2), offset.new_zeros(3, 5))
-        across = offset.norm(dim=1) * estimate[:, 3] / link[0, acoustic_link.KAPPA]
-        assert torch.allclose(T, across.double().cpu() ** -2, rtol=2e-5)
-
-    def test_constant_noise_is_that_of_the_reference_range(self, device):
-        link = table(device, 2, planner_noise="constant", reference_range=100.0).double().cpu()
-        expected = (link[:, acoustic_link.KAPPA] / sigma(2, [100.0, 100.0]) / 100).square().log()
-        assert torch.allclose(link[:, acoustic_link.LEVEL], expected, rtol=1e-6)
-        assert link[:, [acoustic_link.POWER, acoustic_link.DECAY]].tolist() == [[1, 0], [1, 0]]
-
     @pytest.mark.parametrize("place", ["fim", "corner"])
     @pytest.mark.parametrize("measurement", [PHASE, FIX])
     def test_the_scatter_of_fixes_meets_the_bound(self, device, place, measurement):
@@ -183,16 +163,6 @@ class TestTiltedArray:
             assert torch.allclose(j, expected, rtol=2e-5, atol=2e-5 * expected.trace().item())
             inverse = torch.linalg.inv(expected)
             assert torch.allclose(c, inverse, rtol=2e-5, atol=2e-5 * inverse.trace().item())
-
-    def test_a_level_one_is_the_planners(self, device):
-        link = table(device, 2, attitude_error=ERROR)
-        for measurement in (PHASE, FIX):
-            for (k, offset, slope), j in zip(CASES, tilted(device, measurement)[1], strict=True):
-                if slope == [0.0, 0.0]:
-                    auv, boat = torch.tensor([[[0.0, 0.0, offset[2]]]]).to(device), -torch.tensor([offset[:2]])
-                    one = link[k : k + 1].contiguous()
-                    level = matrix(information_batch(one, auv, boat.to(device), measurement=measurement))[0]
-                    assert torch.allclose(j, level, rtol=1e-4, atol=1e-5 * level.trace().item())
 
     def test_systematic_errors_of_a_level_arrays_fixes(self, device):
         """ε² z² I + ε_h² n nᵀ + (2 σ_c/c)² d dᵀ + σ_p² I."""

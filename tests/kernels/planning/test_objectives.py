@@ -48,16 +48,6 @@ class TestPaper:
         assert value["sum phase"] == pytest.approx(1, rel=1e-5)
         assert value["paper phase"] == pytest.approx(3, rel=1e-5)
 
-    def test_is_without_attitude_error(self, device):
-        points, boat = random_layouts("depths", 20, 4, 200.0, 7).to(device), random_boats(20, 8).to(device)
-        with_error, without = (
-            objectives.log_objective_batch(
-                table(device, 4, attitude_error=error), points, boat, code=CODES["paper phase"]
-            )
-            for error in (0.01, 0.0)
-        )
-        torch.testing.assert_close(with_error, without, rtol=1e-5, atol=1e-6)
-
 
 def derivatives(boat, points, link, code):
     """Value (n,), gradient (n, 2) and second derivatives xx, xy and yy (n, 3) by automatic differentiation."""

@@ -43,16 +43,6 @@ class TestPlan:
         # The value can be a sum of 2K logarithms in single precision.
         assert ((out[:, 2] - reached).abs() / (5 + reached.abs())).max() < 2e-6
 
-    @pytest.mark.parametrize("name", ["d fix", "a phase", "sum phase"])
-    @pytest.mark.parametrize("noise", [{"planner_noise": "constant"}, {"noise_law": "demonstration"}])
-    def test_other_noise(self, device, noise, name):
-        link, code = table(device, 3, **noise), CODES[name]
-        points = all_kinds(20, 3, 99)
-        out = search.plan_batch(link, points.to(device), code=code).double().cpu()
-        assert out.shape == (len(points), 3)
-        reached = log_objective(out[:, :2], points.double(), link.double().cpu(), code)
-        assert (best_by_dense_search(points, link.cpu(), code, AREA) - reached).max() < GAP
-
     @pytest.mark.parametrize("K", [3, 6])
     @pytest.mark.parametrize("name", slowly([name for name in CODES if name[0] in "ds"], "d phase"))
     def test_unequal_links(self, device, name, K):
@@ -62,21 +52,6 @@ class TestPlan:
             reached = log_objective(out[:, :2], points.double(), link.double(), CODES[name])
             assert (best_by_dense_search(points, link, CODES[name], side) - reached).max() < 1e-3
             assert (out[:, 2] - reached).abs().max() < 1e-3
-
-    @pytest.mark.parametrize("name", ["d fix", "d phase", "sum phase"])
-    @pytest.mark.parametrize("K", [2, 3])
-    def test_any_start_finds_the_highest_of_many_maxima(self, device, name, K):
-        """AUVs anywhere, 10 to 15 m deep: a maximum above each of them, and some between."""
-        random = torch.Generator().manual_seed(5)
-        z = -10 - 5 * torch.rand(2000, K, 1, generator=random)
-        points = torch.cat([AREA * torch.rand(2000, K, 2, generator=random), z], -1).to(device)
-        link = table(device, K, attitude_error=0.0017)
-        heights = []
-        for seed in range(4):
-            start = AREA * torch.rand(2000, 2, generator=torch.Generator().manual_seed(seed))
-            heights.append(search.plan_batch(link, points, code=CODES[name], start=start.to(device))[:, 2])
-        heights = torch.stack(heights)
-        assert ((heights.amax(0) - heights.amin(0)) / (5 + heights[0].abs())).max() < 3e-6
 
     @pytest.mark.parametrize("name", [name for name in CODES if not name.startswith("paper")])
     def test_optimum_for_one_position_is_straight_above(self, device, name):
@@ -186,16 +161,3 @@ class TestGreedy:
         # On the disc's rim, too, the objective has a slope, and the rim is rounded to single precision. PAPER can have
         # several maxima round one AUV, and the ascents sometimes miss a slightly better one.
         assert gap.max() < (2e-3 if code == CODES["paper phase"] else 1e-5)
-
-    @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
-    def test_with_a_reach_beyond_the_area_it_is_the_plan(self, device, code):
-        points, boat = (part.to(device) for part in self.case(3, 7, 10))
-        link = table(device, 3)
-        far = search.plan_batch(link, points, start=boat, code=code, reach=500.0)
-        plan = search.plan_batch(link, points, code=code, start=boat)
-        assert (far - plan)[:, 2].abs().max() < 1e-5
-
-    def test_no_reach_is_no_move(self, device):
-        points, boat = (part.to(device) for part in self.case(3, 8, 5))
-        found = search.plan_batch(table(device, 3), points, start=boat, code=CODES["d fix"], reach=0.0)
-        assert (found[:, :2] - boat).abs().max() < 1e-5

@@ -11,7 +11,6 @@ from scipy.interpolate import RegularGridInterpolator
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.kernels.flow.vortex import sample_current
-from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.planning import zermelo
 from usvauv.policies.guidance import unit
@@ -19,7 +18,6 @@ from usvauv.policies.guidance import unit
 SIZE = (200.0, 200.0)
 RADIUS = 6.0
 GOAL = (93.0, 71.0)
-CIRCLE = {"size": SIZE, "radius": RADIUS}
 
 
 def nodes(count, size=SIZE):
@@ -344,30 +342,6 @@ class TestSymmetry:
 
 
 class TestPolicy:
-    def test_the_field_is_the_water_at_the_auvs(self):
-        scenario = Scenario.load("extreme", ['storm.spectrum="none"'])
-        world = World(scenario, 4, seed=3)
-        world.reset()
-        for _ in range(60):
-            world.step(torch.zeros(4, 2, 2, device=world.device))
-        margin, count = 2.0, 197
-        flow = torch.full((4, count, count, 2), math.nan, device=world.device)
-        mask = torch.tensor([True, False, True, True])
-        world.current_field(flow, mask, margin)
-        assert flow[1].isnan().all()
-        place = (world.auv[..., AuvColumn.span("x", "y")].clamp(margin, 200 - margin) - margin).cpu().numpy()
-        x = np.arange(count, dtype=float)
-        for w in (0, 2, 3):
-            sampled = RegularGridInterpolator((x, x), flow[w].cpu().numpy())(place[w][:, ::-1])
-            np.testing.assert_allclose(sampled, world.current()[w].cpu().numpy(), atol=5e-3)
-
-    def test_it_heads_for_the_target_in_still_water(self):
-        scenario = Scenario.load("ideal")
-        world = World(scenario, 8, seed=1)
-        observation = world.reset()
-        ours, others = (policies.load(f"{name}:1.4", world) for name in ("zermelo", "crab"))
-        torch.testing.assert_close(ours.act(observation), others.act(observation), atol=0.05, rtol=0)
-
     def test_without_a_way_it_does_as_crab(self):
         scenario = Scenario.load("extreme", ['storm.spectrum="none"'])
         world = World(scenario, 8, seed=1)
@@ -379,16 +353,3 @@ class TestPolicy:
         lost = ours.velocity.norm(dim=-1) == 0
         assert lost.sum() > 3
         torch.testing.assert_close(action[lost], fallback[lost])
-
-    @pytest.mark.slow
-    def test_more_services_than_crab_in_extreme(self):
-        scenario = Scenario.load("extreme", ["mission.duration=500"])
-        served = {}
-        for name in ("crab:1.3", "zermelo:1.3"):
-            world = World(scenario, 24, seed=5)
-            policy = policies.load(name, world)
-            observation, served[name] = world.reset(), 0
-            for _ in range(world.steps):
-                observation, *_, info = world.step(policy.act(observation))
-                served[name] += int((info["measures"][..., world.measure_names.index("service_rate")] > 0).sum())
-        assert served["zermelo:1.3"] >= served["crab:1.3"]
