@@ -1,19 +1,16 @@
-"""The boat's foresight and its rollouts: against the tracker's filter, against NumPy, and in missions."""
+"""The boat's foresight and its rollouts: against the tracker's filter, and in missions."""
 
 import math
 
-import numpy as np
 import pytest
 import taichi as ti
 import torch
 
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.site.site import Site
-from usvauv.env.world.tables import SERVICE_FILL, link_table, reference_rate
 from usvauv.kernels.mission import belief_planner
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn
-from usvauv.kernels.positioning import acoustic_link, tracker
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn
+from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import array1, array2, array3, vec3
 
 WIDE = ["nodes.count=60"]
@@ -62,29 +59,6 @@ def fly(world, steps, policy="pace"):
 
 
 class TestForesight:
-    def test_an_auv_out_of_hearing_is_foreseen_along_its_tour(self):
-        """From the AUV's last reply on, its foreseen way is that of NumPy along the successors."""
-        world = World(Scenario.load("wide", WIDE), 4, 3, "visit")
-        service = SERVICE_FILL * world.scenario.nodes.payload / reference_rate(world.site)
-        before = None
-        silent = 0
-        for _ in fly(world, 150):
-            now = world.foresight.cpu().numpy().copy()
-            elapsed = world.exchange[..., ExchangeColumn.elapsed].cpu().numpy()
-            if before is not None:
-                nodes = world.node.cpu().numpy()
-                on = (now[..., ForesightColumn.elapsed] - before[..., ForesightColumn.elapsed] > 0.9999) & (
-                    elapsed < 100  # later it may be lost and wait
-                )
-                for w, k in np.argwhere(on):
-                    place, node, hovers = foreseen(before[w, k], nodes[w], service)
-                    assert np.allclose(now[w, k, : ForesightColumn.y + 1], place, atol=2e-3)
-                    assert int(now[w, k, ForesightColumn.heads_for]) == node
-                    assert now[w, k, ForesightColumn.hovers] == pytest.approx(hovers, abs=2e-3)
-                    silent += 1
-            before = now
-        assert silent > 500
-
     def test_it_is_nearer_than_where_the_auv_was_heard(self):
         world = World(Scenario.load("wide", WIDE), 24, 4, "visit")
         foreseen_error, last_error = [], []
@@ -98,25 +72,6 @@ class TestForesight:
         foreseen_error, last_error = torch.cat(foreseen_error), torch.cat(last_error)
         assert len(foreseen_error) > 200
         assert foreseen_error.median() < 0.5 * last_error.median()
-
-
-def foreseen(row, nodes, service):
-    """Place, node and time to hover of an AUV one second after a row of foresight."""
-    place, node = row[:2].astype(float), int(row[ForesightColumn.heads_for])
-    hovers, left = float(row[ForesightColumn.hovers]), 1.0
-    while left > 1e-9:
-        if hovers > 0:
-            spent = min(hovers, left)
-            hovers, left = hovers - spent, left - spent
-            if hovers <= 0:
-                node = int(nodes[node, NodeColumn.successor])
-            continue
-        way = nodes[node, :2] - place
-        needed = np.linalg.norm(way) / row[ForesightColumn.speed]
-        if needed > left:
-            return place + left / needed * way, node, 0.0
-        place, left, hovers = nodes[node, :2].astype(float), left - needed, service
-    return place, node, hovers
 
 
 class TestMissions:
@@ -153,26 +108,10 @@ class TestMissions:
         assert gain.mean() > 3 * gain.std(ddof=1) / math.sqrt(len(gain))
         assert results["belief"][1].mean() < 0.8 * results["centroid"][1].mean()
 
-    @pytest.mark.parametrize("boat", ["visit", "belief"])
-    def test_auvs_that_do_not_reckon_are_not_foreseen(self, boat):
-        with pytest.raises(ScenarioError, match=rf"'{boat}' foresees AUVs .* needs navigation\.sensor"):
-            World(Scenario.load("extreme", ["navigation.sensor=none"]), 1, usv=boat)
-
     def test_the_scenario_says_where_the_boat_goes(self):
-        with pytest.raises(ScenarioError, match=r"^boat\.strategy: 'belief' foresees AUVs"):
-            World(Scenario.load("wide", ["navigation.sensor=none"]))
+        for boat in ("belief", "visit"):  # AUVs that do not reckon are not foreseen
+            with pytest.raises(ScenarioError, match=f"'{boat}' foresees AUVs .* needs navigation\\.sensor"):
+                World(Scenario.load("wide", ["navigation.sensor=none", f"boat.strategy={boat}"]))
         with pytest.raises(ScenarioError, match=r"^boat\.strategy: 'drift': allowed are fim"):
             World(Scenario.load("wide", ["boat.strategy=drift"]))
         assert World(Scenario.load("ideal", ["boat.strategy=hold:50,60"])).strategy.name == "hold:50,60"
-
-
-class TestDataRatio:
-    def test_threshold(self):
-        """R² = 8 + 8 E/N0 at the ratio; below that of detection it changes nothing."""
-        thresholds = [
-            link_table(Site(Scenario.load("extreme", [f"channel.data_ratio={ratio}"])))[0, acoustic_link.THRESHOLD]
-            for ratio in (0, 9, 18)
-        ]
-        assert thresholds[0] == pytest.approx(72.0)
-        assert thresholds[1] == pytest.approx(72.0, rel=0.01)
-        assert thresholds[2] == pytest.approx(8 + 8 * 10**1.8)

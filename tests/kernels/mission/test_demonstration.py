@@ -21,19 +21,6 @@ def term(world: World, name: str) -> torch.Tensor:
     return world.reward_terms[..., world.reward_names.index(name)]
 
 
-def test_shipped():
-    """Both scenarios of the paper have them, the others do not."""
-    for name in ("paper-ideal", "paper-extreme", "ideal", "extreme", "station-keeping"):
-        s = Scenario.load(name)
-        conventions = (
-            s.nodes.target_rule, s.nodes.hovering_time, s.auv.separation, s.auv.refused_power,
-            s.reward.service_form, s.reward.proximity_form,
-        )  # fmt: skip
-        theirs = ("demonstration:0.05", "exact", "demonstration", "hovering", "hovering", "pair")
-        ours = ("tour", "steps", "geometry", "travelling", "completion", "each")
-        assert conventions == (theirs if "paper" in name else ours)
-
-
 def after_service(rule: str, backlog: list[float]) -> int:
     """Target chosen after the service of node 1, right above it, among nodes with λ = 8 packets/s.
 

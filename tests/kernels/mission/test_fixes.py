@@ -7,14 +7,12 @@ import pytest
 import torch
 
 from tests.links import TILTING as PLAIN
-from tests.usvauv_env.test_world import run
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.env.site.site import Site
-from usvauv.env.world.current_statistics import current_bound, current_model
-from usvauv.env.world.tables import link_table, program, sound_speed
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
+from usvauv.env.world.tables import link_table
+from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.positioning import tracker, usbl
 
 LOUD = ["acoustics.source_level=230", "usbl.attitude_error=0", "usbl.tilt=false"]
@@ -123,12 +121,6 @@ class TestLost:
         both = lost[..., 0].astype(float), lost[..., 1].astype(float)
         assert abs(np.corrcoef(both[0].ravel(), both[1].ravel())[0, 1]) < 5 / math.sqrt(n / 2)
 
-    def test_same_seed_same_losses(self):
-        first, again, other = (voyage(["usbl.packet_loss=0.3"], seed=seed) for seed in (1, 1, 2))
-        np.testing.assert_array_equal(first.fix_flags, again.fix_flags)
-        np.testing.assert_array_equal(first.fix, again.fix)
-        assert (first.fix_flags != other.fix_flags).any()
-
     def test_other_draws_do_not_move(self):
         """Losing fixes changes no other random number: nodes, vortices and the fixes that remain are the same."""
         whole, holed = voyage([], usv="hold:90,90"), voyage(["usbl.packet_loss=0.5"], usv="hold:90,90")
@@ -175,11 +167,6 @@ class TestSound:
         c, harmonic = profile.at(0.0), profile.harmonic_mean(0.0, 100.0)
         assert means["array"] == pytest.approx((c / harmonic) ** 2 - 1, rel=0.05)
 
-    def test_the_mean_is_the_reference(self):
-        scenario = Scenario.load("extreme", [THERMOCLINE])
-        assert sound_speed(Site(scenario)) == pytest.approx(Site(scenario).sound_speed.harmonic_mean(0.0, 100.0))
-        assert sound_speed(Site(Scenario.load("extreme"))) == 1500
-
     @pytest.mark.parametrize(
         ("settings", "message"),
         [
@@ -197,12 +184,6 @@ class TestSound:
         assert message in str(caught.value)
         assert "\n" not in str(caught.value)
 
-    def test_temperature_and_salinity(self):
-        pytest.importorskip("gsw")
-        water = "acoustics.temperature_salinity=[[0, 20, 38], [15, 20, 38], [50, 13, 38.2], [200, 12.9, 38.4]]"
-        scenario = Scenario.load("extreme", [water, "water.latitude=43", "water.longitude=6"])
-        assert Site(scenario).sound_speed.at(0.0) == pytest.approx(1525.1, abs=0.3)
-
 
 class TestModels:
     def test_tones_and_statistics_scatter_alike(self):
@@ -214,49 +195,8 @@ class TestModels:
             squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(C), error)
             assert squared.mean() == pytest.approx(2, abs=5 * math.sqrt(4 / len(squared)))
 
-    def test_only_what_is_chosen_is_compiled(self):
-        scenario = Scenario.load("extreme", PLAIN)
-        world = World(scenario, 1)
-        chosen = program(world.site, world.strategy.strategy, link_table(world.site))
-        assert not any((chosen.waveform, chosen.refraction, chosen.tracker, chosen.turns))
-        assert world.track.shape == (1, 1, tracker.COLUMNS)
-
 
 class TestTracker:
-    def test_is_the_filter_of_its_own_module(self):
-        """What the mission feeds the tracker is commanded motion, fixes with their age, and readings of the current."""
-        scenario = Scenario.load(
-            "extreme", [*PLAIN, "tracker.enabled=true", "usbl.packet_loss=0.2", "usbl.latency=0.1"]
-        )
-        world = World(scenario, 16, seed=3, usv="centroid")
-        world.reset()
-        shape = (32, -1)
-        start = world.track.reshape(shape).clone()
-        logged = []
-        for _ in range(30):
-            world.step(steady(world.observation))
-            auv = world.auv.clone()
-            adrift = 1 - torch.maximum(auv[..., AuvColumn.hovering], auv[..., AuvColumn.border])
-            separation = scenario.auv.depth + world.boat[..., BoatColumn.elevation]
-            away = auv[..., AuvColumn.span("x", "y")] - world.boat[..., BoatColumn.span("x", "y")]
-            age = 0.1 + (away.square().sum(-1) + separation**2).sqrt() / 1500
-            heard = auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED > 0  # rejected ones are the filter's to reject
-            logged.append(
-                (
-                    auv[..., AuvColumn.span("water_x", "water_y")].reshape(shape),
-                    adrift.reshape(-1),
-                    auv[..., AuvColumn.span("fix_x", "fix_y")].reshape(shape),
-                    auv[..., AuvColumn.span("covariance_xx", "covariance_yy")].reshape(shape),
-                    torch.where(heard, age, -1.0).reshape(-1),
-                )
-            )
-        variance, correlation_time = current_model(Site(scenario), world._constants["link"].numpy())
-        arrays = (torch.stack(parts) for parts in zip(*logged, strict=True))
-        speed = scenario.auv.speed_max + current_bound(Site(scenario))
-        model = {"variance": variance, "correlation_time": correlation_time, "speed": speed, "step": 1.0}
-        track, _ = tracker.follow(start, *arrays, **model)
-        torch.testing.assert_close(track[-1], world.track.reshape(shape), rtol=1e-3, atol=2e-3)
-
     @pytest.mark.parametrize("extra", [[], ["tracker.current_reading=0.1"]])
     def test_estimates_are_better_and_as_good_as_they_say(self, extra):
         settings = {"worlds": 128, "policy": "crab", "usv": "fim"}
@@ -278,19 +218,3 @@ class TestTracker:
         torch.testing.assert_close(own, world.track[..., : tracker.Y + 1], rtol=0, atol=1e-4)
         fixes = world.auv[..., AuvColumn.span("fix_x", "fix_y")]
         assert (own - fixes).norm(dim=-1).mean() > 0.05
-
-    def test_a_world_is_the_same_alone_in_a_batch_and_restored(self):
-        scenario = Scenario.load("extreme", [*PLAIN, "tracker.enabled=true", "usbl.packet_loss=0.2"])
-        together = run(World(scenario, 9, seed=5), 20)
-        alone = run(World(scenario, 1, seed=5, first_world=4), 20)
-        for name, value in alone.items():
-            np.testing.assert_array_equal(value[0], together[name][4], err_msg=name)
-        world = World(scenario, 4, seed=6)
-        observation = world.reset()
-        for _ in range(5):
-            observation = world.step(steady(observation))[0]
-        kept = world.state()
-        first = [world.step(steady(observation))[0].clone() for _ in range(5)]
-        world.load_state(kept)
-        again = [world.step(steady(observation))[0].clone() for _ in range(5)]
-        assert torch.equal(first[-1], again[-1])

@@ -1,6 +1,5 @@
 """Packets are conserved, and arrive as Poisson numbers from the table of arrivals."""
 
-import itertools
 import math
 
 import numpy as np
@@ -116,19 +115,6 @@ def test_two_auvs_at_one_node_take_each_packet_once():
         assert (cargo.sum(-1) <= world.node[:, 0, NodeColumn.backlog]).all()
         together += int((cargo > 0).all(-1).sum())
     assert together > 30
-
-
-def test_the_start_fills_its_whole_range():
-    """Every backlog from 0 to the greatest occurs, and no greater one."""
-    world = World(Scenario.load("ideal", ["nodes.start_backlog=3", "nodes.buffer=3"]), num_worlds=256, seed=1)
-    world.reset()
-    assert set(world.node[..., NodeColumn.backlog].unique().tolist()) == {0, 1, 2, 3}
-
-
-@pytest.mark.parametrize("text", list(itertools.product(("nodes.buffer", "nodes.start_backlog"), ("0.5", "2e7", "-1"))))
-def test_packets_are_whole(text):
-    with pytest.raises(ValueError, match=text[0]):
-        Scenario.load("ideal", ["=".join(text)])
 
 
 RATES = (0.0, 0.3, 3.0, 12.0, 40.0, 80.0)

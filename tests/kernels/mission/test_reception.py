@@ -1,6 +1,5 @@
-"""What a reply is expected to be worth: its probability and the variance of its fix, beside the models of both."""
+"""What a reply is expected to be worth: its probability, beside the model of it."""
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,15 +64,6 @@ def heard(away):
     """Probability that question and answer are received and the answer is detected: noncentral χ² of 8 degrees."""
     threshold = link_table([CARRIER], SONAR)[0, acoustic_link.THRESHOLD]
     return (1 - LOSS) ** 2 * stats.ncx2.sf(threshold, 8, 8 * energy(away))
-
-
-def test_variance_is_that_of_a_fix(device):
-    """Phases of variance 1/γ, and an error of pitch and roll times the slant range, the most that it can be."""
-    away = np.array([0.0, 50.0, 200.0, 500.0])
-    S = np.hypot(away, DEPTH)
-    kappa = 2 * math.pi * CARRIER * SPACING / 1500
-    expected = S**2 / kappa**2 / energy(away) + (ATTITUDE * S) ** 2
-    assert replies(device, away)[:, 1] == pytest.approx(expected, rel=1e-4)
 
 
 def test_probability_from_a_known_place(device):
