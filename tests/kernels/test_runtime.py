@@ -168,11 +168,3 @@ def test_kernels_of_others_may_be_methods(tmp_path):
     (tmp_path / "method.py").write_text(METHOD)
     done = subprocess.run([sys.executable, str(tmp_path / "method.py")], capture_output=True, text=True, timeout=300)
     assert done.stdout.splitlines()[-1:] == ["3"], done.stderr
-
-
-def test_upload(device):
-    numbers = np.arange(6, dtype=np.float32).reshape(2, 3)
-    tensor = torch.zeros((2, 3), device=device)
-    runtime.upload(numbers, tensor)
-    runtime.synchronize()
-    np.testing.assert_array_equal(tensor.cpu(), numbers)
