@@ -38,7 +38,7 @@ class ArrayPose:
 
 
 @ti.dataclass
-class Arrival:
+class IncomingSignal:
     """A signal on its way to the array.
 
     Attributes:
@@ -94,7 +94,7 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
 
 
 @ti.func
-def sounds(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k):
+def sounds(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k):
     """What the hydrophones receive of a pulse, as `matched_filter.sounds` has it.
 
     The array lies at its depth below the surface as it is there; it and the AUVs rise and sink over a level bottom.
@@ -127,7 +127,7 @@ def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> re
 
 
 @ti.func
-def sample(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, sigma, draw: random.uint4, w, k) -> vec6:
+def sample(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, sigma, draw: random.uint4, w, k) -> vec6:
     """The sampled signal of AUV k as the receiver measures it, columns of `pulse`."""
     heard = sounds(worlds, pose, arrival, w, k)
     noise = ti.static(worlds.pulse_noise)
@@ -137,7 +137,7 @@ def sample(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, sigma, draw
 
 
 @ti.func
-def receive(worlds: ti.template(), pose: ArrayPose, arrival: Arrival, w, k) -> Signal:
+def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k) -> Signal:
     """What the array measures of a signal of AUV k."""
     link = ti.static(worlds.link)
     draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
@@ -251,7 +251,7 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
     # Where sound is slower than supposed, it comes later and less across the array.
     body = pose.slowness * (pose.axes @ direction)
     loss = acoustic_link.further_loss(link, k, offset, pose.effort)
-    arrival = Arrival(offset=offset, body=body, slant_range=S, path=pose.slowness * path, loss=loss)
+    arrival = IncomingSignal(offset=offset, body=body, slant_range=S, path=pose.slowness * path, loss=loss)
     signal = receive(worlds, pose, arrival, w, k)
     phase = signal.phase
     ambiguous = 0

@@ -11,7 +11,7 @@ from usvauv.cli.commands.options import Arch, Overrides, Plugins, writable
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv.cli.planning.fix_log import Estimate
+    from usvauv.cli.planning.fix_log import PositionEstimate
     from usvauv.env import Scenario
     from usvauv.env.planning.plan import BoatPlace, Plan
 
@@ -270,7 +270,7 @@ def print_budget(name: str, place: BoatPlace) -> None:
     tables.print_table(headings, causes)
 
 
-def print_estimates(estimates: list[Estimate]) -> None:
+def print_estimates(estimates: list[PositionEstimate]) -> None:
     """Print where each AUV is by its fixes, and how much they scatter."""
     from usvauv.cli import tables
 

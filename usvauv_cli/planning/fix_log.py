@@ -45,7 +45,7 @@ class Fixes(NamedTuple):
     depth: np.ndarray
 
 
-class Estimate(NamedTuple):
+class PositionEstimate(NamedTuple):
     """An AUV by its fixes.
 
     Attributes:
@@ -76,7 +76,7 @@ class _Fix(NamedTuple):
     origin: tuple[float, float] | None = None  # latitude, longitude
 
 
-def auvs_of_log(path: Path, scenario: Scenario) -> tuple[list[Estimate], Scenario, list[str]]:
+def auvs_of_log(path: Path, scenario: Scenario) -> tuple[list[PositionEstimate], Scenario, list[str]]:
     """The AUVs in a log, the scenario with a place on Earth where the log has one, and a line about bad lines.
 
     Raises:
@@ -220,7 +220,7 @@ def _about(path: Path, bad: list[str]) -> str:
     return f"--log {path}: {len(bad)} bad {lines} left out: {'; '.join(bad[:NAMED])}{more}"
 
 
-def estimate(fixes: Fixes) -> Estimate:
+def estimate(fixes: Fixes) -> PositionEstimate:
     """Place and scatter of an AUV that runs straight between one fix and the one after the next.
 
     Of a fix and its two neighbours, the middle one less the line through the others has the variance σ² (1 + a² + b²),
@@ -236,7 +236,7 @@ def estimate(fixes: Fixes) -> Estimate:
     for axis in (0, 1):
         if sigma is not None and age[0] < 0:
             place[axis], variance[axis] = _line_now(age, near[:, axis], sigma[axis])
-    return Estimate(
+    return PositionEstimate(
         name=fixes.name,
         fixes=len(time),
         used=len(near),
