@@ -159,11 +159,11 @@ def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, l
 
 @ti.func
 def update_track(worlds: ti.template(), w, k, fix: Fix, lag, carried: vec2):
-    """Update the track of AUV k by a fix that can be used; `lag` and `carried` as of `tracker.Measurement`."""
+    """Update the track of AUV k by a fix that can be used; `lag` and `carried` as of `tracker.TrackFix`."""
     p = ti.static(worlds.p)
     track = ti.static(worlds.track)
     if usbl.usable(fix.flags):
-        taken = tracker.Measurement(place=fix.place, covariance=fix.covariance, lag=lag, carried=carried)
+        taken = tracker.TrackFix(place=fix.place, covariance=fix.covariance, lag=lag, carried=carried)
         tracker.update(track, w, k, taken, p[Parameter.current_variance], p[Parameter.auv_speed])
         if track[w, k, tracker.REJECTIONS] > 0.0:
             worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(fix.flags | usbl.REJECTED, ti.f32)

@@ -42,7 +42,7 @@ CONFIRMATIONS = 3
 
 
 @ti.dataclass
-class Measurement:
+class TrackFix:
     """A fix for a track.
 
     Attributes:
@@ -223,7 +223,7 @@ def drift(track: ti.template(), w, k, carried: vec2, time, variance, correlation
 
 @ti.func
 def earlier(track: ti.template(), w, k, lag, carried: vec2):
-    """Position (m) and its covariance (xx, xy, yy) at a late fix's time; `lag` and `carried` as in `Measurement`."""
+    """Position (m) and its covariance (xx, xy, yy) at a late fix's time; `lag` and `carried` as in `TrackFix`."""
     B = cross_block(track, w, k)
     A = position_block(track, w, k) - lag * (B + B.transpose()) + lag * lag * current_block(track, w, k)
     current = vec2(track[w, k, CURRENT_X], track[w, k, CURRENT_Y])
@@ -231,7 +231,7 @@ def earlier(track: ti.template(), w, k, lag, carried: vec2):
 
 
 @ti.func
-def reject(track: ti.template(), w, k, fix: Measurement, variance, speed):
+def reject(track: ti.template(), w, k, fix: TrackFix, variance, speed):
     """Note a fix beyond the gate; begin the track anew where it confirms those rejected before it."""
     last = vec2(track[w, k, REJECTED_X], track[w, k, REJECTED_Y])
     near = Expectation(place=last, covariance=fix.covariance, reach=speed * track[w, k, REJECTED_AGE], separation=0.0)
@@ -251,7 +251,7 @@ def reject(track: ti.template(), w, k, fix: Measurement, variance, speed):
 
 
 @ti.func
-def update(track: ti.template(), w, k, fix: Measurement, variance, speed):
+def update(track: ti.template(), w, k, fix: TrackFix, variance, speed):
     """Update by a fix; returns its normalised innovation squared, χ² of two degrees of freedom.
 
     A fix beyond the gate changes nothing, except that the track counts it in REJECTIONS, or begins anew with it; after
@@ -324,7 +324,7 @@ def _follow(
             if age[t, n] >= 0.0:
                 lag = adrift[t, n] * age[t, n]
                 R = vec3(covariance[t, n, 0], covariance[t, n, 1], covariance[t, n, 2])
-                z = Measurement(place=vec2(fix[t, n, 0], fix[t, n, 1]), covariance=R, lag=lag, carried=lag * v)
+                z = TrackFix(place=vec2(fix[t, n, 0], fix[t, n, 1]), covariance=R, lag=lag, carried=lag * v)
                 squared[t, n] = update(track, t + 1, n, z, variance, speed)
             renew(track, t + 1, n, step, variance, correlation_time)
             if reading_variance > 0.0:

@@ -30,7 +30,7 @@ def drift_and_fix(factors: array1, track: array3, scalars: array2):
             scalars[n, c] = s[c]
         tracker.drift(track, n, 0, ti.math.vec2(0.0, 0.0), factors[5], VARIANCE, TAU)
         place = ti.math.vec2(track[n, 0, tracker.X], track[n, 0, tracker.Y])
-        fix = tracker.Measurement(place=place, covariance=vec3(R, 0.0, R), lag=0.0, carried=ti.math.vec2(0.0, 0.0))
+        fix = tracker.TrackFix(place=place, covariance=vec3(R, 0.0, R), lag=0.0, carried=ti.math.vec2(0.0, 0.0))
         tracker.update(track, n, 0, fix, VARIANCE, 3.0)
 
 
