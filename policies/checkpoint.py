@@ -36,7 +36,7 @@ from torch import Tensor
 from usvauv.env import plugins
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.storage import text_files
-from usvauv.env.storage.files import atomic_write, sync, writing
+from usvauv.env.storage.files import atomic_write, inside, sync, writing
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import ACTION_SIZE, FRAMES
@@ -45,7 +45,7 @@ from usvauv.policies.policy import PolicyError
 
 FORMAT = 2  # 1 had a guided frame without repulsion
 POLICY, TRAINING = "policy", "training"
-LAST, BEST = "last", "best"
+LAST, BEST, TENSORBOARD = "last", "best", "tensorboard"
 ENDING = ".safetensors"
 METADATA = "usvauv"  # name of the JSON; of several metadata a file's bytes would depend on chance
 CPU = torch.device("cpu")
@@ -84,8 +84,10 @@ def clean(run: Path) -> None:
     To be called by the one process that writes there, see `usvauv.env.storage.files`.
 
     Raises:
-        OutputError: the folder cannot be written.
+        OutputError: the folder cannot be written, or what is written there is a link out of it.
     """
+    for name in (f"{LAST}{ENDING}", f"{BEST}{ENDING}", TENSORBOARD):
+        inside(run, run / name)
     with writing(run):
         for left in run.glob(f"*{ENDING}.*.partial"):
             left.unlink()

@@ -15,7 +15,7 @@ from torch import Tensor
 from usvauv.kernels.interruption import Stop, stoppable
 from usvauv.policies import checkpoint
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Learner
-from usvauv.policies.checkpoint import BEST, ENDING, POLICY
+from usvauv.policies.checkpoint import BEST, ENDING, POLICY, TENSORBOARD
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.cuda_graph import Recorded
 from usvauv.policies.learned import LearnedPolicy, Standardizer
@@ -187,7 +187,7 @@ class Trainer(SavedRun):
         """A function that writes figures for TensorBoard; without a directory it does nothing."""
         if self.directory is None or not self.ranks.leads:
             return nullcontext(lambda figures: None)
-        return scalar_writer(self.directory / "tensorboard", self.steps)
+        return scalar_writer(self.directory / TENSORBOARD, self.steps)
 
     def evaluation_due(self, total: int) -> bool:
         """Whether one is due after the step just done, in a run of `total` world-steps."""

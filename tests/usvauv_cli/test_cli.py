@@ -243,6 +243,33 @@ def test_a_second_run_in_a_folder_names_the_first(tmp_path, run_usvauv):
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("command", "link"),
+    [
+        *(("train --out run", name) for name in (".lock", "last.safetensors", "best.safetensors", "tensorboard")),
+        ("train --out run --seeds 2", "seed-1"),
+        ("train --out run --resume", ".lock"),
+        *(("sweep study.toml --out run", name) for name in (".lock", ".signs", "runs")),
+        ("reproduce fig3 --quick --out run", "runs"),
+        ("eval --report run", "index.html"),
+        ("eval --out run/a.csv", "a.csv"),
+        ("eval --out run/a.csv", "a.csv.partial"),
+        ("simulate --out run/a.mp4", "a.mp4"),
+    ],
+)
+def test_no_link_leads_out_of_the_folder_of_a_result(tmp_path, run_usvauv, command, link):
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (tmp_path / "run").mkdir()
+    (tmp_path / "study.toml").write_text('[[runs]]\npolicy = "keep"\n')
+    (tmp_path / "run" / link).symlink_to(outside if "." not in link[1:] else outside / "file")
+    code, _, stderr = run_usvauv(*command.split())
+    assert (code, stderr.count("\n")) == (2, 1)
+    assert f"run/{link}" in stderr
+    assert not list(outside.iterdir())
+    assert (tmp_path / "run" / link).is_symlink()
+
+
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="no device that is always full")
 def test_a_full_standard_output_is_one_line(tmp_path):
     with open("/dev/full", "w") as full:

@@ -90,6 +90,29 @@ def test_a_link_stays_a_link_and_a_device_a_device(tmp_path):
         pytest.fail("the block ran")
 
 
+@pytest.mark.parametrize("kind", ["symbolic", "dangling", "partial", "hard"])
+@pytest.mark.parametrize("write", ["lock", "file"])
+def test_nothing_outside_is_written_through_a_link(tmp_path, write, kind):
+    folder, outside = tmp_path / "folder", tmp_path / "outside"
+    folder.mkdir()
+    name = LOCK if write == "lock" else "a.txt"
+    if kind == "partial":
+        name = f"{name}.{THIS_HOST}-{os.getpid()}.partial"
+    if kind != "dangling":
+        outside.write_text("a letter")
+    (os.link if kind == "hard" else os.symlink)(outside, folder / name)
+    harmless = kind == "partial" or (write, kind) == ("file", "hard")
+    with nullcontext() if harmless else pytest.raises(OutputError, match=f"^{folder}/{name}: "):
+        if write == "lock":
+            with locked(folder):
+                pass
+        else:
+            with atomic_write(folder / "a.txt") as partial:
+                partial.write_text("whole")
+    assert outside.exists() == (kind != "dangling")
+    assert kind == "dangling" or outside.read_text() == "a letter"
+
+
 def test_asking_for_a_place_leaves_it_as_it_is(tmp_path):
     (tmp_path / "a.txt").write_text("older")
     check_place(tmp_path / "a.txt")

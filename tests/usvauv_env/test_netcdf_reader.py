@@ -168,6 +168,32 @@ def test_a_file_that_cannot_be_opened_is_one_line(tmp_path, content):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("where", ["", "inner/"])
+@pytest.mark.parametrize("kind", ["storage", "virtual", "soft", "external", "filter"])
+def test_what_leads_out_of_a_file_is_refused_before_it_is_read(tmp_path, kind, where):
+    (tmp_path / "secret").write_bytes(VALUES.tobytes())
+    with h5py.File(tmp_path / "other.nc", "w") as other:
+        other["x"] = VALUES
+    with h5py.File(tmp_path / "trace.nc", "w") as file:
+        group = file.require_group(where) if where else file
+        group["of_its_own"] = VALUES
+        if kind == "storage":
+            group.create_dataset("x", (60,), "<f4", external=[(str(tmp_path / "secret"), 0, 240)])
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout(VALUES.shape, "<f4")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "other.nc"), "x", VALUES.shape)
+            group.create_virtual_dataset("x", layout)
+        elif kind == "filter":
+            about = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+            about.set_chunk((10,))
+            about.set_filter(32015, h5py.h5z.FLAG_OPTIONAL)
+            h5py.h5d.create(group.id, b"x", h5py.h5t.IEEE_F32LE, h5py.h5s.create_simple((10,)), about)
+        else:
+            group["x"] = h5py.SoftLink("/x") if kind == "soft" else h5py.ExternalLink("other.nc", "x")
+    with pytest.raises(NetcdfError, match=f"trace.nc: cannot be read: {where}x: "), open_remote(tmp_path / "trace.nc"):
+        pytest.fail("opened")
+
+
 def test_no_more_is_read_than_the_file_can_hold(tmp_path):
     """10¹² numbers declared and none stored; and as a coordinate, which is read on opening."""
     path = tmp_path / "vast.nc"

@@ -196,6 +196,20 @@ def test_the_limit_itself_is_allowed(given, field, allowed, refused, said):
 
 
 @pytest.mark.parametrize(
+    "name", ["../../x", "/abs/x", "a\0b", "a\nb", "..", ".x", "a\\b", "-x", " x", "", 121 * "x", 41 * "海", "\u202e"]
+)
+def test_a_name_that_would_name_other_files_is_refused(name):
+    with pytest.raises(ScenarioError, match=r"^mine: name\b.*: ") as refused:
+        Scenario.from_dict({"name": name}, "mine")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["Bob's $5 <b>", "a: b, 50 %", 40 * "海", "بحر", 120 * "x", "c..d"])
+def test_any_other_name_is_one(name):
+    assert Scenario.from_dict({"name": name}).name == name
+
+
+@pytest.mark.parametrize(
     ("override", "said"),
     [
         ("auv.x=1", "^ideal: auv.x: unknown field; allowed here: count, depth, separation"),

@@ -88,7 +88,7 @@ def train(
     from usvauv import policies
     from usvauv.cli import report
     from usvauv.env import Scenario, World
-    from usvauv.env.storage.files import locked
+    from usvauv.env.storage.files import inside, locked
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
     from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
@@ -132,7 +132,7 @@ def train(
             if folders and ranks.count > 1:
                 raise UserError("--seeds: several seeds are trained in one process, not by torchrun")
             for folder in folders.values():
-                make_folder(folder)
+                make_folder(inside(place, folder))
                 stack.enter_context(locked(folder))
                 clean(folder)
             folders = folders or {seed: place}

@@ -19,7 +19,7 @@ from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import duration, perform_all
 from usvauv.cli.sweep.run import Piece, seconds
 from usvauv.env.scenario import Scenario
-from usvauv.env.storage.files import atomic_write, locked
+from usvauv.env.storage.files import atomic_write, inside, locked
 from usvauv.kernels.errors import UserError
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 
@@ -74,7 +74,7 @@ def reproduce(
         if failure := perform_all(pieces, folder, make_engine, threads, "auto"):
             raise UserError(failure)
         results = folder / paper.RESULTS
-        results.mkdir(exist_ok=True)
+        inside(folder, results).mkdir(exist_ok=True)
         sections = [each.make(settings, folder, results) for each in wanted]
         if wanted != [WIDE]:
             sections.append(conventions_section(settings))

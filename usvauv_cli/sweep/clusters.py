@@ -123,6 +123,8 @@ class OnSlurm:
             self._executor: Any = submitit.AutoExecutor(folder, "slurm")
         except RuntimeError as error:
             raise UserError(f"--slurm {partition}: {error}") from None
+        for left in folder.glob("*.pkl"):  # of earlier jobs, or of whoever made the folder: loading one runs its code
+            left.unlink()
         self._executor.update_parameters(
             name="usvauv",
             cpus_per_task=cores,

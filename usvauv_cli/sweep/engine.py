@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 from uuid import uuid4
 
-from usvauv.env.storage.files import writing
+from usvauv.env.storage.files import inside, writing
 from usvauv.kernels.errors import UserError, in_words
 from usvauv.kernels.interruption import deferred
 
@@ -157,7 +157,7 @@ def signs_in(folder: Path) -> Iterator[Path]:
     """A new folder for signs below `folder`, which is removed at the end. Those of others there are removed first, so
     that what they left running on other machines stops.
     """
-    signs = folder.absolute() / SIGNS / uuid4().hex  # processes begin elsewhere
+    signs = inside(folder, folder / SIGNS) / uuid4().hex
     with writing(signs):
         shutil.rmtree(signs.parent, ignore_errors=True)
         signs.mkdir(parents=True)

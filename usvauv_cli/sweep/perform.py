@@ -21,7 +21,7 @@ from usvauv.cli.sweep.study import Resources
 from usvauv.cli.sweep.summary import LONGEST
 from usvauv.env import plugins
 from usvauv.env.storage import memory
-from usvauv.env.storage.files import atomic_write
+from usvauv.env.storage.files import atomic_write, inside
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 
@@ -46,7 +46,7 @@ def engine(resources: Resources, folder: Path, ray: str | None, slurm: str | Non
     if ray is not None:
         return OnRay(ray, here, *needs)
     if slurm is not None:
-        return OnSlurm(folder / "slurm", slurm, jobs or MOST_JOBS, *needs, resources.hours)
+        return OnSlurm(inside(folder, folder / "slurm"), slurm, jobs or MOST_JOBS, *needs, resources.hours)
     return Local(here, resources.cores)
 
 
@@ -72,7 +72,7 @@ def perform_all(
     done = len(pieces) - len(left)
     print(f"{len(left)} of {len(pieces)} runs to do" + (f", {done} are done" if done else ""), flush=True)
     files = tuple(plugins.loaded())
-    with signs_in(folder.resolve()) as signs, Board(list(left.values())) as board:
+    with signs_in(folder) as signs, Board(list(left.values())) as board:
 
         def ended(result: Ended) -> None:
             if result.how != "done":

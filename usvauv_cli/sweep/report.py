@@ -33,7 +33,7 @@ from usvauv.cli.web_report.figure_style import (
     style_axes,
 )
 from usvauv.cli.web_report.figures import truncated
-from usvauv.env.storage.files import writing
+from usvauv.env.storage.files import inside, writing
 from usvauv.policies.policy import PolicyError
 
 NAMES = {"iqm": "interquartile mean", "median": "median", "mean": "mean"}
@@ -63,7 +63,7 @@ def write_report(folder: Path, study: Study, results: Mapping[str, Any]) -> Path
     """
     place = folder / "report"
     with writing(place):
-        place.mkdir(exist_ok=True)
+        inside(folder, place).mkdir(exist_ok=True)
     runs = [_row(folder, piece) for piece in study.runs]
     runs.sort(key=lambda row: row["how"] == "done")  # in the order of the study but for that
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))
@@ -106,7 +106,7 @@ def _row(folder: Path, piece: Piece) -> dict[str, Any]:
     if piece.finished(folder):
         how = "done"
     elif (place / FAILURE).is_file():
-        lines = (place / FAILURE).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        lines = inside(place, place / FAILURE).read_text(encoding="utf-8", errors="replace").strip().splitlines()
         how, words = "failed", lines[-1][:WORDS] if lines else ""
     about = {"key": piece.key, "method": piece.method, "task": piece.task, "seed": piece.seed}
     return {**about, "how": how, "seconds": took, "words": words}

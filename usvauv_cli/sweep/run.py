@@ -24,7 +24,8 @@ from typing import Any
 from usvauv import env, policies
 from usvauv.cli.sweep.engine import Signs, Stopped
 from usvauv.env import Scenario, World
-from usvauv.env.storage.files import OutputError, atomic_write, locked, writing
+from usvauv.env.storage import text_files
+from usvauv.env.storage.files import OutputError, atomic_write, inside, locked, writing
 from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.policies import checkpoint
 from usvauv.policies.checkpoint import provenance
@@ -98,8 +99,14 @@ class Piece:
         return evaluated + (config["total"] + (config.get("evaluations", EVALUATIONS) + 1) * steps if config else 0)
 
     def place(self, folder: Path) -> Path:
-        """Folder of the run in that of a study."""
-        return folder / "runs" / self.key
+        """Folder of the run in that of a study.
+
+        Raises:
+            OutputError: a link leads out of the latter.
+        """
+        path = folder / "runs" / self.key
+        inside(folder, path)
+        return path
 
     def finished(self, folder: Path) -> bool:
         """Whether the run is done."""
@@ -107,7 +114,7 @@ class Piece:
 
     def rows(self, folder: Path) -> list[dict[str, str]]:
         """The result of the run."""
-        return read_rows(self.place(folder) / RESULT)
+        return read_rows(inside(folder, self.place(folder) / RESULT))
 
 
 def key_of(definition: Mapping[str, Any]) -> str:
@@ -200,7 +207,7 @@ def _noted(path: Path) -> Iterator[None]:
 def seconds(place: Path) -> float | None:
     """What all attempts at the run of a folder took; None if that is not known."""
     with suppress(OSError, ValueError, KeyError, TypeError):
-        return float(json.loads((place / MADE).read_text(encoding="utf-8"))["seconds"])
+        return float(text_files.read(place / MADE, "JSON")["seconds"])
     return None
 
 

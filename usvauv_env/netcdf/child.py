@@ -20,6 +20,7 @@ MEMORY = 6 * 2**30  # bytes of address space: twice the largest part that the re
 PROCESSOR_TIME = 600  # s; ends this process where its parent was killed while the library hangs
 LARGEST_TEXT = 2**20  # bytes of an attribute
 MOST_VARIABLES = 10_000
+FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # that are HDF5's and h5py's own; for others HDF5 runs libraries that it finds
 
 
 def limit_resources() -> None:
@@ -38,12 +39,38 @@ def open_variables(path: str, engine: str) -> tuple[Mapping, Mapping]:
     if engine == "h5netcdf":
         import h5netcdf
 
+        check_whole(path)
         file = h5netcdf.File(path, "r", phony_dims="access")
         return file.variables, file.attrs
     from scipy.io import netcdf_file
 
     file = netcdf_file(path, "r", mmap=True)
     return file.variables, file._attributes
+
+
+def check_whole(path: str) -> None:
+    """Refuse a file of HDF5 that has others read in its place, or other programs run.
+
+    Raises:
+        ValueError: it is such a file.
+    """
+    import h5py
+
+    def problem(name: str, link: object) -> str | None:
+        if not isinstance(link, h5py.HardLink):
+            return f"{name}: is an HDF5 {type(link).__name__}, which leads elsewhere"
+        if isinstance(each := file[name], h5py.Dataset):
+            about = each.id.get_create_plist()
+            if about.get_layout() == h5py.h5d.VIRTUAL or about.get_external_count():
+                return f"{name}: has its values in other files"
+            for number in (about.get_filter(i)[0] for i in range(about.get_nfilters())):
+                if number not in FILTERS:
+                    return f"{name}: is packed by filter {number}, not one of HDF5's own; `nccopy -d 4` packs it anew"
+        return None
+
+    with h5py.File(path, "r") as file:
+        if found := file.visititems_links(problem):  # what the function raises would be lost
+            raise ValueError(found)
 
 
 def plain_attributes(attributes: Mapping) -> dict[str, Any]:

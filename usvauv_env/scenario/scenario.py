@@ -25,6 +25,7 @@ from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 
+LONGEST_NAME = 120  # bytes; the name of a file, of which it is a part, may have 255
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 # Fields of 0.2 that are gone since 0.3, or values of a field; none: all. A stored scenario is read without them.
 RETIRED: dict[str, tuple[object, ...]] = {
@@ -71,9 +72,12 @@ class Scenario(Section):
 
     @field_validator("name")
     @classmethod
-    def _printable(cls, name: str) -> str:
-        if not name.isprintable():  # it becomes part of the names of files
-            raise ValueError(f"{name!r}: must be printable characters")
+    def _part_of_file_names(cls, name: str) -> str:
+        if len(name.encode()) > LONGEST_NAME or not name.isprintable() or name[0] in ".- " or {*"/\\"} & {*name}:
+            raise ValueError(
+                f"{name[:40]!r}: becomes part of the names of files: must be at most {LONGEST_NAME} bytes of printable"
+                " characters without / and \\, and not begin with a dot, a dash or a space"
+            )
         return name
 
     @field_validator("task")

@@ -74,8 +74,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
     is removed by the next one that writes `path` on the same host.
 
     Raises:
-        OutputError: `path` is a folder or a device, its folder is missing, or the system refuses to write; checked on
-            entry, so before long work in the block.
+        OutputError: `path` is a folder, a device or a link to another folder, its folder is missing, or the system
+            refuses to write; checked on entry, so before long work in the block.
     """
     with writing(path):
         target, partial = _claim(path)
@@ -85,6 +85,18 @@ def atomic_write(path: Path) -> Iterator[Path]:
             os.replace(partial, target)
         finally:
             partial.unlink(missing_ok=True)
+
+
+def inside(folder: Path, path: Path) -> Path:
+    """A path below a folder that another may have made, behind all links.
+
+    Raises:
+        OutputError: a link leads out of the folder.
+    """
+    real = Path(os.path.realpath(path))
+    if not real.is_relative_to(os.path.realpath(folder)):
+        raise OutputError(f"{path}: is a link out of its folder, to {real}; name that, or remove the link")
+    return real
 
 
 def check_place(path: Path) -> None:
@@ -98,14 +110,15 @@ def check_place(path: Path) -> None:
 
 
 def _claim(path: Path) -> tuple[Path, Path]:
-    """The file to be written, behind all links, and an empty file beside it."""
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():
-        number = errno.EISDIR if target.is_dir() else errno.EINVAL
+    """The file to be written, behind links within its folder, and an empty file beside it."""
+    if path.exists() and not path.is_file():
+        number = errno.EISDIR if path.is_dir() else errno.EINVAL
         raise OSError(number, os.strerror(number))
+    target = inside(path.parent, path)
     _remove_stale(target)
     partial = target.with_name(f"{target.name}.{THIS_HOST}-{os.getpid()}.partial")
-    partial.touch()
+    partial.unlink(missing_ok=True)  # of an earlier process of this number, or a link
+    partial.touch(exist_ok=False)
     return target, partial
 
 
@@ -204,6 +217,9 @@ def locked(folder: Path) -> Iterator[None]:
     path = folder / LOCK
     with writing(folder):
         file = open_locked(path, folder)
+        if not re.fullmatch(rb"[0-9]{0,20}", file.read(21)):
+            file.close()
+            raise OutputError(f"{path}: holds no process id; remove it")
     try:
         with writing(folder):
             file.seek(0)
@@ -224,11 +240,13 @@ def open_locked(path: Path, place: Path) -> FileIO:
         place: what is locked by it, for the message.
 
     Raises:
-        OutputError: another process has it.
+        OutputError: another process has it, or it is a link, or no file.
         OSError: the system's refusal.
     """
     while True:
-        file = FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o666), "r+")
+        if path.is_symlink() or (path.exists() and not path.is_file()):
+            raise OutputError(f"{path}: is no file of its own; remove it")
+        file = FileIO(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666), "r+")
         try:
             _acquire(file)
             if os.fstat(file.fileno()).st_ino == path.stat().st_ino:
