@@ -1,15 +1,15 @@
-"""Fixes of real systems: their sentences, bad lines, the place and the scatter of AUVs by them."""
+"""Logs of real systems: their tables, the boat's way in them, what is no AUV, place and scatter of AUVs by them."""
 
 import json
 import math
-from functools import reduce
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.usvauv_cli.test_sentences import signed
 from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv.cli.planning.fix_log import Fixes, auvs_of_log, estimate, read_log
-from usvauv.cli.planning.sentences import BadLine, Boat, Geographic, Heading, Relative, parse
 from usvauv.env import Scenario
 from usvauv.env.exchange import export_trace
 from usvauv.env.site.place import LocalFrame
@@ -18,8 +18,17 @@ from usvauv.kernels.errors import UserError
 HERE = LocalFrame(8.87, 50.02)
 
 
-def signed(body: str) -> str:
-    return f"${body}*{reduce(lambda total, character: total ^ ord(character), body, 0):02X}"
+def gga(time: str, east: float = 0.0) -> str:
+    """The boat at 60° N, so many metres east of 5° E."""
+    return signed(f"GPGGA,{time},6000.0,N,005{east / 55802 * 60:010.7f},E,1,08,0.9,5,M,46.9,M,,")
+
+
+def hipap(time: str, north: float, east: float, depth: float = 60.0, name: str = "M03", up: str = "N") -> str:
+    return signed(f"PSIMSSB,{time},{name},A,,C,{up},F,{north},{east},{depth},1.4,T,0.03,")
+
+
+def usbllong(said: float, measured: float, east: float) -> str:
+    return f"+++AT:103:USBLLONG,{said},{measured},3,1,2,-30,{east},-7.25,-31.0,0,0,1.5,20500,-25,190,0.03"
 
 
 def position(x: float, y: float) -> tuple[str, str]:
@@ -31,82 +40,29 @@ def position(x: float, y: float) -> tuple[str, str]:
     )
 
 
+def turned(north: float, east: float, heading: float) -> tuple[float, float]:
+    """Starboard and ahead of a boat with a heading in degrees."""
+    sin, cos = math.sin(math.radians(heading)), math.cos(math.radians(heading))
+    return cos * east - sin * north, sin * east + cos * north
+
+
 @pytest.fixture
 def scenario():
     return Scenario.load("extreme")
 
 
-class TestSentences:
-    @pytest.mark.parametrize(
-        ("line", "said"),
-        [
-            # As in PosiView's description of Ranger 2, and as logged from a submersible: with their checksums.
-            (
-                "$PSONLLD,153005.253,24,A,50.02495,8.873323,425.3,,,,,,,,*3e",
-                Geographic(55805.253, "24", 50.02495, 8.873323, 425.3),
-            ),
-            (
-                "$PSONLLD,170004.53,ALVIN 914,A,28.8114807,-87.80925696,1951.156,13.96,13.96,0.00,2.62,,,,*6F",
-                Geographic(61204.53, "ALVIN 914", 28.8114807, -87.80925696, 1951.156),
-            ),
-            # The example of NavDP's manual, whose checksum is not its own.
-            (
-                "$PSIMSSB,085405.61,B42,A,,C,H,M,134.5,114.5,120.0,,,,",
-                Relative(32045.61, "B42", 134.5, 114.5, 120, True),
-            ),
-            (signed("PSIMSSB,000001.00,B01,A,,C,N,F,3.0,4.0,9.0,0.1,N,,"), Relative(1, "B01", 4, 3, 9)),
-            (signed("PSIMSSB,000001.00,B01,A,,C,E,F,3.0,4.0,9.0,0.1,N,,"), Relative(1, "B01", 3, 4, 9)),
-            (
-                signed("PTSAG,#00012,101500.500,03,06,2019,02,5001.5000,N,00852.2500,W,F,0301.5,1,9999.0"),
-                Geographic(36900.5, "02", 50.025, -8.87083333333, 301.5),
-            ),
-            (
-                signed("PTSAG,#00012,101500.500,03,06,2019,02,5001.5000,S,00852.2500,E,F,0301.5,2,0299.0"),
-                Geographic(36900.5, "02", -50.025, 8.87083333333, 299),
-            ),
-            (
-                "+++AT:103:USBLLONG,1458.79,1457.31,3,1.0,2.0,-30.0,12.5,-7.25,-31.0,0.01,0.02,1.5,20500,-25,190,0.03",
-                Relative(1457.31, "3", 12.5, -7.25, 31),
-            ),
-            (signed("INGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,"), Boat(48.1173, 11.5166666667)),
-            (signed("HEHDT,90.0,T"), Heading(math.pi / 2)),
-        ],
-    )
-    def test_fields_are_where_the_maker_says(self, line, said):
-        found = parse(line)
-        assert type(found) is type(said)
-        assert found == pytest.approx(said) if isinstance(said, Boat | Heading) else True
-        for value, expected in zip(found, said, strict=True):
-            assert value == (expected if isinstance(expected, str) else pytest.approx(expected, abs=1e-9))
+@pytest.fixture
+def read(tmp_path, scenario):
+    """Read lines, text or bytes as a log."""
 
-    @pytest.mark.parametrize(
-        "line",
-        [
-            "",
-            "# started",
-            signed("GPVTG,0.0,T,,M,0.0,N,0.0,K"),
-            signed("PSONLLD,153005.253,24,V,50.02495,8.873323,425.3,,,,,,,,"),
-            signed("PSIMSSB,000001.00,B01,V,,C,N,F,3.0,4.0,9.0,0.1,N,,"),
-            signed("PTSAG,#00012,101500.500,03,06,2019,02,5001.5000,N,00852.2500,W,0,0301.5,1,9999.0"),
-        ],
-    )
-    def test_others_and_fixes_that_are_not_valid_are_passed_over(self, line):
-        assert parse(line) is None
+    def read(log, *beacons):
+        path = tmp_path / "log"
+        text = log if isinstance(log, str | bytes) else "\n".join(log)
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        found = read_log(path, scenario, beacons)
+        return found._replace(warnings=[line.removeprefix(f"--log {path}: ") for line in found.warnings])
 
-    @pytest.mark.parametrize(
-        ("line", "problem"),
-        [
-            ("$PSONLLD,153005.253,24,A,50.02496,8.873323,425.3,,,,,,,,*3e", "checksum 3e, the sentence has 3D"),
-            ("$PSONLLD,153005.253,24,A,50.02495,8.873323,425.3,,,,,,,,", "no checksum"),
-            (signed("PSONLLD,153005.253,24,A,50.02495,,425.3,,,,,,,,"), "a field is missing"),
-            (signed("PSONLLD,153005.253,24,A,nan,8.8,425.3,,,,,,,,"), "a field is missing"),
-            (signed("PSIMSSB,000001.00,B01,A,,U,E,F,3.0,4.0,9.0,0.1,N,,"), "coordinates U, orientation E"),
-            ("USBLLONG,1,2,3", "a field is missing"),
-        ],
-    )
-    def test_what_is_wrong_with_a_line(self, line, problem):
-        with pytest.raises(BadLine, match=problem):
-            parse(line)
+    return read
 
 
 class TestReading:
@@ -116,38 +72,61 @@ class TestReading:
         starboard = signed("PSIMSSB,000001.00,B01,A,,C,H,F,30.0,7.0,90.0,0.1,N,,")
         path = tmp_path / "log.txt"
         path.write_text("\n".join([boat, signed("HEHDT,90.0,T"), starboard]))
-        (fixes,), placed, bad = read_log(path, scenario.model_copy(update={"water": water}))
-        assert not bad
-        assert placed.water == water
-        np.testing.assert_allclose(fixes.places, [[107, 30]], atol=1e-3)  # it heads east: starboard is south
+        log = read_log(path, scenario.model_copy(update={"water": water}))
+        assert not log.warnings
+        assert log.scenario.water == water
+        np.testing.assert_allclose(log.fixes[0].places, [[107, 30]], atol=1e-3)  # it heads east: starboard is south
 
-    def test_the_area_is_laid_around_a_log_in_degrees(self, tmp_path, scenario):
-        path = tmp_path / "log.txt"
-        path.write_text(
-            "\n".join(signed(f"PSONLLD,00000{i}.0,7,A,{50 + 1e-5 * i:.6f},8.0,90.0,,,,,,,,") for i in range(5))
-        )
-        (fixes,), placed, _ = read_log(path, scenario)
-        np.testing.assert_allclose(fixes.places[2], [scenario.area.width / 2, scenario.area.length / 2], atol=0.01)
-        assert np.diff(fixes.places[:, 1]) == pytest.approx(1.1124, rel=1e-3)  # 1e-5° of a meridian
-        assert placed.water.latitude == pytest.approx(50, abs=0.01)
+    def test_the_area_is_laid_around_a_log_in_degrees(self, read, scenario):
+        log = read(signed(f"PSONLLD,00000{i}.0,7,A,{50 + 1e-5 * i:.6f},8.0,90.0,,,,,,,,") for i in range(5))
+        places = log.fixes[0].places
+        np.testing.assert_allclose(places[2], [scenario.area.width / 2, scenario.area.length / 2], atol=0.01)
+        assert np.diff(places[:, 1]) == pytest.approx(1.1124, rel=1e-3)  # 1e-5° of a meridian
+        assert log.scenario.water.latitude == pytest.approx(50, abs=0.01)
 
-    def test_time_goes_on_after_midnight(self, tmp_path, scenario):
-        path = tmp_path / "log.txt"
-        path.write_text(
-            "\n".join(
-                signed(f"PSONLLD,{time},7,A,50.0,8.0,90.0,,,,,,,,") for time in ("235959.0", "000000.5", "000002.0")
-            )
-        )
-        assert np.diff(read_log(path, scenario)[0][0].time).tolist() == [1.5, 1.5]
+    @pytest.mark.parametrize(
+        "log",
+        [
+            [signed(f"PSONLLD,13200{i}.0,7,A,-16.5,{179.99995 * (-1) ** i},50.0,,,,") for i in range(10)],
+            ["time,auv,latitude,longitude,depth", *(f"{i},7,-16.5,{179.99995 + i % 2 * 1e-4},50" for i in range(10))],
+            [
+                line
+                for i in range(10)
+                for line in (
+                    signed(f"GPGGA,13200{i},1630.0,S,17959.997,{'EW'[i % 2]},1,08,0.9,5,M,46.9,M,,"),
+                    hipap(f"13200{i}", 0, 0, 50),
+                )
+            ],
+        ],
+        ids=["both signs", "beyond 180", "the boat"],
+    )
+    def test_both_sides_of_180_degrees_are_one_place(self, read, log):
+        found = read(log)
+        assert np.ptp(found.fixes[0].places, axis=0) == pytest.approx([10.68, 0], abs=0.1)
+        assert -180 <= found.scenario.water.longitude <= 180
 
-    def test_bad_lines_are_named_by_number_in_one_line(self, tmp_path, scenario):
-        path = tmp_path / "log.csv"
-        rows = ["1,a,5,5,90", "2,a,5,x,90", "3,a,5,5,nan", "4,a,5,5,90", "5,a,5", "6,a,,5,90", "7,a,5,5,90"]
-        path.write_text("\n".join(["time,auv,x,y,depth", *rows]))
-        (fixes,), _, bad = read_log(path, scenario)
-        assert fixes.time.tolist() == [1, 4, 7]
-        reason = "a number is missing or none"
-        assert bad == [f"--log {path}: 4 bad lines left out: 3: {reason}; 4: {reason}; 6: {reason} and 1 more"]
+    @pytest.mark.parametrize(
+        ("times", "steps"),
+        [
+            (("235959.0", "000000.5", "000002.0"), [1.5, 1.5]),
+            (("235959.0", "000000.2", "235959.6", "000000.9"), [1.2, -0.6, 1.3]),
+            (("000000.2", "235959.6", "000000.9"), [-0.6, 1.3]),
+            (("060000.0", "200000.0", "190000.0"), [14 * 3600, -3600]),
+        ],
+    )
+    def test_time_goes_on_after_midnight_and_a_line_may_be_late(self, read, times, steps):
+        log = read(signed(f"PSONLLD,{time},7,A,50.0,8.0,90.0,,,,,,,,") for time in times)
+        assert np.diff(log.fixes[0].time) == pytest.approx(steps)
+
+    def test_bad_lines_are_named_by_number_in_one_line(self, read):
+        rows = ["1,a,5,5,90", "2,a,5,x,90", "3,a,5,5,nan", "4,a,5,5,90", "5,a,5", "6,,5,5,90", "7,a,5,5,90"]
+        log = read(["time,auv,x,y,depth", *rows])
+        assert log.fixes[0].time.tolist() == [1, 4, 7]
+        assert log.left_out == {"bad line": 4}
+        assert log.warnings == [
+            "4 bad lines left out: 3: y 'x' is no number of at most 1e+20; 4: depth 'nan' is no number of at most"
+            " 1e+20; 6: 3 fields, the header has 5 and 1 more"
+        ]
 
     @pytest.mark.parametrize(
         ("text", "message"),
@@ -156,15 +135,23 @@ class TestReading:
             ("hello\n", "no fix in it"),
             ("time,auv,x,y\n1,a,2,3\n", "no column depth; it needs time, auv, depth and x, y or latitude, longitude"),
             ("time,auv,depth\n", "no column latitude, longitude"),
+            ("auv,x,y,depth\na,2,3,9\n", "no column time"),
+            ("time,auv,x,X,y,depth\n", "column x is there twice"),
             ("time,world,auv,x,y,depth\n1,0,a,2,3,9\n1,1,a,2,3,9\n", "several episodes"),
+            ("time;auv;x;y;depth\n1;a;2;3,5;9\n", "line 2: y '3,5' has a decimal comma; numbers have a decimal point"),
+            ('time,auv,x,y,depth\n1,a,"2,0",3,9\n', "line 2: x '2,0' has a decimal comma"),
+            ("time,auv,x,y,depth\n1,a,2,0,3,9\n", "line left out: 2: 6 fields, the header has 5"),
+            (hipap("000001", 3, 4, 9), "1: a fix relative to the boat, and no $--GGA"),
             (
-                signed("PSIMSSB,000001.00,B01,A,,C,N,F,3.0,4.0,9.0,0.1,N,,"),
-                "line 1: a fix relative to the boat, and no",
+                "\n".join([gga("000000"), hipap("000001", 3, 4, 9, up="H")]),
+                "2: a fix relative to the boat, and no $--HDT",
             ),
             (
                 "time,auv,x,y,depth\n1,a,2,3,900\n",
                 "AUV 'a' is at x = 2.0 m, y = 3.0 m, depth 900.0 m, outside the area",
             ),
+            ("time,auv,x,y,depth\n1,a,2,3,-60\n", "left out: 1 × 'a', above the surface, depth -60.0 m"),
+            ("time,auv,latitude,longitude,depth\n1,a,89,3,60\n", "latitude 89 degrees; allowed: -85 to 85"),
         ],
     )
     def test_refusals(self, tmp_path, scenario, text, message):
@@ -174,6 +161,140 @@ class TestReading:
             auvs_of_log(path, scenario)
         assert message in str(error.value)
         assert str(error.value).startswith(f"--log {path}: ")
+
+    def test_what_is_no_file_of_use(self, scenario):
+        for path, message in (("/dev/zero", "larger than 32 MiB"), ("/", "cannot be read: Is a directory")):
+            with pytest.raises(UserError, match=f"--log {path}: {message}"):
+                read_log(Path(path), scenario)
+
+
+class TestTables:
+    @pytest.mark.parametrize(
+        ("header", "row"),
+        [
+            ('"time","auv","x","y","depth"', '{0},"a",{1},60,40'),
+            ('"","time","auv","x","y","depth"', '"{0}",{0},"a",{1},60,40'),  # R's write.csv
+            ('"time" "auv" "x" "y" "depth"', '"{0}" {0} "a" {1} 60 40'),  # R's write.table
+            ("sep=;\nTime;AUV;X;Y;Depth", "{0};a;{1};60;40"),  # Excel
+            ("Time (s)\tAUV\tX [m]\tY [m]\tDepth", "{0}\ta\t{1}\t60\t40"),
+            ("time..s.,auv,x..m.,y_m,Depth.m.", "{0},a,{1},60,40"),  # R's make.names
+            (" time , auv , x , y , depth ,", " {0} , a , {1} , 60 , 40 ,"),
+            ("time   auv  x     y    depth", "{0}      a    {1}   60   40"),
+            ("Exported on Monday\n\ntime,auv,x,y,depth,note", "{0},a,{1},60,40,"),
+        ],
+    )
+    @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+    @pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
+    def test_headers_as_programs_write_them(self, read, header, row, encoding, ending):
+        lines = [*header.split("\n"), *(row.format(i, 50 + i / 2) for i in range(1, 6)), ""]
+        log = read(ending.join(lines).encode(encoding))
+        (fixes,) = log.fixes
+        assert (fixes.name, fixes.time.tolist(), log.warnings) == ("a", [1, 2, 3, 4, 5], [])
+        assert fixes.places.tolist() == [[50 + i / 2, 60] for i in range(1, 6)]
+
+    def test_a_name_has_any_length_and_script(self, read):
+        names = ["Ω水中ロボット", "😀👨‍👩‍👧", "n" * 5000, 'a "b", $x_1$', "\x1b[31mred"]
+        quoted = ['"{}"'.format(name.replace('"', '""')) for name in names]
+        log = read(["time,auv,x,y,depth", *(f"1,{name},50,60,40" for name in quoted)])
+        assert [fixes.name for fixes in log.fixes] == names
+        assert read("time,auv,x,y,depth\n1,Gr\xf6n\x8a,2,3,9".encode("latin-1")).fixes[0].name == "GrönŠ"
+
+    def test_a_row_without_its_last_column_is_no_auv_more(self, read):
+        log = read(["time,x,y,depth,auv", "1,50,60,40,a", "2,50,60,40", f"3,50,60,40,{'b' * 140_000}"])
+        assert [fixes.name for fixes in log.fixes] == ["a"]
+        assert "3: 4 fields, the header has 5; 4: field larger than field limit (131072)" in log.warnings[0]
+
+
+class TestBoat:
+    def test_its_way_is_interpolated(self, read):
+        """It runs 5 m/s and says so each 10 s; the AUV lies still, also after its last position."""
+        times = [f"14{37 + i // 60}{i % 60:02d}" for i in range(90)]
+        log = read(
+            line
+            for i, time in enumerate(times)
+            for line in [*[gga(time, 5 * i)] * (i % 10 == 0), hipap(time, 0, 40 - 5 * i)]
+        )
+        assert (len(log.fixes[0].time), log.left_out, log.warnings) == (90, {}, [])
+        assert np.ptp(log.fixes[0].places, axis=0) == pytest.approx([0, 0], abs=0.1)
+
+    def test_a_clock_of_the_modems_own_is_set_by_the_boats(self, read):
+        log = read(
+            line
+            for i in range(40)
+            for line in [*[gga(f"1230{i:02d}", 5 * i)] * (i % 10 == 0), usbllong(7000 + i, 6999 + i, 100 - 5 * (i - 1))]
+        )
+        assert np.ptp(log.fixes[0].places[1:], axis=0) == pytest.approx([0, 0], abs=0.1)
+
+    def test_headings_are_interpolated_over_north(self, read):
+        log = read(
+            line
+            for i in range(0, 20, 5)
+            for line in [
+                gga(f"1230{i:02d}"),
+                signed(f"HEHDT,{(350 + i) % 360},T"),
+                *(hipap(f"1230{i + j:02d}", *turned(40, 20, 350 + i + j), up="H") for j in range(5)),
+            ]
+        )
+        assert np.ptp(log.fixes[0].places, axis=0) == pytest.approx([0, 0], abs=0.1)
+
+    @pytest.mark.parametrize(
+        ("lines", "left_out"),
+        [
+            ([gga("000000")], "position is up to 52629 s older"),
+            ([gga("143900")], "position is up to 120 s later"),
+            ([gga("143635"), gga("143645", 100)], "position is up to 24 s older"),  # it went 100 m in the last 10 s
+            (
+                [gga("143500"), signed("HEHDT,45.0,T"), gga("143502"), gga("143700"), gga("143710")],
+                "heading is up to 128 s older",
+            ),
+        ],
+    )
+    def test_what_is_too_old_is_refused_with_its_age(self, read, lines, left_out):
+        up = "H" if "HDT" in "".join(lines) else "N"
+        with pytest.raises(UserError, match=f"no fix in it: left out: .* × the boat's {left_out} than the fix"):
+            read([*lines, *(hipap(f"1437{i:02d}", 20, 40, up=up) for i in range(10))])
+
+    def test_a_position_that_seems_to_hold_is_told_by_its_age(self, read):
+        log = read([gga("143700"), *(hipap(f"1437{i:02d}", 20, 40) for i in range(27))])
+        assert log.warnings == ["the boat's position is up to 26 s from the time of a fix"]
+        assert len(log.fixes[0].time) == 27
+
+
+class TestBeacons:
+    AUV = tuple(hipap(f"1437{i:02d}", 20, 40) for i in range(9))
+
+    @pytest.mark.parametrize(
+        ("more", "reason"),
+        [
+            ([signed(f"PSIMSSB,14370{i},M03,A,NRy,C,N,F,0,0,0,20.0,T,0.01,") for i in range(8)], "error code 'NRy'"),
+            ([hipap(f"14370{i}", 0, 0, 0) for i in range(8)], "at 0, 0, 0"),
+            ([hipap(f"14370{i}", 1.2, -0.4, 4.5, "B01") for i in range(8)], "'B01', at the boat, depth 4.5 m"),
+            ([hipap(f"14370{i}", 35, -20, 0.3, "B01") for i in range(8)], "'B01', at the surface, depth 0.3 m"),
+            ([signed(f"PSONLLD,14370{i},Vessel,A,60.0,5.0,3.0,,,,") for i in range(8)], "'Vessel', the ship"),
+            ([signed(f"PSONLLD,14370{i},R/V,A,60.0,5.0,3.0,,,,") for i in range(8)], "'R/V', at the boat, depth 3.0 m"),
+            (
+                [signed(f"PTSAG,#1,14370{i},1,6,2020,0,6000.0,N,00500.1,E,F,5.8,1,9999") for i in range(8)],
+                "'0', the ship",
+            ),
+        ],
+    )
+    def test_what_is_no_auv_is_left_out_and_counted(self, read, more, reason):
+        log = read([gga("143700"), gga("143705"), *self.AUV, *more])
+        assert [fixes.name for fixes in log.fixes] == ["M03"]
+        assert log.left_out == {reason: 8}
+        assert f"left out: 8 × {reason}" in log.warnings
+
+    def test_an_auv_under_the_boat_is_one(self, read):
+        log = read([gga("143700"), *(hipap(f"14370{i}", 0.3, 0.2, 45) for i in range(5))])
+        assert len(log.fixes[0].time) == 5
+
+    def test_beacons_are_picked(self, read):
+        rows = ["time,auv,x,y,depth", *(f"{i},M{k:02d},{50 + k},60,{k}" for k in range(20) for i in range(3))]
+        with pytest.raises(UserError, match=r"19 beacons, at most 16 .* --beacon NAME.*'M00' \(3\), 'M01' \(3\)"):
+            read(rows)
+        with pytest.raises(UserError, match="no fix of --beacon 'M3'; beacons and their fixes: 'M00'"):
+            read(rows, "M03", "M3")
+        assert [fixes.name for fixes in read(rows, "M03", "M00").fixes] == ["M00", "M03"]  # also at the surface
 
 
 class TestEstimate:
@@ -203,8 +324,33 @@ class TestEstimate:
         assert np.quantile(errors, 0.9) < 1.5
         assert np.mean([auv.noise for auv, _ in found]) < 1.35 * np.hypot(0.5, 0.2)
 
+    @pytest.mark.parametrize("scale", [5e-324, 1e-300, 1e-7, 1e18])
+    def test_times_of_any_size(self, scale):
+        fixes, _ = self.fixes(0, 1.5)
+        found = estimate(fixes._replace(time=fixes.time * scale))
+        assert np.isfinite([found.x, found.y, found.noise or 0, found.accuracy or 0]).all()
+        assert math.dist((found.x, found.y), fixes.places[-1]) < 15
+
+    def test_fixes_at_two_times_the_last_far_off(self):
+        places = np.array([[5.0, 5.0]] * 20 + [[1e19, -1e19]])
+        assert np.isfinite(estimate(Fixes("a", np.array([0.0] * 20 + [1.0]), places, np.full(21, 9.0))).x)
+
 
 class TestCommand:
+    def test_json_and_table_say_what_is_left_out(self, plan, tmp_path):
+        names = ["Ω水中😀" * 20, "surfaced"]
+        rows = [f"{i},{name},{50 + i},60,{40 * (name[0] == 'Ω')}" for name in names for i in range(5)]
+        (tmp_path / "log.csv").write_text("\n".join(["time,auv,x,y,depth", *rows]), encoding="utf-8")
+        code, out, err = plan("--log", "log.csv", "--json", "plan.json")
+        assert (code, err) == (0, "warning: --log log.csv: left out: 5 × 'surfaced', at the surface, depth 0.0 m\n")
+        said = json.loads((tmp_path / "plan.json").read_text())
+        assert [auv["name"] for auv in said["log"]] == names[:1]
+        assert said["left_out"] == {"'surfaced', at the surface, depth 0.0 m": 5}
+        assert (tmp_path / "plan.png").exists()
+        assert "Ω水中😀" in out
+        code, _, err = plan("--auv", "60,80,100", "--beacon", "a")
+        assert (code, err) == (2, "error: --beacon: picks AUVs of a --log; give that too\n")
+
     def test_from_a_simulated_run_to_a_place_for_the_boat(self, run_usvauv, tmp_path):
         trace = synthetic_trace(steps=60)
         export_trace(trace, "csv", tmp_path)

@@ -11,11 +11,12 @@ from usvauv.cli.commands.options import Arch, Overrides, Plugins, writable
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv.cli.planning.fix_log import PositionEstimate
+    from usvauv.cli.planning.fix_log import Log, PositionEstimate
     from usvauv.env import Scenario
     from usvauv.env.planning.plan import BoatPlace, Plan
 
 FORMATS = (".png", ".pdf", ".svg", ".geojson")
+LONGEST_NAME = 40  # characters of a name in the table
 MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
 
 
@@ -34,6 +35,12 @@ def plan(
             metavar="FILE",
             help="Fixes of a USBL instead of --auv: CSV with time, auv, depth and x, y or latitude, longitude; or its"
             " sentences $PSIMSSB, $PSONLLD, $PTSAG, USBLLONG, with $--GGA and $--HDT of the boat.",
+        ),
+    ] = None,
+    beacon: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="A beacon in --log that is an AUV; may be repeated. Default: all under water."
         ),
     ] = None,
     scenario: Annotated[
@@ -98,8 +105,9 @@ def plan(
     `water.longitude` of that corner are set or `water` names a file; then positions can be latitudes and longitudes
     with their sides, and results have both.
 
-    With `--log` each AUV is where the last seven of its fixes say; a table has that and how much its fixes scatter. A
-    log in degrees lays the area around its middle where the scenario has no place on Earth.
+    With `--log` each AUV is where the last seven of its fixes say; a table has that and how much its fixes scatter.
+    What its system calls no good fix, the ship itself and beacons at the surface are left out; a line on standard error
+    counts them. A log in degrees lays the area around its middle where the scenario has no place on Earth.
 
     **Examples:**
 
@@ -109,7 +117,7 @@ def plan(
     --set area.width=600 --set area.length=400 --set area.depth=250 --set acoustics.path=transponder
     --set acoustics.source_level=170 --set usbl.spacing=0.025 --set usbl.attitude_error=0.003`
 
-    From fixes: `usvauv plan --log fixes.csv`, `usvauv plan --log usbl.txt --set area.width=600 --set area.depth=250`
+    From fixes: `usvauv plan --log fixes.csv`, `usvauv plan --log usbl.txt --beacon M03 --set area.depth=250`
 
     A place on Earth: `usvauv plan --set water.latitude=22.51 --set water.longitude=114.02
     --auv 22.5101N,114.0203E,100 --auv 22.5115N,114.0212E,90`
@@ -124,7 +132,8 @@ def plan(
     major axis (rad, anticlockwise from east), *good* (probability, the product of *detected* and *good_if_detected*),
     *wrapped* (probability, of fixes detected), *direct_ray* (false: the sound speed profile bends it away),
     *signal_excess* (over the detection threshold, dB); *warnings*: the lines on standard error; with
-    `--log` *log*, for each AUV *name*, *fixes*, *used*, *x*, *y*, *depth*, *noise* and *accuracy* (m). *log_objective*,
+    `--log` *log*, for each AUV *name*, *fixes*, *used*, *x*, *y*, *depth*, *noise* and *accuracy* (m), and *left_out*,
+    the number of fixes, positions and lines not used by reason. *log_objective*,
     lengths in m, J the information on all positions: d ln det J; a −ln tr J⁻¹; sum ln det
     of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms* where an
     axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms* where no AUV is located;
@@ -141,7 +150,9 @@ def plan(
     from usvauv.kernels.planning.information import MEASUREMENTS
     from usvauv.kernels.planning.objectives import OBJECTIVES
 
-    setting, estimates, bad = Scenario.load(scenario, overrides or ()), [], []
+    setting = Scenario.load(scenario, overrides or ())
+    estimates: list[PositionEstimate] = []
+    read: Log | None = None
     objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)
     measurement = choice("--measurement", measurement or setting.planner.measurement, MEASUREMENTS)
     hint = DEGREES if look_geographic(auv or (), setting) else ""
@@ -151,8 +162,11 @@ def plan(
             raise UserError("--log: gives the AUVs; leave --auv out")
         from usvauv.cli.planning.fix_log import auvs_of_log
 
-        estimates, setting, bad = auvs_of_log(log, setting)
+        estimates, read = auvs_of_log(log, setting, beacon or ())
+        setting = read.scenario
         auvs = [(found.x, found.y, found.depth) for found in estimates]
+    elif beacon:
+        raise UserError("--beacon: picks AUVs of a --log; give that too")
     if not auvs:
         raise UserError("--auv: give each AUV as X,Y,Z in metres, Z its depth, for example --auv 60,80,100")
     setting = with_team(setting, auvs)
@@ -175,11 +189,14 @@ def plan(
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
     if hint:
         result = replace(result, warnings=[f"--auv: {hint}", *result.warnings])
-    result = replace(result, warnings=[*bad, *result.warnings])
+    if read:
+        result = replace(result, warnings=[*read.warnings, *result.warnings])
     for warning in result.warnings:
         typer.echo(f"warning: {warning}", err=True)
     if json_file:
-        fields = asdict(result) | ({"log": [found._asdict() for found in estimates]} if log else {})
+        fields = asdict(result)
+        if read:
+            fields |= {"log": [found._asdict() for found in estimates], "left_out": read.left_out}
         text = json.dumps(fields, indent=1, allow_nan=False)
         if to_stdout:
             typer.echo(text)
@@ -193,7 +210,7 @@ def plan(
 
         figure.draw(result, landscape, out)
     if not to_stdout:
-        if log:
+        if read:
             print_estimates(estimates)
         print_table(result)
         for path in filter(None, (out, json_file)):
@@ -274,10 +291,12 @@ def print_estimates(estimates: list[PositionEstimate]) -> None:
     """Print where each AUV is by its fixes, and how much they scatter."""
     from usvauv.cli import tables
 
+    names = ["".join(c if c.isprintable() else repr(c)[1:-1] for c in found.name) for found in estimates]
+    short = tables.shortened(names, LONGEST_NAME)
     rows = [
-        (str(k), found.name, str(found.fixes), f"{found.x:.1f}", f"{found.y:.1f}", f"{found.depth:.1f}",
+        (str(k), short[name], str(found.fixes), f"{found.x:.1f}", f"{found.y:.1f}", f"{found.depth:.1f}",
          metres(found.noise), metres(found.accuracy))
-        for k, found in enumerate(estimates, 1)
+        for k, (found, name) in enumerate(zip(estimates, names, strict=True), 1)
     ]  # fmt: skip
     tables.print_table(("AUV", "in the log", "fixes", "x m", "y m", "depth m", "noise rms m", "place ± m"), rows)
     typer.echo()

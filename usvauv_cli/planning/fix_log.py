@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-import csv
-import math
-from collections.abc import Iterable, Iterator
+import codecs
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from usvauv.cli.planning import sentences
-from usvauv.cli.planning.sentences import BadLine, Boat, Geographic, Heading
+from usvauv.cli.planning import ship_log, table_log
+from usvauv.cli.planning.fixes import DAY, Contents, DayClock, Fix, near
 from usvauv.env import Scenario
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.positioning.usbl import UNUSABLE
+from usvauv.kernels.planning.information import MAX_AUVS
 
-METRES, DEGREES = ("x", "y"), ("latitude", "longitude")
-DAY = 86400.0
-NAMED = 3  # bad lines that are named
 LARGEST = 2**25  # bytes of a log
+SHIP = re.compile(r"(own|mother|support|survey)?[\s_-]*(ship|vessel|boat)[\s_#-]*\d*", re.IGNORECASE)
+SURFACE = 1.0  # depth above which a beacon is at the surface, m
+BESIDE, DRAUGHT = 3.0, 10.0  # distance from the boat's position, and depth, within which a beacon is its own, m
 LAST = 7  # fixes that give the place; of an AUV that turns, older ones say little about where it is
 FEWEST = 4  # fixes of which the scatter is known
 NORMAL = 1.4826  # standard deviation over the median of absolute values, of a normal distribution
 HUBER = 1.345  # standard deviations from which a fix pulls no more: 95 % efficient for normal errors
+LIGHTEST = 1e-9  # weight of a fix, that the line through all stays defined
+INSTANT = 1e-6  # between fixes that are of one time, s
 ROUNDS = 30
 
 
@@ -43,6 +45,22 @@ class Fixes(NamedTuple):
     time: np.ndarray
     places: np.ndarray
     depth: np.ndarray
+
+
+class Log(NamedTuple):
+    """A log that was read.
+
+    Attributes:
+        fixes: of each AUV.
+        scenario: with a place on Earth where the log has one.
+        left_out: how many fixes and positions for which reason.
+        warnings: lines about bad lines, what is left out, and ages.
+    """
+
+    fixes: list[Fixes]
+    scenario: Scenario
+    left_out: dict[str, int]
+    warnings: list[str]
 
 
 class PositionEstimate(NamedTuple):
@@ -66,62 +84,44 @@ class PositionEstimate(NamedTuple):
     accuracy: float | None
 
 
-class _Fix(NamedTuple):
-    """A fix in metres, or in degrees with metres to add to it."""
-
-    name: str
-    time: float
-    depth: float
-    offset: tuple[float, float]
-    origin: tuple[float, float] | None = None  # latitude, longitude
-
-
-def auvs_of_log(path: Path, scenario: Scenario) -> tuple[list[PositionEstimate], Scenario, list[str]]:
-    """The AUVs in a log, the scenario with a place on Earth where the log has one, and a line about bad lines.
+def auvs_of_log(path: Path, scenario: Scenario, beacons: Sequence[str] = ()) -> tuple[list[PositionEstimate], Log]:
+    """The AUVs in a log, and the log.
 
     Raises:
         UserError: as `read_log`, or an AUV is not in the scenario's water.
     """
-    fixes, scenario, bad = read_log(path, scenario)
-    found, area = [estimate(each) for each in fixes], scenario.area
+    log = read_log(path, scenario, beacons)
+    found, area = [estimate(each) for each in log.fixes], scenario.area
     for auv in found:
         if not (0 <= auv.x <= area.width and 0 <= auv.y <= area.length and 0 < auv.depth <= area.depth):
             raise UserError(
                 f"--log {path}: AUV {auv.name!r} is at x = {auv.x:.1f} m, y = {auv.y:.1f} m, depth {auv.depth:.1f} m,"
                 f" outside the area [0, {area.width:g}] × [0, {area.length:g}] m of depth {area.depth:g} m;"
-                " --set area.width=…, area.length=… and area.depth=… change it"
+                " --set area.width=…, area.length=… and area.depth=… change it, --beacon picks others"
             )
-    return found, scenario, bad
+    return found, log
 
 
-def read_log(path: Path, scenario: Scenario) -> tuple[list[Fixes], Scenario, list[str]]:
-    """The fixes in a log by AUV, the scenario with a place on Earth, and one line about lines that are bad.
+def read_log(path: Path, scenario: Scenario, beacons: Sequence[str] = ()) -> Log:
+    """The fixes in a log by AUV.
 
-    Where the log has degrees and the scenario no place on Earth, its area is laid around the middle of the fixes.
+    Where the log has degrees and the scenario no place on Earth, its area is laid around the middle of the fixes. The
+    ship itself and beacons at the surface are left out, unless picked.
+
+    Args:
+        beacons: names of those picked; by default all.
 
     Raises:
-        UserError: the file cannot be read, or has no fix.
+        UserError: the file cannot be read, has no fix of an AUV or of one picked, or more AUVs than a plan can have.
     """
     try:
-        if path.stat().st_size > LARGEST:
-            raise UserError(f"--log {path}: larger than {LARGEST // 2**20} MiB")
-        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    except OSError as error:
-        raise UserError(f"--log {path}: cannot be read: {error.strerror}") from None
-    bad: list[str] = []
-    header = [name.strip() for name in lines[0].split(",")] if lines else []
-    try:
-        found = list(_rows(header, lines, bad) if "time" in header else _sentences(lines, bad))
+        lines = _lines(path)
+        contents = table_log.read(lines) or ship_log.read(lines)
+        by_name = _of_auvs(contents, beacons)
+        scenario = _placed([fix for own in by_name.values() for fix in own], scenario)
+        frame = Site(scenario).frame
     except UserError as error:
         raise UserError(f"--log {path}: {error}") from None
-    if not found:
-        reason = f"; line {bad[0]}" if bad else ""
-        raise UserError(f"--log {path}: no fix in it: expected CSV with a header or sentences of a USBL system{reason}")
-    scenario = _placed(found, scenario)
-    frame = Site(scenario).frame
-    by_name: dict[str, list[_Fix]] = {}
-    for fix in found:
-        by_name.setdefault(fix.name, []).append(fix)
     fixes = [
         Fixes(
             name,
@@ -131,71 +131,88 @@ def read_log(path: Path, scenario: Scenario) -> tuple[list[Fixes], Scenario, lis
         )
         for name, own in by_name.items()
     ]
-    return fixes, scenario, [_about(path, bad)] if bad else []
+    left_out = dict(contents.left_out) | ({"bad line": len(contents.bad)} if contents.bad else {})
+    return Log(fixes, scenario, left_out, [f"--log {path}: {line}" for line in contents.warnings()])
 
 
-def _rows(header: list[str], lines: list[str], bad: list[str]) -> Iterator[_Fix]:
-    """Fixes of CSV: time, auv, depth and x, y or latitude, longitude; world and flags as `usvauv export` has."""
-    where = METRES if set(METRES) <= set(header) else DEGREES
-    missing = [name for name in ("auv", *where, "depth") if name not in header]
-    if missing:
-        needed = "time, auv, depth and x, y or latitude, longitude"
-        raise UserError(f"no column {', '.join(missing)}; it needs {needed}")
-    worlds = set()
-    for number, row in enumerate(csv.DictReader(lines[1:], header), 2):
-        try:
-            first, second, time, depth = (_finite(row[name]) for name in (*where, "time", "depth"))
-            flags = int(row.get("flags") or 0)
-        except (TypeError, ValueError):
-            bad.append(f"{number}: a number is missing or none")
-            continue
-        worlds.add(row.get("world"))
-        if len(worlds) > 1:
-            raise UserError("fixes of several episodes, see its column world; keep one")
-        if flags & UNUSABLE:
-            continue
-        if where is METRES:
-            yield _Fix(row["auv"], time, depth, (first, second))
-        else:
-            yield _Fix(row["auv"], time, depth, (0.0, 0.0), (first, second))
+def _lines(path: Path) -> list[str]:
+    """The lines of a file in UTF-8, in UTF-16, or for those that are no UTF-8, in Windows' western encoding."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST + 1)
+    except OSError as error:
+        raise UserError(f"cannot be read: {error.strerror}") from None
+    if len(data) > LARGEST:
+        raise UserError(f"larger than {LARGEST // 2**20} MiB")
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        data = data.decode("utf-16", errors="replace").encode("utf-8")
+    lines = re.split(rb"\r\n|\r|\n", data.removeprefix(codecs.BOM_UTF8))
+    return [_decoded(line) for line in lines]
 
 
-def _sentences(lines: list[str], bad: list[str]) -> Iterator[_Fix]:
-    boat, heading = None, None
-    for number, line in enumerate(lines, 1):
-        try:
-            said = sentences.parse(line)
-            if isinstance(said, Boat):
-                boat = said
-            elif isinstance(said, Heading):
-                heading = said.angle
-            elif isinstance(said, Geographic):
-                yield _Fix(said.name, said.time, said.depth, (0.0, 0.0), (said.latitude, said.longitude))
-            elif said is not None:
-                if boat is None or (said.ahead and heading is None):
-                    raise BadLine(f"a fix relative to the boat, and no ${'--HDT' if boat else '--GGA'} before it")
-                offset = said.x, said.y
-                if said.ahead:
-                    sin, cos = math.sin(heading or 0.0), math.cos(heading or 0.0)
-                    offset = cos * said.x + sin * said.y, cos * said.y - sin * said.x
-                yield _Fix(said.name, said.time, said.depth, offset, (boat.latitude, boat.longitude))
-        except BadLine as error:
-            bad.append(f"{number}: {error}")
+def _decoded(line: bytes) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("cp1252", errors="replace")
 
 
-def _placed(fixes: Iterable[_Fix], scenario: Scenario) -> Scenario:
+def _of_auvs(contents: Contents, beacons: Sequence[str]) -> dict[str, list[Fix]]:
+    """The fixes by name, without those of the ship and at the surface, or of the beacons picked; counts the others.
+
+    Raises:
+        UserError: none is left, one picked is not there, or more than a plan can have.
+    """
+    if not contents.fixes:
+        reasons = contents.warnings() or ["expected CSV with a header or sentences of a USBL system"]
+        raise UserError(f"no fix in it: {'; '.join(reasons)}")
+    by_name: dict[str, list[Fix]] = {}
+    for fix in contents.fixes:
+        by_name.setdefault(fix.name, []).append(fix)
+    listed = ", ".join(f"{name[:20]!r} ({len(own)})" for name, own in by_name.items())
+    unknown = [name for name in beacons if name not in by_name]
+    if unknown:
+        raise UserError(f"no fix of --beacon {unknown[0]!r}; beacons and their fixes: {listed}")
+    reasons = {} if beacons else {name: _no_auv(own) for name, own in by_name.items()}
+    for name, reason in reasons.items():
+        if reason:
+            contents.left_out[f"{name[:20]!r}, {reason}"] += len(by_name[name])
+    chosen = {name: own for name, own in by_name.items() if (name in beacons if beacons else not reasons[name])}
+    if not chosen:
+        raise UserError(f"no fix of an AUV in it; left out: {contents.reasons()}")
+    if len(chosen) > MAX_AUVS:
+        raise UserError(
+            f"{len(chosen)} beacons, at most {MAX_AUVS} are possible; pick them with --beacon NAME, which may be"
+            f" repeated; beacons and their fixes: {listed}"
+        )
+    return chosen
+
+
+def _no_auv(own: Sequence[Fix]) -> str:
+    """Why a beacon is no AUV under water, "" if it is one."""
+    depth = float(np.median([fix.depth for fix in own[-LAST:]]))
+    if own[-1].ship or SHIP.fullmatch(own[-1].name.strip()):
+        return "the ship"
+    if depth < SURFACE:
+        return f"{'at' if depth > -SURFACE else 'above'} the surface, depth {depth:.1f} m"
+    if depth < DRAUGHT and np.median([fix.from_boat for fix in own[-LAST:]]) < BESIDE:
+        return f"at the boat, depth {depth:.1f} m"
+    return ""
+
+
+def _placed(fixes: Sequence[Fix], scenario: Scenario) -> Scenario:
     """The scenario; if it needs a place on Earth and has none, with its area around the middle of the fixes."""
-    origins = np.array([fix.origin for fix in fixes if fix.origin])
-    if not len(origins) or Site(scenario).frame:
+    origins = [fix.origin for fix in fixes if fix.origin]
+    if not origins or Site(scenario).frame:
         return scenario
-    latitude, longitude = np.median(origins, axis=0)
+    latitude, longitude = np.median([(place[0], near(place[1], origins[0][1])) for place in origins], axis=0)
     area = scenario.area
     corner = LocalFrame(longitude, latitude).to_geographic(np.array(-area.width / 2), np.array(-area.length / 2))
-    place = {"longitude": float(corner[0]), "latitude": float(corner[1])}
+    place = {"longitude": near(float(corner[0]), 0.0), "latitude": float(corner[1])}
     return scenario.model_copy(update={"water": scenario.water.model_copy(update=place)})
 
 
-def _place(fix: _Fix, frame: LocalFrame | None) -> tuple[float, float]:
+def _place(fix: Fix, frame: LocalFrame | None) -> tuple[float, float]:
     if fix.origin is None or frame is None:
         return fix.offset
     x, y = frame.to_local(np.array(fix.origin[1]), np.array(fix.origin[0]))
@@ -203,21 +220,11 @@ def _place(fix: _Fix, frame: LocalFrame | None) -> tuple[float, float]:
 
 
 def _unwrapped(time: np.ndarray) -> np.ndarray:
-    """Times that go on after midnight."""
-    return time + DAY * np.cumsum(np.diff(time, prepend=time[:1]) < -DAY / 2)
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
-    return value
-
-
-def _about(path: Path, bad: list[str]) -> str:
-    more = f" and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
-    lines = "line" if len(bad) == 1 else "lines"
-    return f"--log {path}: {len(bad)} bad {lines} left out: {'; '.join(bad[:NAMED])}{more}"
+    """Times of the day that go on after midnight; others as they are."""
+    if time.min() < 0 or time.max() > DAY:
+        return time
+    clock = DayClock()
+    return np.array([clock(each) for each in time.tolist()])
 
 
 def estimate(fixes: Fixes) -> PositionEstimate:
@@ -234,7 +241,7 @@ def estimate(fixes: Fixes) -> PositionEstimate:
     age, near, sigma = time[-LAST:] - time[-1], places[-LAST:], _scatter(time, places)
     place, variance = np.median(near, axis=0), np.zeros(2)
     for axis in (0, 1):
-        if sigma is not None and age[0] < 0:
+        if sigma is not None and age[0] < -INSTANT:
             place[axis], variance[axis] = _line_now(age, near[:, axis], sigma[axis])
     return PositionEstimate(
         name=fixes.name,
@@ -251,7 +258,7 @@ def estimate(fixes: Fixes) -> PositionEstimate:
 def _scatter(time: np.ndarray, places: np.ndarray) -> np.ndarray | None:
     """Standard deviation (2,) along x and y of the error of a fix, m; None of too few fixes."""
     step = time[2:] - time[:-2]
-    useful = step > 0
+    useful = step > INSTANT
     if useful.sum() < FEWEST - 2:
         return None
     later = ((time[1:-1] - time[:-2])[useful] / step[useful])[:, None]
@@ -263,12 +270,12 @@ def _scatter(time: np.ndarray, places: np.ndarray) -> np.ndarray | None:
 def _line_now(age: np.ndarray, values: np.ndarray, sigma: float) -> tuple[float, float]:
     """Where a line through values (N,) at ages (N,), not all the same, stands at age 0; and the variance of that."""
     first, second = np.triu_indices(len(age), 1)
-    apart = age[second] > age[first]
+    apart = age[second] - age[first] > INSTANT
     slope = np.median((values[second] - values[first])[apart] / (age[second] - age[first])[apart])
     line = np.array([np.median(values - slope * age), slope])
     columns = np.stack([np.ones_like(age), age], axis=-1)
     for _ in range(ROUNDS):
-        weight = 1 / np.maximum(abs(values - columns @ line) / (HUBER * sigma), 1.0)
+        weight = 1 / np.clip(abs(values - columns @ line) / (HUBER * sigma), 1.0, 1 / LIGHTEST)
         information = columns.T @ (weight[:, None] * columns)
         line = np.linalg.solve(information, columns.T @ (weight * values))
     return float(line[0]), sigma**2 * float(np.linalg.inv(information)[0, 0])

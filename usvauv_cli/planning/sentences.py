@@ -15,18 +15,25 @@ from collections.abc import Callable
 from functools import reduce
 from typing import NamedTuple
 
-CHECKED = re.compile(r"\$(?P<body>[^*$]+)\*(?P<sum>[0-9A-Fa-f]{2})\s*$")
+from usvauv.cli.planning.fixes import LONGEST, BadLine, NoFix, geographic, number
+
+CHECKED = re.compile(r"\$(?P<body>.+)\*(?P<sum>[0-9A-Fa-f]{2})\s*$")
 EVOLOGICS = re.compile(r"USBLLONG,(?P<body>.+)$")
+TIME = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d*)?|60(?:\.\d*)?)", re.ASCII)
+ANGLE = re.compile(r"(\d{1,3})([0-5]\d(?:\.\d*)?)", re.ASCII)
 XY = {"N": (1, 0), "E": (0, 1)}  # which of the two numbers of $PSIMSSB points east, and which north
-VALID_POSITION, BY_SENSOR = "F", "2"  # $PTSAG
-
-
-class BadLine(Exception):
-    """A line is a sentence that is read here, and broken or of a kind that cannot be used; the message says how."""
+PREDICTED = "P"
+# $PTSAG: identifier of the ship, hydrophones of four that make a position, whence the depth is
+SHIP, HYDROPHONES, CALCULATED, BY_SENSOR, NO_SENSOR = 0, 3, "1", "2", 9999
+WEAK = 100  # EvoLogics: integrity of the signal below which a link is weak
+MEASURED = {"1", "2", "3", "4", "5", "9"}  # qualities of $--GGA; 0 none, 6 estimated, 7 by hand, 8 simulated
 
 
 class Relative(NamedTuple):
-    """A fix relative to the boat, m; `ahead` says that x is to starboard and y ahead, else they are east and north."""
+    """A fix relative to the boat, m; `ahead` says that x is to starboard and y ahead, else they are east and north.
+
+    `said`: when it was said by the system's own clock, s, if that is no time of the day: then `time` is by it too.
+    """
 
     time: float
     name: str
@@ -34,21 +41,24 @@ class Relative(NamedTuple):
     y: float
     depth: float
     ahead: bool = False
+    said: float | None = None
 
 
 class Geographic(NamedTuple):
-    """A fix in degrees."""
+    """A fix in degrees; `ship` says that it is of the boat itself."""
 
     time: float
     name: str
     latitude: float
     longitude: float
     depth: float
+    ship: bool = False
 
 
 class Boat(NamedTuple):
-    """Where the boat is, degrees."""
+    """Where the boat is, degrees, at a time of the day, s."""
 
+    time: float
     latitude: float
     longitude: float
 
@@ -63,10 +73,10 @@ Sentence = Relative | Geographic | Boat | Heading
 
 
 def parse(line: str) -> Sentence | None:
-    """What a line says; None for other sentences and for fixes that the system itself calls invalid.
+    """What a line says; None for other sentences.
 
     Raises:
-        BadLine: see there.
+        BadLine, NoFix: see there.
     """
     own = EVOLOGICS.search(line)
     if own:
@@ -82,78 +92,97 @@ def parse(line: str) -> Sentence | None:
         raise BadLine("no checksum")
     if not found:
         return _guarded(read, line.strip().split(",")[1:])
-    expected = reduce(lambda total, character: total ^ ord(character), found["body"], 0)
-    if expected != int(found["sum"], 16):
-        raise BadLine(f"checksum {found['sum']}, the sentence has {expected:02X}")
+    sums = [
+        reduce(lambda total, byte: total ^ byte, found["body"].encode(encoding, "replace"), 0)
+        for encoding in ("utf-8", "cp1252")
+    ]
+    if int(found["sum"], 16) not in sums:
+        raise BadLine(f"checksum {found['sum']}, the sentence has {sums[0]:02X}")
     return _guarded(read, found["body"].split(",")[1:])
 
 
-def _guarded(read: Callable[[list[str]], Sentence | None], fields: list[str]) -> Sentence | None:
+def _guarded(read: Callable[[list[str]], Sentence], fields: list[str]) -> Sentence:
     try:
         return read(fields)
     except (IndexError, ValueError):
         raise BadLine("a field is missing or not as documented") from None
 
 
-def _kongsberg(fields: list[str]) -> Relative | None:
-    time, name, status, _, system, orientation, _, first, second, depth = fields[:10]
-    if status != "A":
-        return None
-    if system != "C" or orientation not in "HNE":
+def _kongsberg(fields: list[str]) -> Relative:
+    # The field after the depth shows that a sentence without a checksum is not cut in the depth.
+    time, name, status, error, system, orientation, source, first, second, depth, _ = fields[:11]
+    if error:
+        raise NoFix(f"error code {error[:LONGEST]!r}")
+    _need_valid(status)
+    if source == PREDICTED:
+        raise NoFix("predicted, not measured")
+    if system != "C" or orientation not in ("H", "N", "E"):
         raise BadLine(f"coordinates {system}, orientation {orientation}: C with H, N or E is read")
-    numbers = _number(first), _number(second)
+    numbers = number(first), number(second)
     east, north = (numbers[i] for i in XY.get(orientation, (0, 1)))
-    return Relative(_time(time), name, east, north, _number(depth), orientation == "H")
+    return Relative(_time(time), name, east, north, number(depth), orientation == "H")
 
 
-def _sonardyne(fields: list[str]) -> Geographic | None:
+def _sonardyne(fields: list[str]) -> Geographic:
     time, name, status, latitude, longitude, depth = fields[:6]
-    if status != "A":
-        return None
-    return Geographic(_time(time), name, _number(latitude), _number(longitude), _number(depth))
+    _need_valid(status)
+    return Geographic(_time(time), name, *geographic(number(latitude), number(longitude)), number(depth))
 
 
-def _ixblue(fields: list[str]) -> Geographic | None:
+def _ixblue(fields: list[str]) -> Geographic:
     _, time, _, _, _, name, latitude, north, longitude, east, valid, calculated, by, sensor = fields[:14]
-    if valid != VALID_POSITION:
-        return None
-    depth = sensor if by == BY_SENSOR else calculated
-    return Geographic(
-        _time(time), name, _degrees(latitude, north, "NS"), _degrees(longitude, east, "EW"), _number(depth)
-    )
+    if int(name) < SHIP:
+        raise NoFix("unknown transponder")
+    if int(valid, 16).bit_count() < HYDROPHONES:
+        raise NoFix(f"position validity {valid[:LONGEST]!r}")
+    depth = number(sensor if by == BY_SENSOR else calculated)
+    if by not in (CALCULATED, BY_SENSOR) or depth == NO_SENSOR:
+        raise NoFix(f"depth validity {by[:LONGEST]!r}, depth {depth:g}")
+    place = geographic(_degrees(latitude, north, "NS"), _degrees(longitude, east, "EW"))
+    return Geographic(_time(time), name, *place, depth, int(name) == SHIP)
 
 
 def _evologics(fields: list[str]) -> Relative:
-    east, north, up = map(_number, fields[6:9])
-    return Relative(_number(fields[1]), fields[2], east, north, -up)
+    said, time, name, _, _, _, east, north, up, _, _, _, _, _, integrity, accuracy = fields[:16]
+    if number(accuracy) < 0:
+        raise NoFix("accuracy below 0")
+    if number(integrity) < WEAK:
+        raise NoFix(f"integrity below {WEAK}")
+    return Relative(number(time), name, number(east), number(north), -number(up), said=number(said))
 
 
-def _gga(fields: list[str]) -> Boat | None:
-    _, latitude, north, longitude, east, quality = fields[:6]
-    return None if quality == "0" else Boat(_degrees(latitude, north, "NS"), _degrees(longitude, east, "EW"))
+def _gga(fields: list[str]) -> Boat:
+    time, latitude, north, longitude, east, quality = fields[:6]
+    if quality not in MEASURED:
+        raise NoFix(f"boat's position of quality {quality[:LONGEST]!r}")
+    return Boat(_time(time), *geographic(_degrees(latitude, north, "NS"), _degrees(longitude, east, "EW")))
 
 
 def _hdt(fields: list[str]) -> Heading:
-    return Heading(math.radians(_number(fields[0])))
+    return Heading(math.radians(number(fields[0])))
 
 
 READERS = {"PSIMSSB": _kongsberg, "PSONLLD": _sonardyne, "PTSAG": _ixblue, "GGA": _gga, "HDT": _hdt}
 
 
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
-    return value
+def _need_valid(status: str) -> None:
+    if status != "A":
+        raise NoFix(f"status {status[:LONGEST]!r}")
 
 
 def _time(text: str) -> float:
     """Seconds of the day of hhmmss.ss."""
-    return 3600 * int(text[:2]) + 60 * int(text[2:4]) + _number(text[4:])
+    found = TIME.fullmatch(text)
+    if not found:
+        raise ValueError(text)
+    hours, minutes, seconds = found.groups()
+    return 3600 * int(hours) + 60 * int(minutes) + float(seconds)
 
 
 def _degrees(text: str, side: str, sides: str) -> float:
     """Degrees of DDMM.MMMM or DDDMM.MMMM and a side."""
-    whole = text.index(".") - 2
-    value = int(text[:whole]) + _number(text[whole:]) / 60
-    return value if sides.index(side) == 0 else -value
+    found = ANGLE.fullmatch(text)
+    if not found:
+        raise ValueError(text)
+    value = int(found[1]) + float(found[2]) / 60
+    return (value, -value)[sides.index(side)]

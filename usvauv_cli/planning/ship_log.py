@@ -1,0 +1,181 @@
+"""Fixes in a log of sentences: those relative to the boat are added to where it was, and headed, at their time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import compress
+from typing import NamedTuple
+
+import numpy as np
+
+from usvauv.cli.planning import sentences
+from usvauv.cli.planning.fixes import BadLine, Contents, DayClock, Fix, NoFix, near
+from usvauv.cli.planning.sentences import Boat, Geographic, Heading, Relative
+
+LONGEST_GAP = 60.0  # between positions of the boat that its way is interpolated over, and from the last one, s
+BASE = 10.0  # shortest time that a speed at the end of a way is taken over, s
+DRIFT = 10.0  # most that the boat may have gone since its last position, m
+SOON = 5.0  # s since a position within which nothing is said of its age
+DEGREE = 111_200.0  # of a meridian, m
+LEVER = 100.0  # distance of an AUV at which an error of the heading is a drift, m
+
+
+class Way(NamedTuple):
+    """Positions or headings of the boat in time.
+
+    Attributes:
+        what: it is, in words.
+        times: (N,), s, in order.
+        values: (N, D), degrees or radians.
+        metres: (D,), that a unit of each moves a fix by.
+    """
+
+    what: str
+    times: np.ndarray
+    values: np.ndarray
+    metres: tuple[float, ...]
+
+    def at(self, when: np.ndarray, contents: Contents | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Values (M, D) at (M,) times, and whether they are known there.
+
+        They are between two positions at most a minute apart; and where the nearest one is not older or later than
+        that between which and the next, or a minute if the boat goes less than `DRIFT` meanwhile.
+
+        Args:
+            contents: told how many are not known, and for how long a position was taken to hold.
+        """
+        last = len(self.times) - 1
+        after = np.searchsorted(self.times, when, side="right")
+        before, after = np.clip(after - 1, 0, last), np.clip(after, 0, last)
+        nearest = np.where(when - self.times[before] <= self.times[after] - when, before, after)
+        inside = before < after
+        head = np.searchsorted(self.times, self.times[0] + BASE).clip(max=last)
+        tail = np.searchsorted(self.times, self.times[-1] - BASE, side="right").clip(1) - 1
+        end = np.where(after == 0, head, tail)
+        other = np.where(inside, before + after - nearest, end)
+        beside = np.where(inside, other, np.where(after == 0, min(1, last), max(last - 1, 0)))
+        span, age = self.times[other] - self.times[nearest], when - self.times[nearest]
+        slope = (self.values[other] - self.values[nearest]) / np.where(span, span, np.inf)[:, None]
+        interval = abs(self.times[beside] - self.times[nearest])
+        sure = (abs(age) <= interval) & (interval <= LONGEST_GAP)
+        drift = abs(age) * np.linalg.norm(slope * self.metres, axis=1)
+        known = sure | (abs(age) <= LONGEST_GAP) & (drift <= DRIFT)
+        if contents and not known.all():
+            worst = max(age[~known], key=abs)
+            side = "older" if worst > 0 else "later"
+            contents.left_out[f"{self.what} is up to {abs(worst):.0f} s {side} than the fix"] += int((~known).sum())
+        carried = abs(age)[known & ~sure].max(initial=0.0)
+        if contents and carried > SOON:
+            contents.notes.append(f"{self.what} is up to {carried:.0f} s from the time of a fix")
+        return self.values[nearest] + slope * age[:, None], known
+
+
+class _Lines:
+    """What the lines of a log say, each with its number, and times that go on after midnight."""
+
+    def __init__(self, lines: Sequence[str], contents: Contents) -> None:
+        self.boats: list[tuple[int, Boat]] = []
+        self.headings: list[tuple[int, Heading]] = []
+        self.relative: list[tuple[int, Relative]] = []
+        self.geographic: list[Geographic] = []
+        self.lag = -math.inf  # of the time of the day over that of a system with a clock of its own, s
+        clock = DayClock()
+        for k, line in enumerate(lines, 1):
+            try:
+                self._add(k, sentences.parse(line), clock)
+            except BadLine as error:
+                contents.bad.append(f"{k}: {error}")
+            except NoFix as error:
+                contents.left_out[str(error)] += 1
+
+    def _add(self, k: int, said: sentences.Sentence | None, clock: DayClock) -> None:
+        if isinstance(said, Heading):
+            self.headings.append((k, said))
+        elif isinstance(said, Boat):
+            self.boats.append((k, said._replace(time=clock(said.time))))
+        elif said is not None and not said.name.strip():
+            raise BadLine("a beacon without a name")
+        elif isinstance(said, Relative) and said.x == said.y == said.depth == 0:
+            raise NoFix("at 0, 0, 0")
+        elif isinstance(said, Geographic):
+            self.geographic.append(said._replace(time=clock(said.time)))
+        elif said is not None and said.said is None:
+            self.relative.append((k, said._replace(time=clock(said.time))))
+        elif said is not None and said.said is not None:
+            self.relative.append((k, said))
+            if self.boats:
+                self.lag = max(self.lag, self.boats[-1][1].time - said.said)
+
+    def ways(self) -> tuple[Way | None, Way | None]:
+        """Positions and headings of the boat; a heading has the time of its line, between lines that have one."""
+        if not self.boats:
+            return None, None
+        _, boats = zip(*self.boats, strict=True)
+        times = np.array([boat.time for boat in boats])
+        places = np.array([(boat.latitude, near(boat.longitude, boats[0].longitude)) for boat in boats])
+        order = np.argsort(times, kind="stable")
+        way = Way("the boat's position", times[order], places[order], _metres(boats[0].latitude))
+        if not self.headings:
+            return way, None
+        lines, angles = zip(*self.headings, strict=True)
+        timed = [(k, boat.time) for k, boat in self.boats]
+        timed += [(k, fix.time) for k, fix in self.relative if fix.said is None]
+        when = np.interp(lines, *np.array(sorted(timed)).T)
+        turned = np.unwrap([heading.angle for heading in angles])[:, None]
+        order = np.argsort(when, kind="stable")
+        return way, Way("the boat's heading", when[order], turned[order], (LEVER,))
+
+
+def read(lines: Sequence[str]) -> Contents:
+    """The fixes, what is bad and what is left out of a log of sentences."""
+    contents = Contents()
+    found = _Lines(lines, contents)
+    way, headings = found.ways()
+    usable: list[Relative] = []
+    for k, fix in found.relative:
+        if way is None or (fix.ahead and headings is None):
+            contents.bad.append(f"{k}: a fix relative to the boat, and no ${'--HDT' if way else '--GGA'}")
+        elif fix.said is None:
+            usable.append(fix)
+        elif found.lag > -math.inf:
+            usable.append(fix._replace(time=fix.time + found.lag))
+        else:
+            contents.bad.append(f"{k}: a fix by a clock of its own, and no $--GGA before it")
+    contents.fixes = [*_geographic(found.geographic, way), *_relative(usable, way, headings, contents)]
+    return contents
+
+
+def _geographic(found: Sequence[Geographic], way: Way | None) -> list[Fix]:
+    apart = np.full(len(found), np.nan)
+    if way and found:
+        boats, known = way.at(np.array([fix.time for fix in found]))
+        places = np.array([(fix.latitude, near(fix.longitude, way.values[0, 1])) for fix in found])
+        apart = np.where(known, np.linalg.norm((places - boats) * way.metres, axis=1), np.nan)
+    return [
+        Fix(fix.name, fix.time, fix.depth, (0.0, 0.0), (fix.latitude, fix.longitude), float(distance), fix.ship)
+        for fix, distance in zip(found, apart, strict=True)
+    ]
+
+
+def _relative(found: Sequence[Relative], way: Way | None, headings: Way | None, contents: Contents) -> list[Fix]:
+    if way is None or not found:
+        return []
+    when, ahead = np.array([fix.time for fix in found]), np.array([fix.ahead for fix in found])
+    boats, known = way.at(when, contents)
+    if not known.any():
+        contents.notes.append("the times of fixes and of $--GGA must both be UTC")
+    angle = np.zeros(len(found))
+    if headings and ahead.any():
+        turned, headed = headings.at(when[ahead], contents)
+        angle[ahead], known[ahead] = turned[:, 0], known[ahead] & headed
+    x, y = np.array([(fix.x, fix.y) for fix in found]).T
+    east, north = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
+    return [
+        Fix(fix.name, fix.time, fix.depth, (float(e), float(n)), (float(at[0]), float(at[1])), math.hypot(fix.x, fix.y))
+        for fix, e, n, at in compress(zip(found, east, north, boats, strict=True), known)
+    ]
+
+
+def _metres(latitude: float) -> tuple[float, float]:
+    return DEGREE, DEGREE * math.cos(math.radians(latitude))
