@@ -17,6 +17,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
+from usvauv.env import Scenario
 from usvauv.env.storage import text_files
 from usvauv.env.storage.files import (
     LOCK,
@@ -292,6 +293,26 @@ def test_what_is_no_table(text, language, said):
 
 def test_ends_of_lines_of_windows():
     assert text_files.parse("a = '''x\r\ny'''\r\n", "TOML") == {"a": "x\ny"}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+def test_text_with_a_mark_and_as_powershell_writes_it(tmp_path, encoding):
+    path = tmp_path / "a.toml"
+    path.write_bytes("name = 'Größe 海'\r\n[auv]\r\ncount = 3\r\n".encode(encoding))
+    scenario = Scenario.load(str(path))
+    assert (scenario.name, scenario.auv.count) == ("Größe 海", 3)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("\n# Größe".encode("latin-1"), "byte 0xf6 in line 2 is not UTF-8"),
+        ("name = 'a'".encode("utf-16")[:-1], "byte 0x27 in line 1 is not UTF-16"),
+    ],
+)
+def test_text_in_another_encoding_is_one_line(tmp_path, run_usvauv, content, said):
+    (tmp_path / "a.toml").write_bytes(content)
+    assert run_usvauv("scenarios", "a.toml") == (2, "", f"error: a.toml: {said}; save the file as UTF-8\n")
 
 
 def test_what_is_no_file(tmp_path):

@@ -127,7 +127,9 @@ def read(path: Path) -> Study:
             planned.setdefault(key_of(definition), (run, definition))
     if not planned:
         raise UserError(f"{path}: runs: there are none; expected at least one [[runs]]")
-    return Study(path, path.read_text(encoding="utf-8"), tuple(_named(list(planned.values()))), evaluation, resources)
+    return Study(
+        path, text_files.decoded(path.read_bytes()), tuple(_named(list(planned.values()))), evaluation, resources
+    )
 
 
 S = TypeVar("S", bound=Section)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import os
 import tomllib
@@ -32,12 +33,30 @@ def read(path: str | Path, language: str) -> dict[str, Any]:
             content = file.read(LARGEST[language] + 1)
         if len(content) > LARGEST[language]:
             raise TextFileError(f"has more than {LARGEST[language]:,} bytes")
-        text = content.decode("utf-8")
     except OSError as error:
         raise TextFileError(f"cannot be read: {error.strerror}") from None
+    return parse(decoded(content), language)
+
+
+def decoded(content: bytes) -> str:
+    """The text of a file in UTF-8, or in UTF-16 as PowerShell's `>` writes it, with or without a byte-order mark.
+
+    Raises:
+        TextFileError: it is in neither.
+    """
+    mark = content[:2]
+    if mark in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        encoding = "utf-16"
+    elif b"\0" in mark:  # beside a letter of ASCII, with which files begin
+        encoding = "utf-16-be" if mark[:1] == b"\0" else "utf-16-le"
+    else:
+        encoding = "utf-8-sig"
+    try:
+        return content.decode(encoding)
     except UnicodeDecodeError as error:
-        raise TextFileError(f"cannot be read: {error}") from None
-    return parse(text, language)
+        line = content.count(b"\n", 0, error.start) + 1
+        wrong = f"byte {content[error.start]:#04x} in line {line} is not {'UTF-16' if '16' in encoding else 'UTF-8'}"
+        raise TextFileError(f"{wrong}; save the file as UTF-8") from None
 
 
 def parse(text: str, language: str) -> dict[str, Any]:

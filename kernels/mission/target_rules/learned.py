@@ -87,7 +87,7 @@ def read_weights(text: str) -> tuple[float, ...]:
         path = Path(text)
         try:
             if path.is_file() and path.stat().st_size <= LARGEST_FILE:  # a device may never end
-                weights = [float(weight) for weight in json.loads(path.read_text())["weights"]]
+                weights = [float(weight) for weight in json.loads(path.read_bytes())["weights"]]
         except (OSError, ValueError, TypeError, KeyError, ArithmeticError, RecursionError):
             weights = []
     if len(weights) != NUM_WEIGHTS or not all(abs(weight) <= LARGEST_WEIGHT for weight in weights):
