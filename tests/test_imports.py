@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 from tests.import_graph import PACKAGES, ROOT, circle, imported, module_graph, room_graph, sources
 
 MODULES = module_graph()
@@ -17,19 +19,24 @@ def test_no_import_leads_upwards():
     assert upwards == []
 
 
-def test_only_kernels_import_taichi():
+@pytest.mark.parametrize(
+    ("library", "place", "parts"),
+    [("taichi", "usvauv.kernels", 2), ("matplotlib", "usvauv.env.render.plain_matplotlib", 4)],
+)
+def test_one_place_alone_imports(library, place, parts):
     importers = {
-        ".".join(name.split(".")[:2])
+        ".".join(name.split(".")[:parts])
         for name, path in sources().items()
         for target in imported(path)
-        if target.partition(".")[0] == "taichi"
+        if target.partition(".")[0] == library
     }
-    assert importers == {"usvauv.kernels"}
+    assert importers == {place}
 
 
-def test_what_reads_no_netcdf_loads_no_library_for_it():
+def test_what_reads_no_netcdf_and_draws_nothing_loads_no_library_for_it():
     code = (
-        "import sys, usvauv.policies, usvauv.env, usvauv.env.render.video; print({'xarray', 'h5py'} & {*sys.modules})"
+        "import sys, usvauv.policies, usvauv.env, usvauv.env.render.video, usvauv.cli.report, usvauv.cli.sweep.run;"
+        "print({'xarray', 'h5py', 'matplotlib'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.splitlines()[-1] == "set()"

@@ -21,7 +21,8 @@ from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
 from usvauv.env import evaluate
-from usvauv.env.render.style import MARKERS, Ground, looks, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.style import MARKERS, Ground, looks
 
 SCENARIO = "extreme"
 CURVES = {

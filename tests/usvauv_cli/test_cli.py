@@ -12,6 +12,7 @@ from importlib import metadata
 from pathlib import Path
 
 import av
+import matplotlib
 import pytest
 
 from usvauv import policies
@@ -95,6 +96,66 @@ def test_simulate(tmp_path):
     assert (trace.policy, trace.usv, trace.seed) == ("straight:1.5", "hold:50,60", 3)
     assert trace.surface.shape == (8, 64, 64)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "a.nc"]
+
+
+SETTINGS = """
+text.usetex: True
+font.family: No Such Font
+savefig.bbox: tight
+savefig.dpi: 30
+savefig.transparent: True
+axes.formatter.use_locale: True
+axes.spines.top: False
+axes.grid: True
+lines.linewidth: 9
+image.cmap: jet
+path.sketch: 1, 100, 2
+figure.autolayout: True
+"""
+
+
+class TestSettingsOfMatplotlib:
+    """Whoever makes a picture gets the same one, and keeps what is set for pictures of one's own."""
+
+    @pytest.mark.parametrize("command", ["plan --auv 60,80,100", "sea ideal --duration 20 --set sea.cell_size=10"])
+    def test_change_no_picture(self, command, tmp_path, run_usvauv):
+        assert run_usvauv(*command.split(), "--out", "a.png")[0] == 0
+        lines = [line.partition(": ") for line in SETTINGS.split("\n") if line]
+        with matplotlib.rc_context({name: value for name, _, value in lines}):
+            before = dict.copy(matplotlib.rcParams)  # as it is: asking for the backend would choose one
+            assert run_usvauv(*command.split(), "--out", "b.png")[0] == 0
+            assert dict.copy(matplotlib.rcParams) == before
+        assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+    @pytest.mark.parametrize(
+        ("backend", "rc", "seen"),
+        [
+            ("no such backend", f"{SETTINGS}unknown.key: 1\n", "False"),
+            ("svg", "text.usetex: True", "True svg"),
+            ("Größe", "text.usetex: True", "False"),
+            ("", "# Größe", "False"),
+        ],
+    )
+    def test_that_cannot_be_used(self, backend, rc, seen, tmp_path):
+        """They hold for the user where they can; else drawing goes on without them, and nothing is said of it."""
+        (tmp_path / "matplotlibrc").write_bytes(rc.encode("latin-1"))
+        code = """
+import os
+from pathlib import Path
+from usvauv.env.render.figures import save_figure
+from usvauv.env.render.plain_matplotlib import Figure, matplotlib, plain
+with plain():
+    save_figure(Figure(), Path("a.png"))
+backend = os.environ["MPLBACKEND"]
+assert Path("matplotlibrc").exists()
+print(matplotlib.rcParams["text.usetex"], *[backend] * (matplotlib.rcParams._get("backend") == backend))
+"""
+        environment = {**os.environ, "MPLBACKEND": backend}
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False, cwd=tmp_path
+        )
+        assert (done.stdout, done.stderr) == (f"{seen}\n", "")
+        assert (tmp_path / "a.png").stat().st_size > 1000
 
 
 def test_replay_draws_what_simulate_drew(tmp_path, run_usvauv):

@@ -6,18 +6,23 @@ import math
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Ellipse
-from matplotlib.patheffects import AbstractPathEffect, withStroke
-from matplotlib.ticker import MaxNLocator
 
 from usvauv.env.planning.plan import OBJECTIVE_NAMES, BoatPlace, Landscape, Plan
 from usvauv.env.render import style
-from usvauv.env.render.style import CATEGORICAL, ON_DARK, SEA_COLOURS, save_figure, style_axes, web
+from usvauv.env.render.figures import SEA_COLOURS, save_figure, style_axes
+from usvauv.env.render.plain_matplotlib import (
+    AbstractPathEffect,
+    Axes,
+    Ellipse,
+    Figure,
+    Line2D,
+    MaxNLocator,
+    Normalize,
+    ScalarMappable,
+    plain,
+    withStroke,
+)
+from usvauv.env.render.style import CATEGORICAL, ON_DARK, web
 
 TEXT, MUTED, OUTLINE = ON_DARK.text, ON_DARK.muted, web(style.OUTLINE)
 SIGMAS = 2
@@ -71,6 +76,7 @@ def letter_of(i: int) -> str:
     return LETTERS[i % len(LETTERS)]
 
 
+@plain()
 def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     """Draw the result of a plan and save it, the format by the file's suffix.
 

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from usvauv.cli.reproduction.paper import markdown_table, picture_pair, rounded, spread, titled_figure
 from usvauv.cli.reproduction.runs import Settings
 from usvauv.cli.sweep.run import Piece
 from usvauv.cli.sweep.study import Evaluation, StudyRun, define
-from usvauv.env.render.style import Ground, looks, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.plain_matplotlib import Figure
+from usvauv.env.render.style import Ground, looks
 from usvauv.env.storage.tables import write_rows
 
 NAME = "collaboration"

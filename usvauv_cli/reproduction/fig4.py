@@ -9,10 +9,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 
 from usvauv import policies
 from usvauv.cli.reproduction import paper
@@ -22,7 +18,9 @@ from usvauv.cli.sweep.run import Piece
 from usvauv.env import Trace, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.env.render.style import OUTLINE, Ground, log_ticks, looks, web, write_pair
+from usvauv.env.render.figures import log_ticks, write_pair
+from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D, withStroke
+from usvauv.env.render.style import OUTLINE, Ground, looks, web
 from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from usvauv import policies
 from usvauv.cli.reproduction import paper
 from usvauv.cli.reproduction.paper import markdown_table, rounded, spread
 from usvauv.cli.reproduction.runs import HEURISTICS, Settings, heuristic, learned
 from usvauv.cli.sweep.run import Piece
-from usvauv.env.render.style import Ground, looks, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.plain_matplotlib import Figure, Line2D
+from usvauv.env.render.style import Ground, looks
 from usvauv.env.storage.tables import write_rows
 from usvauv.kernels.mission.motion import travelling_power
 

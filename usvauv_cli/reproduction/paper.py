@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from matplotlib.figure import Figure
-
+from usvauv.env.render.plain_matplotlib import Figure
 from usvauv.env.render.style import Ground
 
 FIGURES = ("sdr", "ec", "arps")

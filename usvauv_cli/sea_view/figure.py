@@ -8,25 +8,22 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import MaxNLocator
 
 from usvauv.cli.sea_view.surface import LONG_WAVES, SHADED, LevelSurface, Section, land, thumbnail, weather
 from usvauv.env.render import style
+from usvauv.env.render.figures import log_ticks, save_figure, set_title, style_axes
 from usvauv.env.render.layout import MapView, Rectangle
-from usvauv.env.render.style import (
-    ON_DARK,
-    clock,
-    log_ticks,
-    save_figure,
-    set_title,
-    style_axes,
-    web,
+from usvauv.env.render.plain_matplotlib import (
+    Axes,
+    Figure,
+    LinearSegmentedColormap,
+    MaxNLocator,
+    Normalize,
+    ScalarMappable,
+    plain,
+    withStroke,
 )
+from usvauv.env.render.style import ON_DARK, clock, web
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import System, cumulative, density, moment, total_height, wave_systems
 from usvauv.env.site.site import Site
@@ -113,6 +110,7 @@ class SeaFigure:
                 self._maps.append(self._last)
             self._draw()
 
+    @plain()
     def _draw(self) -> None:
         scenario, duration = self._sea.scenario, self._times[-1]
         surface = self._relief()

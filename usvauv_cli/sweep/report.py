@@ -10,9 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from usvauv import policies
 from usvauv.cli import tables
@@ -33,6 +30,7 @@ from usvauv.cli.web_report.figure_style import (
     style_axes,
 )
 from usvauv.cli.web_report.figures import truncated
+from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D
 from usvauv.env.storage.files import inside, writing
 from usvauv.policies.policy import PolicyError
 

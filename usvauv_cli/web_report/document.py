@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from usvauv.cli.web_report import figure_style
+from usvauv.env.render.plain_matplotlib import Figure
 from usvauv.env.storage.files import atomic_write
 from usvauv.kernels import runtime
 from usvauv.policies.checkpoint import provenance

@@ -14,11 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-
+from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D, plain
 from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, ON_DARK
 from usvauv.env.storage.files import atomic_write
 
@@ -92,7 +88,7 @@ def dash(i: int) -> str | tuple[int, tuple[float, ...]]:
 @contextmanager
 def drawing(name: str) -> Iterator[None]:
     """Fonts and line widths of the figures; ids in the SVG are those of its name."""
-    with mpl.rc_context({**SETTINGS, "svg.hashsalt": name}):
+    with plain({**SETTINGS, "svg.hashsalt": name}):
         yield
 
 

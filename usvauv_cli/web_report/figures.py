@@ -7,10 +7,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 
 from usvauv.cli.evaluation.comparison import Comparison, words
 from usvauv.cli.web_report.episodes import ERRORS, PERIODS, Recording, collects_data, fix_quantiles
@@ -32,6 +28,7 @@ from usvauv.cli.web_report.figure_style import (
     style_axes,
 )
 from usvauv.env.render.layout import nice, nice_above
+from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D, MaxNLocator
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
