@@ -87,12 +87,6 @@ ARTEFACTS = {
         {name: f"wide/reproduction/{name}" for name in _pair("collaboration")},
     ),
     "clairvoyant": _study("collaboration.md", "studies.clairvoyant"),
-    "total-information": _study(
-        "collaboration.md", "studies.total_information", "--scenario extreme --scenario ideal --episodes 64"
-    ),
-    "total-information-wide": _study(
-        "collaboration.md", "studies.total_information", "--scenario wide --episodes 256 --seed 7"
-    ),
     "hindsight": _study("decisions.md", "studies.hindsight", "--episodes 64"),
     "reproduction": Artefact(
         "reproduction.md",

@@ -8,7 +8,7 @@ paper's sum (`paper-*`). Differential evolution is SciPy's with its default sett
 two versions: one place a call, and a whole generation a call; ratios are to the faster. Gaps are differences of ln of
 the objective, in double precision, to the best of a dense grid, polished by a search that knows no derivatives.
 `unequal` has the gaps where levels, carriers and depths differ from AUV to AUV (source levels by 60 dB, depths from 3 m
-to 500 m, areas of 200 m to 2 km, with and without attitude error), and the error in ln of the value reported, at the
+to 500 m, areas of 200 m to 2 km, with and without errors beside noise), and the error in ln of the value reported, at the
 planned and at random places. `tilt` is what ln of the objective loses, on a sea of slope 0.1, because the boat plans
 with a level array."""
 
@@ -81,11 +81,13 @@ def log_objective(boat: np.ndarray, auvs: np.ndarray, link: np.ndarray, code: in
     )
     v = np.exp(-log_T) + link[:, acoustic_link.ATTITUDE] * z2
     objective, measurement = objectives.OBJECTIVES[code // 2], objectives.MEASUREMENTS[code % 2]
-    along = v * (q / z2) ** 2 if measurement == "phase" else v  # variance along the line of sight, v across
-    if objective == "d":
-        return -(np.log(v) + np.log(along)).sum(-1) if measurement == "phase" else -2 * np.log(v).sum(-1)
-    if objective == "a":
-        return -np.log((v + along).sum(-1))
+    if objective != "sum":
+        rho2 = dx * dx + dy * dy
+        turned = v + link[:, acoustic_link.ALIGNMENT] * z2
+        place, stretch = link[:, acoustic_link.POSITION], link[:, acoustic_link.SOUND_SPEED] * rho2
+        across = turned + place + link[:, acoustic_link.HEADING] * rho2
+        along = (turned + stretch) * (q / z2) ** 2 + place if measurement == "phase" else turned + place + 4 * stretch
+        return -(np.log(across) + np.log(along)).sum(-1) if objective == "d" else -np.log((across + along).sum(-1))
     if measurement == "fix":
         return 2 * np.log((1 / v).sum(-1))
     T, s2 = 1 / v, z2 / q
@@ -184,7 +186,13 @@ def unequal_links(auvs: int, attitude_error: float, random: np.random.Generator)
         "noise_law": random.choice(["density", "demonstration"]),
         "planner_noise": random.choice(["range", "constant"]),
         "reference_range": random.choice([10.0, 100.0, 300.0]),
-        "accuracy": acoustic_link.Accuracy(attitude=attitude_error),
+        "accuracy": acoustic_link.Accuracy(
+            attitude_error,
+            alignment=random.choice([0.0, 0.001]),
+            heading=random.choice([0.0, 0.004, 0.02]),
+            sound_speed=random.choice([0.0, 7e-4]),
+            position=random.choice([0.0, 0.3]),
+        ),
     }
     rows = [
         acoustic_link.link_table(

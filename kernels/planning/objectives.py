@@ -1,20 +1,27 @@
 """What the planner maximises: optimality criteria of the information on all positions, and the paper's (Eq. 2–3).
 
-K positions are estimated. Their information matrix J is block diagonal with the blocks J_k of
-`usvauv.kernels.planning.information`. Objectives are evaluated as logarithms, here with v_k = 1/T_k, and q and z as
-there:
+K positions are estimated. Objectives are evaluated as logarithms, here with T_k, q, z and d as in
+`usvauv.kernels.planning.information`, ρ = |d|:
 
-- D: ln det J = Σ_k ln det J_k, the volume of the error ellipsoid. A block gives −2 ln v (FIX), −2 ln (v q/z²) (PHASE).
-- A: −ln tr J⁻¹, the sum of all variances. A block has the trace 2v (FIX), v (1 + q²/z⁴) (PHASE).
+- D: ln det J = Σ_k ln det J_k, the volume of the error ellipsoid.
+- A: −ln tr J⁻¹, the sum of all variances.
 - SUM: ln det Σ_k J_k, the paper's Eq. 2. It treats the fixes as measurements of one offset common to all, so one very
-  good fix makes up for a bad one and the boat parks above one AUV.
+  good fix makes up for a bad one and the boat parks above one AUV. It has neither of the systematic errors below.
 - PAPER: Eq. 3a as it is printed, (K/S0²)² [3m sin²γ0 + (sin⁴γ0 + 1)² χ], for unequal ranges taken as
   3 Σ T_k² s_k² + Σ_{i<j} T_i T_j (1 + s_i⁴)(1 + s_j⁴) sin²α_ij, without attitude error. It is the determinant of no
   information matrix. sin²α jumps beneath the boat; ρ² + (1 m)² in place of ρ² makes it smooth.
 
-D and A depend on the AUVs' distances only, and every variance grows with distance, so the maximum lies in the AUVs'
-convex hull. Both variances of a block are convex functions of the boat's place. So A, whose tr J⁻¹ is their sum, has no
-local maximum except the global one; D can have several.
+J of D and A is that of the whole error of a fix: errors of alignment ε_a, heading ε_h, speed of sound σ_c/c and the
+array's position σ_p are unknowns with normal priors, and marginalised. A block's inverse has the variances
+
+    across the line of sight   1/T + ε_a² z² + σ_p² + ε_h² ρ²,
+    along it, FIX              1/T + ε_a² z² + σ_p² + 4 (σ_c/c)² ρ²,
+    along it, PHASE            q²/z⁴ (1/T + ε_a² z² + (σ_c/c)² ρ²) + σ_p²,
+
+what `tilted_covariance` of `usvauv.kernels.planning.information` has for a level array. D and A depend on the AUVs'
+distances only, and every variance grows with distance, so the maximum lies in the AUVs' convex hull. Both variances of
+a block are convex functions of the boat's place. So A, whose tr J⁻¹ is their sum, has no local maximum except the
+global one; D can have several.
 
 SUM of PHASE and PAPER (`log_det_of_sum`): with J_k = a_k I + b_k n_k n_kᵀ, P = J_11, Q = J_22, R = J_12,
 
@@ -45,6 +52,7 @@ from usvauv.kernels.planning.information import (
     squared_separation,
     times_T,
 )
+from usvauv.kernels.positioning.acoustic_link import ALIGNMENT, ATTITUDE, HEADING, POSITION, SOUND_SPEED
 from usvauv.kernels.types import array2, array3, mat3, vec2, vec3, vec6
 
 OBJECTIVES = ("d", "a", "sum", "paper")
@@ -74,25 +82,65 @@ def measurement_of(code: int) -> int:
 
 
 @ti.func
-def log_variance(link: ti.template(), k, code: ti.template(), q, z2) -> vec3:
+def log_sum_of_variances(f: vec3, other: vec3) -> vec3:
+    """ln(e^−f + other) with its first two derivatives, from those of f and of `other`, which is not negative."""
+    log_other = ti.log(ti.max(other[0], 1e-30))
+    larger = ti.max(-f[0], log_other)
+    own = ti.exp(-f[0] - larger)
+    total = own + ti.exp(log_other - larger)
+    share = own / total
+    value = larger + ti.log(total)
+    precision = ti.exp(ti.min(-value, 80.0))
+    slope = other[1] * precision - f[1] * share
+    return vec3(value, slope, other[2] * precision + (f[1] * f[1] - f[2]) * share - slope * slope)
+
+
+@ti.func
+def log_variances(link: ti.template(), k, code: ti.template(), rho2, z2):
+    """ln of the variances (m²) of AUV k's fixes across and along the line of sight, for D and A.
+
+    Each with its first two derivatives by q = rho2 + z2 (m²) at constant z2 = z².
+    """
+    q = rho2 + z2
+    f = log_signal(link, k, q)
+    turning = (link[k, ATTITUDE] + link[k, ALIGNMENT]) * z2
+    place, heading, speed = link[k, POSITION], link[k, HEADING], link[k, SOUND_SPEED]
+    across = log_sum_of_variances(f, vec3(turning + place + heading * rho2, heading, 0.0))
+    along = vec3(0.0)
+    if ti.static(measurement_of(code) == FIX):
+        along = log_sum_of_variances(f, vec3(turning + place + 4.0 * speed * rho2, 4.0 * speed, 0.0))
+    else:
+        i = 1.0 / q
+        s2 = z2 * i
+        shrunk = place * s2 * s2
+        slope = speed - 2.0 * shrunk * i
+        along = log_sum_of_variances(f, vec3(turning + speed * rho2 + shrunk, slope, 6.0 * shrunk * i * i))
+        along += vec3(-2.0 * ti.log(s2), 2.0 * i, -2.0 * i * i)
+    return across, along
+
+
+@ti.func
+def log_variance(link: ti.template(), k, code: ti.template(), rho2, z2) -> vec3:
     """ln det or ln tr of J_k⁻¹ for D, A, and −ln T_k for SUM of FIX.
 
-    The value and its first two derivatives by q (m²).
+    The value and its first two derivatives by q = rho2 + z2 (m²).
     """
     objective = ti.static(objective_of(code))
-    g = -log_strength(link, k, q, z2)
-    if ti.static(objective == D):
-        g *= 2.0
-    elif ti.static(objective == A and measurement_of(code) == FIX):
-        g[0] += 0.6931471805599453
-    if ti.static(measurement_of(code) == PHASE):
-        i = 1.0 / q
-        if ti.static(objective == A):
-            y = (q / z2) ** 2
-            slope = 2.0 * y * i / (1.0 + y)
-            g += vec3(ti.log(1.0 + y), slope, slope * i - slope * slope)
+    g = vec3(0.0)
+    if ti.static(objective == SUM):
+        g = -log_strength(link, k, rho2 + z2, z2)
+    else:
+        across, along = log_variances(link, k, code, rho2, z2)
+        if ti.static(objective == D):
+            g = across + along
         else:
-            g += vec3(2.0 * ti.log(q / z2), 2.0 * i, -2.0 * i * i)
+            larger = ti.max(across[0], along[0])
+            a = ti.exp(across[0] - larger)
+            total = a + ti.exp(along[0] - larger)
+            a /= total
+            slope = a * across[1] + (1.0 - a) * along[1]
+            bend = a * (across[2] + across[1] * across[1]) + (1.0 - a) * (along[2] + along[1] * along[1])
+            g = vec3(larger + ti.log(total), slope, bend - slope * slope)
     return g
 
 
@@ -101,7 +149,7 @@ def auv_variance(team: ti.template(), code: ti.template(), k, place: vec2) -> ve
     """`log_variance` of AUV k as a jet of the boat's place."""
     d = place - position(team, k)
     z2 = squared_separation(team, k)
-    return jet.of_squared_distance(log_variance(team.link, member(team, k), code, d.norm_sqr() + z2, z2), d[0], d[1])
+    return jet.of_squared_distance(log_variance(team.link, member(team, k), code, d.norm_sqr(), z2), d[0], d[1])
 
 
 @ti.func

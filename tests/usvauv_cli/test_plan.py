@@ -22,7 +22,7 @@ TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
 POSITIONS = [(60.0, 80.0, 100.0), (150.0, 120.0, 40.0)]
 
 
-PLACE_KEYS = {"x", "y", "latitude", "longitude", "log_objective", "rms", "located", "errors", "budget"}
+PLACE_KEYS = {"x", "y", "latitude", "longitude", "log_objective", "rms", "mean", "located", "errors", "budget"}
 
 
 ERROR_KEYS = {
@@ -103,6 +103,19 @@ class TestErrors:
                     along = [math.cos(error["angle"]), math.sin(error["angle"])]
                     assert abs(np.dot(along, axes[:, 1])) > 0.999
             assert place["rms"] == pytest.approx(math.sqrt(total / 2), rel=0.01)
+
+    @pytest.mark.parametrize("measurement", ["fix", "phase"])
+    @pytest.mark.parametrize(("objective", "measure"), [("d", "mean"), ("a", "rms")])
+    def test_no_place_has_a_smaller_error_than_the_best(self, solve, objective, measure, measurement):
+        """Of all causes, for unequal depths; contours show the same error."""
+        auvs = [argument for auv in ("40,80,100", "150,120,25", "120,30,60") for argument in ("--auv", auv)]
+        places = [f"--compare={x},{y}" for x in range(10, 200, 45) for y in range(10, 200, 45)]
+        result = solve(*auvs, *places, "--objective", objective, "--measurement", measurement)
+        best = result["optimum"]
+        for place in (result["centroid"], *result["compare"]):
+            assert best[measure] < place[measure]
+            ratio = math.exp((best["log_objective"] - place["log_objective"]) / (4 * 3 if objective == "d" else 2))
+            assert place[measure] / best[measure] == pytest.approx(ratio, rel=1e-3)
 
     def test_an_auv_in_the_plane_of_the_array_has_no_bounded_error(self, plan, solve, tmp_path):
         """From (50, 100) it is 50 m east and 50 m below, in the plane of an array that falls by 1 in 1 to the east."""
@@ -240,8 +253,8 @@ class TestProbabilities:
     def test_signal_excess_is_in_decibels_of_the_source(self, solve, law):
         """A tone that much fainter is detected every second time."""
         loud = ["--auv", "20,20,100", "--set", f"acoustics.noise_law={law}", "--set"]
-        excess = solve(*loud, "acoustics.source_level=162")["optimum"]["errors"][0]["signal_excess"]
-        fainter = solve(*loud, f"acoustics.source_level={162 - excess!r}")["optimum"]["errors"][0]
+        excess = solve(*loud, "acoustics.source_level=162")["centroid"]["errors"][0]["signal_excess"]
+        fainter = solve(*loud, f"acoustics.source_level={162 - excess!r}")["centroid"]["errors"][0]
         assert excess > 5
         assert fainter["signal_excess"] == pytest.approx(0, abs=1e-4)
         assert fainter["detected"] == pytest.approx(0.5, abs=1e-3)

@@ -93,10 +93,10 @@ def plan(
 
     Nothing is learned or simulated: the place maximises `--objective` of the fixes' Fisher information, in metres, over
     the whole area. The table gives the error of one good fix of each AUV from there, from the AUVs' centroid and from
-    every `--compare`: standard deviations along the major and minor axis of its horizontal error ellipse, and the rms
-    of both over the AUVs that are located. They include all that the tables by cause list but reflections. The array
-    lies level, or for the errors on `--slope`. Objective d weighs each AUV's error by its ratio, so another place can
-    have a smaller rms; a finds the place of the smallest.
+    every `--compare`: standard deviations along the major and minor axis of its horizontal error ellipse, and of these
+    the geometric mean and the rms over the AUVs that are located. They include all that the tables by cause list but
+    reflections. The array lies level, or for the errors on `--slope`. Objective d finds the place of the smallest
+    mean, a that of the smallest rms; figures show the one that the objective makes least.
     "detected" is the probability that the tone of a fix is detected, "good" that it is and the fix is also unambiguous
     (no phase has wrapped) and has a real depth. An AUV is located where at least 90 % of its fixes are good; a line on
     standard error says which AUVs are not from the optimum, why, and what would help.
@@ -126,7 +126,7 @@ def plan(
 
     **JSON:** *scenario*, *objective*, *measurement*, *slope* (x, y); *area*: *width*, *length*,
     *depth* (m); *auvs*: *x*, *y*, *depth* (m), *latitude*, *longitude* (degrees), *carrier* (Hz); *optimum*, *centroid*
-    and the list *compare*: *x*, *y* (m), *latitude*, *longitude*, *log_objective*, *rms* (m, of the AUVs located),
+    and the list *compare*: *x*, *y* (m), *latitude*, *longitude*, *log_objective*, *rms*, *mean* (m, of the AUVs located),
     *located* (how many), *budget* (rms errors of the AUVs' fixes by cause, m) and one of *errors* per AUV:
     *range* (slant, m), *major*, *minor* (1-σ, m), *angle* of the
     major axis (rad, anticlockwise from east), *good* (probability, the product of *detected* and *good_if_detected*),
@@ -135,8 +135,8 @@ def plan(
     `--log` *log*, for each AUV *name*, *fixes*, *used*, *x*, *y*, *depth*, *noise* and *accuracy* (m), and *left_out*,
     the number of fixes, positions and lines not used by reason. *log_objective*,
     lengths in m, J the information on all positions: d ln det J; a −ln tr J⁻¹; sum ln det
-    of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms* where an
-    axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms* where no AUV is located;
+    of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms*, *mean* where an
+    axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms*, *mean* where no AUV is located;
     *log_objective* where there is no information; *latitude*, *longitude* without a place on Earth.
     """
     import json
@@ -312,7 +312,8 @@ def print_table(result: Plan) -> None:
     best = result.optimum
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]
     boats = [
-        (name, *(number(value, 2) for value in (place.x, place.y, place.log_objective)), metres(place.rms))
+        (name, *(number(value, 2) for value in (place.x, place.y, place.log_objective)), metres(place.mean),
+         metres(place.rms))
         for name, place in places
     ]
     fixes = [
@@ -338,7 +339,7 @@ def print_table(result: Plan) -> None:
         f" of the AUVs that are located, which are those with at least {LEAST_GOOD:.0%} good fixes"
     )
     typer.echo(f"{tables.wrapped(about, 2)}\n")
-    tables.print_table(("boat", "x m", "y m", OBJECTIVE_NAMES[result.objective], "rms m"), boats)
+    tables.print_table(("boat", "x m", "y m", OBJECTIVE_NAMES[result.objective], "mean m", "rms m"), boats)
     typer.echo()
     tables.print_table(("fixes from", "AUV", "range m", "major m", "minor m", "detected", "good"), fixes)
     for name, place in places:

@@ -31,9 +31,8 @@ LARGEST_BEST, LARGEST = 0.12, 0.25
 FACTORS = (1.05, 1.1, 1.25, 1.5, 2, 3, 5, 10, 20, 50)
 LINES = {  # meaning of the contour lines, by objective
     "d": "Error, geometric mean",
-    "a": "Error, root mean square",
-    "e": "Error, worst axis of the worst AUV",
-    "sum": "Error of a common offset",
+    "a": "Error, rms",
+    "sum": "By noise and attitude: error of a common offset",
 }
 HEADING_OUTDENT = 55  # of the legend's headings, pixels
 MAP = 6.0  # longer side of the map, inches
@@ -58,12 +57,13 @@ def metres(value: float | None) -> str:
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
-def rms_of(place: BoatPlace) -> str:
-    """Rms error from a place, and of how many AUVs where not all are located."""
+def error_of(place: BoatPlace, objective: str) -> str:
+    """Error from a place as its objective measures it, and of how many AUVs where not all are located."""
     if not place.located:
         return "no fixes"
     count = len(place.errors)
-    return f"{metres(place.rms)} m" + (f", {place.located} of {count} AUVs" if place.located < count else "")
+    error = metres(place.mean if objective == "d" else place.rms)
+    return f"{error} m" + (f", {place.located} of {count} AUVs" if place.located < count else "")
 
 
 def place_colour(i: int) -> str:
@@ -115,7 +115,7 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
 def draw_landscape(result: Plan, landscape: Landscape, axes: Axes, bar: Axes) -> None:
     """Draw ln of the objective as filled contours, and lines where the error is a given multiple of the best.
 
-    Objectives A and E have the unit m⁻²: the error is proportional to their power −1/2. Determinants have it once for
+    Objective A has the unit m⁻²: the error is proportional to its power −1/2. Determinants have it once for
     each axis of each error ellipse in them: the geometric mean of the error over those axes is proportional to the
     power −1/(2 · axes). The paper's Eq. 3 as printed is no determinant of information and has no lines.
     """
@@ -183,7 +183,7 @@ def draw_places(result: Plan, axes: Axes) -> float:
 
 
 def draw_legend(result: Plan, scale: float, figure: Figure, corner: tuple[float, float]) -> None:
-    """Draw the legend: places with their rms error, AUVs with their error from the optimum, lines."""
+    """Draw the legend: places with their error, AUVs with their error from the optimum, lines."""
 
     def mark(marker: str, colour: str, size: float) -> Line2D:
         edge = (TEXT, 2) if marker == "+" else (OUTLINE, 1)
@@ -195,14 +195,14 @@ def draw_legend(result: Plan, scale: float, figure: Figure, corner: tuple[float,
     def heading(text: str) -> tuple[Line2D, str]:
         return line("none", "none"), text
 
-    best, centroid = result.optimum, result.centroid
+    best, centroid, objective = result.optimum, result.centroid, result.objective
     entries = [
-        heading("Boat: rms error of a fix"),
-        (mark("*", TEXT, 15), f"optimum   {rms_of(best)}"),
-        (mark("+", TEXT, 9), f"centroid   {rms_of(centroid)}"),
+        heading("Boat: error of a fix, " + ("geometric mean" if objective == "d" else "rms")),
+        (mark("*", TEXT, 15), f"optimum   {error_of(best, objective)}"),
+        (mark("+", TEXT, 9), f"centroid   {error_of(centroid, objective)}"),
     ]
     for i, place in enumerate(result.compare):
-        text = f"{letter_of(i)} ({place.x:g}, {place.y:g})   {rms_of(place)}"
+        text = f"{letter_of(i)} ({place.x:g}, {place.y:g})   {error_of(place, objective)}"
         entries.append((mark("s", place_colour(i), 9), text))
     entries.append(heading("AUV: 1-σ from the optimum"))
     for k, (auv, error) in enumerate(zip(result.auvs, best.errors, strict=True)):
@@ -215,8 +215,8 @@ def draw_legend(result: Plan, scale: float, figure: Figure, corner: tuple[float,
         letters = [letter_of(i) for i in range(len(result.compare))]
         text = "from " + ", ".join(letters) + (", each in its colour" if len(letters) > 1 else "")
         entries.append((line(place_colour(0), "--"), text))
-    if result.objective in LINES:
-        entries.append(heading(LINES[result.objective]))
+    if objective in LINES:
+        entries.append(heading(LINES[objective]))
         entries.append((line(TEXT, "-", 0.7), "as a multiple of the best"))
     handles, texts = zip(*entries, strict=True)
     legend = figure.legend(

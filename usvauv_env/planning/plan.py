@@ -40,6 +40,7 @@ class BoatPlace:
         latitude, longitude: degrees north and east; None without a place on the Earth.
         log_objective: ln of the objective; None where there is no information.
         rms: of the errors of the AUVs that are located, m; None where there are none, or the error of one is unbounded.
+        mean: geometric mean of their standard deviations along both axes, m, which objective d makes least; as `rms`.
         located: number of AUVs that are located, see `FixError.located`.
         errors: of each AUV.
         budget: horizontal rms of the error of a good fix of each AUV, m, by cause and of all; None where unbounded.
@@ -51,6 +52,7 @@ class BoatPlace:
     longitude: float | None
     log_objective: float | None
     rms: float | None
+    mean: float | None
     located: int
     errors: list[FixError]
     budget: dict[str, list[float | None]]
@@ -180,6 +182,7 @@ def solve(
                 longitude,
                 log_objective=float(value) if math.isfinite(value) else None,
                 rms=root_mean_square(errors),
+                mean=geometric_mean(errors),
                 located=sum(error.located for error in errors),
                 errors=errors,
                 budget={
@@ -211,11 +214,22 @@ def solve(
     return plan, Landscape(x, y, log_objective(grid.reshape(-1, 2)).reshape(len(y), len(x)))
 
 
+def deviations(errors: Sequence[FixError]) -> list[float] | None:
+    """Standard deviations along both axes of the errors of the AUVs that are located, m; None as in `BoatPlace`."""
+    axes = [axis for error in errors if error.located for axis in (error.major, error.minor)]
+    return [axis for axis in axes if axis] if axes and None not in axes else None
+
+
 def root_mean_square(errors: Sequence[FixError]) -> float | None:
     """Rms of the errors of the AUVs that are located, see `BoatPlace`, m."""
-    located = [error for error in errors if error.located]
-    axes = [axis for error in located for axis in (error.major, error.minor)]
-    return math.hypot(*(axis for axis in axes if axis)) / math.sqrt(len(located)) if axes and None not in axes else None
+    axes = deviations(errors)
+    return math.sqrt(2 * np.square(axes).mean()) if axes else None
+
+
+def geometric_mean(errors: Sequence[FixError]) -> float | None:
+    """Geometric mean of the errors along both axes of the AUVs that are located, see `BoatPlace`, m."""
+    axes = deviations(errors)
+    return float(np.exp(np.log(axes).mean())) if axes else None
 
 
 def warnings_of(

@@ -56,8 +56,8 @@ class Planner(Section):
     )
     objective: Literal["d", "a", "sum", "paper"] = Field(
         "d",
-        description="information on all positions by its determinant (d) or its inverse's trace (a), determinant of the"
-        " paper's sum (sum), or what Eq. 3 prints (paper)",
+        description="information on all positions, all errors counted, by its determinant (d) or its inverse's trace"
+        " (a); by noise and attitude, determinant of the paper's sum (sum), or what Eq. 3 prints (paper)",
     )
 
 

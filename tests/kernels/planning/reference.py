@@ -16,6 +16,12 @@ CODES = {
     for measurement in ("phase", "fix")
     if (objective, measurement) != ("paper", "fix")
 }
+SYSTEMATIC = {  # standard deviations by column of the link table
+    acoustic_link.ALIGNMENT: 0.007,
+    acoustic_link.HEADING: 0.01,
+    acoustic_link.SOUND_SPEED: 0.006,
+    acoustic_link.POSITION: 0.5,
+}
 KINDS = ("uniform", "collinear", "coincident", "corners", "outside", "depths", "shallow")
 
 
@@ -23,9 +29,12 @@ def carriers(K):
     return [15000.0, 18000.0, *np.linspace(12000.0, 18000.0, K)[1:-1]][:K]
 
 
-def table(device, K, attitude_error=0.0, **link):
+def table(device, K, attitude_error=0.0, systematic=False, **link):
     sonar = acoustic_link.Sonar(accuracy=acoustic_link.Accuracy(attitude=attitude_error), **link)
-    return torch.from_numpy(acoustic_link.link_table(carriers(K), sonar)).to(device)
+    rows = torch.from_numpy(acoustic_link.link_table(carriers(K), sonar))
+    if systematic:
+        rows[:, list(SYSTEMATIC)] = torch.tensor(list(SYSTEMATIC.values())) ** 2
+    return rows.to(device)
 
 
 def random_layouts(kind, n, K, box, seed):
@@ -87,7 +96,11 @@ def log_objective(boat, auvs, link, code):
         tall = (b * rho2).sum(-1)
         pairs = (b[..., :, None] * b[..., None, :] * cross.square()).sum((-1, -2)) / 2
         return (a.sum(-1) ** 2 + a.sum(-1) * tall + pairs).log()
-    across, along = (v, v / s2**2) if code in (CODES["d phase"], CODES["a phase"]) else (v, v)
+    by_phases = code in (CODES["d phase"], CODES["a phase"])
+    alignment, heading, speed, place = (link[:, column] for column in SYSTEMATIC)
+    turned = v + alignment * z2
+    across = turned + place + heading * rho2
+    along = (turned + speed * rho2) / s2**2 + place if by_phases else turned + place + 4 * speed * rho2
     if code in (CODES["d phase"], CODES["d fix"]):
         return -(across * along).log().sum(-1)
     return -(across + along).sum(-1).log()
@@ -143,6 +156,9 @@ def unequal_links(K, seed, tables, n):
         link[:, acoustic_link.REFERENCE] = random.choice([10.0, 100.0, 300.0])
         link[:, acoustic_link.ATTITUDE] = (0.0, 0.002, 0.01, 0.02)[i % 4] ** 2
         side = float(random.choice([200.0, 500.0, 2000.0]))
+        if i % 3:
+            deviations = [0.001, random.choice([0.0, 0.004, 0.02]), 7e-4, random.choice([0.0, 0.3])]
+            link[:, list(SYSTEMATIC)] = np.square(deviations)
         place = side * random.random((n, K, 2))
         z = -np.exp(random.uniform(np.log(3), np.log(500), (n, K, 1)))
         yield side, torch.from_numpy(link), torch.from_numpy(np.concatenate([place, z], -1).astype(np.float32))

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch.func import jacrev
 
-from tests.kernels.planning.reference import CODES, KINDS, random_layouts, sigma, table
+from tests.kernels.planning.reference import CODES, KINDS, SYSTEMATIC, random_layouts, sigma, table
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.planning.information import FIX, PHASE, information_batch, tilted_batch
 from usvauv.kernels.positioning import acoustic_link, usbl
@@ -115,12 +115,6 @@ class TestLevelArray:
 OFFSETS = [[0.0, 0.0, -100.0], [70.0, -45.0, -104.0], [-130.0, 90.0, -98.0], [15.0, 20.0, -12.0]]
 SLOPES = [[0.0, 0.0], [0.1, -0.05], [-0.2, 0.25]]
 CASES = [(k, offset, slope) for k in range(2) for offset in OFFSETS for slope in SLOPES]
-SYSTEMATIC = {
-    acoustic_link.ALIGNMENT: 0.007,
-    acoustic_link.HEADING: 0.01,
-    acoustic_link.SOUND_SPEED: 0.006,
-    acoustic_link.POSITION: 0.5,
-}
 
 
 def tilted(device, measurement, systematic=False, **link):

@@ -8,7 +8,7 @@ from torch.func import grad, jacrev, vmap
 
 from tests.kernels.planning.reference import CODES, KINDS, log_objective, random_layouts, table, unequal_links
 from usvauv.kernels.planning import objectives, search
-from usvauv.kernels.planning.information import FIX, MEASUREMENTS, information_batch
+from usvauv.kernels.planning.information import FIX, MEASUREMENTS, information_batch, tilted_batch
 
 
 def random_boats(n, seed):
@@ -60,15 +60,15 @@ def derivatives(boat, points, link, code):
     return f(boat, points), vmap(grad(f))(boat, points), second
 
 
-@pytest.mark.parametrize("attitude_error", [0.0, 0.003])
+@pytest.mark.parametrize("errors", [{}, {"attitude_error": 0.003}, {"attitude_error": 0.003, "systematic": True}])
 @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
-def test_gradient_and_hessian(device, rounding, code, attitude_error):
+def test_gradient_and_hessian(device, rounding, code, errors):
     """Where AUVs are nearly in a line the determinant of the paper's sum is a small difference of large numbers."""
     n, K = 400, 4
     points = random_layouts("depths", n, K, 200.0, 5)
     boat = random_boats(n, 6)
     boat[:40] = points[:40, 0, :2]
-    link = table(device, K, attitude_error=attitude_error)
+    link = table(device, K, **errors)
     out = objectives.log_objective_batch(link, points.to(device), boat.to(device), code=code).double().cpu()
     assert out.shape == (len(boat), 6)
     value, gradient, curvature = derivatives(boat.double(), points.double(), link.double().cpu(), code)
@@ -78,19 +78,19 @@ def test_gradient_and_hessian(device, rounding, code, attitude_error):
         assert ((got - expected).abs() / (scale + 0.01 * scale.max())).max() < 1e-4 * rounding
 
 
-@pytest.mark.parametrize("measurement", ["phase", "fix"])
-def test_blocks_of_the_information_on_all_positions(device, measurement):
-    """D is the determinant of the block-diagonal matrix of each AUV alone, A the trace of its inverse."""
+@pytest.mark.parametrize("systematic", [False, True])
+@pytest.mark.parametrize("measurement", MEASUREMENTS)
+def test_blocks_of_the_covariance_of_all_positions(device, measurement, systematic):
+    """D is −ln of the product of the determinants of each fix's covariance, A −ln of the sum of their traces."""
     n, K = 40, 4
     points, boat = random_layouts("uniform", n, K, 200.0, 8).to(device), random_boats(n, 9).to(device)
-    link = table(device, K, attitude_error=0.003)
-    every = torch.zeros(n, 2 * K, 2 * K, dtype=torch.float64)
-    for k in range(K):
-        one, alone = link[k : k + 1].contiguous(), points[:, k : k + 1].contiguous()
-        J = information_batch(one, alone, boat, measurement=MEASUREMENTS.index(measurement)).double().cpu()
-        every[:, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = J[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-    trace = torch.linalg.inv(every).diagonal(dim1=1, dim2=2).sum(1)
-    for name, expected in (("d", torch.linalg.slogdet(every).logabsdet), ("a", -trace.log())):
+    link = table(device, K, attitude_error=0.003, systematic=systematic)
+    offset = torch.cat([points[..., :2] - boat[:, None], points[..., 2:]], -1).reshape(-1, 3)
+    row = torch.arange(K, dtype=torch.int32, device=device).repeat(n)
+    code = MEASUREMENTS.index(measurement)
+    C, _, _ = tilted_batch(link, row, offset, torch.zeros_like(offset[:, :2]), measurement=code)
+    xx, xy, yy = C.double().cpu().reshape(n, K, 3).unbind(-1)
+    for name, expected in (("d", -(xx * yy - xy * xy).log().sum(1)), ("a", -(xx + yy).sum(1).log())):
         code = objectives.objective_code(measurement, name)
         value = objectives.log_objective_batch(link, points, boat, code=code)[:, 0].double().cpu()
         torch.testing.assert_close(value, expected, atol=2e-4, rtol=0)
@@ -100,7 +100,7 @@ def test_blocks_of_the_information_on_all_positions(device, measurement):
 def test_order_and_mirror_change_nothing(device, code):
     n, K = 10 * len(KINDS), 4
     points = torch.cat([random_layouts(kind, 10, K, 200.0, 3) for kind in KINDS]).to(device)
-    link, boat = table(device, K, attitude_error=0.003), random_boats(n, 4).to(device)
+    link, boat = table(device, K, attitude_error=0.003, systematic=True), random_boats(n, 4).to(device)
     plain = objectives.log_objective_batch(link, points, boat, code=code)
     order = torch.tensor([2, 0, 3, 1], device=device)
     mixed = objectives.log_objective_batch(link[order].contiguous(), points[:, order].contiguous(), boat, code=code)
