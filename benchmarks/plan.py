@@ -8,9 +8,9 @@ paper's sum (`paper-*`). Differential evolution is SciPy's with its default sett
 two versions: one place a call, and a whole generation a call; ratios are to the faster. Gaps are differences of ln of
 the objective, in double precision, to the best of a dense grid, polished by a search that knows no derivatives.
 `unequal` has the gaps where levels, carriers and depths differ from AUV to AUV (source levels by 60 dB, depths from 3 m
-to 500 m, areas of 200 m to 2 km, with and without errors beside noise), and the error in ln of the value reported, at the
-planned and at random places. `tilt` is what ln of the objective loses, on a sea of slope 0.1, because the boat plans
-with a level array."""
+to 500 m, areas of 200 m to 2 km, with and without errors beside noise), and the error in ln of the value reported, at
+the planned and at random places. `tilt` is what ln of the objective loses, on a sea of slope 0.1, because the boat
+plans with a level array."""
 
 from __future__ import annotations
 

@@ -126,8 +126,8 @@ def plan(
 
     **JSON:** *scenario*, *objective*, *measurement*, *slope* (x, y); *area*: *width*, *length*,
     *depth* (m); *auvs*: *x*, *y*, *depth* (m), *latitude*, *longitude* (degrees), *carrier* (Hz); *optimum*, *centroid*
-    and the list *compare*: *x*, *y* (m), *latitude*, *longitude*, *log_objective*, *rms*, *mean* (m, of the AUVs located),
-    *located* (how many), *budget* (rms errors of the AUVs' fixes by cause, m) and one of *errors* per AUV:
+    and the list *compare*: *x*, *y* (m), *latitude*, *longitude*, *log_objective*, *rms*, *mean* (m, of the AUVs
+    located), *located* (how many), *budget* (rms errors of the AUVs' fixes by cause, m) and one of *errors* per AUV:
     *range* (slant, m), *major*, *minor* (1-σ, m), *angle* of the
     major axis (rad, anticlockwise from east), *good* (probability, the product of *detected* and *good_if_detected*),
     *wrapped* (probability, of fixes detected), *direct_ray* (false: the sound speed profile bends it away),
@@ -135,9 +135,9 @@ def plan(
     `--log` *log*, for each AUV *name*, *fixes*, *used*, *x*, *y*, *depth*, *noise* and *accuracy* (m), and *left_out*,
     the number of fixes, positions and lines not used by reason. *log_objective*,
     lengths in m, J the information on all positions: d ln det J; a −ln tr J⁻¹; sum ln det
-    of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms*, *mean* where an
-    axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms*, *mean* where no AUV is located;
-    *log_objective* where there is no information; *latitude*, *longitude* without a place on Earth.
+    of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*,
+    *rms*, *mean* where an axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms*, *mean*
+    where no AUV is located; *log_objective* where there is no information; *latitude*, *longitude* without a place on Earth.
     """
     import json
     from dataclasses import asdict, replace
