@@ -137,7 +137,8 @@ def plan(
     lengths in m, J the information on all positions: d ln det J; a −ln tr J⁻¹; sum ln det
     of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*,
     *rms*, *mean* where an axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms*, *mean*
-    where no AUV is located; *log_objective* where there is no information; *latitude*, *longitude* without a place on Earth.
+    where no AUV is located; *log_objective* where there is no information; *latitude*, *longitude* without a place on
+    Earth.
     """
     import json
     from dataclasses import asdict, replace
@@ -312,8 +313,12 @@ def print_table(result: Plan) -> None:
     best = result.optimum
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]
     boats = [
-        (name, *(number(value, 2) for value in (place.x, place.y, place.log_objective)), metres(place.mean),
-         metres(place.rms))
+        (
+            name,
+            *(number(value, 2) for value in (place.x, place.y, place.log_objective)),
+            metres(place.mean),
+            metres(place.rms),
+        )
         for name, place in places
     ]
     fixes = [
