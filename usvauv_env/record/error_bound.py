@@ -1,9 +1,8 @@
 """What no path of the boat can beat: the error of fixes made from the best place at every moment.
 
-A fix's error is taken as normal with the covariance of the whole fix (phases and delay) by a level array at the place
-that is D-optimal for the true positions: J⁻¹, and what the errors add that fixes have in common. Where there are none
-it is the bound of a single fix: a tracker, which remembers, can be better, and a moving AUV whose sound takes time is
-worse.
+A fix's error is taken as normal with the covariance J⁻¹ of the whole fix (phases and delay, all errors) by a level
+array at the place that is D-optimal for the true positions. Where fixes have no errors in common it is the bound of a
+single fix: a tracker, which remembers, can be better, and a moving AUV whose sound takes time is worse.
 """
 
 from __future__ import annotations
@@ -16,9 +15,7 @@ from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels import runtime
 from usvauv.kernels.planning import objectives, search
-from usvauv.kernels.positioning import acoustic_link, usbl
-
-COMMON = ("ALIGNMENT", "POSITION", "HEADING", "SOUND_SPEED")  # columns of the link table, see `acoustic_link`
+from usvauv.kernels.planning.information import FIX, tilted_batch
 
 
 def variance(trace: Trace) -> np.ndarray:
@@ -35,14 +32,8 @@ def variance(trace: Trace) -> np.ndarray:
     best = search.plan_batch(link, points, code=code, width=width, length=length)[:, None, :2]
     away = torch.cat([points[..., :2] - best, -points[..., 2:]], -1).reshape(-1, 3).contiguous()
     index = torch.arange(auvs, dtype=torch.int32, device=link.device).repeat(steps * worlds)
-    level, none = away.new_zeros(len(away), 2), away.new_zeros(len(away), 5)
-    covariance = usbl.fixes(link, index, away, level, none)[1].double().cpu().numpy()
-    k = index.cpu().numpy()
-    constants = {name: link[:, getattr(acoustic_link, name)].double().cpu().numpy()[k] for name in COMMON}
-    across, down = away[:, :2].square().sum(1).cpu().numpy(), away[:, 2].square().cpu().numpy()
-    common = constants["ALIGNMENT"] * down + constants["POSITION"]
-    common += (0.5 * constants["HEADING"] + 2.0 * constants["SOUND_SPEED"]) * across
-    return ((covariance[:, 0] + covariance[:, 2]) / 2 + common).reshape(steps, worlds, auvs)
+    covariance, _, _ = tilted_batch(link, index, away, torch.zeros_like(away[:, :2]), measurement=FIX)
+    return covariance[:, [0, 2]].double().mean(1).cpu().numpy().reshape(steps, worlds, auvs)
 
 
 def median_of_normals(variance: np.ndarray) -> float:
