@@ -31,7 +31,7 @@ class Function:
 
     Attributes:
         where: file and name.
-        kind: "ti.kernel", "ti.func" or "Python".
+        kind: "kernel", "func" or "Python".
         arguments: how many it takes, `self` and `cls` not counted.
         public: whether neither it nor what it stands in is private or inside a function.
         typed: whether each argument and the result has an annotation; `__init__` needs none for the result.
@@ -51,7 +51,7 @@ def functions(tree: ast.AST, where: str, public: bool = True, method: bool = Fal
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
-            kind = next((name for name in ("ti.kernel", "ti.func") if name in decorators), "Python")
+            kind = next((name for name in ("kernel", "func") if name in decorators), "Python")
             taken = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
             taken = taken[1:] if method and "staticmethod" not in decorators else taken
             extra = [argument for argument in (node.args.vararg, node.args.kwarg) if argument]
@@ -150,7 +150,7 @@ def show(root: Path) -> None:
     print("files per folder")
     for folder, count in sorted(files.items()):
         print(f"  {count:4}  {folder}")
-    for kind in ("ti.kernel", "ti.func", "Python"):
+    for kind in ("kernel", "func", "Python"):
         print(f"longest argument lists: {kind}")
         for function in sorted((f for f in found if f.kind == kind), key=lambda f: -f.arguments)[:SHOWN]:
             print(f"  {function.arguments:4}  {function.where}")

@@ -20,6 +20,7 @@ import torch
 from taichi.lang import impl
 
 from usvauv.kernels import runtime
+from usvauv.kernels.functions import kernel
 from usvauv.kernels.types import array1, index1
 
 SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
@@ -94,29 +95,38 @@ class DeviceArrays:
 class Launch:
     """A kernel with fixed arguments; calling it runs it.
 
+    Where other code has started Taichi anew since, by `ti.init` or `ti.reset`, the kernel is compiled again.
+
     Args:
-        kernel: a `ti.kernel` without return value.
+        kernel: one without return value.
         arguments: all its arguments by position. Tensors must be contiguous, stay on the kernel's device and keep their
             memory: they are held, and read and written at each call. A `DeviceArray` is not copied.
+        settings: of Taichi's compiler, see `usvauv.kernels.runtime.settings`.
 
     Raises:
         ValueError: a tensor is not contiguous.
     """
 
-    def __init__(self, kernel: Callable, *arguments: Any) -> None:
-        primal: Any = kernel._primal
-        key = primal.ensure_compiled(*(a.tensor if isinstance(a, DeviceArray) else a for a in arguments))
-        compiled = primal.compiled_kernels[key]
-        self._held = arguments
-        self._context = compiled.make_launch_context()
+    def __init__(self, kernel: Callable, *arguments: Any, settings: runtime.Settings = runtime.NONE) -> None:
+        self._primal: Any = kernel._primal
+        self._held, self._settings = arguments, settings
         self._on_device: dict[DeviceArrays, None] = {a.owner: None for a in arguments if isinstance(a, DeviceArray)}
+        self._launched_in: runtime.Runtime | None = None
+        with runtime.settings(settings):
+            self._compile()
+
+    def _compile(self) -> None:
+        self._compiled_in = runtime.start()
+        tensors = (a.tensor if isinstance(a, DeviceArray) else a for a in self._held)
+        made = self._primal.compiled_kernels[self._primal.ensure_compiled(*tensors)]
+        self._context = made.make_launch_context()
         self._position: dict[int, int] = {}  # among the arguments that are not templates
-        for index, (parameter, value) in enumerate(zip(primal.arguments, arguments, strict=True)):
+        for index, (parameter, value) in enumerate(zip(self._primal.arguments, self._held, strict=True)):
             if not isinstance(parameter.annotation, ti.template):
                 self._position[index] = len(self._position)
                 self._set(index, parameter.annotation, value)
         program: Any = impl.get_runtime().prog
-        self._compiled = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
+        self._compiled = program.compile_kernel(program.config(), program.get_device_caps(), made)
         self._launch = program.launch_kernel
 
     def _set(self, index: int, annotation: Any, value: Any) -> None:
@@ -146,12 +156,23 @@ class Launch:
     def __call__(self) -> None:
         for arrays in self._on_device:
             arrays.send()
-        self._launch(self._compiled, self._context)
+        if self._launched_in is runtime.start():
+            self._launch(self._compiled, self._context)
+        else:
+            self._launch_first()
         for arrays in self._on_device:
             arrays.mark_written()
 
+    def _launch_first(self) -> None:
+        """Also finish to compile, which Taichi does at the first launch."""
+        with runtime.settings(self._settings):
+            if self._compiled_in is not runtime.start():
+                self._compile()
+            self._launch(self._compiled, self._context)
+        self._launched_in = self._compiled_in
 
-@ti.kernel
+
+@kernel
 def mark_outside(numbers: array1, limit: ti.f32, flag: index1):
     """Set the flag if one of the numbers is not finite or beyond ±`limit`."""
     for n in range(numbers.shape[0]):

@@ -7,13 +7,14 @@ episode, step, draw). So an episode is the same for any number of worlds and thr
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.types import vec2, vec4
 
 uint2 = ti.types.vector(2, ti.u32)
 uint4 = ti.types.vector(4, ti.u32)
 
 
-@ti.func
+@func
 def philox(counter: uint4, key: uint2) -> uint4:
     """Ten rounds of Philox4x32: four independent 32-bit words for one 128-bit counter and one 64-bit key."""
     c = counter
@@ -35,20 +36,20 @@ def philox(counter: uint4, key: uint2) -> uint4:
     return c
 
 
-@ti.func
+@func
 def unit(word: ti.u32) -> ti.f32:
     """A 32-bit word as a number in the open interval (0, 1), on a lattice of 2⁻²³ offset by half a step."""
     return (ti.cast(ti.bit_shr(word, 9), ti.f32) + 0.5) * (1.0 / 8388608.0)
 
 
-@ti.func
+@func
 def uniforms(address: uint4, key: uint2) -> vec4:
     """Four independent numbers uniform in (0, 1)."""
     w = philox(address, key)
     return vec4(unit(w[0]), unit(w[1]), unit(w[2]), unit(w[3]))
 
 
-@ti.func
+@func
 def gaussian_pair(u: ti.f32, v: ti.f32) -> vec2:
     """Box–Muller: two independent standard normal numbers from two uniform ones."""
     radius = ti.sqrt(-2.0 * ti.log(u))
@@ -56,7 +57,7 @@ def gaussian_pair(u: ti.f32, v: ti.f32) -> vec2:
     return vec2(radius * ti.cos(angle), radius * ti.sin(angle))
 
 
-@ti.func
+@func
 def normals(address: uint4, key: uint2) -> vec4:
     """Four independent standard normal numbers."""
     u = uniforms(address, key)

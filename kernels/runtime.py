@@ -1,29 +1,29 @@
 """Start of Taichi, the device that kernels run on, and how kernels are compiled.
 
-Taichi is started at first use, never at import. A second start would invalidate every compiled kernel, so a second call
-with another architecture is an error.
+Taichi is started at first use, never at import, and runs once in a process: `ti.init` ends the program that runs, its
+fields and its compiled kernels. Where other code has called it, before or after, kernels of these packages go on in the
+program that is there, compiled under their own settings (`settings`). A process that is forked has none of the threads
+of the program that it inherits, and starts another one.
 """
 
 from __future__ import annotations
 
 import contextlib
+import copy
 import ctypes
-import functools
 import io
 import os
-import textwrap
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import taichi as ti
 import torch
-from taichi.lang import impl, kernel_impl
-from taichi.lang.ast import ast_transformer_utils
+from taichi._lib import core
+from taichi.lang import impl
 
 from usvauv.kernels.errors import UserError
 
@@ -35,6 +35,22 @@ FEW_TASKS = 256  # most tasks of about a microsecond for which waking another th
 ITERATIONS = 16  # of a loop that a thread takes at a time
 LEFT_BEHIND = 60.0  # seconds; Taichi holds the lock of its cache for a few
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
+Settings = Mapping[str, object]
+NONE: Settings = {}
+QUICKLY: Settings = {"cfg_optimization": False}  # compiled in half to two thirds of the time, a tenth to a fifth slower
+# Beginnings of names of settings that are of a whole program, of its device and of what is printed.
+OF_A_PROGRAM = (
+    "_",
+    "arch",
+    "device_",
+    "kernel_profiler",
+    "max_block_dim",
+    "num_compile",
+    "offline_",
+    "print_",
+    "random",
+)
+OF_A_PROGRAM += ("saturating", "timeline", "use_llvm", "verbose", "vk_")
 
 
 class RuntimeUnavailable(UserError, RuntimeError):
@@ -77,6 +93,9 @@ class Runtime:
 
 
 _running: Runtime | None = None
+_taichi: Any = None  # Taichi's state that `start` has looked at; another `ti.init` or `ti.reset` makes another one
+_inherited: Any = None  # Taichi's state in the process that this one was forked from
+_changes: list[tuple[Any, str, Any, Any]] = []  # owner, name, value here and value elsewhere of settings of a program
 
 
 def available_cores() -> int:
@@ -107,23 +126,58 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
     Raises:
         RuntimeUnavailable: unknown or unusable architecture, or a different one is running already.
     """
-    global _running
+    global _running, _taichi
+    if _taichi is impl.pytaichi and _running is not None and arch in ("auto", _running.arch):
+        return _running
     if arch not in ARCHITECTURES:
         raise RuntimeUnavailable(f"arch: {arch!r} is not one of {', '.join(ARCHITECTURES)}")
     if _running is not None:
         if arch not in ("auto", _running.arch):
             raise RuntimeUnavailable(f"arch: {_running.arch!r} is running already, so {arch!r} cannot be started")
-        return _running
+        arch, threads = _running.arch, _running.threads
+    others = None if impl.pytaichi.prog is None or impl.pytaichi is _inherited else impl.current_cfg()
     if arch == "auto":
-        arch = "cuda" if torch.cuda.is_available() else "cpu"
+        arch = _name(others.arch) if others else "cuda" if torch.cuda.is_available() else "cpu"
     if arch == "cuda" and not torch.cuda.is_available():
         raise RuntimeUnavailable("arch: 'cuda' was asked for, but torch sees no CUDA device here")
+    if others is None:
+        _start_program(arch, threads or available_cores())
+    elif _name(others.arch) != arch:
+        raise RuntimeUnavailable(
+            f"arch: other code in this process has started Taichi on {_name(others.arch)!r}, so {arch!r} cannot be "
+            f"used: let its `ti.init` ask for {arch!r} too"
+        )
+    config = impl.current_cfg()
+    threads = min(threads or available_cores(), config.cpu_max_num_threads)
+    _find_changes(config, threads)
+    torch.set_num_threads(1)
+    _running = Runtime(arch, torch.device("cuda" if arch == "cuda" else "cpu"), threads)
+    _taichi = impl.pytaichi
+    return _running
+
+
+def _name(arch: Any) -> str:
+    """Of an architecture, as in `ARCHITECTURES` where it is one of them."""
+    return "cpu" if arch in (ti.x64, ti.arm64) else core.arch_name(arch)
+
+
+def _start_program(arch: str, threads: int) -> None:
+    """Have Taichi start on an architecture.
+
+    Raises:
+        RuntimeUnavailable: it cannot be used.
+    """
     if arch == "vulkan" and not os.environ.get(SOFTWARE_VULKAN):
         with _silent_stderr():
             devices = _vulkan_devices()
         if devices and all(kind == VULKAN_CPU for _, kind in devices):
             raise RuntimeUnavailable(f"arch: 'vulkan': {devices[0][0]} computes in software: use cpu")
-    threads = threads or available_cores()
+    if impl.pytaichi is _inherited and (arch != "cpu" or has_fields()):
+        what = "fields" if arch == "cpu" else f"what Taichi has on {arch}"
+        raise RuntimeUnavailable(
+            f"arch: this process was forked after Taichi had started, and {what} cannot be used in a fork: "
+            "start processes by 'spawn' or 'forkserver'"
+        )
     free_cache()
     try:
         # Taichi announces itself, and its Vulkan device complains if there is none.
@@ -133,23 +187,63 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
                 cpu_max_num_threads=threads,
                 offline_cache=True,
                 offline_cache_max_size_of_files=CACHED,
-                fast_math=False,
-                debug=bool(os.environ.get(DEBUG)),
-                # By default a thread gets at least 512 iterations, so that a shorter loop runs on one thread.
-                make_cpu_multithreading_loop=False,
-                cpu_block_dim_adaptive=False,
-                default_cpu_block_dim=ITERATIONS,
                 log_level=ti.ERROR,
+                **_settings(),
             )
     except Exception as error:
         raise RuntimeUnavailable(f"arch: {arch!r} could not be started: {error}") from error
-    if arch != "cpu" and impl.current_cfg().arch != getattr(ti, arch):  # Taichi takes the CPU instead
+    if _name(impl.current_cfg().arch) != arch:  # Taichi takes the CPU instead
         raise RuntimeUnavailable(f"arch: {arch!r} was asked for, but Taichi finds no such device here")
-    _speed_up_reading_of_kernels()
-    torch.set_num_threads(1)
-    device = torch.device("cuda" if arch == "cuda" else "cpu")
-    _running = Runtime(arch, device, threads)
-    return _running
+
+
+def has_fields() -> bool:
+    """Whether fields have been made in the program that runs; Taichi itself makes an empty tree of them."""
+    program = impl.pytaichi.prog
+    if program is None:
+        return False
+    trees = (program.get_snode_root(tree) for tree in range(program.get_snode_tree_size()))
+    return not impl.root.empty or any(tree.get_num_ch() for tree in trees)
+
+
+def _settings() -> dict[str, Any]:
+    """Settings of Taichi's compiler that differ from its defaults."""
+    return {
+        "fast_math": False,
+        "debug": bool(os.environ.get(DEBUG)),
+        # By default a thread gets at least 512 iterations, so that a shorter loop runs on one thread.
+        "make_cpu_multithreading_loop": False,
+        "cpu_block_dim_adaptive": False,
+        "default_cpu_block_dim": ITERATIONS,
+    }
+
+
+def _find_changes(config: Any, threads: int) -> None:
+    """What `settings` has to change in a program: settings of its compiler that are not those of this package."""
+    global _changes
+    default: Any = core.CompileConfig()
+    wanted = {name: getattr(default, name) for name in dir(default) if not name.startswith(OF_A_PROGRAM)}
+    wanted |= _settings() | {"cpu_max_num_threads": threads, "check_out_of_bound": bool(os.environ.get(DEBUG))}
+    python = {"default_fp": ti.f32, "default_ip": ti.i32, "default_up": ti.u32}
+    python |= {"short_circuit_operators": True, "unrolling_limit": 32}
+    both = ((config, wanted), (impl.pytaichi, python))
+    _changes = [
+        (owner, name, ours, copy.deepcopy(getattr(owner, name)))
+        for owner, values in both
+        for name, ours in values.items()
+        if getattr(owner, name) != ours
+    ]
+
+
+def _note_fork() -> None:
+    """In a forked process: what Taichi has lacks its threads, and ending it would wait for them for ever."""
+    global _inherited, _taichi
+    if impl.pytaichi.prog is not None:
+        _inherited, _taichi = impl.pytaichi, None
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(_inherited.prog))
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_note_fork)
 
 
 def _vulkan_devices() -> list[tuple[str, int]]:
@@ -179,7 +273,8 @@ def stop() -> None:
     global _running
     if _running is not None:
         _running = None
-        ti.reset()
+        if _taichi is impl.pytaichi:
+            ti.reset()
 
 
 def free_cache() -> None:
@@ -208,58 +303,32 @@ def _silent_stderr() -> Iterator[None]:
         os.close(nowhere)
 
 
-def _speed_up_reading_of_kernels() -> None:
-    """Halve the time in which Taichi reads the source of a kernel, as each process does, also of one compiled before.
-
-    For its error messages Taichi composes an extract of the source for each expression, and at each call of a function
-    it reads and wraps its source again. Here messages about kernels of this package have file and line only, and a
-    source is read once.
-    """
-    transformer: Any = ast_transformer_utils.ASTTransformerContext
-    whole, ours = transformer.get_pos_info, str(Path(__file__).parent)
-
-    def position(context, node) -> str:
-        if not context.file.startswith(ours):
-            return whole(context, node)
-        line = node.lineno + context.lineno_offset
-        return f'File "{context.file}", line {line}, in {context.func.func.__name__}:\n'
-
-    transformer.get_pos_info = position
-    for name in ("getsourcelines", "getsourcefile"):
-        setattr(kernel_impl, name, functools.cache(getattr(kernel_impl, name)))
-    lines: Any = SimpleNamespace(fill=functools.cache(textwrap.fill), dedent=functools.cache(textwrap.dedent))
-    kernel_impl.textwrap = lines
-
-
 @contextlib.contextmanager
-def vectors_in_registers() -> Iterator[None]:
-    """Compile kernels within this context so that whole vectors stay in registers; by default Taichi splits them.
+def settings(special: Settings = NONE) -> Iterator[None]:
+    """Compile and launch kernels as `start` has Taichi do it, also in a program that other code has started.
+
+    Args:
+        special: over Taichi's configuration as it is here by default.
+    """
+    start()
+    config = impl.current_cfg()
+    changes = [*_changes, *((config, name, value, getattr(config, name)) for name, value in special.items())]
+    try:
+        for owner, name, ours, _ in changes:
+            setattr(owner, name, ours)
+        yield
+    finally:
+        for owner, name, _, theirs in changes:
+            setattr(owner, name, theirs)
+
+
+def vectors_in_registers() -> Settings:
+    """Whole vectors stay in registers; by default Taichi splits them.
 
     Twice as fast on a CPU. Not the default, because Taichi then lacks several vector functions that other kernels use,
     and expects that arrays are aligned to vectors, which holds for torch, but not always for NumPy.
     """
-    config = impl.current_cfg()
-    default = config.real_matrix_scalarize
-    config.real_matrix_scalarize = default and config.arch not in (ti.x64, ti.arm64)
-    try:
-        yield
-    finally:
-        config.real_matrix_scalarize = default
-
-
-@contextlib.contextmanager
-def compiled_quickly() -> Iterator[None]:
-    """Compile kernels within this context without the pass that takes most of the time of compiling a long one.
-
-    Compiling takes a third to a half of the time; the kernel is a tenth to a fifth slower.
-    """
-    config = impl.current_cfg()
-    default = config.cfg_optimization
-    config.cfg_optimization = False
-    try:
-        yield
-    finally:
-        config.cfg_optimization = default
+    return {"real_matrix_scalarize": False} if start().on_cpu else NONE
 
 
 def better_alone(tasks: int) -> bool:

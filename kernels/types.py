@@ -1,25 +1,8 @@
 """Types of Taichi arguments, and numbered columns of arrays."""
 
-import sys
 from typing import Annotated, Any, ClassVar, get_origin
 
 import taichi as ti
-from taichi.lang import kernel_impl
-
-_inside_class = kernel_impl._inside_class
-
-
-def _inside_others_class(level_of_class_stackframe: int) -> bool:
-    """Whether a function that Taichi decorates is in the body of a class; those of this package never are.
-
-    Taichi's own way reads the caller's source, which takes as long for the 600 functions of the kernels as all other
-    imports of `usvauv.env` but torch's and Taichi's.
-    """
-    ours = sys._getframe(level_of_class_stackframe - 1).f_globals.get("__name__", "").startswith("usvauv.")
-    return not ours and _inside_class(level_of_class_stackframe + 1)
-
-
-kernel_impl._inside_class = _inside_others_class
 
 vec2 = ti.types.vector(2, ti.f32)
 ivec2 = ti.types.vector(2, ti.i32)

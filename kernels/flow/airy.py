@@ -28,6 +28,8 @@ import numpy as np
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func, kernel
+
 LANES = 8
 TURNS_X, TURNS_Y, PHASE, AMPLITUDE, LEVEL = range(5)
 TWO_PI = 2.0 * math.pi
@@ -37,21 +39,21 @@ lanes = ti.types.vector(LANES, ti.f32)
 waves = ti.types.ndarray(dtype=lanes, ndim=3)
 
 
-@ti.func
+@func
 def half_sine(t: lanes) -> lanes:
     """sin πt for |t| ≤ ½, within 6e-9 before rounding."""
     q = t * t
     return t * (3.14159264 + q * (-5.16770968 + q * (2.55006958 + q * (-0.59824123 + q * 0.07755864))))
 
 
-@ti.func
+@func
 def half_cosine(t: lanes) -> lanes:
     """cos πt for |t| ≤ ½, within 5e-8 before rounding."""
     q = t * t
     return 0.99999995 + q * (-4.93479283 + q * (4.05841135 + q * (-1.33187657 + q * 0.21968961)))
 
 
-@ti.func
+@func
 def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y: ti.f32) -> vec6:
     """Surface and water velocity (η, η_x, η_y, u, v, w) of a sea at (x, y), in m, 1 and m/s.
 
@@ -84,7 +86,7 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
     return vec6(eta.sum(), TWO_PI * eta_x.sum(), TWO_PI * eta_y.sum(), u.sum(), v.sum(), w.sum())
 
 
-@ti.kernel
+@kernel
 def _sample(
     wave: waves,
     level: ti.template(),

@@ -12,6 +12,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.flow import vortex
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.shallow_water.discretisation import LANES
 from usvauv.kernels.types import Level, array1, array3, array4, index1, mask1, vec2, vec3
 
@@ -50,7 +51,7 @@ class Water(NamedTuple):
     wave: Any = None
 
 
-@ti.func
+@func
 def grid_interpolate(
     field: ti.template(), level: ti.i32, component: ti.template(), column: ti.f32, row: ti.f32
 ) -> ti.f32:
@@ -64,7 +65,7 @@ def grid_interpolate(
     return south + (row - i) * (north - south)
 
 
-@ti.func
+@func
 def grid_sample(
     field: ti.template(),
     level: ti.i32,
@@ -80,7 +81,7 @@ def grid_sample(
     return grid_interpolate(field, level, component, column, row)
 
 
-@ti.func
+@func
 def long_wave_surface(
     eta: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32, dx: ti.f32, dy: ti.f32, nx: ti.i32, ny: ti.i32
 ) -> vec3:
@@ -121,7 +122,7 @@ def long_wave_surface(
     )
 
 
-@ti.func
+@func
 def cell(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, nx: ti.i32) -> ti.f32:
     """Elevation of the cell in row i and column j."""
     W = eta.shape[2]
@@ -135,21 +136,21 @@ def cell(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, nx: ti.i32) -> t
     return eta[block, i, column, lane]
 
 
-@ti.func
+@func
 def mix_rows(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, w: ti.f32, nx: ti.i32) -> ti.f32:
     """Between rows i and i + 1 of column j."""
     south = cell(eta, sea, i, j, nx)
     return south + w * (cell(eta, sea, i + 1, j, nx) - south)
 
 
-@ti.func
+@func
 def mix_columns(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, w: ti.f32, nx: ti.i32) -> ti.f32:
     """Between columns j and j + 1 of row i."""
     west = cell(eta, sea, i, j, nx)
     return west + w * (cell(eta, sea, i, j + 1, nx) - west)
 
 
-@ti.func
+@func
 def long_wave_velocity(water: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) at (x, y), m: the transports of a sea, bilinear between their faces, over the depth.
 
@@ -174,7 +175,7 @@ def long_wave_velocity(water: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32) 
     return vec2(water.unit_x * transport_x, water.unit_y * transport_y) / depth
 
 
-@ti.func
+@func
 def without_waves(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) of vortices and real currents at (x, y) in world w."""
     V = vortex.current(water.vortex, w, x, y)
@@ -184,14 +185,14 @@ def without_waves(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: 
     return V
 
 
-@ti.func
+@func
 def velocity(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) at (x, y) in world w."""
     waves = long_wave_velocity(water, water.sea_index[w], x, y)
     return without_waves(water, level, w, x, y) + waves
 
 
-@ti.kernel
+@kernel
 def on_grid(
     size: array1,
     vortices: array3,
@@ -224,7 +225,7 @@ def on_grid(
             flow[w, i, j, 1] = here[1]
 
 
-@ti.kernel
+@kernel
 def _trace_paths(
     vortices: array3, stream: array4, level: ti.i32, width: ti.f32, length: ti.f32, step: ti.f32, path: array3
 ):

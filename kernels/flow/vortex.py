@@ -17,6 +17,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.launch import Launch
 from usvauv.kernels.types import Columns, array3, vec2
 
@@ -45,7 +46,7 @@ class Work(Columns):
     mean_v: int
 
 
-@ti.func
+@func
 def core_factor(s: ti.f32) -> ti.f32:
     """(1 − e^{−s})/s for s ≥ 0, which is 1 at s = 0: a series where the difference would cancel in single precision."""
     value = 0.0
@@ -58,13 +59,13 @@ def core_factor(s: ti.f32) -> ti.f32:
     return value
 
 
-@ti.func
+@func
 def core_squared(vortex: ti.template(), w: ti.i32, v: ti.i32) -> ti.f32:
     """δ² of vortex v, m²."""
     return vortex[w, v, Vortex.delta] * vortex[w, v, Vortex.delta]
 
 
-@ti.func
+@func
 def current(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) at (x, y) in world w; `vortex` has shape (W, V, 4)."""
     V = vec2(0.0, 0.0)
@@ -78,7 +79,7 @@ def current(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     return V
 
 
-@ti.func
+@func
 def mutual_velocities(vortex: ti.template(), work: ti.template(), w: ti.i32):
     """Velocities (m/s) of all centres of a world by the other vortices, into `work`.
 
@@ -102,7 +103,7 @@ def mutual_velocities(vortex: ti.template(), work: ti.template(), w: ti.i32):
         work[w, v, Work.v] = V[1]
 
 
-@ti.kernel
+@kernel
 def _evolve(
     serial: ti.template(),
     vortex: array3,
@@ -137,7 +138,7 @@ def _evolve(
             vortex[w, v, Vortex.delta] = ti.sqrt(work[w, v, Work.delta2] + 4.0 * viscosity * dt)
 
 
-@ti.kernel
+@kernel
 def _sample_current(
     vortex: array3,
     points: array3,

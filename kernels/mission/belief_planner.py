@@ -26,6 +26,7 @@ Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission import motion, reception
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
 from usvauv.kernels.planning.information import each_auv
@@ -71,7 +72,7 @@ class Way:
     speed: ti.f32
 
 
-@ti.func
+@func
 def drift_over(worlds: ti.template(), time) -> Drift:
     """The drift of AUVs over a time, s."""
     p = ti.static(worlds.p)
@@ -86,7 +87,7 @@ def drift_over(worlds: ti.template(), time) -> Drift:
     )
 
 
-@ti.func
+@func
 def drifted(s: vec3, d: Drift) -> vec3:
     """(a, b, c) after a drift."""
     return vec3(
@@ -96,14 +97,14 @@ def drifted(s: vec3, d: Drift) -> vec3:
     )
 
 
-@ti.func
+@func
 def fixed(s: vec3, r) -> vec3:
     """(a, b, c) after a fix of the variance r, m²."""
     gain = 1.0 / (s[0] + r)
     return vec3(s[0] * r * gain, s[1] * r * gain, s[2] - gain * s[1] * s[1])
 
 
-@ti.func
+@func
 def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
     """(a, b, c) of AUV k's own filter at present, as the boat reckons it."""
     track = ti.static(worlds.track)
@@ -114,7 +115,7 @@ def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
     return drifted(s, drift_over(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed]))
 
 
-@ti.func
+@func
 def straying(worlds: ti.template(), elapsed) -> ti.f32:
     """Variance per axis (m²) of where an AUV takes itself to be about where it is foreseen.
 
@@ -127,13 +128,13 @@ def straying(worlds: ti.template(), elapsed) -> ti.f32:
     return speed * speed * tau * tau * tracker.spreading(elapsed / tau)
 
 
-@ti.func
+@func
 def works_within(worlds: ti.template()) -> ti.f32:
     """How far (m) off an AUV may take itself to be and still find its node."""
     return ti.max(worlds.p[Parameter.hover_radius], worlds.p[Parameter.homing_range])
 
 
-@ti.func
+@func
 def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
     """An AUV's way after some time (s); one that is lost goes no farther than to the node it heads for."""
     p = ti.static(worlds.p)
@@ -163,7 +164,7 @@ def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
     return way
 
 
-@ti.func
+@func
 def remembered(worlds: ti.template(), w, k) -> Way:
     """The way of AUV k that the boat foresees at present."""
     foresight = ti.static(worlds.foresight)
@@ -175,7 +176,7 @@ def remembered(worlds: ti.template(), w, k) -> Way:
     )
 
 
-@ti.func
+@func
 def foresee(worlds: ti.template(), w, k):
     """Move the foreseen way of AUV k to the present: on from where it was, or from a new reply."""
     foresight = ti.static(worlds.foresight)
@@ -207,7 +208,7 @@ def foresee(worlds: ti.template(), w, k):
     foresight[w, k, ForesightColumn.elapsed] = elapsed
 
 
-@ti.func
+@func
 def begin(worlds: ti.template(), w, k):
     """AUV k is where it is deployed, on its way to a node that is not chosen yet."""
     foresight = ti.static(worlds.foresight)
@@ -219,7 +220,7 @@ def begin(worlds: ti.template(), w, k):
     foresight[w, k, ForesightColumn.elapsed] = 0.0
 
 
-@ti.func
+@func
 def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) -> ti.f32:
     """Mean squared variance of the own positions of the AUVs that a boat serves, per axis (m⁴), over the horizon.
 
@@ -300,13 +301,13 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
     return total / (STEPS * motion.num_served(worlds, w, boat))
 
 
-@ti.func
+@func
 def foreseen_place(worlds: ti.template(), w, k) -> vec2:
     """Where AUV k is foreseen at present, m."""
     return vec2(worlds.foresight[w, k, ForesightColumn.x], worlds.foresight[w, k, ForesightColumn.y])
 
 
-@ti.func
+@func
 def least_certain(worlds: ti.template(), w, b) -> ti.i32:
     """The AUV of boat b that is least certain of its own position, or NO_AUV."""
     least = NO_AUV
@@ -319,7 +320,7 @@ def least_certain(worlds: ti.template(), w, b) -> ti.i32:
     return least
 
 
-@ti.func
+@func
 def plan(worlds: ti.template(), w, b) -> vec2:
     """The goal of boat b with the least expected loss, or the least certain AUV where that is hardly more, m."""
     count = worlds.estimate.shape[1]
@@ -355,7 +356,7 @@ def plan(worlds: ti.template(), w, b) -> vec2:
     return best
 
 
-@ti.func
+@func
 def aim(worlds: ti.template(), w, b) -> vec2:
     """Where boat b goes by its last plan: where the AUV that it visits is foreseen, or the place planned, m."""
     visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
@@ -365,13 +366,13 @@ def aim(worlds: ti.template(), w, b) -> vec2:
     return goal
 
 
-@ti.func
+@func
 def just_heard(worlds: ti.template(), w, k):
     """Whether AUV k was heard in the last step."""
     return worlds.exchange[w, k, ExchangeColumn.elapsed] < 2.0 * worlds.p[Parameter.step]
 
 
-@ti.func
+@func
 def is_due(worlds: ti.template(), w, b, patience):
     """Whether it is time to plan: boat b has heard the AUV that it visits, serves it no longer, or has arrived.
 
@@ -388,7 +389,7 @@ def is_due(worlds: ti.template(), w, b, patience):
     return worlds.clock[w, 1] == 1 or (due and over >= INTERVAL)
 
 
-@ti.func
+@func
 def go(worlds: ti.template(), w, b) -> vec2:
     """Boat b's goal: that of the last plan, until a new one is due; without an AUV it stays where it is, m."""
     goal = motion.boat_place(worlds, w, b)

@@ -5,6 +5,7 @@ A boat plans for the AUVs that it serves; without any it stays where it is.
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission import belief_planner, motion
 from usvauv.kernels.mission.columns import BoatColumn, Parameter
 from usvauv.kernels.mission.worlds import Strategy
@@ -13,20 +14,20 @@ from usvauv.kernels.planning.information import Team, indices
 from usvauv.kernels.types import vec2
 
 
-@ti.func
+@func
 def hold(worlds: ti.template(), w, b) -> vec2:
     """The point that the strategy was given, for each boat or for all."""
     first = 2 * b % worlds.strategy_arguments.shape[0]
     return vec2(worlds.strategy_arguments[first], worlds.strategy_arguments[first + 1])
 
 
-@ti.func
+@func
 def centroid(worlds: ti.template(), w, b) -> vec2:
     """Mean of the AUVs' positions."""
     return motion.centre_of_served(worlds, w, b)
 
 
-@ti.func
+@func
 def foresee(worlds: ti.template(), w, b):
     """Foresee the AUVs that boat b serves."""
     for k in range(worlds.estimate.shape[1]):
@@ -34,7 +35,7 @@ def foresee(worlds: ti.template(), w, b):
             belief_planner.foresee(worlds, w, k)
 
 
-@ti.func
+@func
 def visit(worlds: ti.template(), w, b) -> vec2:
     """Where the boat foresees the AUV that is least certain of its own position."""
     foresee(worlds, w, b)
@@ -45,21 +46,21 @@ def visit(worlds: ti.template(), w, b) -> vec2:
     return goal
 
 
-@ti.func
+@func
 def belief(worlds: ti.template(), w, b) -> vec2:
     """Where the AUVs' uncertainty of their own positions is expected to cost least."""
     foresee(worlds, w, b)
     return belief_planner.go(worlds, w, b)
 
 
-@ti.func
+@func
 def agent(worlds: ti.template(), w, b) -> vec2:
     """The goal that was written into the boat's columns before the step."""
     foresee(worlds, w, b)
     return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
 
 
-@ti.func
+@func
 def begin_foresight(worlds: ti.template(), w, b) -> vec2:
     """Foresee all AUVs; the boat begins at the mean of its own."""
     for k in range(worlds.estimate.shape[1]):
@@ -67,7 +68,7 @@ def begin_foresight(worlds: ti.template(), w, b) -> vec2:
     return centroid(worlds, w, b)
 
 
-@ti.func
+@func
 def members(worlds: ti.template(), w, b):
     """Indices of the AUVs that boat b serves, where there are several boats."""
     found = indices(0)
@@ -85,13 +86,13 @@ def team_of(worlds, w, count, chosen) -> Team:
     return Team(worlds.estimate, worlds.link, w, count, chosen if worlds.program.fleet else None)
 
 
-@ti.func
+@func
 def last_goal(worlds: ti.template(), w, b) -> vec2:
     """Where boat b is under way to, m."""
     return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
 
 
-@ti.func
+@func
 def fim(worlds: ti.template(), w, b) -> vec2:
     """The place in the area with the best information."""
     count = motion.num_served(worlds, w, b)
@@ -105,7 +106,7 @@ def fim(worlds: ti.template(), w, b) -> vec2:
     return goal
 
 
-@ti.func
+@func
 def best_within(worlds: ti.template(), w, b, reach) -> vec2:
     """The place with the best information at most `reach` (m) from the boat."""
     count = motion.num_served(worlds, w, b)
@@ -119,13 +120,13 @@ def best_within(worlds: ti.template(), w, b, reach) -> vec2:
     return goal
 
 
-@ti.func
+@func
 def fim_greedy(worlds: ti.template(), w, b) -> vec2:
     """The place with the best information within reach of one step."""
     return best_within(worlds, w, b, worlds.p[Parameter.top_speed] * worlds.p[Parameter.step])
 
 
-@ti.func
+@func
 def fim_anywhere(worlds: ti.template(), w, b) -> vec2:
     """Where `fim_greedy` begins: the same search without a limit of its reach."""
     return best_within(worlds, w, b, search.ANYWHERE)

@@ -12,6 +12,7 @@ Times count from the end of the present mission step, s; what lies before is neg
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission import fixes, motion, navigation, reception
 from usvauv.kernels.mission.columns import (
     AuvColumn,
@@ -28,7 +29,7 @@ from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.types import ivec2, vec2
 
 
-@ti.func
+@func
 def duration(worlds: ti.template(), w, b, k) -> vec2:
     """Time (s) from boat b's interrogation of AUV k to the departure of the reply, and to its end at the boat."""
     p = ti.static(worlds.p)
@@ -40,13 +41,13 @@ def duration(worlds: ti.template(), w, b, k) -> vec2:
     return vec2(reply, reply + travel + p[Parameter.signal_length])
 
 
-@ti.func
+@func
 def may_ask(worlds: ti.template(), w, b, k, start):
     """Whether boat b may ask AUV k at `start`: its next fix must not fall into a step that has one already."""
     return worlds.exchange[w, k, ExchangeColumn.over] == 0.0 or start + duration(worlds, w, b, k)[1] > 0.0
 
 
-@ti.func
+@func
 def asks(worlds: ti.template(), w, b, k) -> bool:
     """Whether boat b ever asks AUV k, as long as it is where it is."""
     found = True
@@ -55,7 +56,7 @@ def asks(worlds: ti.template(), w, b, k) -> bool:
     return found
 
 
-@ti.func
+@func
 def chosen(worlds: ti.template(), w, b, start):
     """The AUV that boat b asks at `start`, −1 for none; with all at once the one whose reply is there last."""
     count = worlds.auv.shape[1]
@@ -80,7 +81,7 @@ def chosen(worlds: ti.template(), w, b, start):
     return best
 
 
-@ti.func
+@func
 def ask(worlds: ti.template(), w, b, k, start):
     """Boat b interrogates AUV k at `start`; returns when its reply is over."""
     lasts = duration(worlds, w, b, k)
@@ -90,7 +91,7 @@ def ask(worlds: ti.template(), w, b, k, start):
     return start + lasts[1]
 
 
-@ti.func
+@func
 def is_lost(worlds: ti.template(), w, k) -> ivec2:
     """Whether an interrogation of AUV k and its reply are lost in this step."""
     lost = ivec2(0, 0)
@@ -101,7 +102,7 @@ def is_lost(worlds: ti.template(), w, k) -> ivec2:
     return lost
 
 
-@ti.func
+@func
 def answer(worlds: ti.template(), w, k):
     """AUV k hears the interrogation, unless it is lost, and its reply leaves."""
     exchange = ti.static(worlds.exchange)
@@ -118,7 +119,7 @@ def answer(worlds: ti.template(), w, k):
             navigation.write_reply(worlds, w, k, age)
 
 
-@ti.func
+@func
 def receive(worlds: ti.template(), pose: reception.ArrayPose, w, k, age):
     """The reply of AUV k arrives `age` seconds before the end of the step, if it does."""
     there = vec2(worlds.exchange[w, k, ExchangeColumn.sent_x], worlds.exchange[w, k, ExchangeColumn.sent_y])
@@ -130,7 +131,7 @@ def receive(worlds: ti.template(), pose: reception.ArrayPose, w, k, age):
     worlds.exchange[w, k, ExchangeColumn.over] = 1.0
 
 
-@ti.func
+@func
 def begin_step(worlds: ti.template(), w):
     """Count times from the end of the new step; no exchange has ended in it yet."""
     step = worlds.p[Parameter.step]
@@ -142,7 +143,7 @@ def begin_step(worlds: ti.template(), w):
         fixes.no_fix(worlds, w, k)
 
 
-@ti.func
+@func
 def open_channel(worlds: ti.template(), w):
     """When an episode begins the channel is free, and the turn is the first boat's."""
     boats = worlds.boat.shape[1]
@@ -153,7 +154,7 @@ def open_channel(worlds: ti.template(), w):
         worlds.boat[w, b, BoatColumn.asked] = -1.0
 
 
-@ti.func
+@func
 def begin(worlds: ti.template(), pose: reception.ArrayPose, w, k):
     """Nothing is in the water when an episode begins, and AUV k is where it is deployed."""
     worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
@@ -162,7 +163,7 @@ def begin(worlds: ti.template(), pose: reception.ArrayPose, w, k):
     fixes.finish(worlds, pose, w, k)
 
 
-@ti.func
+@func
 def begin_exchange(worlds: ti.template(), w):
     """The boat whose turn it is begins an exchange as soon as the channel is free; returns whether one begins."""
     boats = worlds.boat.shape[1]
@@ -190,7 +191,7 @@ def begin_exchange(worlds: ti.template(), w):
     return begins
 
 
-@ti.func
+@func
 def exchange(worlds: ti.template(), w):
     """All exchanges of this step: those that end in it give fixes, the last may go on into the next."""
     begin_step(worlds, w)

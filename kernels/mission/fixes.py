@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission import motion, navigation
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Sensor
 from usvauv.kernels.mission.reception import ArrayPose, array_pose, covariance_at, measure
@@ -22,13 +23,13 @@ class Fix:
     flags: ti.i32
 
 
-@ti.func
+@func
 def separation(worlds: ti.template(), w, b):
     """Height of the AUVs over boat b on its wave, m: negative."""
     return -(worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation])
 
 
-@ti.func
+@func
 def away(worlds: ti.template(), w, b, k) -> vec3:
     """From boat b to where AUV k is estimated, m."""
     x = worlds.estimate[w, k, EstimateColumn.x] - worlds.boat[w, b, BoatColumn.x]
@@ -36,7 +37,7 @@ def away(worlds: ti.template(), w, b, k) -> vec3:
     return vec3(x, y, separation(worlds, w, b))
 
 
-@ti.func
+@func
 def boat_before(worlds: ti.template(), w, b, age) -> vec2:
     """Where boat b was `age` seconds before the end of the step, m."""
     boat = ti.static(worlds.boat)
@@ -45,13 +46,13 @@ def boat_before(worlds: ti.template(), w, b, age) -> vec2:
     return vec2(boat[w, b, BoatColumn.x], boat[w, b, BoatColumn.y]) - share * moved
 
 
-@ti.func
+@func
 def no_fix(worlds: ti.template(), w, k):
     """No fix of AUV k is due in this step."""
     worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(usbl.SILENT, ti.f32)
 
 
-@ti.func
+@func
 def make_fix(
     worlds: ti.template(), pose: ArrayPose, w, k, here: vec2, there: vec2, expected: Expectation, lost: ti.i32
 ) -> Fix:
@@ -79,7 +80,7 @@ def make_fix(
     return Fix(place=place, covariance=covariance, flags=flags)
 
 
-@ti.func
+@func
 def expect(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
     """Where boat b, `here` (m), expects AUV k by the estimate of it, which was made `age` seconds ago."""
     estimate = ti.static(worlds.estimate)
@@ -94,7 +95,7 @@ def expect(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
     )
 
 
-@ti.func
+@func
 def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
     """Fix AUV k from the boat on its wave, and update the estimate of its position.
 
@@ -132,7 +133,7 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
     finish(worlds, pose, w, k)
 
 
-@ti.func
+@func
 def take_fixes(worlds: ti.template(), w, b):
     """Fix the AUVs that boat b serves."""
     pose = array_pose(worlds, w, b)
@@ -141,7 +142,7 @@ def take_fixes(worlds: ti.template(), w, b):
             take_fix(worlds, pose, w, k)
 
 
-@ti.func
+@func
 def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, lost: ti.i32):
     """Fix AUV k by a reply that left `there` (m) and arrived `age` seconds before the end of the step, or did not."""
     here = boat_before(worlds, w, pose.boat, age)
@@ -157,7 +158,7 @@ def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, l
         set_estimate_from_fix(worlds, w, k, fix, expected, here)
 
 
-@ti.func
+@func
 def update_track(worlds: ti.template(), w, k, fix: Fix, lag, carried: vec2):
     """Update the track of AUV k by a fix that can be used; `lag` and `carried` as of `tracker.TrackFix`."""
     p = ti.static(worlds.p)
@@ -169,7 +170,7 @@ def update_track(worlds: ti.template(), w, k, fix: Fix, lag, carried: vec2):
             worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(fix.flags | usbl.REJECTED, ti.f32)
 
 
-@ti.func
+@func
 def set_estimate_from_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here: vec2):
     """The estimate of AUV k is the fix of this step, made from `here` (m), where it can be used."""
     estimate = ti.static(worlds.estimate)
@@ -186,7 +187,7 @@ def set_estimate_from_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expec
         estimate[w, k, EstimateColumn.age] = 0.0
 
 
-@ti.func
+@func
 def set_estimate_from_track(worlds: ti.template(), w, k):
     """The estimate of AUV k is its track."""
     estimate = ti.static(worlds.estimate)
@@ -198,7 +199,7 @@ def set_estimate_from_track(worlds: ti.template(), w, k):
     estimate[w, k, EstimateColumn.covariance_yy] = track[w, k, tracker.YY]
 
 
-@ti.func
+@func
 def finish(worlds: ti.template(), pose: ArrayPose, w, k):
     """Complete the estimate of AUV k for this step: with the errors that all fixes by its boat have in common."""
     estimate = ti.static(worlds.estimate)
@@ -219,7 +220,7 @@ def finish(worlds: ti.template(), pose: ArrayPose, w, k):
     worlds.auv[w, k, AuvColumn.position_error] = error.norm()
 
 
-@ti.func
+@func
 def begin_estimate(worlds: ti.template(), pose: ArrayPose, w, k):
     """The covariance with which the place where AUV k is deployed is known.
 
@@ -232,7 +233,7 @@ def begin_estimate(worlds: ti.template(), pose: ArrayPose, w, k):
         worlds.estimate[w, k, EstimateColumn.covariance_xx + c] = covariance[c]
 
 
-@ti.func
+@func
 def predict(worlds: ti.template(), w, k):
     """Carry the track of AUV k through the step it has just made, by its commanded velocity."""
     auv = ti.static(worlds.auv)
@@ -244,7 +245,7 @@ def predict(worlds: ti.template(), w, k):
     worlds.estimate[w, k, EstimateColumn.y] = worlds.track[w, k, tracker.Y]
 
 
-@ti.func
+@func
 def prepare_next_step(worlds: ti.template(), w, k):
     """Make the track's current that of the coming step, and read the AUV's current meter if it has one."""
     p = ti.static(worlds.p)

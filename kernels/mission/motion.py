@@ -8,6 +8,7 @@ where AUVs are interrogated one at a time. Another boat takes over where it is n
 import taichi as ti
 
 from usvauv.kernels.flow import airy, current
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, NodeColumn, Parameter
 from usvauv.kernels.mission.worlds import normals
 from usvauv.kernels.types import Level, vec2
@@ -37,7 +38,7 @@ def hovering_power(current_speed: ti.f32) -> ti.f32:
     return max(travelling_power(min(current_speed, FASTEST)), 105.0)
 
 
-@ti.func
+@func
 def water_velocity(p: ti.template(), a0, a1):
     """Commanded velocity through the water of an action in [-1, 1]², m/s.
 
@@ -60,14 +61,14 @@ def water_velocity(p: ti.template(), a0, a1):
     return velocity
 
 
-@ti.func
+@func
 def target_of(worlds: ti.template(), w, k):
     """Index of the node that AUV k heads for; one that a plugin has set wrong counts as the nearest index."""
     target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
     return ti.min(ti.max(target, 0), worlds.node.shape[1] - 1)
 
 
-@ti.func
+@func
 def distance_to_target(worlds: ti.template(), w, k):
     """True horizontal distance from AUV k to its target, m."""
     target = target_of(worlds, w, k)
@@ -77,7 +78,7 @@ def distance_to_target(worlds: ti.template(), w, k):
     ).norm()
 
 
-@ti.func
+@func
 def distance_between(worlds: ti.template(), w, j, k):
     """True horizontal distance between AUVs j and k, m."""
     return vec2(
@@ -86,7 +87,7 @@ def distance_between(worlds: ti.template(), w, j, k):
     ).norm()
 
 
-@ti.func
+@func
 def travel(worlds: ti.template(), w, k, a0, a1):
     """Move AUV k for one step as its action commands and with the water; a move across the border is refused."""
     p = ti.static(worlds.p)
@@ -112,7 +113,7 @@ def travel(worlds: ti.template(), w, k, a0, a1):
             auv[w, k, AuvColumn.power] = hovering_power(current.norm())
 
 
-@ti.func
+@func
 def clear_last_step(worlds: ti.template(), w, k):
     """Clear what AUV k did in the step before."""
     auv = ti.static(worlds.auv)
@@ -129,7 +130,7 @@ HYSTERESIS = 0.1  # of the distance to the boat that serves an AUV
 LLOYD_ITERATIONS = 8
 
 
-@ti.func
+@func
 def serving_boat(worlds: ti.template(), w, k) -> ti.i32:
     """Index of the boat that serves AUV k."""
     b = 0
@@ -138,7 +139,7 @@ def serving_boat(worlds: ti.template(), w, k) -> ti.i32:
     return b
 
 
-@ti.func
+@func
 def serves(worlds: ti.template(), w, b, k) -> bool:
     """Whether boat b serves AUV k."""
     found = True
@@ -147,7 +148,7 @@ def serves(worlds: ti.template(), w, b, k) -> bool:
     return found
 
 
-@ti.func
+@func
 def num_served(worlds: ti.template(), w, b) -> ti.i32:
     """Number of AUVs that boat b serves."""
     count = worlds.estimate.shape[1]
@@ -158,19 +159,19 @@ def num_served(worlds: ti.template(), w, b) -> ti.i32:
     return count
 
 
-@ti.func
+@func
 def boat_place(worlds: ti.template(), w, b) -> vec2:
     """Where boat b is, m."""
     return vec2(worlds.boat[w, b, BoatColumn.x], worlds.boat[w, b, BoatColumn.y])
 
 
-@ti.func
+@func
 def estimated_place(worlds: ti.template(), w, k) -> vec2:
     """Where AUV k is estimated, m."""
     return vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
 
 
-@ti.func
+@func
 def centre_of_served(worlds: ti.template(), w, b) -> vec2:
     """Mean of the estimated positions of the AUVs that boat b serves; where it serves none, its own place, m."""
     count = num_served(worlds, w, b)
@@ -183,7 +184,7 @@ def centre_of_served(worlds: ti.template(), w, b) -> vec2:
     return mean
 
 
-@ti.func
+@func
 def assign_boats(worlds: ti.template(), w, hysteresis):
     """Decide which boat serves each AUV from now on; `hysteresis` is a share of the distance to the present one."""
     if ti.static(worlds.program.fleet):
@@ -199,14 +200,14 @@ def assign_boats(worlds: ti.template(), w, hysteresis):
             worlds.estimate[w, k, EstimateColumn.served_by] = ti.cast(best, ti.f32)
 
 
-@ti.func
+@func
 def put_boat(worlds: ti.template(), w, b, place: vec2):
     """Put boat b at a place, m."""
     worlds.boat[w, b, BoatColumn.x] = place[0]
     worlds.boat[w, b, BoatColumn.y] = place[1]
 
 
-@ti.func
+@func
 def partition(worlds: ti.template(), w):
     """Split the AUVs among the boats by their places, and put each boat in the middle of its AUVs (k-means).
 
@@ -234,7 +235,7 @@ def partition(worlds: ti.template(), w):
 LARGEST = 1e12  # m, of a goal
 
 
-@ti.func
+@func
 def set_goal(worlds: ti.template(), w, b, goal: vec2):
     """Make a place the goal of boat b; outside the area, the area's nearest point.
 
@@ -247,7 +248,7 @@ def set_goal(worlds: ti.template(), w, b, goal: vec2):
             worlds.boat[w, b, BoatColumn.goal_x + axis] = ti.math.nan
 
 
-@ti.func
+@func
 def place_boats(worlds: ti.template(), w):
     """Put the boats where their strategy begins, each with AUVs of its own."""
     boat = ti.static(worlds.boat)
@@ -262,7 +263,7 @@ def place_boats(worlds: ti.template(), w):
     assign_boats(worlds, w, 0.0)
 
 
-@ti.func
+@func
 def move_boat(worlds: ti.template(), w, b):
     """Go to the reachable point nearest to the goal: top speed through the water, while the water carries the boat."""
     p = ti.static(worlds.p)
@@ -283,7 +284,7 @@ def move_boat(worlds: ti.template(), w, b):
     boat[w, b, BoatColumn.moved_y] = boat[w, b, BoatColumn.y] - y
 
 
-@ti.func
+@func
 def ride_waves(worlds: ti.template(), w, b):
     """Store elevation and slope of the sea under boat b, long and short waves, and the water's velocity there."""
     boat = ti.static(worlds.boat)
@@ -302,7 +303,7 @@ def ride_waves(worlds: ti.template(), w, b):
     boat[w, b, BoatColumn.current_y] = velocity[1] + storm[4]
 
 
-@ti.func
+@func
 def renew_gnss_error(worlds: ti.template(), w, b):
     """The error of the boat's own position: a Gauss–Markov process, in its stationary state from the start."""
     p = ti.static(worlds.p)

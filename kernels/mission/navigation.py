@@ -19,13 +19,14 @@ Source: Gelb, "Applied Optimal Estimation" (1974), §3.6 and §4.5, for integrat
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, ExchangeColumn, Parameter, Sensor
 from usvauv.kernels.mission.worlds import normals
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import vec2, vec3
 
 
-@ti.func
+@func
 def own_position(worlds: ti.template(), w, k) -> vec2:
     """Where AUV k takes itself to be, m: by its own filter, or where it has none as the boat has it."""
     found = vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
@@ -34,7 +35,7 @@ def own_position(worlds: ti.template(), w, k) -> vec2:
     return found
 
 
-@ti.func
+@func
 def begin_filter(worlds: ti.template(), track: ti.template(), w, k):
     """Begin a filter at the estimate of AUV k, in an unknown current."""
     estimate = ti.static(worlds.estimate)
@@ -46,7 +47,7 @@ def begin_filter(worlds: ti.template(), track: ti.template(), w, k):
     tracker.begin(track, w, k, x, y, covariance, worlds.p[Parameter.current_variance])
 
 
-@ti.func
+@func
 def begin(worlds: ti.template(), w, k):
     """Begin both filters where AUV k is deployed."""
     begin_filter(worlds, worlds.track, w, k)
@@ -58,14 +59,14 @@ def begin(worlds: ti.template(), w, k):
         worlds.exchange[w, k, ExchangeColumn.bias_x + axis] = worlds.p[Parameter.velocity_bias] * noise[axis]
 
 
-@ti.func
+@func
 def gnss_change(worlds: ti.template(), time) -> ti.f32:
     """Variance per axis (m²) of the change in some time (s) of the boat's error of its own position."""
     p = ti.static(worlds.p)
     return 2.0 * p[Parameter.gnss_error] ** 2 * (1.0 - ti.exp(-time / p[Parameter.gnss_time]))
 
 
-@ti.func
+@func
 def move_filter(worlds: ti.template(), track: ti.template(), w, k, way: vec3, time):
     """Move a filter by a displacement (m) measured in some time (s); `way[2]` is the part of it with the current.
 
@@ -79,7 +80,7 @@ def move_filter(worlds: ti.template(), track: ti.template(), w, k, way: vec3, ti
     tracker.renew(track, w, k, time - way[2], variance, tau)
 
 
-@ti.func
+@func
 def reckon(worlds: ti.template(), w, k):
     """Measure the displacement of AUV k in the step it has made, and move its own filter by it."""
     p = ti.static(worlds.p)
@@ -109,7 +110,7 @@ def reckon(worlds: ti.template(), w, k):
     move_filter(worlds, worlds.own, w, k, way, step)
 
 
-@ti.func
+@func
 def receive_filter(worlds: ti.template(), w, k):
     """AUV k takes the boat's filter from an interrogation, and moves it on by what it has measured since."""
     exchange = ti.static(worlds.exchange)
@@ -123,7 +124,7 @@ def receive_filter(worlds: ti.template(), w, k):
     move_filter(worlds, worlds.own, w, k, way, exchange[w, k, ExchangeColumn.elapsed])
 
 
-@ti.func
+@func
 def write_reply(worlds: ti.template(), w, k, age):
     """What the reply of AUV k carries that has left `age` seconds before the end of this step."""
     exchange = ti.static(worlds.exchange)
@@ -138,7 +139,7 @@ def write_reply(worlds: ti.template(), w, k, age):
     exchange[w, k, ExchangeColumn.sent_hovers] = worlds.auv[w, k, AuvColumn.hover]
 
 
-@ti.func
+@func
 def read_reply(worlds: ti.template(), w, k):
     """The boat moves its filter of AUV k to the time when the reply left that it now has."""
     exchange = ti.static(worlds.exchange)
@@ -160,7 +161,7 @@ def read_reply(worlds: ti.template(), w, k):
     exchange[w, k, ExchangeColumn.elapsed] = exchange[w, k, ExchangeColumn.elapsed] - passed
 
 
-@ti.func
+@func
 def extrapolate(worlds: ti.template(), w, k):
     """Where the boat expects AUV k at the end of this step, without its systematic errors."""
     p = ti.static(worlds.p)

@@ -8,6 +8,7 @@ import math
 import taichi as ti
 
 from usvauv.kernels.flow import airy, current
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission import navigation
 from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter, Sensor, TallyColumn
 from usvauv.kernels.mission.motion import distance_to_target, target_of
@@ -21,7 +22,7 @@ PROFILE_POINTS = BEAMS * PROFILE_CELLS
 COSINE, SINE = math.cos(BEAM_ANGLE), math.sin(BEAM_ANGLE)
 
 
-@ti.func
+@func
 def target_offset(worlds: ti.template(), w, k) -> vec2:
     """From where AUV k takes itself to be to its target, over the area's diagonal; near it by homing."""
     target = target_of(worlds, w, k)
@@ -33,7 +34,7 @@ def target_offset(worlds: ti.template(), w, k) -> vec2:
     return (there - here) / worlds.p[Parameter.diagonal]
 
 
-@ti.func
+@func
 def others(worlds: ti.template(), w, k, first):
     """Estimated positions of the other AUVs relative to the own one."""
     scale = 1.0 / worlds.p[Parameter.diagonal]
@@ -47,7 +48,7 @@ def others(worlds: ti.template(), w, k, first):
             slot += 2
 
 
-@ti.func
+@func
 def target(worlds: ti.template(), w, k, first):
     """The target relative to the own estimated position."""
     offset = target_offset(worlds, w, k)
@@ -55,7 +56,7 @@ def target(worlds: ti.template(), w, k, first):
     worlds.observation[w, k, first + 1] = offset[1]
 
 
-@ti.func
+@func
 def position(worlds: ti.template(), w, k, first):
     """The own estimated position."""
     scale = 1.0 / worlds.p[Parameter.diagonal]
@@ -64,19 +65,19 @@ def position(worlds: ti.template(), w, k, first):
     worlds.observation[w, k, first + 1] = here[1] * scale
 
 
-@ti.func
+@func
 def border(worlds: ti.template(), w, k, first):
     """Whether the last move was refused at the border."""
     worlds.observation[w, k, first] = worlds.auv[w, k, AuvColumn.border]
 
 
-@ti.func
+@func
 def overflow(worlds: ti.template(), w, k, first):
     """Share of the nodes that overflow."""
     worlds.observation[w, k, first] = worlds.tally[w, TallyColumn.overflowing] / worlds.node.shape[1]
 
 
-@ti.func
+@func
 def current_speed(worlds: ti.template(), w, k, first):
     """Speed of the current at the AUV (Eq. 4)."""
     worlds.observation[w, k, first] = vec2(
@@ -84,14 +85,14 @@ def current_speed(worlds: ti.template(), w, k, first):
     ).norm()
 
 
-@ti.func
+@func
 def current_vector(worlds: ti.template(), w, k, first):
     """Components of the current at the AUV."""
     worlds.observation[w, k, first] = worlds.auv[w, k, AuvColumn.current_x]
     worlds.observation[w, k, first + 1] = worlds.auv[w, k, AuvColumn.current_y]
 
 
-@ti.func
+@func
 def current_profile(worlds: ti.template(), w, k, first):
     """Components of the current, without waves, at the points of the profiler."""
     towards = target_offset(worlds, w, k)
@@ -110,7 +111,7 @@ def current_profile(worlds: ti.template(), w, k, first):
         worlds.observation[w, k, first + 1 + 2 * point] = there[1]
 
 
-@ti.func
+@func
 def sense_current(worlds: ti.template(), w, k):
     """Store the velocity of the water at AUV k, which also carries it during the coming step."""
     x = worlds.auv[w, k, AuvColumn.x]
@@ -122,7 +123,7 @@ def sense_current(worlds: ti.template(), w, k):
     worlds.auv[w, k, AuvColumn.current_y] = here[1]
 
 
-@ti.func
+@func
 def write(worlds: ti.template(), w, k):
     """Write the observation of AUV k, term by term; NaN, which ends the run, where its target is no node's index."""
     sense_current(worlds, w, k)

@@ -8,6 +8,7 @@ import math
 import taichi as ti
 
 from usvauv.kernels import random
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter, Refraction
 from usvauv.kernels.mission.worlds import Worlds, address, key, normals
 from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
@@ -66,7 +67,7 @@ class Signal:
     amplitude: ti.f32
 
 
-@ti.func
+@func
 def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     """Pose of the array of boat b in this step, the same for all AUVs.
 
@@ -93,7 +94,7 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     )
 
 
-@ti.func
+@func
 def sounds(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k):
     """What the hydrophones receive of a pulse, as `matched_filter.sounds` has it.
 
@@ -126,7 +127,7 @@ def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> re
     return reflections.Surroundings(boundaries, profile)
 
 
-@ti.func
+@func
 def sample(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, sigma, draw: random.uint4, w, k) -> vec6:
     """The sampled signal of AUV k as the receiver measures it, columns of `pulse`."""
     heard = sounds(worlds, pose, arrival, w, k)
@@ -136,7 +137,7 @@ def sample(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, sigm
     return matched_filter.measure(worlds.pulses, worlds.link, k, arrival.path, energy, heard, noise, w)
 
 
-@ti.func
+@func
 def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k) -> Signal:
     """What the array measures of a signal of AUV k."""
     link = ti.static(worlds.link)
@@ -172,7 +173,7 @@ def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, 
     return Signal(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude)
 
 
-@ti.func
+@func
 def place_heard(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slant_range) -> vec3:
     """The offset (m) from the array of what is heard from a direction, by the rays that the receiver reckons with."""
     found = slant_range * direction
@@ -183,7 +184,7 @@ def place_heard(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slan
     return found
 
 
-@ti.func
+@func
 def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> vec3:
     """Covariance (xx, xy, yy) in m² of a fix's own errors at the offset that the receiver measured."""
     loss = acoustic_link.further_loss(worlds.link, k, offset, pose.effort)
@@ -191,7 +192,7 @@ def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> ve
     return usbl.horizontal_covariance(worlds.link, k, offset, pose.axes, sigma)
 
 
-@ti.func
+@func
 def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, expected: Expectation, w, k):
     """Phase differences of a signal of AUV k with the turns that they most probably lack, and 1 where others are near.
 
@@ -223,7 +224,7 @@ def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, 
     return phase, ti.cast(second - best < usbl.GATE, ti.i32)
 
 
-@ti.func
+@func
 def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expectation, w, k) -> vec4:
     """The offset (m) from boat to AUV k that a fix gives, and its flags.
 
@@ -268,7 +269,7 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
 LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
 
 
-@ti.func
+@func
 def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> vec2:
     """Probability that a reply of AUV k is heard, and the variance per axis (m²) of its fix.
 
@@ -290,7 +291,7 @@ def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> ve
     return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * margin)), across * across + tilted)
 
 
-@ti.func
+@func
 def reply_worth(worlds: ti.template(), w, b, k) -> ti.f32:
     """Variance per axis (m²) by which a reply of AUV k is expected to improve its estimate by boat b: P a²/(a + r).
 

@@ -14,6 +14,7 @@ from usvauv.kernels import random
 from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import channel, fixes, motion, navigation, observation, reception
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
@@ -24,7 +25,7 @@ from usvauv.kernels.types import Columns, array1, array2, array3, array4, index1
 START_ATTEMPTS = 256
 
 
-@ti.func
+@func
 def between(low, high, u):
     """The number at share u of the way from `low` to `high`."""
     return low + u * (high - low)
@@ -39,7 +40,7 @@ class VortexDraw(NamedTuple):
     clock: Any
 
 
-@ti.func
+@func
 def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
     """Draw the vortices of an episode, or take the fixed ones, and their signs."""
     p = ti.static(worlds.p)
@@ -59,14 +60,14 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
                 vortex[w, v, Vortex.Gamma] = -vortex[w, v, Vortex.Gamma]
 
 
-@ti.kernel
+@kernel
 def draw_vortices(p: array1, fixed_vortex: array2, key: index2, clock: index2, vortex: array3):
     """The vortices with which the present episode of each world begins, into `vortex` (W, V, 4)."""
     for w in range(vortex.shape[0]):
         place_vortices(ti.static(VortexDraw(p, fixed_vortex, key, clock)), vortex, w)
 
 
-@ti.func
+@func
 def place_auv(worlds: ti.template(), w, k):
     """Deploy AUV k at a random place apart from those before it; after `START_ATTEMPTS` tries at the last one."""
     p = ti.static(worlds.p)
@@ -92,7 +93,7 @@ def place_auv(worlds: ti.template(), w, k):
             searching = False
 
 
-@ti.func
+@func
 def begin_estimate(worlds: ti.template(), w, k):
     """Estimate AUV k where it is deployed, which is known."""
     estimate = ti.static(worlds.estimate)
@@ -103,7 +104,7 @@ def begin_estimate(worlds: ti.template(), w, k):
     estimate[w, k, EstimateColumn.separation] = worlds.p[Parameter.separation_boat]
 
 
-@ti.func
+@func
 def begin_episode(worlds: ti.template(), w):
     """Begin the next episode of world w: place nodes, vortices, AUVs and boats, take a first fix, give targets."""
     num_auvs = worlds.auv.shape[1]
@@ -142,7 +143,7 @@ def begin_episode(worlds: ti.template(), w):
             fixes.prepare_next_step(worlds, w, k)
 
 
-@ti.func
+@func
 def advance(worlds: ti.template(), w):
     """Advance world w by one mission step."""
     num_auvs = worlds.auv.shape[1]
@@ -224,7 +225,7 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
     linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
     names["__name__"] = __name__
     exec(compile(source, file, "exec"), names)
-    return ti.kernel(names["run"])
+    return kernel(names["run"])
 
 
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step.

@@ -12,6 +12,7 @@ import taichi as ti
 
 from usvauv.kernels import random
 from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -189,7 +190,7 @@ class Worlds(namedtuple("Worlds", ("program", "water", "pulses", *ARRAYS))):
     __slots__ = ()
 
 
-@ti.func
+@func
 def address(worlds: ti.template(), w, step, draw, index):
     """Counter of a random draw: the world's index in its seed, its episode, a step, what the draw is for (`Draw`)."""
     return random.uint4(
@@ -200,7 +201,7 @@ def address(worlds: ti.template(), w, step, draw, index):
     )
 
 
-@ti.func
+@func
 def key(worlds: ti.template(), w):
     """Key of all random draws of a world: its seed."""
     return random.uint2(
@@ -209,13 +210,13 @@ def key(worlds: ti.template(), w):
     )
 
 
-@ti.func
+@func
 def uniforms(worlds: ti.template(), w, draw, index):
     """Four independent numbers uniform in (0, 1), of the present step."""
     return random.uniforms(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))
 
 
-@ti.func
+@func
 def normals(worlds: ti.template(), w, draw, index):
     """Four independent standard normal numbers, of the present step."""
     return random.normals(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))

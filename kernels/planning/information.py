@@ -39,6 +39,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.positioning import acoustic_link, usbl
 from usvauv.kernels.positioning.acoustic_link import ATTITUDE, DECAY, LEVEL, POWER, REFERENCE
 from usvauv.kernels.types import array2, array3, index1, mat2, vec2, vec3
@@ -75,7 +76,7 @@ class Team(NamedTuple):
         return self.members is None
 
 
-@ti.func
+@func
 def member(team: ti.template(), k) -> ti.i32:
     """Index in the arrays of the team's AUV k."""
     index = k
@@ -84,20 +85,20 @@ def member(team: ti.template(), k) -> ti.i32:
     return index
 
 
-@ti.func
+@func
 def position(team: ti.template(), k) -> vec2:
     """Estimated horizontal position of AUV k, m."""
     return vec2(team.estimate[team.world, member(team, k), 0], team.estimate[team.world, member(team, k), 1])
 
 
-@ti.func
+@func
 def squared_separation(team: ti.template(), k):
     """z² of AUV k's vertical separation z (m), at least 1 m²: the laws of sound begin at 1 m."""
     z = team.estimate[team.world, member(team, k), 2]
     return ti.max(z * z, 1.0)
 
 
-@ti.func
+@func
 def mean_position(team: ti.template()) -> vec2:
     """Mean of the AUVs' estimated horizontal positions, m."""
     mean = vec2(0.0, 0.0)
@@ -118,14 +119,14 @@ def check_team(points: torch.Tensor, places: torch.Tensor) -> None:
         raise ValueError(f"points: {points.shape[1]} AUVs, at most {MAX_AUVS} are possible")
 
 
-@ti.func
+@func
 def log_T(link: ti.template(), k, q):
     """ln κ²/(σ² q) of AUV k at the squared slant range q (m²), without attitude error; T in 1/m²."""
     S0 = link[k, REFERENCE]
     return link[k, LEVEL] - link[k, POWER] * ti.log(q / (S0 * S0)) - link[k, DECAY] * (ti.sqrt(q) - S0)
 
 
-@ti.func
+@func
 def log_signal(link: ti.template(), k, q) -> vec3:
     """`log_T` and its first two derivatives by q (m²)."""
     i = 1.0 / q
@@ -133,7 +134,7 @@ def log_signal(link: ti.template(), k, q) -> vec3:
     return vec3(log_T(link, k, q), -link[k, POWER] * i - decay, link[k, POWER] * i * i + 0.5 * decay * i)
 
 
-@ti.func
+@func
 def log_strength(link: ti.template(), k, q, z2) -> vec3:
     """ln T of AUV k, attitude error included, and its first two derivatives by q (m²) at constant z2 = z²."""
     f = log_signal(link, k, q)
@@ -144,13 +145,13 @@ def log_strength(link: ti.template(), k, q, z2) -> vec3:
     return f
 
 
-@ti.func
+@func
 def times_T(T, L1, L2, g, g1, g2) -> vec3:
     """T g and its first two derivatives, from T, the derivatives L1, L2 of ln T, and g, g', g''."""
     return T * vec3(g, L1 * g + g1, (L1 * L1 + L2) * g + 2.0 * L1 * g1 + g2)
 
 
-@ti.func
+@func
 def coefficients(measurement: ti.template(), T: vec3, rho2, z2) -> mat2x3:
     """Rows a and b; columns the value, d/dq, d²/dq² at q = rho2 + z2 (m²), from T and two derivatives of ln T."""
     i = 1.0 / (rho2 + z2)
@@ -166,7 +167,7 @@ def coefficients(measurement: ti.template(), T: vec3, rho2, z2) -> mat2x3:
     return mat2x3([[a[0], a[1], a[2]], [b[0], b[1], b[2]]])
 
 
-@ti.func
+@func
 def information(team: ti.template(), measurement: ti.template(), place: vec2) -> vec3:
     """J = (J11, J12, J22) in 1/m², summed over the AUVs of a `Team`, for a boat at `place` (m); PHASE or FIX."""
     J = vec3(0.0, 0.0, 0.0)
@@ -179,7 +180,7 @@ def information(team: ti.template(), measurement: ti.template(), place: vec2) ->
     return J
 
 
-@ti.kernel
+@kernel
 def _information_batch(link: array2, points: array3, boat: array2, measurement: ti.template(), out: array2):
     for i in range(points.shape[0]):
         team = ti.static(Team(points, link, i, points.shape[1]))
@@ -197,13 +198,13 @@ def information_batch(
     return out
 
 
-@ti.func
+@func
 def packed(M: mat2) -> vec3:
     """(xx, xy, yy) of a symmetric matrix."""
     return vec3(M[0, 0], M[0, 1], M[1, 1])
 
 
-@ti.func
+@func
 def phase_jacobian(offset: vec3, slope: vec2) -> mat2:
     """H: derivatives of the two direction cosines in the array's frame by the AUV's x and y, 1/m."""
     axes = usbl.array_axes(usbl.attitude(slope))
@@ -220,7 +221,7 @@ def phase_jacobian(offset: vec3, slope: vec2) -> mat2:
     return rows / ti.sqrt(q)
 
 
-@ti.func
+@func
 def phase_noise(link: ti.template(), k, offset: vec3, slope: vec2) -> mat2:
     """R: covariance of the two direction cosines by phase noise, attitude error and systematic errors."""
     angles = usbl.attitude(slope)
@@ -241,7 +242,7 @@ def phase_noise(link: ti.template(), k, offset: vec3, slope: vec2) -> mat2:
     return noise + H @ mat2([[common[0], common[1]], [common[1], common[2]]]) @ H.transpose()
 
 
-@ti.func
+@func
 def tilted_covariance(link: ti.template(), k, measurement, offset: vec3, slope: vec2) -> vec3:
     """Covariance (xx, xy, yy) of the position of AUV k, m².
 
@@ -270,7 +271,7 @@ def tilted_covariance(link: ti.template(), k, measurement, offset: vec3, slope: 
     return C
 
 
-@ti.func
+@func
 def tilted_information(link: ti.template(), k, measurement, offset: vec3, slope: vec2) -> vec3:
     """J = (J11, J12, J22) of AUV k, 1/m²; arguments as `tilted_covariance`."""
     J = vec3(0.0, 0.0, 0.0)
@@ -283,7 +284,7 @@ def tilted_information(link: ti.template(), k, measurement, offset: vec3, slope:
     return J
 
 
-@ti.kernel
+@kernel
 def _tilted_batch(
     link: array2,
     auv: index1,

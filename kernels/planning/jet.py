@@ -5,12 +5,13 @@ A jet is a vec6 (f, f_x, f_y, f_xx, f_xy, f_yy). Sums and multiples by a constan
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.types import vec2, vec3, vec6
 
 VALUE, X, Y, XX, XY, YY = range(6)
 
 
-@ti.func
+@func
 def product(u: vec6, v: vec6) -> vec6:
     """u v."""
     return vec6(
@@ -23,7 +24,7 @@ def product(u: vec6, v: vec6) -> vec6:
     )
 
 
-@ti.func
+@func
 def square(u: vec6) -> vec6:
     """u²; fewer operations than `product`."""
     return vec6(
@@ -36,7 +37,7 @@ def square(u: vec6) -> vec6:
     )
 
 
-@ti.func
+@func
 def add_gradient_product(u: vec6, factor) -> vec6:
     """u with `factor` ∇u ∇uᵀ added to its Hessian, as the chain rule of exponential and logarithm asks for."""
     f = u
@@ -46,7 +47,7 @@ def add_gradient_product(u: vec6, factor) -> vec6:
     return f
 
 
-@ti.func
+@func
 def logarithm(u: vec6) -> vec6:
     """ln u."""
     f = add_gradient_product(u / u[VALUE], -1.0)
@@ -54,7 +55,7 @@ def logarithm(u: vec6) -> vec6:
     return f
 
 
-@ti.func
+@func
 def of_squared_distance(g: vec3, dx, dy) -> vec6:
     """A function g(q), g'(q), g''(q) of q = dx² + dy² + a constant; dx and dy are the boat's place minus another."""
     g1 = 2.0 * g[1]  # the derivatives of q by x and y are 2 dx, 2 dy and 2
@@ -62,7 +63,7 @@ def of_squared_distance(g: vec3, dx, dy) -> vec6:
     return vec6(g[0], g1 * dx, g1 * dy, g1 + g2 * dx * dx, g2 * dx * dy, g1 + g2 * dy * dy)
 
 
-@ti.func
+@func
 def turned(u: vec6, axis: vec2) -> vec6:
     """A jet by distances along `axis` (of length one) and to its left, as the jet by x and y."""
     c = axis[0]

@@ -36,6 +36,7 @@ of Cauchy and Schwarz R² ≤ (1 − 1/K) P Q: the difference is at least 1/K of
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.planning import jet
 from usvauv.kernels.planning.information import (
     FIX,
@@ -81,7 +82,7 @@ def measurement_of(code: int) -> int:
     return code % 2
 
 
-@ti.func
+@func
 def log_sum_of_variances(f: vec3, other: vec3) -> vec3:
     """ln(e^−f + other) with its first two derivatives, from those of f and of `other`, which is not negative."""
     log_other = ti.log(ti.max(other[0], 1e-30))
@@ -95,7 +96,7 @@ def log_sum_of_variances(f: vec3, other: vec3) -> vec3:
     return vec3(value, slope, other[2] * precision + (f[1] * f[1] - f[2]) * share - slope * slope)
 
 
-@ti.func
+@func
 def log_variances(link: ti.template(), k, code: ti.template(), rho2, z2):
     """ln of the variances (m²) of AUV k's fixes across and along the line of sight, for D and A.
 
@@ -119,7 +120,7 @@ def log_variances(link: ti.template(), k, code: ti.template(), rho2, z2):
     return across, along
 
 
-@ti.func
+@func
 def log_variance(link: ti.template(), k, code: ti.template(), rho2, z2) -> vec3:
     """ln det or ln tr of J_k⁻¹ for D, A, and −ln T_k for SUM of FIX.
 
@@ -144,7 +145,7 @@ def log_variance(link: ti.template(), k, code: ti.template(), rho2, z2) -> vec3:
     return g
 
 
-@ti.func
+@func
 def auv_variance(team: ti.template(), code: ti.template(), k, place: vec2) -> vec6:
     """`log_variance` of AUV k as a jet of the boat's place."""
     d = place - position(team, k)
@@ -152,7 +153,7 @@ def auv_variance(team: ti.template(), code: ti.template(), k, place: vec2) -> ve
     return jet.of_squared_distance(log_variance(team.link, member(team, k), code, d.norm_sqr(), z2), d[0], d[1])
 
 
-@ti.func
+@func
 def log_det(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
     """Objective D."""
     f = vec6(0.0)
@@ -161,7 +162,7 @@ def log_det(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
     return f
 
 
-@ti.func
+@func
 def log_sum(team: ti.template(), code: ti.template(), sign: ti.template(), place: vec2) -> vec6:
     """ln Σ_k exp(`sign` · `auv_variance`)."""
     largest = -1e30
@@ -180,7 +181,7 @@ def log_sum(team: ti.template(), code: ti.template(), sign: ti.template(), place
     return f
 
 
-@ti.func
+@func
 def terms(strength: vec3, printed: ti.template(), rho2, z2) -> mat3:
     """Rows a, b and e, whose sum is E; columns the value, d/dq, d²/dq² at q = rho2 + z2 (m²).
 
@@ -210,7 +211,7 @@ def terms(strength: vec3, printed: ti.template(), rho2, z2) -> mat3:
     return mat3([[a[0], a[1], a[2]], [b[0], b[1], b[2]], [e[0], e[1], e[2]]])
 
 
-@ti.func
+@func
 def diagonal_entry(a: vec3, b: vec3, dx, dy) -> vec6:
     """Jet of a(q) + b(q) dy² at q = dx² + dy² + z², from the values and two derivatives by q of a and b."""
     xx = dx * dx
@@ -227,7 +228,7 @@ def diagonal_entry(a: vec3, b: vec3, dx, dy) -> vec6:
     )
 
 
-@ti.func
+@func
 def off_diagonal_entry(b: vec3, dx, dy) -> vec6:
     """Jet of b(q) dx dy."""
     xx = dx * dx
@@ -243,7 +244,7 @@ def off_diagonal_entry(b: vec3, dx, dy) -> vec6:
     )
 
 
-@ti.func
+@func
 def log_det_of_sum(team: ti.template(), printed: ti.template(), place: vec2) -> vec6:
     """Jet of ln det J of PHASE for a boat at `place` (m); `printed` selects Eq. 3a."""
     T = each_auv(0.0)
@@ -297,7 +298,7 @@ def log_det_of_sum(team: ti.template(), printed: ti.template(), place: vec2) -> 
     return f
 
 
-@ti.func
+@func
 def log_objective(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
     """Jet of ln of the objective for a boat at `place` (m)."""
     objective = ti.static(objective_of(code))
@@ -313,7 +314,7 @@ def log_objective(team: ti.template(), code: ti.template(), place: vec2) -> vec6
     return f
 
 
-@ti.kernel
+@kernel
 def _batch(link: array2, points: array3, boat: array2, code: ti.template(), out: array2):
     for i in range(points.shape[0]):
         team = ti.static(Team(points, link, i, points.shape[1]))

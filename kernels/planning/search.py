@@ -24,6 +24,7 @@ from typing import NamedTuple
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.planning.information import (
     Team,
     check_team,
@@ -70,13 +71,13 @@ class Region(NamedTuple):
     limited: bool
 
 
-@ti.func
+@func
 def clamp(place: vec2, region: ti.template()) -> vec2:
     """The point of the box nearest to a place."""
     return ti.min(ti.max(place, 0.0), region.size)
 
 
-@ti.func
+@func
 def clip(place: vec2, region: ti.template()) -> vec2:
     """A point of the region near a place."""
     point = clamp(place, region)
@@ -87,7 +88,7 @@ def clip(place: vec2, region: ti.template()) -> vec2:
     return point
 
 
-@ti.func
+@func
 def newton_step(f: vec6, place: vec2, region: ti.template()) -> vec2:
     """A Newton step uphill, the Hessian shifted where it is not negative definite; it may leave the box."""
     g_x = f[X]
@@ -116,7 +117,7 @@ def newton_step(f: vec6, place: vec2, region: ti.template()) -> vec2:
     return vec2(h_xy * g_y - h_yy * g_x, h_xy * g_x - h_xx * g_y) / (h_xx * h_yy - h_xy * h_xy)
 
 
-@ti.func
+@func
 def step_along_circle(f: vec6, place: vec2, outward: vec2, region: ti.template()) -> vec2:
     """A Newton step uphill along the circle that bounds the reach; none where it would leave the box."""
     slope = f[Y] * outward[0] - f[X] * outward[1]
@@ -138,7 +139,7 @@ def step_along_circle(f: vec6, place: vec2, outward: vec2, region: ti.template()
     return step
 
 
-@ti.func
+@func
 def next_place(f: vec6, place: vec2, damping, longest, region: ti.template()) -> vec3:
     """Where a damped step of at most `longest` (m) from a place ends inside the region, and the gain by the slope."""
     step = damping * newton_step(f, place, region)
@@ -169,7 +170,7 @@ def next_place(f: vec6, place: vec2, damping, longest, region: ti.template()) ->
     return vec3(target[0], target[1], f[X] * step[0] + f[Y] * step[1])
 
 
-@ti.func
+@func
 def least_slant_range(team: ti.template(), place: vec2):
     """Slant range of the AUV nearest to a place, m: the length over which an objective's derivatives change."""
     least = 1e30
@@ -178,7 +179,7 @@ def least_slant_range(team: ti.template(), place: vec2):
     return ti.sqrt(least)
 
 
-@ti.func
+@func
 def ascend(
     team: ti.template(),
     code: ti.template(),
@@ -231,7 +232,7 @@ def ascend(
     return vec3(place[0], place[1], f[VALUE])
 
 
-@ti.func
+@func
 def place_on_ring(team: ti.template(), k, spoke) -> vec2:
     """One of RING_STARTS places on the ring round AUV k on which PAPER peaks."""
     angle = TWO_PI / RING_STARTS * spoke
@@ -239,7 +240,7 @@ def place_on_ring(team: ti.template(), k, spoke) -> vec2:
     return position(team, k) + radius * vec2(ti.cos(angle), ti.sin(angle))
 
 
-@ti.func
+@func
 def is_close_by(team: ti.template(), k, tried: ti.template(), nearest) -> bool:
     """Whether AUV k shares its maximum with an earlier one marked in `tried`; `nearest` is the least squared depth."""
     close = False
@@ -250,14 +251,14 @@ def is_close_by(team: ti.template(), k, tried: ti.template(), nearest) -> bool:
     return close
 
 
-@ti.func
+@func
 def has_plateau(team: ti.template(), k) -> bool:
     """Whether the attitude error outweighs the noise far round AUV k, where its variance is therefore constant."""
     z2 = squared_separation(team, k)
     return team.link[member(team, k), ATTITUDE] * z2 * ti.exp(log_T(team.link, member(team, k), z2)) > PLATEAU
 
 
-@ti.func
+@func
 def best_between_auvs(team: ti.template(), code: ti.template(), region: ti.template()) -> mat2x3:
     """The two best of five places between each two AUVs, as rows (x, y, ln of the objective); −1e30 for none.
 
@@ -281,7 +282,7 @@ def best_between_auvs(team: ti.template(), code: ti.template(), region: ti.templ
     return mat2x3([[first[0], first[1], first[2]], [second[0], second[1], second[2]]])
 
 
-@ti.func
+@func
 def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti.template()) -> vec3:
     """The highest of the maxima of D, SUM or PAPER; that uphill of `start` wins a tie."""
     starts_per_auv = ti.static(RING_STARTS if objective_of(code) == PAPER else 1)
@@ -325,7 +326,7 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti
     return best
 
 
-@ti.func
+@func
 def search(team: ti.template(), code: ti.template(), start: vec2, region: ti.template()) -> vec3:
     """The best place of a region and ln of the objective there: (x*, y*, ln of the objective, lengths in m).
 
@@ -341,19 +342,19 @@ def search(team: ti.template(), code: ti.template(), start: vec2, region: ti.tem
     return best
 
 
-@ti.func
+@func
 def plan(team: ti.template(), code: ti.template(), start: vec2, size: vec2) -> vec3:
     """`search` over the area of the given width and length, m."""
     return search(team, code, start, ti.static(Region(size, start, ANYWHERE, False)))
 
 
-@ti.func
+@func
 def greedy(team: ti.template(), code: ti.template(), boat: vec2, reach, size: vec2) -> vec3:
     """`search` within `reach` (m) of the boat's place in the area of the given width and length, m."""
     return search(team, code, boat, ti.static(Region(size, boat, reach, True)))
 
 
-@ti.kernel
+@kernel
 def _batch(
     link: array2,
     points: array3,

@@ -33,6 +33,7 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.current import grid_interpolate
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.types import array1, array3, array4, mask2, vec2
 
 UNREACHABLE = 1e9
@@ -65,7 +66,7 @@ class Problem(NamedTuple):
     spacing: ti.Vector
 
 
-@ti.func
+@func
 def travel_time(d: vec2, c: vec2, V: ti.f32, R: ti.f32) -> ti.f32:
     """Time to come within R of a place at d in a uniform current, s: the first t with |d − c t| = V t + R."""
     gap = d.norm_sqr() - R * R
@@ -81,7 +82,7 @@ def travel_time(d: vec2, c: vec2, V: ti.f32, R: ti.f32) -> ti.f32:
     return t
 
 
-@ti.func
+@func
 def straight_cost(problem: ti.template(), d: vec2, c: vec2, R: ti.f32) -> ti.f32:
     """Least cost over the speeds of coming within R of a place at d in a uniform current."""
     J = UNREACHABLE
@@ -92,7 +93,7 @@ def straight_cost(problem: ti.template(), d: vec2, c: vec2, R: ti.f32) -> ti.f32
     return J
 
 
-@ti.func
+@func
 def cost_across_face(problem: ti.template(), J_e: ti.f32, J_d: ti.f32, c: vec2, step: vec2) -> ti.f32:
     """Least cost through the inside of the face between a neighbour e along n and its neighbour d along s.
 
@@ -118,7 +119,7 @@ def cost_across_face(problem: ti.template(), J_e: ti.f32, J_d: ti.f32, c: vec2, 
     return J
 
 
-@ti.func
+@func
 def cost_near_goal(problem: ti.template(), x: vec2) -> ti.f32:
     """Cost of the straight path from x in the current at its middle; `UNREACHABLE` away from the goal."""
     J = UNREACHABLE
@@ -132,7 +133,7 @@ def cost_near_goal(problem: ti.template(), x: vec2) -> ti.f32:
     return J
 
 
-@ti.func
+@func
 def cost_at(problem: ti.template(), x: vec2) -> ti.f32:
     """Cost at a point of the area: bilinear, and near the goal that of the straight path."""
     J = cost_near_goal(problem, x)
@@ -153,7 +154,7 @@ def cost_at(problem: ti.template(), x: vec2) -> ti.f32:
     return J
 
 
-@ti.func
+@func
 def improved_cost(problem: ti.template(), i, j, up, right) -> ti.f32:
     """Least cost of node (i, j) by its neighbours in row i − up and column j − right, where these exist."""
     w = problem.world
@@ -191,7 +192,7 @@ def improved_cost(problem: ti.template(), i, j, up, right) -> ti.f32:
     return J
 
 
-@ti.kernel
+@kernel
 def _solve(
     flow: array4,
     goal: array3,
@@ -231,7 +232,7 @@ def _solve(
                 sweep += 1
 
 
-@ti.func
+@func
 def cost_by(problem: ti.template(), x: vec2, c: vec2, d: vec2, size: vec2) -> ti.f32:
     """Least cost of a path that begins straight over ground from x to x + d; c is the current at x, size the area's."""
     end = x + d
@@ -243,13 +244,13 @@ def cost_by(problem: ti.template(), x: vec2, c: vec2, d: vec2, size: vec2) -> ti
     return J
 
 
-@ti.func
+@func
 def heading(angle: ti.f32) -> vec2:
     """Unit vector at an angle (rad) from the x axis."""
     return vec2(ti.cos(angle), ti.sin(angle))
 
 
-@ti.func
+@func
 def best_leg(problem: ti.template(), x: vec2, c: vec2, size: vec2) -> vec2:
     """The cheapest way to begin a path at x, a vector over ground of about REACH spacings, m; zero if there is none."""
     inside = vec2(ti.math.clamp(x[0], 0.0, size[0]), ti.math.clamp(x[1], 0.0, size[1]))
@@ -276,7 +277,7 @@ def best_leg(problem: ti.template(), x: vec2, c: vec2, size: vec2) -> vec2:
     return d
 
 
-@ti.kernel
+@kernel
 def _steer(
     flow: array4,
     goal: array3,

@@ -31,6 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.positioning.sonar import (
     LN10,
     NoiseLaw,
@@ -220,7 +221,7 @@ def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
     return table.astype(np.float32)
 
 
-@ti.func
+@func
 def further_loss(link: ti.template(), k: ti.i32, offset: vec3, effort: ti.f32) -> ti.f32:
     """What bubbles and the boat's own noise take from the ratio of a signal of AUV k, dB.
 
@@ -234,7 +235,7 @@ def further_loss(link: ti.template(), k: ti.i32, offset: vec3, effort: ti.f32) -
     return loss + 10.0 * log10(1.0 + link[k, OWN_NOISE] * cube * cube)
 
 
-@ti.func
+@func
 def phase_deviation(link: ti.template(), k: ti.i32, S: ti.f32, loss: ti.f32) -> ti.f32:
     """Standard deviation σ (rad) of a phase difference of AUV k at the slant range S (m); bounded.
 
@@ -246,7 +247,7 @@ def phase_deviation(link: ti.template(), k: ti.i32, S: ti.f32, loss: ti.f32) -> 
     return ti.min(sigma, LARGEST_DEVIATION)
 
 
-@ti.func
+@func
 def range_deviation(link: ti.template(), k: ti.i32, sigma: ti.f32) -> ti.f32:
     """Standard deviation (m) of the slant range Ŝ where phase differences have the standard deviation σ (rad)."""
     # σ_τ = σ/(2π f_rms √8): a hydrophone's phase has half the variance of a difference, the mean of four a quarter of
@@ -254,7 +255,7 @@ def range_deviation(link: ti.template(), k: ti.i32, sigma: ti.f32) -> ti.f32:
     return link[k, RANGE_PER_PHASE] * sigma * 0.3535533905932738
 
 
-@ti.func
+@func
 def detection_threshold(link: ti.template(), k: ti.i32) -> ti.f32:
     """Least amplitude R over the noise, all hydrophones together, at which a signal of AUV k counts as detected."""
     return ti.sqrt(link[k, THRESHOLD])

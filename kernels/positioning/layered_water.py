@@ -39,6 +39,7 @@ Source: Jensen, Kuperman, Porter, Schmidt, "Computational Ocean Acoustics" (2011
 import numpy as np
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.types import vec2
 
 # Columns of the table of layers, one row a depth; a layer extends from its row to the next.
@@ -85,7 +86,7 @@ class Ray:
     exists: ti.i32  # 0: no ray, the other numbers are undefined
 
 
-@ti.func
+@func
 def layer_at(layers: ti.template(), depth: ti.f32) -> ti.i32:
     """Row of the layer in which a depth (m) lies."""
     row = 0
@@ -95,7 +96,7 @@ def layer_at(layers: ti.template(), depth: ti.f32) -> ti.i32:
     return row
 
 
-@ti.func
+@func
 def excess_in_layer(layers: ti.template(), i: ti.i32, depth: ti.f32) -> ti.f32:
     """Speed of sound minus REFERENCE (m/s) at a depth (m) in the layer i, at its lower side exactly the next row's."""
     e = layers[i, EXCESS] + layers[i, GRADIENT] * (depth - layers[i, DEPTH])
@@ -104,13 +105,13 @@ def excess_in_layer(layers: ti.template(), i: ti.i32, depth: ti.f32) -> ti.f32:
     return e
 
 
-@ti.func
+@func
 def sound_speed(layers: ti.template(), depth: ti.f32) -> ti.f32:
     """Speed of sound (m/s) at a depth (m)."""
     return REFERENCE + excess_in_layer(layers, layer_at(layers, depth), depth)
 
 
-@ti.func
+@func
 def artanh_ratio(q: ti.f32) -> ti.f32:
     """artanh(q)/q for |q| < 1."""
     x = q * q
@@ -120,7 +121,7 @@ def artanh_ratio(q: ti.f32) -> ti.f32:
     return ratio
 
 
-@ti.func
+@func
 def layer_time(h: ti.f32, e1: ti.f32, e2: ti.f32, w1: ti.f32, w2: ti.f32) -> ti.f32:
     """Travel time τ (s) through a layer of thickness h (m) with the excess speeds and cosines at its sides."""
     c1 = REFERENCE + e1
@@ -129,7 +130,7 @@ def layer_time(h: ti.f32, e1: ti.f32, e2: ti.f32, w1: ti.f32, w2: ti.f32) -> ti.
     return h * Q * artanh_ratio((e2 - e1) * Q)
 
 
-@ti.func
+@func
 def along_arc(g: ti.f32, c: ti.f32, s: ti.f32, w: ti.f32, time: ti.f32) -> vec2:
     """Horizontal range and depth (m) gained in a time (s) inside a layer of gradient g, from speed c, sin θ, cos θ.
 
@@ -157,13 +158,13 @@ class Turn:
     record: ti.f32  # the fastest speed up to there minus REFERENCE, M, m/s
 
 
-@ti.func
+@func
 def cosine_part(e: ti.f32, turn: Turn, xx: ti.f32) -> ti.f32:
     """A (m/s) where the speed is REFERENCE + e, for x² = xx."""
     return ti.sqrt((ti.max(turn.record - e, 0.0) + xx) * (2.0 * REFERENCE + turn.record + xx + e))
 
 
-@ti.func
+@func
 def through_layers(layers: ti.template(), turn: Turn, xx: ti.f32, factor: ti.f32, arc: ti.f32, timed: ti.template()):
     """`arc` and what the layers that both legs cross add to it: of the time (s), or else of the range (m), for x² = xx.
 
@@ -194,7 +195,7 @@ def through_layers(layers: ti.template(), turn: Turn, xx: ti.f32, factor: ti.f32
     return total
 
 
-@ti.func
+@func
 def ranges(layers: ti.template(), turn: Turn, x: ti.f32) -> vec2:
     """The two parts of the range (m): that of the turning arc, which grows with x, and that of layers crossed."""
     xx = x * x
@@ -202,7 +203,7 @@ def ranges(layers: ti.template(), turn: Turn, x: ti.f32) -> vec2:
     return vec2(2.0 * turn.radius * cosine_part(turn.base_excess, turn, xx), crossed)
 
 
-@ti.func
+@func
 def travel_time(layers: ti.template(), turn: Turn, x: ti.f32) -> ti.f32:
     """Travel time (s) along the ray x > 0."""
     xx = x * x
@@ -211,7 +212,7 @@ def travel_time(layers: ti.template(), turn: Turn, x: ti.f32) -> ti.f32:
     return through_layers(layers, turn, xx, xi, 2.0 * turn.radius * w * artanh_ratio(w), True)
 
 
-@ti.func
+@func
 def bracketed(layers: ti.template(), turn: Turn, R: ti.f32, ends: vec2, misses: vec2) -> vec2:
     """x between two ends at which the range misses R (m) to either side, and by how much its own range misses it.
 
@@ -243,7 +244,7 @@ def bracketed(layers: ti.template(), turn: Turn, R: ti.f32, ends: vec2, misses: 
     return vec2(x, f)
 
 
-@ti.func
+@func
 def first_in_layer(layers: ti.template(), turn: Turn, R: ti.f32, farthest: ti.f32) -> vec2:
     """x and travel time (s) of the first arrival at the range R (m) with x up to `farthest`; NEVER if there is none."""
     first = vec2(0.0, NEVER)
@@ -276,7 +277,7 @@ def first_in_layer(layers: ti.template(), turn: Turn, R: ti.f32, farthest: ti.f3
     return first
 
 
-@ti.func
+@func
 def turning_ray(
     layers: ti.template(), shallow: ti.f32, deep: ti.f32, R: ti.f32, surface: ti.f32, fastest: ti.f32
 ) -> Ray:

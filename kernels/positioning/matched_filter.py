@@ -28,6 +28,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import random
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.positioning import acoustic_link, reflections
 from usvauv.kernels.positioning.pulse import FINE, PERIODS, Pulses, chip, envelope
 from usvauv.kernels.positioning.usbl import TWO_PI
@@ -49,13 +50,13 @@ SLIP = 5  # error of the delay in whole chips
 MEASURED = 6
 
 
-@ti.func
+@func
 def fraction(turns):
     """Turns modulo one, in [−½, ½]."""
     return turns - ti.round(turns)
 
 
-@ti.func
+@func
 def common_turn(turn: vec4) -> vec4:
     """Mean, difference x, difference y and residual of arrivals at +x, −x, +y, −y that are known modulo one turn."""
     x = fraction(turn[1] - turn[0])
@@ -65,7 +66,7 @@ def common_turn(turn: vec4) -> vec4:
     return vec4(by_x + 0.5 * residual, x, y, residual)
 
 
-@ti.func
+@func
 def arrivals(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32) -> vec4:
     """Arrival at the hydrophones +x, −x, +y, −y less that at the array's centre, in periods."""
     wavelength = link[k, acoustic_link.WAVELENGTH]
@@ -78,7 +79,7 @@ def arrivals(link: ti.template(), k: ti.i32, body: vec3, S: ti.f32) -> vec4:
     return later
 
 
-@ti.func
+@func
 def draw(normals: ti.template(), n: ti.i32, address: random.uint4, key: random.uint2):
     """Fill row n of `normals`, (…, columns, 8), from the draws that belong to an address."""
     stream = random.philox(address, key)
@@ -90,7 +91,7 @@ def draw(normals: ti.template(), n: ti.i32, address: random.uint4, key: random.u
                 normals[n, r, 4 * half + i] = drawn[i]
 
 
-@ti.func
+@func
 def sounds(
     tables: ti.template(),
     link: ti.template(),
@@ -133,7 +134,7 @@ def sounds(
     return heard
 
 
-@ti.func
+@func
 def signal(tables: ti.template(), k: ti.i32, heard: ti.template(), lag: ti.f32):
     """Output of the matched filter on each hydrophone without noise, over √γ: real parts, imaginary parts.
 
@@ -149,7 +150,7 @@ def signal(tables: ti.template(), k: ti.i32, heard: ti.template(), lag: ti.f32):
     return real, imaginary
 
 
-@ti.func
+@func
 def output(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, normals: ti.template(), n, lag: ti.i32):
     """Output of the matched filter on each hydrophone at a lag of the gate, over √N0: real parts, imaginary parts.
 
@@ -169,14 +170,14 @@ def output(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, 
     return real, imaginary
 
 
-@ti.func
+@func
 def summit(beside: vec3) -> ti.f32:
     """Where the parabola through values at −1, 0 and 1 is highest, not beyond them."""
     bend = ti.min(beside[0] - 2.0 * beside[1] + beside[2], -1e-9)
     return ti.min(ti.max(0.5 * (beside[0] - beside[2]) / bend, -1.0), 1.0)
 
 
-@ti.func
+@func
 def peak(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, normals: ti.template(), n) -> ti.f32:
     """Lag of the largest energy in the gate, in FINE lags a chip."""
     last = tables.noise.shape[1] - 1
@@ -201,7 +202,7 @@ def peak(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, no
     return lag
 
 
-@ti.func
+@func
 def curvature(link: ti.template(), k: ti.i32, S: ti.f32, x: ti.f32, y: ti.f32) -> ti.f32:
     """How much longer the mean path to four hydrophones is than that to the array's centre, as slant range, m.
 
@@ -213,7 +214,7 @@ def curvature(link: ti.template(), k: ti.i32, S: ti.f32, x: ti.f32, y: ti.f32) -
     return (spacing * spacing - 0.5 * across) / (8.0 * S * link[k, acoustic_link.PATHS])
 
 
-@ti.func
+@func
 def tone_peak(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec2, normals: ti.template(), n) -> ti.f32:
     """Lag, in FINE lags a period, of the largest energy among those that the phase of a tone leaves."""
     last = tables.noise.shape[1] - 1
@@ -231,7 +232,7 @@ def tone_peak(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec
     return found
 
 
-@ti.func
+@func
 def disturbance(tables: ti.template(), link: ti.template(), k: ti.i32, heard: ti.template()) -> vec4:
     """What reflections do to the direct sound's peak, without noise.
 
@@ -256,7 +257,7 @@ def disturbance(tables: ti.template(), link: ti.template(), k: ti.i32, heard: ti
     return vec4(TWO_PI * turn[1], TWO_PI * turn[2], chip(tables, link, k) * lag, strength)
 
 
-@ti.func
+@func
 def measure(
     tables: ti.template(),
     link: ti.template(),
@@ -296,7 +297,7 @@ def measure(
     )
 
 
-@ti.kernel
+@kernel
 def _measurements(
     envelopes: array2,
     noise: array3,

@@ -27,6 +27,7 @@ import numpy as np
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import vec4
 
@@ -131,7 +132,7 @@ def tones(count: int, periods: int, device: torch.device) -> Pulses:
     return Pulses(*(table.repeat(count, *[1] * (table.ndim - 1)) for table in one[:3]), tone=True)
 
 
-@ti.func
+@func
 def envelope(table: ti.template(), k: ti.i32, lag: ti.f32) -> ti.f32:
     """R of pulse k at a lag in chips, from `Pulses.envelope` by the cubic through four of its values; exact to 1e-6."""
     at = ti.abs(lag) * FINE
@@ -150,7 +151,7 @@ def envelope(table: ti.template(), k: ti.i32, lag: ti.f32) -> ti.f32:
     return value
 
 
-@ti.func
+@func
 def chip(tables: ti.template(), link: ti.template(), k: ti.i32) -> ti.f32:
     """Slant range that a chip's delay stands for, m."""
     return link[k, acoustic_link.WAVELENGTH] / link[k, acoustic_link.PATHS] / tables.rate[k]

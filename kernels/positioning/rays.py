@@ -18,6 +18,7 @@ varying layer velocity", Geophysical Prospecting 67 (2019), for t as the unknown
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.positioning.layered_water import (
     DEPTH,
     EXCESS,
@@ -49,7 +50,7 @@ class Arrival:
     exists: ti.i32  # 0: no ray; then direction and range are those of the straight line
 
 
-@ti.func
+@func
 def stretch(e: ti.f32, fastest: ti.f32, u: ti.f32) -> ti.f32:
     """A = √(1 + k t²), the ratio of cos θ at the speed c to that at the fastest depth.
 
@@ -58,7 +59,7 @@ def stretch(e: ti.f32, fastest: ti.f32, u: ti.f32) -> ti.f32:
     return ti.sqrt(1.0 + (fastest - e) * (2.0 * REFERENCE + fastest + e) * u * u)
 
 
-@ti.func
+@func
 def range_and_slope(
     layers: ti.template(), first: ti.i32, last: ti.i32, shallow: ti.f32, deep: ti.f32, fastest: ti.f32, u: ti.f32
 ) -> vec2:
@@ -84,7 +85,7 @@ def range_and_slope(
     return vec2(reached * u, slope / (REFERENCE + fastest))
 
 
-@ti.func
+@func
 def eigenray(layers: ti.template(), shallow: ti.f32, deep: ti.f32, R: ti.f32, surface: ti.f32) -> Ray:
     """The ray between two depths (m), the deeper one second, at the horizontal range R (m): see `turning_ray`.
 
@@ -128,7 +129,7 @@ def eigenray(layers: ti.template(), shallow: ti.f32, deep: ti.f32, R: ti.f32, su
     return ray
 
 
-@ti.func
+@func
 def refracted(layers: ti.template(), depth: ti.f32, surface: ti.f32, offset: vec3, c: ti.f32) -> Arrival:
     """The first arrival at an array from a source.
 
@@ -154,7 +155,7 @@ def refracted(layers: ti.template(), depth: ti.f32, surface: ti.f32, offset: vec
     return arrival
 
 
-@ti.func
+@func
 def follow(layers: ti.template(), depth: ti.f32, direction: vec3, slant_range: ti.f32, c: ti.f32) -> vec3:
     """Offset (m) from array to source, by tracing the ray back, through turning points as well: inverts `refracted`.
 
@@ -222,7 +223,7 @@ def follow(layers: ti.template(), depth: ti.f32, direction: vec3, slant_range: t
     return vec3(to_metres * across[0], to_metres * across[1], depth - z)
 
 
-@ti.kernel
+@kernel
 def _eigenrays(layers: array2, ends: array2, surface: ti.f32, out: array2):
     for n in range(ends.shape[0]):
         ray = eigenray(layers, ends[n, 0], ends[n, 1], ends[n, 2], surface)
@@ -244,7 +245,7 @@ def eigenrays(layers: torch.Tensor, ends: torch.Tensor, surface: float = 0.0) ->
     return out
 
 
-@ti.kernel
+@kernel
 def _arrivals(layers: array2, depth: array1, offset: array2, c: ti.f32, surface: ti.f32, out: array2):
     for n in range(offset.shape[0]):
         arrival = refracted(layers, depth[n], surface, vec3(offset[n, 0], offset[n, 1], offset[n, 2]), c)
@@ -263,7 +264,7 @@ def arrivals(
     return out
 
 
-@ti.kernel
+@kernel
 def _positions(layers: array2, depth: array1, arrival: array2, c: ti.f32, out: array2):
     for n in range(arrival.shape[0]):
         direction = vec3(arrival[n, 0], arrival[n, 1], arrival[n, 2])

@@ -38,6 +38,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.positioning import acoustic_link, rays, sonar
 from usvauv.kernels.positioning.layered_water import sound_speed
 from usvauv.kernels.positioning.pulse import FINE, Pulses, chip, envelope
@@ -113,7 +114,7 @@ class Reflection:
     amplitude: ti.f32  # over that of the direct sound
 
 
-@ti.func
+@func
 def bottom_coefficient(sine: ti.f32, boundaries: Boundaries) -> ti.f32:
     """Modulus of the bottom's reflection coefficient at a grazing angle θ, by sin θ."""
     index = vec2(1.0, boundaries.absorption / DECIBELS) / boundaries.speed
@@ -128,7 +129,7 @@ def bottom_coefficient(sine: ti.f32, boundaries: Boundaries) -> ti.f32:
     return below.norm() / ti.max(above.norm(), 1e-6)
 
 
-@ti.func
+@func
 def bent(which: ti.i32, offset: vec3, level: ti.f32, profile: ti.template()):
     """Where a reflection comes from, as `rays.Arrival`, and the sine of its grazing angle; `level` of the plane, m."""
     plane = profile.depth - level
@@ -145,7 +146,7 @@ def bent(which: ti.i32, offset: vec3, level: ti.f32, profile: ti.template()):
     return arrival, ti.sqrt(ti.max(1.0 - across.norm_sqr(), 0.0))
 
 
-@ti.func
+@func
 def reflection(which: ti.i32, offset: vec3, around: ti.template(), link: ti.template(), k: ti.i32) -> Reflection:
     """Reflection of AUV k at `offset` (m) from a level array, from the surface (0) or the bottom (1).
 
@@ -184,7 +185,7 @@ def reflection(which: ti.i32, offset: vec3, around: ti.template(), link: ti.temp
     )
 
 
-@ti.func
+@func
 def difference_variance(rho: ti.f32, delta: ti.f32) -> ti.f32:
     """Extra variance (rad²) of a phase difference by a reflection of the relative strength `rho`, |rho| < 1."""
     variance = 0.0
@@ -195,7 +196,7 @@ def difference_variance(rho: ti.f32, delta: ti.f32) -> ti.f32:
     return variance
 
 
-@ti.func
+@func
 def extra_variance(kappa: ti.f32, body: vec3, image: vec3, rho: ti.f32, slope: ti.f32, width: vec2) -> vec3:
     """Extra variance of both phase differences (rad²) and of the delay (chips²) by one reflection.
 
@@ -218,7 +219,7 @@ def extra_variance(kappa: ti.f32, body: vec3, image: vec3, rho: ti.f32, slope: t
     return variance
 
 
-@ti.func
+@func
 def multipath_variance(
     tables: ti.template(), link: ti.template(), k: ti.i32, offset: vec3, axes: mat3, around: ti.template()
 ) -> vec3:
@@ -242,7 +243,7 @@ def multipath_variance(
     return variance
 
 
-@ti.func
+@func
 def situation(offset: ti.template(), slope: ti.template(), water: ti.template(), n: ti.i32):
     """Row n of offsets (m), slopes and boundaries: offset, axes of the array, boundaries."""
     r = vec3(offset[n, 0], offset[n, 1], offset[n, 2])
@@ -251,7 +252,7 @@ def situation(offset: ti.template(), slope: ti.template(), water: ti.template(),
     return r, axes, boundaries
 
 
-@ti.kernel
+@kernel
 def _multipath_variances(
     envelopes: array2,
     noise: array3,

@@ -27,6 +27,7 @@ detections).
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.positioning.usbl import GATE, Expectation, squared_innovation
 from usvauv.kernels.types import array2, array3, mat2, vec2, vec3
 
@@ -58,25 +59,25 @@ class TrackFix:
     carried: vec2
 
 
-@ti.func
+@func
 def position_block(track: ti.template(), w, k) -> mat2:
     """Block A of the covariance, m²."""
     return mat2([[track[w, k, XX], track[w, k, XY]], [track[w, k, XY], track[w, k, YY]]])
 
 
-@ti.func
+@func
 def cross_block(track: ti.template(), w, k) -> mat2:
     """Block B of the covariance, rows of the position, columns of the current, m²/s."""
     return mat2([[track[w, k, XU], track[w, k, XV]], [track[w, k, YU], track[w, k, YV]]])
 
 
-@ti.func
+@func
 def current_block(track: ti.template(), w, k) -> mat2:
     """Block C of the covariance, m²/s²."""
     return mat2([[track[w, k, UU], track[w, k, UV]], [track[w, k, UV], track[w, k, VV]]])
 
 
-@ti.func
+@func
 def store_covariance(track: ti.template(), w, k, A: mat2, B: mat2, C: mat2):
     """Write the blocks of the covariance, A and C made symmetric."""
     track[w, k, XX] = A[0, 0]
@@ -91,7 +92,7 @@ def store_covariance(track: ti.template(), w, k, A: mat2, B: mat2, C: mat2):
     track[w, k, VV] = C[1, 1]
 
 
-@ti.func
+@func
 def correct_state(track: ti.template(), w, k, position: vec2, current: vec2):
     """Add corrections of position (m) and current (m/s)."""
     track[w, k, X] = track[w, k, X] + position[0]
@@ -100,14 +101,14 @@ def correct_state(track: ti.template(), w, k, position: vec2, current: vec2):
     track[w, k, CURRENT_Y] = track[w, k, CURRENT_Y] + current[1]
 
 
-@ti.func
+@func
 def corrections(A: mat2, B: mat2, R: mat2, innovation: vec2):
     """Corrections of the part with block A and of the other part by an innovation, and its square over S."""
     weighted = (A + R).inverse() @ innovation
     return A @ weighted, B.transpose() @ weighted, innovation.dot(weighted)
 
 
-@ti.func
+@func
 def joseph(A: mat2, B: mat2, C: mat2, R: mat2):
     """Blocks A, B, C after a measurement of covariance R of the part with block A; B is the cross block."""
     S = A + R
@@ -123,7 +124,7 @@ def joseph(A: mat2, B: mat2, C: mat2, R: mat2):
     )
 
 
-@ti.func
+@func
 def begin(track: ti.template(), w, k, x, y, covariance: vec3, variance):
     """Begin a track at (x, y) with covariance (xx, xy, yy), m², in a current of zero mean and `variance`, m²/s²."""
     for c in ti.static(range(COLUMNS)):
@@ -137,7 +138,7 @@ def begin(track: ti.template(), w, k, x, y, covariance: vec3, variance):
     track[w, k, VV] = variance
 
 
-@ti.func
+@func
 def shift(track: ti.template(), w, k, carried: vec2, time):
     """Move the position by `carried` (m) and by the current during `time` (s, of either sign)."""
     A = position_block(track, w, k)
@@ -148,14 +149,14 @@ def shift(track: ti.template(), w, k, carried: vec2, time):
     store_covariance(track, w, k, A + time * (B + B.transpose()) + time * time * C, B + time * C, C)
 
 
-@ti.func
+@func
 def spread(track: ti.template(), w, k, variance):
     """Add a variance per axis (m²) to the position's covariance."""
     track[w, k, XX] = track[w, k, XX] + variance
     track[w, k, YY] = track[w, k, YY] + variance
 
 
-@ti.func
+@func
 def carry(track: ti.template(), w, k, velocity: vec2, time, adrift):
     """Propagate the track by the AUV's motion, before the fix taken at its end or on the way.
 
@@ -172,7 +173,7 @@ def carry(track: ti.template(), w, k, velocity: vec2, time, adrift):
     shift(track, w, k, adrift * time * velocity, adrift * time)
 
 
-@ti.func
+@func
 def renew(track: ti.template(), w, k, time, variance, correlation_time):
     """Propagate the current by `time` (s) to the next motion; σ² = `variance` (m²/s²), τ = `correlation_time` (s)."""
     rho = ti.exp(-time / correlation_time)
@@ -185,7 +186,7 @@ def renew(track: ti.template(), w, k, time, variance, correlation_time):
     track[w, k, CURRENT_Y] = rho * track[w, k, CURRENT_Y]
 
 
-@ti.func
+@func
 def spreading(t):
     """2t − 3 + 4e^{−t} − e^{−2t} = 2 (t − f) − f² with f = 1 − e^{−t}, for t ≥ 0 without cancellation."""
     f = 1.0 - ti.exp(-t)
@@ -195,7 +196,7 @@ def spreading(t):
     return value
 
 
-@ti.func
+@func
 def drift(track: ti.template(), w, k, carried: vec2, time, variance, correlation_time):
     """Propagate position and current together over a time (s) in which the current changes, to any length exactly.
 
@@ -221,7 +222,7 @@ def drift(track: ti.template(), w, k, carried: vec2, time, variance, correlation
     store_covariance(track, w, k, A, B, C)
 
 
-@ti.func
+@func
 def earlier(track: ti.template(), w, k, lag, carried: vec2):
     """Position (m) and its covariance (xx, xy, yy) at a late fix's time; `lag` and `carried` as in `TrackFix`."""
     B = cross_block(track, w, k)
@@ -230,7 +231,7 @@ def earlier(track: ti.template(), w, k, lag, carried: vec2):
     return vec2(track[w, k, X], track[w, k, Y]) - carried - lag * current, vec3(A[0, 0], A[0, 1], A[1, 1])
 
 
-@ti.func
+@func
 def reject(track: ti.template(), w, k, fix: TrackFix, variance, speed):
     """Note a fix beyond the gate; begin the track anew where it confirms those rejected before it."""
     last = vec2(track[w, k, REJECTED_X], track[w, k, REJECTED_Y])
@@ -250,7 +251,7 @@ def reject(track: ti.template(), w, k, fix: TrackFix, variance, speed):
         track[w, k, WATER_Y] = adrift[2]
 
 
-@ti.func
+@func
 def update(track: ti.template(), w, k, fix: TrackFix, variance, speed):
     """Update by a fix; returns its normalised innovation squared, χ² of two degrees of freedom.
 
@@ -284,7 +285,7 @@ def update(track: ti.template(), w, k, fix: TrackFix, variance, speed):
     return squared
 
 
-@ti.func
+@func
 def sense(track: ti.template(), w, k, reading: vec2, variance):
     """Update by a reading of the current at the AUV (m/s) with `variance` per axis, m²/s²; after `renew`."""
     R = mat2([[variance, 0.0], [0.0, variance]])
@@ -298,7 +299,7 @@ def sense(track: ti.template(), w, k, reading: vec2, variance):
     correct_state(track, w, k, position, current)
 
 
-@ti.kernel
+@kernel
 def _follow(
     velocity: array3,
     adrift: array2,

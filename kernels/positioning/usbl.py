@@ -54,6 +54,7 @@ import numpy as np
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.positioning.acoustic_link import (
     ALIGNMENT,
     ATTITUDE,
@@ -106,14 +107,14 @@ class Direction:
     flags: ti.i32  # of the fix
 
 
-@ti.func
+@func
 def attitude(slope: vec2) -> vec2:
     """Pitch and roll (rad) of an array lying on a surface with the slopes (∂η/∂x, ∂η/∂y)."""
     pitch = ti.atan2(slope[0], 1.0)
     return vec2(pitch, ti.atan2(slope[1] * ti.cos(pitch), 1.0))
 
 
-@ti.func
+@func
 def array_axes(angles: vec2) -> mat3:
     """The array's axes in the world's frame, one a row: forward, left, up; `angles` are pitch and roll (rad)."""
     ct = ti.cos(angles[0])
@@ -123,7 +124,7 @@ def array_axes(angles: vec2) -> mat3:
     return mat3([[ct, 0.0, st], [-sp * st, cp, sp * ct], [-cp * st, -sp, cp * ct]])
 
 
-@ti.func
+@func
 def turned(axes: mat3, heading_error: ti.f32) -> mat3:
     """The array's axes as they seem with an error of the heading (rad, anticlockwise)."""
     c = ti.cos(heading_error)
@@ -131,25 +132,25 @@ def turned(axes: mat3, heading_error: ti.f32) -> mat3:
     return axes @ mat3([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-@ti.func
+@func
 def wrap(phase: ti.f32) -> ti.f32:
     """A phase (rad) modulo one turn, in [−π, π]."""
     return phase - 6.283185307179586 * ti.round(phase * 0.15915494309189535)
 
 
-@ti.func
+@func
 def odd_turns(residual: ti.f32) -> ti.i32:
     """1 where the residual (rad) says that the phase differences lack an odd number of turns together, else 0."""
     return ti.cast(ti.abs(residual) > 0.5 * math.pi, ti.i32)
 
 
-@ti.func
+@func
 def usable(flags: ti.i32):
     """Whether the receiver uses a fix with such flags."""
     return (flags & (DETECTED | UNUSABLE)) == DETECTED
 
 
-@ti.func
+@func
 def measure(
     link: ti.template(), k: ti.i32, body: vec3, path: ti.f32, sigma: ti.f32, noise: vec4, residual_noise: ti.f32
 ) -> Measurement:
@@ -177,7 +178,7 @@ def measure(
     )
 
 
-@ti.func
+@func
 def located(
     link: ti.template(), k: ti.i32, true_phase: vec2, phase: vec2, amplitude: ti.f32, axes: mat3, length: ti.f32
 ) -> Direction:
@@ -205,7 +206,7 @@ def located(
     return Direction(vector=r, flags=flags)
 
 
-@ti.func
+@func
 def fix(link: ti.template(), k: ti.i32, offset: vec3, slope: vec2, noise: vec4, further_noise: vec3) -> vec5:
     """One fix of AUV k where rays are straight: the estimated offset from boat to AUV (m), σ (rad), and the flags.
 
@@ -229,13 +230,13 @@ def fix(link: ti.template(), k: ti.i32, offset: vec3, slope: vec2, noise: vec4, 
     return vec5(r[0], r[1], r[2], measured.sigma, ti.cast(flags, ti.f32))
 
 
-@ti.func
+@func
 def leaning(body: vec3, S: ti.f32) -> ti.f32:
     """−x'/z' per x': how far an error across the array's axis moves z' = −√(S² − x'² − y'²), bounded at the horizon."""
     return 1.0 / ti.min(body[2], -1e-3 * S)
 
 
-@ti.func
+@func
 def attitude_covariance(variance: ti.f32, offset: vec3, axes: mat3) -> vec3:
     """Covariance (xx, xy, yy), m², of the horizontal part of a fix by errors of pitch and roll of a variance (rad²)."""
     # An error of pitch turns the offset about the world's y axis, one of roll about the array's forward axis.
@@ -245,7 +246,7 @@ def attitude_covariance(variance: ti.f32, offset: vec3, axes: mat3) -> vec3:
     return variance * vec3(pitch * pitch + roll_x * roll_x, roll_x * roll_y, roll_y * roll_y)
 
 
-@ti.func
+@func
 def horizontal_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: mat3, sigma: ti.f32) -> vec3:
     """Covariance (xx, xy, yy) in m² of the horizontal part of a fix by the errors that are new in each, to first order.
 
@@ -268,7 +269,7 @@ def horizontal_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: ma
     return noise + attitude_covariance(link[k, ATTITUDE], offset, axes)
 
 
-@ti.func
+@func
 def systematic_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: mat3) -> vec3:
     """Covariance (xx, xy, yy) in m² of the errors that a fix has in common with those before and after it.
 
@@ -285,7 +286,7 @@ def systematic_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: ma
     return C + link[k, SOUND_SPEED] * vec3(x * x, x * y, y * y)
 
 
-@ti.func
+@func
 def placement_covariance(link: ti.template(), k: ti.i32, offset: vec3) -> vec3:
     """Part of `systematic_covariance` by errors of heading and position, which is the same for any measurement."""
     heading = link[k, HEADING]
@@ -313,7 +314,7 @@ class Expectation:
     separation: ti.f32
 
 
-@ti.func
+@func
 def squared_innovation(expected: Expectation, fix: vec2, covariance: vec3) -> ti.f32:
     """Normalised innovation squared of a fix (m) with its covariance (xx, xy, yy) in m², beyond the reach."""
     innovation = fix - expected.place
@@ -322,7 +323,7 @@ def squared_innovation(expected: Expectation, fix: vec2, covariance: vec3) -> ti
     return innovation.dot(mat2([[C[0], C[1]], [C[1], C[2]]]).inverse() @ innovation)
 
 
-@ti.func
+@func
 def candidate_cost(
     link: ti.template(), k: ti.i32, expected: Expectation, offset: vec3, covariance: vec3, sigma: ti.f32
 ):
@@ -342,7 +343,7 @@ def candidate_cost(
     return ti.min(squared, 2.0 * GATE) + error * error / variance
 
 
-@ti.func
+@func
 def most_turns(link: ti.template(), k: ti.i32, length: ti.f32) -> ti.i32:
     """Largest number of turns that can be missing of a phase difference of AUV k; `length` as of `located`."""
     return ti.cast(ti.floor(0.5 * length * link[k, KAPPA] / math.pi + 0.5), ti.i32)
@@ -357,7 +358,7 @@ def turns_possible(link: np.ndarray) -> bool:
     return bool((link[:, KAPPA] > math.pi - 3.0 * sigma).any())
 
 
-@ti.kernel
+@kernel
 def _fixes(
     link: array2,
     auv: index1,

@@ -12,6 +12,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
+from usvauv.kernels.functions import kernel
 from usvauv.kernels.launch import DeviceArray, Launch
 from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, BasinBoundaries
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing
@@ -19,7 +20,7 @@ from usvauv.kernels.shallow_water.wavefront import LinearBasin, Options, elevati
 from usvauv.kernels.types import array1, index1, vec4
 
 
-@ti.kernel
+@kernel
 def transports(
     eta: array1,
     U: array1,
@@ -90,7 +91,7 @@ def transports(
             V[n] = a * V_here - Cy[c] * (north - south)
 
 
-@ti.kernel
+@kernel
 def elevations(
     eta: array1,
     U: array1,

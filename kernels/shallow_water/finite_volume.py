@@ -20,6 +20,7 @@ from collections import namedtuple
 import taichi as ti
 
 from usvauv.kernels import runtime
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.shallow_water.boundaries import SOUTH
 from usvauv.kernels.shallow_water.discretisation import LANES, vector, vectors
 from usvauv.kernels.shallow_water.riemann import (
@@ -67,7 +68,7 @@ SHORE, ROUGH = 2.0, 20.0
 MOST_STEPS = 1e9  # of an interval; with more the flow counts as infinitely fast
 
 
-@ti.kernel
+@kernel
 def step(
     state: vectors,
     cells: array1,
@@ -125,7 +126,7 @@ def step(
         take_step(basin)
 
 
-@ti.func
+@func
 def take_step(basin: ti.template()):
     """Strang's splitting: half a step along x, one along y, half a step along x, the latter together with the next one.
 
@@ -173,13 +174,13 @@ def take_step(basin: ti.template()):
                 apply_friction(basin, line, 0.5 * clock[Clock.step])
 
 
-@ti.func
+@func
 def vector_index(field: ti.i32, i: ti.i32, j: ti.i32, ny: ti.i32, W: ti.i32) -> ti.i32:
     """Index of row i and column j of a field: 0, 1, 2 for D, u, v, and 3, 4, 5 for those after a sweep along x."""
     return (field * (ny + 4) + i + 2) * (W + 4) + j + 2
 
 
-@ti.func
+@func
 def fill_row_ghosts(basin: ti.template(), i: ti.i32, r: ti.f32, tide: vec2):
     """The ghosts of row i of the state.
 
@@ -210,7 +211,7 @@ def fill_row_ghosts(basin: ti.template(), i: ti.i32, r: ti.f32, tide: vec2):
             fill_ghost(basin, ghost, basin.boundaries[boundary], tide)
 
 
-@ti.func
+@func
 def fill_column_ghosts(basin: ti.template(), j: ti.i32, north: ti.i32, r: ti.f32, tide: vec2):
     """The southern (`north` 0) or northern (1) ghosts of column j after a sweep along x; others as above."""
     ny, W = ti.static((basin.ny, basin.W))
@@ -230,7 +231,7 @@ def fill_column_ghosts(basin: ti.template(), j: ti.i32, north: ti.i32, r: ti.f32
         fill_ghost(basin, ghost, basin.boundaries[SOUTH + north], tide)
 
 
-@ti.func
+@func
 def fill_ghost(basin: ti.template(), ghost: ti.template(), kind: ti.i32, tide: vec2):
     """A ghost beyond a boundary of a kind, from the first and the second cell inside."""
     if kind == WALL:
@@ -239,7 +240,7 @@ def fill_ghost(basin: ti.template(), ghost: ti.template(), kind: ti.i32, tide: v
         fill_open(basin, ghost, kind, tide)
 
 
-@ti.func
+@func
 def read_cell(basin: ti.template(), axis: ti.template(), p: ti.i32):
     """The cells at vector p, as a struct of `usvauv.kernels.shallow_water.riemann` with u along the axis.
 
@@ -258,7 +259,7 @@ def read_cell(basin: ti.template(), axis: ti.template(), p: ti.i32):
     return ti.Struct(D=D, b=b, eta=D + ti.max(b, zero), h=h, u=u, v=v)
 
 
-@ti.func
+@func
 def next_time_step(basin: ti.template()):
     """Close the step before, and choose the next: if speeds stay as they are, equal ones up to the interval's end."""
     clock = ti.static(basin.clock)
@@ -284,7 +285,7 @@ def next_time_step(basin: ti.template()):
     clock[Clock.next_y] = prescribed(basin, done + dt)
 
 
-@ti.func
+@func
 def prescribed(basin: ti.template(), t: ti.f64) -> ti.f64:
     """Prescribed elevation at a time of the interval, m."""
     tide = ti.static(basin.tide)
@@ -295,7 +296,7 @@ def prescribed(basin: ti.template(), t: ti.f64) -> ti.f64:
     return level
 
 
-@ti.func
+@func
 def apply_friction(basin: ti.template(), line: ti.template(), t: ti.f64):
     """The exact solution of u_t = −r u − g n² |u| u/h^(4/3) at constant depth for a time t, on a line as swept."""
     cells, drag = ti.static((basin.cells, basin.drag))
@@ -316,7 +317,7 @@ def apply_friction(basin: ti.template(), line: ti.template(), t: ti.f64):
         cells[n + 2 * size] = v * factor
 
 
-@ti.func
+@func
 def sweep(basin: ti.template(), line: ti.template(), dt: ti.f32):
     """A step along one axis, and the greatest rate of the waves at its faces. See `Line`."""
     axis, g, dry, stride = ti.static((line.axis, basin.g, basin.dry, line.stride))
@@ -365,7 +366,7 @@ def sweep(basin: ti.template(), line: ti.template(), dt: ti.f32):
     ti.atomic_max(basin.fastest[0], result / spacing)
 
 
-@ti.func
+@func
 def store(basin: ti.template(), axis: ti.template(), p: ti.i32, D, u, v):
     """Write D and the velocities along and across the axis to vector p."""
     size = (basin.ny + 4) * (basin.W + 4)

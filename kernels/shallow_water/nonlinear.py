@@ -182,13 +182,13 @@ class NonlinearShallowWater:
     def _launch(self) -> Launch:
         """The next step, or all of an interval."""
         state, bed = self._state.view(-1, LANES), self._bed.view(-1, LANES)
-        with runtime.vectors_in_registers():
-            return Launch(
-                step,
-                *(state, state.view(-1), bed, bed.view(-1), self._fastest, self._clock, self._tide, self._halo),
-                *(self._boundaries, self.ny, self._columns, self._parts, self._pieces, self.dx, self.dy, self.gravity),
-                *(self.dry, self.drag, self.manning, self.interval, self.drag > 0 or self.manning > 0, self._alone),
-            )
+        return Launch(
+            step,
+            *(state, state.view(-1), bed, bed.view(-1), self._fastest, self._clock, self._tide, self._halo),
+            *(self._boundaries, self.ny, self._columns, self._parts, self._pieces, self.dx, self.dy, self.gravity),
+            *(self.dry, self.drag, self.manning, self.interval, self.drag > 0 or self.manning > 0, self._alone),
+            settings=runtime.vectors_in_registers(),
+        )
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Copies of the fields and of the clock; with equal forcing `load_state` restores them bit for bit."""

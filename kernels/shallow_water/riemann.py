@@ -14,6 +14,7 @@ from collections import namedtuple
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.types import vec2
 
 WALL, RADIATING, FORCED, INCIDENT = range(4)  # kinds of boundaries
@@ -27,7 +28,7 @@ TINY = 1e-30  # makes 0/0 a 0
 SMOOTH = 0.2  # second difference of the bed over depth up to which a bed is curved and does not jump
 
 
-@ti.func
+@func
 def half_slope(below, above, theta):
     """Half the limited slope of a cell, from its differences to the neighbours below and above it.
 
@@ -42,7 +43,7 @@ def half_slope(below, above, theta):
     return rising + falling
 
 
-@ti.func
+@func
 def half_slopes(below, here, above, dry: ti.f32, r: ti.f32, g: ti.f32):
     """Half slopes of surface, depth and velocities in the middle one of three cells.
 
@@ -90,7 +91,7 @@ def half_slopes(below, here, above, dry: ti.f32, r: ti.f32, g: ti.f32):
     return ti.Struct(eta=eta, h=depth, u=u, v=v, flooded=flooded, passage=passage, widening=widening)
 
 
-@ti.func
+@func
 def half_step(cell, half, r: ti.f32, g: ti.f32):
     """Changes of depth (and surface) `h`, `u` and `v` of a cell in half a step, from its slopes alone (Hancock's).
 
@@ -111,7 +112,7 @@ def half_step(cell, half, r: ti.f32, g: ti.f32):
     )
 
 
-@ti.func
+@func
 def share(cell, u, r: ti.f32, g: ti.f32):
     """Greatest mass flux through the face of a cell towards which it has the velocity u, m²/s.
 
@@ -124,7 +125,7 @@ def share(cell, u, r: ti.f32, g: ti.f32):
     return part * cell.h * (1.0 / r)
 
 
-@ti.func
+@func
 def upper_face(cell, half, change, r: ti.f32, g: ti.f32):
     """State of a cell at its eastern or northern face after half a step."""
     return ti.Struct(
@@ -136,7 +137,7 @@ def upper_face(cell, half, change, r: ti.f32, g: ti.f32):
     )
 
 
-@ti.func
+@func
 def lower_face(cell, half, change, r: ti.f32, g: ti.f32):
     """State of a cell at its western or southern face after half a step."""
     return ti.Struct(
@@ -148,7 +149,7 @@ def lower_face(cell, half, change, r: ti.f32, g: ti.f32):
     )
 
 
-@ti.func
+@func
 def flux(left, right, g: ti.f32):
     """Flux through a face between two states, over a bed that may jump there.
 
@@ -212,7 +213,7 @@ def flux(left, right, g: ti.f32):
     )
 
 
-@ti.func
+@func
 def fill_wall(basin: ti.template(), ghost: ti.template()):
     """A ghost beyond a wall: the mirror image."""
     cells = ti.static(basin.cells)
@@ -224,7 +225,7 @@ def fill_wall(basin: ti.template(), ghost: ti.template()):
     cells[ghost.at + ghost.along] = cells[mirror + ghost.along]
 
 
-@ti.func
+@func
 def fill_open(basin: ti.template(), ghost: ti.template(), kind: ti.i32, tide: vec2):
     """A ghost beyond an open boundary: a state by the Riemann invariants that leave and that enter.
 
@@ -279,7 +280,7 @@ def fill_open(basin: ti.template(), ghost: ti.template(), kind: ti.i32, tide: ve
     cells[ghost.at + ghost.along] = cells[ghost.first + ghost.along]
 
 
-@ti.func
+@func
 def celerity_difference(D: ti.f32, D_0: ti.f32, h0: ti.f32, g: ti.f32) -> ti.f32:
     """√(g (D + h0)) − √(g (D_0 + h0)), which rounds like D − D_0."""
     return g * (D - D_0) / (ti.sqrt(g * (D + h0)) + ti.sqrt(g * (D_0 + h0)) + TINY)

@@ -13,6 +13,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.launch import Launch
 from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, BasinBoundaries
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing, vector, vectors
@@ -36,7 +37,7 @@ Extent = columns("rows", "copied_south", "copied_north")  # number of rows; whet
 WAKE, CELL, FETCH, COPY, CACHE = 1e-4, 2e-10, 5e-10, 2e-10, 512 * 1024
 
 
-@ti.kernel
+@kernel
 def march(
     eta: vectors,
     U: vectors,
@@ -135,7 +136,7 @@ def march(
                     advance_row(basin, ti.static(Row(north, south, c, Fy, Gy)))
 
 
-@ti.func
+@func
 def set_west_and_east(
     basin: ti.template(), first: ti.i32, row: ti.i32, E: vector, west_lanes: vector, east_lanes: vector
 ):
@@ -154,7 +155,7 @@ def set_west_and_east(
         basin.eta[n] = east_lanes * outside + (1.0 - east_lanes) * basin.eta[n]
 
 
-@ti.func
+@func
 def set_row_outside(basin: ti.template(), side: ti.template(), outer: ti.i32, faces: ti.i32, E: vector):
     """Give the outer row south or north of the basin, which begins at `outer`, the elevation outside."""
     if basin.elevation_factor[side] >= 0:
@@ -163,7 +164,7 @@ def set_row_outside(basin: ti.template(), side: ti.template(), outer: ti.i32, fa
             basin.eta[outer + j] = elevation_outside(basin, side, E, n, basin.V[faces + j])
 
 
-@ti.func
+@func
 def elevation_outside(basin: ti.template(), side: ti.template(), E, n: ti.i32, transport):
     """Elevation that the outer cell of an open boundary is given, from the transport through face n of `resistance`."""
     outside = basin.elevation_factor[side] * E
@@ -174,7 +175,7 @@ def elevation_outside(basin: ti.template(), side: ti.template(), E, n: ti.i32, t
     return outside
 
 
-@ti.func
+@func
 def advance_row(basin: ti.template(), row: ti.template()):
     """One substep of the transports of the northern row and then of the elevation of the southern one."""
     W = basin.W
@@ -189,7 +190,7 @@ def advance_row(basin: ti.template(), row: ti.template()):
     advance_cell(basin, row, W - 1, west, U_west, U_wrapped)
 
 
-@ti.func
+@func
 def advance_cell(basin: ti.template(), row: ti.template(), j: ti.i32, west: vector, U_west: vector, U_east: vector):
     """Column j of `advance_row`; returns the elevation in the northern row, the western one of the next column."""
     eta, U, V = ti.static(basin.eta, basin.U, basin.V)
@@ -214,7 +215,7 @@ def advance_cell(basin: ti.template(), row: ti.template(), j: ti.i32, west: vect
     return here
 
 
-@ti.func
+@func
 def from_lane_below(v: vector, strips: ti.template()) -> vector:
     """The vector west of the first column: in strips, lane l lies east of lane l − 1."""
     shifted = v
@@ -224,7 +225,7 @@ def from_lane_below(v: vector, strips: ti.template()) -> vector:
     return shifted
 
 
-@ti.func
+@func
 def from_lane_above(v: vector, strips: ti.template()) -> vector:
     """The vector east of the last column."""
     shifted = v
@@ -234,7 +235,7 @@ def from_lane_above(v: vector, strips: ti.template()) -> vector:
     return shifted
 
 
-@ti.func
+@func
 def lane_mask(only: ti.i32, strips: ti.template()) -> vector:
     """One in the lane `only` and zero elsewhere in strips; one in all lanes of a pool."""
     mask = vector(1.0)
@@ -283,11 +284,11 @@ class WavefrontBackend:
         grid = packing.blocks, packing.columns, packing.nx, packing.ny
         serial = packing.blocks * len(bands) == 1, self._copy_serially
         options = Options(packing.strips, boundaries.radiating, boundaries.sponge, *serial)
-        with runtime.vectors_in_registers():
-            return [
-                Launch(march, *fixed, *grid, first, last - first, a, options)
-                for first, last in itertools.pairwise(ends)
-            ]
+        settings = runtime.vectors_in_registers()
+        return [
+            Launch(march, *fixed, *grid, first, last - first, a, options, settings=settings)
+            for first, last in itertools.pairwise(ends)
+        ]
 
 
 def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) -> tuple[int, np.ndarray, int]:

@@ -169,6 +169,7 @@ class World:
         self.observation_layout = ObservationLayout.of(scenario)
         self.observation_size = self.observation_layout.size
         self.device = runtime.start(arch).device
+        self._made_with = num_worlds, seed, usv, first_world, batch, fine_sea, arch
         self._first_world = first_world
         self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
 
@@ -340,6 +341,11 @@ class World:
             getattr(self, name).copy_(state[name])
         self._clock.copy_(state["clock"])
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, also by `pickle` in another process, is a world made anew that is brought to this one's state."""
+        last = {name: getattr(self, name).clone() for name in REWARDS} | {"rule_numbers": self.rule_numbers.clone()}
+        return _remade, (type(self), self.scenario, self._made_with, self.state(), last)
+
     def set_parameters(self, scenario: Scenario) -> None:
         """Go on under a scenario that differs from the present one in the fields `ADJUSTABLE` alone.
 
@@ -486,11 +492,10 @@ class World:
             **{name: getattr(self, name) for name in ARRAYS},
         }
         try:
-            with runtime.compiled_quickly():
-                self._reset, self._step = (
-                    Launch(run, *({"phase": phase, **arguments}[name] for name in PARAMETERS))
-                    for phase in (Phase.reset, Phase.step)
-                )
+            self._reset, self._step = (
+                Launch(run, *({"phase": phase, **arguments}[name] for name in PARAMETERS), settings=runtime.QUICKLY)
+                for phase in (Phase.reset, Phase.step)
+            )
         except Exception as error:
             if plugins := self._plugins():  # a Taichi function of theirs cannot be compiled
                 raise ScenarioError(f"{plugins}: {in_words(error)}") from error
@@ -504,3 +509,15 @@ class World:
     def long_waves(self, pixels: int, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same of the long waves alone, and the middles x (X,) and y (Y,) of what is averaged, m."""
         return self._water.mean_elevation(pixels, world)
+
+
+def _remade(
+    kind: type[World], scenario: Scenario, made_with: tuple[Any, ...], state: dict[str, Any], last: dict[str, Any]
+) -> World:
+    """The world that `World.__reduce__` describes."""
+    num_worlds, seed, usv, first_world, batch, fine_sea, arch = made_with
+    world = kind(*(scenario, num_worlds, seed, usv), first_world=first_world, batch=batch, fine_sea=fine_sea, arch=arch)
+    world.load_state(state)
+    for name, array in last.items():
+        getattr(world, name).copy_(array)
+    return world

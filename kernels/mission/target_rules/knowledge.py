@@ -10,6 +10,7 @@ the distribution becomes the Gamma distribution with the mean and variance of th
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, Information, NodeColumn, Parameter
 from usvauv.kernels.types import vec2
 
@@ -21,13 +22,13 @@ LEAST_LIKELIHOOD = 1e-6
 DEVIATIONS = 8.0  # beyond these of the mean a distribution is cut off
 
 
-@ti.func
+@func
 def time(worlds: ti.template(), w):
     """Time of the mission, s."""
     return worlds.p[Parameter.step] * ti.cast(worlds.clock[w, 1], ti.f32)
 
 
-@ti.func
+@func
 def holder(worlds: ti.template(), k):
     """Index in `worlds.belief` of AUV k's belief: by its own visits, or by those of all."""
     index = 0
@@ -36,7 +37,7 @@ def holder(worlds: ti.template(), k):
     return index
 
 
-@ti.func
+@func
 def start_exposure(p: ti.template()):
     """Exposure with which the Gamma distribution of a rate has the mean and variance of all, s."""
     exposure = SURE
@@ -45,7 +46,7 @@ def start_exposure(p: ti.template()):
     return exposure
 
 
-@ti.func
+@func
 def begin(worlds: ti.template(), w):
     """What is known at the start of an episode: the mean and variance of the rates, and half the largest backlog."""
     p = ti.static(worlds.p)
@@ -59,7 +60,7 @@ def begin(worlds: ti.template(), w):
             belief[w, b, i, BeliefColumn.left] = 0.5 * p[Parameter.start_backlog]
 
 
-@ti.func
+@func
 def rate(worlds: ti.template(), w, k, i):
     """Rate of arrivals at node i, true or as AUV k estimates it, packets/s."""
     b = holder(worlds, k)
@@ -69,7 +70,7 @@ def rate(worlds: ti.template(), w, k, i):
     return known
 
 
-@ti.func
+@func
 def backlog(worlds: ti.template(), w, k, i, ahead):
     """Packets at node i some time `ahead` (s) of now, as AUV k expects them if nobody takes any."""
     there = 0.0
@@ -82,7 +83,7 @@ def backlog(worlds: ti.template(), w, k, i, ahead):
     return ti.min(there, worlds.p[Parameter.buffer])
 
 
-@ti.func
+@func
 def cut(count, exposure, low, high, ramp):
     """Count and exposure of the Gamma distribution with the mean and variance of a given one, cut to low ≤ λ ≤ high.
 
@@ -117,7 +118,7 @@ def cut(count, exposure, low, high, ramp):
     return vec2(new_mean * new_mean / variance, new_mean / variance)
 
 
-@ti.func
+@func
 def learn(worlds: ti.template(), w, k, i, found):
     """AUV k begins to serve node i, and finds some packets there."""
     p = ti.static(worlds.p)
@@ -151,7 +152,7 @@ def learn(worlds: ti.template(), w, k, i, found):
     belief[w, b, i, BeliefColumn.left] = 0.0
 
 
-@ti.func
+@func
 def is_free(worlds: ti.template(), w, k, i):
     """Whether AUV k may choose node i: it is no AUV's target, not even the one that AUV k has just emptied.
 
@@ -168,7 +169,7 @@ def is_free(worlds: ti.template(), w, k, i):
     return free
 
 
-@ti.func
+@func
 def in_sector(worlds: ti.template(), w, k, i):
     """Whether node i is in the sector of AUV k: without communication AUVs have shared the nodes before they dive."""
     inside = True
@@ -177,7 +178,7 @@ def in_sector(worlds: ti.template(), w, k, i):
     return inside
 
 
-@ti.func
+@func
 def is_open(worlds: ti.template(), w, k, i):
     """Whether a rule that compares nodes may choose node i for AUV k."""
     return is_free(worlds, w, k, i) and in_sector(worlds, w, k, i)

@@ -17,6 +17,7 @@ from pathlib import Path
 import taichi as ti
 import torch
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -95,7 +96,7 @@ def read_weights(text: str) -> tuple[float, ...]:
     return (HORIZON, 0.0, *weights)
 
 
-@ti.func
+@func
 def score(worlds: ti.template(), w, place):
     """The network's score of the candidate whose features begin at `place` in the workspace."""
     numbers = ti.static(worlds.rule_numbers)
@@ -110,19 +111,19 @@ def score(worlds: ti.template(), w, place):
     return total
 
 
-@ti.func
+@func
 def decision(worlds: ti.template(), k):
     """Place in the workspace of the decision of AUV k, after the numbers of the rollouts."""
     return rollout.expected(worlds, worlds.node.shape[1]) + k * (HEAD + worlds.node.shape[1] * (FEATURES + 1))
 
 
-@ti.func
+@func
 def place(worlds: ti.template(), k, i, feature):
     """Place in the workspace of a feature of node i as AUV k saw it; `FEATURES`: whether node i was a candidate."""
     return decision(worlds, k) + HEAD + i * (FEATURES + 1) + feature
 
 
-@ti.func
+@func
 def other_arrival(worlds: ti.template(), w, k, i):
     """When the first of the other AUVs could be at node i after its service, s; far away without communication."""
     first = FAR * TIME
@@ -142,7 +143,7 @@ def other_arrival(worlds: ti.template(), w, k, i):
     return first
 
 
-@ti.func
+@func
 def uncertainty(worlds: ti.template(), w, k, i):
     """Standard deviation of the rate of node i over its mean, as a share of that at the start; 0 where it is known."""
     share = 0.0
@@ -154,7 +155,7 @@ def uncertainty(worlds: ti.template(), w, k, i):
     return share
 
 
-@ti.func
+@func
 def see(worlds: ti.template(), w, k, i):
     """Write what AUV k sees of node i for itself."""
     p = ti.static(worlds.p)
@@ -179,7 +180,7 @@ def see(worlds: ti.template(), w, k, i):
     work[w, place(worlds, k, i, FEATURES)] = ti.cast(knowledge.is_open(worlds, w, k, i), ti.f32)
 
 
-@ti.func
+@func
 def see_around(worlds: ti.template(), w, k):
     """Write what AUV k sees around each node and of all nodes; a node counts by 1/(1 + (d/50 m)²)."""
     node = ti.static(worlds.node)
@@ -206,7 +207,7 @@ def see_around(worlds: ti.template(), w, k):
         work[w, place(worlds, k, i, Feature.all_uncertainty)] = all_uncertainty / count
 
 
-@ti.func
+@func
 def see_future(worlds: ti.template(), w, k):
     """Write what `rollout` expects of its candidates; only these are free from now on."""
     work = ti.static(worlds.workspace)
@@ -221,7 +222,7 @@ def see_future(worlds: ti.template(), w, k):
         work[w, place(worlds, k, i, FEATURES)] = ti.cast(tried, ti.f32)
 
 
-@ti.func
+@func
 def learned(worlds: ti.template(), w, k):
     """The candidate with the largest score; while it learns, one drawn by exp(score) (Gumbel's trick)."""
     node = ti.static(worlds.node)

@@ -7,6 +7,7 @@ later they come, by exp(−t/T), up to t = 3 T: with a sharp end the choice depe
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, Information, NodeColumn, Parameter
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.mission.target_rules.rule import TargetRule, data_per_time, travel_time
@@ -18,13 +19,13 @@ CANDIDATES = 12  # nodes that are tried, those with the largest value by the bas
 X, Y, READY, NUMBERS = 0, 1, 2, 3  # of a simulated AUV: where and when it is free, m and s from now
 
 
-@ti.func
+@func
 def memory(worlds: ti.template(), j, column):
     """Place in the workspace of a number of the simulated AUV j; the nodes are before: when each is emptied, or −1."""
     return worlds.node.shape[1] + NUMBERS * j + column
 
 
-@ti.func
+@func
 def travel(worlds: ti.template(), w, j, i):
     """Time that the simulated AUV j needs to node i, s."""
     apart = vec2(
@@ -34,7 +35,7 @@ def travel(worlds: ti.template(), w, j, i):
     return travel_time(worlds.p, apart)
 
 
-@ti.func
+@func
 def packets(worlds: ti.template(), w, k, i, t):
     """Packets that AUV k expects at node i at time t of the simulation; none where an AUV is on its way there."""
     emptied = worlds.workspace[w, i]
@@ -46,7 +47,7 @@ def packets(worlds: ti.template(), w, k, i, t):
     return there
 
 
-@ti.func
+@func
 def serve(worlds: ti.template(), w, k, j, i):
     """The simulated AUV j goes to node i and serves it; returns the packets times exp(−t/T)."""
     p = ti.static(worlds.p)
@@ -62,7 +63,7 @@ def serve(worlds: ti.template(), w, k, j, i):
     return taken * ti.exp(-(arrival + hover) / worlds.rule_numbers[0])
 
 
-@ti.func
+@func
 def begin(worlds: ti.template(), w, k, end):
     """Put the simulated AUVs where they are; those on their way arrive. Without communication AUV k is alone."""
     for i in range(worlds.node.shape[1]):
@@ -85,7 +86,7 @@ def begin(worlds: ti.template(), w, k, end):
     return total
 
 
-@ti.func
+@func
 def go_on(worlds: ti.template(), w, k, end):
     """All simulated AUVs go on by `rate` until `end`, the one that is free first next; returns the packets."""
     total = 0.0
@@ -113,7 +114,7 @@ def go_on(worlds: ti.template(), w, k, end):
     return total
 
 
-@ti.func
+@func
 def future(worlds: ti.template(), w, k, i):
     """Packets that all AUVs bring in if AUV k goes to node i next, each times exp(−t/T)."""
     end = TIMES * worlds.rule_numbers[0]
@@ -123,7 +124,7 @@ def future(worlds: ti.template(), w, k, i):
     return total
 
 
-@ti.func
+@func
 def next_best(worlds: ti.template(), w, k, last, last_value):
     """The free node with the largest value by the base rule after node `last`, and its value; −1 where there is none.
 
@@ -140,13 +141,13 @@ def next_best(worlds: ti.template(), w, k, last, last_value):
     return best, best_value
 
 
-@ti.func
+@func
 def expected(worlds: ti.template(), i):
     """Place in the workspace of what is expected after node i, packets; −1 where it is no candidate."""
     return memory(worlds, worlds.auv.shape[1], 0) + i
 
 
-@ti.func
+@func
 def try_candidates(worlds: ti.template(), w, k):
     """Write what is `expected` after each candidate; returns the best of them, −1 where no node is free."""
     for i in range(worlds.node.shape[1]):
@@ -168,7 +169,7 @@ def try_candidates(worlds: ti.template(), w, k):
     return best
 
 
-@ti.func
+@func
 def rollout(worlds: ti.template(), w, k):
     """The free node after which the most packets are expected."""
     best = try_candidates(worlds, w, k)

@@ -7,6 +7,7 @@ from typing import Any
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.registry import Registry
@@ -15,12 +16,12 @@ from usvauv.kernels.types import vec2, vec3
 LARGEST = 1e6  # of a rule's numbers
 
 
-@ti.func
+@func
 def nothing(worlds: ti.template(), w):
     """No preparation."""
 
 
-@ti.func
+@func
 def unknown(worlds: ti.template(), w, i):
     """The node itself: which one comes next is not known before."""
     return i
@@ -92,7 +93,7 @@ def parse(text: str) -> tuple[TargetRule, tuple[float, ...]]:
 BEYOND = 1e5  # above every distance in an area, m
 
 
-@ti.func
+@func
 def offset(worlds: ti.template(), w, k, i):
     """From the estimated position of AUV k to node i, m."""
     return vec2(
@@ -101,19 +102,19 @@ def offset(worlds: ti.template(), w, k, i):
     )
 
 
-@ti.func
+@func
 def distance(worlds: ti.template(), w, k, i):
     """Horizontal distance from the estimated position of AUV k to node i, m."""
     return offset(worlds, w, k, i).norm()
 
 
-@ti.func
+@func
 def travel_time(p: ti.template(), metres):
     """Time to come within the hover radius of a node at some distance, at the reference speed, s."""
     return ti.max(metres - p[Parameter.hover_radius], 0.0) / p[Parameter.reference_speed]
 
 
-@ti.func
+@func
 def best_free(worlds: ti.template(), value: ti.template(), w, k):
     """The free node with the largest value(worlds, w, k, i); where none is free, AUVs share nodes by index."""
     best = -1
@@ -129,20 +130,20 @@ def best_free(worlds: ti.template(), value: ti.template(), w, k):
     return best
 
 
-@ti.func
+@func
 def urgency(worlds: ti.template(), w, k, i):
     """λ b/C, packets/s."""
     filling = knowledge.backlog(worlds, w, k, i, 0.0) / worlds.p[Parameter.buffer]
     return knowledge.rate(worlds, w, k, i) * filling
 
 
-@ti.func
+@func
 def worth(worlds: ti.template(), w, k, i):
     """λ b/C − α d."""
     return urgency(worlds, w, k, i) - worlds.rule_numbers[0] * distance(worlds, w, k, i)
 
 
-@ti.func
+@func
 def nearness(worlds: ti.template(), w, k, i):
     """Minus the distance, m; nodes with too few packets come after all others, the one that lacks least first."""
     packets = knowledge.backlog(worlds, w, k, i, 0.0)
@@ -152,7 +153,7 @@ def nearness(worlds: ti.template(), w, k, i):
     return near
 
 
-@ti.func
+@func
 def data_per_time(worlds: ti.template(), w, k, i, overhead):
     """Packets expected at arrival over the time to get there and an overhead (s), packets/s."""
     travel = travel_time(worlds.p, distance(worlds, w, k, i))
@@ -160,25 +161,25 @@ def data_per_time(worlds: ti.template(), w, k, i, overhead):
     return packets / (travel + overhead)
 
 
-@ti.func
+@func
 def pace_of_data(worlds: ti.template(), w, k, i):
     """`data_per_time` with the rule's own overhead."""
     return data_per_time(worlds, w, k, i, worlds.rule_numbers[0])
 
 
-@ti.func
+@func
 def greedy(worlds: ti.template(), w, k):
     """The paper's rule with the horizontal distance."""
     return best_free(worlds, worth, w, k)
 
 
-@ti.func
+@func
 def nearest(worlds: ti.template(), w, k):
     """The nearest node that has some packets."""
     return best_free(worlds, nearness, w, k)
 
 
-@ti.func
+@func
 def rate(worlds: ti.template(), w, k):
     """The node with the most data per time."""
     return best_free(worlds, pace_of_data, w, k)
@@ -189,7 +190,7 @@ NEAREST = TargetRule(nearest, arguments=(("PACKETS", 1000.0),))
 RATE = TargetRule(rate, arguments=(("SECONDS", 10.0),))
 
 
-@ti.func
+@func
 def slant_worth(worlds: ti.template(), w, k, i, alpha):
     """λ b/C − α d of node i for AUV k, d from its estimated position with the vertical separation of the boat."""
     across = offset(worlds, w, k, i)
@@ -197,7 +198,7 @@ def slant_worth(worlds: ti.template(), w, k, i, alpha):
     return urgency(worlds, w, k, i) - alpha * slant
 
 
-@ti.func
+@func
 def demonstration(worlds: ti.template(), w, k):
     """Of the K nodes with the largest λ b/C − α d, K the number of AUVs and d the slant distance, the free one of the
     lowest index; where none of them is free, the free one with the largest value. At first the K nodes with the largest

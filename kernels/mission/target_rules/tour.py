@@ -6,6 +6,7 @@ Operations Research 6(6), doi 10.1287/opre.6.6.791). It depends on where nodes a
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.mission.target_rules.rule import TargetRule, distance
@@ -14,19 +15,19 @@ from usvauv.kernels.types import vec2
 LEAST_GAIN = 1e-3  # m, of an exchange; below it rounding could undo and redo one for ever
 
 
-@ti.func
+@func
 def stop(worlds: ti.template(), w, place):
     """The node at a place of the tour, counted around."""
     return ti.cast(worlds.node[w, place % worlds.node.shape[1], NodeColumn.tour], ti.i32)
 
 
-@ti.func
+@func
 def put(worlds: ti.template(), w, place, i):
     """Put node i at a place of the tour, counted around."""
     worlds.node[w, place % worlds.node.shape[1], NodeColumn.tour] = ti.cast(i, ti.f32)
 
 
-@ti.func
+@func
 def apart(worlds: ti.template(), w, i, j):
     """Distance between two nodes, m."""
     node = ti.static(worlds.node)
@@ -35,7 +36,7 @@ def apart(worlds: ti.template(), w, i, j):
     ).norm()
 
 
-@ti.func
+@func
 def reverse(worlds: ti.template(), w, first, last):
     """Reverse the tour from place `first` to `last`."""
     a = first
@@ -48,7 +49,7 @@ def reverse(worlds: ti.template(), w, first, last):
         b -= 1
 
 
-@ti.func
+@func
 def shorten(worlds: ti.template(), w, first, count):
     """Exchange edges of the closed tour of `count` stops from place `first` on until none shortens it.
 
@@ -70,7 +71,7 @@ def shorten(worlds: ti.template(), w, first, count):
                     improved = True
 
 
-@ti.func
+@func
 def close(worlds: ti.template(), w, first, count):
     """Make each of `count` stops from place `first` on lead to the next, and the last to the first."""
     for a in range(count):
@@ -79,7 +80,7 @@ def close(worlds: ti.template(), w, first, count):
         worlds.node[w, i, NodeColumn.successor] = ti.cast(following, ti.f32)
 
 
-@ti.func
+@func
 def make_tour(worlds: ti.template(), w):
     """The tour of all nodes; returns its length, m."""
     count = worlds.node.shape[1]
@@ -101,7 +102,7 @@ def make_tour(worlds: ti.template(), w):
     return length
 
 
-@ti.func
+@func
 def enter(worlds: ti.template(), w, first, length):
     """Send AUVs to stops evenly spaced along the tour from place `first` on, to each the nearest AUV that is left.
 
@@ -132,7 +133,7 @@ def enter(worlds: ti.template(), w, first, length):
     return total
 
 
-@ti.func
+@func
 def spread(worlds: ti.template(), w, length):
     """Enter the tour where the AUVs' ways to it are shortest; returns the place of the first stop entered."""
     best = 0
@@ -146,14 +147,14 @@ def spread(worlds: ti.template(), w, length):
     return best
 
 
-@ti.func
+@func
 def prepare_tour(worlds: ti.template(), w):
     """One closed tour for all."""
     spread(worlds, w, make_tour(worlds, w))
     close(worlds, w, 0, worlds.node.shape[1])
 
 
-@ti.func
+@func
 def prepare_sectors(worlds: ti.template(), w):
     """The tour in pieces of about one length, one an AUV, each closed and shortened again."""
     count = worlds.node.shape[1]
@@ -170,7 +171,7 @@ def prepare_sectors(worlds: ti.template(), w):
             start = place
 
 
-@ti.func
+@func
 def share_nodes(worlds: ti.template(), w):
     """Give each node to the AUV in whose sector it lies; no AUV has a target yet."""
     prepare_sectors(worlds, w)
@@ -183,7 +184,7 @@ def share_nodes(worlds: ti.template(), w):
                 i = ti.cast(worlds.node[w, i, NodeColumn.successor], ti.i32)
 
 
-@ti.func
+@func
 def follow(worlds: ti.template(), w, k):
     """The next free stop of the tour; at first the stop at which AUV k enters it."""
     target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
@@ -198,7 +199,7 @@ def follow(worlds: ti.template(), w, k):
     return target
 
 
-@ti.func
+@func
 def successor(worlds: ti.template(), w, i):
     """The node after node i on its tour."""
     return ti.cast(worlds.node[w, i, NodeColumn.successor], ti.i32)

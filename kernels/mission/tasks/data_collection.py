@@ -14,6 +14,7 @@ import numpy as np
 import taichi as ti
 
 from usvauv.kernels.flow.current import grid_sample
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
 from usvauv.kernels.mission.motion import distance_to_target, hovering_power, target_of, travel
 from usvauv.kernels.mission.target_rules import knowledge, share_nodes
@@ -51,7 +52,7 @@ def arrival_table(rates: Sequence[float], step: float) -> np.ndarray:
     return filled
 
 
-@ti.func
+@func
 def draw_arrivals(arrivals: ti.template(), row: ti.i32, u: ti.f32) -> ti.f32:
     """The Poisson number of a row at a uniform number u in (0, 1): the smallest count with P(N ≤ count) ≥ u."""
     count = ti.cast(arrivals[row, 1 + ti.cast(u * GUIDE, ti.i32)], ti.i32)
@@ -63,7 +64,7 @@ def draw_arrivals(arrivals: ti.template(), row: ti.i32, u: ti.f32) -> ti.f32:
 LEAST_RATE = 1e-9  # Mbit/s; below it the link is dead, and the AUV hovers for the rest of the mission
 
 
-@ti.func
+@func
 def place_nodes(worlds: ti.template(), w):
     """Scatter the nodes of a new episode over the bed, with a backlog in each."""
     p = ti.static(worlds.p)
@@ -85,13 +86,13 @@ def place_nodes(worlds: ti.template(), w):
     knowledge.begin(worlds, w)
 
 
-@ti.func
+@func
 def choose_target(worlds: ti.template(), w, k):
     """Send AUV k to the node that the target rule chooses."""
     worlds.auv[w, k, AuvColumn.target] = ti.cast(worlds.program.target_rule.choose(worlds, w, k), ti.f32)
 
 
-@ti.func
+@func
 def assign(worlds: ti.template(), w, k):
     """The first target of AUV k, with which AUV 0 is the first."""
     if k == 0:
@@ -101,7 +102,7 @@ def assign(worlds: ti.template(), w, k):
     choose_target(worlds, w, k)
 
 
-@ti.func
+@func
 def unclaimed(worlds: ti.template(), w, i):
     """Packets of node i that no service under way will take; two AUVs may serve one node."""
     packets = worlds.node[w, i, NodeColumn.backlog]
@@ -111,13 +112,13 @@ def unclaimed(worlds: ti.template(), w, i):
     return packets
 
 
-@ti.func
+@func
 def megabits(p: ti.template(), packets):
     """Data in some packets, Mbit."""
     return p[Parameter.payload] * packets / p[Parameter.buffer]
 
 
-@ti.func
+@func
 def begin_service(worlds: ti.template(), w, k, distance):
     """Set the packets to take, the link's rate at this horizontal distance (m), and how long AUV k hovers for it."""
     p = ti.static(worlds.p)
@@ -141,7 +142,7 @@ def begin_service(worlds: ti.template(), w, k, distance):
     auv[w, k, AuvColumn.hover] = ti.max(megabits(p, cargo) / rate, 1e-3 * p[Parameter.step])
 
 
-@ti.func
+@func
 def move(worlds: ti.template(), w, k, a0, a1):
     """One step of AUV k: hover and send, or travel with the current."""
     p = ti.static(worlds.p)
@@ -171,7 +172,7 @@ def move(worlds: ti.template(), w, k, a0, a1):
         auv[w, k, AuvColumn.closed] = -after
 
 
-@ti.func
+@func
 def fill_nodes(worlds: ti.template(), w):
     """Poisson arrivals at every node; what a full buffer cannot hold is lost. Both are counted."""
     p = ti.static(worlds.p)
@@ -198,7 +199,7 @@ def fill_nodes(worlds: ti.template(), w):
     worlds.tally[w, TallyColumn.packets_lost] = lost
 
 
-@ti.func
+@func
 def complete_services(worlds: ti.template(), w):
     """Take the packets of the services completed in this step from their nodes, and send their AUVs on.
 

@@ -2,31 +2,32 @@
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter, TallyColumn
 from usvauv.kernels.mission.tasks.task import RewardTerm
 from usvauv.kernels.types import vec3
 
 
-@ti.func
+@func
 def distance(worlds: ti.template(), w, k, weight):
     """Metres closed on the target in the step, or minus the distance to it."""
     return weight * worlds.auv[w, k, AuvColumn.closed]
 
 
-@ti.func
+@func
 def border(worlds: ti.template(), w, k, weight):
     """1 where the move was refused at the border."""
     return weight * worlds.auv[w, k, AuvColumn.border]
 
 
-@ti.func
+@func
 def overflow(worlds: ti.template(), w, k, weight):
     """Number of nodes that lost packets in the step."""
     return weight * worlds.tally[w, TallyColumn.overflowing]
 
 
-@ti.func
+@func
 def proximity(worlds: ti.template(), w, k, weight):
     """Metres below the safe distance, summed over the other AUVs, or over those of a higher index: a pair once."""
     total = 0.0
@@ -37,7 +38,7 @@ def proximity(worlds: ti.template(), w, k, weight):
     return weight * total
 
 
-@ti.func
+@func
 def service(worlds: ti.template(), w, k, weight):
     """1 where a service was completed in the step; or in every step of a service, from arrival to completion."""
     served = 0.0
@@ -49,13 +50,13 @@ def service(worlds: ti.template(), w, k, weight):
     return weight * served
 
 
-@ti.func
+@func
 def power(worlds: ti.template(), w, k, weight):
     """Electrical power, W."""
     return weight * worlds.auv[w, k, AuvColumn.power]
 
 
-@ti.func
+@func
 def collaboration(worlds: ti.template(), w, k, weight):
     """l_max / l with the slant distance l to the boat that serves it (Eq. 5)."""
     b = motion.serving_boat(worlds, w, k)
@@ -65,7 +66,7 @@ def collaboration(worlds: ti.template(), w, k, weight):
     return weight * worlds.p[Parameter.farthest] / slant
 
 
-@ti.func
+@func
 def write(worlds: ti.template(), w, k):
     """Write the weighted reward terms of AUV k, and their sum."""
     terms = ti.static(worlds.program.task.reward_terms)
@@ -77,7 +78,7 @@ def write(worlds: ti.template(), w, k):
     worlds.reward[w, k] = total
 
 
-@ti.func
+@func
 def count_collisions(worlds: ti.template(), w):
     """Count the pairs of AUVs that are closer than the collision distance."""
     count = 0.0
@@ -89,13 +90,13 @@ def count_collisions(worlds: ti.template(), w):
     worlds.tally[w, TallyColumn.collisions] = count
 
 
-@ti.func
+@func
 def data(worlds: ti.template(), w, k, weight):
     """Data that the AUV brought in, Mbit."""
     return weight * worlds.auv[w, k, AuvColumn.delivered]
 
 
-@ti.func
+@func
 def lost(worlds: ti.template(), w, k, weight):
     """The AUV's equal share of the data that full buffers lost, Mbit."""
     p = ti.static(worlds.p)

@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
 from usvauv.kernels.mission.motion import distance_to_target, travel
 from usvauv.kernels.mission.tasks import rewards
@@ -11,7 +12,7 @@ from usvauv.kernels.mission.worlds import uniforms
 TWO_PI = 6.283185307179586
 
 
-@ti.func
+@func
 def place_stations(worlds: ti.template(), w):
     """Spread the stations of a new episode evenly over a circle about the area's centre, turned at random."""
     p = ti.static(worlds.p)
@@ -29,20 +30,20 @@ def place_stations(worlds: ti.template(), w):
         node[w, i, NodeColumn.successor] = 0.0
 
 
-@ti.func
+@func
 def assign_station(worlds: ti.template(), w, k):
     """AUV k holds station k."""
     worlds.auv[w, k, AuvColumn.target] = ti.cast(k, ti.f32)
 
 
-@ti.func
+@func
 def move(worlds: ti.template(), w, k, a0, a1):
     """One step of AUV k."""
     travel(worlds, w, k, a0, a1)
     worlds.auv[w, k, AuvColumn.closed] = -distance_to_target(worlds, w, k)
 
 
-@ti.func
+@func
 def nothing(worlds: ti.template(), w):
     """Stations stay as they are."""
 
