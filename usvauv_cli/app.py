@@ -7,6 +7,7 @@ Everything else is imported when signals are handled already, so that Ctrl-C dur
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import gc
 import io
@@ -16,6 +17,7 @@ import sys
 import threading
 from typing import Any, NoReturn
 
+from usvauv.cli.letters import PLAIN
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption, in_thread
 
@@ -42,6 +44,15 @@ class _Output(io.FileIO):
             raise UserError(f"standard output: cannot be written: {error.strerror or error}") from None
 
 
+class _Text(io.TextIOWrapper):
+    """Standard output in letters that the terminal has."""
+
+    @property
+    def encoding(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Its name. ASCII gets another one than Python's: to what is called so, typer writes UTF-8."""
+        return {"ascii": "7-bit"}.get(codecs.lookup(super().encoding).name, super().encoding)
+
+
 def main() -> NoReturn:
     """Entry point of the installed command."""
     interruption = Interruption()
@@ -49,8 +60,10 @@ def main() -> NoReturn:
     threading.excepthook, sys.unraisablehook = in_thread, _in_callback
     if sys.stdout:
         raw = _Output(sys.stdout.fileno() if LEADS else os.open(os.devnull, os.O_WRONLY), "w", closefd=False)
-        stream = io.TextIOWrapper(io.BufferedWriter(raw), sys.stdout.encoding, sys.stdout.errors, None, raw.isatty())
+        stream = _Text(io.BufferedWriter(raw), sys.stdout.encoding, PLAIN, None, raw.isatty())
         sys.stdout = sys.__stdout__ = stream  # Taichi compares the two
+    if isinstance(sys.stderr, io.TextIOWrapper):
+        sys.stderr.reconfigure(errors=PLAIN)
     code = run(interruption)
     for signum in SIGNALS:  # all is done; a traceback from the interpreter's end would be noise
         signal.signal(signum, signal.SIG_IGN)

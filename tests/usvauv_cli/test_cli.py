@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from importlib import metadata
 from pathlib import Path
 
@@ -96,6 +97,26 @@ def test_simulate(tmp_path):
     assert (trace.policy, trace.usv, trace.seed) == ("straight:1.5", "hold:50,60", 3)
     assert trace.surface.shape == (8, 64, 64)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "a.nc"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "ascii", "utf-16"])
+def test_a_terminal_without_a_letter_gets_another(encoding, tmp_path):
+    """What is printed is TOML still, in ASCII, wherever it is not in Unicode."""
+    (tmp_path / "a.toml").write_text('name = "海 ²"', encoding="utf-8")
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+
+    def run(*arguments):
+        command = [*COMMAND, *arguments]
+        done = subprocess.run(command, env=environment, capture_output=True, check=False, cwd=tmp_path)
+        return done.returncode, done.stdout, done.stderr.decode(encoding)
+
+    code, stdout, stderr = run("scenarios", "a.toml")
+    assert (code, stderr) == (0, "")
+    assert tomllib.loads(stdout.decode(encoding))["name"] == "海 ²"
+    assert encoding.startswith("utf") or stdout.isascii()
+    square = {"cp1252": "²", "ascii": "2"}.get(encoding, "²")
+    known = "海σ" if encoding.startswith("utf") else "?sigma"
+    assert run("scenarios", "海σ²")[2].startswith(f"error: scenario: '{known}{square}' is neither")
 
 
 SETTINGS = """

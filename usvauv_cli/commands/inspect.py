@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from usvauv.cli.commands.options import Overrides, Plugins
+from usvauv.cli.letters import PLAIN
 
 PACKAGES = ("usvauv", "taichi", "torch", "numpy", "pydantic", "gymnasium", "av", "opencv-python-headless")
 LIMIT = 300  # s, for the trial of an architecture
@@ -59,10 +61,18 @@ def scenarios(
     from usvauv.env import Scenario
 
     if scenario:
-        typer.echo(Scenario.load(scenario, overrides or ()).to_toml(), nl=False)
+        text = Scenario.load(scenario, overrides or ()).to_toml()
+        if not sys.stdout.encoding.lower().startswith("utf"):  # TOML is UTF-8, of which ASCII is a part
+            text = re.sub(r'"(?:[^"\\\n]|\\.)*"', _escaped, text).encode("ascii", PLAIN).decode()
+        typer.echo(text, nl=False)
         return
     for name in Scenario.shipped():
         typer.echo(tables.wrapped(f"{name:16} {Scenario.load(name).description}", 17))
+
+
+def _escaped(found: re.Match[str]) -> str:
+    """A text of TOML in ASCII."""
+    return "".join(letter if letter.isascii() else f"\\U{ord(letter):08x}" for letter in found[0])
 
 
 def attempt(arch: str) -> dict[str, Any]:
