@@ -202,6 +202,12 @@ class DeviceFlag:
             self._copy = torch.zeros(1, dtype=torch.int32, pin_memory=torch.cuda.is_available())
             self._seen = self._copy.numpy()
 
+    def forget(self) -> None:
+        """What was seen until now is not reported any more."""
+        self._outside.zero_()
+        if not isinstance(self._numbers, DeviceArray) and not self._at_once:
+            self._copy.copy_(self._outside)
+
     def raised(self) -> bool:
         """Whether one of the numbers is not finite or beyond the limit."""
         if isinstance(self._numbers, DeviceArray):

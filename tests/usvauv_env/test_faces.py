@@ -21,6 +21,7 @@ from usvauv.env.record.recorder import record
 from usvauv.env.render.frames import frames_of
 from usvauv.env.site.site import Site
 from usvauv.env.world.agents import auv_observation_space
+from usvauv.kernels.errors import DivergenceError
 
 NAME = "usvauv/DataCollection-v0"
 SEEDS = [7, (1 << 64) - 1, 7 + (1 << 32)]
@@ -313,6 +314,42 @@ class TestParallelEnv:
         env.reset(seed=1)
         with pytest.raises(ValueError, match="auv_1"):
             env.step({"auv_0": np.zeros(2)})
+
+
+FACES = [
+    lambda short: DataCollectionEnv(short, render_mode="rgb_array"),
+    lambda short: DataCollectionVectorEnv(1, short, render_mode="rgb_array"),
+    lambda short: parallel_env(short, render_mode="rgb_array"),
+]
+
+
+@pytest.mark.parametrize("make", FACES)
+def test_nothing_goes_before_reset_and_all_goes_on_after_a_divergence(short, make):
+    env = make(short)
+    moves = {agent: np.zeros(2) for agent in getattr(env, "possible_agents", ())}
+    action = moves or np.zeros(env.action_space.shape)
+    for asked in (lambda: env.step(action), env.render, *([env.state] if moves else [])):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="call reset first"):
+            asked()
+    env.reset(seed=3)
+    env.step(action)
+    world = env._team.world if moves else env.world
+    world.auv[...] = np.nan
+    with pytest.raises(DivergenceError):
+        env.step(action)
+    env.reset()
+    env.step(action)
+    assert env.render() is not None
+
+
+@pytest.mark.parametrize("make", FACES)
+@pytest.mark.parametrize("wrong", [None, "east", [1.0], np.zeros((2, 3)), np.full(2, np.nan), np.zeros(2, complex)])
+def test_what_is_no_action_is_refused_in_words(short, make, wrong):
+    env = make(short)
+    env.reset(seed=3)
+    moves = dict.fromkeys(getattr(env, "possible_agents", ()), wrong)
+    with pytest.raises(ScenarioError, match=r"^action( of auv_0)?\b.*must be"):
+        env.step(moves or wrong)
 
 
 class TestPictures:

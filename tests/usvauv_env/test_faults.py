@@ -71,6 +71,31 @@ def test_a_sea_alone_that_runs_away_stops(equations):
         sea.advance()
 
 
+@pytest.mark.parametrize("array", ["auv", "vortex", "boat", "estimate", "belief", "sea"])
+def test_all_worlds_begin_anew_after_a_divergence(world, array):
+    """As those that did not diverge do."""
+    other = World(world.scenario, WORLDS, 0, first_world=10)
+    other.reset()
+    (world.sea.eta if array == "sea" else getattr(world, array))[...] = math.nan
+    with pytest.raises(DivergenceError):
+        world.step(torch.zeros(WORLDS, 2, 2))
+    world.reset()
+    other.reset()
+    for _ in range(2):
+        assert torch.equal(*(each.step(torch.zeros(WORLDS, 2, 2)).observation for each in (world, other)))
+    assert all(torch.equal(value, other.state()[name]) for name, value in world.state().items())
+
+
+def test_a_world_that_diverged_begins_anew_alone(world):
+    world.auv[2] = math.nan
+    with pytest.raises(DivergenceError):
+        world.step(torch.zeros(WORLDS, 2, 2))
+    with pytest.raises(DivergenceError, match=r"^world 12 at .*"):
+        world.reset(torch.arange(WORLDS) == 1)
+    world.reset(torch.arange(WORLDS) == 2)
+    world.step(torch.zeros(WORLDS, 2, 2))
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_an_action_that_is_not_finite_changes_nothing(world, value):
     before = world.state()

@@ -253,7 +253,14 @@ class TestStart:
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"num_worlds": 0}, "num_worlds = 0"),
+        *(
+            ({"num_worlds": wrong}, "^num_worlds = .*: must be a whole number")
+            for wrong in (0, 2.0, True, "2", 1 << 23)
+        ),
+        *(({"first_world": wrong}, "^first_world = .*: must be a whole") for wrong in (-1, 1.0, False, 1 << 32, None)),
+        ({"num_worlds": 2, "batch": 1}, "^batch = 1: must be a whole number from 2"),
+        ({"seed": True}, "^seed = True: must be a whole number"),
+        ({"usv": 5}, "^usv = 5: must be text"),
         ({"seed": -1}, "seed = -1"),
         ({"num_worlds": 3, "seed": [1, 2]}, "seed: 2 for 3 worlds; must be one for all, or one for each"),
         ({"num_worlds": 2, "seed": [1, 2.0]}, r"seed = 2\.0: must be a whole number"),
@@ -265,6 +272,88 @@ class TestStart:
 def test_bad_arguments(extreme, arguments, match):
     with pytest.raises(ScenarioError, match=match):
         World(extreme, **arguments)
+
+
+def test_numbers_of_any_type_count_worlds_and_a_scenario_goes_by_name(extreme):
+    one, other = (
+        World("extreme", np.int32(1), np.uint64(5), first_world=np.int64(3)),
+        World(extreme, 1, 5, first_world=3),
+    )
+    assert torch.equal(one.reset(), other.reset())
+
+
+class TestBegin:
+    def test_a_step_needs_a_reset_of_all_worlds(self, extreme):
+        world, other, still = World(extreme, 2), World(extreme, 2), torch.zeros(2, 2, 2)
+        for begin in (lambda: None, world.rewind, lambda: world.load_state(other.state())):
+            begin()
+            for refused in (lambda: world.step(still), lambda: world.reset([True, False])):
+                with pytest.raises(ScenarioError, match="begun: call reset"):
+                    refused()
+            assert not world.begun
+            world.reset(np.array([True, True]))
+            world.step(still)
+        with pytest.raises(ScenarioError, match=r"^continue_from: in the other world .*: call reset first$"):
+            world.continue_from(other)
+
+    @pytest.mark.parametrize("mask", [[True], True, [1, 0], torch.ones(2), "ab", [[True, True]], [None, True]])
+    def test_a_mask_is_a_bool_for_each_world(self, extreme, mask):
+        world = World(extreme, 2)
+        world.reset()
+        with pytest.raises(ScenarioError, match=r"^mask .*: must be"):
+            world.reset(mask)
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    return World(Scenario.load("extreme", ["sea.cell_size=20"]), 2, seed=1)
+
+
+class TestAction:
+    """What a step takes in place of a contiguous tensor of float32, and how it refuses the rest."""
+
+    @pytest.mark.parametrize(
+        "given",
+        [
+            lambda action: action.numpy(),
+            lambda action: action.numpy().astype(np.float64)[::-1][::-1],
+            lambda action: np.broadcast_to(action.numpy(), action.shape),
+            lambda action: action.tolist(),
+            lambda action: action.double().requires_grad_(),
+            lambda action: action.repeat(1, 1, 2)[..., :2],
+            lambda action: action.to(torch.bfloat16),
+            lambda action: action.to(torch.int8),
+        ],
+    )
+    def test_the_same_numbers_are_the_same_step(self, coarse, given):
+        action = torch.tensor([1.0, 0.0]).expand(2, 2, 2).contiguous()
+        found = []
+        for each in (action, given(action)):
+            coarse.rewind()
+            coarse.reset()
+            found.append(coarse.step(each).clone())
+        assert torch.equal(found[0].observation, found[1].observation)
+        assert torch.equal(found[0].reward, found[1].reward)
+
+    @pytest.mark.parametrize(
+        ("action", "said"),
+        [
+            (np.zeros((1, 2, 2)), r"has shape \(1, 2, 2\): must be \(2, 2, 2\)"),
+            (None, "has shape"),
+            (0.5, "has shape"),
+            ([[1, 2], [3]], "must be numbers of shape"),
+            ("north", "must be numbers of shape"),
+            (np.zeros((2, 2, 2), complex), "must be real numbers"),
+            (torch.zeros(2, 2, 2, dtype=torch.complex64), "must be real numbers"),
+            (np.full((2, 2, 2), np.nan), "must be finite"),
+            (np.full((2, 2, 2), 1e300), "must be finite"),
+            (torch.full((2, 2, 2), 1e300, dtype=torch.float64), "must be finite"),
+        ],
+    )
+    def test_anything_else_is_refused_in_words(self, coarse, action, said):
+        coarse.reset()
+        with pytest.raises(ScenarioError, match=f"^action.*{said}"):
+            coarse.step(action)
 
 
 @pytest.mark.parametrize(("auvs", "nodes"), [(1, 1), (2, 1), (16, 500)])

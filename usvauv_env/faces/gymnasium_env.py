@@ -26,9 +26,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from usvauv.env.faces.camera import FPS, MODES, Camera, check_mode
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.world.agents import action_space, auv_observation_space
-from usvauv.env.world.world import World
+from usvauv.env.world.state import Numbers, numbers_of
+from usvauv.env.world.world import NOT_BEGUN, World
 
 
 def _observe(world: World, space: gymnasium.Space[Any]) -> np.ndarray:
@@ -37,24 +38,26 @@ def _observe(world: World, space: gymnasium.Space[Any]) -> np.ndarray:
     return np.clip(world.observation.numpy(force=True), space.low, space.high)
 
 
+def _need_reset(world: World) -> None:
+    if not world.begun:
+        raise gymnasium.error.ResetNeeded(NOT_BEGUN)
+
+
 def _advance(
-    world: World, action: np.ndarray, boat_action: np.ndarray | None = None
+    world: World, action: Numbers, boat_action: Numbers | None = None
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Step the world with (W, K, 2) actions and, with the strategy "agent", (W, B, 2) of the boats; returns truncated
     (W,) and the info of every world.
 
     On the CPU the info is the world's own memory, which the next step overwrites: hand out copies.
     """
-    action = np.asarray(action, np.float32)
-    expected = (world.num_worlds, world.num_auvs, 2)
-    if action.shape != expected:
-        raise ValueError(f"action has shape {action.shape}: must be {expected}")
-    if not np.isfinite(action).all():
-        raise ValueError("action: all numbers must be finite")
+    given = numbers_of("action", action, (world.num_worlds, world.num_auvs, 2))
+    if not given.isfinite().all():
+        raise ScenarioError("action: all numbers must be finite")
     boats = None
     if boat_action is not None:
-        boats = torch.from_numpy(np.clip(np.asarray(boat_action, np.float32), -1.0, 1.0)).to(world.device)
-    _, reward, horizon_ended, truncated, info = world.step(torch.from_numpy(np.clip(action, -1.0, 1.0)), boats)
+        boats = numbers_of("boat_action", boat_action, (world.num_worlds, world.boat.shape[1], 2)).clamp(-1.0, 1.0)
+    _, reward, horizon_ended, truncated, info = world.step(given.clamp(-1.0, 1.0), boats)
     tensors = {"auv_reward": reward, **info, "horizon_ended": horizon_ended}
     return truncated[:, 0].numpy(force=True), {name: tensor.numpy(force=True) for name, tensor in tensors.items()}
 
@@ -129,16 +132,19 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Advance by one mission step.
 
         Raises:
+            ResetNeeded: before the first reset.
             ValueError: `action` is not (K, 2) or not finite.
         """
         return self.step_with_boats(action, None)
 
     def step_with_boats(
-        self, action: np.ndarray, boat_action: np.ndarray | None
+        self, action: Numbers, boat_action: Numbers | None
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """As `step`, with actions (B, 2) of the boats where they are agents."""
-        boats = None if boat_action is None else np.asarray(boat_action)[None]
-        truncated, info = _advance(self.world, np.asarray(action)[None], boats)
+        _need_reset(self.world)
+        boats = None if boat_action is None else numbers_of("boat_action", boat_action, (self.world.boat.shape[1], 2))
+        own_action = numbers_of("action", action, (self.world.num_auvs, 2))
+        truncated, info = _advance(self.world, own_action[None], None if boats is None else boats[None])
         if self.render_mode:
             self._camera.add()
         observation = _observe(self.world, self.observation_space)[0]
@@ -146,8 +152,15 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation, float(_team_reward(info)[0]), False, bool(truncated[0]), own
 
     def render(self) -> np.ndarray | None:
-        """The mission as it is now, (720, 1280, 3) uint8, RGB; None without a render mode."""
-        return self._camera.picture(0) if self.render_mode else None
+        """The mission as it is now, (720, 1280, 3) uint8, RGB; None without a render mode.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        if not self.render_mode:
+            return None
+        _need_reset(self.world)
+        return self._camera.picture(0)
 
 
 class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -205,7 +218,6 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = batch_space(action_space(), num_auvs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._begun = False
         self._over = np.zeros(num_envs, np.bool_)  # episodes that ended and were not reset since
 
     @property
@@ -239,10 +251,9 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seed is not None:
             self.world = World(self.world.scenario, self.num_envs, seed, self._usv)
             super().reset(seed=int(self.world.seeds.seed[0]))
-        if self.render_mode and (seed is not None or not self._begun):
+        if self.render_mode and (seed is not None or not self.world.begun):
             self._camera = Camera(self.world)
         self._begin(mask)
-        self._begun = True
         return self._observation(), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -252,8 +263,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ResetNeeded: before the first reset, or with DISABLED while an ended episode was not reset.
             ValueError: `actions` is not (W, K, 2) or not finite.
         """
-        if not self._begun:
-            raise gymnasium.error.ResetNeeded("call reset before the first step")
+        _need_reset(self.world)
         over = self._over
         if self.autoreset_mode is AutoresetMode.DISABLED and over.any():
             raise gymnasium.error.ResetNeeded(
@@ -285,8 +295,15 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observation, reward, np.zeros(self.num_envs, np.bool_), truncated, info | rewards
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Every mission as it is now, W pictures (720, 1280, 3) uint8, RGB; None without a render mode."""
-        return tuple(self._camera.picture(world) for world in range(self.num_envs)) if self.render_mode else None
+        """Every mission as it is now, W pictures (720, 1280, 3) uint8, RGB; None without a render mode.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        if not self.render_mode:
+            return None
+        _need_reset(self.world)
+        return tuple(self._camera.picture(world) for world in range(self.num_envs))
 
     def _begin(self, mask: np.ndarray) -> None:
         self.world.reset(None if mask.all() else torch.from_numpy(mask))
@@ -322,7 +339,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError("options['reset_mask'] must choose at least one world")
         if seed is not None:
             raise ValueError("a seed is for all worlds: give no options['reset_mask'] with it")
-        if not self._begun:
+        if not self.world.begun:
             raise gymnasium.error.ResetNeeded("the first reset must be of all worlds")
 
 

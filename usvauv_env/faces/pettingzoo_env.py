@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 
@@ -22,6 +23,8 @@ from usvauv.env.world.agents import (
     observe_boats,
 )
 from usvauv.env.world.boat_strategies import AGENT
+from usvauv.env.world.state import numbers_of
+from usvauv.env.world.world import NOT_BEGUN
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
@@ -86,11 +89,12 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
             ValueError: an agent has no action, or one that is not (2,) or not finite.
         """
         if not self.agents:
-            raise gymnasium.error.ResetNeeded("no episode is under way: call reset")
+            raise gymnasium.error.ResetNeeded("no episode is under way: call reset first")
         if set(actions) != set(self.agents):
             raise ValueError(f"actions are for {sorted(actions)}: must be for {self.agents}")
-        joint = np.stack([np.asarray(actions[agent]) for agent in self._auvs])
-        boats = np.stack([np.asarray(actions[agent]) for agent in self._boats]) if self._boats else None
+        given = {agent: numbers_of(f"action of {agent}", actions[agent], (2,)) for agent in self.agents}
+        joint = torch.stack([given[agent] for agent in self._auvs])
+        boats = torch.stack([given[agent] for agent in self._boats]) if self._boats else None
         observation, reward, terminated, truncated, info = self._team.step_with_boats(joint, boats)
         agents = self.agents
         if truncated:
@@ -117,7 +121,13 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         return self._team.render()
 
     def state(self) -> np.ndarray:
-        """The global state, (S,) float32."""
+        """The global state, (S,) float32.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        if not self._team.world.begun:
+            raise gymnasium.error.ResetNeeded(NOT_BEGUN)
         return global_state(self._team.world)[0].numpy(force=True)
 
     def _by_agent(self, observation: np.ndarray) -> dict[str, np.ndarray]:

@@ -33,6 +33,7 @@ import torch
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.agents import action_space, auv_observation_space, boat_observation_space, observe_boats
 from usvauv.env.world.boat_strategies import AGENT
+from usvauv.env.world.state import numbers_of
 from usvauv.env.world.world import World
 
 try:
@@ -160,9 +161,8 @@ class DataCollectionTorchRLEnv(EnvBase):
         stepped = tensordict.get("_step", None)  # TorchRL's mask of the worlds that should move
         if stepped is not None and not (stepped | self._over).all():
             raise NotImplementedError("worlds step together: '_step' can leave out only those whose time is over")
-        action, expected = tensordict.get(("agents", "action")), (self.world.num_worlds, self.world.num_auvs, 2)
-        if action.shape != expected:
-            raise ValueError(f"action has shape {tuple(action.shape)}: must be {expected}")
+        shape = (self.world.num_worlds, self.world.num_auvs, 2)
+        action = numbers_of("action", tensordict.get(("agents", "action")), shape)
         if not torch.isfinite(action).all():
             raise ValueError("action: all numbers must be finite")
         boats = tensordict.get(("boats", "action")).clamp(-1.0, 1.0) if self._boats else None

@@ -45,8 +45,18 @@ def check_seed(seed: object) -> None:
     Raises:
         ScenarioError: it is not a whole number from 0 to 2⁶⁴ − 1.
     """
-    if not isinstance(seed, int | np.integer) or not 0 <= seed < 1 << 64:
-        raise ScenarioError(f"seed = {seed!r}: must be a whole number from 0 to 2**64 - 1")
+    whole_number("seed", seed, 0, (1 << 64) - 1)
+
+
+def whole_number(name: str, value: object, least: int, most: int) -> int:
+    """A whole number of any type as Python's.
+
+    Raises:
+        ScenarioError: it is another thing, or out of range.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
+        raise ScenarioError(f"{name} = {value!r}: must be a whole number from {least} to {most}")
+    return int(value)
 
 
 def sea_bytes(scenario: Scenario, cells: tuple[int, int], num_seas: int) -> float:

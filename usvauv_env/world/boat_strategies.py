@@ -64,6 +64,8 @@ class StrategyChoice:
         """
         text = scenario.boat.strategy if given is None else given
         field = "boat.strategy" if given is None else "usv"
+        if not isinstance(text, str):
+            raise ScenarioError(f"{field} = {text!r}: must be text")
         name, colon, _ = text.partition(":")
         strategy = boat_strategies.get(name)
         if strategy is None and name in RETIRED:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,6 +13,7 @@ from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.kernels.mission.worlds import REWARDS, STATE
 
+Numbers = torch.Tensor | np.ndarray | Sequence[Any]  # what `World.step` takes
 ALIGNMENT = 16  # numbers
 ANYTHING = 1e12  # bound of a number without a range: of an observation, a reward
 LARGEST = max(float(r.high) for array in STATE.values() for r in array.ranges if not isinstance(r.high, str))
@@ -211,3 +213,42 @@ def _fields(scenario: Scenario) -> dict[str, object]:
         else:
             fields[name] = value
     return fields
+
+
+def numbers_of(name: str, given: object, shape: Sequence[int]) -> torch.Tensor:
+    """What `World.step` was given, as a tensor of that shape.
+
+    Raises:
+        ScenarioError: it is no real numbers, or of another shape.
+    """
+    if not isinstance(given, torch.Tensor):
+        try:
+            array = np.asarray(given)
+            if array.dtype.kind != "c":
+                with np.errstate(over="ignore"):  # infinite ones are refused
+                    array = np.array(array, np.float32)
+            given = torch.from_numpy(array)
+        except (TypeError, ValueError):
+            raise ScenarioError(f"{name} = {given!r:.80}: must be numbers of shape {tuple(shape)}") from None
+    if given.is_complex():
+        raise ScenarioError(f"{name}: is complex: must be real numbers of shape {tuple(shape)}")
+    if given.shape != shape:
+        raise ScenarioError(f"{name} has shape {tuple(given.shape)}: must be {tuple(shape)}")
+    return given.detach()
+
+
+def mask_of(given: object, num_worlds: int, begun: bool) -> torch.Tensor:
+    """The mask that `World.reset` was given; `begun` where all worlds have an episode.
+
+    Raises:
+        ScenarioError: it is no bool of each world, or leaves out a world that has not begun.
+    """
+    try:
+        mask = torch.as_tensor(given)
+    except (TypeError, ValueError, RuntimeError):
+        raise ScenarioError(f"mask = {given!r:.80}: must be a bool for each of {num_worlds} worlds") from None
+    if mask.dtype != torch.bool or mask.shape != (num_worlds,):
+        raise ScenarioError(f"mask is {mask.dtype} of shape {tuple(mask.shape)}: must be bool of ({num_worlds},)")
+    if not begun and not mask.all():
+        raise ScenarioError("mask: leaves out worlds that have not begun: call reset of all worlds first")
+    return mask

@@ -181,7 +181,8 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
 def rule_workspace(scenario: Scenario) -> int:
     """How many numbers of its own the target rule needs in each world, ≥ 1."""
     rule, _ = target_rules.parse(scenario.nodes.target_rule)
-    return max(1, rule.workspace(scenario.targets, scenario.auv.count))
+    with target_rules.target_rules.calling(scenario.nodes.target_rule.partition(":")[0]):
+        return max(1, rule.workspace(scenario.targets, scenario.auv.count))
 
 
 def own_noise(scenario: Scenario, frequency: float) -> float:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.sea.build import whole_number
 from usvauv.env.sea.long_waves import LongWaves
 from usvauv.env.sea.storm import AirySea
 from usvauv.env.site.site import Site
@@ -19,18 +22,21 @@ from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strateg
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.env.world.state import (
     LARGEST,
+    Numbers,
     allocate,
     array_shapes,
     check_adjustable,
     check_continues,
     check_state,
     first_fault,
+    mask_of,
+    numbers_of,
     padded_length,
     unused_arrays,
 )
 from usvauv.env.world.water import Seeds, WorldWater
 from usvauv.kernels import runtime
-from usvauv.kernels.errors import DivergenceError, in_words
+from usvauv.kernels.errors import DivergenceError, blaming
 from usvauv.kernels.flow import current, vortex
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.launch import DeviceFlag, Launch
@@ -48,8 +54,10 @@ from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.worlds import REWARDS, STATE
 from usvauv.kernels.positioning import pulse, tracker
 
+NOT_BEGUN = "no episode has begun: call reset first"
 ARRAYS = *STATE, *REWARDS
 MAX_WORLDS = 1 << 22
+MOST_WORLDS = 1 << 32  # of a seed
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
 WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
 
@@ -99,7 +107,7 @@ class World:
     from speed_min (−1) to speed_max (1).
 
     Args:
-        scenario: what to simulate.
+        scenario: what to simulate, or its shipped name or path.
         num_worlds: W ≥ 1.
         seed: any integer from 0 to 2⁶⁴ − 1, or one for each world; then as many seas are solved as seeds differ.
         usv: strategy of the boats, in place of the scenario's `boat.strategy`: "fim", "fim-greedy",
@@ -140,7 +148,7 @@ class World:
 
     def __init__(
         self,
-        scenario: Scenario,
+        scenario: Scenario | str | Path,
         num_worlds: int = 1,
         seed: int | Sequence[int] = 0,
         usv: str | None = None,
@@ -151,14 +159,14 @@ class World:
         fine_sea: bool = False,
         arch: str = "auto",
     ) -> None:
-        if not 1 <= num_worlds <= MAX_WORLDS:
-            raise ScenarioError(f"num_worlds = {num_worlds}: must be from 1 to {MAX_WORLDS}")
+        num_worlds = whole_number("num_worlds", num_worlds, 1, MAX_WORLDS)
+        first_world = whole_number("first_world", first_world, 0, MOST_WORLDS - num_worlds)
         seeds = Seeds.of(seed, num_worlds, first_world)
-        if batch is not None and batch < first_world + num_worlds:
-            raise ScenarioError(f"batch = {batch}: must be at least first_world + num_worlds")
+        if batch is not None:
+            batch = whole_number("batch", batch, first_world + num_worlds, MOST_WORLDS)
         if fine_sea and num_worlds != 1:
             raise ScenarioError(f"num_worlds = {num_worlds}: a finely resolved sea carries exactly one world")
-        self.scenario = scenario = scenario.with_targets(targets)
+        self.scenario = scenario = Scenario.of(scenario).with_targets(targets)
         self.site = Site(scenario)
         self.num_worlds = num_worlds
         self.num_auvs = scenario.auv.count
@@ -168,7 +176,8 @@ class World:
         self.steps = scenario.mission.steps
         self.observation_layout = ObservationLayout.of(scenario)
         self.observation_size = self.observation_layout.size
-        self.device = runtime.start(arch).device
+        running = runtime.start(arch)
+        self.device, self._on_host = running.device, running.torch_on_host
         self._made_with = num_worlds, seed, usv, first_world, batch, fine_sea, arch
         self._first_world = first_world
         self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
@@ -206,6 +215,7 @@ class World:
         worlds = slice(own, own + num_worlds)
         self._water = WorldWater(self.site, whole, worlds, first_world=first_world, fine=fine_sea, device=self.device)
         self._bind()
+        self._begun = self._diverged = False
 
     def _zeros(self, *shape: int) -> torch.Tensor:
         return torch.zeros(shape, dtype=torch.float32, device=self.device)
@@ -241,8 +251,18 @@ class World:
         """What the target rule has left in its workspace, (W, ≥ 1)."""
         return self._constants["workspace"]
 
-    def reset(self, mask: torch.Tensor | None = None) -> torch.Tensor:
-        """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation."""
+    @property
+    def begun(self) -> bool:
+        """Whether an episode has begun in all worlds, so that a step can follow."""
+        return self._begun
+
+    def reset(self, mask: torch.Tensor | np.ndarray | Sequence[bool] | None = None) -> torch.Tensor:
+        """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation.
+
+        Raises:
+            ScenarioError: the mask is no bool of each world, or leaves one out of the first reset.
+            DivergenceError: as `step`; after one, all worlds can be reset, or all those whose state has run away.
+        """
         if mask is None:
             episode = int(self._clock[0, 0]) + 1
             if not self._water.is_at_beginning_of(episode):
@@ -250,16 +270,29 @@ class World:
                 self._bind()
             self._chosen.fill_(1)
         else:
-            self._chosen.copy_(mask)
+            self._chosen.copy_(mask_of(mask, self.num_worlds, self._begun))
+        if self._diverged:
+            self._forget_divergence()
         self._reset()
+        self._begun = True
         self._stop_at_fault()
         return self.observation
 
-    def step(self, action: torch.Tensor, boat_action: torch.Tensor | None = None) -> Step:
+    def _forget_divergence(self) -> None:
+        """Take what is not finite or has run away from the worlds that are to begin anew."""
+        for name in ARRAYS:
+            array = getattr(self, name)
+            if len(array) == self.num_worlds:
+                array[self._chosen.bool()] = 0
+        self._fault.forget()
+        self._diverged = False
+
+    def step(self, action: Numbers, boat_action: Numbers | None = None) -> Step:
         """Advance all worlds by one mission step.
 
         Args:
-            action: (num_worlds, num_auvs, 2) in [−1, 1].
+            action: (num_worlds, num_auvs, 2) in [−1, 1]; a tensor of any real type on any device, or what NumPy makes
+                an array of.
             boat_action: (num_worlds, boats, 2) in [−1, 1], with the strategy "agent" and no other: velocity through
                 the water over the boat's top speed, its norm clamped to 1.
 
@@ -267,24 +300,29 @@ class World:
             what the worlds are like afterwards, valid until the next step: take a `Step.clone` to keep it.
 
         Raises:
-            ValueError: an action of another shape, or on a CPU one that is not finite.
-            ScenarioError: a boat's action is missing, or there is one and the strategy is not "agent".
+            ScenarioError: `reset` was not called; an action is no numbers, of another shape, or on a CPU not finite; a
+                boat's action is missing, or there is one and the strategy is not "agent".
             DivergenceError: a number of the state is not finite or has run away, on a GPU also after an action that is
                 not finite; there it is raised by the step after.
         """
-        if action.shape != self._action.shape:
-            raise ValueError(f"action has shape {tuple(action.shape)}: must be {tuple(self._action.shape)}")
-        if runtime.start().torch_on_host and not math.isfinite(action.sum().item()):
-            raise ValueError("action: all numbers must be finite")
+        if not self._begun:
+            raise ScenarioError(NOT_BEGUN)
+        self._action.copy_(numbers_of("action", action, self._action.shape))
+        if self._on_host and not math.isfinite(self._action.sum().item()):
+            raise ScenarioError("action: all numbers must be finite")
         if (boat_action is None) == (self.strategy.name == AGENT):
             needs = "missing" if boat_action is None else "given"
             raise ScenarioError(f"boat_action: {needs}, but the boat's strategy is {self.strategy.name!r}")
         if boat_action is not None:
-            self._steer_boats(boat_action.detach())
-        self._water.advance()
+            boats = numbers_of("boat_action", boat_action, (*self.boat.shape[:2], 2))
+            self._steer_boats(boats.to(self.device, torch.float32))
+        try:
+            self._water.advance()
+        except DivergenceError:
+            self._diverged = True
+            raise
         if self._evolve_vortices:
             self._evolve_vortices()
-        self._action.copy_(action.detach())
         self._step()
         self._stop_at_fault()
         served = self.auv[..., AuvColumn.service_rate] > 0
@@ -295,11 +333,8 @@ class World:
 
     def _steer_boats(self, action: torch.Tensor) -> None:
         """Make the place that a step at the velocity of an action (W, B, 2) leads to each boat's goal."""
-        expected = (*self.boat.shape[:2], 2)
-        if action.shape != expected:
-            raise ValueError(f"boat_action has shape {tuple(action.shape)}: must be {expected}")
         if not torch.isfinite(action).all():
-            raise ValueError("boat_action: all numbers must be finite")
+            raise ScenarioError("boat_action: all numbers must be finite")
         boat = self.scenario.boat
         velocity = boat.top_speed * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
         if boat.drifts:
@@ -322,6 +357,7 @@ class World:
     def rewind(self) -> None:
         """Make the next `reset` begin the first episode again, as in a new world of the same seed."""
         self._clock.fill_(-1)
+        self._begun = False
 
     def state(self) -> dict[str, torch.Tensor]:
         """Everything that decides the future of the worlds, as copies; `load_state` brings it back bit for bit."""
@@ -340,6 +376,7 @@ class World:
         for name in STATE:
             getattr(self, name).copy_(state[name])
         self._clock.copy_(state["clock"])
+        self._begun = bool((self._clock >= 0).all())
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy, also by `pickle` in another process, is a world made anew that is brought to this one's state."""
@@ -385,6 +422,8 @@ class World:
         Raises:
             ScenarioError: it is another kind of world.
         """
+        if not other.begun:
+            raise ScenarioError(f"continue_from: in the other world {NOT_BEGUN}")
         check_continues(other.scenario, self.scenario)
         taken = other.state()
         self._clock[:, 0] = taken["clock"][:, 0] - 1
@@ -412,6 +451,7 @@ class World:
             DivergenceError: one is not finite or has run away; names world, quantity and time.
         """
         if self._fault.raised():
+            self._diverged = True
             terms = [name for name, place in self.observation_layout for _ in range(place.start, place.stop)]
             columns = {"observation": terms, "reward_terms": self.reward_names}
             world, problem = first_fault({name: getattr(self, name) for name in ARRAYS}, self.scenario, columns)
@@ -491,15 +531,12 @@ class World:
             "action": self._action,
             **{name: getattr(self, name) for name in ARRAYS},
         }
-        try:
+        plugins = self._plugins()  # whose Taichi functions may not compile
+        with blaming(plugins, ScenarioError) if plugins else nullcontext():
             self._reset, self._step = (
                 Launch(run, *({"phase": phase, **arguments}[name] for name in PARAMETERS), settings=runtime.QUICKLY)
                 for phase in (Phase.reset, Phase.step)
             )
-        except Exception as error:
-            if plugins := self._plugins():  # a Taichi function of theirs cannot be compiled
-                raise ScenarioError(f"{plugins}: {in_words(error)}") from error
-            raise
 
     def surface(self, pixels: int, world: int = 0) -> np.ndarray:
         """Elevation of a world's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
