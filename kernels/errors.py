@@ -1,8 +1,12 @@
 """Errors that a user can cause and correct, each a message of one line."""
 
+import sysconfig
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+TRACEBACK = "USVAUV_TRACEBACK"  # environment variable: show where an error comes from
+INSTALLED = tuple(sysconfig.get_paths()[kind] for kind in ("stdlib", "purelib", "platlib"))  # folders
 LONGEST = 2000  # characters of a message
 SHOWN = 400  # characters of a message that is quoted
 
@@ -36,22 +40,37 @@ def in_words(error: BaseException) -> str:
         reasons = [line for line in lines[places[-1] + 1 :] if line.strip(" ^~\t")]
         lines = [lines[places[-1]], *reasons[-1:]]
     text = " ".join(" ".join(lines).split())
-    return f"{type(error).__name__}: {text if len(text) <= SHOWN else text[:SHOWN] + ' …'}"
+    return f"{type(error).__name__}: {text if len(text) <= SHOWN else text[:SHOWN] + ' …'}".removesuffix(": ")
+
+
+def with_place(error: BaseException, item: str = "") -> str:
+    """The same, with the last line of foreign code that the exception went through, and how to see all of them.
+
+    Args:
+        error: that code from outside the packages raised.
+        item: which code, in words. A file that it names is foreign even where it is installed.
+    """
+    place = ""
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        file, module = frame.f_code.co_filename, frame.f_globals.get("__name__", "")
+        if file in item or not (file.startswith(("<frozen ", *INSTALLED)) or module.partition(".")[0] == "usvauv"):
+            place = f", in {file}, line {line}"
+    return f"{in_words(error)}{place} (set {TRACEBACK}=1 to see where it comes from)"
 
 
 @contextmanager
-def blaming(item: str, error: Callable[[str], UserError]) -> Iterator[None]:
+def blaming(item: str, error: Callable[[str], UserError], allowed: tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """A context in which code from outside the packages runs: what it raises becomes one line that names `item`.
 
     Raises:
-        error: instead of what that code raises; a UserError stays as it is.
+        error: instead of what that code raises; a UserError, Ctrl-C and what is `allowed` stay as they are.
     """
     try:
         yield
-    except UserError:
+    except (UserError, KeyboardInterrupt, *allowed):
         raise
-    except (Exception, SystemExit) as problem:
-        raise error(f"{item}: raised {in_words(problem)}") from problem
+    except BaseException as problem:
+        raise error(f"{item}: raised {with_place(problem, item)}") from problem
 
 
 def wrong_return(item: str, returned: object, allowed: str) -> str:

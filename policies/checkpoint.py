@@ -36,7 +36,7 @@ from torch import Tensor
 from usvauv.env import plugins
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.storage import text_files
-from usvauv.env.storage.files import atomic_write, inside, sync, writing
+from usvauv.env.storage.files import OutputError, atomic_write, inside, sync, writing
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import ACTION_SIZE, FRAMES
@@ -84,8 +84,11 @@ def clean(run: Path) -> None:
     To be called by the one process that writes there, see `usvauv.env.storage.files`.
 
     Raises:
-        OutputError: the folder cannot be written, or what is written there is a link out of it.
+        OutputError: the folder cannot be written, what is written there is a link out of it, or its path is not UTF-8,
+            which safetensors needs.
     """
+    if not text_files.is_text(os.path.realpath(run)):
+        raise OutputError(f"{run}: cannot hold checkpoints: its path must be in UTF-8")
     for name in (f"{LAST}{ENDING}", f"{BEST}{ENDING}", TENSORBOARD):
         inside(run, run / name)
     with writing(run):
@@ -122,6 +125,8 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def _read(path: Path, part: str, device: torch.device) -> Part:
+    if not text_files.is_text(str(path)):  # which safetensors cannot open
+        raise PolicyError(f"{path}: the path of a checkpoint must be in UTF-8")
     try:
         about, tensors = _read_folder(path, part, device) if os.path.isdir(path) else _read_file(path, part, device)
     except FileNotFoundError:
@@ -170,9 +175,10 @@ def provenance(begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",)) -> 
 
     commit = git("rev-parse", "HEAD") or "unknown"
     dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
-    now = {"command": shlex.join([*start, *sys.argv[1:]]), "commit": commit + dirty, "torch": torch.__version__}
+    command = text_files.readable(shlex.join([*start, *sys.argv[1:]]))
+    now = {"command": command, "commit": commit + dirty, "torch": torch.__version__}
     if files := plugins.loaded():
-        now["plugins"] = [str(file) for file in files]
+        now["plugins"] = [text_files.readable(str(file)) for file in files]
     if not begun:
         return now
     first = {key: begun[key] for key in ("command", "commit", "torch", "plugins") if key in begun}
@@ -210,8 +216,10 @@ def load_policy(
     device = device or CPU
     content, tensors = read(path, POLICY, device)
     own, config = _scenario_and_config(content, path)
-    sizes = Sizes(1 if config.shared else own.auv.count, FRAMES[config.frame](own).features, ACTION_SIZE)
-    actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator(device))
+    with FRAMES.calling(config.frame):
+        sizes = Sizes(1 if config.shared else own.auv.count, FRAMES[config.frame](own).features, ACTION_SIZE)
+    with ALGORITHMS.calling(config.algorithm):
+        actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator(device))
     try:
         if not all(value.isfinite().all() for value in tensors.values()):
             raise RuntimeError("a value is not finite")

@@ -78,7 +78,8 @@ class LearnedPolicy(Policy):
     ) -> None:
         super().__init__(name, scenario)
         self.frame_name = frame
-        self.frame = FRAMES[frame](scenario)
+        with FRAMES.calling(frame):
+            self.frame = FRAMES[frame](scenario)
         self.standardizer = standardizer
         self.actor = actor
         self.shared = shared
@@ -109,6 +110,7 @@ class LearnedPolicy(Policy):
 
     @torch.no_grad()
     def act(self, observation: Tensor) -> Tensor:
-        features = self.standardizer(self.frame.encode(observation))
-        action = unstack(self.actor(stack(features, self.shared)), observation.shape[1])
-        return self.frame.decode(observation, action)
+        with FRAMES.calling(self.frame_name):
+            features = self.standardizer(self.frame.encode(observation))
+            action = unstack(self.actor(stack(features, self.shared)), observation.shape[1])
+            return self.frame.decode(observation, action)

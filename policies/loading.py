@@ -18,7 +18,7 @@ from torch import Tensor
 from usvauv.env.record.evaluation import Act, act_of
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
-from usvauv.kernels.errors import blaming, in_words, wrong_return
+from usvauv.kernels.errors import blaming, with_place, wrong_return
 from usvauv.policies.checkpoint import BEST, ENDING, LAST, POLICY, load_policy, path_of, read
 from usvauv.policies.heuristics import HEURISTICS
 from usvauv.policies.learned import LearnedPolicy
@@ -40,8 +40,11 @@ def imported(name: str) -> Callable[[World], Any]:
     try:
         module = importlib.import_module(module_name)
         made = getattr(module, wanted, None)
-    except (Exception, SystemExit) as error:
-        raise PolicyError(f"policy {name!r}: module {module_name} cannot be imported: {in_words(error)}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        why = with_place(error)
+        raise PolicyError(f"policy {name!r}: module {module_name} cannot be imported: {why}") from error
     if not callable(made):
         raise PolicyError(f"policy {name!r}: {_file(module_name)} has no class or function {wanted!r}")
     return made

@@ -19,6 +19,7 @@ ROOT = Path(__file__).parents[1]
 OWN_POLICY = ROOT / "examples" / "own_policy.py"
 EXAMPLES = [OWN_POLICY, *sorted((ROOT / "examples" / "plugins").glob("*.py"))]
 CALL = "import sys; sys.argv[0] = 'usvauv'; from usvauv.cli.app import main; main()"
+LINE_1 = ", in {}/broken.py, line 1 (set USVAUV_TRACEBACK=1 to see where it comes from)"
 SHORT = ("--set", "mission.duration=60", "--episodes", "2")
 
 
@@ -130,7 +131,9 @@ def test_a_policy_of_ones_own(tmp_path):
     ("text", "message"),
     [
         (None, "plugin broken.py: must be a Python file"),
-        ("import nowhere", "plugin broken.py: ModuleNotFoundError: No module named 'nowhere'"),
+        ("import nowhere", f"plugin broken.py: ModuleNotFoundError: No module named 'nowhere'{LINE_1}"),
+        ("raise type('Odd', (BaseException,), {})('no')", f"plugin broken.py: Odd: no{LINE_1}"),
+        ("raise SystemExit", f"plugin broken.py: SystemExit{LINE_1}"),
         (
             "from usvauv.extend import target_rules\ntarget_rules.register('greedy', None)",
             "plugin broken.py: target rule 'greedy': is registered already",
@@ -141,5 +144,5 @@ def test_a_plugin_that_cannot_be_loaded_gives_one_line(run_usvauv, tmp_path, tex
     if text:
         (tmp_path / "broken.py").write_text(text)
     code, _, stderr = run_usvauv("eval", "--plugin", "broken.py")
-    assert (code, stderr.strip()) == (2, f"error: {message}")
+    assert (code, stderr.strip()) == (2, f"error: {message.format(tmp_path.resolve())}")
     assert not (tmp_path / "metrics.csv").exists()

@@ -18,12 +18,11 @@ import threading
 from typing import Any, NoReturn
 
 from usvauv.cli.letters import PLAIN
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import TRACEBACK, UserError
 from usvauv.kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption, in_thread
 
 FAILED = 2
 LEADS = "WORLD_SIZE" not in os.environ or os.environ.get("RANK", "0") == "0"  # what launchers of several processes set
-TRACEBACK = "USVAUV_TRACEBACK"  # environment variable: show where an unexpected error comes from
 
 
 class _Output(io.FileIO):

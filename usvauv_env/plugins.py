@@ -34,7 +34,7 @@ def _reason(error: BaseException) -> str:
         package, dot, rest = error.name.partition(".")
         if package in BEFORE_03:
             return f"imports {error.name}, whose name since 0.3 is {BEFORE_03[package]}{dot}{rest}"
-    return errors.in_words(error)
+    return errors.with_place(error)
 
 
 def load(path: str | Path) -> None:
@@ -56,12 +56,12 @@ def load(path: str | Path) -> None:
     sys.modules[name] = module  # Taichi looks the source of a kernel up through its module
     try:
         spec.loader.exec_module(module)
-    except errors.UserError as error:
+    except BaseException as error:
         del sys.modules[name]
-        raise PluginError(f"plugin {path}: {error}") from None
-    except (Exception, SystemExit) as error:
-        del sys.modules[name]
-        raise PluginError(f"plugin {path}: {_reason(error)}") from error
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        reason = error if isinstance(error, errors.UserError) else _reason(error)
+        raise PluginError(f"plugin {path}: {reason}") from error
     _paths.append(file)
 
 
@@ -74,7 +74,9 @@ def load_installed() -> None:
     for entry in entry_points(group=GROUP):
         try:
             entry.load()
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             raise PluginError(f"plugin {entry.value}: {_reason(error)}") from error
 
 

@@ -70,7 +70,8 @@ class SavedRun:
         self.directory = None if directory is None else Path(directory)
         self.provenance = dict(provenance or {})
         device = world.device
-        self.frame = FRAMES[config.frame](world.scenario)
+        with FRAMES.calling(config.frame):
+            self.frame = FRAMES[config.frame](world.scenario)
         self.generator = torch.Generator(device).manual_seed(config.seed)
         sizes = Sizes(1 if config.shared else world.num_auvs, self.frame.features, ACTION_SIZE)
         require(learning_bytes(config, sizes), "training: hidden, batch or n_step", device)

@@ -17,6 +17,7 @@ from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.interruption import Stop, stoppable
 from usvauv.policies.algorithms import ALGORITHMS
 from usvauv.policies.cuda_graph import Recorded
+from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import Standardizer
 from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import explore
@@ -191,12 +192,14 @@ class BatchedRuns:
         return torch.cat([run.world.reset() for run in self.runs])
 
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
-        features = self.first.frame.encode(observation).unflatten(0, (self.count, -1))
+        with FRAMES.calling(self.config.frame):
+            features = self.first.frame.encode(observation).unflatten(0, (self.count, -1))
         return {"features": self.standardizer(features).flatten(0, 1)}
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
         action = explore(self.learner, self.config, features, noise, self.count)
-        return {"action": action, "command": self.first.frame.decode(observation, action)}
+        with FRAMES.calling(self.config.frame):
+            return {"action": action, "command": self.first.frame.decode(observation, action)}
 
     def hand_out(self) -> None:
         """Bring learner and observation of every run up to date."""

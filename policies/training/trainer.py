@@ -18,6 +18,7 @@ from usvauv.policies.algorithms import ALGORITHMS, Batch, Learner
 from usvauv.policies.checkpoint import BEST, ENDING, POLICY, TENSORBOARD
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.cuda_graph import Recorded
+from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import TrainingWorld, explore
@@ -227,7 +228,7 @@ class Trainer(SavedRun):
         self.meter.add(info)
         self.steps += config.num_worlds
         if self.steps // config.num_worlds % world.steps == 0:  # truncated, without a look at the device
-            self.replay.finish(self.standardizer(self.frame.encode(observation)))
+            self.replay.finish(self._features(observation)["features"])
             observation = world.reset()
         self.observation = observation.clone()
 
@@ -249,12 +250,14 @@ class Trainer(SavedRun):
         return horizon_ended | (info["measures"][..., self.world.measure_names.index("service_rate")] > 0)
 
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
-        return {"features": self.standardizer(self.frame.encode(observation))}
+        with FRAMES.calling(self.config.frame):
+            return {"features": self.standardizer(self.frame.encode(observation))}
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
         """The network's exploring action (W, K, A), and the world's command for it."""
         action = explore(self.learner, self.config, features, noise)
-        return {"action": action, "command": self.frame.decode(observation, action)}
+        with FRAMES.calling(self.config.frame):
+            return {"action": action, "command": self.frame.decode(observation, action)}
 
     def standardize(self, features: Tensor) -> Tensor:
         """Take the statistics of features and reward from the replay, once before the first update; rescale the replay

@@ -27,10 +27,12 @@ from usvauv.kernels.types import vec2
 from usvauv.policies import PolicyError, Trainer
 from usvauv.policies.algorithms import ALGORITHMS
 from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.frames import FRAMES, Frame
 from usvauv.policies.heuristics import HEURISTICS, Heuristic
 
 pytestmark = pytest.mark.usefixtures("own_registries")
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plugins"
+SEE = r"\(set USVAUV_TRACEBACK=1 to see where it comes from\)"
 
 
 def load_example(name: str, folder: Path) -> None:
@@ -124,6 +126,7 @@ def _modules(tmp_path, monkeypatch):
     (tmp_path / "own_east.py").write_text(TEXT)
     (tmp_path / "straight.py").write_text(TEXT)
     (tmp_path / "own_broken.py").write_text("import nowhere")
+    (tmp_path / "own_ends.py").write_text("import sys\nsys.exit(3)")
 
 
 @pytest.mark.usefixtures("_modules")
@@ -140,8 +143,9 @@ def test_it_acts_under_its_name(name):
 @pytest.mark.parametrize(
     ("name", "problem"),
     [
-        ("own_gone:East", "module own_gone cannot be imported: ModuleNotFoundError: No module named 'own_gone'"),
-        ("own_broken:East", "module own_broken cannot be imported: ModuleNotFoundError: No module named 'nowhere'"),
+        ("own_gone:East", f"cannot be imported: ModuleNotFoundError: No module named 'own_gone' {SEE}"),
+        ("own_broken:East", rf"Error: No module named 'nowhere', in .*own_broken\.py, line 1 {SEE}"),
+        ("own_ends:East", rf"cannot be imported: SystemExit: 3, in .*own_ends\.py, line 2 {SEE}"),
         ("own_east:West", "own_east.py has no class or function 'West'"),
         ("own_east:number", "own_east.py has no class or function 'number'"),
     ],
@@ -157,7 +161,7 @@ def test_what_cannot_be_found_is_refused_without_a_world(name, problem):
     [
         ("Inert", "returned <own_east.Inert object at .*>: must be an object with `act`, or a function"),
         ("text", r"returned 'north': must be a tensor of shape \(3, 2, 2\)"),
-        ("failing", "raised KeyError: 'north'"),
+        ("failing", rf"raised KeyError: 'north', in .*own_east\.py, line 23 {SEE}$"),
     ],
 )
 @pytest.mark.usefixtures("_modules")
@@ -176,8 +180,12 @@ def test_heuristics_and_folders_come_first(tmp_path):
         policies.check("own_east:East", scenario())
 
 
-def fails():
-    return {}["no\nsuch"]
+def fails(error=None):
+    raise error or KeyError("no\nsuch")
+
+
+class Odd(BaseException):
+    pass
 
 
 @pytest.mark.parametrize(
@@ -187,8 +195,13 @@ def fails():
         (lambda o: torch.zeros(3), r"float32 of shape \(3,\) on cpu.*real numbers of shape \(16, 2, 2\)"),
         (lambda o: torch.zeros(16, 2, 2, dtype=torch.int64), "int64 of shape .*real numbers"),
         (lambda o: None, "returned None"),
-        (lambda o: fails(), "raised KeyError"),
-        (lambda o: exit(0), "raised SystemExit"),
+        (lambda o: fails(), rf"raised KeyError: .*, in .*test_plugins\.py, line \d+ {SEE}$"),
+        (lambda o: torch.zeros(2) @ torch.zeros(3), r"raised RuntimeError: .*, in .*test_plugins\.py, line"),
+        (lambda o: (lambda f: f(f))(lambda f: f(f)), "raised RecursionError: .*, in .*plugins"),
+        *(
+            (lambda o, error=error: fails(error), f"raised {type(error).__name__}, in .*plugins")
+            for error in (SystemExit(), GeneratorExit(), Odd(), StopIteration(), MemoryError())
+        ),
     ],
 )
 def test_a_policy(answer, match):
@@ -202,6 +215,32 @@ def test_a_policy(answer, match):
     with pytest.raises(PolicyError, match=rf"^policy 'wrong' of .*test_plugins\.py: .*{match}") as caught:
         act(world.reset())
     assert str(caught.value).isprintable()
+    assert (caught.value.__cause__ is not None) == ("raised" in match)
+
+
+def test_ctrl_c_in_a_policy_is_ctrl_c():
+    class Stopped(Heuristic):
+        def act(self, observation):
+            raise KeyboardInterrupt
+
+    HEURISTICS.register("stopped", Stopped)
+    world = ToyWorld(scenario(), 16, seed=2)
+    with pytest.raises(KeyboardInterrupt):
+        policies.acting("stopped", world)(world.reset())
+
+
+def test_a_frame_and_a_target_rule_are_named_too(tmp_path):
+    class Wrong(Frame):
+        def __init__(self, scenario):
+            fails(Odd())
+
+    FRAMES.register("wrong", Wrong)
+    with pytest.raises(PolicyError, match=r"^frame 'wrong' of .*: raised Odd, in .*plugins\.py, line"):
+        Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, frame="wrong"))
+    for name, parts in (("wide", {"workspace": lambda *_: fails(Odd())}), ("read", {"read": lambda _: fails(Odd())})):
+        target_rules.register(name, TargetRule(node_far_beyond, **parts))
+        with pytest.raises(UserError, match=rf"^target rule '{name}' of .*: raised Odd, in .*plugins\.py, line"):
+            World(Scenario.load("ideal", [f"nodes.target_rule={name}"]), 1)
 
 
 @pytest.mark.parametrize(
@@ -250,7 +289,11 @@ def no_vector(worlds: ti.template(), w, b):
             "^world 0 at 0 s: target of AUV 0 is 1e.08: must be .* from 0 to 29 .*'far' of .*plugins",
         ),
         (no_place, "wrong", r"^world 0 at 0 s: goal_x of boat 0 is nan.*\(uses usv 'wrong' of .*plugins"),
-        (no_vector, "wrong", "^usv 'wrong' of .*plugins.py: TaichiSyntaxError: .*motion.py.*expected to be a Matrix"),
+        (
+            no_vector,
+            "wrong",
+            "^usv 'wrong' of .*plugins.py: raised TaichiSyntaxError: .*motion.py.*to be a Matrix",
+        ),
     ],
 )
 def test_what_runs_in_the_kernel(goal, usv, match):

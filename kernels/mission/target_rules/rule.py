@@ -79,7 +79,8 @@ def parse(text: str) -> tuple[TargetRule, tuple[float, ...]]:
         raise ValueError(f"{text!r}: allowed are {', '.join(map(usage, target_rules))}")
     rule = target_rules[name]
     if rule.read is not None:
-        return rule, rule.read(rest)
+        with target_rules.calling(name, allowed=(ValueError,)):
+            return rule, rule.read(rest)
     try:
         given = [float(part) for part in rest.split(",")] if colon else []
     except ValueError:
