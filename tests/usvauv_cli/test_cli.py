@@ -22,7 +22,9 @@ from usvauv.env.record.metrics import COLUMNS
 from usvauv.env.storage.files import locked
 
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
+SIZES = "12x9", "³²⁰x³²⁰", "３２０x３２０", "-640x480", "640x480x2", f"{5000 * '9'}x480", "640x+480", "6_40x480"
 SHORT = ["--set", "mission.duration=12"]
+SEE = "(set USVAUV_TRACEBACK=1 to see where it comes from)"
 LOADING = "loading torch and Taichi …\n"  # first line of `train`
 
 
@@ -60,7 +62,8 @@ class TestPlugin:
     def test_that_fails_or_is_missing_gives_one_line(self, tmp_path, run_usvauv, command):
         (tmp_path / "a.py").write_text("1 / 0")
         said = LOADING if command == "train" else ""
-        for name, problem in (("a", "ZeroDivisionError: division by zero"), ("b", "must be a Python file")):
+        raised = f"ZeroDivisionError: division by zero, in {tmp_path}/a.py, line 1 {SEE}"
+        for name, problem in (("a", raised), ("b", "must be a Python file")):
             refused = f"error: plugin {name}.py: {problem}\n"
             assert run_usvauv(*command.split(), "--plugin", f"{name}.py") == (2, said, refused)
 
@@ -239,7 +242,7 @@ def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monke
     (tmp_path / f"{name}.py").write_text("class Failing:\n    def __init__(self, world):\n        1 / 0\n")
     monkeypatch.setattr(sys, "path", [*sys.path])  # which gets the working directory
     code, _, stderr = run_usvauv("eval", "--policy", f"{name}:Failing", *SHORT)
-    problem = "ZeroDivisionError: division by zero"
+    problem = f"ZeroDivisionError: division by zero, in {tmp_path}/{name}.py, line 3 {SEE}"
     assert (code, stderr) == (2, f"error: policy '{name}:Failing' of {tmp_path}/{name}.py: raised {problem}\n")
     assert [path.name for path in tmp_path.iterdir() if path.suffix != ""] == [f"{name}.py"]
 
@@ -410,7 +413,7 @@ def test_scenarios(tmp_path, run_usvauv):
         (["simulate", "--policy", "json:Best"], ["json:Best", "json/__init__.py", "no class or function 'Best'"]),
         (["simulate", "--policy", "hold:0,0"], ["hold:0,0", "MODULE:CLASS", "straight"]),
         (["simulate", "--usv", "hold:999,0"], ["hold:999,0", "area"]),
-        (["simulate", "--size", "12x9"], ["--size", "12x9"]),
+        *((["simulate", "--size", wrong], ["--size", "expected WIDTHxHEIGHT"]) for wrong in SIZES),
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),
         (["simulate", "--at", "3"], ["--at 3", "usvauv-extreme.mp4", ".png"]),
         (["replay", "missing.nc"], ["missing.nc"]),

@@ -1,8 +1,10 @@
 """A table that grows by batches, is cut anywhere, and is taken up again."""
 
+import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -28,7 +30,7 @@ def rows_of(which, first, count):
 def fill(out, resume, batches=BATCHES):
     """Go on to the end; returns the batches that were appended."""
     appended = []
-    with GrowingTable(out, resume) as table:
+    with GrowingTable(out, resume, COLUMNS) as table:
         if table.about is None:
             table.begin(ABOUT)
         assert table.about == ABOUT
@@ -55,7 +57,7 @@ def whole(tmp_path):
 
 def partial_of(out, batches=BATCHES):
     """The partial file of some batches, as a process leaves it that is killed before the end."""
-    with GrowingTable(out, resume=False) as table:
+    with GrowingTable(out, False, COLUMNS) as table:
         table.begin(ABOUT)
         for first, count in batches:
             for which in PAIR:
@@ -101,7 +103,7 @@ def test_rows_are_on_the_disk_when_the_process_is_killed(tmp_path, whole):
     child = """
 import os, pathlib, signal, sys
 from tests.usvauv_env.test_growing_table import *
-with GrowingTable(pathlib.Path(sys.argv[1]), resume=False) as table:
+with GrowingTable(pathlib.Path(sys.argv[1]), False, COLUMNS) as table:
     table.begin(ABOUT)
     for which in PAIR:
         table.append(which, rows_of(which, 0, 4))
@@ -117,7 +119,7 @@ with GrowingTable(pathlib.Path(sys.argv[1]), resume=False) as table:
 def test_a_batch_drops_all_that_followed_in_the_file(tmp_path):
     """At once, so that rows of another run are not taken for its own after a further stop."""
     (tmp_path / "m.csv.partial").write_bytes(partial_of(tmp_path / "a.csv"))
-    with GrowingTable(tmp_path / "m.csv", resume=True) as table:
+    with GrowingTable(tmp_path / "m.csv", True, COLUMNS) as table:
         for which in PAIR:
             assert table.take(which, 0, 4)
         for which in PAIR:
@@ -126,12 +128,34 @@ def test_a_batch_drops_all_that_followed_in_the_file(tmp_path):
         assert table.path.read_bytes() == partial_of(tmp_path / "b.csv", ((0, 4), (4, 1)))
 
 
+@pytest.mark.parametrize("wrong", [b"much", b"", b"1e999", b"\xff", b"1,1", b'"' + 200_000 * b"1" + b'"'])
+def test_a_row_that_is_none_is_made_again_with_its_batch(tmp_path, whole, wrong):
+    out = tmp_path / "m.csv"
+    lines = partial_of(out).split(b"\n")
+    before = lines[-2].split(b",")
+    lines[-2] = b",".join([*before[:-2], wrong, before[-1]])
+    (tmp_path / "m.csv.partial").write_bytes(b"\n".join(lines))
+    assert fill(out, True) == [(PAIR[1], 8)]
+    assert out.read_bytes() == whole
+
+
+@pytest.mark.parametrize("kind", ["pipe", "folder", "link"])
+def test_what_is_no_file_is_refused(tmp_path, kind):
+    path = tmp_path / "m.csv.partial"
+    if kind == "link":
+        (tmp_path / "other").write_bytes(partial_of(tmp_path / "a.csv"))
+    {"pipe": os.mkfifo, "folder": Path.mkdir, "link": lambda path: path.symlink_to("other")}[kind](path)
+    for resume in (False, True):
+        with pytest.raises(OutputError, match=r"m\.csv\.partial: is no file of its own; remove it$"):
+            GrowingTable(tmp_path / "m.csv", resume, COLUMNS)
+
+
 def test_without_rows_nothing_is_left(tmp_path):
-    with GrowingTable(tmp_path / "m.csv", resume=False) as table:
+    with GrowingTable(tmp_path / "m.csv", False, COLUMNS) as table:
         table.begin(ABOUT)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "m.csv.partial").write_bytes(b"# usvauv eval {")  # of a process that was killed with the first row
-    with GrowingTable(tmp_path / "m.csv", resume=True) as table:
+    with GrowingTable(tmp_path / "m.csv", True, COLUMNS) as table:
         assert table.about is None
     assert list(tmp_path.iterdir()) == []
 
@@ -139,22 +163,31 @@ def test_without_rows_nothing_is_left(tmp_path):
 def test_what_is_there_is_never_overwritten(tmp_path):
     out = tmp_path / "m.csv"
     with pytest.raises(UserError, match=r"m\.csv\.partial: is not there"):
-        GrowingTable(out, resume=True)
+        GrowingTable(out, True, COLUMNS)
     data = partial_of(out)
     with pytest.raises(UserError, match=r"m\.csv\.partial: holds episodes .* --resume"):
-        GrowingTable(out, resume=False)
+        GrowingTable(out, False, COLUMNS)
     for resume in (False, True):
-        for other in (b"mine\n", data.replace(b'"batch"', b'"batch'), data.replace(b"scenario,policy", b"a,b")):
+        for other in (
+            b"mine\n",
+            data.replace(b'"batch"', b'"batch'),
+            data.replace(b"scenario,policy", b"a,b"),
+            data.replace(b",arps,", b",\xff,"),
+            *(data.replace(b'"batch": 4', b'"batch": ' + wrong) for wrong in (b"0", b"true", b"4.0", b"null", b'"4"')),
+            data.replace(b'{"seed": 3}', b"5"),
+            data.replace(b'{"seed": 3}', 5000 * b"[" + 5000 * b"]"),
+        ):
+            assert other != data
             (tmp_path / "m.csv.partial").write_bytes(other)
             with pytest.raises(OutputError, match=r"m\.csv\.partial: (is not of|its first lines are damaged)"):
-                GrowingTable(out, resume)
+                GrowingTable(out, resume, COLUMNS)
             assert (tmp_path / "m.csv.partial").read_bytes() == other
 
 
 def test_one_process_at_a_time(tmp_path):
     out = tmp_path / "m.csv"
     with (
-        GrowingTable(out, resume=False),
+        GrowingTable(out, False, COLUMNS),
         pytest.raises(OutputError, match=r"m\.csv\.partial: another process is writing there"),
     ):
-        GrowingTable(out, resume=True)
+        GrowingTable(out, True, COLUMNS)

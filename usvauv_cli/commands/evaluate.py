@@ -101,7 +101,7 @@ def evaluate(
     from usvauv.cli.web_report.episodes import Recordings, collects_data, front_episodes
     from usvauv.env import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
-    from usvauv.env.record.metrics import FIGURES, task_metrics
+    from usvauv.env.record.metrics import COLUMNS, FIGURES, task_metrics
     from usvauv.env.storage.tables import Combination, GrowingTable
     from usvauv.env.world.boat_strategies import StrategyChoice
 
@@ -135,7 +135,7 @@ def evaluate(
     warn_uneven_bed(setting)
     recordings = Recordings(len(scenarios))
     comparison = Comparison(list(scenarios), reference, front_episodes(len(scenarios)) if report_folder else 0)
-    with GrowingTable(out, resume) as table:
+    with GrowingTable(out, resume, (*COLUMNS, *figures[len(FIGURES) :])) as table:
         decides = definition(setting, scenarios, seed, arch)
         about = table.about
         if about is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -161,10 +162,11 @@ def parse_size(text: str) -> tuple[int, int]:
     Raises:
         UserError: not two whole numbers from 320 to 7680.
     """
-    parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdigit() and 320 <= int(part) <= 7680 for part in parts):
+    found = re.fullmatch(r"([0-9]{3,4})[xX]([0-9]{3,4})", text)
+    width, height = map(int, found.groups()) if found else (0, 0)
+    if not (320 <= width <= 7680 and 320 <= height <= 7680):
         raise UserError(f"--size {text!r}: expected WIDTHxHEIGHT in pixels, each from 320 to 7680, like 1280x720")
-    return int(parts[0]), int(parts[1])
+    return width, height
 
 
 def checked_video(

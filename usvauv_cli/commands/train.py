@@ -205,7 +205,8 @@ def train(
 def _folders(out: Path) -> dict[int, Path]:
     """The folders of several seeds' runs in `out`, by seed."""
     found = {path.name.removeprefix(FOLDER): path for path in out.glob(f"{FOLDER}*") if path.is_dir()}
-    return {int(seed): found[seed] for seed in sorted(filter(str.isdecimal, found), key=int)}
+    seeds = (seed for seed in found if seed.isascii() and seed.isdecimal())
+    return {int(seed): found[seed] for seed in sorted(seeds, key=int)}
 
 
 def _show(show: Callable[[dict], None], trainer: Trainer | Seeds, figures: dict | list[dict]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from usvauv.cli.sea_view.surface import LONG_WAVES, SHADED, LevelSurface, Section, land, thumbnail, weather
 from usvauv.env.render import style
-from usvauv.env.render.figures import log_ticks, save_figure, set_title, style_axes
+from usvauv.env.render.figures import WrittenOut, log_ticks, save_figure, set_title, style_axes
 from usvauv.env.render.layout import MapView, Rectangle
 from usvauv.env.render.plain_matplotlib import (
     Axes,
@@ -235,6 +235,7 @@ class SeaFigure:
             axes.axvspan(*ends, color=AMBER, alpha=0.15, lw=0, label="forced long waves")
         axes.set(xlim=(frequency[0], last), ylim=(1e-5 * highest, 2 * highest))
         log_ticks(axes.xaxis)
+        axes.yaxis.set_major_formatter(WrittenOut())
         axes.grid(color=ON_DARK.line, lw=0.6)
         place = {"loc": "lower left", "bbox_to_anchor": (-0.01, 0.99), "ncols": 3, "borderpad": 0.2}
         axes.legend(frameon=False, labelcolor=ON_DARK.muted, fontsize=9, **place)

@@ -79,6 +79,6 @@ def _write_parquet(table: Path) -> str:
         return "; there is no Parquet file without pyarrow (extra 'scale')"
     text = [*FIRST[:3], *(part.name for part in fields(EpisodeMetrics) if part.type == "str")]
     options = csv.ConvertOptions(column_types=dict.fromkeys(text, string()), strings_can_be_null=False)
-    with atomic_write(path) as partial:
-        parquet.write_table(csv.read_csv(table, convert_options=options), partial)
+    with atomic_write(path) as partial, table.open("rb") as source, partial.open("wb") as target:
+        parquet.write_table(csv.read_csv(source, convert_options=options), target)
     return " and .parquet"

@@ -71,7 +71,7 @@ def write(folder: Path, template: str, title: str, file: Mapping[str, str], arch
     )
     page = folder / "index.html"
     with atomic_write(page) as partial:
-        partial.write_text(html, encoding="utf-8")
+        partial.write_text(html, encoding="utf-8", errors="backslashreplace")
     return page
 
 

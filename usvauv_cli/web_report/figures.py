@@ -27,6 +27,7 @@ from usvauv.cli.web_report.figure_style import (
     rows_of_legend,
     style_axes,
 )
+from usvauv.env.render.figures import WrittenOut
 from usvauv.env.render.layout import nice, nice_above
 from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D, MaxNLocator
 from usvauv.env.scenario import Scenario
@@ -147,6 +148,9 @@ def errors(names: Sequence[str], recordings: Sequence[Recording], duration: floa
             handles.append(Line2D([], [], color=colour(i), ls=dash(i), label=name))
         over_time.set(xlabel="time, s", ylabel="error of a fix, m", xlim=(0, duration), yscale="log")
         whole.set(xlabel="error of a fix, m", ylabel="share of fixes below it", ylim=(0, 1.02), xscale="log")
+        for axis in (over_time.yaxis, whole.xaxis):
+            axis.set_major_formatter(WrittenOut())
+            axis.set_minor_formatter(WrittenOut())
         whole.set_xlim(min(reach), max(reach))
         for axes in (over_time, whole):
             style_axes(axes)

@@ -14,6 +14,7 @@ from usvauv.env.render.plain_matplotlib import (
     FixedLocator,
     FormatStrFormatter,
     LinearSegmentedColormap,
+    LogFormatter,
     NullLocator,
     plain,
 )
@@ -83,6 +84,13 @@ def log_ticks(axis: Axis) -> None:
     axis.set_major_locator(FixedLocator(shown))
     axis.set_major_formatter(FormatStrFormatter("%g"))
     axis.set_minor_locator(NullLocator())
+
+
+class WrittenOut(LogFormatter):
+    """Numbers of a logarithmic axis where matplotlib has them, but not as powers of ten, which are mathematics."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
 
 
 def set_title(axes: Axes, text: str, pad: float | None = None) -> None:

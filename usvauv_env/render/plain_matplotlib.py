@@ -11,6 +11,7 @@ import importlib
 import logging
 import os
 import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,7 @@ from matplotlib.ft2font import FT2Font  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.patches import Ellipse  # noqa: E402
 from matplotlib.patheffects import AbstractPathEffect, withStroke  # noqa: E402
-from matplotlib.ticker import FixedLocator, FormatStrFormatter, MaxNLocator, NullLocator  # noqa: E402
+from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogFormatter, MaxNLocator, NullLocator  # noqa: E402
 
 __all__ = [
     "AbstractPathEffect",
@@ -67,6 +68,7 @@ __all__ = [
     "FormatStrFormatter",
     "Line2D",
     "LinearSegmentedColormap",
+    "LogFormatter",
     "MaxNLocator",
     "Normalize",
     "NullLocator",
@@ -78,12 +80,18 @@ __all__ = [
 ]
 
 DEFAULTS: dict[Any, Any] = {name: value for name, value in matplotlib.rcParamsDefault.items() if name != "backend"}
+DEFAULTS["text.parse_math"] = False
 
 
 @contextlib.contextmanager
 def plain(settings: Mapping[Any, Any] | None = None) -> Iterator[None]:
-    """Settings in which a figure is made and saved: matplotlib's own ones but for those given."""
-    with matplotlib.rc_context(DEFAULTS | dict(settings or {})):
+    """Settings in which a figure is made and saved: matplotlib's own ones but for those given.
+
+    Text is drawn as it stands: names hold dollars, underscores and braces that are no mathematics, and letters that the
+    font lacks, each of which matplotlib would warn of again and again.
+    """
+    with matplotlib.rc_context(DEFAULTS | dict(settings or {})), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ |Matplotlib currently does not support .* natively", UserWarning)
         yield
 
 

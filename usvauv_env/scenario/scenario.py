@@ -292,7 +292,13 @@ class Scenario(Section):
 
     @classmethod
     def of(cls, scenario: Scenario | str | Path) -> Scenario:
-        """A scenario as it is, or by shipped name or path as `load` reads it."""
+        """A scenario as it is, or by shipped name or path as `load` reads it.
+
+        Raises:
+            ScenarioError: as `load`, or it is another thing.
+        """
+        if not isinstance(scenario, Scenario | str | Path):
+            raise ScenarioError(f"scenario = {scenario!r:.80}: must be a Scenario, a shipped name or a path")
         return scenario if isinstance(scenario, Scenario) else cls.load(scenario)
 
     @classmethod

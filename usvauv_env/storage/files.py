@@ -261,6 +261,6 @@ def open_locked(path: Path, place: Path) -> FileIO:
             file.close()
             if error.errno not in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
                 raise
-            by = f"process {holder}" if holder.isdigit() else "another process"
+            by = f"process {holder}" if holder.isdecimal() else "another process"
             raise OutputError(f"{place}: {by} is writing there") from None
         file.close()  # its holder has removed it in the meantime

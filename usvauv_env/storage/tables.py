@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -17,6 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+from usvauv.env.storage import text_files
 from usvauv.env.storage.files import OutputError, atomic_write, open_locked, writing
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import deferred
@@ -32,7 +34,10 @@ def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, A
     """
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+    with (
+        atomic_write(path) as partial,
+        partial.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream,
+    ):
         writer = csv.DictWriter(stream, columns)
         writer.writeheader()
         writer.writerows(rows)
@@ -52,7 +57,8 @@ class Combination(NamedTuple):
     targets: str
 
 
-KEYS = {*Combination._fields, "episode"}  # columns that tell rows apart
+TEXTS = {*Combination._fields, "scenario"}  # columns that are no numbers
+LONGEST = 2**24  # bytes of each of the first lines
 
 
 class _Row(NamedTuple):
@@ -76,13 +82,14 @@ class GrowingTable:
         count: rows that were taken and appended.
     """
 
-    def __init__(self, out: Path, resume: bool) -> None:
-        """Open the partial file of `out`.
+    def __init__(self, out: Path, resume: bool, columns: Sequence[str]) -> None:
+        """Open the partial file of `out`, whose rows have these columns.
 
         Raises:
             UserError: there is none to `resume`, or one that is not to be resumed.
-            OutputError: the file cannot be written, another process has it, or it is another thing.
+            OutputError: the file cannot be written, another process has it, or it is another thing or damaged.
         """
+        self._columns = list(columns)
         self.path = out.with_name(f"{out.name}.partial")
         self.count = 0
         self._out = out
@@ -144,7 +151,7 @@ class GrowingTable:
             OutputError: the file cannot be written.
         """
         text = io.StringIO(newline="")
-        writer = csv.DictWriter(text, list(rows[0]))
+        writer = csv.DictWriter(text, self._columns)
         if not self._header:
             writer.writeheader()
             self._header = text.getvalue().encode()
@@ -153,7 +160,7 @@ class GrowingTable:
             text.truncate()
         writer.writerows(rows)
         begin = self._end
-        self._write(text.getvalue().encode())
+        self._write(text.getvalue().encode(errors="backslashreplace"))
         self._placed(combination, begin, len(rows))
 
     def finish(self) -> None:
@@ -190,21 +197,24 @@ class GrowingTable:
     def _opening(self) -> tuple[dict[str, Any] | None, bytes, int]:
         """What defines the rows, the CSV's header, and where the rows begin; None of a file that was cut before."""
         with self.path.open("rb") as file:
-            first, header = file.readline(), file.readline()
+            first, header = file.readline(LONGEST), file.readline(LONGEST)
         if not (first.startswith(MARK) or MARK.startswith(first)):
             raise OutputError(f"{self.path}: is not of an evaluation that was stopped; remove it or take another --out")
         if not header.endswith(b"\n"):
             return None, b"", 0
         try:
-            about = json.loads(first[len(MARK) :])
-        except ValueError:
-            about = None
-        if not isinstance(about, dict) or not set(header.decode(errors="replace").strip().split(",")) >= KEYS:
-            raise OutputError(f"{self.path}: its first lines are damaged; remove it or take another --out")
+            about = text_files.parse(first[len(MARK) :].decode(), "JSON")
+            right = isinstance(about.get("definition"), dict) and type(about.get("batch")) is int and about["batch"] > 0
+            if not right or next(csv.reader([header.decode()])) != self._columns:
+                raise ValueError
+        except (ValueError, csv.Error):
+            raise OutputError(
+                f"{self.path}: its first lines are damaged, or of another version; remove it or take another --out"
+            ) from None
         return about, header, len(first) + len(header)
 
     def _rows(self) -> Generator[_Row]:
-        """Rows of the file up to the first that is not whole."""
+        """Rows of the file up to the first that is not whole, or no row of numbers."""
         end = self._end
 
         def lines() -> Generator[str]:
@@ -215,9 +225,10 @@ class GrowingTable:
                 end += len(line)
                 yield line.decode()
 
-        columns = next(csv.reader([self._header.decode()]), [])
         with self.path.open("rb") as file, suppress(csv.Error, ValueError):
             file.seek(end)
             for values in csv.reader(lines()):
-                row = dict(zip(columns, values, strict=True))
+                row = dict(zip(self._columns, values, strict=True))
+                if any(math.isinf(float(text)) for name, text in row.items() if name not in TEXTS):
+                    return
                 yield _Row(Combination(*(row[name] for name in Combination._fields)), int(row["episode"]), row, end)

@@ -91,7 +91,7 @@ def check_plain(content: Any) -> None:
                 inner += [*value, *value.values()]
             elif isinstance(value, list | tuple):
                 inner += value
-            elif isinstance(value, str) and not _encodable(value):
+            elif isinstance(value, str) and not is_text(value):
                 raise TextFileError(f"holds {value!r}, which is not text")
         level = inner
         if not level:
@@ -99,9 +99,11 @@ def check_plain(content: Any) -> None:
     raise TextFileError("nested too deep")
 
 
-def _encodable(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
+def is_text(text: str) -> bool:
+    """Whether a file in UTF-8 can hold it; names of files need not be such text."""
+    return readable(text) == text
+
+
+def readable(text: str) -> str:
+    """The text, what is none in it as Python writes it."""
+    return text.encode("utf-8", "backslashreplace").decode()
