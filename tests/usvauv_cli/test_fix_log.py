@@ -90,12 +90,9 @@ class TestReading:
             [signed(f"PSONLLD,13200{i}.0,7,A,-16.5,{179.99995 * (-1) ** i},50.0,,,,") for i in range(10)],
             ["time,auv,latitude,longitude,depth", *(f"{i},7,-16.5,{179.99995 + i % 2 * 1e-4},50" for i in range(10))],
             [
-                line
-                for i in range(10)
-                for line in (
-                    signed(f"GPGGA,13200{i},1630.0,S,17959.997,{'EW'[i % 2]},1,08,0.9,5,M,46.9,M,,"),
-                    hipap(f"13200{i}", 0, 0, 50),
-                )
+                signed("GPGGA,132000,1630.0,S,17959.997,E,1,08,0.9,5,M,46.9,M,,"),
+                *(hipap(f"1320{i:02d}", 0, 0, 50) for i in range(11)),
+                signed("GPGGA,132010,1630.0,S,17959.997,W,1,08,0.9,5,M,46.9,M,,"),
             ],
         ],
         ids=["both signs", "beyond 180", "the boat"],
@@ -103,6 +100,7 @@ class TestReading:
     def test_both_sides_of_180_degrees_are_one_place(self, read, log):
         found = read(log)
         assert np.ptp(found.fixes[0].places, axis=0) == pytest.approx([10.68, 0], abs=0.1)
+        assert found.fixes[0].places.mean(axis=0) == pytest.approx([100, 100], abs=6)
         assert -180 <= found.scenario.water.longitude <= 180
 
     @pytest.mark.parametrize(
@@ -223,7 +221,9 @@ class TestBoat:
             for i in range(40)
             for line in [*[gga(f"1230{i:02d}", 5 * i)] * (i % 10 == 0), usbllong(7000 + i, 6999 + i, 100 - 5 * (i - 1))]
         )
-        assert np.ptp(log.fixes[0].places[1:], axis=0) == pytest.approx([0, 0], abs=0.1)
+        assert np.ptp(log.fixes[0].places, axis=0) == pytest.approx([0, 0], abs=0.1)
+        middle = np.median(5 * (np.arange(40) - 1))  # of the boat's places at the times of the fixes, m east of 5° E
+        assert log.scenario.water.longitude == pytest.approx(5 + (middle - 100) / 55802, abs=2e-6)
 
     def test_headings_are_interpolated_over_north(self, read):
         log = read(
@@ -331,9 +331,11 @@ class TestEstimate:
         assert np.isfinite([found.x, found.y, found.noise or 0, found.accuracy or 0]).all()
         assert math.dist((found.x, found.y), fixes.places[-1]) < 15
 
-    def test_fixes_at_two_times_the_last_far_off(self):
-        places = np.array([[5.0, 5.0]] * 20 + [[1e19, -1e19]])
-        assert np.isfinite(estimate(Fixes("a", np.array([0.0] * 20 + [1.0]), places, np.full(21, 9.0))).x)
+    def test_fixes_of_which_all_but_some_at_one_time_are_far_off(self):
+        far = 1e15
+        places = np.array([[0, 5], [0, 5], [5, -far], [-far, 5], [-far, 1e4 * far]])
+        found = estimate(Fixes("a", np.array([0, 0, 2, 1e10, 1e10]), places, np.full(5, 9.0)))
+        assert np.isfinite([found.x, found.y, found.noise, found.accuracy]).all()
 
 
 class TestCommand:

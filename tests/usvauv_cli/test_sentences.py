@@ -23,7 +23,7 @@ class TestSentences:
                 Geographic(55805.253, "24", 50.02495, 8.873323, 425.3),
             ),
             (
-                "$PSONLLD,170004.53,ALVIN 914,A,28.8114807,-87.80925696,1951.156,13.96,13.96,0.00,2.62,,,,*6F",
+                'log "$PSONLLD,170004.53,ALVIN 914,A,28.8114807,-87.80925696,1951.156,13.96,13.96,0.00,2.62,,,,*6F" 1',
                 Geographic(61204.53, "ALVIN 914", 28.8114807, -87.80925696, 1951.156),
             ),
             # The example of NavDP's manual, whose checksum is not its own.

@@ -258,7 +258,7 @@ def estimate(fixes: Fixes) -> PositionEstimate:
 def _scatter(time: np.ndarray, places: np.ndarray) -> np.ndarray | None:
     """Standard deviation (2,) along x and y of the error of a fix, m; None of too few fixes."""
     step = time[2:] - time[:-2]
-    useful = step > INSTANT
+    useful = step > 0
     if useful.sum() < FEWEST - 2:
         return None
     later = ((time[1:-1] - time[:-2])[useful] / step[useful])[:, None]

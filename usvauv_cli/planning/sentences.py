@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from usvauv.cli.planning.fixes import LONGEST, BadLine, NoFix, geographic, number
 
-CHECKED = re.compile(r"\$(?P<body>.+)\*(?P<sum>[0-9A-Fa-f]{2})\s*$")
+CHECKED = re.compile(r"\$(?P<body>.+)\*(?P<sum>[0-9A-Fa-f]{2})(?!\w)")  # a logger may write on
 EVOLOGICS = re.compile(r"USBLLONG,(?P<body>.+)$")
 TIME = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d*)?|60(?:\.\d*)?)", re.ASCII)
 ANGLE = re.compile(r"(\d{1,3})([0-5]\d(?:\.\d*)?)", re.ASCII)
