@@ -154,6 +154,7 @@ class TestResult:
         result = json.loads(plan("--auv", "32.501N,117.499W,100", *west, "--json", "-")[1])
         assert result["auvs"][0]["longitude"] == pytest.approx(-117.499)
         assert coordinates(-33.5, -70.25) == "33.500000S,70.250000W"
+        assert coordinates(0.0, 180.25) == coordinates(0.0, -179.75) == "0.000000N,179.750000W"
 
 
 @pytest.mark.parametrize("text", ["22.5101N,114.0203E", "22.5101N,114.0303E"])

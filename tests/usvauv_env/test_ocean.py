@@ -168,6 +168,24 @@ class TestCurrents:
         flow = read_flow(path, frame, WIDTH, LENGTH, (1.0,), duration=7200.0)
         self.check(flow, frame, fields=(speed, speed))
 
+    @pytest.mark.parametrize("corner", [179.95, -180.05])
+    def test_a_file_cut_about_180_degrees(self, tmp_path, corner):
+        """Longitudes in the order in which they lie on the Earth: 179.5, 180, -179.5; so of a bed."""
+        lon = 180 + np.arange(-3, 4) * 0.25
+        lon[lon > 180] -= 360
+
+        def speed(x, y, z, t):
+            return 0.1 * ((x % 360) - 180) + 0.02 * (y - 60)
+
+        dataset = cmems(lon=lon, depth=DEPTHS[:2], hours=HOURS[:1], fields=(speed, speed))
+        frame = LocalFrame(corner, 60.03)
+        flow = read_flow(write(dataset, tmp_path / "a.nc"), frame, WIDTH, LENGTH, (1.0,))
+        self.check(flow, frame, fields=(speed, speed))
+        height = np.broadcast_to(-1000 - 100 * (lon % 360 - 180), (len(LATITUDES), len(lon)))
+        h = read_bathymetry(write(gebco(lon, LATITUDES, height), tmp_path / "b.nc"), frame, WIDTH, LENGTH, (8, 6))
+        at, _ = centres(frame, WIDTH, LENGTH, (8, 6))
+        np.testing.assert_allclose(h, 1000 + 100 * (at % 360 - 180), atol=1e-6)
+
     def test_order_of_coordinates_and_dimensions_does_not_matter(self, tmp_path):
         dataset = cmems()
         reference = flow_of(dataset, tmp_path)

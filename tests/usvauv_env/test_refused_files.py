@@ -227,7 +227,7 @@ ERA5 = [
     ),
     (
         values("frequency", lambda n: n + 1),
-        r"frequency: 2, 3, 4, ..., 31; allowed: ERA5's numbers 1, 2, ..., up to 30",
+        r"frequency: 2, 3, 4, ..., 31; allowed: ERA5's numbers 1, 2, ..., 30, or its values",
     ),
     (curvilinear, r"d2fd: lies on a curvilinear grid \(nav_lon has dimensions y, x\)"),
     (

@@ -77,6 +77,26 @@ class TestSpectra:
         spread = math.sqrt(2 * (1 - abs(moment)))
         assert math.sqrt(2 * (1 - abs(spectrum.moment))) == pytest.approx(spread, abs=math.radians(1.0))
 
+    @pytest.mark.parametrize("units", [{}, {"frequency": "Hz", "direction": "degrees"}])
+    def test_era5_by_values_in_place_of_numbers(self, units, tmp_path):
+        dataset = era5(WIND_SEA, SWELL)
+        expected = spectrum_of(dataset, tmp_path)
+        values = {"frequency": 0.03453 * 1.1 ** np.arange(30), "direction": 7.5 + 15.0 * np.arange(24)}
+        for name, of in values.items():
+            dataset = dataset.assign_coords({name: (name, of, {"units": units[name]} if units else {})})
+        found = spectrum_of(dataset.rename(time="valid_time").assign_coords(number=0, surface=0.0), tmp_path)
+        np.testing.assert_allclose(found.frequencies, expected.frequencies, rtol=1e-12)
+        np.testing.assert_allclose(found.directions, expected.directions, atol=1e-12)
+        np.testing.assert_allclose(found.density, expected.density)
+
+    @pytest.mark.parametrize("lon", [np.arange(178, 182.1, 0.5), [178.5, 179, 179.5, -180, -179.5]])
+    @pytest.mark.parametrize("corner", [179.99, -180.01, 180.0, -180.0])
+    def test_both_sides_of_180_degrees(self, lon, corner, tmp_path):
+        dataset = era5(WIND_SEA, lon=tuple(lon))
+        assert spectrum_of(dataset, tmp_path, frame=LocalFrame(corner, 60.0)).significant_height == pytest.approx(
+            5.0, rel=0.01
+        )
+
     def test_density_per_degree(self, tmp_path):
         dataset = ww3(WIND_SEA)
         dataset["efth"] = dataset["efth"] * math.pi / 180
@@ -167,10 +187,59 @@ class TestPartitions:
         dataset["phs0"][:, 1, 2] = 3.0  # 60.0° N, 5.5° E
         assert waves_of(dataset, tmp_path).partitions[0].height == 3.0
 
+    @pytest.mark.parametrize(
+        ("names", "units", "values", "period", "moment"),
+        [
+            (("hs", "fp", "dir", "spr"), ("m", "s-1", "degree", "degree"), (3.0, 0.1, 180.0, 25.0), 10.0, 0),
+            (("hs", "tps", "theta0", "spread"), ("m", "s", "degree", "degree"), (3.0, 10.0, 180.0, 25.0), 10.0, 0),
+            (("hs", "t0m1", "dir"), ("m", "s", "degree"), (3.0, 9.0, 180.0), 9.0, -1),
+            (("VHM0", "VTPK", "VMDR", "VHM0_WW"), ("m", "s", "degree", "m"), (3.0, 10.0, 180.0, 2.0), 10.0, 0),
+            (("VHM0", "VTM10", "VMDR"), ("m", "s", "degree"), (3.0, 9.0, 180.0), 9.0, -1),
+            (("swh", "mwp", "mwd", "shww"), ("m", "s", "Degree true", "m"), (3.0, 9.0, 180.0, 1.0), 9.0, -1),
+            (("swh", "perpw", "dirpw"), ("m", "s", "Degree true"), (3.0, 10.0, 180.0), 10.0, 0),
+            (("Thgt", "Tper", "Tdir"), ("meters", "seconds", "degrees"), (3.0, 10.0, 180.0), 10.0, 0),
+            (
+                ("wave_height", "dominant_wpd", "mean_wave_dir"),
+                ("meters", "seconds", "degrees_true"),
+                (3.0, 10.0, 180.0),
+                10.0,
+                0,
+            ),
+        ],
+    )
+    def test_names_of_all_waves(self, names, units, values, period, moment, tmp_path):
+        (only,) = waves_of(fields(names, units, values), tmp_path).partitions
+        assert (only.height, only.period, only.moment, only.wind_sea) == (3.0, pytest.approx(period), moment, True)
+        assert turn(only.direction, math.pi / 2) < 1e-9
+
+    def test_of_cmems(self, tmp_path):
+        """Wind sea and two swells by their means m0/m1; a JONSWAP sea with γ = 3.3 has Tp = 1.198 T₀₁."""
+        parts = [(2.0, 6.0, 270.0), (1.5, 10.0, 0.0), (1.0, 12.0, 90.0)]
+        names = [f"{name}_{part}" for part in ("WW", "SW1", "SW2") for name in ("VHM0", "VTM01", "VMDR")]
+        dataset = fields((*names, "VHM0"), ("m", "s", "degree") * 3 + ("m",), (*np.ravel(parts), 2.7))
+        systems = storms(Site(scenario_of(dataset, tmp_path, "storm.gamma=3.3", "storm.shortest_wave=5")))
+        assert [each.significant_height for each in systems] == [2.0, 1.5, 1.0]
+        assert [each.peak_period / part[1] for each, part in zip(systems, parts, strict=True)] == pytest.approx(
+            [1.198] * 3, abs=0.005
+        )
+        for system, heading in zip(systems, (0.0, -math.pi / 2, math.pi), strict=True):
+            assert turn(system.direction, heading) < 1e-9
+
+    def test_the_first_and_the_final_results_of_era5(self, tmp_path):
+        """Along `expver`, of which each time has one."""
+        dataset = fields(("swh", "pp1d", "mwd"), ("m", "s", "degrees"), (3.0, 10.0, 180.0), hours=(1e6, 1e6 + 1))
+        twice = dataset.expand_dims(expver=[1, 5]).transpose("time", "expver", ...).copy(deep=True)
+        for name in dataset:
+            twice[name][0, 1], twice[name][1, 0] = np.nan, np.nan
+            twice[name].attrs = dataset[name].attrs
+        for start in ("2014-01-29T16:00:00", "2014-01-29T17:00:00"):
+            (only,) = waves_of(twice, tmp_path, start).partitions
+            assert (only.height, only.period) == (3.0, 10.0)
+
     def test_bulk(self, tmp_path):
         dataset = fields(("hs", "tp", "dir", "spr"), ("m", "s", "degree", "degree"), (3.0, 10.0, 180.0, 25.0))
         (only,) = waves_of(dataset, tmp_path).partitions
-        assert (only.height, only.period, only.mean_period, only.wind_sea) == (3.0, 10.0, False, True)
+        assert (only.height, only.period, only.moment, only.wind_sea) == (3.0, 10.0, 0, True)
         assert turn(only.direction, math.pi / 2) < 1e-9
 
 

@@ -167,14 +167,16 @@ def moment(system: System) -> complex:
 def _as_storm(part: Partition, storm: Storm) -> Storm:
     """A partition as a wave system with the shape of a scenario's, JONSWAP where it has none.
 
-    The spread √(2(1 − r₁)) gives the spreading s by r₁ = s/(s + 1), and T₋₁,₀ the peak's period by the shape without a
+    The spread √(2(1 − r₁)) gives the spreading s by r₁ = s/(s + 1), and a mean period the peak's by the shape without a
     cut-off.
     """
     shape = "jonswap" if storm.spectrum == "none" else storm.spectrum
     period = part.period
-    if part.mean_period:
+    if part.moment:
+        k = part.moment
         omega, S = band("pm" if shape == "pm" else "jonswap", 2 * math.pi, storm.gamma, 1e-3, 1e4, 1.0)
-        period *= float(cumulative(omega, S)[-1] / cumulative(omega, S / omega)[-1])
+        moments = (S, S / omega) if k == -1 else (S * omega**k, S)
+        period *= float(cumulative(omega, moments[0])[-1] / cumulative(omega, moments[1])[-1]) ** (1 / abs(k))
     spreading = storm.spreading
     if part.spread is not None:
         spreading = min(2 / max(part.spread, 1e-3) ** 2 - 1, NARROWEST)

@@ -305,4 +305,5 @@ def look_geographic(texts: Sequence[str], scenario: Scenario) -> bool:
 
 def coordinates(latitude: float, longitude: float) -> str:
     """Degrees as `position` reads them, to 0.1 m."""
+    longitude -= 360 * round(longitude / 360)
     return f"{abs(latitude):.6f}{'NS'[latitude < 0]},{abs(longitude):.6f}{'EW'[longitude < 0]}"

@@ -30,6 +30,7 @@ FREQUENCIES, DIRECTIONS = (
     ("frequency", "freq", "frequencyNumber", "sea_surface_wave_frequency", "wave_frequency"),
     ("direction", "dir", "directionNumber", "sea_surface_wave_to_direction", "sea_surface_wave_from_direction"),
 )
+VERSIONS = "expver"  # dimension of ERA5's final and first results, of which a time has one
 FARTHEST = 50e3  # m from a station to the middle of the area
 
 
@@ -71,6 +72,8 @@ class Source:
                 spectral[kind] = str(dimension)
             elif len(along) == 1 and along[0][0] in ("time", "latitude", "longitude"):
                 known[along[0][0]] = along[0][1:]
+            elif dimension == VERSIONS:
+                continue
             elif found := _stations(dataset, str(dimension)):
                 stations = found
             elif array.sizes[dimension] == 1:
@@ -107,7 +110,10 @@ class Source:
 
         window = self.array.isel({name: i for name, i in sample.index.items() if name in self.array.dims})
         order = [self.spectral[kind] for kind in ("frequency", "direction") if kind in self.spectral]
-        return reader.values(window.transpose(*order), self.where).astype(np.float64)
+        values = reader.values(window.transpose(..., *order), self.where).astype(np.float64)
+        if VERSIONS not in window.dims:
+            return values
+        return next((version for version in values if not np.isnan(version).all()), values[0])
 
 
 def _spectral_kind(dataset: xarray.Dataset, dimension: str) -> str | None:

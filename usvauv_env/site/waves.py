@@ -97,14 +97,15 @@ class WaveSpectrum:
 class Partition(NamedTuple):
     """A wave system: Hs (m), period (s), direction of travel (rad from east towards north), spread √(2(1 − r₁)) (rad).
 
-    The period is that of the peak, or the mean T₋₁,₀; a spread that the file does not have is None.
+    The period is that of the peak where `moment` is 0; k: the mean (m0/m_k)^(1/k), such as T₋₁,₀ with k = −1. A spread
+    that the file does not have is None.
     """
 
     height: float
     period: float
     direction: float
     spread: float | None
-    mean_period: bool
+    moment: int
     wind_sea: bool
 
 
@@ -177,11 +178,8 @@ def _read_spectrum(dataset: xarray.Dataset, source: Source) -> WaveSpectrum:
         if kind not in source.spectral:
             raise OceanError(f"{source.where}: has no dimension of {kind}, known by its name or standard_name")
     factor = 1.0 if logarithm else factor_of(source.array, source.where, DENSITIES)
-    frequency, direction = (
-        (_numbered(dataset, source, ERA5_FREQUENCIES, "frequency"), _numbered(dataset, source, 0, "direction"))
-        if logarithm
-        else (_frequencies(dataset, source), _directions(dataset, source))
-    )
+    frequency = _frequencies(dataset, source, logarithm)
+    direction = _directions(dataset, source, logarithm)
     density, weight = np.zeros((len(frequency), len(direction))), 0.0
     for sample in source.samples:
         values = source.values(sample)
@@ -241,22 +239,39 @@ def _some(values: np.ndarray) -> str:
     return ", ".join(f"{value:.4g}" for value in values[:3]) + (f", ..., {values[-1]:.4g}" if len(values) > 3 else "")
 
 
-def _frequencies(dataset: xarray.Dataset, source: Source) -> np.ndarray:
+def _known(variable: xarray.DataArray, values: np.ndarray, known: np.ndarray, where: str) -> np.ndarray | None:
+    """ERA5's values, as they are or by their numbers from 1; None of others that have units."""
+    count = len(values)
+    if count <= len(known):
+        if np.array_equal(values, np.arange(count) + 1):
+            return known[:count]
+        if np.allclose(values, known[:count], rtol=0.01):
+            return values
+    if "units" in variable.attrs:
+        return None
+    raise OceanError(f"{where}: {_some(values)}; allowed: ERA5's numbers 1, 2, ..., {len(known)}, or its values")
+
+
+def _frequencies(dataset: xarray.Dataset, source: Source, era5: bool) -> np.ndarray:
     variable, values, where = _coordinate(dataset, source, "frequency")
-    values = values * factor_of(variable, where, HERTZ)
-    if len(values) < 3 or not (np.diff(values) > 0).all() or not 0 < values[0] < values[-1] <= 10:
+    known = ERA5_FREQUENCY * ERA5_RATIO ** np.arange(ERA5_FREQUENCIES, dtype=float)
+    found = _known(variable, values, known, where) if era5 else None
+    found = values * factor_of(variable, where, HERTZ) if found is None else found
+    if len(found) < 3 or not (np.diff(found) > 0).all() or not 0 < found[0] < found[-1] <= 10:
         raise OceanError(f"{where}: {_some(values)}; allowed: three or more, rising, 0 to 10 Hz")
-    return values
+    return found
 
 
-def _directions(dataset: xarray.Dataset, source: Source) -> np.ndarray:
+def _directions(dataset: xarray.Dataset, source: Source, era5: bool) -> np.ndarray:
     variable, values, where = _coordinate(dataset, source, "direction")
-    angles = values * factor_of(variable, where, ANGLES)
+    known = (np.arange(ERA5_DIRECTIONS) + 0.5) * 360 / ERA5_DIRECTIONS
+    found = _known(variable, values, known, where) if era5 else None
+    angles = values * factor_of(variable, where, ANGLES) if found is None else np.radians(found)
     steps = np.diff(np.sort(angles % (2 * math.pi)), append=np.min(angles % (2 * math.pi)) + 2 * math.pi)
     even = 2 * math.pi / len(angles)
     if len(angles) < 4 or not abs(steps - even).max() <= UNEVEN * even:
         raise OceanError(f"{where}: {_some(values)}; allowed: four or more in even steps round the circle")
-    return travel(angles, _comes_from(variable, where))
+    return travel(angles, not era5 and _comes_from(variable, where))
 
 
 def _comes_from(variable: xarray.DataArray, where: str) -> bool:
@@ -269,19 +284,6 @@ def _comes_from(variable: xarray.DataArray, where: str) -> bool:
         f"{where}: its standard_name must say which way, as sea_surface_wave_to_direction or"
         " sea_surface_wave_from_direction"
     )
-
-
-def _numbered(dataset: xarray.Dataset, source: Source, most: int, kind: str) -> np.ndarray:
-    """ERA5's frequencies (Hz) or directions of travel (rad) by their numbers from 1."""
-    _, values, where = _coordinate(dataset, source, kind)
-    count = len(values)
-    right = 3 <= count <= most if kind == "frequency" else count == ERA5_DIRECTIONS
-    if not right or not np.array_equal(values, np.arange(count) + 1):
-        allowed = f"up to {most}" if kind == "frequency" else f"{ERA5_DIRECTIONS}"
-        raise OceanError(f"{where}: {_some(values)}; allowed: ERA5's numbers 1, 2, ..., {allowed}")
-    if kind == "frequency":
-        return ERA5_FREQUENCY * ERA5_RATIO ** (values - 1)
-    return travel((values - 0.5) * 2 * math.pi / ERA5_DIRECTIONS, comes_from=False)
 
 
 def _read_wind(dataset: xarray.Dataset, source: Source, name: str) -> float | None:
@@ -303,30 +305,60 @@ def _read_wind(dataset: xarray.Dataset, source: Source, name: str) -> float | No
 
 
 class _Names(NamedTuple):
-    """Variables of one wave system; `spread` is "" where a model has none."""
+    """Variables of one wave system, of each the first that a file has, separated by spaces; `spread` may be "".
+
+    `periods` go by what they are: 0 peaks, or the peaks' frequencies, k means of the moments m0 and m_k.
+    """
 
     height: str
-    period: str
+    periods: dict[int, str]
     direction: str
     spread: str
-    mean_period: bool
     wind_sea: bool
 
+    def found(self, dataset: xarray.Dataset) -> tuple[str, str, str, str, int]:
+        """Height, period, direction and spread in a file, "" where it has none, and the period's moment."""
 
-ERA5_WIND_SEA = _Names("shww", "mpww", "mdww", "dwww", True, True)
-MODELS = (  # of which the one with most variables in a file is taken
-    tuple(_Names(f"phs{n}", f"ptp{n}", f"pdir{n}", f"pspr{n}", False, n == 0) for n in range(9)),
-    (ERA5_WIND_SEA, *(_Names(f"swh{n}", f"mwp{n}", f"mwd{n}", "", True, False) for n in (1, 2, 3))),
-    (ERA5_WIND_SEA, *(_Names(f"p{n}", f"p{n + 2}", f"p{n + 1}", "", True, False) for n in (140121, 140124, 140127))),
-    (ERA5_WIND_SEA, _Names("shts", "mpts", "mdts", "dwps", True, False)),
-    (_Names("swh", "pp1d", "mwd", "wdw", False, True),),
-    (_Names("hs", "tp", "dir", "spr", False, True),),
+        def first(text: str) -> str:
+            return next((name for name in text.split() if name in dataset.data_vars), "")
+
+        periods = [(first(text), moment) for moment, text in self.periods.items()]
+        period, moment = next((each for each in periods if each[0]), ("", 0))
+        return first(self.height), period, first(self.direction), first(self.spread), moment
+
+
+def _of_era5(height: str, period: str, direction: str, spread: str = "", wind_sea: bool = False) -> _Names:
+    return _Names(height, {-1: period}, direction, spread, wind_sea)
+
+
+ERA5_WIND_SEA = _of_era5("shww", "mpww", "mdww wvdir", "dwww", True)
+MODELS = (  # of which the one with most systems in a file is taken, of several the first
+    (  # all waves: ERA5 and NCEP, CMEMS, WAVEWATCH III and SWAN, NCEP's GRIB by wgrib2, ERDDAP, buoys of NDBC
+        _Names("swh", {0: "pp1d perpw", -1: "mwp"}, "mwd dirpw", "wdw", True),
+        _Names("VHM0", {0: "VTPK", -1: "VTM10", 2: "VTM02"}, "VMDR VPED", "", True),
+        _Names(
+            "hs",
+            {0: "tp fp tps rtp", -1: "t0m1 tmm10", 1: "t01 tm01", 2: "t02 tm02"},
+            "dir theta0 dp",
+            "spr spread",
+            True,
+        ),
+        _Names("HTSGW_surface", {0: "PERPW_surface"}, "DIRPW_surface", "", True),
+        _Names("Thgt", {0: "Tper"}, "Tdir", "", True),
+        _Names("wave_height", {0: "dominant_wpd", 2: "average_wpd"}, "mean_wave_dir", "", True),
+    ),
+    tuple(_Names(f"phs{n}", {0: f"ptp{n}"}, f"pdir{n}", f"pspr{n}", n == 0) for n in range(9)),
+    (ERA5_WIND_SEA, *(_of_era5(f"swh{n}", f"mwp{n}", f"mwd{n}") for n in (1, 2, 3))),
+    (ERA5_WIND_SEA, *(_of_era5(f"p{n}", f"p{n + 2}", f"p{n + 1}") for n in (140121, 140124, 140127))),
+    (ERA5_WIND_SEA, _of_era5("shts", "mpts", "mdts swdir", "dwps")),
+    tuple(_Names(f"VHM0_{n}", {1: f"VTM01_{n}"}, f"VMDR_{n}", "", n == "WW") for n in ("WW", "SW1", "SW2")),
 )
 
 
 def present(dataset: xarray.Dataset) -> list[_Names]:
     """The wave systems that a file has, by the model's names of which it has most."""
-    return max(([names for names in model if names.height in dataset.data_vars] for model in MODELS), key=len)
+    whole, *parts = ([names for names in model if names.height in dataset.data_vars] for model in MODELS)
+    return max((whole[:1], *parts), key=len)
 
 
 def read_partitions(dataset: xarray.Dataset, path: str | Path, place: tuple[float, float], start: str) -> Waves:
@@ -337,14 +369,15 @@ def read_partitions(dataset: xarray.Dataset, path: str | Path, place: tuple[floa
     """
     systems = present(dataset)
     for names in systems:
-        for needed in (names.period, names.direction):
-            if needed not in dataset.data_vars:
-                raise OceanError(f"{path}: has {names.height} but no {needed}")
+        _, period, direction, *_ = names.found(dataset)
+        for found, allowed in ((period, " ".join(names.periods.values())), (direction, names.direction)):
+            if not found:
+                raise OceanError(f"{path}: has {names.height} but no {allowed.replace(' ', ', ')}")
     of = {
         name: Source.of(dataset, path, name, place, start)
         for names in systems
-        for name in names[:4]
-        if name in dataset.data_vars
+        for name in names.found(dataset)[:4]
+        if name
     }
     first = of[systems[0].height]
     for sample in first.samples:
@@ -364,20 +397,22 @@ def _partition(dataset: xarray.Dataset, of: dict[str, Source], names: _Names, sa
             raise OceanError(f"{source.where}: {number:g}; allowed: {low:g} to {high:g}: see its units and fill")
         return number
 
-    height = value(names.height, METRES, 0.0, HIGHEST_WAVES)
+    of_height, of_period, of_direction, of_spread, moment = names.found(dataset)
+    height = value(of_height, METRES, 0.0, HIGHEST_WAVES)
     if not height > 0:
         return None
-    period = value(names.period, SECONDS, *PERIODS)
-    angle = value(names.direction, ANGLES, -2 * math.pi, 4 * math.pi)
-    spread = value(names.spread, WIDTHS, 0.0, WIDEST) if names.spread in of else math.nan
-    for name, number in ((names.period, period), (names.direction, angle)):
+    if str(dataset[of_period].attrs.get("units")).lower() in HERTZ:
+        period = 1 / value(of_period, HERTZ, *(1 / period for period in reversed(PERIODS)))
+    else:
+        period = value(of_period, SECONDS, *PERIODS)
+    angle = value(of_direction, ANGLES, -2 * math.pi, 4 * math.pi)
+    spread = value(of_spread, WIDTHS, 0.0, WIDEST) if of_spread else math.nan
+    for name, number in ((of_period, period), (of_direction, angle)):
         if math.isnan(number):
-            raise OceanError(f"{of[name].where}: is missing where {names.height} is {height:g} m")
-    words = str(dataset[names.direction].attrs.get("standard_name", "")).replace("_", " ")
+            raise OceanError(f"{of[name].where}: is missing where {of_height} is {height:g} m")
+    words = str(dataset[of_direction].attrs.get("standard_name", "")).replace("_", " ")
     direction = float(travel(np.array(angle), comes_from="to direction" not in words))
-    return Partition(
-        height, period, direction, None if math.isnan(spread) else spread, names.mean_period, names.wind_sea
-    )
+    return Partition(height, period, direction, None if math.isnan(spread) else spread, moment, names.wind_sea)
 
 
 def travel(angle: np.ndarray, comes_from: bool) -> np.ndarray:
