@@ -355,6 +355,27 @@ def test_no_link_leads_out_of_the_folder_of_a_result(tmp_path, run_usvauv, comma
     assert (tmp_path / "run" / link).is_symlink()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux")
+def test_a_folder_whose_name_is_no_text(tmp_path, run_usvauv):
+    """Only checkpoints cannot be there, which safetensors opens by names in UTF-8."""
+    folder = tmp_path / os.fsdecode(b"d\xe9s")
+    folder.mkdir()
+    (folder / "mine.toml").write_text('task = "data-collection"')
+    one = ("--episodes", 1, "--policy", "keep", *SHORT)
+    assert run_usvauv("eval", folder / "mine.toml", *one, "--out", folder / "a.csv", "--report", folder)[0] == 0
+    assert r"d\udce9s" in (folder / "index.html").read_text(encoding="utf-8")
+    assert (folder / "a.csv").read_text().count("\n") == 2
+    for command, problem in (("train --out", "cannot hold checkpoints"), ("eval --policy", "must be in UTF-8")):
+        (folder / "best.safetensors").touch()
+        code, _, stderr = run_usvauv(*command.split(), folder)
+        assert (code, stderr.count("\n")) == (2, 1)
+        assert problem in stderr
+    (folder / "a.py").write_text("")
+    quick = ("--steps", 1, "--worlds", 1, "--learn", "warmup=100", *SHORT)
+    assert run_usvauv("train", folder / "mine.toml", "--plugin", folder / "a.py", *quick, "--out", "run")[0] == 0
+    assert policies.read_run(tmp_path / "run")[2]["plugins"] == [rf"{tmp_path}/d\udce9s/a.py"]
+
+
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="no device that is always full")
 def test_a_full_standard_output_is_one_line(tmp_path):
     with open("/dev/full", "w") as full:

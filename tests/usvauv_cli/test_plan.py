@@ -154,7 +154,9 @@ class TestOutput:
             assert key in text
 
     def test_table_and_files(self, plan, tmp_path):
-        code, stdout, _ = plan(*TEAM, "--compare", "12,34", "--json", "plan.json")
+        name = "name=Cost $5_a^{ $ % & # 海 🌊 مرحبا"  # neither mathematics nor a warning of letters
+        code, stdout, stderr = plan(*TEAM, "--compare", "12,34", "--json", "plan.json", "--set", name)
+        assert stderr == ""
         result = json.loads((tmp_path / "plan.json").read_text())
         assert code == 0
         for part in (f"x = {result['optimum']['x']:.2f} m", "centroid", "12.00", "34.00", "major m", "plan.png"):

@@ -31,7 +31,7 @@ seed = [0, 1, 2]
 policy = ["clear", "straight"]
 [[runs]]
 algorithm = "sac"
-name = "<b>sac & co"
+name = "<b>sac & co $_{ $ 海"
 [evaluation]
 episodes = 4
 """
@@ -185,7 +185,7 @@ def made(tmp_path_factory) -> Made:
 def test_scores_are_those_of_the_runs(made):
     scores, aggregates, pairs, _ = Elements(made.text).tables
     assert scores[0] == ["method", "ideal", "extreme"]
-    assert [row[0] for row in scores[1:]] == ["clear", "straight", "<b>sac & co"]
+    assert [row[0] for row in scores[1:]] == ["clear", "straight", "<b>sac & co $_{ $ 海"]
     runs = {((piece.method, piece.task), piece.seed): n for n, piece in enumerate(made.study.runs)}
     for row in scores[1:]:
         for task, cell in zip(scores[0][1:], row[1:], strict=True):
@@ -219,7 +219,7 @@ def test_page_needs_nothing_else_and_its_figures_are_described(made):
     check_figures(made.folder / "report", FIGURES)
     assert "<b>sac" not in made.text
     assert "<i>last" not in made.text
-    assert "&lt;b&gt;sac &amp; co in extreme ends at 17.0 [16.0, 18.0]" in made.text  # of 15, 16 and 17
+    assert "&lt;b&gt;sac &amp; co $_{ $ 海 in extreme ends at 17.0 [16.0, 18.0]" in made.text  # of 15, 16 and 17
 
 
 def test_is_the_same_again(made, capsys):
