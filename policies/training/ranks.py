@@ -6,6 +6,7 @@ torchrun, or whatever sets its environment variables, starts them. Tensors on a 
 from __future__ import annotations
 
 import os
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -129,6 +130,7 @@ class Ranks:
         try:
             yield
         except RuntimeError as error:
+            traceback.clear_frames(error.__traceback__)  # which hold the group
             reason = str(error).strip().splitlines()[0].rpartition("cc:")[2].partition(" ")[2].partition(". ")[0]
             raise RankLost(
                 f"rank {self.rank} of {self.count}: another rank has ended or cannot be reached ({reason});"
@@ -166,10 +168,16 @@ def joined(arch: str) -> Iterator[Ranks]:
     running = runtime.start(arch, max(1, runtime.available_cores() // here))
     nodes = [f"--nnodes={count // here}"] if count > here else []
     ranks = Ranks(rank, count, ("torchrun", *nodes, f"--nproc-per-node={here}", "-m", "usvauv.cli"))
+    # Its functions take the group that is there at its import as a default argument, and torch's optimisers import it.
+    # A group that is kept has threads at the interpreter's end, which abort the process when they want the interpreter.
+    import torch.distributed.nn  # noqa: F401
+
     with ranks._reaching():
         dist.init_process_group("cpu:gloo,cuda:nccl" if running.arch == "cuda" else "gloo", timeout=TIMEOUT)
-    if not ranks.agree(running.arch == "cuda"):
-        raise UserError(f"rank {rank} of {count}: runs on {running.arch}, but others do not; give --arch")
-    yield ranks
-    ranks.most(0)
-    dist.destroy_process_group()
+    try:
+        if not ranks.agree(running.arch == "cuda"):
+            raise UserError(f"rank {rank} of {count}: runs on {running.arch}, but others do not; give --arch")
+        yield ranks
+        ranks.most(0)
+    finally:
+        dist.destroy_process_group()

@@ -111,6 +111,10 @@ def lose(folder: Path, ranks: Ranks) -> None:
 
 if __name__ == "__main__":
     place = Path(sys.argv[1])
-    with joined("cpu") as all_ranks:
-        torch.save(work(place, all_ranks), place / f"rank-{all_ranks.rank}.pt")
-        lose(place, all_ranks)
+    try:
+        with joined("cpu") as all_ranks:
+            torch.save(work(place, all_ranks), place / f"rank-{all_ranks.rank}.pt")
+            lose(place, all_ranks)
+    finally:  # of rank 0
+        threads = [name.read_text() for name in Path("/proc/self/task").glob("*/comm")]
+        (place / "threads.txt").write_text("".join(threads))

@@ -137,6 +137,10 @@ class TestRun:
         )
         assert read(folder / "parts" / "last.safetensors", TRAINING)[0]["steps"] == TOTAL
 
+    def test_no_thread_of_the_group_is_left(self, run):
+        """At the interpreter's end one would abort the process now and then."""
+        assert "gloo" not in (run[0] / "threads.txt").read_text()
+
     def test_a_run_of_one_process_goes_on_in_two(self, run):
         folder = run[0]
         before, after = (read(folder / name / "last.safetensors", TRAINING) for name in ("kept", "alone"))
