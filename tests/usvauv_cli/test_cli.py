@@ -425,6 +425,50 @@ def test_scenarios(tmp_path, run_usvauv):
     assert "count = 4" in run_usvauv("scenarios", "mine.toml")[1]
 
 
+class TestResultsThatAreThere:
+    PLAN = ("plan", "--auv", "60,80,100", "--json", "a.json")
+
+    def test_other_arguments_replace_one_only_by_force(self, tmp_path, run_usvauv):
+        files = [tmp_path / name for name in ("plan.png", "a.json")]
+        assert run_usvauv(*self.PLAN)[0] == 0
+        before = [path.read_bytes() for path in files]
+        assert run_usvauv(*self.PLAN, "--json", "a.json", "--arch", "auto")[0] == 0  # the same in other words
+        code, _, stderr = run_usvauv(*self.PLAN, "--objective", "a")
+        assert (code, stderr.count("\n")) == (2, 1)
+        assert stderr.startswith(
+            'error: --out plan.png: exists, made with --objective = null, here "a"; --force replaces'
+        )
+        assert [path.read_bytes() for path in files] == before
+        code, _, stderr = run_usvauv("sea", "--out", "plan.png")
+        assert code == 2
+        assert 'made with command = "plan", here "sea"' in stderr
+        assert run_usvauv(*self.PLAN, "--objective", "a", "--force")[0] == 0
+        assert run_usvauv(*self.PLAN, "--objective", "a")[0] == 0
+
+    @pytest.mark.parametrize(
+        ("command", "option", "name"),
+        [
+            (["simulate"], "--out", "a.mp4"),
+            (["simulate"], "--trace", "a.nc"),
+            (["replay", "x.nc"], "--out", "a.png"),
+            (["replay", "x.nc"], "--out", "a.geojson"),
+            (["eval"], "--out", "a.csv"),
+            (["sea"], "--out", "a.nc"),
+            (["plan", "--auv", "9,9,9"], "--json", "a.json"),
+            (["train-targets"], "--out", "a.json"),
+            (["export", "sac-ideal"], "--onnx", "a.onnx"),
+            (["export", "x.nc", "--to", "mcap"], "--out", "a.mcap"),
+        ],
+    )
+    def test_of_nobody_knows_what_are_kept(self, tmp_path, run_usvauv, command, option, name):
+        """Before any work, on every path that a command writes."""
+        (tmp_path / name).write_text("mine")
+        code, _, stderr = run_usvauv(*command, option, name)
+        assert (code, stderr.count("\n")) == (2, 1)
+        assert stderr.startswith(f"error: {option} {name}: exists, and not known to be of these arguments; --force")
+        assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {name: "mine"}
+
+
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [

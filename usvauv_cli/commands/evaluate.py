@@ -13,6 +13,7 @@ from usvauv.cli.commands.options import (
     POLICIES,
     TARGETS,
     Arch,
+    Force,
     Overrides,
     Plugins,
     ScenarioName,
@@ -27,6 +28,7 @@ from usvauv.kernels.errors import UserError
 
 
 def evaluate(
+    context: typer.Context,
     scenario: ScenarioName = "extreme",
     policy: Annotated[
         list[str] | None,
@@ -71,6 +73,7 @@ def evaluate(
     ] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
+    force: Force = False,
     plugins: Plugins = None,
 ) -> None:
     """Run policies on the same seeded worlds, write one CSV row an episode, print mean ± standard deviation.
@@ -109,7 +112,7 @@ def evaluate(
     if until is not None:
         at_least("--until-halfwidth", until, 0)
     setting = Scenario.load(scenario, overrides or ())
-    writable(out, "--out", (".csv",))
+    writable(context, out, "--out", (".csv",))
     names = list(dict.fromkeys(policy or [policies.default(setting), "straight"]))
     for name in names:
         policies.check(name, setting)
@@ -131,7 +134,7 @@ def evaluate(
         if resume:
             raise UserError("--report: cannot go with --resume: its figures are of missions that are not run again")
         make_folder(report_folder, "--report")
-        writable(report_folder / "index.html", "--report", (".html",))
+        writable(context, report_folder / "index.html", "--report", (".html",))
     warn_uneven_bed(setting)
     recordings = Recordings(len(scenarios))
     comparison = Comparison(list(scenarios), reference, front_episodes(len(scenarios)) if report_folder else 0)

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
-from usvauv.cli.commands.options import Overrides, Plugins, make_folder, writable
+from usvauv.cli.commands.options import Force, Overrides, Plugins, keep_others, make_folder, writable
 from usvauv.kernels.errors import UserError
 
 
 def export(
+    context: typer.Context,
     source: Annotated[
         str,
         typer.Argument(
@@ -42,6 +43,7 @@ def export(
         Path | None, typer.Option(help="Of a policy: the ONNX file to write. Default: POLICY.onnx.")
     ] = None,
     overrides: Overrides = None,
+    force: Force = False,
     plugins: Plugins = None,
 ) -> None:
     """Write a recorded run for other tools, or a learned policy as ONNX.
@@ -69,15 +71,17 @@ def export(
         for option, value in (("--out", out), ("--episode", episode)):
             if value is not None:
                 raise UserError(f"{option} {value}: is for a trace, which needs --to; a policy is written by --onnx")
-        _export_policy(source, scenario, onnx, overrides or ())
+        _export_policy(context, source, scenario, onnx, overrides or ())
         return
     for option, value in (("SCENARIO", scenario), ("--onnx", onnx), ("--set", (overrides or [None])[0])):
         if value is not None:
             raise UserError(f"{option} {value}: is for a policy; --to writes a trace")
-    _export_trace(Path(source), to, out, episode or 0)
+    _export_trace(context, Path(source), to, out, episode or 0)
 
 
-def _export_policy(policy: str, scenario: str | None, onnx: Path | None, overrides: list[str] | tuple[()]) -> None:
+def _export_policy(
+    context: typer.Context, policy: str, scenario: str | None, onnx: Path | None, overrides: list[str] | tuple[()]
+) -> None:
     from usvauv import policies
     from usvauv.env import Scenario
     from usvauv.env.world.observation import ObservationLayout
@@ -86,14 +90,16 @@ def _export_policy(policy: str, scenario: str | None, onnx: Path | None, overrid
     if overrides and scenario is None:
         raise UserError("--set: name the scenario whose fields it changes, after the policy")
     setting = None if scenario is None else Scenario.load(scenario, overrides)
-    path = writable(onnx or Path(f"{Path(policy).name.removesuffix('.safetensors')}.onnx"), "--onnx", (".onnx",))
+    path = writable(
+        context, onnx or Path(f"{Path(policy).name.removesuffix('.safetensors')}.onnx"), "--onnx", (".onnx",)
+    )
     player = policies.load_learned(policy, setting)
     write(player, path)
     auvs, size = player.scenario.auv.count, ObservationLayout.of(player.scenario).size
     typer.echo(f"onnx: {path.resolve()}: observation (N, {auvs}, {size}), action (N, {auvs}, 2)")
 
 
-def _export_trace(path: Path, to: str, out: Path | None, episode: int) -> None:
+def _export_trace(context: typer.Context, path: Path, to: str, out: Path | None, episode: int) -> None:
     from usvauv.env import Trace
     from usvauv.env.exchange import FOLDERS, WRITERS, export_trace
 
@@ -102,12 +108,13 @@ def _export_trace(path: Path, to: str, out: Path | None, episode: int) -> None:
     if to in FOLDERS:
         target = out or Path(path.stem)
     else:
-        target = writable(out or Path(f"{path.stem}.{to}"), "--out", (f".{to}",))
+        target = writable(context, out or Path(f"{path.stem}.{to}"), "--out", (f".{to}",))
     trace = Trace.load(path)
     episodes = trace.power.shape[1]
     if not 0 <= episode < episodes:
         raise UserError(f"--episode {episode}: {path} has episodes 0 to {episodes - 1}")
     if to in FOLDERS:
         make_folder(target)
+        keep_others(context, target, "--out")
     export_trace(trace, to, target, episode)
     typer.echo(f"{to}: {target.resolve()}")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -52,6 +54,10 @@ Speedup = Annotated[
 ViewOption = Annotated[str, typer.Option("--view", help="map (from above, with plots), sea (in perspective), or both.")]
 ThemeOption = Annotated[str, typer.Option("--theme", help="dark or light.")]
 At = Annotated[float | None, typer.Option(help="Moment that a picture shows, s of mission; default its end.")]
+
+Force = Annotated[bool, typer.Option("--force", help="Replace results that are there and were made otherwise.")]
+NOT_DECISIVE = ("out", "trace", "json_file", "report_folder", "onnx", "force", "resume")  # arguments, for a result
+MADE_BY = "user.usvauv"  # extended attribute of a result: the JSON of `_decisive`
 
 
 def _load_plugins(context: typer.Context, files: list[Path] | None) -> list[Path] | None:
@@ -121,12 +127,13 @@ def at_least(option: str, value: float, least: float) -> None:
         raise UserError(f"{option} {value}: must be at least {least}, and finite")
 
 
-def writable(path: Path, option: str, endings: Sequence[str]) -> Path:
-    """The path given by an option, checked before long work: a file of a format that the command has can be created.
+def writable(context: typer.Context, path: Path, option: str, endings: Sequence[str]) -> Path:
+    """The path of a result given by an option, checked before long work: a file of a format that the command has can be
+    created, or may be replaced, see `keep_others`.
 
     Raises:
-        UserError: it has another ending than those allowed (in lower case), is a folder, its folder is missing, or it
-            cannot be written.
+        UserError: it has another ending than those allowed (in lower case), is a folder, its folder is missing, it
+            cannot be written, or is there already.
     """
     from usvauv.env.storage.files import OutputError, check_place
 
@@ -141,7 +148,54 @@ def writable(path: Path, option: str, endings: Sequence[str]) -> Path:
         check_place(path)
     except OutputError as error:
         raise UserError(f"{option} {error}") from None
+    keep_others(context, path, option)
     return path
+
+
+def keep_others(context: typer.Context, path: Path, option: str) -> None:
+    """Let a command replace a result, a file or folder, only if its arguments made it, or with --force.
+
+    What it writes says by an extended attribute what made it. Nothing is known where the system has no such attributes,
+    nor of a copy that was made without them.
+
+    Raises:
+        UserError: the file is there, or the folder is not empty, made by other arguments, or it does not say.
+    """
+    arguments, before = _decisive(context), _identity(path)
+    there = os.path.exists(path) and not (os.path.isdir(path) and not os.listdir(path))
+    if there and not context.params["force"] and (known := _made_by(path)) != arguments:
+        from usvauv.cli.evaluation.run import first_difference
+
+        how = f"made with {first_difference(known, arguments)}" if known else "and not known to be of these arguments"
+        raise UserError(f"{option} {path}: exists, {how}; --force replaces it, or choose another name")
+
+    def mark() -> None:
+        with suppress(OSError, AttributeError):
+            if _identity(path) not in (None, before):
+                os.setxattr(path, MADE_BY, json.dumps(arguments).encode())
+
+    context.call_on_close(mark)
+
+
+def _decisive(context: typer.Context) -> dict[str, Any]:
+    """What decides the results of a command, as JSON has it: its name and arguments, named as users do."""
+    names = {parameter.name: parameter.opts[0] for parameter in context.command.params}
+    given = {names[name]: value for name, value in context.params.items() if name not in NOT_DECISIVE}
+    return json.loads(json.dumps({"command": context.info_name, **given}, default=str))
+
+
+def _made_by(path: Path) -> dict[str, Any] | None:
+    """`_decisive` of the command that wrote a file; None: not known."""
+    with suppress(OSError, AttributeError, ValueError):
+        return json.loads(os.getxattr(path, MADE_BY))
+    return None
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    with suppress(OSError):
+        about = path.stat()
+        return about.st_ino, about.st_mtime_ns
+    return None
 
 
 def make_folder(path: Path, option: str = "--out") -> None:
@@ -170,7 +224,14 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def checked_video(
-    out: Path, size: str, fps: int, speedup: float | None, view: str, theme: str, at: float | None
+    context: typer.Context,
+    out: Path,
+    size: str,
+    fps: int,
+    speedup: float | None,
+    view: str,
+    theme: str,
+    at: float | None,
 ) -> Video:
     """What the options ask for, checked before long work.
 
@@ -179,7 +240,7 @@ def checked_video(
     """
     from usvauv.env.render.video import ENDINGS, Video
 
-    path, pixels = writable(out, "--out", ENDINGS), parse_size(size)
+    path, pixels = writable(context, out, "--out", ENDINGS), parse_size(size)
     try:
         return Video(path, view, theme, pixels, fps, speedup, at)
     except UserError as error:

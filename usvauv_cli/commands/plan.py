@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from usvauv.cli.commands.options import Arch, Overrides, Plugins, writable
+from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, writable
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
 
 
 def plan(
+    context: typer.Context,
     auv: Annotated[
         list[str] | None,
         typer.Option(
@@ -87,6 +88,7 @@ def plan(
     ] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
+    force: Force = False,
     plugins: Plugins = None,
 ) -> None:
     """Where should the boat be? Find the place from which a USBL locates all its AUVs best, and the errors to expect.
@@ -177,7 +179,7 @@ def plan(
     if out is None and not to_stdout:
         out = Path("plan.png")
     if out:
-        writable(out, "--out", FORMATS)
+        writable(context, out, "--out", FORMATS)
         if out.suffix.lower() == geojson.ENDING:
             geojson.frame_of(setting)
         if len(others) > MOST_DRAWN:
@@ -185,7 +187,7 @@ def plan(
                 f"--compare: {len(others)} places given, at most {MOST_DRAWN} in a figure; --json - has none"
             )
     if json_file and not to_stdout:
-        writable(Path(json_file), "--json", (".json",))
+        writable(context, Path(json_file), "--json", (".json",))
 
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
     if hint:

@@ -9,6 +9,7 @@ import typer
 
 from usvauv.cli.commands.options import (
     At,
+    Force,
     Fps,
     Plugins,
     Size,
@@ -22,6 +23,7 @@ from usvauv.kernels.errors import UserError
 
 
 def replay(
+    context: typer.Context,
     traces: Annotated[
         list[Path],
         typer.Argument(metavar="TRACE.nc [TRACE.nc]", help="Of simulate --trace; two are compared."),
@@ -39,6 +41,7 @@ def replay(
     fps: Fps = 30,
     speedup: Speedup = None,
     at: At = None,
+    force: Force = False,
     plugins: Plugins = None,
 ) -> None:
     """Draw a recorded mission as a video or a picture, without simulating it again, or write it for a map.
@@ -66,8 +69,8 @@ def replay(
             f"{len(traces)} traces: {f'--out {out} takes one' if mapped else 'at most two can be compared'}"
         )
     if mapped:
-        writable(out, "--out", (geojson.ENDING,))
-    video = None if mapped else checked_video(out, size, fps, speedup, view, theme, at)
+        writable(context, out, "--out", (geojson.ENDING,))
+    video = None if mapped else checked_video(context, out, size, fps, speedup, view, theme, at)
     recorded = [Trace.load(path) for path in traces]
     for path, trace in zip(traces, recorded, strict=True):
         worlds = trace.power.shape[1]

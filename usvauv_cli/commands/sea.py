@@ -12,6 +12,7 @@ import typer
 
 from usvauv.cli.commands.options import (
     Arch,
+    Force,
     Overrides,
     Plugins,
     ScenarioName,
@@ -46,6 +47,7 @@ class Sink(Protocol):
 
 
 def sea(
+    context: typer.Context,
     scenario: ScenarioName = "extreme",
     duration: Annotated[float, typer.Option(help="Seconds of sea.")] = 60.0,
     resolution: Annotated[
@@ -69,6 +71,7 @@ def sea(
     ] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
+    force: Force = False,
     plugins: Plugins = None,
 ) -> None:
     """Simulate the sea alone: long waves, storm and current, the same that `simulate` of this seed sails on.
@@ -102,7 +105,7 @@ def sea(
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
-    kind = writable(out, "--out", FORMATS).suffix.lower()
+    kind = writable(context, out, "--out", FORMATS).suffix.lower()
     for option, value in (("--fps", fps), ("--size", size)):
         if value is not None and kind != ".mp4":
             raise UserError(f"{option} {value}: is for videos; --out {out} is not one")

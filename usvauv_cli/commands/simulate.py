@@ -12,6 +12,7 @@ from usvauv.cli.commands.options import (
     POLICIES,
     Arch,
     At,
+    Force,
     Fps,
     Overrides,
     Plugins,
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 
 def simulate(
+    context: typer.Context,
     scenario: ScenarioName = "extreme",
     policy: Annotated[
         str | None,
@@ -66,6 +68,7 @@ def simulate(
     trace: Annotated[Path | None, typer.Option(help="Also save everything that happened, as NetCDF.")] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
+    force: Force = False,
     plugins: Plugins = None,
 ) -> None:
     """Simulate one mission, with the sea solved live, and show it as a video.
@@ -90,9 +93,9 @@ def simulate(
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
-    video = checked_video(out, size, fps, speedup, view, theme, at)
+    video = checked_video(context, out, size, fps, speedup, view, theme, at)
     if trace:
-        writable(trace, "--trace", (".nc",))
+        writable(context, trace, "--trace", (".nc",))
     at_least("--duration", 1.0 if duration is None else duration, 0.1)
     runs = [Run(policy or policies.default(setting), usv, targets)]
     if compare:

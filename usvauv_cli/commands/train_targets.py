@@ -13,6 +13,7 @@ import typer
 from usvauv.cli import tables
 from usvauv.cli.commands.options import (
     Arch,
+    Force,
     Overrides,
     Plugins,
     ScenarioName,
@@ -30,6 +31,7 @@ BASELINES = ("tour", "rollout:40", "rollout:90")
 
 
 def train_targets(
+    context: typer.Context,
     scenario: ScenarioName = "survey",
     out: Annotated[Path, typer.Option(help="File of the learned rule, JSON.")] = Path("targets.json"),
     iterations: Annotated[int, typer.Option(help="Episodes of all worlds to learn from.")] = 100,
@@ -39,6 +41,7 @@ def train_targets(
     usv: Usv = "centroid",
     arch: Arch = "auto",
     overrides: Overrides = None,
+    force: Force = False,
     plugins: Plugins = None,
 ) -> None:
     """Learn a target rule: which node an AUV heads for next, from what `nodes.information` lets it know.
@@ -61,7 +64,7 @@ def train_targets(
 
     at_least("--iterations", iterations, 1)
     at_least("--worlds", worlds, 1)
-    writable(out, "--out", (".json",))
+    writable(context, out, "--out", (".json",))
     setting = Scenario.load(scenario, overrides or ())
     steering = policy or policies.default(setting)
     config = DecisionConfig(iterations=iterations, worlds=worlds, seed=seed)
