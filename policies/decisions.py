@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from usvauv.env import Scenario
 from usvauv.env.storage.files import atomic_write
 from usvauv.env.world.world import World
+from usvauv.kernels.interruption import Stop, stoppable
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.target_rules import learned
 from usvauv.kernels.mission.target_rules.learned import (
@@ -34,7 +35,10 @@ from usvauv.kernels.mission.target_rules.learned import (
     Decision,
     Feature,
 )
+from usvauv.policies import checkpoint
+from usvauv.policies.checkpoint import FORMAT, TRAINING
 from usvauv.policies.loading import acting, check
+from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET, figures_of_merit
 
 TYPICAL = 10.0  # Mbit, of a value
@@ -211,6 +215,7 @@ class DecisionTrainer:
         scores: the network.
         iteration: done.
         best: the largest `Progress.evaluated` so far, Mbit.
+        interruption: of the last `train`: by which signal it was asked to stop.
     """
 
     def __init__(
@@ -245,20 +250,77 @@ class DecisionTrainer:
         self.scores, self._value = Scores().to(device), Value().to(device)
         self._adam = torch.optim.Adam([*self.scores.parameters(), *self._value.parameters()], config.learning_rate)
         self.iteration, self.best = 0, -math.inf
+        self.interruption = Stop()
 
-    def train(self, path: Path, about: Mapping[str, Any]) -> Iterator[Progress]:
-        """Learn, and keep the weights that were best in the evaluation, with `about`, in a JSON file."""
-        while self.iteration < self.config.iterations:
-            sampled = self.iterate()
-            if self.iteration % EVALUATE_EVERY and self.iteration < self.config.iterations:
-                continue
-            progress = Progress(self.iteration, sampled, self.evaluate())
-            if progress.evaluated > self.best:
-                self.best = progress.evaluated
-                content = {**about, "settings": asdict(self.config), **asdict(progress)}
-                with atomic_write(path) as partial:
-                    partial.write_text(json.dumps({**content, "weights": self.scores.weights()}) + "\n")
-            yield progress
+    def train(
+        self,
+        path: Path,
+        about: Mapping[str, Any],
+        last: Path | None = None,
+        definition: Mapping[str, Any] | None = None,
+    ) -> Iterator[Progress]:
+        """Learn until all iterations are done, or until the one in which Ctrl-C comes.
+
+        Args:
+            path: of a JSON file of the weights that were best in the evaluation, with `about`.
+            last: of the state after the last iteration, for `resume`, with `about` and `definition`; None: not kept.
+            definition: what decides the result.
+        """
+        with stoppable() as self.interruption:
+            while self.iteration < self.config.iterations and not self.interruption.asked:
+                sampled = self.iterate()
+                progress = None
+                if self.iteration % EVALUATE_EVERY == 0 or self.iteration == self.config.iterations:
+                    progress = Progress(self.iteration, sampled, self.evaluate())
+                    if progress.evaluated > self.best:
+                        self.best = progress.evaluated
+                        content = {**about, "settings": asdict(self.config), **asdict(progress)}
+                        with atomic_write(path) as partial:
+                            partial.write_text(json.dumps({**content, "weights": self.scores.weights()}) + "\n")
+                if last is not None:
+                    best = self.best if math.isfinite(self.best) else None
+                    counters = {"format": FORMAT, "iteration": self.iteration, "best": best, "about": dict(about)}
+                    checkpoint.write(last, {TRAINING: (counters | {"definition": definition}, self._tensors())})
+                if progress is not None:
+                    yield progress
+
+    def resume(self, last: Path) -> None:
+        """Go on from a state that `train` kept, on the CPU to the result of a training that was never stopped.
+
+        Raises:
+            PolicyError: it is missing, damaged, or of other settings.
+        """
+        counters, tensors = checkpoint.read(last, TRAINING, self.world.device)
+        groups: dict[str, dict[str, Tensor]] = {"scores": {}, "value": {}, "adam": {}, "world": {}}
+        try:
+            torch.set_rng_state(tensors.pop("generator").cpu())
+            for name, value in tensors.items():
+                group, _, rest = name.partition(".")
+                groups[group][rest] = value
+            self.scores.load_state_dict(groups["scores"])
+            self._value.load_state_dict(groups["value"])
+            self.world.load_state(groups["world"])
+            moments: dict[int, dict[str, Tensor]] = {}
+            for name, value in groups["adam"].items():
+                index, moment = name.split(".")
+                moments.setdefault(int(index), {})[moment] = value
+            self._adam.load_state_dict({**self._adam.state_dict(), "state": moments})
+            self.iteration = int(counters["iteration"])
+            self.best = -math.inf if counters["best"] is None else float(counters["best"])
+        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+            raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None
+
+    def _tensors(self) -> dict[str, Tensor]:
+        """All that decides what comes next, by name."""
+        found = {"generator": torch.get_rng_state()}
+        moments = self._adam.state_dict()["state"]
+        groups = {
+            "scores": self.scores.state_dict(),
+            "value": self._value.state_dict(),
+            "adam": {f"{index}.{name}": value for index, own in moments.items() for name, value in own.items()},
+            "world": self.world.state(),
+        }
+        return found | {f"{group}.{name}": value for group, own in groups.items() for name, value in own.items()}
 
     def evaluate(self) -> float:
         """Mean data of the evaluation's worlds, the same in every call, Mbit."""

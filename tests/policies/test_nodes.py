@@ -4,9 +4,6 @@ import json
 import math
 import re
 import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -177,17 +174,30 @@ class TestCommand:
         assert all(part in stderr for part in parts)
         assert not list(tmp_path.iterdir())
 
-    @pytest.mark.slow
-    def test_ctrl_c_keeps_the_best(self, tmp_path):
-        command = [sys.executable, "-c", "from usvauv.cli.app import main; main()", "train-targets", *self.SHORT]
-        command[command.index("--iterations") + 1] = "100000"
-        run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        deadline = time.monotonic() + 600  # on a busy machine
-        while not (tmp_path / "targets.json").exists() and time.monotonic() < deadline and run.poll() is None:
-            time.sleep(0.1)
-        run.send_signal(signal.SIGINT)
-        stdout, stderr = run.communicate(timeout=60)
-        assert run.returncode == 130, stderr
-        assert "Mbit in targets.json" in stdout
-        assert len(parse(f"learned:{tmp_path / 'targets.json'}")[1]) == learned.WEIGHTS + learned.NUM_WEIGHTS
-        assert [path.name for path in tmp_path.iterdir()] == ["targets.json"]
+    def test_ctrl_c_keeps_the_run_and_it_goes_on_to_the_same_result(self, run_usvauv, tmp_path, monkeypatch):
+        command = ("train-targets", *self.SHORT, "--iterations", "3", "--out")
+        monkeypatch.setattr(DecisionTrainer, "evaluate_other", lambda trainer, name: 0.0)  # takes most of the time
+        assert run_usvauv(*command, "whole.json")[0] == 0
+        iterate = DecisionTrainer.iterate
+
+        def iterate_and_stop(trainer):
+            signal.raise_signal(signal.SIGINT)
+            return iterate(trainer)
+
+        monkeypatch.setattr(DecisionTrainer, "iterate", iterate_and_stop)
+        code, stdout, stderr = run_usvauv(*command, "rule.json")
+        assert (code, stderr) == (130, "stopped\n")
+        assert "stopped after 1 of 3 iterations; the same command with --resume goes on\n" in stdout
+        monkeypatch.setattr(DecisionTrainer, "iterate", iterate)
+        for arguments, said in (
+            (["rule.json"], "rule.json.partial: is of an earlier run; take it up with --resume, or remove it"),
+            (["rule.json", "--resume", "--seed", "1"], "rule.json.partial: is of another command: seed = 0, here 1"),
+            (["none.json", "--resume"], "none.json.partial: is not there; without it there is nothing to resume"),
+        ):
+            assert run_usvauv(*command, *arguments)[::2] == (2, f"error: {said}\n")
+        assert run_usvauv(*command, "rule.json", "--resume")[0] == 0
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["rule.json", "whole.json"]
+        whole, parts = (json.loads((tmp_path / name).read_text()) for name in ("whole.json", "rule.json"))
+        assert parts["resumed"][0]["steps"] == 1
+        assert parts["weights"] == whole["weights"]
+        assert parts["evaluated"] == whole["evaluated"]

@@ -153,7 +153,8 @@ def writable(context: typer.Context, path: Path, option: str, endings: Sequence[
 
 
 def keep_others(context: typer.Context, path: Path, option: str) -> None:
-    """Let a command replace a result, a file or folder, only if its arguments made it, or with --force.
+    """Let a command replace a result, a file or folder, only if its arguments made it, with --force, or with --resume,
+    which goes on with what has passed.
 
     What it writes says by an extended attribute what made it. Nothing is known where the system has no such attributes,
     nor of a copy that was made without them.
@@ -163,7 +164,8 @@ def keep_others(context: typer.Context, path: Path, option: str) -> None:
     """
     arguments, before = _decisive(context), _identity(path)
     there = os.path.exists(path) and not (os.path.isdir(path) and not os.listdir(path))
-    if there and not context.params["force"] and (known := _made_by(path)) != arguments:
+    goes_on = context.params["force"] or context.params.get("resume")
+    if there and not goes_on and (known := _made_by(path)) != arguments:
         from usvauv.cli.evaluation.run import first_difference
 
         how = f"made with {first_difference(known, arguments)}" if known else "and not known to be of these arguments"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,10 +23,10 @@ from usvauv.cli.commands.options import (
     at_least,
     writable,
 )
-from usvauv.kernels.interruption import Interrupted
+from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv.policies.decisions import DecisionTrainer
+    from usvauv.policies.decisions import DecisionTrainer, Progress
 
 BASELINES = ("tour", "rollout:40", "rollout:90")
 
@@ -37,6 +38,9 @@ def train_targets(
     iterations: Annotated[int, typer.Option(help="Episodes of all worlds to learn from.")] = 100,
     worlds: Annotated[int, typer.Option(help="Worlds stepped together.")] = 128,
     seed: Seed = 0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with OUT.json.partial, which the same command left when it stopped.")
+    ] = False,
     policy: Annotated[str | None, typer.Option(help="Who steers; default: the scenario's best heuristic.")] = None,
     usv: Usv = "centroid",
     arch: Arch = "auto",
@@ -47,7 +51,8 @@ def train_targets(
     """Learn a target rule: which node an AUV heads for next, from what `nodes.information` lets it know.
 
     Every few iterations it is evaluated in other worlds, beside `tour` and `rollout` in the same; the best so far is in
-    the file, which `--targets learned:FILE` takes. Ctrl-C ends the run and keeps it.
+    the file, which `--targets learned:FILE` takes. The state of the run is kept in OUT.json.partial until all is done,
+    so that `--resume` can go on after Ctrl-C or a crash, to the same result.
 
     **Examples:**
 
@@ -58,37 +63,56 @@ def train_targets(
     `usvauv eval survey --policy clear --targets learned:own.json --targets tour`
     """
     from usvauv import policies
+    from usvauv.cli.evaluation.run import definition, first_difference
     from usvauv.env import Scenario
-    from usvauv.policies.checkpoint import provenance
+    from usvauv.env.storage.tables import Combination
+    from usvauv.policies.checkpoint import TRAINING, provenance, read
     from usvauv.policies.decisions import DecisionConfig, DecisionTrainer
 
     at_least("--iterations", iterations, 1)
     at_least("--worlds", worlds, 1)
     writable(context, out, "--out", (".json",))
+    last = out.with_name(f"{out.name}.partial")
+    if resume and not last.exists():
+        raise UserError(f"{last}: is not there; without it there is nothing to resume")
+    if last.exists() and not resume:
+        raise UserError(f"{last}: is of an earlier run; take it up with --resume, or remove it")
     setting = Scenario.load(scenario, overrides or ())
     steering = policy or policies.default(setting)
     config = DecisionConfig(iterations=iterations, worlds=worlds, seed=seed)
+    policies.check(steering, setting)
+    decides = definition(setting, [Combination(steering, usv or "", "")], seed, arch) | {"training": asdict(config)}
+    begun: dict[str, Any] = {}
+    if resume:
+        kept = read(last, TRAINING)[0]
+        if difference := first_difference(kept.get("definition"), decides):
+            raise UserError(f"{last}: is of another command: {difference}")
+        begun = {**kept["about"], "steps": kept["iteration"]}
     trainer = DecisionTrainer(setting, steering, config, usv, arch=arch)
-    about = {"scenario": setting.name, "information": setting.nodes.information, "policy": steering, **provenance({})}
-    _learn(trainer, BASELINES, out, about)
+    if resume:
+        trainer.resume(last)
+    about = {"scenario": setting.name, "information": setting.nodes.information, "policy": steering}
+    _learn(trainer, trainer.train(out, about | provenance(begun), last, decides), out)
+    if trainer.iteration == iterations:
+        last.unlink()
+    trainer.interruption.raise_if_asked()
 
 
-def _learn(trainer: DecisionTrainer, baselines: Sequence[str], out: Path, about: dict[str, Any]) -> None:
-    """Train, with a line for each evaluation beside baselines in the same worlds; Ctrl-C keeps the best weights."""
-    iterations = trainer.config.iterations
-    against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in baselines)
+def _learn(trainer: DecisionTrainer, evaluations: Iterable[Progress], out: Path) -> None:
+    """Train, with a line for each evaluation beside baselines in the same worlds; Ctrl-C keeps the run."""
+    iterations, first = trainer.config.iterations, trainer.iteration
+    against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in BASELINES)
     typer.echo(tables.wrapped(f"evaluation, Mbit: {against}", 2))
     begun = time.monotonic()
-    try:
-        for result in trainer.train(out, about):
-            typer.echo(
-                f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit drawn,"
-                f" evaluation {result.evaluated:.1f}, best {trainer.best:.1f};"
-                f" {(time.monotonic() - begun) * (iterations / result.iteration - 1):.0f} s left"
-            )
-    except Interrupted:
-        typer.echo(f"stopped after {trainer.iteration} of {iterations} iterations")
-        if math.isfinite(trainer.best):
-            typer.echo(f"best {trainer.best:.1f} Mbit in {out}")
-        raise
-    typer.echo(tables.wrapped(f"best {trainer.best:.1f} Mbit ({against}) in {out}", 2))
+    for result in evaluations:
+        left = (time.monotonic() - begun) * (iterations - result.iteration) / (result.iteration - first)
+        typer.echo(
+            f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit drawn,"
+            f" evaluation {result.evaluated:.1f}, best {trainer.best:.1f}; {left:.0f} s left"
+        )
+    if trainer.iteration < iterations:
+        typer.echo(
+            f"stopped after {trainer.iteration} of {iterations} iterations; the same command with --resume goes on"
+        )
+    if math.isfinite(trainer.best):
+        typer.echo(tables.wrapped(f"best {trainer.best:.1f} Mbit ({against}) in {out}", 2))
