@@ -7,6 +7,8 @@ binds a kernel to its arrays, `types` names arguments and columns, `random` draw
 import os
 import warnings
 
+# Without HOME Taichi aborts the process at its import; "~" stays where the system knows no folder of the user.
+os.environ.setdefault("HOME", os.path.expanduser("~").replace("~", "/"))
 # Taichi otherwise prints a banner when it is imported, and from Python 3.12 on there is a warning of a docstring of it
 # at each import where its files are not stored compiled.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")

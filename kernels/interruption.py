@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: as an exception, or as a request to stop at the next good moment."""
+"""Ctrl-C, SIGTERM and a terminal's hang-up: as an exception, or as a request to stop at the next good moment."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 from usvauv.kernels.errors import UserError
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 SIGPIPE = 13  # by its POSIX number, which `signal` does not name on Windows
 PATIENCE = 2.0  # seconds after a signal in which another one does not disturb the cleaning up
 
@@ -96,8 +96,8 @@ def stoppable(on_request: Callable[[], None] = lambda: None, patient: bool = Fal
     """Make Ctrl-C ask the `Stop` instead of raising KeyboardInterrupt; a second one acts as before, or, to one who is
     `patient`, asks again.
 
-    The same for SIGTERM where it has a handler; by default it ends the process. Outside the main thread, which alone
-    gets signals, only calls of `Stop.ask` have an effect.
+    The same for the other `SIGNALS` where they have a handler; by default they end the process. Outside the main
+    thread, which alone gets signals, only calls of `Stop.ask` have an effect.
     """
     stop, before = Stop(on_request), _handled()
 
@@ -115,7 +115,7 @@ def stoppable(on_request: Callable[[], None] = lambda: None, patient: bool = Fal
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM act at the end of the block, because what runs in it does not survive an exception."""
+    """Let `SIGNALS` act at the end of the block, because what runs in it does not survive an exception."""
     before, received = _handled(), []
     try:
         _set(dict.fromkeys(before, lambda signum, frame: received.append(signum)))

@@ -8,11 +8,14 @@ of the program that it inherits, and starts another one.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import copy
 import ctypes
 import io
 import os
+import shutil
+import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -178,7 +181,7 @@ def _start_program(arch: str, threads: int) -> None:
             f"arch: this process was forked after Taichi had started, and {what} cannot be used in a fork: "
             "start processes by 'spawn' or 'forkserver'"
         )
-    free_cache()
+    folder = free_cache()
     try:
         # Taichi announces itself, and its Vulkan device complains if there is none.
         with contextlib.redirect_stdout(io.StringIO()), _silent_stderr():
@@ -186,6 +189,7 @@ def _start_program(arch: str, threads: int) -> None:
                 arch=getattr(ti, arch),
                 cpu_max_num_threads=threads,
                 offline_cache=True,
+                offline_cache_file_path=folder,
                 offline_cache_max_size_of_files=CACHED,
                 log_level=ti.ERROR,
                 **_settings(),
@@ -277,16 +281,32 @@ def stop() -> None:
             ti.reset()
 
 
-def free_cache() -> None:
-    """Remove the lock of the folder of compiled kernels that a killed process left there.
+def free_cache() -> str:
+    """The folder of compiled kernels, without the lock that a killed process left there.
 
-    Taichi waits a quarter of a second for it, then goes on without the folder, as each later process would.
+    Taichi waits a quarter of a second for the lock, then goes on without the folder, as each later process would. Where
+    it cannot make or write the folder it crashes at its end; then a temporary one is taken for this process.
+
+    Raises:
+        RuntimeUnavailable: there is no place for a temporary folder either.
     """
     folder = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or impl.default_cfg().offline_cache_file_path
+    try:
+        os.makedirs(Path(folder, "ticache"), exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        try:
+            temporary = tempfile.mkdtemp(prefix="usvauv-")
+        except OSError:
+            raise RuntimeUnavailable(f"{folder}: compiled kernels cannot be kept: {error.strerror}") from None
+        atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+        return temporary
     lock = Path(folder, "ticache.lock")
     with contextlib.suppress(OSError):  # most often there is none
         if time.time() - lock.stat().st_mtime > LEFT_BEHIND:
             lock.unlink()
+    return folder
 
 
 @contextlib.contextmanager

@@ -1,6 +1,7 @@
 """The `usvauv` command: exit codes, and one line on standard error for whatever ends a command early.
 
-0 done; 2 an error; 128 + n ended by signal n: 130 Ctrl-C, 143 SIGTERM, 141 the reader of standard output is gone.
+0 done; 2 an error; 128 + n ended by signal n: 130 Ctrl-C, 143 SIGTERM, 129 the terminal
+hung up, 141 the reader of standard output is gone.
 Of several processes that torchrun starts the first one alone uses standard output.
 Everything else is imported when signals are handled already, so that Ctrl-C during the imports is no traceback either.
 """
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import codecs
 import contextlib
+import errno
 import gc
 import io
 import os
@@ -35,11 +37,10 @@ class _Output(io.FileIO):
             return len(data)
         try:
             return super().write(data)
-        except BrokenPipeError:
-            self._failed = True
-            raise Interrupted(SIGPIPE) from None
         except OSError as error:
             self._failed = True
+            if error.errno in (errno.EPIPE, errno.EIO):  # of a pipe, of a terminal
+                raise Interrupted(SIGPIPE) from None
             raise UserError(f"standard output: cannot be written: {error.strerror or error}") from None
 
 

@@ -21,7 +21,7 @@ def interruption():
         signal.signal(signum, old)
 
 
-@pytest.mark.parametrize(("signum", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("signum", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 class TestSignal:
     def test_raises_what_a_shell_reports(self, interruption, signum, code):
         with pytest.raises(Interrupted) as caught:

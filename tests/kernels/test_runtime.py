@@ -3,7 +3,9 @@
 import os
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -126,6 +128,21 @@ def test_a_lock_that_a_killed_process_left_is_removed(monkeypatch, tmp_path, age
     os.utime(lock, (time.time() - age,) * 2)
     runtime.free_cache()
     assert lock.exists() == left
+
+
+@pytest.mark.parametrize("place", [os.devnull, f"{os.devnull}/below", "/proc/self/missing"])
+def test_where_kernels_cannot_be_kept_a_temporary_folder_is_taken(monkeypatch, place):
+    monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", place)
+    assert (Path(runtime.free_cache()) / "ticache").parent.parent == Path(tempfile.gettempdir())
+
+
+def test_without_home_there_is_one():
+    """Taichi aborts the process otherwise."""
+    program = "import os, usvauv.kernels; print(os.environ['HOME'])"
+    found = subprocess.run(
+        ["env", "-u", "HOME", sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert os.path.isdir(found.stdout.strip())
 
 
 TRACED = """

@@ -5,9 +5,11 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,6 +19,7 @@ from usvauv.cli.sweep.clusters import OnRay, OnSlurm
 from usvauv.cli.sweep.engine import ATTEMPTS, Ended, Engine, Task, conduct, signs_in
 from usvauv.cli.sweep.local import Local
 from usvauv.kernels.errors import UserError
+from usvauv.kernels.interruption import SIGNALS, Interrupted, Interruption
 
 
 def conducted(engine: Engine, folder: Path, watch=lambda: None, **pieces) -> dict[str, Ended]:
@@ -153,6 +156,27 @@ class TestSlurmEngine:
         monkeypatch.setenv("PATH", "")
         with pytest.raises(UserError, match="--slurm batch: Could not detect"):
             self.engine(tmp_path)
+
+
+@pytest.mark.parametrize("signum", SIGNALS)
+def test_a_signal_while_ray_starts_leaves_nothing_of_it(monkeypatch, signum):
+    """A stand-in for Ray: what it starts is known to it at the end of `init` alone."""
+    running = []
+
+    def init(address, **options):
+        signal.raise_signal(signum)
+        running.append(address)
+
+    errors = SimpleNamespace(RayError=Exception)
+    monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(init=init, shutdown=running.clear, exceptions=errors))
+    monkeypatch.setitem(sys.modules, "ray.exceptions", errors)
+    before = signal.signal(signum, Interruption())
+    try:
+        with pytest.raises(Interrupted):
+            OnRay("local", 1, 1, 1.0, 0.0)
+    finally:
+        signal.signal(signum, before)
+    assert running == []
 
 
 # Of Ray's own making: pipes and processes of nodes that are gone, and what later versions of libraries change.

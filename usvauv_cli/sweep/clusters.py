@@ -23,7 +23,7 @@ from typing import Any
 from usvauv.cli.sweep.engine import Ended, Task
 from usvauv.cli.sweep.local import LOST, THREADS
 from usvauv.kernels.errors import UserError, in_words
-from usvauv.kernels.interruption import SIGNALS
+from usvauv.kernels.interruption import SIGNALS, deferred
 
 # Without these Ray reports its use to its makers, and warns of changes in later versions.
 SETTINGS = {"RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0", "RAY_USAGE_STATS_ENABLED": "0"}
@@ -54,8 +54,12 @@ class OnRay:
         handlers = {signum: signal.getsignal(signum) for signum in SIGNALS}
         here: dict[str, Any] = {"num_cpus": jobs * cores, "include_dashboard": False} if address == "local" else {}
         try:
-            ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **here)
-        except (ConnectionError, ValueError, RuntimeError) as error:
+            with deferred():  # between the processes that it starts and its knowing of them
+                ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **here)
+        except BaseException as error:
+            ray.shutdown()
+            if not isinstance(error, (ConnectionError, ValueError, RuntimeError)):
+                raise
             raise UserError(f"--ray {address}: {str(error).splitlines()[0]}") from None
         finally:
             for signum, handler in handlers.items():  # Ray takes SIGTERM for itself

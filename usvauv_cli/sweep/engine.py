@@ -159,12 +159,21 @@ def signs_in(folder: Path) -> Iterator[Path]:
     """
     signs = inside(folder, folder / SIGNS) / uuid4().hex
     with writing(signs):
-        shutil.rmtree(signs.parent, ignore_errors=True)
+        remove_signs(folder)
         signs.mkdir(parents=True)
     try:
         yield signs
     finally:
-        shutil.rmtree(signs.parent, ignore_errors=True)
+        with deferred():
+            remove_signs(folder)
+
+
+def remove_signs(folder: Path) -> None:
+    """Remove the signs below a folder; they are renamed first, so that nobody reports there meanwhile."""
+    with suppress(OSError):
+        inside(folder, folder / SIGNS).rename(folder / f"{SIGNS}-{uuid4().hex}")
+    for gone in folder.glob(f"{SIGNS}-*"):
+        shutil.rmtree(gone, ignore_errors=True)
 
 
 def conduct(

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextC
 
 from usvauv.cli import tables
 from usvauv.cli.sweep.clusters import OnRay, OnSlurm
-from usvauv.cli.sweep.engine import Ended, Engine, Task, conduct, reported, signs_in
+from usvauv.cli.sweep.engine import Ended, Engine, Task, conduct, remove_signs, reported, signs_in
 from usvauv.cli.sweep.local import Local
 from usvauv.cli.sweep.run import FAILURE, Piece, perform
 from usvauv.cli.sweep.study import Resources
@@ -67,6 +67,7 @@ def perform_all(
     """
     left = {piece.key: piece for piece in pieces if not piece.finished(folder)}
     if not left:
+        remove_signs(folder)  # of a killed command, whose runs went on elsewhere
         print(f"all {len(pieces)} runs are done already; nothing is left to do")
         return ""
     done = len(pieces) - len(left)
