@@ -177,6 +177,7 @@ class TestTables:
             ("Time (s)\tAUV\tX [m]\tY [m]\tDepth", "{0}\ta\t{1}\t60\t40"),
             ("time..s.,auv,x..m.,y_m,Depth.m.", "{0},a,{1},60,40"),  # R's make.names
             (" time , auv , x , y , depth ,", " {0} , a , {1} , 60 , 40 ,"),
+            ("time,auv,x,x (sd),y,y (m),depth,Depth_m", "{0},a,{1},7,60,7,40,7"),  # those without a unit
             ("time   auv  x     y    depth", "{0}      a    {1}   60   40"),
             ("Exported on Monday\n\ntime,auv,x,y,depth,note", "{0},a,{1},60,40,"),
         ],
@@ -184,7 +185,7 @@ class TestTables:
     @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
     @pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
     def test_headers_as_programs_write_them(self, read, header, row, encoding, ending):
-        lines = [*header.split("\n"), *(row.format(i, 50 + i / 2) for i in range(1, 6)), ""]
+        lines = [*header.split("\n"), *(row.format(i, 50 + i / 2) for i in range(1, 6)), ",,,,", ""]
         log = read(ending.join(lines).encode(encoding))
         (fixes,) = log.fixes
         assert (fixes.name, fixes.time.tolist(), log.warnings) == ("a", [1, 2, 3, 4, 5], [])
@@ -330,6 +331,12 @@ class TestEstimate:
         found = estimate(fixes._replace(time=fixes.time * scale))
         assert np.isfinite([found.x, found.y, found.noise or 0, found.accuracy or 0]).all()
         assert math.dist((found.x, found.y), fixes.places[-1]) < 15
+
+    def test_fixes_of_one_instant_give_no_speed(self):
+        time = np.array([-20, -10, -2e-320, -1.5e-320, -1e-320, -5e-321, 0])
+        places = np.stack([time + np.array([0, 0, 0, 0.1, 0.2, 0.3, 0.4]), np.zeros(7)], axis=1)
+        found = estimate(Fixes("a", time, places, np.full(7, 9.0)))
+        assert math.dist((found.x, found.y), (0, 0)) < 0.5
 
     def test_fixes_of_which_all_but_some_at_one_time_are_far_off(self):
         far = 1e15

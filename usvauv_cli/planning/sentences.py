@@ -91,7 +91,7 @@ def parse(line: str) -> Sentence | None:
     if not found and (kind != "PSIMSSB" or "*" in line):  # which Kongsberg lets do without
         raise BadLine("no checksum")
     if not found:
-        return _guarded(read, line.strip().split(",")[1:])
+        return _guarded(read, line.split(",")[1:])
     sums = [
         reduce(lambda total, byte: total ^ byte, found["body"].encode(encoding, "replace"), 0)
         for encoding in ("utf-8", "cp1252")
@@ -103,7 +103,7 @@ def parse(line: str) -> Sentence | None:
 
 def _guarded(read: Callable[[list[str]], Sentence], fields: list[str]) -> Sentence:
     try:
-        return read(fields)
+        return read([field.strip() for field in fields])
     except (IndexError, ValueError):
         raise BadLine("a field is missing or not as documented") from None
 

@@ -50,7 +50,7 @@ def read(lines: Sequence[str]) -> Contents | None:
         raise UserError(f"column {twice[0]} is there twice")
     contents, worlds = Contents(), set[str]()
     for k, line in enumerate(lines[start + 1 :], start + 2):
-        if not line.strip():
+        if not line.strip(SEPARATORS):
             continue
         try:
             cells = _cells(line, separator)
@@ -93,10 +93,11 @@ def _header(line: str, separator: str) -> list[str]:
         names = [name.casefold() for name in _cells(line, separator)]
     except BadLine:
         return []
-    plain = [name if name in COLUMNS else UNIT.sub("", name).strip(" ._") for name in names]
-    while plain and not plain[-1]:
-        plain.pop()
-    return [SHORT.get(name, name) for name in plain]
+    while names and not names[-1]:
+        names.pop()
+    plain = [UNIT.sub("", name).strip(" ._") for name in names]
+    plain = [SHORT.get(name, name) for name in plain]
+    return [name if name in COLUMNS or short in names else short for name, short in zip(names, plain, strict=True)]
 
 
 def _fix(row: dict[str, str], where: tuple[str, str]) -> Fix:
