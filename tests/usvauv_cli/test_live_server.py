@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
@@ -14,7 +15,8 @@ from usvauv.cli.live import server
 from usvauv.kernels.errors import UserError
 
 viser = pytest.importorskip("viser")
-from websockets.exceptions import InvalidStatus  # noqa: E402  # comes with viser
+from msgspec.msgpack import encode as packed  # noqa: E402  # comes with viser
+from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
 
@@ -61,6 +63,65 @@ def test_without_the_token_it_refuses(address, change):
     assert answer(f"{other}/" if change != "query" else other) == 403
     assert answer(f"{base}/index.html") == 403
     assert websocket_answer(other) == 403
+
+
+def raw_answer(address: str, request: bytes, wait: bool = True) -> bytes:
+    """What comes back of some bytes."""
+    with socket.create_connection(("127.0.0.1", int(address.split(":")[2].split("/")[0])), timeout=20) as client:
+        client.sendall(request)
+        return b"".join(iter(lambda: client.recv(65536), b"")) if wait else b""
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "status"),
+    [
+        ("127.0.0.1:{port}", None, 200),
+        ("localhost:9000", "http://localhost:9000", 200),  # through a tunnel
+        ("[::1]:{port}", "http://[::1]:{port}", 200),
+        ("evil.example:{port}", None, 403),  # a name that leads to this machine
+        ("localhost.evil.example", None, 403),
+        ("127.0.0.1:{port}", "http://evil.example", 403),
+        ("127.0.0.1:{port}", "http://127.0.0.1:1", 403),
+        ("127.0.0.1:{port}", "null", 403),
+        ("127.0.0.1\r\nHost: evil.example", None, 403),
+        (None, None, 403),
+    ],
+)
+def test_another_site_is_refused_even_with_the_token(address, host, origin, status):
+    port, token = re.fullmatch(r"http://127\.0\.0\.1:(\d+)(/.*)", address).groups()
+    fields = [f"{name}: {value}\r\n".format(port=port) for name, value in (("Host", host), ("Origin", origin)) if value]
+    answer = raw_answer(address, f"GET {token} HTTP/1.1\r\n{''.join(fields)}\r\n".encode())
+    assert answer.startswith(b"HTTP/1.1 %d " % status)
+
+
+@pytest.mark.parametrize(
+    "path", ["/\xe4\xf6\xfc", "/%ff/", "{token}\xff", "{token}../../etc/passwd", "//evil.example/"]
+)
+def test_paths_that_are_none(address, path):
+    token = address.rsplit("/", 2)[1]
+    path = path.format(token=f"/{token}/")
+    answer = raw_answer(address, b"GET %s HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" % path.encode("latin-1"))
+    assert answer.startswith((b"HTTP/1.1 403 ", b"HTTP/1.1 404 "))
+    assert answer.startswith(b"HTTP/1.1 403 ") or path.isascii()
+
+
+def test_what_is_no_request_or_no_message_ends_its_connection_without_a_word(address, capfd):
+    post = b"POST / HTTP/1.1\r\nHost: a\r\n\r\n{}"
+    for garbage in (b"\x16\x03\x01\x02\x00", post, b"GET\r\n\r\n", b"a" * 100_000, b""):
+        raw_answer(address, garbage, wait=False)
+    url = address.replace("http://", "ws://").rstrip("/")
+    update = {"type": "GuiUpdateMessage", "uuid": "none"}
+    for content in ([], {"type": "None"}, update, {**update, "updates": 3}, "{}", b"\xc1", b""):
+        message = packed(content) if isinstance(content, list | dict) else content
+        with connect(url, subprotocols=[f"viser-v{viser.__version__}"]) as connection:
+            connection.send(message)
+            with suppress(ConnectionClosed, TimeoutError):
+                while connection.recv(timeout=0.5):
+                    pass
+    gone = connect(url, subprotocols=[f"viser-v{viser.__version__}"])
+    gone.socket.close()
+    assert websocket_answer(address) == 101
+    assert capfd.readouterr() == ("", "")
 
 
 def test_other_interfaces_are_not_listened_to(address):

@@ -84,7 +84,7 @@ class Controls:
         self._status = gui.add_markdown("")
         self._add_time(gui)
         views = gui.add_button_group("View", ("Perspective", "Map"))
-        views.on_click(lambda event: self._look(event.client, views.value == "Map"))
+        views.on_click(lambda event: self.requests.put("view", lambda: self._look(event.client, views.value == "Map")))
         with gui.add_folder("Sea and sound"):
             self._sliders = {name: self._add_slider(gui, name) for name in session.values}
         with gui.add_folder("Decisions"):
@@ -174,26 +174,26 @@ class Controls:
     def _listen_to_scene(self) -> None:
         session, depth = self._session, self._session.scenario.area.depth
 
-        def put(about: str, move: Callable[..., None], place: np.ndarray | None, *index: int) -> None:
-            if place is not None:
-                self.requests.put(about, lambda: move(float(place[0]), float(place[1]), *index))
+        def to(move: Callable[..., None], place: np.ndarray | None, *index: int) -> None:
+            if place is not None and np.isfinite(place).all():
+                move(float(place[0]), float(place[1]), *index)
 
         def drag(about: str, move: Callable[..., None], height: float, index: int | None) -> Callable[[Any], None]:
             def moved(event: Any) -> None:
                 camera, chosen = event.client.camera.position, event.instance_index if index is None else index
-                way = np.array(event.end_position) - camera
-                put(about, move, meeting(camera, way, height), chosen)
+                to(move, meeting(camera, np.array(event.end_position) - camera, height), chosen)
 
-            return moved
+            return lambda event: self.requests.put(about, lambda: moved(event))
 
         for b, boat in enumerate(self._scene.boats):
             boat.on_drag(drag("boat", session.move_boat, 0.0, b))
         self._scene.nodes.on_drag(drag("node", session.move_node, -depth, None))
 
         def click(about: str, move: Callable[..., None], height: float) -> Callable[[Any], None]:
-            return lambda event: put(
-                about, move, meeting(np.array(event.ray_origin), np.array(event.ray_direction), height)
-            )
+            def clicked(event: Any) -> None:
+                to(move, meeting(np.array(event.ray_origin), np.array(event.ray_direction), height))
+
+            return lambda event: self.requests.put(about, lambda: clicked(event))
 
         self._server.scene.on_click(modifier="shift")(click("node", session.move_node, -depth))
         self._server.scene.on_click(modifier="cmd/ctrl")(click("boat", session.move_boat, 0.0))
@@ -238,7 +238,8 @@ class Controls:
                 self._status.content = f"**{clock(self._session.time)}** {request.meanwhile}"
             try:
                 request.action()
-            except UserError as error:
+            except (UserError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+                # The last ones of messages that no page of viser's sends, or of a tab that has been closed.
                 for client in self._server.get_clients().values():
                     client.add_notification("Refused", str(error), color="orange", auto_close_seconds=10.0)
             self._show_settings()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import hmac
 import http
+import logging
 import os
+import re
 import secrets
 import socket
 import time
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     import viser
 
 HOST = "127.0.0.1"
+LOOPBACK = re.compile(r"(localhost|127(\.\d{1,3}){3}|\[::1\])(:\d{1,5})?", re.IGNORECASE)
 MOST_PORT = 65535
 LONGEST = 0.25  # s of real time that pass from one picture to the next; more is lost, as while a world is compiled
 INTERVAL = 1 / 30  # s from one picture to the next, at best
@@ -47,8 +51,9 @@ def listen(port: int) -> socket.socket:
 def serve(listening: socket.socket, title: str) -> Iterator[tuple[viser.ViserServer, str]]:
     """Run a viser server on a socket; gives it and its address, whose path is the token.
 
-    Pages and websockets are refused (403) unless their path begins with the token. viser itself has no such check and
-    binds all interfaces by default, so it is handed the socket and the check where it starts to serve.
+    Pages and websockets are refused (403) unless their path begins with the token, Host is a name of this machine's own
+    (a foreign name that leads here is none), and Origin the same. viser itself has no such check and binds all
+    interfaces by default, so it is handed the socket and the check where it starts to serve.
 
     Raises:
         UserError: viser is missing, or it has changed so that the check cannot be put before it.
@@ -81,6 +86,18 @@ def serve(listening: socket.socket, title: str) -> Iterator[tuple[viser.ViserSer
         console.quiet = quiet_before
 
 
+def _from_here(headers: Any) -> bool:
+    """Whether a request's Host is this machine, by any port, as a tunnel's, and its Origin, if any, the same."""
+    hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+    if len(hosts) != 1 or not LOOPBACK.fullmatch(hosts[0]):
+        return False
+    return all(origin.lower() in (f"http://{hosts[0].lower()}", f"https://{hosts[0].lower()}") for origin in origins)
+
+
+def _ignore(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """What a message of a tab asks for and viser cannot do is not done."""
+
+
 class _Guarded:
     """`websockets.asyncio.server.serve` on a given socket, with requests checked before anything else sees them."""
 
@@ -94,15 +111,25 @@ class _Guarded:
         def checked(connection: Any, request: Any) -> Any:
             path = request.path.partition("?")[0]
             own, rest = path[: len(self._prefix)], path[len(self._prefix) :]
-            if not hmac.compare_digest(own.encode(), self._prefix.encode()) or rest[:1] not in ("", "/"):
+            known = hmac.compare_digest(own.encode(errors="surrogateescape"), self._prefix.encode())
+            if not (known and rest[:1] in ("", "/") and rest.isascii()):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "the address lacks its token\n")
+            if not _from_here(request.headers):
+                return connection.respond(http.HTTPStatus.FORBIDDEN, "another site asks; open the address itself\n")
             response = process_request(connection, dataclasses.replace(request, path=rest or "/"))
             if response is not None:
                 response.headers["Referrer-Policy"] = "no-referrer"  # the path is a secret
             return response
 
+        def handled(connection: Any) -> Any:
+            asyncio.get_running_loop().set_exception_handler(_ignore)
+            return handler(connection)
+
         self.used = True
-        return self._serve(handler, sock=self._listening, process_request=checked, **options)
+        # What is no HTTP, no websocket or no message of viser's ends its connection; the terminal need not hear of it.
+        silent = logging.getLogger("usvauv.live")
+        silent.setLevel(logging.CRITICAL + 1)
+        return self._serve(handled, sock=self._listening, process_request=checked, logger=silent, **options)
 
 
 class Show:
