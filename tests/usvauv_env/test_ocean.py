@@ -193,6 +193,12 @@ class TestCurrents:
         turned = turned.transpose("longitude", "time", "latitude", "depth")
         np.testing.assert_array_equal(flow_of(turned, tmp_path).velocity, reference.velocity)
 
+    def test_a_depth_without_a_sign(self, tmp_path):
+        dataset = cmems()
+        reference = flow_of(dataset, tmp_path)
+        dataset["depth"].attrs = {"units": "m", "long_name": "depth"}
+        np.testing.assert_array_equal(flow_of(dataset, tmp_path).velocity, reference.velocity)
+
     def test_heights_and_kilometres(self, tmp_path):
         """A vertical axis that points up, in km, known by `positive` alone."""
         dataset = cmems()
@@ -317,6 +323,7 @@ HEIGHTS = [
     ("any", "height_above_reference_ellipsoid"),
     ("elevation", "any"),
     ("z", "height"),
+    ("topo", "any"),
 ]
 
 

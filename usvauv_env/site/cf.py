@@ -182,7 +182,7 @@ def factor_of(array: xarray.DataArray, where: str, units: dict[str, float]) -> f
 
 
 def kind_of(variable: xarray.DataArray) -> str | None:
-    """Kind of a coordinate, one of `AXES`, by its standard_name, units, positive and axis attributes."""
+    """Kind of a coordinate, one of `AXES`, by its standard_name, units, positive and axis, or its name depth."""
     attributes = variable.attrs
     standard_name, axis = attributes.get("standard_name"), attributes.get("axis")
     units = str(attributes.get("units", "")).lower()
@@ -197,7 +197,7 @@ def kind_of(variable: xarray.DataArray) -> str | None:
         return None
     if " since " in units or axis == "T":
         return "time"
-    if str(attributes.get("positive")).lower() in ("up", "down") or axis == "Z":
+    if str(attributes.get("positive")).lower() in ("up", "down") or axis == "Z" or variable.name == "depth":
         return "depth"
     if units in ("degrees", "degree") and axis in ("X", "Y"):
         return "longitude" if axis == "X" else "latitude"
@@ -285,7 +285,7 @@ def _decode_degrees(raw: np.ndarray, variable: xarray.DataArray, where: str, kin
 def _decode_depth(raw: np.ndarray, variable: xarray.DataArray, where: str) -> np.ndarray:
     positive = variable.attrs.get("positive")
     if positive is None:
-        standard_name = variable.attrs.get("standard_name", "")
+        standard_name = variable.attrs.get("standard_name", "depth" if variable.name == "depth" else "")
         positive = {"depth": "down", "depth_below_geoid": "down", "": "missing"}.get(standard_name, "up")
     if (positive := str(positive).lower()) not in ("up", "down"):
         raise OceanError(f"{where}: its attribute positive is {positive!r}; allowed: 'up', 'down'")

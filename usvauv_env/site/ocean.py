@@ -46,7 +46,8 @@ HEIGHT_NAMES = (
     "height_above_reference_ellipsoid",  # GEBCO's name for its elevation, which is relative to the sea level
     "altitude",
 )
-WELL_KNOWN_HEIGHTS = ("elevation", "z")  # GEBCO and ETOPO; only where no variable has one of the names above
+# GEBCO, ETOPO, SRTM15+, ERDDAP; only where no variable has one of the names above
+WELL_KNOWN_HEIGHTS = ("elevation", "z", "topo", "altitude")
 CURRENT_NAMES = (
     ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
     ("sea_water_x_velocity", "sea_water_y_velocity"),  # east and north too, since `field` refuses any other grid
