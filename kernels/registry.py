@@ -30,6 +30,7 @@ class Registry(Mapping[str, T], Generic[T]):
         self._form = form
         self._items: dict[str, T] = {}
         self._files: dict[str, str] = {}  # of items that plugins registered
+        self._taichi: dict[str, object] = {}  # the state of Taichi whose fields these items may read
 
     def register(self, name: str, item: T) -> T:
         """Add an item under a name that is not taken yet; returns the item.
@@ -47,11 +48,29 @@ class Registry(Mapping[str, T], Generic[T]):
         caller = sys._getframe(1)
         if caller.f_globals["__name__"].partition(".")[0] != "usvauv":
             self._files[name] = caller.f_code.co_filename
+            self.check_fields(name)
         return item
 
     def described(self, name: str) -> str:
         """An item of a plugin in words, with the file that registered it; empty for one of the packages."""
         return f"{self.kind} {name!r} of {self._files[name]}" if name in self._files else ""
+
+    def check_fields(self, name: str) -> None:
+        """Refuse a plugin's item that may read fields of Taichi which another `ti.init` has ended.
+
+        Raises:
+            error: there were fields when the item was registered or used, and Taichi was started anew since.
+        """
+        if name in self._files:
+            from usvauv.kernels import runtime  # brings Taichi
+
+            state, now = self._taichi.get(name), runtime.state_with_fields()
+            if state is not None and not runtime.is_present(state):
+                raise self._error(
+                    f"{self.described(name)}: Taichi's fields that it may read are gone, because `ti.init` or "
+                    "`ti.reset` was called after they were made: call `ti.init` once, before all fields"
+                )
+            self._taichi[name] = now
 
     @contextmanager
     def calling(self, name: str, allowed: tuple[type[Exception], ...] = ()) -> Iterator[None]:

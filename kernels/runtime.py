@@ -16,7 +16,6 @@ import io
 import os
 import shutil
 import tempfile
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ import torch
 from taichi._lib import core
 from taichi.lang import impl
 
+from usvauv.kernels import kernel_cache
 from usvauv.kernels.errors import UserError
 
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
@@ -36,7 +36,6 @@ SOFTWARE_VULKAN = "USVAUV_TEST_SOFTWARE_VULKAN"  # environment variable: tests o
 VULKAN_CPU = 4  # VkPhysicalDeviceType
 FEW_TASKS = 256  # most tasks of about a microsecond for which waking another thread takes longer than it saves
 ITERATIONS = 16  # of a loop that a thread takes at a time
-LEFT_BEHIND = 60.0  # seconds; Taichi holds the lock of its cache for a few
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 Settings = Mapping[str, object]
 NONE: Settings = {}
@@ -175,7 +174,7 @@ def _start_program(arch: str, threads: int) -> None:
             devices = _vulkan_devices()
         if devices and all(kind == VULKAN_CPU for _, kind in devices):
             raise RuntimeUnavailable(f"arch: 'vulkan': {devices[0][0]} computes in software: use cpu")
-    if impl.pytaichi is _inherited and (arch != "cpu" or has_fields()):
+    if impl.pytaichi is _inherited and (arch != "cpu" or state_with_fields()):
         what = "fields" if arch == "cpu" else f"what Taichi has on {arch}"
         raise RuntimeUnavailable(
             f"arch: this process was forked after Taichi had started, and {what} cannot be used in a fork: "
@@ -200,13 +199,18 @@ def _start_program(arch: str, threads: int) -> None:
         raise RuntimeUnavailable(f"arch: {arch!r} was asked for, but Taichi finds no such device here")
 
 
-def has_fields() -> bool:
-    """Whether fields have been made in the program that runs; Taichi itself makes an empty tree of them."""
+def state_with_fields() -> object | None:
+    """What stands for the program that runs, if fields have been made in it; Taichi itself makes an empty tree."""
     program = impl.pytaichi.prog
     if program is None:
-        return False
+        return None
     trees = (program.get_snode_root(tree) for tree in range(program.get_snode_tree_size()))
-    return not impl.root.empty or any(tree.get_num_ch() for tree in trees)
+    return impl.pytaichi if not impl.root.empty or any(tree.get_num_ch() for tree in trees) else None
+
+
+def is_present(state: object) -> bool:
+    """Whether the program of `state_with_fields` still runs."""
+    return state is impl.pytaichi
 
 
 def _settings() -> dict[str, Any]:
@@ -282,10 +286,9 @@ def stop() -> None:
 
 
 def free_cache() -> str:
-    """The folder of compiled kernels, without the lock that a killed process left there.
+    """The folder of compiled kernels, without what is damaged there.
 
-    Taichi waits a quarter of a second for the lock, then goes on without the folder, as each later process would. Where
-    it cannot make or write the folder it crashes at its end; then a temporary one is taken for this process.
+    Where Taichi cannot make or write the folder it crashes at its end; then a temporary one is taken for this process.
 
     Raises:
         RuntimeUnavailable: there is no place for a temporary folder either.
@@ -302,10 +305,7 @@ def free_cache() -> str:
             raise RuntimeUnavailable(f"{folder}: compiled kernels cannot be kept: {error.strerror}") from None
         atexit.register(shutil.rmtree, temporary, ignore_errors=True)
         return temporary
-    lock = Path(folder, "ticache.lock")
-    with contextlib.suppress(OSError):  # most often there is none
-        if time.time() - lock.stat().st_mtime > LEFT_BEHIND:
-            lock.unlink()
+    kernel_cache.check(Path(folder), ti.__version__)
     return folder
 
 

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -117,17 +116,6 @@ def test_warnings_of_taichis_docstrings_are_not_shown(file, lines):
     """From Python 3.12 on, where an installer has not compiled its files."""
     program = "import sys, warnings, usvauv.kernels; warnings.warn_explicit('escape', SyntaxWarning, sys.argv[1], 1)"
     assert len(in_a_child(program, file)[1]) == lines
-
-
-@pytest.mark.parametrize(("age", "left"), [(2 * runtime.LEFT_BEHIND, False), (runtime.LEFT_BEHIND / 2, True)])
-def test_a_lock_that_a_killed_process_left_is_removed(monkeypatch, tmp_path, age, left):
-    """With it no process would ever read or write compiled kernels again."""
-    monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path))
-    lock = tmp_path / "ticache.lock"
-    lock.touch()
-    os.utime(lock, (time.time() - age,) * 2)
-    runtime.free_cache()
-    assert lock.exists() == left
 
 
 @pytest.mark.parametrize("place", [os.devnull, f"{os.devnull}/below", "/proc/self/missing"])

@@ -53,6 +53,7 @@ from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.worlds import REWARDS, STATE
 from usvauv.kernels.positioning import pulse, tracker
+from usvauv.kernels.registry import Registry
 
 NOT_BEGUN = "no episode has begun: call reset first"
 ARRAYS = *STATE, *REWARDS
@@ -263,6 +264,7 @@ class World:
             ScenarioError: the mask is no bool of each world, or leaves one out of the first reset.
             DivergenceError: as `step`; after one, all worlds can be reset, or all those whose state has run away.
         """
+        self._follow_taichi()
         if mask is None:
             episode = int(self._clock[0, 0]) + 1
             if not self._water.is_at_beginning_of(episode):
@@ -307,6 +309,7 @@ class World:
         """
         if not self._begun:
             raise ScenarioError(NOT_BEGUN)
+        self._follow_taichi()
         self._action.copy_(numbers_of("action", action, self._action.shape))
         if self._on_host and not math.isfinite(self._action.sum().item()):
             raise ScenarioError("action: all numbers must be finite")
@@ -462,16 +465,19 @@ class World:
                 + (f" (uses {plugins})" if plugins else "")
             )
 
+    def _parts(self) -> list[tuple[Registry[Any], str]]:
+        """The parts of these worlds that plugins can register, each with its registry."""
+        scenario = self.scenario
+        return [
+            (tasks, scenario.task),
+            (boat_strategies, self.strategy.name.partition(":")[0]),
+            (target_rules, scenario.nodes.target_rule.partition(":")[0]),
+            *((observation_terms, term) for term in self.observation_layout.terms),
+        ]
+
     def _plugins(self) -> str:
         """The parts of these worlds that plugins have registered, in words; empty where there are none."""
-        scenario = self.scenario
-        parts = [
-            tasks.described(scenario.task),
-            boat_strategies.described(self.strategy.name.partition(":")[0]),
-            target_rules.described(scenario.nodes.target_rule.partition(":")[0]),
-            *(observation_terms.described(term) for term in self.observation_layout.terms),
-        ]
-        return ", ".join(filter(None, parts))
+        return ", ".join(filter(None, (registry.described(name) for registry, name in self._parts())))
 
     def measures(self) -> torch.Tensor:
         """What the last step cost and brought, (num_worlds, num_auvs, 6), columns `measure_names`."""
@@ -531,12 +537,20 @@ class World:
             "action": self._action,
             **{name: getattr(self, name) for name in ARRAYS},
         }
+        self._bound_in = runtime.start()
+        for registry, name in self._parts():
+            registry.check_fields(name)
         plugins = self._plugins()  # whose Taichi functions may not compile
         with blaming(plugins, ScenarioError) if plugins else nullcontext():
             self._reset, self._step = (
                 Launch(run, *({"phase": phase, **arguments}[name] for name in PARAMETERS), settings=runtime.QUICKLY)
                 for phase in (Phase.reset, Phase.step)
             )
+
+    def _follow_taichi(self) -> None:
+        """Other code may have started it anew."""
+        if runtime.start() is not self._bound_in:
+            self._bind()
 
     def surface(self, pixels: int, world: int = 0) -> np.ndarray:
         """Elevation of a world's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""
