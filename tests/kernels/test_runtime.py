@@ -154,6 +154,59 @@ def test_a_command_compiles_nothing_that_it_compiled_before(tmp_path):
     assert compiled[1] == 0
 
 
+DAMAGE = """
+import os, sys
+from pathlib import Path
+import numpy as np
+from usvauv.kernels import runtime
+from usvauv.kernels.functions import kernel
+from usvauv.kernels.types import array1
+
+@kernel
+def double(x: array1):
+    for i in range(x.shape[0]):
+        x[i] = 2 * x[i]
+
+def run():
+    x = np.ones(3, np.float32)
+    runtime.start("cpu")
+    double(x)
+    runtime.stop()
+    return x.tolist()
+
+def overwrite(place, new):
+    return lambda data: data[:place] + new + data[place + len(new) :]
+
+folder = Path(os.environ["TI_OFFLINE_CACHE_FILE_PATH"])
+run()
+for name in ("*.tic", "ticache.tcb"):
+    for damaged in (bytes(), os.urandom(500), overwrite(0, b"?"), overwrite(25, b"????"), lambda data: data[:-3]):
+        (file,) = folder.glob(name)
+        file.write_bytes(damaged(file.read_bytes()) if callable(damaged) else damaged)
+        print(run(), (folder / (file.name + ".damaged")).exists(), len(list(folder.glob("*.tic"))))
+        (folder / (file.name + ".damaged")).unlink()
+        run()
+next(folder.glob("*.tic")).unlink()
+print(run(), True, len(list(folder.glob("*.tic"))))
+(folder / "ticache.lock").touch()  # as of a process that is writing
+print(run(), True, 1)
+os.utime(folder / "ticache.lock", (0, 0))  # and of one that was killed
+print(run(), not (folder / "ticache.lock").exists(), 1)
+"""
+
+
+@pytest.mark.cpu("files of compiled kernels")
+def test_damaged_files_of_kernels_are_set_aside_and_made_anew(tmp_path):
+    """Files of kernels and their index: each once, with one line. Locks are waited for, but not for ever."""
+    (tmp_path / "damage.py").write_text(DAMAGE)
+    folder = {"TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path / "cache")}
+    command = [sys.executable, str(tmp_path / "damage.py")]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **folder}, timeout=300)
+    assert [line for line in done.stdout.splitlines() if line[:1] == "["][-13:] == 13 * ["[2.0, 2.0, 2.0] True 1"]
+    said = [line for line in done.stderr.splitlines() if line.startswith("usvauv: compiled kernels in ")]
+    assert len(said) == 11, done.stderr
+
+
 METHOD = """
 import usvauv.env
 import taichi as ti
