@@ -200,6 +200,8 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     page = (tmp_path / "a" / "report" / "index.html").read_text(encoding="utf-8")
     assert "<dt>failed</dt><dd>1<" in page
     assert "the last line" in page
+    (failure,) = (tmp_path / "a" / "runs").glob("*/failure.txt")
+    assert f'File "{tmp_path}/own.py", line 15, in act' in failure.read_text()
 
     (tmp_path / "repaired").touch()
     code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")

@@ -126,7 +126,8 @@ class Task:
         except Stopped:
             return Ended(self.name, "stopped")
         except UserError as error:
-            return Ended(self.name, "failed", str(error))
+            details = traceback.format_exc() if error.__cause__ else ""  # of what a plugin raised
+            return Ended(self.name, "failed", str(error), details)
         except (Exception, SystemExit) as error:
             return Ended(self.name, "failed", in_words(error), traceback.format_exc())
         return Ended(self.name, "done")
