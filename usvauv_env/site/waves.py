@@ -1,14 +1,14 @@
-"""Waves of a place and a time in NetCDF files of WAVEWATCH III and ERA5: a two-dimensional spectrum, or partitions.
+"""Waves of a place and a time in NetCDF files, of WAVEWATCH III, ERA5, CMEMS and others: a spectrum, or partitions.
 
 A spectrum of WAVEWATCH III is `efth` at stations, by the direction that waves travel to (`model/src/ww3_ounp.F90`).
-One of ERA5 is `d2fd`: the decadic logarithm of the density, missing where that is small, over numbers of frequencies
-and directions in place of their values. The first frequency is 0.03453 Hz and each next one 1.1 times as high. The
-directions, 7.5°, 22.5° and so on, are those that waves travel to.
+One of ERA5 is `d2fd`: the decadic logarithm of the density, missing where that is small, over frequencies and
+directions or over their numbers. The first frequency is 0.03453 Hz and each next one 1.1 times as high. The directions,
+7.5°, 22.5° and so on, are those that waves travel to.
 
 Partitions are wind sea and swells by heights, periods, directions and spreads. Directions are those that waves come
 from, spreads √(2(1 − r₁)) of the first moment r₁ of the directions. Periods of WAVEWATCH III's partitions are those of
 the peaks (`model/src/w3ounfmetamd.F90`), of ERA5's parts means T₋₁,₀ = m₋₁/m₀ (ECMWF, "IFS documentation, part VII:
-ECMWF wave model"). Sources: https://github.com/NOAA-EMC/WW3;
+ECMWF wave model"), of CMEMS's parts means T₀₁ = m₀/m₁. Sources: https://github.com/NOAA-EMC/WW3;
 https://confluence.ecmwf.int/display/CKB/About+ERA+wave+spectra.
 """
 
