@@ -110,6 +110,7 @@ class TestReading:
             (("235959.0", "000000.2", "235959.6", "000000.9"), [1.2, -0.6, 1.3]),
             (("000000.2", "235959.6", "000000.9"), [-0.6, 1.3]),
             (("060000.0", "200000.0", "190000.0"), [14 * 3600, -3600]),
+            (("100000.0", "110000.0", "080000.0"), [3600, 21 * 3600]),  # of two days
         ],
     )
     def test_time_goes_on_after_midnight_and_a_line_may_be_late(self, read, times, steps):
@@ -129,11 +130,14 @@ class TestReading:
     @pytest.mark.parametrize(
         ("text", "message"),
         [
-            ("", "no fix in it: expected CSV with a header or sentences of a USBL system"),
+            ("", "no fix in it: expected CSV with a header (time, auv, depth and x, y or latitude, longitude, in s, m"),
             ("hello\n", "no fix in it"),
             ("time,auv,x,y\n1,a,2,3\n", "no column depth; it needs time, auv, depth and x, y or latitude, longitude"),
             ("time,auv,depth\n", "no column latitude, longitude"),
             ("auv,x,y,depth\na,2,3,9\n", "no column time"),
+            ("time,auv,x,y,Depth (ft)\n1,a,2,3,90\n", "no column depth; it needs time, auv, depth and x, y"),
+            ("time..ms.,auv,x,y,depth\n", "longitude, in s, m and degrees"),
+            ("time,auv,x (deg),y (deg),depth\n", "no column latitude, longitude"),
             ("time,auv,x,X,y,depth\n", "column x is there twice"),
             ("time,world,auv,x,y,depth\n1,0,a,2,3,9\n1,1,a,2,3,9\n", "several episodes"),
             ("time;auv;x;y;depth\n1;a;2;3,5;9\n", "line 2: y '3,5' has a decimal comma; numbers have a decimal point"),
@@ -176,6 +180,7 @@ class TestTables:
             ("sep=;\nTime;AUV;X;Y;Depth", "{0};a;{1};60;40"),  # Excel
             ("Time (s)\tAUV\tX [m]\tY [m]\tDepth", "{0}\ta\t{1}\t60\t40"),
             ("time..s.,auv,x..m.,y_m,Depth.m.", "{0},a,{1},60,40"),  # R's make.names
+            ("time,AUV (name),x [m],y,depth (ft),depth (m positive down)", "{0},a,{1},60,131,40"),
             (" time , auv , x , y , depth ,", " {0} , a , {1} , 60 , 40 ,"),
             ("time,auv,x,x (sd),y,y (m),depth,Depth_m", "{0},a,{1},7,60,7,40,7"),  # those without a unit
             ("time   auv  x     y    depth", "{0}      a    {1}   60   40"),
@@ -215,6 +220,16 @@ class TestBoat:
         )
         assert (len(log.fixes[0].time), log.left_out, log.warnings) == (90, {}, [])
         assert np.ptp(log.fixes[0].places, axis=0) == pytest.approx([0, 0], abs=0.1)
+
+    def test_a_log_of_it_before_that_of_the_fixes(self, read):
+        log = read([*(gga(f"1{i // 60}{i % 60:02d}00", i) for i in range(120)), hipap("101030", 0, 0)])
+        assert (len(log.fixes[0].time), log.warnings) == (1, [])
+
+    @pytest.mark.parametrize(("east", "turn", "what"), [(25, 0, "position"), (0, 10, "heading")])
+    def test_two_instruments_for_one_thing_are_told(self, read, east, turn, what):
+        lines = [gga("143700"), gga("143700", east), signed("HEHDT,45.0,T"), signed(f"GPHDT,{45 + turn},T")]
+        log = read([*lines, hipap("143700", 20, 40, up="H")])
+        assert log.warnings == [f"the boat's {what} jumps 1 times, as if it came from two instruments; keep one"]
 
     def test_a_clock_of_the_modems_own_is_set_by_the_boats(self, read):
         log = read(

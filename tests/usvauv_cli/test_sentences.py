@@ -119,6 +119,7 @@ class TestSentences:
             ("+AT:103:USBLLONG,8,7,3,1,2,-30,12,-7,-31", "a field is missing"),  # cut, perhaps in a number
             ("$PSIMSSB,085405.61,B42,A,,C,H,M,134.5,114.5,12", "a field is missing"),
             (signed("PSIMSSB,250001.00,B01,A,,C,N,F,3.0,4.0,9.0,0.1,N,,"), "a field is missing"),
+            (signed("HEHDT,400.0,T"), "heading 400: allowed is 0 to 360"),
             (signed("PSONLLD,153005.253,24,A,95.0,8.8,425.3,,,,,,,,"), "latitude 95, longitude 8.8: allowed are ±90"),
         ],
     )

@@ -39,7 +39,7 @@ class TestAxes:
         ("kind", "attributes", "allowed", "refused", "said"),
         [
             ("latitude", NORTH, [-90, 90], [-90.1, 90], "-90.1 degrees; allowed: -90 to 90"),
-            ("longitude", EAST, [-540, 540], [-540, 540.1], "540.1 degrees; allowed: -540 to 540"),
+            ("longitude", EAST, [*range(-540, 541, 180)], [-540, 540.1], "540.1 degrees; allowed: -540 to 540"),
             (
                 "longitude",
                 EAST,
@@ -138,6 +138,12 @@ class TestPositions:
         for depth in (0, 120.1):
             with pytest.raises(UserError, match="above 0 and at most the water's 120 m"):
                 auv_position(f"1,1,{depth}", scenario)
+
+    @pytest.mark.parametrize("corner", [-180, 180])
+    @pytest.mark.parametrize("side", "EW")
+    def test_180_degrees_are_one_place(self, corner, side):
+        scenario = Scenario.load("ideal", [f"water.longitude={corner}", "water.latitude=-16.5"])
+        assert boat_position(f"16.5S,180{side}", scenario) == (0, 0)
 
     @pytest.mark.parametrize("side", "EWNS")
     def test_the_farthest_place(self, side):

@@ -79,6 +79,12 @@ def curvilinear(dataset):
     )
 
 
+def forecasts(dataset):
+    """One time and the steps from it, each with its own."""
+    steps = xarray.concat([dataset, dataset], "step")
+    return steps.assign_coords(valid_time=("step", [1_100_000.0, 1_100_003.0], dataset["time"].attrs))
+
+
 def station(dataset):
     """Points along a line: longitude and latitude on one dimension."""
     dataset = dataset.isel(longitude=0, drop=True).rename(latitude="point")
@@ -246,6 +252,7 @@ PARTITIONS = [
     (without("ptp0"), "has phs0 but no ptp0"),
     (values("ptp0", everywhere(np.nan)), "ptp0: is missing where phs0 is 4 m"),
     (values("pspr0", everywhere(120.0)), "pspr0: 2.09.*; allowed: 0 to 1.41"),
+    (forecasts, "phs0: has a dimension 'step' beside those of its place and time"),
     (values("phs0", everywhere(np.nan)), "phs0: has no values at the area: land, calm"),
 ]
 

@@ -75,16 +75,21 @@ class DayClock:
 
     def __init__(self) -> None:
         self.latest: float | None = None
+        self.own: dict[str, float] = {}  # the latest of each source
 
-    def __call__(self, time: float) -> float:
-        """Seconds, from the midnight before the first line on, of a time of the day in the next line."""
-        if self.latest is None:
-            self.latest = time
-            return time
-        step = time - self.latest % DAY
-        step += DAY * (int(step < -DAY / 2) - int(step > DAY - LATE))
-        time = self.latest + step
-        self.latest = max(self.latest, time)
+    def __call__(self, time: float, source: str = "") -> float:
+        """Seconds, from the midnight before the first line on, of a time of the day in the next line.
+
+        Of one source, which is named, what would be more than an hour late is of the next day.
+        """
+        if self.latest is not None:
+            step = time - self.latest % DAY
+            time = self.latest + step + DAY * (int(step < -DAY / 2) - int(step > DAY - LATE))
+        if source:
+            last = self.own.get(source, time)
+            time += DAY * (time < last - LATE)
+            self.own[source] = max(time, last)
+        self.latest = time if self.latest is None else max(self.latest, time)
         return time
 
 

@@ -159,7 +159,10 @@ def _gga(fields: list[str]) -> Boat:
 
 
 def _hdt(fields: list[str]) -> Heading:
-    return Heading(math.radians(number(fields[0])))
+    angle = number(fields[0])
+    if not 0 <= angle <= 360:
+        raise BadLine(f"heading {angle:g}: allowed is 0 to 360")
+    return Heading(math.radians(angle))
 
 
 READERS = {"PSIMSSB": _kongsberg, "PSONLLD": _sonardyne, "PTSAG": _ixblue, "GGA": _gga, "HDT": _hdt}

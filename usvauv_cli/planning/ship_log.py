@@ -16,6 +16,8 @@ from usvauv.cli.planning.sentences import Boat, Geographic, Heading, Relative
 LONGEST_GAP = 60.0  # between positions of the boat that its way is interpolated over, and from the last one, s
 BASE = 10.0  # shortest time that a speed at the end of a way is taken over, s
 DRIFT = 10.0  # most that the boat may have gone since its last position, m
+FASTEST, JUMP = 20.0, 5.0  # most that it goes, m/s, and beyond that its receiver may err from one to the next, m
+BOAT = "$--GGA"  # no name of a beacon has a dollar
 SOON = 5.0  # s since a position within which nothing is said of its age
 DEGREE = 111_200.0  # of a meridian, m
 LEVER = 100.0  # distance of an AUV at which an error of the heading is a drift, m
@@ -61,6 +63,10 @@ class Way(NamedTuple):
         sure = (abs(age) <= interval) & (interval <= LONGEST_GAP)
         drift = abs(age) * np.linalg.norm(slope * self.metres, axis=1)
         known = sure | (abs(age) <= LONGEST_GAP) & (drift <= DRIFT)
+        steps = np.linalg.norm(np.diff(self.values, axis=0) * self.metres, axis=1)
+        jumps = int((steps > JUMP + FASTEST * np.diff(self.times)).sum())
+        if contents and jumps:
+            contents.notes.append(f"{self.what} jumps {jumps} times, as if it came from two instruments; keep one")
         if contents and not known.all():
             worst = max(age[~known], key=abs)
             side = "older" if worst > 0 else "later"
@@ -93,15 +99,15 @@ class _Lines:
         if isinstance(said, Heading):
             self.headings.append((k, said))
         elif isinstance(said, Boat):
-            self.boats.append((k, said._replace(time=clock(said.time))))
+            self.boats.append((k, said._replace(time=clock(said.time, BOAT))))
         elif said is not None and not said.name.strip():
             raise BadLine("a beacon without a name")
         elif isinstance(said, Relative) and said.x == said.y == said.depth == 0:
             raise NoFix("at 0, 0, 0")
         elif isinstance(said, Geographic):
-            self.geographic.append(said._replace(time=clock(said.time)))
+            self.geographic.append(said._replace(time=clock(said.time, said.name)))
         elif said is not None and said.said is None:
-            self.relative.append((k, said._replace(time=clock(said.time))))
+            self.relative.append((k, said._replace(time=clock(said.time, said.name))))
         elif said is not None and said.said is not None:
             self.relative.append((k, said))
             if self.boats:

@@ -14,11 +14,15 @@ from usvauv.kernels.positioning.usbl import UNUSABLE
 METRES, DEGREES = ("x", "y"), ("latitude", "longitude")
 COLUMNS = ("time", "auv", *METRES, *DEGREES, "depth", "flags", "world")
 SHORT = {"lat": "latitude", "lon": "longitude", "long": "longitude", "lng": "longitude"}
-NEEDED = "time, auv, depth and x, y or latitude, longitude"
+NEEDED = "time, auv, depth and x, y or latitude, longitude, in s, m and degrees"
 SEPARATORS = ",;\t "
 PREAMBLE = 20  # lines among which the header is
 FEWEST = 3  # columns by which a line is known as a header
-UNIT = re.compile(r"[\s._]*[(\[{].*$|[\s._]+(?:m|s|sec|seconds|met(?:er|re)s|deg|degrees)\W*$")
+UNIT = re.compile(r"[\s._]*[(\[{]\s*(°|[^\W\d_]+)[^)\]}]*[)\]}]?\W*$|[\s._]+(°|[^\W\d_]+)\W*$")
+SECONDS = {"s", "sec", "secs", "second", "seconds", "utc", "unix", "epoch"}
+LENGTHS = {"m", "meter", "meters", "metre", "metres"}
+ANGLES = {"°", "deg", "degree", "degrees", "decimal", "wgs", "n", "e"}
+UNITS = {"time": SECONDS, "depth": LENGTHS} | dict.fromkeys(METRES, LENGTHS) | dict.fromkeys(DEGREES, ANGLES)
 COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 SHOWN = 20  # characters of a value that is named
 
@@ -95,9 +99,16 @@ def _header(line: str, separator: str) -> list[str]:
         return []
     while names and not names[-1]:
         names.pop()
-    plain = [UNIT.sub("", name).strip(" ._") for name in names]
-    plain = [SHORT.get(name, name) for name in plain]
+    plain = [_plain(name) for name in names]
     return [name if name in COLUMNS or short in names else short for name, short in zip(names, plain, strict=True)]
+
+
+def _plain(name: str) -> str:
+    """A heading without its unit, and the short name in full; as it is, where its column has other units."""
+    unit = UNIT.search(name)
+    plain = (name[: unit.start()] if unit else name).strip(" ._")
+    plain = SHORT.get(plain, plain)
+    return name if unit and (unit[1] or unit[2]) not in UNITS.get(plain, {unit[1]}) else plain
 
 
 def _fix(row: dict[str, str], where: tuple[str, str]) -> Fix:

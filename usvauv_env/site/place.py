@@ -87,7 +87,8 @@ class LocalFrame:
         """x, y (m) of points on the ellipsoid (degrees), any shape."""
         radius0, Z0 = _meridian(self.latitude)
         radius, Z = _meridian(latitude)
-        turn, phi0 = np.radians(np.subtract(longitude, self.longitude)), math.radians(self.latitude)
+        apart = np.subtract(longitude, self.longitude)
+        turn, phi0 = np.radians(apart - 360 * np.round(apart / 360)), math.radians(self.latitude)
         return radius * np.sin(turn), math.cos(phi0) * (Z - Z0) - math.sin(phi0) * (radius * np.cos(turn) - radius0)
 
     def to_geographic(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

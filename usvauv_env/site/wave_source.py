@@ -110,6 +110,9 @@ class Source:
 
         window = self.array.isel({name: i for name, i in sample.index.items() if name in self.array.dims})
         order = [self.spectral[kind] for kind in ("frequency", "direction") if kind in self.spectral]
+        others = set(window.dims) - {*order, VERSIONS}
+        if others:
+            raise OceanError(f"{self.where}: has a dimension {others.pop()!r} beside those of its place and time")
         values = reader.values(window.transpose(..., *order), self.where).astype(np.float64)
         if VERSIONS not in window.dims:
             return values
