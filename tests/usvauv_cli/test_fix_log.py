@@ -287,7 +287,8 @@ class TestBeacons:
             ([hipap(f"14370{i}", 1.2, -0.4, 4.5, "B01") for i in range(8)], "'B01', at the boat, depth 4.5 m"),
             ([hipap(f"14370{i}", 35, -20, 0.3, "B01") for i in range(8)], "'B01', at the surface, depth 0.3 m"),
             ([signed(f"PSONLLD,14370{i},Vessel,A,60.0,5.0,3.0,,,,") for i in range(8)], "'Vessel', the ship"),
-            ([signed(f"PSONLLD,14370{i},R/V,A,60.0,5.0,3.0,,,,") for i in range(8)], "'R/V', at the boat, depth 3.0 m"),
+            ([signed(f"PSONLLD,14370{i},R/V Ida,A,60.0,5.1,3.0,,,,") for i in range(8)], "'R/V Ida', the ship"),
+            ([signed(f"PSONLLD,14370{i},Ida,A,60.0,5.0,3.0,,,,") for i in range(8)], "'Ida', at the boat, depth 3.0 m"),
             (
                 [signed(f"PTSAG,#1,14370{i},1,6,2020,0,6000.0,N,00500.1,E,F,5.8,1,9999") for i in range(8)],
                 "'0', the ship",

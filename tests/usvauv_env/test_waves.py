@@ -89,7 +89,9 @@ class TestSpectra:
         np.testing.assert_allclose(found.directions, expected.directions, atol=1e-12)
         np.testing.assert_allclose(found.density, expected.density)
 
-    @pytest.mark.parametrize("lon", [np.arange(178, 182.1, 0.5), [178.5, 179, 179.5, -180, -179.5]])
+    @pytest.mark.parametrize(
+        "lon", [np.arange(178, 182.1, 0.5), [178.5, 179, 179.5, -180, -179.5], [-180, -179.5, 179, 179.5]]
+    )
     @pytest.mark.parametrize("corner", [179.99, -180.01, 180.0, -180.0])
     def test_both_sides_of_180_degrees(self, lon, corner, tmp_path):
         dataset = era5(WIND_SEA, lon=tuple(lon))

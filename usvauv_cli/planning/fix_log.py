@@ -19,7 +19,9 @@ from usvauv.kernels.errors import UserError
 from usvauv.kernels.planning.information import MAX_AUVS
 
 LARGEST = 2**25  # bytes of a log
-SHIP = re.compile(r"(own|mother|support|survey)?[\s_-]*(ship|vessel|boat)[\s_#-]*\d*", re.IGNORECASE)
+SHIP = re.compile(
+    r"(?<![^\W_])((own|mother|support|survey)?(ship|vessel|boat)|[rm]/?v|usv|asv)(?![^\W\d_])", re.IGNORECASE
+)
 SURFACE = 1.0  # depth above which a beacon is at the surface, m
 BESIDE, DRAUGHT = 3.0, 10.0  # distance from the boat's position, and depth, within which a beacon is its own, m
 LAST = 7  # fixes that give the place; of an AUV that turns, older ones say little about where it is
@@ -193,7 +195,7 @@ def _of_auvs(contents: Contents, beacons: Sequence[str]) -> dict[str, list[Fix]]
 def _no_auv(own: Sequence[Fix]) -> str:
     """Why a beacon is no AUV under water, "" if it is one."""
     depth = float(np.median([fix.depth for fix in own[-LAST:]]))
-    if own[-1].ship or SHIP.fullmatch(own[-1].name.strip()):
+    if own[-1].ship or SHIP.search(own[-1].name):
         return "the ship"
     if depth < SURFACE:
         return f"{'at' if depth > -SURFACE else 'above'} the surface, depth {depth:.1f} m"

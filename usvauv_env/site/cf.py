@@ -277,7 +277,8 @@ def _decode_degrees(raw: np.ndarray, variable: xarray.DataArray, where: str, kin
         raise OceanError(f"{where}: {raw[abs(raw).argmax()]:g} degrees; allowed: -{limit} to {limit}")
     if len(raw) > 1 and 0 < (closest := abs(np.diff(raw)).min()) < CLOSEST:
         raise OceanError(f"{where}: has points {closest:g} degrees apart; allowed: at least {CLOSEST:g}")
-    if kind == "longitude" and abs(np.diff(raw)).max(initial=0) > 180:  # cut about a seam: 179.5, 180, -179.5
+    steps = np.diff(raw)
+    if kind == "longitude" and abs(steps).max(initial=0) > 180 and steps.min() < 0:  # about a seam: 179.5, 180, -179.5
         return np.unwrap(raw, period=360)
     return raw
 
