@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,11 @@ def gga(time: str, east: float = 0.0) -> str:
 
 def hipap(time: str, north: float, east: float, depth: float = 60.0, name: str = "M03", up: str = "N") -> str:
     return signed(f"PSIMSSB,{time},{name},A,,C,{up},F,{north},{east},{depth},1.4,T,0.03,")
+
+
+def at(second: int) -> str:
+    """A time of the day some seconds after 14:37."""
+    return f"14{37 + second // 60}{second % 60:02d}"
 
 
 def usbllong(said: float, measured: float, east: float) -> str:
@@ -212,7 +218,7 @@ class TestTables:
 class TestBoat:
     def test_its_way_is_interpolated(self, read):
         """It runs 5 m/s and says so each 10 s; the AUV lies still, also after its last position."""
-        times = [f"14{37 + i // 60}{i % 60:02d}" for i in range(90)]
+        times = [at(i) for i in range(90)]
         log = read(
             line
             for i, time in enumerate(times)
@@ -269,6 +275,18 @@ class TestBoat:
         up = "H" if "HDT" in "".join(lines) else "N"
         with pytest.raises(UserError, match=f"no fix in it: left out: .* × the boat's {left_out} than the fix"):
             read([*lines, *(hipap(f"1437{i:02d}", 20, 40, up=up) for i in range(10))])
+
+    def test_a_turning_boat_is_not_where_it_went_half_a_minute_ago(self, read):
+        east = [100 + 50 * math.cos(i / 30) for i in range(90)]
+        log = read(
+            line for i in range(90) for line in [*[gga(at(i), east[i])] * (i % 30 == 0), hipap(at(i), 0, -east[i])]
+        )
+        assert log.left_out == {"the boat's position is up to 29 s older than the fix": 19}
+
+    @pytest.mark.parametrize("off", [-18, 18])
+    def test_a_clock_that_is_not_that_of_the_positions_is_told(self, read, off):
+        log = read(line for i in range(60) for line in [gga(at(60 + i), 2 * i), hipap(at(60 + i + off), 0, 0)])
+        assert re.match(r"fixes are logged 1[78] s off the times of \$--GGA beside them: is one ", log.warnings[-1])
 
     def test_a_position_that_seems_to_hold_is_told_by_its_age(self, read):
         log = read([gga("143700"), *(hipap(f"1437{i:02d}", 20, 40) for i in range(27))])

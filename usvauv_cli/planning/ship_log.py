@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections.abc import Sequence
 from itertools import compress
 from typing import NamedTuple
@@ -14,10 +15,11 @@ from usvauv.cli.planning.fixes import BadLine, Contents, DayClock, Fix, NoFix, n
 from usvauv.cli.planning.sentences import Boat, Geographic, Heading, Relative
 
 LONGEST_GAP = 60.0  # between positions of the boat that its way is interpolated over, and from the last one, s
-BASE = 10.0  # shortest time that a speed at the end of a way is taken over, s
+BASE = 10.0  # time that a speed at the end of a way is taken over at least, and holds for at most, s
 DRIFT = 10.0  # most that the boat may have gone since its last position, m
 FASTEST, JUMP = 20.0, 5.0  # most that it goes, m/s, and beyond that its receiver may err from one to the next, m
 BOAT = "$--GGA"  # no name of a beacon has a dollar
+LATENCY = 10.0  # after which a fix is logged, from as far down as there is, s
 SOON = 5.0  # s since a position within which nothing is said of its age
 DEGREE = 111_200.0  # of a meridian, m
 LEVER = 100.0  # distance of an AUV at which an error of the heading is a drift, m
@@ -41,8 +43,8 @@ class Way(NamedTuple):
     def at(self, when: np.ndarray, contents: Contents | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Values (M, D) at (M,) times, and whether they are known there.
 
-        They are between two positions at most a minute apart; and where the nearest one is not older or later than
-        that between which and the next, or a minute if the boat goes less than `DRIFT` meanwhile.
+        They are between two positions at most a minute apart; before the first and after the last for as long as to
+        the next one, at most `BASE`, and everywhere for a minute in which the boat goes less than `DRIFT`.
 
         Args:
             contents: told how many are not known, and for how long a position was taken to hold.
@@ -60,7 +62,7 @@ class Way(NamedTuple):
         span, age = self.times[other] - self.times[nearest], when - self.times[nearest]
         slope = (self.values[other] - self.values[nearest]) / np.where(span, span, np.inf)[:, None]
         interval = abs(self.times[beside] - self.times[nearest])
-        sure = (abs(age) <= interval) & (interval <= LONGEST_GAP)
+        sure = (abs(age) <= np.minimum(interval, np.where(inside, LONGEST_GAP, BASE))) & (interval <= LONGEST_GAP)
         drift = abs(age) * np.linalg.norm(slope * self.metres, axis=1)
         known = sure | (abs(age) <= LONGEST_GAP) & (drift <= DRIFT)
         steps = np.linalg.norm(np.diff(self.values, axis=0) * self.metres, axis=1)
@@ -113,6 +115,17 @@ class _Lines:
             if self.boats:
                 self.lag = max(self.lag, self.boats[-1][1].time - said.said)
 
+    def shift(self) -> float:
+        """By how much the times of fixes are not between those of the positions logged before and after, median, s."""
+        lines, times = [k for k, _ in self.boats], [boat.time for _, boat in self.boats]
+        between = [(fix.time, bisect(lines, k)) for k, fix in self.relative if fix.said is None]
+        shifts = [
+            max(min(times[i - 1 : i + 1]) - time, time - max(times[i - 1 : i + 1]), 0.0)
+            for time, i in between
+            if 0 < i < len(lines)
+        ]
+        return float(np.median(shifts)) if shifts else 0.0
+
     def ways(self) -> tuple[Way | None, Way | None]:
         """Positions and headings of the boat; a heading has the time of its line, between lines that have one."""
         if not self.boats:
@@ -148,6 +161,10 @@ def read(lines: Sequence[str]) -> Contents:
             usable.append(fix._replace(time=fix.time + found.lag))
         else:
             contents.bad.append(f"{k}: a fix by a clock of its own, and no $--GGA before it")
+    if found.shift() > LATENCY:
+        contents.notes.append(
+            f"fixes are logged {found.shift():.0f} s off the times of $--GGA beside them: is one not UTC?"
+        )
     contents.fixes = [*_geographic(found.geographic, way), *_relative(usable, way, headings, contents)]
     return contents
 
