@@ -123,6 +123,12 @@ class TestReading:
         log = read(signed(f"PSONLLD,{time},7,A,50.0,8.0,90.0,,,,,,,,") for time in times)
         assert np.diff(log.fixes[0].time) == pytest.approx(steps)
 
+    @pytest.mark.parametrize("newest", [86_000, 90_000])
+    def test_a_table_from_the_newest_fix_to_the_oldest(self, read, newest):
+        """Over 16 hours, or also over midnight."""
+        log = read(["time,auv,x,y,depth", *(f"{(newest - 3000 * i) % 86400},a,50,60,40" for i in range(20))])
+        assert np.diff(log.fixes[0].time).tolist() == [-3000] * 19
+
     def test_bad_lines_are_named_by_number_in_one_line(self, read):
         rows = ["1,a,5,5,90", "2,a,5,x,90", "3,a,5,5,nan", "4,a,5,5,90", "5,a,5", "6,,5,5,90", "7,a,5,5,90"]
         log = read(["time,auv,x,y,depth", *rows])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usvauv.cli.planning import ship_log, table_log
-from usvauv.cli.planning.fixes import DAY, Contents, DayClock, Fix, near
+from usvauv.cli.planning.fixes import DAY, LATE, Contents, Fix, near
 from usvauv.env import Scenario
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
@@ -224,11 +224,11 @@ def _place(fix: Fix, frame: LocalFrame | None) -> tuple[float, float]:
 
 
 def _unwrapped(time: np.ndarray) -> np.ndarray:
-    """Times of the day that go on after midnight; others as they are."""
+    """Times of the day that go on after midnight, also from the newest to the oldest; others as they are."""
     if time.min() < 0 or time.max() > DAY:
         return time
-    clock = DayClock()
-    return np.array([clock(each) for each in time.tolist()])
+    step = np.diff(time, prepend=time[0])
+    return time + DAY * np.cumsum((step < -DAY / 2).astype(int) - (step > DAY - LATE))
 
 
 def estimate(fixes: Fixes) -> PositionEstimate:

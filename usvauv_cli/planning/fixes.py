@@ -77,18 +77,17 @@ class DayClock:
         self.latest: float | None = None
         self.own: dict[str, float] = {}  # the latest of each source
 
-    def __call__(self, time: float, source: str = "") -> float:
+    def __call__(self, time: float, source: str) -> float:
         """Seconds, from the midnight before the first line on, of a time of the day in the next line.
 
-        Of one source, which is named, what would be more than an hour late is of the next day.
+        What would be more than an hour late of one source, which is named, is of the next day.
         """
         if self.latest is not None:
             step = time - self.latest % DAY
             time = self.latest + step + DAY * (int(step < -DAY / 2) - int(step > DAY - LATE))
-        if source:
-            last = self.own.get(source, time)
-            time += DAY * (time < last - LATE)
-            self.own[source] = max(time, last)
+        last = self.own.get(source, time)
+        time += DAY * (time < last - LATE)
+        self.own[source] = max(time, last)
         self.latest = time if self.latest is None else max(self.latest, time)
         return time
 
