@@ -226,6 +226,7 @@ ERA5 = [
         values("d2fd", lambda log: np.minimum(10**log, 9.0) / 3),
         "d2fd: at least .* everywhere; allowed: decadic logarithms of the density",
     ),
+    (values("d2fd", np.nan_to_num), "d2fd: 0 in .*% of its values, a density of 1; where there is none, one is miss"),
     (values("d2fd", put((0, 3, 5, 1, 1), 7.0)), "d2fd: 7; allowed: decadic logarithms up to 5"),
     (
         values("direction", lambda n: 15 * n),

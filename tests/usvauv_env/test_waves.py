@@ -214,6 +214,21 @@ class TestPartitions:
         assert (only.height, only.period, only.moment, only.wind_sea) == (3.0, pytest.approx(period), moment, True)
         assert turn(only.direction, math.pi / 2) < 1e-9
 
+    @pytest.mark.parametrize(
+        ("about", "heading"),
+        [
+            ({"standard_name": "sea_surface_wave_to_direction"}, 180),
+            ({"long_name": "Mean wave direction (going to)"}, 180),
+            ({"long_name": "sea surface wave from direction"}, 0),
+            ({"long_name": "Mean wave direction"}, 0),
+        ],
+    )
+    def test_which_way_a_direction_of_all_waves_is(self, about, heading, tmp_path):
+        dataset = fields(("hs", "tp", "dir"), ("m", "s", "degree"), (3.0, 9.0, 180.0))
+        dataset["dir"].attrs |= about
+        (only,) = waves_of(dataset, tmp_path).partitions
+        assert turn(only.direction, math.pi / 2 - math.radians(heading)) < 1e-9
+
     def test_of_cmems(self, tmp_path):
         """Wind sea and two swells by their means m0/m1; a JONSWAP sea with γ = 3.3 has Tp = 1.198 T₀₁."""
         parts = [(2.0, 6.0, 270.0), (1.5, 10.0, 0.0), (1.0, 12.0, 90.0)]

@@ -15,6 +15,7 @@ https://confluence.ecmwf.int/display/CKB/About+ERA+wave+spectra.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -38,12 +39,14 @@ DENSITIES = {
 ERA5_FREQUENCY, ERA5_RATIO, ERA5_FREQUENCIES, ERA5_DIRECTIONS = 0.03453, 1.1, 30, 24  # Hz of the first
 DENSEST = 1e5  # m²/(Hz rad); larger values are fill values or in other units
 STRONGEST = 60.0  # m/s, of the wind, as the field of a scenario has it
+MOST_ZEROS = 0.1  # share of logarithms that are 0; more were missing and are filled
 UNEVEN = 0.02  # share of the step by which directions may miss even steps
 SECONDS: dict[str, float] = dict.fromkeys(("s", "sec", "second", "seconds"), 1.0)
 ANGLES: dict[str, float] = dict.fromkeys(
     ("degree", "degrees", "deg", "degree true", "degrees true", "degree_true", "degrees_true"), math.pi / 180
 )
 WIDTHS = {**ANGLES, **dict.fromkeys(("radian", "radians", "rad", "dimensionless", "1", "~"), 1.0)}
+WAY = re.compile(r"(from direction|(?:coming|come) from|from which)|to direction|going to|towards", re.IGNORECASE)
 HIGHEST_WAVES, PERIODS, WIDEST = 30.0, (0.5, 30.0), math.sqrt(2)  # m, s, rad
 
 
@@ -219,6 +222,10 @@ def _from_logarithm(where: str, values: np.ndarray) -> np.ndarray:
         raise OceanError(
             f"{where}: at least {known.min():g} everywhere; allowed: decadic logarithms of the density, some below 0"
         )
+    if (zeros := np.mean(known == 0)) > MOST_ZEROS:
+        raise OceanError(
+            f"{where}: 0 in {zeros:.0%} of its values, a density of 1; where there is none, one is missing"
+        )
     return np.where(np.isnan(values), 0.0, 10.0 ** np.nan_to_num(values))
 
 
@@ -271,19 +278,22 @@ def _directions(dataset: xarray.Dataset, source: Source, era5: bool) -> np.ndarr
     even = 2 * math.pi / len(angles)
     if len(angles) < 4 or not abs(steps - even).max() <= UNEVEN * even:
         raise OceanError(f"{where}: {_some(values)}; allowed: four or more in even steps round the circle")
-    return travel(angles, not era5 and _comes_from(variable, where))
+    comes_from = False if era5 else _comes_from(variable)
+    if comes_from is None:
+        raise OceanError(
+            f"{where}: its standard_name must say which way, as sea_surface_wave_to_direction or"
+            " sea_surface_wave_from_direction"
+        )
+    return travel(angles, comes_from)
 
 
-def _comes_from(variable: xarray.DataArray, where: str) -> bool:
-    """Whether a direction is that which waves come from, by the standard_name or the long_name of a variable."""
+def _comes_from(variable: xarray.DataArray) -> bool | None:
+    """Whether a direction is that which waves come from, by its standard_name or long_name; None where none says so."""
     for attribute in ("standard_name", "long_name"):
-        words = str(variable.attrs.get(attribute, "")).replace("_", " ")
-        if "from direction" in words or "to direction" in words:
-            return "from direction" in words
-    raise OceanError(
-        f"{where}: its standard_name must say which way, as sea_surface_wave_to_direction or"
-        " sea_surface_wave_from_direction"
-    )
+        found = WAY.search(str(variable.attrs.get(attribute, "")).replace("_", " "))
+        if found:
+            return found[1] is not None
+    return None
 
 
 def _read_wind(dataset: xarray.Dataset, source: Source, name: str) -> float | None:
@@ -410,8 +420,7 @@ def _partition(dataset: xarray.Dataset, of: dict[str, Source], names: _Names, sa
     for name, number in ((of_period, period), (of_direction, angle)):
         if math.isnan(number):
             raise OceanError(f"{of[name].where}: is missing where {of_height} is {height:g} m")
-    words = str(dataset[of_direction].attrs.get("standard_name", "")).replace("_", " ")
-    direction = float(travel(np.array(angle), comes_from="to direction" not in words))
+    direction = float(travel(np.array(angle), comes_from=_comes_from(dataset[of_direction]) is not False))
     return Partition(height, period, direction, None if math.isnan(spread) else spread, moment, names.wind_sea)
 
 
