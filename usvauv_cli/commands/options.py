@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from usvauv.env.storage import text_files
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
@@ -189,7 +190,7 @@ def _decisive(context: typer.Context) -> dict[str, Any]:
 def _made_by(path: Path) -> dict[str, Any] | None:
     """`_decisive` of the command that wrote a file; None: not known."""
     with suppress(OSError, AttributeError, ValueError):
-        return json.loads(os.getxattr(path, MADE_BY))
+        return text_files.parse(os.getxattr(path, MADE_BY).decode(), "JSON")
     return None
 
 

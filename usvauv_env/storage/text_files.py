@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import json
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import Any
 
 LARGEST = {"TOML": 2**20, "JSON": 2**26}  # bytes
 DEEPEST = 32  # sections and lists in one another
+# Keys of dots that Python's parser would take a time for that grows with the square of their number.
+TOO_DEEP = re.compile(rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{DEEPEST}}}""")
 PARSERS = {"TOML": tomllib.loads, "JSON": json.loads}
 
 
@@ -65,6 +68,8 @@ def parse(text: str, language: str) -> dict[str, Any]:
     Raises:
         TextFileError: it is not of the language, no table, or `check_plain` refuses it.
     """
+    if language == "TOML" and TOO_DEEP.search(text):
+        raise TextFileError("not valid TOML: nested too deep")
     try:
         content = PARSERS[language](text.replace("\r\n", "\n"))
     except RecursionError:
