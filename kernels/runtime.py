@@ -16,6 +16,7 @@ import io
 import os
 import shutil
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,6 +98,7 @@ class Runtime:
 _running: Runtime | None = None
 _taichi: Any = None  # Taichi's state that `start` has looked at; another `ti.init` or `ti.reset` makes another one
 _inherited: Any = None  # Taichi's state in the process that this one was forked from
+_alone = threading.RLock()  # Taichi starts and compiles in one thread at a time
 _changes: list[tuple[Any, str, Any, Any]] = []  # owner, name, value here and value elsewhere of settings of a program
 
 
@@ -128,14 +130,21 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
     Raises:
         RuntimeUnavailable: unknown or unusable architecture, or a different one is running already.
     """
-    global _running, _taichi
     if _taichi is impl.pytaichi and _running is not None and arch in ("auto", _running.arch):
         return _running
+    with _alone:
+        return _start(arch, threads)
+
+
+def _start(arch: str, threads: int | None) -> Runtime:
+    global _running, _taichi
     if arch not in ARCHITECTURES:
         raise RuntimeUnavailable(f"arch: {arch!r} is not one of {', '.join(ARCHITECTURES)}")
     if _running is not None:
         if arch not in ("auto", _running.arch):
             raise RuntimeUnavailable(f"arch: {_running.arch!r} is running already, so {arch!r} cannot be started")
+        if _taichi is impl.pytaichi:
+            return _running
         arch, threads = _running.arch, _running.threads
     others = None if impl.pytaichi.prog is None or impl.pytaichi is _inherited else impl.current_cfg()
     if arch == "auto":
@@ -149,6 +158,14 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
             f"arch: other code in this process has started Taichi on {_name(others.arch)!r}, so {arch!r} cannot be "
             f"used: let its `ti.init` ask for {arch!r} too"
         )
+    elif threading.current_thread() is not threading.main_thread() and not (
+        impl.pytaichi.materialized and impl.root.empty
+    ):
+        raise RuntimeUnavailable(
+            "arch: other code has called `ti.init`, and Taichi makes fields in that thread alone: call `ti.sync()` "
+            "there before a world is made in another"
+        )
+    impl.get_runtime().materialize()  # not later, by another thread
     config = impl.current_cfg()
     threads = min(threads or available_cores(), config.cpu_max_num_threads)
     _find_changes(config, threads)
@@ -244,7 +261,8 @@ def _find_changes(config: Any, threads: int) -> None:
 
 def _note_fork() -> None:
     """In a forked process: what Taichi has lacks its threads, and ending it would wait for them for ever."""
-    global _inherited, _taichi
+    global _alone, _inherited, _taichi
+    _alone = threading.RLock()  # that another thread may have held
     if impl.pytaichi.prog is not None:
         _inherited, _taichi = impl.pytaichi, None
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(_inherited.prog))
@@ -330,16 +348,17 @@ def settings(special: Settings = NONE) -> Iterator[None]:
     Args:
         special: over Taichi's configuration as it is here by default.
     """
-    start()
-    config = impl.current_cfg()
-    changes = [*_changes, *((config, name, value, getattr(config, name)) for name, value in special.items())]
-    try:
-        for owner, name, ours, _ in changes:
-            setattr(owner, name, ours)
-        yield
-    finally:
-        for owner, name, _, theirs in changes:
-            setattr(owner, name, theirs)
+    with _alone:
+        start()
+        config = impl.current_cfg()
+        changes = [*_changes, *((config, name, value, getattr(config, name)) for name, value in special.items())]
+        try:
+            for owner, name, ours, _ in changes:
+                setattr(owner, name, ours)
+            yield
+        finally:
+            for owner, name, _, theirs in changes:
+                setattr(owner, name, theirs)
 
 
 def vectors_in_registers() -> Settings:

@@ -445,6 +445,18 @@ class TestResultsThatAreThere:
         assert run_usvauv(*self.PLAN, "--objective", "a", "--force")[0] == 0
         assert run_usvauv(*self.PLAN, "--objective", "a")[0] == 0
 
+    def test_a_file_that_was_changed_is_another_argument(self, tmp_path, run_usvauv):
+        scenario, log = tmp_path / "mine.toml", tmp_path / "a.csv"
+        scenario.write_text("[mission]\nduration = 5.0\n")
+        command = ("eval", "mine.toml", "--policy", "keep", "--episodes", "1", "--out", log.name)
+        assert run_usvauv(*command)[0] == 0
+        assert run_usvauv(*command)[0] == 0
+        before = log.read_bytes()
+        scenario.write_text("[mission]\nduration = 6.0\n")
+        code, _, stderr = run_usvauv(*command)
+        assert (code, stderr.count("\n"), log.read_bytes()) == (2, 1, before)
+        assert stderr.startswith('error: --out a.csv: exists, made with scenario = "mine.toml (SHA-256 ')
+
     @pytest.mark.parametrize(
         ("command", "option", "name"),
         [

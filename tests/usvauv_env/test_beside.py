@@ -154,6 +154,41 @@ def test_a_forked_process_starts_anew_or_is_refused(tmp_path):
     assert refused.endswith("fields cannot be used in a fork: start processes by 'spawn' or 'forkserver'")
 
 
+THREADS = """
+import sys, threading
+from usvauv.env import Scenario, World
+
+def drive(found):
+    try:
+        found.append(digest(World(Scenario.load("ideal"), seed=3)))
+    except RuntimeError as error:
+        found.append(str(error))
+
+for others in (False, True):
+    if others:
+        ti.init(arch=ti.cpu, log_level=ti.ERROR)
+    found = []
+    threads = [threading.Thread(target=drive, args=(found,)) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    print(len(found), *sorted(set(found)))
+    ti.sync()
+    drive(found)
+    print(found[-1])
+"""
+
+
+@pytest.mark.cpu("threads")
+def test_worlds_in_threads_start_one_after_another(tmp_path):
+    """Taichi starts and compiles in one thread at a time, and makes fields in the thread of `ti.init` alone."""
+    found, expected, refused, again = child(tmp_path, THREADS)
+    assert found == f"3 {expected}"
+    assert refused.startswith("3 arch: other code has called `ti.init`, and Taichi makes fields in that thread alone: ")
+    assert again == expected
+
+
 COPIES = {"pickle": lambda made: pickle.loads(pickle.dumps(made)), "deepcopy": copy.deepcopy}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -181,10 +182,20 @@ def keep_others(context: typer.Context, path: Path, option: str) -> None:
 
 
 def _decisive(context: typer.Context) -> dict[str, Any]:
-    """What decides the results of a command, as JSON has it: its name and arguments, named as users do."""
+    """What decides the results of a command, as JSON has it: its name and arguments, named as users do. One that is a
+    file's name has a digest of the content beside it."""
     names = {parameter.name: parameter.opts[0] for parameter in context.command.params}
     given = {names[name]: value for name, value in context.params.items() if name not in NOT_DECISIVE}
-    return json.loads(json.dumps({"command": context.info_name, **given}, default=str))
+    whole = json.loads(json.dumps({"command": context.info_name, **given}, default=str))
+    return {name: [*map(_told, value)] if isinstance(value, list) else _told(value) for name, value in whole.items()}
+
+
+def _told(value: Any) -> Any:
+    path = value.removeprefix("learned:") if isinstance(value, str) else ""
+    if os.path.isfile(path):
+        with suppress(OSError), open(path, "rb") as file:
+            return f"{value} (SHA-256 {hashlib.file_digest(file, 'sha256').hexdigest()[:12]})"
+    return value
 
 
 def _made_by(path: Path) -> dict[str, Any] | None:
