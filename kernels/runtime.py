@@ -309,9 +309,16 @@ def free_cache() -> str:
     Where Taichi cannot make or write the folder it crashes at its end; then a temporary one is taken for this process.
 
     Raises:
-        RuntimeUnavailable: there is no place for a temporary folder either.
+        RuntimeUnavailable: there is no place for a temporary folder either, or a name is not in UTF-8.
     """
-    folder = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or impl.default_cfg().offline_cache_file_path
+    folder = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH", "")
+    try:
+        folder.encode()
+        folder = folder or impl.default_cfg().offline_cache_file_path
+    except UnicodeError:
+        raise RuntimeUnavailable(
+            "HOME, XDG_CACHE_HOME, TI_OFFLINE_CACHE_FILE_PATH: Taichi takes only names in UTF-8"
+        ) from None
     try:
         os.makedirs(Path(folder, "ticache"), exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -124,6 +124,12 @@ def test_where_kernels_cannot_be_kept_a_temporary_folder_is_taken(monkeypatch, p
     assert (Path(runtime.free_cache()) / "ticache").parent.parent == Path(tempfile.gettempdir())
 
 
+def test_a_place_of_kernels_whose_name_is_no_text_is_refused(monkeypatch):
+    monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", "/tmp/\udcff")
+    with pytest.raises(runtime.RuntimeUnavailable, match=r"TI_OFFLINE_CACHE_FILE_PATH: .* in UTF-8$"):
+        runtime.free_cache()
+
+
 def test_without_home_there_is_one():
     """Taichi aborts the process otherwise."""
     program = "import os, usvauv.kernels; print(os.environ['HOME'])"
