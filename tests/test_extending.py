@@ -33,7 +33,7 @@ def evaluated(run_usvauv, tmp_path):
     def run(plugin: str, *options: str) -> list[dict[str, str]]:
         shutil.copy(ROOT / "examples" / "plugins" / plugin, tmp_path)
         chosen = ("ideal", "--policy", "straight", *SHORT, *options, "--plugin", plugin)
-        code, _, stderr = run_usvauv("eval", *chosen)
+        code, _, stderr = run_usvauv("eval", *chosen, "--force")
         assert code == 0, stderr
         with (tmp_path / "metrics.csv").open() as stream:
             return list(csv.DictReader(stream))
@@ -74,7 +74,7 @@ def test_boat_strategy(run_usvauv, evaluated):
     rows = evaluated("boat_strategy.py", "--usv", "above:0", "--usv", "above:1", "--usv", "fim")
     assert [row["usv"] for row in rows[::2]] == ["above:0", "above:1", "fim"]
     assert len({row["position_error_mean"] for row in rows}) == len(rows)
-    code, _, stderr = run_usvauv("eval", "--usv", "above:2", "--plugin", "boat_strategy.py")
+    code, _, stderr = run_usvauv("eval", "--usv", "above:2", "--plugin", "boat_strategy.py", "--force")
     assert (code, stderr.strip()) == (2, "error: usv: 'above:2': the AUV must be from 0 to 1")
 
 

@@ -39,7 +39,8 @@ def test_blame():
         pass
 
     for raised in (ZeroDivisionError("no"), SystemExit("no")):
-        with pytest.raises(Wrong, match=f"^rule: raised {type(raised).__name__}: no$"), blaming("rule", Wrong):
+        where = r"in .*test_errors\.py, line \d+ \(set USVAUV_TRACEBACK=1"
+        with pytest.raises(Wrong, match=f"^rule: raised {type(raised).__name__}: no, {where}"), blaming("rule", Wrong):
             raise raised
     for raised in (UserError("plain"), KeyboardInterrupt()):
         with pytest.raises(type(raised)) as caught, blaming("rule", Wrong):

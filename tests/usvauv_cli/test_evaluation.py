@@ -199,7 +199,7 @@ def test_only_the_same_command_goes_on(tmp_path, run_usvauv, stopping):
 def test_it_ends_when_differences_are_known_well_enough(tmp_path, run_usvauv, stopping, monkeypatch):
     """Of pairs that are complete, at the first end of a batch; resumed as well."""
     monkeypatch.setattr("usvauv.cli.evaluation.comparison.LEAST_EPISODES", 8)
-    asked = (*EVAL, "--episodes", 40, "--score", "energy_wh", "--against", "random", "--out", "m.csv")
+    asked = (*EVAL, "--episodes", 40, "--score", "energy_wh", "--against", "random", "--out", "m.csv", "--force")
     run_usvauv(*asked)
     with (tmp_path / "m.csv").open() as stream:
         every = list(csv.DictReader(stream))
@@ -223,7 +223,7 @@ def test_it_ends_when_differences_are_known_well_enough(tmp_path, run_usvauv, st
     stopping(None)
     assert run_usvauv(*asked, "--until-halfwidth", bound, "--resume")[:2] == (0, said)
     assert (tmp_path / "m.csv").read_bytes() == data
-    _, said, _ = run_usvauv(*EVAL, "--episodes", 4, "--until-halfwidth", 1e-9, "--out", "m.csv")
+    _, said, _ = run_usvauv(*EVAL, "--episodes", 4, "--until-halfwidth", 1e-9, "--out", "m.csv", "--force")
     assert "--until-halfwidth 1e-09: not reached in 4 episodes" in said
 
 

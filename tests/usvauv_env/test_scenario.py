@@ -99,7 +99,7 @@ def test_damaged_file_is_named(tmp_path):
     with pytest.raises(ScenarioError, match=r"bad\.toml: not valid TOML"):
         Scenario.load(path)
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ScenarioError, match=r"bad\.toml: cannot be read"):
+    with pytest.raises(ScenarioError, match=r"bad\.toml: byte 0x00 in line 1 is not UTF-16"):
         Scenario.load(path)
 
 
