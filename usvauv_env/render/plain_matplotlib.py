@@ -63,6 +63,7 @@ __all__ = [
     "Axes",
     "Axis",
     "Ellipse",
+    "FT2Font",
     "Figure",
     "FixedLocator",
     "FormatStrFormatter",
