@@ -75,7 +75,7 @@ def test_every_number_has_bounds():
         assert -1e9 < low <= default <= high < 1e9, name
 
 
-@pytest.mark.parametrize("retired", ["planner.horizon=10", "planner.objective=e"])
+@pytest.mark.parametrize("retired", ["planner.horizon=12", "planner.objective=e"])
 def test_what_0_2_had_is_refused_in_a_file_and_read_from_what_was_stored(tmp_path, retired):
     name, _, value = retired.partition("=")
     section, _, field = name.partition(".")
@@ -86,6 +86,11 @@ def test_what_0_2_had_is_refused_in_a_file_and_read_from_what_was_stored(tmp_pat
     content = Scenario.load("extreme", ["planner.measurement=phase"]).to_dict()
     stored = Scenario.from_dict({**content, section: {**content[section], field: value}}, stored=True)
     assert stored.to_dict() == content
+
+
+def test_a_file_that_0_2_printed_is_read(tmp_path):
+    (tmp_path / "printed.toml").write_text("[planner]\nhorizon = 10\n")
+    assert Scenario.load(tmp_path / "printed.toml").planner == Scenario.from_dict({}).planner
 
 
 def test_unknown_name_lists_the_shipped_ones():

@@ -32,6 +32,9 @@ RETIRED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (),
     "planner.objective": ("e",),
 }
+UNUSED = {
+    "planner.horizon": 10
+}  # what 0.2 printed into every file, of use for a strategy that is gone; read without it
 
 
 class ScenarioError(UserError, ValueError):
@@ -317,8 +320,9 @@ class Scenario(Section):
         try:
             text_files.check_plain(data)
             for section, field in _retired(data):
-                if not stored:
-                    raise ScenarioError(f"{source}: {section}.{field} = {data[section][field]!r}: gone since 0.3")
+                name, value = f"{section}.{field}", data[section][field]
+                if not stored and value != UNUSED.get(name):
+                    raise ScenarioError(f"{source}: {name} = {value!r}: gone since 0.3")
                 data = {**data, section: {name: value for name, value in data[section].items() if name != field}}
             return cls.model_validate(data)
         except text_files.TextFileError as error:
