@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from usvauv.env.storage import text_files
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
@@ -200,6 +199,8 @@ def _told(value: Any) -> Any:
 
 def _made_by(path: Path) -> dict[str, Any] | None:
     """`_decisive` of the command that wrote a file; None: not known."""
+    from usvauv.env.storage import text_files
+
     with suppress(OSError, AttributeError, ValueError):
         return text_files.parse(os.getxattr(path, MADE_BY).decode(), "JSON")
     return None
