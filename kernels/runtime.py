@@ -197,7 +197,7 @@ def _start_program(arch: str, threads: int) -> None:
             f"arch: this process was forked after Taichi had started, and {what} cannot be used in a fork: "
             "start processes by 'spawn' or 'forkserver'"
         )
-    folder = free_cache()
+    folder = cache_folder()
     try:
         # Taichi announces itself, and its Vulkan device complains if there is none.
         with contextlib.redirect_stdout(io.StringIO()), _silent_stderr():
@@ -303,7 +303,7 @@ def stop() -> None:
             ti.reset()
 
 
-def free_cache() -> str:
+def cache_folder() -> str:
     """The folder of compiled kernels, without what is damaged there.
 
     Where Taichi cannot make or write the folder it crashes at its end; then a temporary one is taken for this process.

@@ -121,13 +121,13 @@ def test_warnings_of_taichis_docstrings_are_not_shown(file, lines):
 @pytest.mark.parametrize("place", [os.devnull, f"{os.devnull}/below", "/proc/self/missing"])
 def test_where_kernels_cannot_be_kept_a_temporary_folder_is_taken(monkeypatch, place):
     monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", place)
-    assert (Path(runtime.free_cache()) / "ticache").parent.parent == Path(tempfile.gettempdir())
+    assert (Path(runtime.cache_folder()) / "ticache").parent.parent == Path(tempfile.gettempdir())
 
 
 def test_a_place_of_kernels_whose_name_is_no_text_is_refused(monkeypatch):
     monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", "/tmp/\udcff")
     with pytest.raises(runtime.RuntimeUnavailable, match=r"TI_OFFLINE_CACHE_FILE_PATH: .* in UTF-8$"):
-        runtime.free_cache()
+        runtime.cache_folder()
 
 
 def test_without_home_there_is_one():
