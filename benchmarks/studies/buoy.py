@@ -2,12 +2,12 @@
 
     python -m benchmarks.studies.buoy --out docs/buoy.png
 
-The record is that of station 44005 of NOAA's National Data Buoy Center in the Gulf of Maine, a discus buoy of 3 m in water
-that is deep for these waves; it is `ndbc-44005-2012.csv` beside this file. For each hour a sea is drawn from a JONSWAP spectrum with the hour's Hs
-and Tp and the γ that DNV-RP-C205, 3.5.5.5, gives them; nothing is fitted. Set beside the record are the mean period
-√(m0/m2) of the drawn component waves up to 0.485 Hz, where the buoy's spectrum ends, and the wind that `sonar` gives
-such a sea. The buoy's wind is converted from its anemometer's height to 10 m by the logarithmic profile with the same
-drag.
+The record is that of station 44005 of NOAA's National Data Buoy Center in the Gulf of Maine, a discus buoy of 3 m in
+water that is deep for these waves; it is `ndbc-44005-2012.csv` beside this file. For each hour a sea is drawn from a
+JONSWAP spectrum with the hour's Hs and Tp and the γ that DNV-RP-C205, 3.5.5.5, gives them; nothing is fitted. Set
+beside the record are the mean period √(m0/m2) of the drawn component waves up to 0.485 Hz, where the buoy's spectrum
+ends, and the wind that `sonar` gives such a sea. The buoy's wind is converted from its anemometer's height to 10 m by
+the logarithmic profile with the same drag.
 """
 
 from __future__ import annotations
