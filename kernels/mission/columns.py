@@ -121,9 +121,9 @@ class Parameter(Columns):
     payload: int
     data_level: int
     data_absorption: int  # dB/km
-    spreading: int  # dB a decade of range
+    data_spreading: int  # dB a decade of range
     data_bandwidth: int
-    data_demonstration: int
+    rate_max: int
     progress: int
     service_hovering: int
     proximity_once: int

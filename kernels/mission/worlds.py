@@ -54,6 +54,7 @@ class Program(NamedTuple):
         strategy: of the boats.
         target_rule: a `usvauv.kernels.mission.target_rules.rule.TargetRule`, which node an AUV heads for next.
         information: of `Information`.
+        rate_law: of the data link, of `usvauv.kernels.positioning.data_rate`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: what the boat maximises, of `usvauv.kernels.planning.objectives.objective_code`.
         waveform: fixes by sampled signals, not by the statistical model.
@@ -71,6 +72,7 @@ class Program(NamedTuple):
     task: Task
     strategy: Strategy
     target_rule: Any
+    rate_law: Callable[..., Any]
     observation: tuple[Callable[..., Any], ...]
     information: int
     objective_code: int

@@ -10,7 +10,6 @@ Rain and the boat add to it: `total_level` adds powers.
 
 Sources
 
-- Data rate: Shannon, doi 10.1109/JRPROC.1949.232969.
 - Absorption: Thorp, J. Acoust. Soc. Am. 42 (1967) 270, doi 10.1121/1.1910566; Francois and Garrison, ibid. 72 (1982)
   896, doi 10.1121/1.388170, and 1879, doi 10.1121/1.388673; Ainslie and McColm, ibid. 103 (1998) 1671, doi
   10.1121/1.421258.
@@ -35,7 +34,6 @@ from usvauv.kernels.registry import Registry
 
 LN10 = 2.302585092994046
 LOG2_OF_10 = 3.321928094887362
-INV_LN2 = 1.4426950408889634
 
 # Density of the noise of rain of 1 mm/h, dB re 1 µPa²/Hz, at frequencies in Hz; straight lines over log f between them.
 RAIN_FREQUENCIES = (1e3, 2e3, 5e3, 1e4, 2e4, 5.02e4, 1e5)
@@ -194,21 +192,6 @@ def echo_snr(source_level: ti.f32, target_strength: ti.f32, noise: ti.f32, r: ti
 def acoustic_source_level(power: ti.f32) -> ti.f32:
     """Source level of an omnidirectional source of `power` W: 10 log10 P + 170.77, dB re 1 µPa at 1 m."""
     return 10.0 * log10(power) + 170.77
-
-
-@ti.pyfunc
-def shannon_rate(bandwidth: ti.f32, snr: ti.f32, demonstration: ti.i32) -> ti.f32:
-    """Capacity B log2(1 + 10^(SNR/10)) of a band B (Hz) at an SNR in dB, bit/s.
-
-    With `demonstration` not 0 it is the authors' public code's B log2(1 + 10^SNR), SNR still in dB: about ten times the
-    rate, for comparison with the paper's Table 2 only.
-    """
-    exponent = snr / 10.0
-    if demonstration != 0:
-        exponent = snr
-    # log2(1 + 10^e) without forming 10^e, which overflows single precision at e = 38.
-    tail = ti.log(1.0 + power_of_10(-ti.abs(exponent))) * INV_LN2
-    return bandwidth * (ti.max(exponent, 0.0) * LOG2_OF_10 + tail)
 
 
 @ti.pyfunc

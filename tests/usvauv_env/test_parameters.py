@@ -106,6 +106,22 @@ def test_rate_of_the_demonstration(demonstration):
     assert found["reference_rate"] == pytest.approx(rate, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("changes", "rate"),
+    [
+        ({"rate_law": "modem"}, 16e3),
+        ({"rate_law": "modem", "rate_max": 9000}, 9e3),
+        ({"rate_law": "modem", "source_power": 1e-4}, 8e3),
+        ({"rate_law": "modem", "source_power": 1e-6}, 1e-3),
+        ({"rate_law": "optical", "rate_max": 1e7, "attenuation": 0.05}, 1e7),
+        ({"rate_law": "optical", "rate_max": 1e7, "attenuation": 0.4}, 1e-3),
+    ],
+)
+def test_rate_of_a_modem_and_of_light(changes, rate):
+    """80 m away in a band of 8 kHz; a dead link has the rate that no mission is long enough for."""
+    assert packed(site(nodes=NUMBERS["nodes"] | changes))["reference_rate"] == pytest.approx(rate / 1e6, rel=1e-3)
+
+
 class TestSound:
     PROFILE = (0, 1500), (140, 1430)  # 0.5 m/s slower a metre
 

@@ -13,10 +13,11 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.sea.build import build_sea
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import data_level
+from usvauv.env.world.tables import DataLink
 from usvauv.kernels.flow import vortex
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv.kernels.positioning import sonar
+from usvauv.kernels.positioning.data_rate import shannon
 
 PLACE = ["area.width=4000", "area.length=3000", "sea.cell_size=100", "water.longitude=5.01", "water.latitude=60.01"]
 FRAME = LocalFrame(5.01, 60.01)
@@ -117,7 +118,16 @@ class TestRealBed:
     def test_nodes_lie_on_it(self, slope):
         """A service has the data rate of the slant range to a node on the bed."""
         frame = LocalFrame(4.95, 59.95)
-        scenario = self.scenario(slope, *EVERY_STEP, "nodes.count=60", "auv.hover_radius=30", "nodes.margin=0")
+        scenario = self.scenario(
+            slope,
+            *EVERY_STEP,
+            "nodes.rate_law=shannon",
+            "nodes.frequency=20000",
+            "nodes.bandwidth=10000",
+            "nodes.count=60",
+            "auv.hover_radius=30",
+            "nodes.margin=0",
+        )
         world = World(scenario, 64, seed=3, targets="greedy")
         head_for_targets(world, 60)
         serving = world.auv[..., AuvColumn.hover] > 0
@@ -127,10 +137,10 @@ class TestRealBed:
         node = world.node[world_index, auv[:, AuvColumn.target].astype(int)].double().numpy()
         away = np.hypot(*(node[:, [NodeColumn.x, NodeColumn.y]] - auv[:, [AuvColumn.x, AuvColumn.y]]).T)
         depth = bed_depth(*frame.to_geographic(node[:, NodeColumn.x], node[:, NodeColumn.y]))
-        level, nodes = data_level(Site(scenario)), scenario.nodes
+        link, nodes = DataLink.of(Site(scenario)), scenario.nodes
         for distance, below, rate in zip(away, depth - 100, auv[:, AuvColumn.rate], strict=True):
-            snr = level - sonar.transmission_loss(math.hypot(distance, below), nodes.frequency)
-            assert rate == pytest.approx(1e-6 * sonar.shannon_rate(nodes.bandwidth, snr, 0), rel=1e-3)
+            snr = link.level - sonar.path_loss(math.hypot(distance, below), link.spreading, link.absorption)
+            assert rate == pytest.approx(1e-6 * shannon(nodes.bandwidth, 0.0, snr), rel=1e-3)
         assert np.ptp(depth) > 10
 
     def test_auvs_must_clear_it(self, slope):

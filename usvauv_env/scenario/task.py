@@ -6,10 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from usvauv.env.scenario.fields import LARGEST, Bandwidth, Carrier, Distance, Number, Price, Section
+from usvauv.env.scenario.fields import LARGEST, Bandwidth, Carrier, Distance, Number, Price, Section, known
 from usvauv.kernels.mission import target_rules
+from usvauv.kernels.positioning.data_rate import rate_laws
 
 MAX_NODES = 500
+CLEAREST = 0.05  # 1/m, beam attenuation of the clearest ocean water in blue light
 MOST_PACKETS = 1e7  # single precision counts one by one up to 1.6e7
 
 
@@ -46,9 +48,22 @@ class Nodes(Section):
     source_power: float = Field(0.03, ge=1e-6, le=1e5, description="acoustic source power, W")
     frequency: Carrier = Field(20000.0, description="carrier of the data link, Hz")
     bandwidth: Bandwidth = Field(10000.0, description="bandwidth of the data link, Hz")
-    rate_law: Literal["shannon", "demonstration"] = Field(
-        "shannon", description="B log2(1 + 10^(SNR/10)), or the demonstration's B log2(1 + 10^SNR) with SNR in dB"
+    rate_law: str = Field(
+        "shannon",
+        description="rate of the data link by its SNR: shannon (B log2(1 + 10^(SNR/10)), a bound), modem (steps of"
+        " modulations and codes, up to rate_max), optical (rate_max as far as light reaches), demonstration"
+        " (B log2(1 + 10^SNR) with SNR in dB), or a plugin's law",
     )
+    rate_max: float = Field(62500.0, ge=1, le=1e8, description="highest rate of the modem or of the light, bit/s")
+    optical_range: float = Field(
+        150.0, ge=1, le=1000, description=f"range of the light in the clearest water, of {CLEAREST:g}/m, m"
+    )
+    attenuation: float = Field(CLEAREST, ge=0.01, le=100, description="beam attenuation of the water for light, 1/m")
+
+    @field_validator("rate_law")
+    @classmethod
+    def _known_law(cls, name: str) -> str:
+        return known(name, rate_laws)
 
     @field_validator("target_rule")
     @classmethod

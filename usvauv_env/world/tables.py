@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.task import CLEAREST, Nodes
 from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.site.place import far_position
 from usvauv.env.site.site import Site
@@ -24,6 +26,7 @@ from usvauv.kernels.planning import objectives
 from usvauv.kernels.positioning import pulse, sonar, usbl
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar
 from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
+from usvauv.kernels.positioning.data_rate import attenuation_per_km, optical_budget, rate_laws
 from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sonar import (
     NoiseLaw,
@@ -82,24 +85,47 @@ def absorption(scenario: Scenario, frequency: float) -> float:
     return absorption_laws[acoustics.absorption](frequency, water)
 
 
-def data_level(site: Site) -> float:
-    """SNR of the data link at 1 m without loss, dB."""
-    scenario = site.scenario
-    nodes, noise = scenario.nodes, scenario.acoustics
-    density = noise_law(scenario)(nodes.frequency, noise.shipping, wind(site))
-    level = sonar.noise_level(density, nodes.bandwidth)
-    return sonar.acoustic_source_level(nodes.source_power) - level
+class DataLink(NamedTuple):
+    """What decides the rate of the data link at a slant range.
+
+    Attributes:
+        level: SNR at 1 m without loss, dB; of light, over what the receiver needs.
+        spreading: dB a decade of range.
+        absorption: dB/km.
+    """
+
+    level: float
+    spreading: float
+    absorption: float
+
+    @classmethod
+    def of(cls, site: Site) -> DataLink:
+        """The link of a scenario in its water."""
+        nodes, noise = site.scenario.nodes, site.scenario.acoustics
+        if nodes.rate_law == "optical":
+            budget = optical_budget(nodes.optical_range, CLEAREST)
+            return cls(budget, 20.0, attenuation_per_km(nodes.attenuation))
+        density = noise_law(site.scenario)(nodes.frequency, noise.shipping, wind(site))
+        level = sonar.acoustic_source_level(nodes.source_power) - sonar.noise_level(density, nodes.bandwidth)
+        return cls(level, noise.spreading, absorption(site.scenario, nodes.frequency))
+
+    def rate(self, nodes: Nodes, slant: float) -> float:
+        """Rate at a slant range (m), Mbit/s; at least `LEAST_RATE`."""
+        snr = self.level - sonar.path_loss(slant, self.spreading, self.absorption)
+        with rate_laws.calling(nodes.rate_law):
+            return max(1e-6 * rate_laws[nodes.rate_law](nodes.bandwidth, nodes.rate_max, snr), LEAST_RATE)
+
+
+def closest_range(site: Site) -> float:
+    """Slant range at the hover radius over the mean bed, m."""
+    auv = site.scenario.auv
+    separation = auv.depth if auv.separation == "demonstration" else site.scenario.area.depth - auv.depth
+    return math.hypot(separation, auv.hover_radius)
 
 
 def reference_rate(site: Site) -> float:
     """Rate of the data link at the hover radius over the mean bed, Mbit/s."""
-    scenario = site.scenario
-    auv, nodes = scenario.auv, scenario.nodes
-    separation = auv.depth if auv.separation == "demonstration" else scenario.area.depth - auv.depth
-    slant = math.hypot(separation, auv.hover_radius)
-    loss = sonar.path_loss(slant, scenario.acoustics.spreading, absorption(scenario, nodes.frequency))
-    snr = data_level(site) - loss
-    return max(1e-6 * sonar.shannon_rate(nodes.bandwidth, snr, nodes.rate_law == "demonstration"), LEAST_RATE)
+    return DataLink.of(site).rate(site.scenario.nodes, closest_range(site))
 
 
 def sound_profile(site: Site) -> SoundSpeedProfile:
@@ -134,6 +160,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         task=s.task_definition,
         strategy=strategy.functions,
         target_rule=target_rules.parse(s.nodes.target_rule)[0],
+        rate_law=rate_laws[s.nodes.rate_law],
         observation=tuple(observation_terms[name].write for name in ObservationLayout.of(s).terms),
         information=getattr(Information, s.nodes.information.replace("-", "_")),
         objective_code=objectives.objective_code(s.planner.measurement, s.planner.objective),
@@ -273,6 +300,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     elif s.navigation.sensor == "ground":  # the log's bias takes the current's place
         current_variance, correlation_time = s.navigation.velocity_bias**2, s.navigation.bias_correlation_time
     way = math.sqrt(s.area.width * s.area.length / s.targets)  # from node to node
+    data, rate = DataLink.of(site), reference_rate(site)
     sections = s.mission, s.area, s.current, s.usbl, s.channel, s.navigation, s.boat, s.tracker, s.auv, s.nodes
     named = {name: value for section in sections for name, value in section if name in Parameter.names}
     numbers = named | {
@@ -299,11 +327,10 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "polar": s.auv.action == "polar",
         "node_margin": s.nodes.margin,
         "formation_radius": s.stations.radius,
-        "data_level": data_level(site),
-        "data_absorption": absorption(s, s.nodes.frequency),
-        "spreading": s.acoustics.spreading,
+        "data_level": data.level,
+        "data_absorption": data.absorption,
+        "data_spreading": data.spreading,
         "data_bandwidth": s.nodes.bandwidth,
-        "data_demonstration": s.nodes.rate_law == "demonstration",
         "progress": s.reward.distance_form == "progress",
         "service_hovering": s.reward.service_form == "hovering",
         "proximity_once": s.reward.proximity_form == "pair",
@@ -311,8 +338,8 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "rate_mean": np.mean(s.nodes.arrival_rates),
         "rate_variance": np.var(s.nodes.arrival_rates),
         "reference_speed": s.reference.straight_speed,
-        "reference_rate": reference_rate(site),
-        "service_time": SERVICE_FILL * s.nodes.payload / reference_rate(site),
+        "reference_rate": rate,
+        "service_time": SERVICE_FILL * s.nodes.payload / rate,
         **dict(zip(Parameter.names[Parameter.span("array_depth", "bottom_absorption")], boundaries(site), strict=True)),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)

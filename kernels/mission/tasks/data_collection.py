@@ -131,10 +131,10 @@ def begin_service(worlds: ti.template(), w, k, distance):
         depth = grid_sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
         separation = depth - p[Parameter.cruise]
     slant = ti.sqrt(distance * distance + separation * separation)
-    loss = sonar.path_loss(slant, p[Parameter.spreading], p[Parameter.data_absorption])
+    loss = sonar.path_loss(slant, p[Parameter.data_spreading], p[Parameter.data_absorption])
     snr = p[Parameter.data_level] - loss
-    law = ti.cast(p[Parameter.data_demonstration], ti.i32)
-    rate = ti.max(1e-6 * sonar.shannon_rate(p[Parameter.data_bandwidth], snr, law), LEAST_RATE)
+    bits = worlds.program.rate_law(p[Parameter.data_bandwidth], p[Parameter.rate_max], snr)
+    rate = ti.max(1e-6 * bits, LEAST_RATE)
     cargo = unclaimed(worlds, w, target)
     knowledge.learn(worlds, w, k, target, cargo)
     auv[w, k, AuvColumn.rate] = rate

@@ -9,6 +9,16 @@ import torch
 from scipy.integrate import quad
 
 from usvauv.kernels.positioning import sonar
+from usvauv.kernels.positioning.data_rate import (
+    STEPS,
+    attenuation_per_km,
+    demonstration,
+    modem,
+    optical,
+    optical_budget,
+    rate_laws,
+    shannon,
+)
 from usvauv.kernels.positioning.sonar import (
     SeaWater,
     ainslie_mccolm,
@@ -33,8 +43,7 @@ LAWS = {
     "one_way_snr": (sonar.one_way_snr, (135.0, 56.0, 120.0, 18000.0)),
     "echo_snr": (sonar.echo_snr, (135.0, 3.0, 56.0, 120.0, 18000.0)),
     "acoustic_source_level": (sonar.acoustic_source_level, (0.03,)),
-    "shannon_rate": (sonar.shannon_rate, (1e4, 60.0, 0)),
-    "demonstration_rate": (sonar.shannon_rate, (1e4, 60.0, 1)),
+    **{name: (law, (6e4, 62500.0, 6.0)) for name, law in rate_laws.items()},
 }
 
 
@@ -81,21 +90,61 @@ class TestFits:
 
 class TestRate:
     def test_shannon(self):
-        assert sonar.shannon_rate(1000.0, 0.0, 0) == pytest.approx(1000.0)
-        assert sonar.shannon_rate(1000.0, 10.0, 0) == pytest.approx(1000 * math.log2(11))
-        assert sonar.shannon_rate(1000.0, -30.0, 0) == pytest.approx(1000 * math.log2(1.001))
+        assert shannon(1000.0, 1.0, 0.0) == pytest.approx(1000.0)
+        assert shannon(1000.0, 1.0, 10.0) == pytest.approx(1000 * math.log2(11))
+        assert shannon(1000.0, 1.0, -30.0) == pytest.approx(1000 * math.log2(1.001))
 
     def test_demonstration_takes_decibels_for_bels(self):
-        assert sonar.shannon_rate(1000.0, 1.0, 1) == pytest.approx(1000 * math.log2(11))
-        ratio = sonar.shannon_rate(1e4, 70.0, 1) / sonar.shannon_rate(1e4, 70.0, 0)
-        assert ratio == pytest.approx(10, rel=1e-3)
+        assert demonstration(1000.0, 1.0, 1.0) == pytest.approx(1000 * math.log2(11))
+        assert demonstration(1e4, 1.0, 70.0) / shannon(1e4, 1.0, 70.0) == pytest.approx(10, rel=1e-3)
 
     def test_node_link_at_100_m(self):
-        """A 30 mW node at 20 kHz in a 10 kHz band has 61 dB over 100 m and carries 0.2 Mbit/s."""
+        """A 30 mW node at 20 kHz in a 10 kHz band has 61 dB over 100 m: 0.2 Mbit/s at most."""
         noise = sonar.noise_level(coates(20000.0, 0.5, 0.0), 10000.0)
         snr = sonar.one_way_snr(sonar.acoustic_source_level(0.03), noise, 100.0, 20000.0)
         assert snr == pytest.approx(155.54 - 30.41 - (23.88 + 40), abs=0.05)
-        assert sonar.shannon_rate(10000.0, snr, 0) == pytest.approx(0.2035e6, rel=1e-3)
+        assert shannon(10000.0, 1.0, snr) == pytest.approx(0.2035e6, rel=1e-3)
+
+    def test_modem_by_steps(self):
+        """Rates rise with the SNR, stay below the capacity, end at the ceiling, and there are none below 1/30."""
+        ratios = [-30 + 0.25 * n for n in range(240)]
+        rates = [modem(1000.0, 1e9, snr) for snr in ratios]
+        assert rates == sorted(rates)
+        assert sorted({*rates}) == pytest.approx([0.0, 1000 / 30, 1000 / 14, 500.0, 1000.0, 1500.0, 2000.0])
+        assert all(rate < shannon(1000.0, 1e9, snr) for rate, snr in zip(rates, ratios, strict=True))
+        assert modem(1000.0, 600.0, 4.6) == 600 > modem(1000.0, 600.0, 4.4) == 500
+        assert modem(1000.0, 600.0, -10.4) == 0
+
+    @pytest.mark.parametrize(
+        ("code_rate", "inputs", "distance", "weights", "efficiency"),
+        [
+            (1 / 2, 1, 10, (36, 0, 211, 0, 1404, 0, 11633), 1.0),
+            (3 / 4, 3, 5, (42, 201, 1492, 10469, 62935), 1.5),
+            (1.0, 1, 1, (1,), 2.0),
+        ],
+        ids=["1/2", "3/4", "uncoded"],
+    )
+    def test_thresholds_by_distance_spectra(self, code_rate, inputs, distance, weights, efficiency):
+        """One wrong bit in 10⁵ by the union bound Σ c_d Q(√(2 d R E_b/N0))/k of the code 133, 171, some 0.3 dB more
+        for soft decisions of three bits."""
+
+        def errors(decibels: float) -> float:
+            ratio = 10 ** (decibels / 10)
+            terms = (
+                weight * 0.5 * math.erfc(math.sqrt(d * code_rate * ratio)) for d, weight in enumerate(weights, distance)
+            )
+            return sum(terms) / inputs
+
+        least = next(snr for snr, eta in STEPS if eta == efficiency) - 10 * math.log10(efficiency)
+        assert errors(least) < 1.05e-5 < errors(least - 0.6)
+
+    def test_light_ends_where_the_water_takes_it(self):
+        """What comes through 150 m of c = 0.05/m, e^(−cr)/r², comes through 27.3 m of 0.4/m."""
+        assert math.exp(-0.4 * 27.27) / 27.27**2 == pytest.approx(math.exp(-7.5) / 150**2, rel=0.05)
+        budget = optical_budget(150.0, 0.05)
+        for r, arrives in ((27.1, True), (27.5, False)):
+            left = budget - sonar.path_loss(r, 20.0, attenuation_per_km(0.4))
+            assert optical(1.0, 1e7, left) == (1e7 if arrives else 0)
 
 
 # Francois and Garrison's values as G. Jiménez Arranz lists them for checking (SEAWATER_PROPERTIES, 2017), pH 8, at the
