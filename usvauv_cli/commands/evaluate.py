@@ -19,9 +19,9 @@ from usvauv.cli.commands.options import (
     ScenarioName,
     Seed,
     at_least,
+    check_regime,
     make_folder,
     warn_team_size,
-    warn_uneven_bed,
     writable,
 )
 from usvauv.kernels.errors import UserError
@@ -135,7 +135,7 @@ def evaluate(
             raise UserError("--report: cannot go with --resume: its figures are of missions that are not run again")
         make_folder(report_folder, "--report")
         writable(context, report_folder / "index.html", "--report", (".html",))
-    warn_uneven_bed(setting)
+    check_regime(setting)
     recordings = Recordings(len(scenarios))
     comparison = Comparison(list(scenarios), reference, front_episodes(len(scenarios)) if report_folder else 0)
     with GrowingTable(out, resume, (*COLUMNS, *figures[len(FIGURES) :])) as table:

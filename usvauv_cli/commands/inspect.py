@@ -15,6 +15,7 @@ import typer
 
 from usvauv.cli.commands.options import Overrides, Plugins
 from usvauv.cli.letters import PLAIN
+from usvauv.kernels.errors import UserError
 
 PACKAGES = ("usvauv", "taichi", "torch", "numpy", "pydantic", "gymnasium", "av", "opencv-python-headless")
 LIMIT = 300  # s, for the trial of an architecture
@@ -32,6 +33,7 @@ except runtime.RuntimeUnavailable as error:
     print(json.dumps({"absent": str(error)}))
     sys.exit()
 from usvauv.env import Scenario, World
+from usvauv.kernels.errors import UserError
 world = World(Scenario.load("extreme"), 4)
 world.reset()
 action = torch.full((4, world.num_auvs, 2), 0.3, device=running.device)
@@ -50,16 +52,32 @@ print(json.dumps({
 
 def scenarios(
     scenario: Annotated[str | None, typer.Argument(metavar="[SCENARIO]", help="Name or path to print.")] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Say whether what it simulates occurs at sea, in place of printing it.")
+    ] = False,
     overrides: Overrides = None,
     plugins: Plugins = None,
 ) -> None:
     """List the shipped scenarios, or print one as TOML in which every field is explained.
 
     **Example:** `usvauv scenarios extreme --set auv.count=4 > mine.toml`, then `usvauv simulate mine.toml`
+
+    **Example:** `usvauv scenarios mine.toml --check`
     """
     from usvauv.cli import tables
     from usvauv.env import Scenario
 
+    if check:
+        if not scenario:
+            raise UserError("--check: needs a scenario")
+        from usvauv.env.world import regime
+
+        findings = regime.check(Scenario.load(scenario, overrides or ()))
+        for found in findings:
+            typer.echo(tables.wrapped(f"{found.verdict:11} {found}", 12))
+        if any(found.verdict == "error" for found in findings):
+            raise typer.Exit(2)
+        return
     if scenario:
         text = Scenario.load(scenario, overrides or ()).to_toml()
         if not sys.stdout.encoding.lower().startswith("utf"):  # TOML is UTF-8, of which ASCII is a part

@@ -16,6 +16,7 @@ from usvauv.cli.commands.options import (
     Seed,
     Targets,
     Usv,
+    check_regime,
     warn_team_size,
 )
 from usvauv.kernels.interruption import stoppable
@@ -52,6 +53,7 @@ def live(
     from usvauv.env import Scenario
 
     setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
+    check_regime(setting)
     with listen(port) as listening, serve(listening, f"usvauv {setting.name}") as (server, address):
         session = Session(setting, seed, usv, policy, arch)
         warn_team_size(session.policy, setting)

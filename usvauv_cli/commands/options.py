@@ -109,13 +109,19 @@ def warn_reflections(scenario: Scenario) -> None:
         typer.echo(f"warning: {line}", err=True)
 
 
-def warn_uneven_bed(scenario: Scenario) -> None:
-    """Warn where the storm is wrong over a scenario's bed."""
-    from usvauv.env.sea.storm import uneven_bed_warning
-    from usvauv.env.site.site import Site
+def check_regime(scenario: Scenario) -> None:
+    """Warn of what a scenario simulates that hardly occurs at sea, a line each.
 
-    if line := uneven_bed_warning(Site(scenario)):
-        typer.echo(f"warning: {line}", err=True)
+    Raises:
+        UserError: nothing can come of a mission in it.
+    """
+    from usvauv.env.world import regime
+
+    for finding in regime.check(scenario):
+        if finding.verdict == "error":
+            raise UserError(f"{scenario.name}: {finding}")
+        if finding.verdict == "warning":
+            typer.echo(f"warning: {finding}", err=True)
 
 
 def at_least(option: str, value: float, least: float) -> None:

@@ -18,8 +18,8 @@ from usvauv.cli.commands.options import (
     ScenarioName,
     Seed,
     at_least,
+    check_regime,
     parse_size,
-    warn_uneven_bed,
     writable,
 )
 from usvauv.kernels.errors import DivergenceError, UserError
@@ -125,7 +125,7 @@ def sea(
     records = round(duration / interval) + 1
     water = SeaSimulation(setting, seed, shape, interval, first_vortices(setting, seed, arch))
     typer.echo(describe(water, records))
-    warn_uneven_bed(setting)
+    check_regime(setting)
     if kind == ".mp4":
         typer.echo(
             f"{records / fps:.3g} s of video at {fps} frames a second, {fps * interval:g} × the speed of the sea"

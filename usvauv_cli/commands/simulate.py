@@ -26,10 +26,10 @@ from usvauv.cli.commands.options import (
     VideoOut,
     ViewOption,
     at_least,
+    check_regime,
     checked_video,
     warn_reflections,
     warn_team_size,
-    warn_uneven_bed,
     writable,
 )
 
@@ -104,7 +104,7 @@ def simulate(
         policies.check(run.policy, run.scenario(setting))
         warn_team_size(run.policy, setting)
         StrategyChoice.parse(run.usv, setting)
-    warn_uneven_bed(setting)
+    check_regime(setting)
     warn_reflections(setting)
     recorded, problem = [], None
     for run in runs:

@@ -20,6 +20,7 @@ from usvauv.cli.commands.options import (
     Targets,
     Usv,
     at_least,
+    check_regime,
     make_folder,
 )
 from usvauv.kernels.errors import UserError
@@ -109,6 +110,7 @@ def train(
                     "--set, --learn, --targets: a resumed run keeps the scenario and settings it was begun with"
                 )
             setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
+            check_regime(setting)
             config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
             config = config.changed(learn or ())
             last = seed + seeds - 1

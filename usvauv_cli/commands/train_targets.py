@@ -21,6 +21,7 @@ from usvauv.cli.commands.options import (
     Seed,
     Usv,
     at_least,
+    check_regime,
     writable,
 )
 from usvauv.kernels.errors import UserError
@@ -78,6 +79,7 @@ def train_targets(
     if last.exists() and not resume:
         raise UserError(f"{last}: is of an earlier run; take it up with --resume, or remove it")
     setting = Scenario.load(scenario, overrides or ())
+    check_regime(setting)
     steering = policy or policies.default(setting)
     config = DecisionConfig(iterations=iterations, worlds=worlds, seed=seed)
     policies.check(steering, setting)

@@ -46,10 +46,10 @@ class Nodes(Section):
         " own ones (no communication)",
     )
     source_power: float = Field(0.03, ge=1e-6, le=1e5, description="acoustic source power, W")
-    frequency: Carrier = Field(20000.0, description="carrier of the data link, Hz")
-    bandwidth: Bandwidth = Field(10000.0, description="bandwidth of the data link, Hz")
+    frequency: Carrier = Field(150000.0, description="carrier of the data link, Hz")
+    bandwidth: Bandwidth = Field(60000.0, description="bandwidth of the data link, Hz")
     rate_law: str = Field(
-        "shannon",
+        "modem",
         description="rate of the data link by its SNR: shannon (B log2(1 + 10^(SNR/10)), a bound), modem (steps of"
         " modulations and codes, up to rate_max), optical (rate_max as far as light reaches), demonstration"
         " (B log2(1 + 10^SNR) with SNR in dB), or a plugin's law",

@@ -330,6 +330,20 @@ def speed_bound(site: Site) -> float:
     return start + sea.regular_amplitude * gains[0] + irregular * gains[1]
 
 
+def forced_gain(scenario: Scenario, shortest: float, longest: float) -> tuple[float, float]:
+    """Period (s) between two at which the sea answers its forced boundary most, and that answer at the far end.
+
+    It is |1/cos kL| of Eq. 7, with drag, where the elevation is forced before a wall, and else 1.
+    """
+    periods = np.linspace(shortest, longest, 513)
+    _, R, at_boundary = _response(scenario, 2 * math.pi / periods, scenario.area.depth)
+    if scenario.sea.forcing == "incident" or not R:
+        return shortest, 1.0
+    gain = 2 / np.abs(at_boundary)
+    most = int(gain.argmax())
+    return float(periods[most]), float(gain[most])
+
+
 def _fetch(scenario: Scenario) -> float:
     """Distance from the forced boundary to the opposite one, m."""
     return scenario.area.width if scenario.sea.forced_edge in ("west", "east") else scenario.area.length

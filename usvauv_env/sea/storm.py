@@ -350,7 +350,7 @@ def uneven_bed_warning(site: Site) -> str:
     if not share:
         return ""
     return (
-        f"storm: its waves are those of the mean depth, {site.mean_depth:.0f} m, everywhere; in water shallower than"
+        f"those of the mean depth, {site.mean_depth:.0f} m, everywhere; in water shallower than"
         f" {limit:.0f} m, {max(share, 0.01):.0%} of this one, they would shoal by more than {SHOALING:.0%} or break,"
         " which is not simulated"
     )

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.sea import Sea
 from usvauv.env.sea.build import speed_bound
 from usvauv.env.sea.storm import density, wave_systems
 from usvauv.env.site.site import Site
@@ -44,16 +45,37 @@ def current_parts(site: Site) -> list[tuple[float, float]]:
     if sea.start_rms > 0:
         clock = sea.gravity, sea.drag, scenario.mission.duration
         parts.append(standing_waves(sea.start_rms, sea.start_modes, area.width, area.depth, *clock))
-    for square, period in (
-        (sea.regular_amplitude**2 / 2, sea.regular_period),
-        (sea.irregular_rms**2, math.sqrt(sea.irregular_period_min * sea.irregular_period_max)),
-    ):
-        if square > 0:
-            parts.append((square * _forced_share(scenario, period), 2 * math.pi / period))
+    for square, period in _forced_waves(sea):
+        parts.append((square * _forced_share(scenario, period), 2 * math.pi / period))
     flow = site.current
     if flow is not None:
         parts.append(_real_part(scenario, flow.at(0.0)[Level.cruise], speed))
     return parts
+
+
+def drift_speed(site: Site, level: int) -> float:
+    """Root mean square speed of eddies, real currents and long waves at a `Level`, m/s; without orbital motion."""
+    scenario = site.scenario
+    current, area = scenario.current, scenario.area
+    square = 0.0
+    if current.vortices and current.circulation_max > 0:
+        limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
+        variance, _ = eddies(current.vortices, *limits, area.width * area.length, scenario.reference.straight_speed)
+        square += 2 * variance
+    for mean_square, period in _forced_waves(scenario.sea):
+        square += 2 * mean_square * _forced_share(scenario, period)
+    if site.current is not None:
+        square += float(np.square(site.current.at(0.0)[level]).sum(axis=-1).mean())
+    return math.sqrt(square)
+
+
+def _forced_waves(sea: Sea) -> list[tuple[float, float]]:
+    """Mean square elevation (m²) and a period (s) of regular and irregular long waves at the forced edge, if any."""
+    waves = [
+        (sea.regular_amplitude**2 / 2, sea.regular_period),
+        (sea.irregular_rms**2, math.sqrt(sea.irregular_period_min * sea.irregular_period_max)),
+    ]
+    return [wave for wave in waves if wave[0] > 0]
 
 
 def _forced_share(scenario: Scenario, period: float) -> float:
