@@ -31,16 +31,11 @@ class TestShipped:
 
 
 def test_what_a_file_leaves_out_is_as_in_a_calm_scenario():
-    """Each default is that of `ideal` or of `paper-ideal`: no wave, current or error comes unasked.
-
-    The data link is the exception: by default its rate is still the capacity of 10 kHz.
-    """
-    link = {"bandwidth": 10000.0, "rate_law": "shannon"}
+    """Each default is that of `ideal` or of `paper-ideal`: no wave, current or error comes unasked."""
     plain, *calm = Scenario(), Scenario.load("ideal"), Scenario.load("paper-ideal")
     for name, section in plain:
         for field, value in section if isinstance(section, Section) else ():
-            allowed = [getattr(getattr(each, name), field) for each in calm]
-            assert value in (allowed if name != "nodes" else [*allowed, link.get(field)]), f"{name}.{field}"
+            assert value in [getattr(getattr(each, name), field) for each in calm], f"{name}.{field}"
 
 
 @pytest.mark.parametrize("name", ["paper-ideal", "paper-extreme"])

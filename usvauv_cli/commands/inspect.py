@@ -33,7 +33,6 @@ except runtime.RuntimeUnavailable as error:
     print(json.dumps({"absent": str(error)}))
     sys.exit()
 from usvauv.env import Scenario, World
-from usvauv.kernels.errors import UserError
 world = World(Scenario.load("extreme"), 4)
 world.reset()
 action = torch.full((4, world.num_auvs, 2), 0.3, device=running.device)
@@ -60,9 +59,14 @@ def scenarios(
 ) -> None:
     """List the shipped scenarios, or print one as TOML in which every field is explained.
 
-    **Example:** `usvauv scenarios extreme --set auv.count=4 > mine.toml`, then `usvauv simulate mine.toml`
+    With --check, a line for each check of its regime: verdict, field, value, limit. Exit code 2 where nothing can come
+    of a mission; commands that run a scenario end likewise, and print the warnings.
 
-    **Example:** `usvauv scenarios mine.toml --check`
+    **Examples:**
+
+    `usvauv scenarios extreme --set auv.count=4 > mine.toml`, then `usvauv simulate mine.toml`
+
+    `usvauv scenarios mine.toml --check`
     """
     from usvauv.cli import tables
     from usvauv.env import Scenario

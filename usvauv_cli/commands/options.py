@@ -109,19 +109,23 @@ def warn_reflections(scenario: Scenario) -> None:
         typer.echo(f"warning: {line}", err=True)
 
 
-def check_regime(scenario: Scenario) -> None:
-    """Warn of what a scenario simulates that hardly occurs at sea, a line each.
+def check_regime(*scenarios: Scenario) -> None:
+    """Warn of what scenarios simulate that hardly occurs at sea, a line each, which comes once.
 
     Raises:
-        UserError: nothing can come of a mission in it.
+        UserError: nothing can come of a mission in one.
     """
     from usvauv.env.world import regime
 
-    for finding in regime.check(scenario):
-        if finding.verdict == "error":
-            raise UserError(f"{scenario.name}: {finding}")
-        if finding.verdict == "warning":
-            typer.echo(f"warning: {finding}", err=True)
+    lines: list[str] = []
+    for scenario in scenarios:
+        for finding in regime.check(scenario):
+            if finding.verdict == "error":
+                raise UserError(f"{scenario.name}: {finding}")
+            if finding.verdict == "warning":
+                lines.append(f"warning: {finding}")
+    for line in dict.fromkeys(lines):
+        typer.echo(line, err=True)
 
 
 def at_least(option: str, value: float, least: float) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from usvauv.cli.commands.options import Plugins, at_least, make_folder
+from usvauv.cli.commands.options import Plugins, at_least, check_regime, make_folder
 from usvauv.kernels.errors import UserError
 
 Ray = Annotated[
@@ -48,9 +49,12 @@ def sweep(
     from usvauv.cli.sweep import results
     from usvauv.cli.sweep.perform import engine
     from usvauv.cli.sweep.study import read
+    from usvauv.env import Scenario
 
     _check(ray, slurm, jobs)
     wanted = read(study)
+    different = {json.dumps(run.definition["scenario"]): run.definition["scenario"] for run in wanted.runs}
+    check_regime(*(Scenario.from_dict(scenario) for scenario in different.values()))
     folder = out or Path("studies") / study.stem
     make_folder(folder)
     try:

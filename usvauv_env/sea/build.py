@@ -330,13 +330,13 @@ def speed_bound(site: Site) -> float:
     return start + sea.regular_amplitude * gains[0] + irregular * gains[1]
 
 
-def forced_gain(scenario: Scenario, shortest: float, longest: float) -> tuple[float, float]:
+def forced_gain(scenario: Scenario, shortest: float, longest: float, depth: float) -> tuple[float, float]:
     """Period (s) between two at which the sea answers its forced boundary most, and that answer at the far end.
 
-    It is |1/cos kL| of Eq. 7, with drag, where the elevation is forced before a wall, and else 1.
+    It is |1/cos kL| of Eq. 7, with drag, where the elevation is forced before a wall, and else 1; `depth` is h, m.
     """
-    periods = np.linspace(shortest, longest, 513)
-    _, R, at_boundary = _response(scenario, 2 * math.pi / periods, scenario.area.depth)
+    periods = 1 / np.linspace(1 / longest, 1 / shortest, 2049)
+    _, R, at_boundary = _response(scenario, 2 * math.pi / periods, depth)
     if scenario.sea.forcing == "incident" or not R:
         return shortest, 1.0
     gain = 2 / np.abs(at_boundary)

@@ -62,7 +62,7 @@ def check(scenario: Scenario) -> list[Finding]:
         UserError: a file of the scenario does not serve.
     """
     site = Site(scenario)
-    found = [*_long_waves(scenario), *_storm(site), *_currents(site), *_boat(site), *_replies(site)]
+    found = [*_long_waves(site), *_storm(site), *_currents(site), *_boat(site), *_replies(site)]
     if scenario.task_definition.targets == "nodes":
         found += _data_link(site)
     return found
@@ -72,9 +72,9 @@ def _judge(bad: bool, verdict: Verdict = "warning") -> Verdict:
     return verdict if bad else "fine"
 
 
-def _long_waves(scenario: Scenario) -> list[Finding]:
-    sea, depth = scenario.sea, scenario.area.depth
-    bands = []
+def _long_waves(site: Site) -> list[Finding]:
+    scenario, sea, depth = site.scenario, site.scenario.sea, site.mean_depth
+    bands, most = [], 1.0
     if sea.regular_amplitude > 0:
         bands.append(("sea.regular_period", sea.regular_amplitude, sea.regular_period, sea.regular_period))
     if (rms := sea.irregular_rms) > 0:
@@ -83,7 +83,8 @@ def _long_waves(scenario: Scenario) -> list[Finding]:
     speed = math.sqrt(sea.gravity * depth)
     found = []
     for field, amplitude, shortest, longest in bands:
-        period, gain = forced_gain(scenario, shortest, longest)
+        period, gain = forced_gain(scenario, shortest, longest, depth)
+        most = max(most, gain)
         found += [
             Finding(
                 "long waves grow towards the wall",
@@ -108,7 +109,7 @@ def _long_waves(scenario: Scenario) -> list[Finding]:
             ),
         ]
     if bands and sea.equations == "linear":
-        share = scenario.highest_long_wave / depth
+        share = most * scenario.highest_long_wave / depth
         found.append(
             Finding(
                 "height of the long waves over the depth",
