@@ -65,7 +65,7 @@ def _storm_bounds(scenario: Scenario) -> tuple[float, float] | None:
 
 def _long_bounds(scenario: Scenario) -> tuple[float, float] | None:
     sea = scenario.sea
-    if sea.forced_edge == "none":
+    if sea.forced_edge == "none" or sea.irregular_rms == "storm":
         return None
     return 0.0, math.floor(10 * min(10.0, scenario.area.depth / 8, max(2 * sea.irregular_rms, 1.0))) / 10
 

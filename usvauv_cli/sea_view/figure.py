@@ -231,7 +231,7 @@ class SeaFigure:
             axes.loglog(f, target, color=TARGET, lw=1.6, label=f"target, Hs {total_height(self._systems):.3g} m")
             highest, last = max(highest, target.max()), min(last, 1.5 * f[-1])
         ends = 1 / scenario.sea.irregular_period_max, 1 / scenario.sea.irregular_period_min
-        if scenario.sea.irregular_rms > 0 and ends[1] > frequency[0]:
+        if scenario.sea.irregular_rms != 0 and ends[1] > frequency[0]:
             axes.axvspan(*ends, color=AMBER, alpha=0.15, lw=0, label="forced long waves")
         axes.set(xlim=(frequency[0], last), ylim=(1e-5 * highest, 2 * highest))
         log_ticks(axes.xaxis)

@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Section, known, one_line, section
-from usvauv.env.scenario.sea import Area, Current, Mission, Sea, Storm, Water
+from usvauv.env.scenario.sea import INFRAGRAVITY, Area, Current, Mission, Sea, Storm, Water
 from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
 from usvauv.env.scenario.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
 from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Planner, Tracker
@@ -186,7 +186,13 @@ class Scenario(Section):
     @property
     def highest_long_wave(self) -> float:
         """Elevation that long waves rarely exceed at the forced edge and at the start, m."""
-        return self.sea.regular_amplitude + 4 * math.hypot(self.sea.irregular_rms, self.sea.start_rms)
+        rms = self.sea.irregular_rms
+        if rms == "storm":  # of the peak's period, which is longer than the mean one; a file's waves are not known yet
+            systems = () if self.water.waves else self.storm.systems
+            squares = sum((system.significant_height * system.peak_period) ** 2 for system in systems)
+            root = math.sqrt(self.sea.gravity / self.area.depth)
+            rms = INFRAGRAVITY / 4 * root * squares / max(self.storm.total_height, 1e-9)
+        return self.sea.regular_amplitude + 4 * math.hypot(rms, self.sea.start_rms)
 
     def _check_long_waves(self) -> None:
         sea, area = self.sea, self.area

@@ -15,6 +15,7 @@ MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at a second each
 MAX_VORTICES = 64
 TOGETHER = 16  # vortices; of more than these no more are taken to lie at one place
 VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
+INFRAGRAVITY = 1.2e-3  # 1/s, α1 of `usvauv.env.sea.build.long_wave_rms`
 FASTEST_WATER = 20.0  # m/s; the fastest tidal streams reach 11
 
 WaveHeight = Annotated[float, Field(ge=0.001, le=30)]
@@ -97,8 +98,10 @@ class Sea(Section):
         0.0, ge=0, le=30, description="amplitude of the regular wave or tide at the forced edge, m"
     )
     regular_period: float = Field(43200.0, ge=1, le=1e7, description="its period, s (Table 1's tide: 43200)")
-    irregular_rms: float = Field(
-        0.0, ge=0, le=10, description="rms elevation of the irregular long waves at the forced edge, m"
+    irregular_rms: Annotated[float, Field(ge=0, le=10)] | Literal["storm"] = Field(
+        0.0,
+        description="rms elevation of the irregular long waves at the forced edge, m, or that of the storm's"
+        " infragravity waves",
     )
     irregular_components: int = Field(16, ge=1, le=256, description="number of their components, equal energy each")
     irregular_period_min: float = Field(75.0, ge=1, le=1e6, description="their shortest period, s")
@@ -112,7 +115,7 @@ class Sea(Section):
     def _check(self) -> Sea:
         if self.irregular_period_max < self.irregular_period_min:
             raise ValueError("irregular_period_max must not be below irregular_period_min")
-        if self.forced_edge == "none" and (self.regular_amplitude > 0 or self.irregular_rms > 0):
+        if self.forced_edge == "none" and (self.regular_amplitude > 0 or self.irregular_rms != 0):
             raise ValueError("forced_edge must name an edge when regular_amplitude or irregular_rms is above 0")
         named = (self.forced_edge, *self.radiating_edges, *self.sponge_edges)
         for side in named:

@@ -13,8 +13,9 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.sea import INFRAGRAVITY
 from usvauv.env.sea.long_waves import LongWaves, NonlinearSeas
-from usvauv.env.sea.storm import AirySea, build_storm, wave_systems
+from usvauv.env.sea.storm import AirySea, build_storm, cumulative, density, total_height, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
 from usvauv.kernels import runtime
@@ -120,10 +121,11 @@ def build_sea(site: Site, seas: Sequence[tuple[int, int]], cells: tuple[int, int
     depth = site.still_depth(cells)
     size = scenario.area.width, scenario.area.length
     mean_depth = float(depth[depth > 0].mean())
-    drawn = [draw_sea(scenario, seed, index, cells, mean_depth) for seed, index in seas]
+    waves = boundary_waves(site, seas)
+    eta, u, v = start(scenario, waves, seas, cells, mean_depth)
     if sea.equations == "nonlinear":
         solvers = []
-        for wave, eta, u, v in drawn:
+        for row, wave in enumerate(zip(*waves, strict=True)):
             solver = NonlinearShallowWater(
                 size=size,
                 cells=cells,
@@ -134,8 +136,8 @@ def build_sea(site: Site, seas: Sequence[tuple[int, int]], cells: tuple[int, int
                 manning=sea.manning,
                 boundaries=cast(dict[Side, NonlinearBoundary], boundaries(scenario)),
             )
-            solver.set_forcing(wave.amplitude, wave.period, wave.phase)
-            solver.set_state(eta, (u[:, 1:] + u[:, :-1]) / 2, (v[1:] + v[:-1]) / 2)
+            solver.set_forcing(*wave)
+            solver.set_state(eta[row], (u[row, :, 1:] + u[row, :, :-1]) / 2, (v[row, 1:] + v[row, :-1]) / 2)
             solvers.append(solver)
         return NonlinearSeas(solvers)
     solver = ShallowWater(
@@ -149,16 +151,9 @@ def build_sea(site: Site, seas: Sequence[tuple[int, int]], cells: tuple[int, int
         sponge_width=sea.sponge_width if sea.sponge_edges else None,
         num_seas=len(seas),
     )
-    _, eta, u, v = zip(*drawn, strict=True)
-    solver.set_forcing(*stacked_forcing(scenario, seas))
-    solver.set_state(np.stack(eta), np.stack(u), np.stack(v))
+    solver.set_forcing(*waves)
+    solver.set_state(eta, u, v)
     return solver
-
-
-def stacked_forcing(scenario: Scenario, seas: Sequence[tuple[int, int]]) -> BoundaryWave:
-    """Waves at the forced edges of the seas of `build_sea`, each array (seas, components)."""
-    waves = [boundary_wave(scenario, seed, index) for seed, index in seas]
-    return BoundaryWave(*map(np.stack, zip(*waves, strict=True)))
 
 
 def boundaries(scenario: Scenario) -> dict[Side, Boundary]:
@@ -185,54 +180,70 @@ def build_short_waves(site: Site, seas: Sequence[tuple[int, int]]) -> AirySea:
     )
 
 
-class BoundaryWave(NamedTuple):
-    """Elevation Σ a cos(2πt/T + φ) at the forced boundary of one sea: amplitude a (m), period T (s), phase φ (rad)."""
+class BoundaryWaves(NamedTuple):
+    """Elevations Σ a cos(2πt/T + φ) at the forced boundary: a (m), T (s) and φ (rad), each (seas, components)."""
 
     amplitude: np.ndarray
     period: np.ndarray
     phase: np.ndarray
 
 
-def draw_sea(
-    scenario: Scenario, seed: int, index: int, cells: tuple[int, int], depth: float
-) -> tuple[BoundaryWave, np.ndarray, np.ndarray, np.ndarray]:
-    """Forcing of one sea, and its start: elevation (ny, nx) and velocities (ny, nx + 1), (ny + 1, nx)."""
-    nx, ny = cells
-    wave = boundary_wave(scenario, seed, index)
-    eta = start_elevation(scenario, _streams(seed, index)[1], nx, ny)
-    u, v = np.zeros((ny, nx + 1)), np.zeros((ny + 1, nx))
-    add_response(scenario, wave, depth, eta, u, v)
-    return wave, eta, u, v
+def _stream(seed: int, index: int, which: int) -> np.random.Generator:
+    """Random numbers of one sea: 0 those of its forcing, 1 of its start."""
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(index, which))))
 
 
-def _streams(seed: int, index: int) -> list[np.random.Generator]:
-    """Random numbers of one sea: of its forcing, and of its start."""
-    seeds = np.random.SeedSequence(seed, spawn_key=(index,)).spawn(2)
-    return [np.random.Generator(np.random.Philox(own)) for own in seeds]
-
-
-def boundary_wave(scenario: Scenario, seed: int, index: int) -> BoundaryWave:
-    """Forcing of one sea."""
-    return draw_boundary_wave(scenario, _streams(seed, index)[0])
-
-
-def draw_boundary_wave(scenario: Scenario, random: np.random.Generator) -> BoundaryWave:
-    """The regular component, then `irregular_components` of equal energy.
+def boundary_waves(site: Site, seas: Sequence[tuple[int, int]]) -> BoundaryWaves:
+    """Forcing of the seas of `build_sea`: the regular component, then `irregular_components` of equal energy.
 
     Their frequencies are drawn one in each of equally wide bands between 1/`irregular_period_max` and
     1/`irregular_period_min`, so that no two coincide and the record does not repeat; phases are uniform.
     """
-    sea = scenario.sea
+    sea = site.scenario.sea
     count = sea.irregular_components
     low, high = 1 / sea.irregular_period_max, 1 / sea.irregular_period_min
-    frequency = low + (high - low) * (np.arange(count) + random.random(count)) / count
-    phase = 2 * math.pi * random.random(count)
-    amplitude = np.full(count, sea.irregular_rms * math.sqrt(2 / count))
-    return BoundaryWave(
-        np.concatenate([[sea.regular_amplitude], amplitude]),
-        np.concatenate([[sea.regular_period], 1 / frequency]),
-        np.concatenate([[0.0], phase]),
-    )
+    drawn = np.stack([_stream(seed, index, 0).random((2, count)) for seed, index in seas])
+    frequency = low + (high - low) * (np.arange(count) + drawn[:, 0]) / count
+    irregular = long_wave_rms(site) * math.sqrt(2 / count), 1 / frequency, 2 * math.pi * drawn[:, 1]
+    table = np.empty((3, len(seas), count + 1))
+    for part, regular, rest in zip(table, (sea.regular_amplitude, sea.regular_period, 0.0), irregular, strict=True):
+        part[:, 0], part[:, 1:] = regular, rest
+    return BoundaryWaves(*table)
+
+
+def long_wave_rms(site: Site) -> float:
+    """Rms elevation of the irregular long waves at the forced boundary, m; where that is "storm":
+
+        H = α1 Hs Tm² √(g/h),   rms = H/4,   Tm = √(m₋₂/m0),   α1 = 1.2e-3 1/s,
+
+    the height of the free infragravity waves that coasts send out while these waves break on them, over the mean depth
+    h, by Ardhuin, Rawat and Aucan (2014), doi 10.1016/j.ocemod.2014.02.006. m are moments of the spectrum of all
+    systems of short waves over frequencies in Hz.
+    """
+    rms = site.scenario.sea.irregular_rms
+    if rms != "storm":
+        return rms
+    storm, depth, gravity = site.scenario.storm, site.mean_depth, site.scenario.sea.gravity
+    systems = wave_systems(site)
+    squares = 0.0  # Σ Hs² Tm²
+    for system in systems:
+        omega, S = density(system, storm.shortest_wave, depth, gravity)
+        mean_square = float(cumulative(omega, S / omega**2)[-1] / cumulative(omega, S)[-1])
+        squares += (2 * math.pi * system.significant_height) ** 2 * mean_square
+    return INFRAGRAVITY / 4 * squares / max(total_height(systems), 1e-9) * math.sqrt(gravity / depth)
+
+
+def start(
+    scenario: Scenario, waves: BoundaryWaves, seas: Sequence[tuple[int, int]], cells: tuple[int, int], depth: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start of the seas: elevation (seas, ny, nx) and velocities (seas, ny, nx + 1), (seas, ny + 1, nx)."""
+    nx, ny = cells
+    eta, u, v = (np.zeros((len(seas), *shape)) for shape in ((ny, nx), (ny, nx + 1), (ny + 1, nx)))
+    if scenario.sea.start_rms > 0:
+        for own, (seed, index) in zip(eta, seas, strict=True):
+            own[:] = start_elevation(scenario, _stream(seed, index, 1), nx, ny)
+    add_response(scenario, waves, depth, eta, u, v)
+    return eta, u, v
 
 
 def start_elevation(scenario: Scenario, random: np.random.Generator, nx: int, ny: int) -> np.ndarray:
@@ -262,9 +273,9 @@ def start_elevation(scenario: Scenario, random: np.random.Generator, nx: int, ny
 
 
 def add_response(
-    scenario: Scenario, wave: BoundaryWave, depth: float, eta: np.ndarray, u: np.ndarray, v: np.ndarray
+    scenario: Scenario, waves: BoundaryWaves, depth: float, eta: np.ndarray, u: np.ndarray, v: np.ndarray
 ) -> None:
-    """Add the steady response of the basin to the boundary wave at t = 0, so that the forcing sets in smoothly.
+    """Add the steady response of the basins to their boundary waves at t = 0, so that the forcing sets in smoothly.
 
     With s the distance from the opposite boundary, the forced one at s = L, and R = 1 for a wall at s = 0, 0 for a
     boundary that lets waves out:
@@ -278,7 +289,7 @@ def add_response(
 
     Args:
         depth: h, m.
-        eta, u, v: (ny, nx), (ny, nx + 1) and (ny + 1, nx) elevation and face velocities, changed in place.
+        eta, u, v: elevation and face velocities as of `start`, changed in place.
     """
     sea = scenario.sea
     if sea.forced_edge == "none":
@@ -286,26 +297,24 @@ def add_response(
     west_east = sea.forced_edge in ("west", "east")
     backwards = sea.forced_edge in ("west", "south")
     length = _fetch(scenario)
-    omega = 2 * math.pi / wave.period
+    omega = 2 * math.pi / waves.period
     k, R, at_boundary = _response(scenario, omega, depth)
-    B = np.where(abs(at_boundary) * RESONANT_GAIN < 2 * R, 0.0, wave.amplitude * np.exp(1j * wave.phase) / at_boundary)
+    Z = waves.amplitude * np.exp(1j * waves.phase)
+    B = np.where(abs(at_boundary) * RESONANT_GAIN < 2 * R, 0.0, Z / at_boundary)
+    C = -1j * sea.gravity * k * B / (1j * omega + sea.drag)
 
-    cells = eta.shape[1 if west_east else 0]
+    cells = eta.shape[2 if west_east else 1]
     centres = (np.arange(cells) + 0.5) * (length / cells)
     faces = np.arange(cells + 1) * (length / cells)
     if backwards:
-        centres, faces = length - centres, length - faces
-    there, back = (np.exp(sign * 1j * np.outer(centres, k)) for sign in (1, -1))
-    elevation = (B * (there + R * back)).real.sum(axis=1)
-    there, back = (np.exp(sign * 1j * np.outer(faces, k)) for sign in (1, -1))
-    speed = -(1j * sea.gravity * k * B / (1j * omega + sea.drag) * (there - R * back)).real.sum(axis=1)
-    speed = -speed if backwards else speed
-    if west_east:
-        eta += elevation
-        u += speed
-    else:
-        eta += elevation[:, None]
-        v += speed[:, None]
+        centres, faces, C = length - centres, length - faces, -C
+    velocity, axis = (u, 1) if west_east else (v, 2)
+    for component in range(k.shape[1]):  # one at a time: many seas of many cells take little memory
+        own = k[:, component, None]
+        there, back = (np.exp(sign * 1j * (own * centres)) for sign in (1, -1))
+        eta += np.expand_dims((B[:, component, None] * (there + R * back)).real, axis)
+        there, back = (np.exp(sign * 1j * (own * faces)) for sign in (1, -1))
+        velocity += np.expand_dims((C[:, component, None] * (there - R * back)).real, axis)
 
 
 def speed_bound(site: Site) -> float:
@@ -326,7 +335,7 @@ def speed_bound(site: Site) -> float:
         shape = np.exp(1j * np.outer(np.linspace(0, _fetch(scenario), 65), k))
         speed = np.abs(sea.gravity * k / ((1j * omega + sea.drag) * at_boundary) * (shape - R / shape)).max()
         gains.append(min(float(speed), RESONANT_GAIN))
-    irregular = sea.irregular_rms * math.sqrt(2 * sea.irregular_components)
+    irregular = long_wave_rms(site) * math.sqrt(2 * sea.irregular_components)
     return start + sea.regular_amplitude * gains[0] + irregular * gains[1]
 
 

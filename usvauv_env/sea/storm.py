@@ -24,7 +24,7 @@ synthesis of directional seas", J. Offshore Mech. Arct. Eng. 111 (one direction 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -217,47 +217,45 @@ def build_storm(
     count = storm.components
     drawn = np.zeros((4, len(seas), count * len(systems)))
     for number, system in enumerate(systems):
-        own_columns = slice(number * count, (number + 1) * count)
         omega, S = density(system, storm.shortest_wave, depth, gravity)
         k = airy.wavenumber(omega, depth, gravity)
         energy, slope = cumulative(omega, S), cumulative(omega, k**2 * S)
         weight = (energy / energy[-1] + slope / slope[-1]) / 2
         strata = np.interp(np.linspace(0, 1, count + 1), weight, energy / energy[-1])
-        directions = _directions(system)
+        within, sector, phase = np.empty((3, len(seas), count))
         for row, (seed, index) in enumerate(seas):
             own = np.random.SeedSequence(seed, spawn_key=(index, STREAM, number)[: 3 if number else 2])
             random = np.random.Generator(np.random.Philox(own))
-            quantile = strata[:-1] + np.diff(strata) * random.random(count)
-            frequency = np.interp(quantile, energy / energy[-1], omega)
-            drawn[:, row, own_columns] = (
-                system.significant_height / 4 * np.sqrt(2 * np.diff(strata)),
-                frequency,
-                directions(frequency, random),
-                2 * math.pi * random.random(count),
-            )
+            within[row] = random.random(count)
+            sector[row] = _sectors(system, random, count)
+            phase[row] = random.random(count)
+        frequency = np.interp(strata[:-1] + np.diff(strata) * within, energy / energy[-1], omega)
+        drawn[:, :, number * count : (number + 1) * count] = (
+            np.broadcast_to(system.significant_height / 4 * np.sqrt(2 * np.diff(strata)), frequency.shape),
+            frequency,
+            _directions(system, frequency, sector),
+            2 * math.pi * phase,
+        )
     return AirySea(*drawn, depth=depth, gravity=gravity, levels=levels)
 
 
-def _directions(system: System) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
-    """Draws directions of travel (N,) rad of component waves of rising frequencies ω (N,) rad/s."""
+def _sectors(system: System, random: np.random.Generator, count: int) -> np.ndarray:
+    """Quantiles of the directions of travel of component waves of rising frequencies, (count,)."""
+    if isinstance(system, Storm):
+        return (random.permutation(count) + random.random(count)) / count
+    return (random.random() + GOLDEN * np.arange(count)) % 1.0
+
+
+def _directions(system: System, omega: np.ndarray, quantile: np.ndarray) -> np.ndarray:
+    """Directions of travel at their quantiles of component waves of frequencies ω (rad/s), each (seas, N), rad."""
     if isinstance(system, Storm):
         sectors, probability = spread(system.spreading)
-
-        def alike(omega: np.ndarray, random: np.random.Generator) -> np.ndarray:
-            count = len(omega)
-            sector = (random.permutation(count) + random.random(count)) / count
-            return system.direction + np.interp(sector, probability, sectors)
-
-        return alike
+        return system.direction + np.interp(quantile, probability, sectors)
     edges = system.directions[0] + system.step * (np.arange(len(system.directions) + 1) - 0.5)
-
-    def by_frequency(omega: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        f, quantile = omega / (2 * math.pi), (random.random() + GOLDEN * np.arange(len(omega))) % 1.0
-        rows = np.stack([np.interp(f, system.frequencies, column) for column in system.density.T], axis=1)
-        sums = np.pad(rows.cumsum(axis=1), ((0, 0), (1, 0)))
-        return np.array([np.interp(u * row[-1], row, edges) for u, row in zip(quantile, sums, strict=True)])
-
-    return by_frequency
+    rows = [np.interp(omega.ravel() / (2 * math.pi), system.frequencies, column) for column in system.density.T]
+    sums = np.pad(np.stack(rows, axis=1).cumsum(axis=1), ((0, 0), (1, 0)))
+    found = [np.interp(u * row[-1], row, edges) for u, row in zip(quantile.ravel(), sums, strict=True)]
+    return np.reshape(found, omega.shape)
 
 
 def cut_off(shortest_wave: float, depth: float, gravity: float) -> float:

@@ -17,8 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.scenario.sea import Sea
-from usvauv.env.sea.build import speed_bound
+from usvauv.env.sea.build import long_wave_rms, speed_bound
 from usvauv.env.sea.storm import density, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.kernels.flow import airy
@@ -45,7 +44,7 @@ def current_parts(site: Site) -> list[tuple[float, float]]:
     if sea.start_rms > 0:
         clock = sea.gravity, sea.drag, scenario.mission.duration
         parts.append(standing_waves(sea.start_rms, sea.start_modes, area.width, area.depth, *clock))
-    for square, period in _forced_waves(sea):
+    for square, period in _forced_waves(site):
         parts.append((square * _forced_share(scenario, period), 2 * math.pi / period))
     flow = site.current
     if flow is not None:
@@ -62,18 +61,19 @@ def drift_speed(site: Site, level: int) -> float:
         limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
         variance, _ = eddies(current.vortices, *limits, area.width * area.length, scenario.reference.straight_speed)
         square += 2 * variance
-    for mean_square, period in _forced_waves(scenario.sea):
+    for mean_square, period in _forced_waves(site):
         square += 2 * mean_square * _forced_share(scenario, period)
     if site.current is not None:
         square += float(np.square(site.current.at(0.0)[level]).sum(axis=-1).mean())
     return math.sqrt(square)
 
 
-def _forced_waves(sea: Sea) -> list[tuple[float, float]]:
+def _forced_waves(site: Site) -> list[tuple[float, float]]:
     """Mean square elevation (m²) and a period (s) of regular and irregular long waves at the forced edge, if any."""
+    sea = site.scenario.sea
     waves = [
         (sea.regular_amplitude**2 / 2, sea.regular_period),
-        (sea.irregular_rms**2, math.sqrt(sea.irregular_period_min * sea.irregular_period_max)),
+        (long_wave_rms(site) ** 2, math.sqrt(sea.irregular_period_min * sea.irregular_period_max)),
     ]
     return [wave for wave in waves if wave[0] > 0]
 

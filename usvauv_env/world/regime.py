@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.sea.build import forced_gain
+from usvauv.env.sea.build import forced_gain, long_wave_rms
 from usvauv.env.sea.storm import uneven_bed_warning, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables
@@ -77,7 +77,7 @@ def _long_waves(site: Site) -> list[Finding]:
     bands, most = [], 1.0
     if sea.regular_amplitude > 0:
         bands.append(("sea.regular_period", sea.regular_amplitude, sea.regular_period, sea.regular_period))
-    if (rms := sea.irregular_rms) > 0:
+    if (rms := long_wave_rms(site)) > 0:
         shortest, longest = sea.irregular_period_min, sea.irregular_period_max
         bands.append(("sea.irregular_period_min", math.sqrt(2) * rms, shortest, longest))
     speed = math.sqrt(sea.gravity * depth)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.sea.build import build_sea, build_short_waves, check_seed, fine_cells, stacked_forcing
+from usvauv.env.sea.build import boundary_waves, build_sea, build_short_waves, check_seed, fine_cells
 from usvauv.env.sea.long_waves import LongWaves, SeaWatch
 from usvauv.env.sea.storm import AirySea
 from usvauv.env.site.site import Site
@@ -147,7 +147,7 @@ class WorldWater:
         """Go on with the forcing and the storm of another site, see `usvauv.env.world.state`."""
         self._site = site
         seas = self.seas_of(self.episode)
-        self.long_waves.set_forcing(*stacked_forcing(site.scenario, seas))
+        self.long_waves.set_forcing(*boundary_waves(site, seas))
         self.storm = build_short_waves(site, seas)
         self._set_clock()
 
