@@ -5,8 +5,13 @@
     w      = Σ a ω D sin θ,                D = sinh(k (z + h))/sinh(k h),
 
 the gradient of a potential: no divergence, no rotation, no flow through the bed, and at z = 0 w = η_t and u_t = −g η_x.
-Linear theory puts the surface at z = 0, and a boat on it too. Source: Dean and Dalrymple, "Water Wave Mechanics for
-Engineers and Scientists" (1991), §3.4 and §4.4.
+Linear theory puts the surface at z = 0. What floats on it meets there, to second order, the velocity
+
+    u + η u_z,   (u_z, v_z) = Σ a ω D (k_x, k_y) cos θ,
+
+and so drifts with the whole Stokes drift Σ a² ω k cosh 2kh/(2 sinh² kh): Σ a² ω k C²/2 by moving to and fro, as what
+keeps its depth does too, and Σ a² ω k/2 by riding up and down. Sources: Dean and Dalrymple, "Water Wave Mechanics for
+Engineers and Scientists" (1991), §3.4 and §4.4; van den Bremer and Breivik (2018), doi 10.1098/rsta.2017.0104 (drift).
 
 A sea is an array `wave` (seas, groups, columns, LANES): LANES components stand side by side, one column each of
 
@@ -34,7 +39,7 @@ LANES = 8
 TURNS_X, TURNS_Y, PHASE, AMPLITUDE, LEVEL = range(5)
 TWO_PI = 2.0 * math.pi
 
-vec6 = ti.types.vector(6, ti.f32)
+vec8 = ti.types.vector(8, ti.f32)
 lanes = ti.types.vector(LANES, ti.f32)
 waves = ti.types.ndarray(dtype=lanes, ndim=3)
 
@@ -54,8 +59,8 @@ def half_cosine(t: lanes) -> lanes:
 
 
 @func
-def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y: ti.f32) -> vec6:
-    """Surface and water velocity (η, η_x, η_y, u, v, w) of a sea at (x, y), in m, 1 and m/s.
+def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y: ti.f32) -> vec8:
+    """Surface, velocity and its shear (η, η_x, η_y, u, v, w, u_z, v_z) of a sea at (x, y), in m, 1, m/s and 1/s.
 
     What a caller does not use of it is not computed.
 
@@ -67,6 +72,7 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
     """
     eta, eta_x, eta_y = lanes(0.0), lanes(0.0), lanes(0.0)
     u, v, w = lanes(0.0), lanes(0.0), lanes(0.0)
+    u_z, v_z = lanes(0.0), lanes(0.0)
     for n in range(wave.shape[1]):
         kx = wave[sea, n, TURNS_X]
         ky = wave[sea, n, TURNS_Y]
@@ -83,7 +89,19 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
         u += along * kx
         v += along * ky
         w += wave[sea, n, LEVEL + 2 * level + 1] * sine
-    return vec6(eta.sum(), TWO_PI * eta_x.sum(), TWO_PI * eta_y.sum(), u.sum(), v.sum(), w.sum())
+        shear = wave[sea, n, LEVEL + 2 * level + 1] * cosine
+        u_z += shear * kx
+        v_z += shear * ky
+    return vec8(
+        eta.sum(),
+        TWO_PI * eta_x.sum(),
+        TWO_PI * eta_y.sum(),
+        u.sum(),
+        v.sum(),
+        w.sum(),
+        TWO_PI * u_z.sum(),
+        TWO_PI * v_z.sum(),
+    )
 
 
 @kernel
@@ -95,7 +113,7 @@ def _sample(
 ):
     for sea, n in ti.ndrange(points.shape[0], points.shape[1]):
         moved = motion(wave, sea, level, points[sea, n, 0], points[sea, n, 1])
-        for c in ti.static(range(6)):
+        for c in ti.static(range(8)):
             out[sea, n, c] = moved[c]
 
 
@@ -108,9 +126,9 @@ def sample(wave: torch.Tensor, points: torch.Tensor, level: int) -> torch.Tensor
         level: index of the level of the velocity.
 
     Returns:
-        (seas, P, 6) float32: η (m), η_x, η_y, u, v, w (m/s).
+        (seas, P, 8) float32: η (m), η_x, η_y, u, v, w (m/s), u_z, v_z (1/s).
     """
-    out = points.new_empty((*points.shape[:2], 6))
+    out = points.new_empty((*points.shape[:2], 8))
     _sample(wave, level, points.contiguous(), out)
     return out
 

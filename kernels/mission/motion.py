@@ -286,7 +286,10 @@ def move_boat(worlds: ti.template(), w, b):
 
 @func
 def ride_waves(worlds: ti.template(), w, b):
-    """Store elevation and slope of the sea under boat b, long and short waves, and the water's velocity there."""
+    """Store elevation and slope of the sea under boat b, long and short waves, and the water's velocity at the surface.
+
+    That of the storm is, to second order, the one at its elevation: see `usvauv.kernels.flow.airy`.
+    """
     boat = ti.static(worlds.boat)
     water = ti.static(worlds.water)
     x = boat[w, b, BoatColumn.x]
@@ -299,8 +302,8 @@ def ride_waves(worlds: ti.template(), w, b):
     boat[w, b, BoatColumn.elevation] = surface[0] + storm[0]
     boat[w, b, BoatColumn.slope_x] = surface[1] + storm[1]
     boat[w, b, BoatColumn.slope_y] = surface[2] + storm[2]
-    boat[w, b, BoatColumn.current_x] = velocity[0] + storm[3]
-    boat[w, b, BoatColumn.current_y] = velocity[1] + storm[4]
+    boat[w, b, BoatColumn.current_x] = velocity[0] + storm[3] + storm[0] * storm[6]
+    boat[w, b, BoatColumn.current_y] = velocity[1] + storm[4] + storm[0] * storm[7]
 
 
 @func

@@ -19,7 +19,7 @@ from usvauv.kernels.positioning.sonar import (
     francois_garrison,
     height_of_developed_sea,
     rain_noise,
-    wind_of_developed_sea,
+    wind_of_growing_sea,
 )
 
 NUMBERS = {
@@ -159,5 +159,7 @@ class TestWindAndNoise:
         storm = {"spectrum": "pm", "significant_height": 3}
         blown = {"acoustics": {"wind": "storm"}}
         assert tables.wind(site(storm=storm)) == 9.0
-        assert tables.wind(site(storm=storm, **blown)) == wind_of_developed_sea(3)
+        assert tables.wind(site(storm=storm, **blown)) == wind_of_growing_sea(3, 11)
+        steep = {**storm, "significant_height": 14}
+        assert tables.wind(site(storm=steep, **blown)) == tables.STRONGEST
         assert tables.wind(site(**blown)) == 0.0

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy.integrate import quad
 
 from usvauv.env import Scenario, World
-from usvauv.env.sea.build import build_sea, draw_boundary_wave
+from usvauv.env.sea.build import boundary_waves, build_sea, long_wave_rms
 from usvauv.env.site.site import Site
 from usvauv.kernels.mission.columns import BoatColumn
 from usvauv.kernels.shallow_water.discretisation import Packing
@@ -60,12 +61,14 @@ class TestStatistics:
     def test_boundary_wave(self):
         """Exact rms, equal amplitudes, one frequency in each band, and the regular component first, with phase 0."""
         about = {"irregular_rms": 0.8, "irregular_components": 12, "regular_amplitude": 0.3, "regular_period": 500.0}
-        wave = draw_boundary_wave(scenario(forced_edge="east", **about), np.random.default_rng(0))
-        assert (wave.amplitude[0], wave.period[0], wave.phase[0]) == (0.3, 500.0, 0.0)
-        np.testing.assert_allclose(wave.amplitude[1:] ** 2 / 2, 0.8**2 / 12)
-        band = (1 / wave.period[1:] - 1 / 300) / (1 / 75 - 1 / 300) * 12
-        np.testing.assert_array_equal(np.floor(band), np.arange(12))
-        assert np.ptp(wave.phase[1:]) > 2
+        waves = boundary_waves(Site(scenario(forced_edge="east", **about)), [(0, 0), (0, 1)])
+        for amplitude, period, phase in zip(*waves, strict=True):
+            assert (amplitude[0], period[0], phase[0]) == (0.3, 500.0, 0.0)
+            np.testing.assert_allclose(amplitude[1:] ** 2 / 2, 0.8**2 / 12)
+            band = (1 / period[1:] - 1 / 300) / (1 / 75 - 1 / 300) * 12
+            np.testing.assert_array_equal(np.floor(band), np.arange(12))
+            assert np.ptp(phase[1:]) > 2
+        assert (waves.period[0, 1:] != waves.period[1, 1:]).all()
 
     @pytest.mark.parametrize("side", ["none", "west", "north"])
     def test_start_rms_is_exact(self, side):
@@ -215,15 +218,54 @@ class TestNonlinear:
         assert boat[..., BoatColumn.elevation].abs().min() > 0
 
 
-def test_extreme_has_five_metre_crests():
-    """As the scenario says: the median over its seas of the highest long-wave crest of an episode."""
-    scenario = Scenario.load("extreme")
-    sea = sea_of(scenario, 7, 32)
-    highest = np.zeros(32)
-    for _ in range(1000):
-        sea.advance()
-        highest = np.maximum(highest, sea.elevation()[:, 25, 25])
-    assert 4.5 < np.median(highest) < 5.5
+class TestOpenWater:
+    @pytest.mark.parametrize("name", ["extreme", "wide"])
+    def test_long_waves_run_through(self, name):
+        """Σ a cos(ω(t − (L − x)/c) + φ) for half an hour, the same at all y: no wave comes back, and none grows."""
+        site = Site(Scenario.load(name))
+        seas = [(7, index) for index in range(16)]
+        wave, sea = boundary_waves(site, seas), build_sea(site, seas)
+        c, L = math.sqrt(9.81 * 120), site.scenario.area.width
+        late = (L - (np.arange(sea.nx) + 0.5) * sea.dx) / c
+        angle = 2 * math.pi / wave.period
+        worst, squares = 0.0, np.zeros(sea.nx)
+        for _ in range(1800):
+            sea.advance()
+            found = sea.elevation().astype(float)
+            phase = angle[:, :, None] * (sea.time - late) + wave.phase[:, :, None]
+            expected = (wave.amplitude[:, :, None] * np.cos(phase)).sum(axis=1)
+            worst = max(worst, np.abs(found - expected[:, None, :]).max())
+            squares += (found**2).mean(axis=(0, 1)) / 1800
+        rms = long_wave_rms(site)
+        assert worst < 0.02 * rms
+        np.testing.assert_allclose(np.sqrt(squares), rms, rtol=0.02)
+        np.testing.assert_allclose(squares, squares.mean(), rtol=0.01)
+
+    def test_no_resonance(self):
+        """A wave four times as long as the area, ten times as high at a wall as at the edge, is as high everywhere."""
+        wide = Scenario.load("wide", ["sea.irregular_rms=0", "sea.regular_amplitude=0.1", "sea.regular_period=69.9"])
+        sea = sea_of(wide, 0, 1)
+        highest = np.zeros((sea.ny, sea.nx))
+        for _ in range(700):
+            sea.advance()
+            highest = np.maximum(highest, sea.elevation()[0])
+        np.testing.assert_allclose(highest, 0.1, rtol=0.01)
+
+    def test_infragravity_height(self):
+        """α1 Hs Tm² √(g/h) of the spectrum integrated here: two decimetres over 120 m."""
+
+        def density(f: float) -> float:
+            r = 11 * f
+            return r**-5 * math.exp(-1.25 * r**-4) * 2.2 ** math.exp(-((r - 1) ** 2) / (0.0098 if r < 1 else 0.0162))
+
+        ends = 0.5 / 11, math.sqrt(9.81 * 2 * math.pi / 20) / (2 * math.pi)  # down to waves of 20 m
+        square = quad(lambda f: density(f) / f**2, *ends)[0] / quad(density, *ends)[0]
+        height = 1.2e-3 * 6.5 * square * math.sqrt(9.81 / 120)
+        assert 0.15 < height < 0.3
+        assert 4 * long_wave_rms(Site(Scenario.load("extreme"))) == pytest.approx(height, rel=1e-3)
+        deep = ["area.depth=480", "storm.swells=[[6.5, 11.0, 2.2, 0.0, 10.0]]"]  # twice the energy
+        assert 4 * long_wave_rms(Site(Scenario.load("extreme", deep))) == pytest.approx(height / math.sqrt(2), rel=1e-3)
+        assert long_wave_rms(Site(Scenario.load("extreme", ["storm.spectrum=none"]))) == 0.0
 
 
 def test_table_1_tide_is_flat():

@@ -38,11 +38,13 @@ from usvauv.kernels.positioning.sonar import (
     rain_noise,
     total_level,
     wind_of_developed_sea,
+    wind_of_growing_sea,
 )
 
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
 SERVICE_FILL = 0.65  # share of a full buffer that a typical service takes, for the boat's foresight
 GATE = 16  # of the receiver of coded pulses, chips
+STRONGEST = 50.0  # m/s, up to which Wu's drag of the sea surface is meant
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
 
 
@@ -67,7 +69,8 @@ def noise_law(scenario: Scenario) -> NoiseLaw:
 def wind(site: Site) -> float:
     """Wind speed over the sea, m/s.
 
-    "storm" is the wind of a file of waves, where it has it, or else that of a developed sea as high as the wind sea.
+    "storm" is the wind that makes the wind sea grow to its height and period, at most `STRONGEST`; with a file of waves
+    the wind in it, or else that of a developed sea as high as its wind sea.
     """
     scenario = site.scenario
     if scenario.acoustics.wind != "storm":
@@ -75,7 +78,9 @@ def wind(site: Site) -> float:
     if (waves := site.waves) is not None:
         return waves.wind if waves.wind is not None else wind_of_developed_sea(waves.wind_sea_height)
     storm = scenario.storm
-    return wind_of_developed_sea(storm.significant_height) if storm.spectrum != "none" else 0.0
+    if storm.spectrum == "none":
+        return 0.0
+    return min(wind_of_growing_sea(storm.significant_height, storm.peak_period), STRONGEST)
 
 
 def absorption(scenario: Scenario, frequency: float) -> float:

@@ -182,17 +182,24 @@ class WorldWater:
         }
 
     def mean_elevation(self, pixels: int, world: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Elevation of a world's long waves averaged to at most `pixels` on the longer side.
+        """Elevation of a world's long waves on at most `pixels` on the longer side, and from about half of that on:
+        averaged over finer cells, or bilinear between coarser ones.
 
         Returns:
             (Y, X), row 0 in the south, m; the middles x (X,) and y (Y,) of what is averaged, m.
         """
         sea = self.long_waves
         elevation = sea.elevation()[int(self.sea_index[world])]
+        finer = max(1, pixels // (2 * max(elevation.shape)))
+        if finer > 1:
+            planes = torch.from_numpy(elevation)[None, None]
+            elevation = torch.nn.functional.interpolate(planes, scale_factor=finer, mode="bilinear")[0, 0].numpy()
         factor = -(-max(elevation.shape) // pixels)
         rows, columns = (size // factor for size in elevation.shape)
         blocks = elevation[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)
-        x, y = ((np.arange(count) + 0.5) * (factor * cell) for count, cell in ((columns, sea.dx), (rows, sea.dy)))
+        x, y = (
+            (np.arange(count) + 0.5) * (factor / finer * cell) for count, cell in ((columns, sea.dx), (rows, sea.dy))
+        )
         return blocks.mean(axis=(1, 3), dtype=np.float32), x, y
 
     def seas_of(self, episode: int) -> list[tuple[int, int]]:

@@ -44,7 +44,7 @@ def single(a=1.0, omega=0.6, direction=0.0, phase=0.0, depth=H, levels=(0.0,)) -
 
 
 def motion(sea: AirySea, points: np.ndarray, level: int = 0) -> np.ndarray:
-    """(η, η_x, η_y, u, v, w) of every sea at points (P, 2): (seas, P, 6) in double precision."""
+    """(η, η_x, η_y, u, v, w, u_z, v_z) of every sea at points (P, 2): (seas, P, 8) in double precision."""
     points = torch.as_tensor(points, dtype=torch.float32, device=sea.wave.device)
     points = points.expand(sea.wave.shape[0], -1, -1)
     return airy.sample(sea.wave, points, level).double().cpu().numpy()
@@ -64,6 +64,8 @@ def summed(sea: AirySea, points: np.ndarray, z: float, depth: float = H) -> np.n
         a * omega * C * kx[:, None] / k * np.cos(theta),
         a * omega * C * ky[:, None] / k * np.cos(theta),
         a * omega * D * np.sin(theta),
+        a * omega * D * kx[:, None] * np.cos(theta),
+        a * omega * D * ky[:, None] * np.cos(theta),
     )
     return np.stack([term.sum(axis=-1) for term in terms], axis=-1)
 
@@ -118,16 +120,38 @@ class TestMotion:
         h = 1.0
         for middle in (-10.0, -H + 2 * h):
             sea = storm(levels=tuple(middle + n * h for n in range(-2, 3)))
-            gradient = np.zeros((3, *motion(sea, POINTS)[..., 3:].shape))
+            gradient = np.zeros((3, *motion(sea, POINTS)[..., 3:6].shape))
             for n, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
-                gradient[0] += weight / h * motion(sea, POINTS + np.array([n * h, 0]), 2)[..., 3:]
-                gradient[1] += weight / h * motion(sea, POINTS + np.array([0, n * h]), 2)[..., 3:]
-                gradient[2] += weight / h * motion(sea, POINTS, 2 + n)[..., 3:]
+                gradient[0] += weight / h * motion(sea, POINTS + np.array([n * h, 0]), 2)[..., 3:6]
+                gradient[1] += weight / h * motion(sea, POINTS + np.array([0, n * h]), 2)[..., 3:6]
+                gradient[2] += weight / h * motion(sea, POINTS, 2 + n)[..., 3:6]
             scale = np.abs(gradient).max()
             divergence = gradient[0, ..., 0] + gradient[1, ..., 1] + gradient[2, ..., 2]
             assert np.abs(divergence).max() < 1e-3 * scale
             for i, j in ((0, 1), (0, 2), (1, 2)):
                 assert np.abs(gradient[i, ..., j] - gradient[j, ..., i]).max() < 1e-3 * scale
+            shear = motion(sea, POINTS, 2)[..., 6:]
+            assert np.abs(gradient[2, ..., :2] - shear).max() < 1e-3 * scale
+
+    @pytest.mark.parametrize("kh", [0.8, 1.5, 8.0])
+    def test_stokes_drift(self, device, kh):
+        """A float drifts with a² ω k cosh 2kh/(2 sinh² kh), what keeps its depth h/3 with a² ω k C²/2."""
+        k, a = kh / H, 0.02 * H / kh  # a slope of 0.02
+        omega = math.sqrt(G * k * math.tanh(kh))
+        sea = single(a=a, omega=omega, phase=math.pi / 2, levels=(0.0, -H / 3))  # begins where it stands
+        steps, periods = 60, 10
+        dt = 2 * math.pi / omega / steps
+        surface = a**2 * omega * k * math.cosh(2 * kh) / (2 * math.sinh(kh) ** 2)
+        below = a**2 * omega * k * (math.cosh(2 * kh / 3) / math.sinh(kh)) ** 2 / 2
+        for level, expected in ((0, surface), (1, below)):
+            x = 0.0
+            for step in range(steps * periods):
+                start = x
+                for part, time in ((0.5, step), (1.0, step + 0.5)):  # midpoint rule
+                    sea.set_time(time * dt)
+                    moved = motion(sea, np.array([[x, 0.0]]), level)[0, 0]
+                    x = start + part * dt * (moved[3] + (moved[0] * moved[6] if level == 0 else 0.0))
+            assert x / (steps * periods * dt) == pytest.approx(expected, rel=0.02)
 
     def test_linear_free_surface(self, device):
         """At z = 0 the water moves with the surface, w = η_t, and is accelerated down its slope, u_t = −g η_x."""
@@ -301,6 +325,6 @@ class TestStatistics:
         weights = (lambda o: 1, lambda o: k(o) ** 2, lambda o: speed(o, 0) ** 2, lambda o: speed(o, -100) ** 2)
         expected = [integral(weight) for weight in weights]
         scale = 6.5**2 / 16 / expected[0]
-        found = [square[0], square[1:3].sum(), square[3:5].sum(), square[6:].sum()]
+        found = [square[0], square[1:3].sum(), square[3:5].sum(), square[8:].sum()]
         assert found == pytest.approx([scale * value for value in expected], rel=0.03)
         assert np.sqrt(found) == pytest.approx([1.625, 0.106, 1.17, 0.051], rel=0.02)  # of the scenario `extreme`

@@ -435,3 +435,15 @@ class TestGrowingSea:
         """
         celerity = 9.81 * 11 / (2 * math.pi)
         assert wind_of_growing_sea(6.5, 11.0) == pytest.approx(celerity * 10 ** ((2.2 - 1.7) / 6), rel=0.1)
+
+    def test_phillips_constant(self):
+        """JONSWAP's α = 0.076 x̃^−0.22 and ν = U/(g Tp) = 3.5 x̃^−0.33, without the fetch: α = 0.033 ν^(2/3).
+
+        α of a sea of 6.5 m and 11 s with γ = 2.2 from m0 = α g² ωp⁻⁴ I(γ).
+        """
+        r = np.linspace(0.4, 30.0, 100001)
+        width = np.where(r < 1, 0.07, 0.09)
+        shape = r**-5 * np.exp(-1.25 * r**-4) * 2.2 ** np.exp(-(((r - 1) / width) ** 2) / 2)
+        alpha = (6.5 / 4) ** 2 * (2 * math.pi / 11) ** 4 / 9.81**2 / np.trapezoid(shape, r)
+        wind = 9.81 * 11 * (alpha * 3.5 ** (2 / 3) / 0.076) ** 1.5
+        assert wind_of_growing_sea(6.5, 11.0) == pytest.approx(wind, rel=0.05)
