@@ -104,7 +104,7 @@ SLIDERS: dict[str, Slider] = {
         "Long waves, m rms",
         _long_bounds,
         0.1,
-        lambda scenario: scenario.sea.irregular_rms,
+        lambda scenario: 0.0 if scenario.sea.irregular_rms == "storm" else scenario.sea.irregular_rms,
         lambda scenario, rms: {"sea": {"irregular_rms": rms}},
         "Irregular long waves at the forced edge; they run in from there",
     ),
