@@ -171,7 +171,8 @@ class TestTask:
 
     def test_rate_at_a_hundred_metres(self):
         """Shannon's rate over 10 kHz at 20 kHz and 100 m, from the sonar equation written out by hand."""
-        scenario = Scenario.load("ideal", [*EVERY_STEP, "area.depth=200", "auv.count=1"])
+        link = ["nodes.rate_law=shannon", "nodes.frequency=20000", "nodes.bandwidth=10000"]
+        scenario = Scenario.load("ideal", [*EVERY_STEP, *link, "area.depth=200", "auv.count=1"])
         f = 20.0
         alpha = 0.11 * f**2 / (1 + f**2) + 44 * f**2 / (4100 + f**2) + 2.75e-4 * f**2 + 0.003
         densities = (

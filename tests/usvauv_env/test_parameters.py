@@ -28,7 +28,7 @@ NUMBERS = {
     "auv": {"count": 3, "depth": 60, "hover_radius": 11, "speed_max": 2.5},
     "nodes": {
         "count": 12, "arrival_rates": [2, 3, 7], "payload": 4, "source_power": 0.1, "frequency": 24000,
-        "bandwidth": 8000,
+        "bandwidth": 8000, "rate_law": "shannon",
     },
     "acoustics": {
         "sound_speed": 1480, "sound_speed_error": 5, "spreading": 17, "water_temperature": 12, "water_salinity": 34,
