@@ -51,6 +51,8 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
     for shown in filter(None, parts.values()):
         print()
         _table(comparison, varied, shown, tables.UNLIMITED if wide else 0)
+    if said := dependence(comparison, "arps"):
+        print("\n" + tables.wrapped(said))
     if not wide:
         print("\nrms: of the positions' error; fixes: share of seconds with one. More: --wide")
 
@@ -84,7 +86,18 @@ def intervals(comparison: Comparison, name: str) -> list[str]:
         if which != comparison.reference:
             line += f", difference {words(comparison.difference(which, name), sign=True)}"
         lines.append(line)
+    if said := dependence(comparison, name):
+        lines.append(said)
     return lines
+
+
+def dependence(comparison: Comparison, name: str) -> str:
+    """What it means for a figure that episodes share seas; empty where they do not."""
+    effective = comparison.effective(name)
+    if not 0 < comparison.seas < comparison.episodes or effective > 0.95 * comparison.episodes:
+        return ""
+    shared = f"{comparison.episodes} episodes on {comparison.seas} seas"
+    return f"{shared} tell as much of {name} as {effective:.0f} episodes on seas of their own"
 
 
 def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:

@@ -7,13 +7,13 @@ heads for and how long it hovers. The AUVs know as little of themselves as befor
 """
 
 import argparse
-import math
 
 import numpy as np
 import taichi as ti
 
 from benchmarks.machine import describe
 from usvauv import policies
+from usvauv.cli.evaluation.comparison import interval
 from usvauv.env import Scenario, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
@@ -60,7 +60,7 @@ def main() -> None:
     for distance, level in LEVELS.items():
         plain, told = (data(level, boat, arguments.episodes, arguments.seed) for boat in ("belief", "clairvoyant"))
         more = told - plain
-        half = 1.96 * more.std(ddof=1) / math.sqrt(len(more))
+        half = interval(more).half
         print(f"| {distance} m | {plain.mean():.1f} | {told.mean():.1f} | {more.mean():.1f} ± {half:.1f} |", flush=True)
 
 

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
+from usvauv.cli.evaluation import comparison
 from usvauv.env import evaluate
 from usvauv.env.render.figures import write_pair
 from usvauv.env.render.style import MARKERS, Ground, looks
@@ -74,10 +75,10 @@ def draw(table: Table, learned: list[str], ground: Ground) -> Figure:
         panel.plot(x, y, f"{mark}-", ms=5, lw=1.4, color=colour, label=label)
     for name, mark in zip(learned, LEARNED_MARKS * len(learned), strict=False):
         x, y = (table[name][key] for key in (ENERGY, DATA))
-        error = [1.96 * values.std(ddof=1) / np.sqrt(len(values)) for values in (y, x)]
+        up, along = (comparison.interval(values).half for values in (y, x))
         label = Path(name).name
         look = {"fmt": mark, "ms": 7, "capsize": 3, "color": ground.text, "label": label}
-        panel.errorbar(x.mean(), y.mean(), *error, **look)
+        panel.errorbar(x.mean(), y.mean(), up, along, **look)
     panel.set(xlabel="energy of all AUVs, Wh", ylabel="data, Mbit", title=f"{SCENARIO}, {whole.size} paired episodes")
     panel.legend()
     return picture

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from usvauv.cli.evaluation import comparison
 from usvauv.env import EpisodeMetrics
 
 
@@ -15,9 +16,9 @@ def figure(rows: Sequence[EpisodeMetrics], name: str) -> np.ndarray:
 
 
 def interval(values: np.ndarray, digits: int = 1) -> str:
-    """Mean and 95 % interval of the finite ones."""
-    values = values[np.isfinite(values)]
-    return f"{values.mean():.{digits}f} ± {1.96 * values.std(ddof=1) / np.sqrt(len(values)):.{digits}f}"
+    """Mean and 95 % interval of the finite ones, of episodes on seas of their own."""
+    mean, half, _ = comparison.interval(np.where(np.isfinite(values), values, np.nan))
+    return f"{mean:.{digits}f} ± {half:.{digits}f}"
 
 
 def line(cells: Sequence[str]) -> None:

@@ -137,7 +137,8 @@ def evaluate(
         writable(context, report_folder / "index.html", "--report", (".html",))
     check_regime(setting)
     recordings = Recordings(len(scenarios))
-    comparison = Comparison(list(scenarios), reference, front_episodes(len(scenarios)) if report_folder else 0)
+    kept = front_episodes(len(scenarios)) if report_folder else 0
+    comparison = Comparison(list(scenarios), reference, kept, setting.random_seas)
     with GrowingTable(out, resume, (*COLUMNS, *figures[len(FIGURES) :])) as table:
         decides = definition(setting, scenarios, seed, arch)
         about = table.about
@@ -155,7 +156,7 @@ def evaluate(
 
                 def enough() -> bool:
                     advance(0, report.intervals(comparison, score))
-                    return until is not None and comparison.reached(score, until)
+                    return until is not None and (comparison.reached(score, until) or comparison.floor(score) > until)
 
                 run.run(
                     plan,
@@ -174,7 +175,12 @@ def evaluate(
     report.metrics_tables(comparison, setting, seed, wide)
     if until is not None:
         print("\n".join(report.intervals(comparison, score)))
-        if not comparison.reached(score, until):
+        if (floor := comparison.floor(score)) > until:
+            typer.echo(
+                f"--until-halfwidth {until:g}: cannot be reached on {comparison.seas} seas (sea.realisations), which"
+                f" alone leave ± {floor:.2g}"
+            )
+        elif not comparison.reached(score, until):
             typer.echo(f"--until-halfwidth {until:g}: not reached in {comparison.episodes} episodes")
     typer.echo(f"{table.count} episodes written to {out}")
     if report_folder:

@@ -1,8 +1,16 @@
-"""Means with 95 % intervals by Student's t, mean ± t s/√n, of combinations of policy, boat strategy and target rule.
+"""Means with 95 % intervals of combinations of policy, boat strategy and target rule.
 
 All combinations run in the same worlds, so the difference of two is taken episode by episode: what the worlds have in
-common cancels. Sums are kept, whose size does not grow with the number of episodes. The intervals take the mean of the
-episodes as normal.
+common cancels. Episodes on the same random sea are not independent. So the variance of a mean is that of the sums of
+deviations over each of the G seas that occur,
+
+    var x̄ = G/(G − 1) Σ_g (Σ_{i in g} (x_i − x̄))² / n²,
+
+and the interval is x̄ ± t √var with Student's t of G − 1 degrees of freedom. With a sea for each episode that is t s/√n.
+Sums are kept, whose size does not grow with the number of episodes. The intervals take the mean of a sea as normal.
+
+Source: Cameron and Miller (2015), "A practitioner's guide to cluster-robust inference", J. Human Resources 50, 317,
+doi 10.3368/jhr.50.2.317, §II and §VI.
 """
 
 from __future__ import annotations
@@ -68,9 +76,15 @@ class Moments:
 
     Parts are joined by Chan, Golub & LeVeque 1983, doi:10.1080/00031305.1983.10483115, about the first value, so that
     equal values have a spread of exactly 0.
+
+    Args:
+        figures: F.
+        seas: number of random seas that values take turns on; 0: each value has its own.
     """
 
-    def __init__(self, figures: int) -> None:
+    def __init__(self, figures: int, seas: int = 0) -> None:
+        self._turn = 0  # of the next value
+        self._of_sea = np.zeros((2, seas, figures))  # number of values on a sea, and their sum less the first
         self._n = np.zeros(figures)
         self._first = np.full(figures, np.nan)
         self._mean = np.zeros(figures)  # less the first
@@ -83,6 +97,11 @@ class Moments:
         first = values[known.argmax(axis=0), np.arange(values.shape[1])]
         self._first = np.where(self._n > 0, self._first, first)
         shifted = np.where(known, values - self._first, 0.0)
+        if seas := self._of_sea.shape[1]:
+            sea = (self._turn + np.arange(len(values))) % seas
+            np.add.at(self._of_sea[0], sea, known)
+            np.add.at(self._of_sea[1], sea, shifted)
+            self._turn = (self._turn + len(values)) % seas
         mean = shifted.sum(axis=0) / np.maximum(n, 1)
         squares = np.where(known, (shifted - mean) ** 2, 0.0).sum(axis=0)
         total, apart = self._n + n, mean - self._mean
@@ -95,12 +114,49 @@ class Moments:
         """Mean and interval of a figure."""
         n = int(self._n[figure])
         mean = float(self._first[figure] + self._mean[figure]) if n else math.nan
-        half = t_quantile(n - 1) * self.deviation(figure) / math.sqrt(n) if n > 1 else math.nan
-        return Estimate(mean, half, n)
+        variance, freedom = self._variance(figure)
+        return Estimate(mean, t_quantile(freedom) * math.sqrt(variance) if freedom else math.nan, n)
+
+    def effective(self, figure: int) -> float:
+        """Number of values on seas of their own of which the mean would be as well known."""
+        n, (variance, freedom) = int(self._n[figure]), self._variance(figure)
+        alone = self.deviation(figure) ** 2
+        return min(n, alone / variance) if freedom and variance > 0 else n
+
+    def floor(self, figure: int) -> float:
+        """Half of the interval that stays however many more values come, if their seas are the same."""
+        variance, freedom = self._variance(figure)
+        n, seas = self._n[figure], freedom + 1
+        if not self._of_sea.shape[1] or not freedom or n <= seas:
+            return 0.0
+        count, total = self._of_sea[:, :, figure]
+        within = self._squares[figure] - float(np.sum(count * (total / np.maximum(count, 1) - self._mean[figure]) ** 2))
+        return t_quantile(freedom) * math.sqrt(max(variance - max(within, 0.0) / (n - seas) / n, 0.0))
+
+    def _variance(self, figure: int) -> tuple[float, int]:
+        """Variance of the mean, and its degrees of freedom; (0, 0): unknown."""
+        n, (count, total) = int(self._n[figure]), self._of_sea[:, :, figure]
+        if count.max(initial=0) <= 1:
+            return (self.deviation(figure) ** 2 / n, n - 1) if n > 1 else (0.0, 0)
+        seas = int(np.count_nonzero(count))
+        if seas < 2:
+            return 0.0, 0
+        apart = total - count * self._mean[figure]
+        return seas / (seas - 1) * float(np.sum(apart**2)) / n**2, seas - 1
 
     def deviation(self, figure: int) -> float:
         """Standard deviation of a figure; 0 of one value."""
         return math.sqrt(self._squares[figure] / max(self._n[figure] - 1, 1))
+
+
+def interval(values: np.ndarray, seas: int = 0) -> Estimate:
+    """Mean and 95 % interval of the figures (n,) of episodes 0, 1, … that take turns on so many random seas.
+
+    `Scenario.random_seas` has their number.
+    """
+    moments = Moments(1, seas)
+    moments.add(np.asarray(values, np.float64)[:, None])
+    return moments.estimate(0)
 
 
 def words(value: Estimate, sign: bool = False) -> str:
@@ -124,6 +180,7 @@ def digits(mean: float, half: float) -> int:
 
 
 LEAST_EPISODES = 64  # before an interval is believed to be short
+SEA_EPISODES = 8  # on each sea, before what the seas leave is believed
 
 
 class Comparison:
@@ -132,15 +189,17 @@ class Comparison:
     Attributes:
         combinations: in order.
         reference: what the others are compared with.
+        seas: number of random seas that episodes take turns on; 0: each has its own, or all are alike.
         points: energy, Wh, and data, Mbit, of the first `kept` episodes of each, for a figure.
         episodes: of each.
         of_task: names of the figures that belong to the task.
     """
 
     def __init__(
-        self, combinations: Sequence[Combination], reference: Combination | None = None, kept: int = 0
+        self, combinations: Sequence[Combination], reference: Combination | None = None, kept: int = 0, seas: int = 0
     ) -> None:
         self.combinations = tuple(combinations)
+        self.seas = seas
         self.reference = reference or self.combinations[0]
         self.points: dict[Combination, list[tuple[float, float]]] = {which: [] for which in self.combinations}
         self.episodes = 0
@@ -156,8 +215,8 @@ class Comparison:
         if not self._places:
             self.of_task = tuple(name for name in rows[0] if name not in COLUMNS)
             self._places = {name: place for place, name in enumerate((*FIGURES, *self.of_task))}
-            self._scores = {which: Moments(len(self._places)) for which in self.combinations}
-            self._differences = {which: Moments(len(self._places)) for which in self.combinations}
+            self._scores = {which: Moments(len(self._places), self.seas) for which in self.combinations}
+            self._differences = {which: Moments(len(self._places), self.seas) for which in self.combinations}
         values = {which: np.array([[float(row[n]) for n in self._places] for row in batch[which]]) for which in batch}
         drawn = [self._places[name] for name in ("energy_wh", "delivered_mbit")]
         for which, found in values.items():
@@ -184,9 +243,23 @@ class Comparison:
 
         ∞: there is none, or one of length 0. Values that are all equal so far do not tell how much others may differ.
         """
-        others = [which for which in self.combinations if which != self.reference]
-        found = [self.difference(which, name) for which in others] or [self.score(self.reference, name)]
+        found = [moments.estimate(self._places[name]) for moments in self._decisive]
         return max(estimate.half if estimate.half > 0 else math.inf for estimate in found)
+
+    def floor(self, name: str) -> float:
+        """What stays of `half` however many more episodes come on the same seas; 0 while that is unknown."""
+        if not self.seas or self.episodes < SEA_EPISODES * self.seas:
+            return 0.0
+        return max(moments.floor(self._places[name]) for moments in self._decisive)
+
+    def effective(self, name: str) -> float:
+        """Number of episodes on seas of their own that tell as much of a figure, the least of all combinations."""
+        return min(moments.effective(self._places[name]) for moments in self._scores.values())
+
+    @property
+    def _decisive(self) -> list[Moments]:
+        others = [which for which in self.combinations if which != self.reference]
+        return [self._differences[which] for which in others] or [self._scores[self.reference]]
 
     def reached(self, name: str, half: float) -> bool:
         """Whether these intervals are at most ± `half`, of enough episodes."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from usvauv.cli.evaluation.comparison import interval
 from usvauv.cli.reproduction.paper import markdown_table, picture_pair, rounded, spread, titled_figure
 from usvauv.cli.reproduction.runs import Settings
 from usvauv.cli.sweep.run import Piece
@@ -18,6 +18,7 @@ from usvauv.cli.sweep.study import Evaluation, StudyRun, define
 from usvauv.env.render.figures import write_pair
 from usvauv.env.render.plain_matplotlib import Figure
 from usvauv.env.render.style import Ground, looks
+from usvauv.env.scenario import Scenario
 from usvauv.env.storage.tables import write_rows
 
 NAME = "collaboration"
@@ -89,11 +90,6 @@ def runs(settings: Settings) -> list[Piece]:
     return [missions(settings, *each) for each in dict.fromkeys([(CENTRE, PERFECT), *found])]
 
 
-def half_width(values: np.ndarray) -> float:
-    """Half the width of the 95 % interval of a mean."""
-    return 1.96 * float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
-
-
 def points(settings: Settings, folder: Path) -> Iterator[dict[str, Any]]:
     """All points of all axes, from the rows of the episodes: a row of `SUMMARY` each.
 
@@ -105,6 +101,7 @@ def points(settings: Settings, folder: Path) -> Iterator[dict[str, Any]]:
         rows = missions(settings, boat, changes).rows(folder)
         return {name: np.array([float(row[name]) for row in rows]) for name in FIGURES}
 
+    seas = Scenario.load(WIDE, settings.overrides).random_seas
     most = columns(CENTRE, PERFECT)["delivered_mbit"].mean()
     for axis in AXES:
         for value, changes in sorted(axis.points.items()):
@@ -115,7 +112,7 @@ def points(settings: Settings, folder: Path) -> Iterator[dict[str, Any]]:
                 more = best - data
                 means = [float(np.nanmean(values)) for values in found.values()]
                 about = (axis.name, value, boat, len(data), float(data.mean() / most), *means)
-                about += (half_width(data), float(more.mean()), half_width(more))
+                about += (interval(data, seas).half, float(more.mean()), interval(more, seas).half)
                 yield dict(zip(SUMMARY, about, strict=True))
 
 

@@ -258,6 +258,12 @@ class Scenario(Section):
             raise ValueError(f"{name} = {height:g}: must not be above {highest:.3g} m, where such waves break")
 
     @property
+    def random_seas(self) -> int:
+        """Number of different random seas that the worlds of a seed take turns on; 0 where all have the same."""
+        drawn = self.storm.spectrum != "none" or self.water.waves or self.sea.irregular_rms or self.sea.start_rms
+        return self.sea.realisations if drawn else 0
+
+    @property
     def task_definition(self) -> Task:
         """The task itself."""
         return tasks[self.task]
