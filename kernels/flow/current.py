@@ -12,6 +12,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.flow import vortex
+from usvauv.kernels.flow.vortex import ENDLESS, Eddies
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.shallow_water.discretisation import LANES
 from usvauv.kernels.types import Level, array1, array3, array4, index1, mask1, vec2, vec3
@@ -33,6 +34,7 @@ class Water(NamedTuple):
         nx, ny: number of cells.
         sea_index: (W,) int32, which sea of the pool a world sails on.
         wave: (seas, groups, columns, LANES) the storm's components, `airy`; velocities at each `Level`.
+        eddies: how the vortices fill the water.
     """
 
     vortex: Any
@@ -49,6 +51,7 @@ class Water(NamedTuple):
     ny: Any = None
     sea_index: Any = None
     wave: Any = None
+    eddies: Eddies = ENDLESS
 
 
 @func
@@ -178,7 +181,9 @@ def long_wave_velocity(water: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32) 
 @func
 def without_waves(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) of vortices and real currents at (x, y) in world w."""
-    V = vortex.current(water.vortex, w, x, y)
+    V = vortex.current(water.vortex, w, x, y, water.eddies.period)
+    if ti.static(water.eddies.cruise != 1.0):
+        V *= ti.select(level == Level.cruise, ti.cast(water.eddies.cruise, ti.f32), 1.0)
     if water.stream.shape[1] > 1:
         for axis in ti.static(range(2)):
             V[axis] += grid_sample(water.stream, level, axis, x, y, water.width, water.length)
@@ -208,13 +213,16 @@ def on_grid(
     mask: mask1,
     margin: ti.f32,
     flow: array4,
+    eddies: ti.template(),
 ):
     """Velocity (m/s) at cruise level on a grid over the area without a margin (m), in worlds where `mask` is not 0.
 
     `size` is the area's width and length, m. `flow` is (W, rows, columns, 2), row 0 in the south.
     """
     for w, i in ti.ndrange(flow.shape[0], flow.shape[1]):
-        water = ti.static(Water(vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea_index))
+        water = ti.static(
+            Water(vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea_index, None, eddies)
+        )
         y = margin + (size[1] - 2.0 * margin) * i / (flow.shape[1] - 1)
         for j in range(flow.shape[2]):
             here = vec2(flow[w, i, j, 0], flow[w, i, j, 1])
@@ -227,10 +235,17 @@ def on_grid(
 
 @kernel
 def _trace_paths(
-    vortices: array3, stream: array4, level: ti.i32, width: ti.f32, length: ti.f32, step: ti.f32, path: array3
+    vortices: array3,
+    stream: array4,
+    level: ti.i32,
+    width: ti.f32,
+    length: ti.f32,
+    step: ti.f32,
+    path: array3,
+    eddies: ti.template(),
 ):
     for n in range(path.shape[0]):
-        water = ti.static(Water(vortices, stream, width, length))
+        water = ti.static(Water(vortices, stream, width, length, eddies=eddies))
         for t in range(1, path.shape[1]):
             at = vec2(path[n, t - 1, 0], path[n, t - 1, 1])
             middle = at + 0.5 * step * without_waves(water, level, 0, at[0], at[1])
@@ -248,6 +263,7 @@ def particle_paths(
     size: tuple[float, float],
     step: float,
     count: int,
+    eddies: Eddies = ENDLESS,
 ) -> torch.Tensor:
     """Paths of particles in the field of world 0 as it stands, by the midpoint rule.
 
@@ -258,10 +274,11 @@ def particle_paths(
         level: of `Level`.
         size: (width, length) of the area, m.
         step: s. count: steps.
+        eddies: how the vortices fill the water.
 
     Returns:
         (N, count + 1, 2) float32, m.
     """
     path = points[:, None].repeat(1, count + 1, 1).contiguous()
-    _trace_paths(vortices.contiguous(), stream.contiguous(), level, *size, step, path)
+    _trace_paths(vortices.contiguous(), stream.contiguous(), level, *size, step, path, eddies)
     return path

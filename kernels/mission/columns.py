@@ -68,6 +68,7 @@ class Parameter(Columns):
     width: int
     length: int
     diagonal: int
+    period: int
     circulation_min: int
     circulation_max: int
     alternate: int

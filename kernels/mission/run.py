@@ -42,13 +42,21 @@ class VortexDraw(NamedTuple):
 
 @func
 def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
-    """Draw the vortices of an episode, or take the fixed ones, and their signs."""
+    """Draw the vortices of an episode, or take the fixed ones, and their signs.
+
+    Centres are uniform over the area, or over the square of a periodic pattern round its middle.
+    """
     p = ti.static(worlds.p)
+    width, length = p[Parameter.width], p[Parameter.length]
+    if p[Parameter.period] > 0.0:
+        width = p[Parameter.period]
+        length = width
+    west, south = 0.5 * (p[Parameter.width] - width), 0.5 * (p[Parameter.length] - length)
     for v in range(vortex.shape[1]):
         if p[Parameter.random_vortices] > 0.5:
             u = uniforms(worlds, w, Draw.vortex, v)
-            vortex[w, v, Vortex.x] = u[0] * p[Parameter.width]
-            vortex[w, v, Vortex.y] = u[1] * p[Parameter.length]
+            vortex[w, v, Vortex.x] = west + u[0] * width
+            vortex[w, v, Vortex.y] = south + u[1] * length
             vortex[w, v, Vortex.Gamma] = between(p[Parameter.circulation_min], p[Parameter.circulation_max], u[2])
             vortex[w, v, Vortex.delta] = between(p[Parameter.core_radius_min], p[Parameter.core_radius_max], u[3])
         else:
@@ -209,7 +217,7 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
     ti.loop_config(serialize=program.serial)
     for w in range(clock.shape[0]):
         water = ti.static(Water(vortex, stream, p[Parameter.width], p[Parameter.length], bed, eta, U, V,
-                                unit_x, unit_y, nx, ny, sea_index, wave))
+                                unit_x, unit_y, nx, ny, sea_index, wave, program.eddies))
         pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
         worlds = ti.static(Worlds(program, water, pulses, {", ".join(ARRAYS)}))
         if ti.static(phase == Phase.step):

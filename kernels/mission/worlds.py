@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from usvauv.kernels import random
-from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.flow.vortex import Eddies, Vortex
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import (
     AuvColumn,
@@ -66,6 +66,7 @@ class Program(NamedTuple):
         sensor: of `Sensor`, what AUVs reckon with.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
         fleet: there is more than one boat.
+        eddies: how vortices fill the water.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
     """
 
@@ -85,6 +86,7 @@ class Program(NamedTuple):
     sensor: int
     turns: bool
     fleet: bool
+    eddies: Eddies
     serial: bool = False
 
 

@@ -63,6 +63,20 @@ class TestParts:
         assert variance * omega**2 == pytest.approx(2.0**2 * strength / (8 * math.pi * delta2), rel=1e-3)
         assert current_parts(site("current.count=3")) == []
 
+    def test_a_pattern_of_vortices_at_depth(self):
+        """By the sum over wave numbers, for the same mean square core, at the AUVs' depth."""
+        pattern = ["current.core_radius_min=15", "current.core_radius_max=15", "current.period=400"]
+        ((variance, omega),) = current_parts(
+            site(*VORTICES, *pattern, "current.decay_depth=200", "reference.straight_speed=2")
+        )
+        strength = 3 * np.mean(np.linspace(10, 40, 100001) ** 2) / 400**2
+        n = np.arange(-120, 121)
+        k2 = (2 * math.pi / 400) ** 2 * (n**2 + n[:, None] ** 2)
+        spectrum = np.exp(-k2 * 15**2 / 2) / np.where(k2 > 0, k2, np.inf)
+        assert variance == pytest.approx(strength / 400**2 * spectrum.sum() / 2 * math.exp(-1), rel=0.01)
+        slopes = strength / 400**2 * (np.exp(-k2 * 15**2 / 2).sum() - 1) / 4
+        assert variance * omega**2 == pytest.approx(2.0**2 * slopes * math.exp(-1), rel=0.02)
+
     def test_short_waves(self):
         ((variance, omega),) = current_parts(site(*STORM, "auv.depth=30"))
         square, change = orbital(-30.0, DEPTH)

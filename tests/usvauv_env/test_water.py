@@ -162,11 +162,29 @@ class TestRealBed:
 
 class TestVortices:
     def test_evolve_in_the_mission(self):
-        scenario = Scenario.load("extreme", ["current.viscosity=0.5", "current.mutual=true"])
+        scenario = Scenario.load("extreme", ["current.viscosity=0.1"])
         world = World(scenario, 5, seed=1)
         world.reset()
-        expected, room = world.vortex.clone(), torch.zeros(5, 4, 7)
+        expected, room = world.vortex.clone(), torch.zeros(5, 9, 7)
+        assert (expected[..., :2] < 0).any()
+        assert (expected[..., :2] > 200).any()
+        eddies = vortex.Eddies(300.0, (100.0, 100.0), column=(1 + math.exp(-120 / 280)) / 2)
         for _ in range(20):
-            vortex.evolution(expected, room, 1.0, 0.5, True)()
+            vortex.evolution(expected, room, 1.0, 0.1, True, eddies)()
             world.step(torch.zeros(5, 2, 2))
         assert torch.equal(world.vortex, expected)
+
+    def test_are_weaker_at_depth(self):
+        """The AUVs' level has e^{−100/280} of the surface's speed, of the pattern with all its images."""
+        world = World(Scenario.load("extreme", ["sea.irregular_rms=0"]), 2, seed=1)
+        world.reset()
+        flow = torch.zeros(2, 11, 11, 2)
+        world.current_field(flow, torch.ones(2, dtype=torch.bool))
+        at = torch.linspace(0, 200, 11)
+        points = torch.stack(torch.meshgrid(at, at, indexing="xy"), -1).view(1, -1, 2).expand(2, -1, -1)
+        surface = vortex.sample_current(world.vortex, points.contiguous(), 300.0).view(flow.shape)
+        torch.testing.assert_close(flow, math.exp(-100 / 280) * surface, atol=1e-5, rtol=1e-4)
+
+    def test_a_pattern_too_small_for_its_cores_is_refused(self):
+        with pytest.raises(ScenarioError, match=r"current.period = 300: must be 0, or at least 375 m, 7.5 times"):
+            Scenario.load("extreme", ["current.core_radius_max=50"])

@@ -201,7 +201,9 @@ class SeaPainter:
         self.surface: SeaSurface = surface
         self._stillness = surface.stillness
         self._level = level = surface.level
-        self.streaks = CurrentStreaks(sea.vortices, sea.stream(), area.width, area.length, self.view, layout.unit)
+        self.streaks = CurrentStreaks(
+            sea.vortices, sea.stream(), area.width, area.length, self.view, layout.unit, sea.site.eddies
+        )
         self._streak_step = min(sea.interval, 0.25 * self.streaks.tail)
         self._overlay = Overlay(*layout.map)
         self._land = land(sea, layout.map.width, layout.map.height)

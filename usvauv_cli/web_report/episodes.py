@@ -20,6 +20,7 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.render.style import CATEGORICAL
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.tables import Combination
+from usvauv.kernels.flow.vortex import EISENSTEIN
 
 MOST_SHOWN = 12  # combinations with an episode and a line in the figures
 FRONT_EPISODES = 2400  # points of episodes in the figure of the front
@@ -190,6 +191,8 @@ def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Epi
     return {
         "colours": len(CATEGORICAL),
         "area": [scenario.area.width, scenario.area.length],
+        "period": scenario.current.period,
+        "eisenstein": EISENSTEIN,
         "episodes": [
             {
                 "name": name,
@@ -200,7 +203,7 @@ def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Epi
                 "target": encoded(episode.target, whole=True),
                 "hovering": encoded(episode.hovering, bits=8, whole=True),
                 "boat": encoded(episode.boat),
-                "vortex": encoded_vortices(episode.vortex),
+                "vortex": encoded_vortices(episode.vortex, scenario.eddies_at_cruise),
                 "stream_time": encoded(episode.stream_time if len(episode.stream_time) else np.zeros(1)),
                 "stream": encoded(at_arrows(episode.stream, scenario.area.width, scenario.area.length)),
                 "node": encoded(episode.node),
@@ -218,9 +221,9 @@ def encoded_ellipses(ellipse: np.ndarray) -> list[dict[str, Any]]:
     return [encoded(ellipse[..., :2]), encoded(ellipse[..., 2])]
 
 
-def encoded_vortices(vortex: np.ndarray) -> list[dict[str, Any]]:
-    """Centres (F, V, 2), circulations (F, V) and core radii (F, V)."""
-    return [encoded(vortex[..., :2]), encoded(vortex[..., 2]), encoded(vortex[..., 3])]
+def encoded_vortices(vortex: np.ndarray, share: float) -> list[dict[str, Any]]:
+    """Centres (F, V, 2), circulations (F, V) and core radii (F, V), of the share of the speed that the AUVs meet."""
+    return [encoded(vortex[..., :2]), encoded(share * vortex[..., 2]), encoded(vortex[..., 3])]
 
 
 def at_arrows(stream: np.ndarray, width: float, length: float) -> np.ndarray:

@@ -121,6 +121,22 @@
     for (let decade = 1e-3; ; decade *= 10) for (const n of NICE) if (n * decade >= atLeast * 0.999) return n * decade;
   }
 
+  const nearest = (way) => data.period > 0 ? way - data.period * Math.round(way / data.period) : way;
+
+  // Velocity of the images of a vortex at (dx, dy) from it, as in kernels/flow/vortex.py.
+  function images(dx, dy, circulation) {
+    if (!(data.period > 0)) return [0, 0];
+    const x = dx / data.period, y = dy / data.period, cube = [x ** 3 - 3 * x * y * y, 3 * x * x * y - y ** 3];
+    const fourth = [x * cube[0] - y * cube[1], x * cube[1] + y * cube[0]];
+    let sum = [0, 0];
+    for (const term of [...data.eisenstein].reverse()) {
+      sum = [term + sum[0] * fourth[0] - sum[1] * fourth[1], sum[0] * fourth[1] + sum[1] * fourth[0]];
+    }
+    const real = -Math.PI * x - cube[0] * sum[0] + cube[1] * sum[1];
+    const imaginary = Math.PI * y - cube[0] * sum[1] - cube[1] * sum[0];
+    return [imaginary, real].map((part) => circulation / (2 * Math.PI * data.period) * part);
+  }
+
   // Lamb–Oseen vortices, Eq. 8, and the current of files at the middle of each cell.
   function drawCurrent([frame]) {
     const [, rows, columns] = episode.stream.shape, [centres, circulation, core] = episode.vortex;
@@ -131,10 +147,11 @@
         const x = (column + 0.5) * width / columns, y = (row + 0.5) * length / rows, at = 2 * (row * columns + column);
         let [u, v] = [at, at + 1].map((i) => between(episode.stream, 2 * rows * columns, when, i));
         for (let i = frame * count; i < (frame + 1) * count; i++) {
-          const dx = x - centres.values[2 * i], dy = y - centres.values[2 * i + 1], r2 = dx * dx + dy * dy + 1e-9;
+          const dx = nearest(x - centres.values[2 * i]), dy = nearest(y - centres.values[2 * i + 1]);
+          const r2 = dx * dx + dy * dy + 1e-9, [more_u, more_v] = images(dx, dy, circulation.values[i]);
           const turn = -circulation.values[i] / (2 * Math.PI * r2) * Math.expm1(-r2 / core.values[i] ** 2);
-          u -= turn * dy;
-          v += turn * dx;
+          u += more_u - turn * dy;
+          v += more_v + turn * dx;
         }
         fastest = Math.max(fastest, Math.hypot(u, v));
         arrows.push([x, y, u, v]);

@@ -18,6 +18,8 @@ from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import text_width, write
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.sea import Area
+from usvauv.kernels.flow.vortex import Eddies
+from usvauv.kernels.types import Level
 
 TRAIL_PIECES = 6  # of one opacity each
 OLD = 300.0  # s, age from which on a node's ring is brightest
@@ -44,8 +46,9 @@ class MissionMap:
         self.view = MapView(scenario.area, layout.map)
         self.surface = SeaSurface(trace.surface, self.view)
         self.streaks = CurrentStreaks(
-            trace.vortex[0, 0], trace.stream_at(0.0), scenario.area.width, scenario.area.length, self.view, layout.unit
-        )
+            trace.vortex[0, 0], trace.stream_at(0.0), scenario.area.width, scenario.area.length, self.view, layout.unit,
+            Eddies(scenario.current.period, cruise=scenario.eddies_at_cruise), Level.cruise,
+        )  # fmt: skip
         self._step = scenario.mission.step
         # Streaks drift at the true speed, up to a quarter of their length a step.
         self._streak_step = min(self._step, 0.25 * self.streaks.tail)

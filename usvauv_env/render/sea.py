@@ -20,6 +20,8 @@ from usvauv.env.render.shapes import Overlay
 from usvauv.env.storage.memory import extremes
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.current import particle_paths
+from usvauv.kernels.flow.vortex import ENDLESS, Eddies
+from usvauv.kernels.types import Level
 
 RELIEF_PIXELS = 160  # largest side of the relief as it is shaded, before it is enlarged
 LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # unit vector to the light: east, north, up
@@ -129,9 +131,20 @@ class CurrentStreaks:
     LIVES = 5
 
     def __init__(
-        self, vortex: np.ndarray, stream: np.ndarray, width: float, length: float, view: MapView, unit: float
+        self,
+        vortex: np.ndarray,
+        stream: np.ndarray,
+        width: float,
+        length: float,
+        view: MapView,
+        unit: float,
+        eddies: Eddies = ENDLESS,
+        level: int = Level.surface,
     ) -> None:
-        """Vortices (V, 4) at the start, and the real current (rows, columns, 2) m/s, empty for none."""
+        """Vortices (V, 4) at the start and how they fill the water, and the real current (rows, columns, 2) m/s at the
+        level that is drawn, empty for none.
+        """
+        self._eddies, self._level = eddies, level
         rectangle = view.rectangle
         across = max(2, round(rectangle.width / (27 * unit)))
         up = max(2, round(rectangle.height / (27 * unit)))
@@ -160,9 +173,10 @@ class CurrentStreaks:
         stream = self._stream if self._stream.size else np.zeros((1, 1, 2))
         vortex, stream, seeds = (
             torch.from_numpy(np.array(array, np.float32)).to(device)
-            for array in (self._vortex[None], stream[None], self._seeds)
+            for array in (self._vortex[None], np.stack([stream] * len(Level.names)), self._seeds)
         )
-        return particle_paths(vortex, stream, seeds, level=0, size=self._size, step=step, count=count).cpu().numpy()
+        drawn = {"level": self._level, "size": self._size, "eddies": self._eddies}
+        return particle_paths(vortex, stream, seeds, step=step, count=count, **drawn).cpu().numpy()
 
     def _paths(self) -> np.ndarray:
         """Pixels (P, points, 2) of the paths over a whole life."""

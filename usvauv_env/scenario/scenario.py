@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Section, known, one_line, section
-from usvauv.env.scenario.sea import INFRAGRAVITY, Area, Current, Mission, Sea, Storm, Water
+from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD, Area, Current, Mission, Sea, Storm, Water
 from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
 from usvauv.env.scenario.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
 from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Planner, Tracker
@@ -226,8 +226,20 @@ class Scenario(Section):
         if self.auv.separation == "geometry" and self.auv.depth <= trough:
             raise ValueError(f"auv.depth = {self.auv.depth:g}: must be below the troughs of the waves, {trough:.3g} m")
 
+    @property
+    def eddies_at_cruise(self) -> float:
+        """Speed of vortices at the AUVs' depth over that at the surface, 1."""
+        return math.exp(-self.auv.depth / self.current.decay_depth) if self.current.decay_depth else 1.0
+
     def _check_vortices(self) -> None:
         current = self.current
+        spread = 4 * current.viscosity * self.mission.steps * self.mission.step
+        least = SMALLEST_PERIOD * math.sqrt(current.core_radius_max**2 + spread)
+        if current.vortices and 0 < current.period < least:
+            raise ValueError(
+                f"current.period = {current.period:g}: must be 0, or at least {least:.6g} m, {SMALLEST_PERIOD:g} times"
+                " the largest core radius at the mission's end"
+            )
         others = current.fastest * (1 - 1 / current.vortices) if current.vortices else 0.0
         moved = self.mission.step * others / math.sqrt(2)  # two cores of equal size: δ² is their sum
         if current.mutual and moved > current.core_radius_min:

@@ -13,6 +13,7 @@ from usvauv.kernels.shallow_water.boundaries import Side
 
 MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at a second each
 MAX_VORTICES = 64
+SMALLEST_PERIOD = 7.5  # core radii δ; the images' cores, left out, are then e^{−(L/2)²/(2δ²)} < 1e-3 of a velocity
 TOGETHER = 16  # vortices; of more than these no more are taken to lie at one place
 VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
 INFRAGRAVITY = 1.2e-3  # 1/s, α1 of `usvauv.env.sea.build.long_wave_rms`
@@ -204,6 +205,16 @@ class Current(Section):
         0.0, ge=0, le=1000, description="eddy viscosity ν by which cores spread, dδ²/dt = 4ν, m²/s"
     )
     mutual: bool = Field(False, description="vortices carry one another")
+    period: float = Field(
+        0.0,
+        ge=0,
+        le=1e5,
+        description="side of the square in which the pattern of vortices repeats, m; 0: it does not; below the area's"
+        " longer side it is in the area more than once",
+    )
+    decay_depth: float = Field(
+        0.0, ge=0, le=1e5, description="depth at which vortices have 1/e of their speed at the surface, m; 0: the same"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Current:

@@ -100,7 +100,8 @@ class SeaSimulation:
         if (current.viscosity > 0 or current.mutual) and self._vortex.shape[1]:
             room = self._vortex.new_zeros((*self._vortex.shape[:2], 7))
             step = interval / self._pieces
-            self._evolve_vortices = vortex.evolution(self._vortex, room, step, current.viscosity, current.mutual)
+            spread_and_move = current.viscosity, current.mutual
+            self._evolve_vortices = vortex.evolution(self._vortex, room, step, *spread_and_move, site.eddies)
         self._flow = site.current
         flow_changes = self._flow is not None and len(self._flow.times) > 1
         self.steady = self._evolve_vortices is None and not flow_changes
@@ -162,7 +163,9 @@ class SeaSimulation:
         """Present velocity of vortices and real current at the surface, at cell centres, m/s, (ny, nx, 2) float32."""
         points = np.stack(np.meshgrid(self.x, self.y), axis=-1).astype(np.float32)
         flat = torch.from_numpy(points.reshape(1, -1, 2)).to(self._vortex.device)
-        field = vortex.sample_current(self._vortex, flat)[0].cpu().numpy().reshape(points.shape)
+        field = (
+            vortex.sample_current(self._vortex, flat, self.site.eddies.period)[0].cpu().numpy().reshape(points.shape)
+        )
         stream, area = self.stream(), self.scenario.area
         if stream.size:
             to_rows = _weights(self.y / area.length, stream.shape[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -13,6 +14,7 @@ from usvauv.env.site.ocean import Flow, iso, parse_time, read_bathymetry, read_f
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv.env.site.waves import Waves, read_waves
+from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
 BED_CELLS = 256  # along the longer side of the area, of the bed that nodes lie on
@@ -88,6 +90,20 @@ class Site:
         levels = [depths[level] for level in sorted(depths)]
         duration = mission.steps * mission.step
         return read_flow(water.currents, self._frame, area.width, area.length, levels, water.start, duration)
+
+    @cached_property
+    def eddies(self) -> Eddies:
+        """How vortices fill the water: the period of their pattern, and their speed at depth.
+
+        A column of water cannot shear and keep its eddies' profile φ(z) = e^{z/D}: vorticity φ ζ_0 carried by φ V_0 is,
+        over the depth h, that of a column that moves with V_0 ∫φ² dz/∫φ dz = V_0 (1 + e^{−h/D})/2, the mean of the
+        velocity over its vorticity, as in equivalent-barotropic flow (Charney 1949, J. Meteorology 6, 371–385).
+        """
+        area, current = self.scenario.area, self.scenario.current
+        column = 1.0
+        if current.decay_depth:
+            column = 0.5 + 0.5 * math.exp(-self.mean_depth / current.decay_depth)
+        return Eddies(current.period, (area.width / 2, area.length / 2), self.scenario.eddies_at_cruise, column)
 
     @cached_property
     def waves(self) -> Waves | None:

@@ -24,6 +24,7 @@ from usvauv.kernels.flow import airy
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import Level
 
+LATTICE = 0.7716  # limit of Σ' e^{−α n²}/n² + π ln α at small α, over the points n of the square lattice but 0
 FOREVER = 1e9  # s, correlation time of a current that does not change
 LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 
@@ -36,7 +37,10 @@ def current_parts(site: Site) -> list[tuple[float, float]]:
     parts = []
     if current.vortices and current.circulation_max > 0:
         limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
-        parts.append(eddies(current.vortices, *limits, area.width * area.length, speed))
+        variance, change = eddies(
+            current.vortices, *limits, current.period**2 or area.width * area.length, speed, current.period > 0
+        )
+        parts.append((variance * scenario.eddies_at_cruise**2, change))
     for waves in wave_systems(site):
         spectrum = density(waves, scenario.storm.shortest_wave, area.depth, sea.gravity)
         depth = -scenario.auv.depth, area.depth, sea.gravity
@@ -127,7 +131,7 @@ def current_bound(site: Site) -> float:
     """
     scenario = site.scenario
     current = scenario.current
-    peak = current.fastest + speed_bound(site)
+    peak = current.fastest * scenario.eddies_at_cruise + speed_bound(site)
     if (flow := site.current) is not None:
         peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
     orbital = []
@@ -141,22 +145,30 @@ def current_bound(site: Site) -> float:
 
 
 def eddies(
-    count: int, circulation: tuple[float, float], core_radius: tuple[float, float], area: float, speed: float
+    count: int,
+    circulation: tuple[float, float],
+    core_radius: tuple[float, float],
+    area: float,
+    speed: float,
+    periodic: bool = False,
 ) -> tuple[float, float]:
     """Variance per axis (m²/s²) and frequency (rad/s) of the current along a path through random Lamb–Oseen vortices.
 
     Of N vortices with |Γ| and δ uniform between limits and centres spread over an area a, the vorticity has the mean
     square N E[Γ²] E[1/δ²]/(2π a), and a quarter of that is the mean square per axis of the change of velocity a metre.
-    The variance is that within a disc of the same area round each, N E[Γ²] (ln(a/(πδ²)) + 0.5772 − ln 2)/(8π a).
+    The variance is that within a disc of the same area round each, N E[Γ²] (ln(a/(πδ²)) + 0.5772 − ln 2)/(8π a). In a
+    pattern of period L = √a it is the sum over wave numbers k = 2πn/L, N E[Γ²]/(8π² a) Σ' e^{−k²δ²/2}/n², which
+    is N E[Γ²] (ln(a/(πδ²)) + C/π − ln 2π)/(8π a) where cores are small; C = Σ' of −π ln α + C at small α, 0.7716.
 
     Args:
         count: N. circulation, core_radius: limits of |Γ| (m²/s) and δ (m). area: m².
-        speed: of the AUV over ground, m/s.
+        speed: of the AUV over ground, m/s. periodic: the centres are those of a pattern in a square of that area.
     """
     low, high = circulation
     strength = count * (low * low + low * high + high * high) / 3.0 / area
     delta2 = core_radius[0] * core_radius[1]  # 1/E[1/δ²]
-    variance = strength * max(math.log(area / (math.pi * delta2)) + 0.5772 - math.log(2.0), 0.1) / (8.0 * math.pi)
+    outer = LATTICE / math.pi - math.log(2.0 * math.pi) if periodic else 0.5772 - math.log(2.0)
+    variance = strength * max(math.log(area / (math.pi * delta2)) + outer, 0.1) / (8.0 * math.pi)
     change = speed * speed * strength / (8.0 * math.pi * delta2)
     return variance, math.sqrt(change / variance) if variance > 0.0 else 0.0
 

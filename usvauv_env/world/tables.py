@@ -178,6 +178,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         sensor=getattr(Sensor, s.navigation.sensor),
         turns=usbl.turns_possible(link),
         fleet=s.boat.count > 1,
+        eddies=site.eddies,
     )
 
 

@@ -210,6 +210,7 @@ class World:
                 scenario.mission.step,
                 eddies.viscosity,
                 eddies.mutual,
+                self.site.eddies,
             )
         self._constants = self._upload_tables()
         whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)
@@ -510,6 +511,7 @@ class World:
             mask.to(self.device, torch.uint8).contiguous(),
             margin,
             flow,
+            self.site.eddies,
         )
 
     def _upload_tables(self) -> dict[str, Any]:

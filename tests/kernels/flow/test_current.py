@@ -11,7 +11,7 @@ from scipy.interpolate import RegularGridInterpolator
 from tests.cases.case import order
 from tests.cases.plain import centres, many
 from usvauv.kernels.flow import current
-from usvauv.kernels.flow.vortex import sample_current
+from usvauv.kernels.flow.vortex import ENDLESS, Eddies, sample_current
 from usvauv.kernels.shallow_water.discretisation import Packing
 from usvauv.kernels.shallow_water.linear import ShallowWater
 from usvauv.kernels.types import Level
@@ -39,7 +39,8 @@ def before(rows: int, columns: int) -> torch.Tensor:
 class Sample:
     """Random water in two worlds, which sail on other seas of a pool; the bed is dry in a corner."""
 
-    def __init__(self, device, num_seas: int, levels: int = 2) -> None:
+    def __init__(self, device, num_seas: int, levels: int = 2, eddies: Eddies = ENDLESS) -> None:
+        self.eddies = eddies
         draw = np.random.default_rng(num_seas)
         self.stream = draw.normal(size=(levels, 4, 6, 2))
         self.bed = draw.uniform(2, 9, (1, 5, 3, 1))
@@ -74,12 +75,15 @@ class Sample:
             torch.tensor(mask, dtype=torch.uint8, device=self.device),
             margin,
             flow,
+            self.eddies,
         )
         return flow.double().cpu().numpy()
 
     def without_waves(self, world: int, level: int, places: np.ndarray) -> np.ndarray:
         """Velocity (P, 2) of vortices and stream; beyond the area the stream is that of its edge."""
-        eddies = sample_current(self.put(self.vortices[world : world + 1]), self.put(places)[None])[0]
+        vortices = self.put(self.vortices[world : world + 1])
+        eddies = sample_current(vortices, self.put(places)[None], self.eddies.period)[0]
+        eddies *= self.eddies.cruise if level == Level.cruise else 1.0
         inside = np.clip(places, 0, SIZE)
         stream = [between(self.stream[level, ..., axis], rows_and_columns((4, 6)), inside) for axis in range(2)]
         return eddies.double().cpu().numpy() + np.stack(stream, axis=-1)
@@ -95,14 +99,17 @@ class Sample:
         return np.stack([self.units[0] * u, self.units[1] * v], axis=-1) / depth[:, None]
 
 
-@pytest.mark.parametrize("margin", [5.0, -30.0])
+REPEATED = Eddies(700.0, (100.0, 100.0), 0.7)
+
+
+@pytest.mark.parametrize(("margin", "eddies"), [(5.0, ENDLESS), (-30.0, REPEATED)])
 @pytest.mark.parametrize("num_seas", [1, 18])
-def test_on_a_grid(device, num_seas, margin):
+def test_on_a_grid(device, num_seas, margin, eddies):
     """Vortices, stream at cruise level and long waves, in strips of one sea and in two blocks of a pool.
 
     In the outer half cells waves go on as inside, and beyond the area they and the stream are as at its edge.
     """
-    sample = Sample(device, num_seas)
+    sample = Sample(device, num_seas, eddies=eddies)
     rows, columns = 12, 9
     flow = sample.grid(rows, columns, margin)
     x, y = (np.linspace(margin, side - margin, count) for side, count in zip(SIZE, (columns, rows), strict=True))
@@ -119,10 +126,11 @@ def test_worlds_that_are_not_asked_for_stay(device):
     np.testing.assert_array_equal(second[1], both[1])
 
 
-def test_particle_paths(device):
+@pytest.mark.parametrize(("level", "eddies"), [(Level.cruise, REPEATED), (Level.surface, REPEATED)])
+def test_particle_paths(device, level, eddies):
     """Midpoint rule in double precision, also of particles that leave the area."""
-    sample = Sample(device, 1)
-    step, count, level = 2.0, 9, Level.cruise
+    sample = Sample(device, 1, eddies=eddies)
+    step, count = 2.0, 9
     starts = np.random.default_rng(0).uniform((0, 0), SIZE, (40, 2))
     starts[0] = SIZE
     paths = current.particle_paths(
@@ -133,6 +141,7 @@ def test_particle_paths(device):
         size=SIZE,
         step=step,
         count=count,
+        eddies=eddies,
     )
     assert paths.shape == (40, count + 1, 2)
     expected = [starts]
