@@ -43,7 +43,7 @@ CONVENTIONS = (
     ("positioning signal", "P: an echo of 135 dB", ("acoustics.path", "acoustics.source_level", "usbl.signal")),
     ("fixes", "P: of all AUVs in each step", ("channel.schedule", "navigation.sensor")),
     ("data rate", "D: B log2(1 + 10^SNR) with SNR in dB, about ten times Shannon's", ("nodes.rate_law",)),
-    ("bandwidth of the data link, Hz", "D: 1 kHz", ("nodes.bandwidth",)),
+    ("carrier and bandwidth of the data link, Hz", "D: 20 kHz, 1 kHz", ("nodes.frequency", "nodes.bandwidth")),
     ("vertical separation", "D: 100 m, both boat to AUV and AUV to node", ("auv.separation", "auv.depth")),
     ("distance in the reward", "P, D: minus the distance to the target", ("reward.distance_form", "reward.distance")),
     ("a service ends the value horizon", "D: yes; so serving pays in spite of it", ("reward.service_terminates",)),
