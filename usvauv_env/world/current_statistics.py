@@ -32,15 +32,9 @@ LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 def current_parts(site: Site) -> list[tuple[float, float]]:
     """Variance per axis (m²/s²) and root mean square frequency (rad/s) of each part of the current at the AUVs."""
     scenario = site.scenario
-    current, sea, area = scenario.current, scenario.sea, scenario.area
-    speed = scenario.reference.straight_speed
-    parts = []
-    if current.vortices and current.circulation_max > 0:
-        limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
-        variance, change = eddies(
-            current.vortices, *limits, current.period**2 or area.width * area.length, speed, current.period > 0
-        )
-        parts.append((variance * scenario.eddies_at_cruise**2, change))
+    sea, area, speed = scenario.sea, scenario.area, scenario.reference.straight_speed
+    variance, change = _eddy_part(scenario)
+    parts = [(variance * scenario.eddies_at_cruise**2, change)] if variance > 0 else []
     for waves in wave_systems(site):
         spectrum = density(waves, scenario.storm.shortest_wave, area.depth, sea.gravity)
         depth = -scenario.auv.depth, area.depth, sea.gravity
@@ -59,17 +53,23 @@ def current_parts(site: Site) -> list[tuple[float, float]]:
 def drift_speed(site: Site, level: int) -> float:
     """Root mean square speed of eddies, real currents and long waves at a `Level`, m/s; without orbital motion."""
     scenario = site.scenario
-    current, area = scenario.current, scenario.area
-    square = 0.0
-    if current.vortices and current.circulation_max > 0:
-        limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
-        variance, _ = eddies(current.vortices, *limits, area.width * area.length, scenario.reference.straight_speed)
-        square += 2 * variance
+    variance, _ = _eddy_part(scenario)
+    square = 2 * variance * (scenario.eddies_at_cruise**2 if level == Level.cruise else 1.0)
     for mean_square, period in _forced_waves(site):
         square += 2 * mean_square * _forced_share(scenario, period)
     if site.current is not None:
         square += float(np.square(site.current.at(0.0)[level]).sum(axis=-1).mean())
     return math.sqrt(square)
+
+
+def _eddy_part(scenario: Scenario) -> tuple[float, float]:
+    """Variance per axis (m²/s²) and frequency (rad/s) of a scenario's vortices at the surface; none without."""
+    current, area = scenario.current, scenario.area
+    if not current.vortices or current.circulation_max == 0:
+        return 0.0, 0.0
+    limits = (current.circulation_min, current.circulation_max), (current.core_radius_min, current.core_radius_max)
+    square = current.period**2 or area.width * area.length
+    return eddies(current.vortices, *limits, square, scenario.reference.straight_speed, current.period > 0)
 
 
 def _forced_waves(site: Site) -> list[tuple[float, float]]:
