@@ -385,7 +385,8 @@ def is_due(worlds: ti.template(), w, b, patience):
     if visited != NO_AUV:
         due = due or just_heard(worlds, w, visited) or not motion.serves(worlds, w, b, visited)
     away = aim(worlds, w, b) - motion.boat_place(worlds, w, b)
-    due = due or away.norm() < worlds.p[Parameter.top_speed] * INTERVAL
+    near = worlds.p[Parameter.top_speed] * INTERVAL + worlds.p[Parameter.dead_band]
+    due = due or away.norm() < near
     return worlds.clock[w, 1] == 1 or (due and over >= INTERVAL)
 
 

@@ -122,8 +122,8 @@ def best_within(worlds: ti.template(), w, b, reach) -> vec2:
 
 @func
 def fim_greedy(worlds: ti.template(), w, b) -> vec2:
-    """The place with the best information within reach of one step."""
-    return best_within(worlds, w, b, worlds.p[Parameter.top_speed] * worlds.p[Parameter.step])
+    """The place with the best information among those so near that the boat slows down towards them."""
+    return best_within(worlds, w, b, motion.reach(worlds))
 
 
 @func

@@ -24,6 +24,7 @@ class Range(NamedTuple):
 Position = Annotated[int, Range(-1e12, 1e12)]  # of a fix, which can lie anywhere
 Covariance = Annotated[int, Range(-1e25, 1e25)]
 Velocity = Annotated[int, Range(-100.0, 100.0)]
+BoatVelocity = Annotated[int, Range(-1.001e4, 1.001e4)]
 Displacement = Annotated[int, Range(-1e6, 1e6)]
 Slope = Annotated[int, Range(-1e3, 1e3)]
 Amount = Annotated[int, Range(0.0, 1e12)]  # of packets, Mbit, Mbit/s or m
@@ -95,6 +96,13 @@ class Parameter(Columns):
     homing_range: int
     top_speed: int
     drifts: int
+    response_time: int
+    response_memory: int  # e^{−step/response time}
+    control_time: int  # way to a goal over the speed that a boat asks for it, s
+    drift_memory: int  # of its estimate of the drift, over a step
+    dead_band: int
+    leeway_x: int  # m/s
+    leeway_y: int
     separation_boat: int
     sound_speed: int
     propagates: int
@@ -303,6 +311,10 @@ class BoatColumn(StateColumns):
     current_y: Velocity
     moved_x: Displacement  # displacement in the last step, m
     moved_y: Displacement
+    water_x: BoatVelocity  # its velocity through the water, m/s
+    water_y: BoatVelocity
+    drift_x: BoatVelocity  # with which it reckons to be carried, m/s
+    drift_y: BoatVelocity
     effort: Annotated[int, Range(0.0, 1.001)]  # speed through the water in the last step over the top speed
     gnss_x: Annotated[int, Range(-1e3, 1e3)]  # error of its own position, m
     gnss_y: Annotated[int, Range(-1e3, 1e3)]

@@ -233,6 +233,8 @@ def partition(worlds: ti.template(), w):
 
 
 LARGEST = 1e12  # m, of a goal
+CONTROL_TIME = 10.0  # s, in which a boat with a lag makes good 63 % of an error of place, so that it follows the waves
+DRIFT_TIME = 30.0  # s, over which it takes the mean of the velocity with which it is carried
 
 
 @func
@@ -264,20 +266,76 @@ def place_boats(worlds: ti.template(), w):
 
 
 @func
+def reach(worlds: ti.template()) -> ti.f32:
+    """Distance from a goal at which a boat begins to slow down, m; without lag the way of a step at top speed."""
+    p = ti.static(worlds.p)
+    return p[Parameter.top_speed] * p[Parameter.control_time] + p[Parameter.dead_band]
+
+
+@func
+def way_through_water(worlds: ti.template(), w, b, way: vec2, drift: vec2) -> vec2:
+    """How far boat b with a lag gets through the water in a step, m; its velocity and its estimate of the drift follow.
+
+    Its velocity through the water v follows the command c with the response time T, T dv/dt = c − v, exactly over the
+    step of length Δt, in which c is constant and |c| is at most the top speed; so its thrust gives an acceleration of
+    at most the top speed over T from rest. It has learned d, the drift's mean over
+    `DRIFT_TIME`. Where it would come to rest over ground, x + T (v + d), moves with c + d, so that the command
+
+        c = (goal − x − T (v + d)), shortened by the dead band, over the control time, less d
+
+    leads to its goal without overshoot, however long T and Δt are.
+
+    Args:
+        way: to the goal, m.
+        drift: velocity with which water and wind carry it, m/s.
+    """
+    p = ti.static(worlds.p)
+    boat = ti.static(worlds.boat)
+    learned = vec2(boat[w, b, BoatColumn.drift_x], boat[w, b, BoatColumn.drift_y])
+    velocity = vec2(boat[w, b, BoatColumn.water_x], boat[w, b, BoatColumn.water_y])
+    ahead = way - p[Parameter.response_time] * (velocity + learned)
+    asked = ti.max(1.0 - p[Parameter.dead_band] / ti.max(ahead.norm(), 1e-6), 0.0) / p[Parameter.control_time]
+    command = asked * ahead - learned
+    speed = command.norm()
+    if speed > p[Parameter.top_speed]:
+        command *= p[Parameter.top_speed] / speed
+    lacking = velocity - command
+    memory = p[Parameter.response_memory]
+    velocity = command + memory * lacking
+    learned = drift + p[Parameter.drift_memory] * (learned - drift)
+    for axis in ti.static(range(2)):
+        boat[w, b, BoatColumn.water_x + axis] = velocity[axis]
+        boat[w, b, BoatColumn.drift_x + axis] = learned[axis]
+    return p[Parameter.step] * command + p[Parameter.response_time] * (1.0 - memory) * lacking
+
+
+@func
 def move_boat(worlds: ti.template(), w, b):
-    """Go to the reachable point nearest to the goal: top speed through the water, while the water carries the boat."""
+    """Go towards the goal through the water, while water and wind carry the boat.
+
+    Without a lag it is the reachable point nearest to the goal that it goes to, at most at top speed.
+    """
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
     dt = p[Parameter.step]
     x = boat[w, b, BoatColumn.x]
     y = boat[w, b, BoatColumn.y]
     drift = p[Parameter.drifts] * dt * vec2(boat[w, b, BoatColumn.current_x], boat[w, b, BoatColumn.current_y])
-    wanted = vec2(boat[w, b, BoatColumn.goal_x] - x, boat[w, b, BoatColumn.goal_y] - y) - drift
-    reach = p[Parameter.top_speed] * dt
-    distance = wanted.norm()
-    boat[w, b, BoatColumn.effort] = ti.min(distance / reach, 1.0)
-    if distance > reach:
-        wanted *= reach / distance
+    wanted = vec2(boat[w, b, BoatColumn.goal_x] - x, boat[w, b, BoatColumn.goal_y] - y)
+    farthest = p[Parameter.top_speed] * dt
+    distance = 0.0
+    if p[Parameter.response_time] > 0.0:
+        drift += dt * vec2(p[Parameter.leeway_x], p[Parameter.leeway_y])
+        wanted = way_through_water(worlds, w, b, wanted, drift / dt)
+        distance = wanted.norm()
+    else:
+        wanted -= drift
+        distance = wanted.norm()
+        if distance > farthest:
+            wanted *= farthest / distance
+        boat[w, b, BoatColumn.water_x] = wanted[0] / dt
+        boat[w, b, BoatColumn.water_y] = wanted[1] / dt
+    boat[w, b, BoatColumn.effort] = ti.min(distance / farthest, 1.0)
     boat[w, b, BoatColumn.x] = ti.min(ti.max(x + drift[0] + wanted[0], 0.0), p[Parameter.width])
     boat[w, b, BoatColumn.y] = ti.min(ti.max(y + drift[1] + wanted[1], 0.0), p[Parameter.length])
     boat[w, b, BoatColumn.moved_x] = boat[w, b, BoatColumn.x] - x

@@ -297,7 +297,7 @@ class Scene:
     def _show_boats(self, moment: Moment, surface: np.ndarray) -> None:
         boat, grid = moment.mixed("boat"), self._session.grid
         goal = moment.after.boat[:, BoatColumn.span("goal_x", "goal_y")]
-        velocity = moment.after.boat[:, BoatColumn.span("moved_x", "moved_y")]
+        velocity = moment.after.boat[:, BoatColumn.span("water_x", "water_y")]
         heading = _headings(velocity, self._headings[1])
         lines = []
         for b, (body, mark) in enumerate(zip(self.boats, self._goals, strict=True)):

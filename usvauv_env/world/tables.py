@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from functools import partial
 from typing import NamedTuple
@@ -20,6 +21,7 @@ from usvauv.env.world.current_statistics import FOREVER, current_bound, current_
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
+from usvauv.kernels.mission.motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
@@ -81,6 +83,23 @@ def wind(site: Site) -> float:
     if storm.spectrum == "none":
         return 0.0
     return min(wind_of_growing_sea(storm.significant_height, storm.peak_period), STRONGEST)
+
+
+def leeway(site: Site) -> complex:
+    """Velocity of a boat through the water by the wind alone, east + i north, m/s.
+
+    The wind blows as the storm travels, or the first system of a file of waves.
+    """
+    scenario = site.scenario
+    systems = wave_systems(site) if site.waves is not None else ()
+    direction = systems[0].direction if systems else scenario.storm.direction
+    return cmath.rect(scenario.boat.windage * wind(site), direction)
+
+
+def control_time(scenario: Scenario) -> float:
+    """Way to a goal over the speed that a boat asks for it, s: what is left falls as e^{−t/`CONTROL_TIME`}."""
+    step = scenario.mission.step
+    return step / -math.expm1(-step / CONTROL_TIME) if scenario.boat.response_time else step
 
 
 def absorption(scenario: Scenario, frequency: float) -> float:
@@ -305,6 +324,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         current_variance, correlation_time = current_model(site, link)
     elif s.navigation.sensor == "ground":  # the log's bias takes the current's place
         current_variance, correlation_time = s.navigation.velocity_bias**2, s.navigation.bias_correlation_time
+    carried = leeway(site)
     way = math.sqrt(s.area.width * s.area.length / s.targets)  # from node to node
     data, rate = DataLink.of(site), reference_rate(site)
     sections = s.mission, s.area, s.current, s.usbl, s.channel, s.navigation, s.boat, s.tracker, s.auv, s.nodes
@@ -321,6 +341,11 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "bias_memory": math.exp(-s.mission.step / s.navigation.bias_correlation_time),
         "velocity_variance": 0.5 * s.reference.straight_speed**2,
         "velocity_memory": way / s.reference.straight_speed,
+        "response_memory": math.exp(-s.mission.step / s.boat.response_time) if s.boat.response_time else 0.0,
+        "control_time": control_time(s),
+        "drift_memory": math.exp(-s.mission.step / DRIFT_TIME),
+        "leeway_x": carried.real,
+        "leeway_y": carried.imag,
         "separation_boat": s.auv.depth,
         "sound_speed": sound_speed(site),
         "propagates": s.usbl.propagation,

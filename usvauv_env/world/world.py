@@ -336,14 +336,20 @@ class World:
         return Step(self.observation, self.reward, horizon_ended, truncated, info)
 
     def _steer_boats(self, action: torch.Tensor) -> None:
-        """Make the place that a step at the velocity of an action (W, B, 2) leads to each boat's goal."""
+        """Give each boat the goal for which it asks for the velocity through the water of an action (W, B, 2)."""
         if not torch.isfinite(action).all():
             raise ScenarioError("boat_action: all numbers must be finite")
         boat = self.scenario.boat
         velocity = boat.top_speed * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
-        if boat.drifts:
+        place = self.boat[..., BoatColumn.span("x", "y")]
+        if boat.response_time:
+            drift = self.boat[..., BoatColumn.span("drift_x", "drift_y")]
+            velocity = velocity + drift
+            place = place + boat.response_time * (self.boat[..., BoatColumn.span("water_x", "water_y")] + drift)
+            place = place + boat.dead_band * velocity / velocity.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        elif boat.drifts:
             velocity = velocity + self.boat[..., BoatColumn.span("current_x", "current_y")]
-        place = self.boat[..., BoatColumn.span("x", "y")] + self.scenario.mission.step * velocity
+        place = place + tables.control_time(self.scenario) * velocity
         self.boat[..., BoatColumn.span("goal_x", "goal_y")] = place
 
     @property
