@@ -299,7 +299,7 @@ def test_coverage_of_missions():
     scenario = Scenario.load("wide", [*waves, *small])
     named = policies.named("straight", "crab")
     found = evaluate(scenario, named, episodes=groups * episodes, usv="centroid")
-    first, second = (np.array([row.ec for row in found if row.policy == name]) for name in named)
+    first, second = (np.array([row.arps for row in found if row.policy == name]) for name in named)
     for values in (first, second - first):
         by_group = np.moveaxis(values.reshape(episodes // seas, groups, seas), 1, 0).reshape(groups, episodes)
         intervals = [interval(group, seas) for group in by_group]
