@@ -23,7 +23,7 @@ from usvauv.kernels.mission import belief_planner, boat_strategies
 from usvauv.kernels.mission.columns import AuvColumn, ForesightColumn
 from usvauv.kernels.mission.worlds import Strategy
 
-LEVELS = {150: 140, 200: 142, 300: 145}  # horizontal range, m → source level, dB
+LEVELS = {150: 144, 200: 146, 300: 149}  # horizontal range, m → source level, dB
 
 
 @ti.func
