@@ -94,6 +94,8 @@ def intervals(comparison: Comparison, name: str) -> list[str]:
 def dependence(comparison: Comparison, name: str) -> str:
     """What it means for a figure that episodes share seas; empty where they do not."""
     effective = comparison.effective(name)
+    if comparison.seas == 1 < comparison.episodes:
+        return f"{comparison.episodes} episodes share one sea: without intervals, for nothing is known of other seas"
     if not 0 < comparison.seas < comparison.episodes or effective > 0.95 * comparison.episodes:
         return ""
     shared = f"{comparison.episodes} episodes on {comparison.seas} seas"

@@ -177,8 +177,8 @@ def evaluate(
         print("\n".join(report.intervals(comparison, score)))
         if (floor := comparison.floor(score)) > until:
             typer.echo(
-                f"--until-halfwidth {until:g}: cannot be reached on {comparison.seas} seas (sea.realisations), which"
-                f" alone leave ± {floor:.2g}"
+                f"--until-halfwidth {until:g}: cannot be reached with sea.realisations = {comparison.seas}, which"
+                f" alone leaves ± {floor:.2g}"
             )
         elif not comparison.reached(score, until):
             typer.echo(f"--until-halfwidth {until:g}: not reached in {comparison.episodes} episodes")

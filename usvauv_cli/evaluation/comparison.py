@@ -124,14 +124,23 @@ class Moments:
         return min(n, alone / variance) if freedom and variance > 0 else n
 
     def floor(self, figure: int) -> float:
-        """Half of the interval that stays however many more values come, if their seas are the same."""
+        """Half of the interval below which it hardly falls however many more values come, if their seas are the same.
+
+        Of the variance V of the mean with ν degrees of freedom, W is the part of the values within seas; from the rest
+        three standard errors are taken, of the variance (4 (V − W) W + 2 W²)/ν. ∞: all values are on one sea.
+        """
         variance, freedom = self._variance(figure)
         n, seas = self._n[figure], freedom + 1
+        if self._of_sea.shape[1] == 1:
+            return math.inf
         if not self._of_sea.shape[1] or not freedom or n <= seas:
             return 0.0
         count, total = self._of_sea[:, :, figure]
-        within = self._squares[figure] - float(np.sum(count * (total / np.maximum(count, 1) - self._mean[figure]) ** 2))
-        return t_quantile(freedom) * math.sqrt(max(variance - max(within, 0.0) / (n - seas) / n, 0.0))
+        apart = float(np.sum(count * (total / np.maximum(count, 1) - self._mean[figure]) ** 2))
+        within = max(self._squares[figure] - apart, 0.0) / (n - seas) / n
+        between = max(variance - within, 0.0)
+        error = math.sqrt((4 * between * within + 2 * within**2) / freedom)
+        return t_quantile(freedom) * math.sqrt(max(between - 3 * error, 0.0))
 
     def _variance(self, figure: int) -> tuple[float, int]:
         """Variance of the mean, and its degrees of freedom; (0, 0): unknown."""
@@ -180,7 +189,6 @@ def digits(mean: float, half: float) -> int:
 
 
 LEAST_EPISODES = 64  # before an interval is believed to be short
-SEA_EPISODES = 8  # on each sea, before what the seas leave is believed
 
 
 class Comparison:
@@ -248,7 +256,7 @@ class Comparison:
 
     def floor(self, name: str) -> float:
         """What stays of `half` however many more episodes come on the same seas; 0 while that is unknown."""
-        if not self.seas or self.episodes < SEA_EPISODES * self.seas:
+        if self.episodes < max(LEAST_EPISODES, 2 * self.seas):
             return 0.0
         return max(moments.floor(self._places[name]) for moments in self._decisive)
 
