@@ -168,9 +168,9 @@ def _boat(site: Site) -> list[Finding]:
     return [
         Finding(
             "the boat's speed follows its command in",
-            f"{getattr(boat, 'response_time', 0):g} s",
+            f"{boat.response_time:g} s",
             "above 0 in a storm, or it holds its place against every wave",
-            _judge(getattr(boat, "response_time", 0) == 0),
+            _judge(boat.response_time == 0),
             "boat.response_time",
         )
     ]
