@@ -20,8 +20,15 @@ from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
 from usvauv.env import EpisodeMetrics, Scenario, evaluate
 
-WIDE = ("nodes.count=60", "auv.count=4", "area.width=400", "area.length=400", "current.count=16")
-WIDER = ("nodes.count=120", "auv.count=8", "area.width=600", "area.length=600", "current.count=36")
+WIDE = ("nodes.count=60", "auv.count=4", "area.width=400", "area.length=400", "current.count=25", "current.period=500")
+WIDER = (
+    "nodes.count=120",
+    "auv.count=8",
+    "area.width=600",
+    "area.length=600",
+    "current.count=49",
+    "current.period=700",
+)
 UNEQUAL = "nodes.arrival_rates=[1,1,2,30]"
 SETTINGS = {
     "`extreme`": (),

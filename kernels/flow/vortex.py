@@ -122,7 +122,8 @@ def nearest(d: ti.f32, period: ti.template()) -> ti.f32:
     """A component of the way from the nearest image of a vortex, from that of the way from any."""
     way = d
     if ti.static(period > 0):
-        way -= period * ti.round(d * ti.static(1.0 / period if period > 0 else 0.0))
+        turns = d * ti.static(1.0 / period if period > 0 else 0.0)
+        way -= period * ti.cast(turns + ti.select(turns < 0.0, -0.5, 0.5), ti.i32)  # ti.round is a call
     return way
 
 
