@@ -1,7 +1,7 @@
 """Eddies of a scenario beside the equations that they approximate: how far vortices that keep their shape go astray.
 
     python -m benchmarks.studies.eddies                              # `extreme`
-    python -m benchmarks.studies.eddies wide --set current.count=36 --draws 4
+    python -m benchmarks.studies.eddies wide --draws 4 --points 256
 
 The vorticity equation of an ideal fluid, ∂ζ/∂t + c V·∇ζ = 0 with the column's share c of the surface velocity
 (`usvauv.env.site.Site.eddies`), is solved by a pseudo-spectral method in the doubly periodic square of the scenario,

@@ -30,14 +30,14 @@ PROFILE = "observation.current=profile"
 TRAINED = {
     "ideal": ("ideal", (PROFILE,)),
     "extreme": ("extreme", ()),
-    "random currents": ("extreme", ("current.circulation_min=0", "current.circulation_max=400")),
+    "random currents": ("extreme", ("current.circulation_min=0", "current.circulation_max=390")),
     "no current observed": ("extreme", ("observation.current=none",)),
     "no reward for nearness": ("extreme", ("reward.collaboration=0",)),
 }
 HEURISTICS = ("pace", "straight")
 FIGURES = ("arps", "delivered_mbit", "energy_wh", "joule_per_mbit", "position_error_median")
 MATRIX = ("ideal", "extreme", "random currents")
-STRONG = ("current.circulation_min=260", "current.circulation_max=400")
+STRONG = ("current.circulation_min=260", "current.circulation_max=390")
 TESTED = {
     "ideal": ("ideal", (PROFILE,), "fim"),
     "extreme": ("extreme", (), "fim"),

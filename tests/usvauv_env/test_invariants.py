@@ -16,6 +16,7 @@ from usvauv.kernels.mission.worlds import STATE
 PLUGIN = Path(__file__).parents[2] / "examples" / "plugins" / "task.py"
 TRACKED = [*EVERY_STEP, "tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]
 RACE = ["auv.count=3", "current.circulation_min=400", "current.circulation_max=800", "auv.action=polar"]
+RACE += ["current.core_radius_min=40", "current.core_radius_max=40"]
 CASES = {
     "extreme": ("extreme", ["nodes.start_backlog=5000"], "fim"),
     "tracked": ("extreme", TRACKED, "centroid"),
