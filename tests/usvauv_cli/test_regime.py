@@ -64,7 +64,11 @@ def test_a_study_warns_once_for_all_its_runs(run_usvauv, tmp_path):
         ),
         (["sea.forced_edge=east", "sea.regular_amplitude=20"], "sea.equations", "warning"),
         (["storm.spectrum=jonswap", "storm.peak_period=8"], "storm.peak_period", "warning"),
-        (["storm.spectrum=jonswap", "boat.response_time=0"], "boat.response_time", "warning"),
+        (
+            ["storm.spectrum=jonswap", "boat.response_time=0", "boat.windage=0", "boat.dead_band=0"],
+            "boat.response_time",
+            "warning",
+        ),
         (["current.count=4", "current.circulation_max=600", "boat.top_speed=4"], "auv.speed_max", "warning"),
         (
             [
