@@ -72,8 +72,9 @@ class TestStorm:
     )
 
     def test_it_lifts_tilts_and_carries_the_boat(self):
-        """Nothing but the storm moves here; the boat drifts with the water of the step before."""
-        world = World(Scenario.load("extreme", self.quiet), num_worlds=16, seed=3, usv="hold:60,80")
+        """Nothing but the storm moves here; the boat without lag drifts with the water of the step before."""
+        changes = [*self.quiet, "boat.response_time=0", "boat.windage=0", "boat.dead_band=0"]
+        world = World(Scenario.load("extreme", changes), num_worlds=16, seed=3, usv="hold:60,80")
         run(world, 7)
         before = world.boat[:, 0].clone()
         world.boat[..., BoatColumn.x] = 90.0  # 42 m from where it is to be held
