@@ -36,6 +36,7 @@ def duration(worlds: ti.template(), w, b, k) -> vec2:
     dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
     dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
     z = p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
+    z += worlds.auv[w, k, AuvColumn.depth_error]
     travel = ti.sqrt(dx * dx + dy * dy + z * z) / p[Parameter.sound_speed]
     reply = travel + p[Parameter.turn_around]
     return vec2(reply, reply + travel + p[Parameter.signal_length])

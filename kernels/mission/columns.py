@@ -114,7 +114,13 @@ class Parameter(Columns):
     auv_speed: int  # greatest over ground, m/s
     cruise: int
     separation_node: int
-    refused_hovers: int
+    speed_memory: int  # of an AUV's velocity through the water, see `motion.respond`
+    speed_share: int
+    speed_noise: int  # m/s
+    speed_noise_mean: int
+    speed_noise_rest: int
+    depth_memory: int
+    depth_noise: int  # m
     speed_min: int
     speed_max: int
     polar: int
@@ -156,7 +162,7 @@ class AuvColumn(StateColumns):
 
     x: X  # m, true
     y: Y
-    water_x: Velocity  # velocity through the water, m/s
+    water_x: Velocity  # mean velocity through the water in the last step, 0 where it held its place, m/s
     water_y: Velocity
     current_x: Velocity  # velocity of the water at the AUV, m/s
     current_y: Velocity
@@ -183,6 +189,9 @@ class AuvColumn(StateColumns):
     border: Flag  # 1 where the last move was refused
     position_error: Amount  # |estimate − truth|, m
     packets_delivered: Amount  # of a service completed in the last step
+    velocity_x: Velocity  # velocity through the water at the end of the last step, m/s
+    velocity_y: Velocity
+    depth_error: Annotated[int, Range(-1e3, 1e3)]  # below its cruise depth, m
 
 
 class EstimateColumn(StateColumns):
@@ -361,3 +370,5 @@ class Draw(Columns):
     gnss: int
     navigation: int
     residual: int
+    speed: int
+    depth: int

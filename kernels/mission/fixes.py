@@ -58,7 +58,8 @@ def make_fix(
 ) -> Fix:
     """Fix AUV k, which was `there` when its signal left, from its boat `here`, m; `lost`: no signal comes."""
     auv = ti.static(worlds.auv)
-    offset = vec3(there[0] - here[0], there[1] - here[1], separation(worlds, w, pose.boat))
+    height = separation(worlds, w, pose.boat) - auv[w, k, AuvColumn.depth_error]
+    offset = vec3(there[0] - here[0], there[1] - here[1], height)
     found = measure(worlds, offset, pose, expected, w, k)
     flags = ti.cast(found[3], ti.i32)
     if lost:
@@ -235,11 +236,10 @@ def begin_estimate(worlds: ti.template(), pose: ArrayPose, w, k):
 
 @func
 def predict(worlds: ti.template(), w, k):
-    """Carry the track of AUV k through the step it has just made, by its commanded velocity."""
+    """Carry the track of AUV k through the step it has just made, by its velocity through the water."""
     auv = ti.static(worlds.auv)
-    adrift = 1.0 - ti.max(auv[w, k, AuvColumn.hovering], auv[w, k, AuvColumn.border])
     water = vec2(auv[w, k, AuvColumn.water_x], auv[w, k, AuvColumn.water_y])
-    tracker.carry(worlds.track, w, k, water, worlds.p[Parameter.step], adrift)
+    tracker.carry(worlds.track, w, k, water, worlds.p[Parameter.step], motion.drifted(worlds, w, k))
     tracker.spread(worlds.track, w, k, navigation.gnss_change(worlds, worlds.p[Parameter.step]))
     worlds.estimate[w, k, EstimateColumn.x] = worlds.track[w, k, tracker.X]
     worlds.estimate[w, k, EstimateColumn.y] = worlds.track[w, k, tracker.Y]

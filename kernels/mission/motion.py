@@ -30,12 +30,9 @@ def travelling_power(speed: ti.f32) -> ti.f32:
 
 
 @ti.pyfunc
-def hovering_power(current_speed: ti.f32) -> ti.f32:
-    """Power while holding position against a current, W: the travelling law at that speed, not below 90 + 15.
-
-    Against a current above `FASTEST` it is that at `FASTEST`: the thrusters give no more.
-    """
-    return max(travelling_power(min(current_speed, FASTEST)), 105.0)
+def hovering_power(speed: ti.f32) -> ti.f32:
+    """Electrical power while hovering at a speed through the water, W: the travelling law, not below 90 + 15."""
+    return max(travelling_power(speed), 105.0)
 
 
 @func
@@ -69,13 +66,19 @@ def target_of(worlds: ti.template(), w, k):
 
 
 @func
-def distance_to_target(worlds: ti.template(), w, k):
-    """True horizontal distance from AUV k to its target, m."""
+def offset_to_target(worlds: ti.template(), w, k) -> vec2:
+    """True horizontal offset from AUV k to its target, m."""
     target = target_of(worlds, w, k)
     return vec2(
         worlds.node[w, target, NodeColumn.x] - worlds.auv[w, k, AuvColumn.x],
         worlds.node[w, target, NodeColumn.y] - worlds.auv[w, k, AuvColumn.y],
-    ).norm()
+    )
+
+
+@func
+def distance_to_target(worlds: ti.template(), w, k):
+    """True horizontal distance from AUV k to its target, m."""
+    return offset_to_target(worlds, w, k).norm()
 
 
 @func
@@ -88,29 +91,107 @@ def distance_between(worlds: ti.template(), w, j, k):
 
 
 @func
-def travel(worlds: ti.template(), w, k, a0, a1):
-    """Move AUV k for one step as its action commands and with the water; a move across the border is refused."""
+def move_to(worlds: ti.template(), w, k, place: vec2, water: vec2):
+    """Put AUV k at a place in the area (m), which its velocity `water` through the water (m/s) took it to."""
+    auv = ti.static(worlds.auv)
+    for axis in ti.static(range(2)):
+        auv[w, k, AuvColumn.moved_x + axis] = place[axis] - auv[w, k, AuvColumn.x + axis]
+        auv[w, k, AuvColumn.x + axis] = place[axis]
+        auv[w, k, AuvColumn.water_x + axis] = water[axis]
+
+
+@func
+def hold(worlds: ti.template(), w, k, wanted: vec2):
+    """Let AUV k hover for one step: move over ground at the velocity `wanted`, m/s, as far as its thrust goes.
+
+    The thrust gives any velocity through the water up to `speed_max`. The current carries the AUV with what that leaves
+    of it, along the border where it would carry it across.
+    """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    velocity = water_velocity(p, a0, a1)
-    auv[w, k, AuvColumn.water_x] = velocity[0]
-    auv[w, k, AuvColumn.water_y] = velocity[1]
-    auv[w, k, AuvColumn.power] = travelling_power(velocity.norm())
-    x = auv[w, k, AuvColumn.x]
-    y = auv[w, k, AuvColumn.y]
+    here = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
     current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
-    moved = vec2(x, y) + p[Parameter.step] * (velocity + current)
-    inside = moved[0] >= 0.0 and moved[0] <= p[Parameter.width]
-    inside = inside and moved[1] >= 0.0 and moved[1] <= p[Parameter.length]
+    velocity = wanted - current
+    speed = velocity.norm()
+    if speed > p[Parameter.speed_max]:
+        velocity *= p[Parameter.speed_max] / speed
+    auv[w, k, AuvColumn.power] = hovering_power(velocity.norm())
+    auv[w, k, AuvColumn.velocity_x] = velocity[0]
+    auv[w, k, AuvColumn.velocity_y] = velocity[1]
+    place = here + p[Parameter.step] * (velocity + current)
+    place = vec2(
+        ti.min(ti.max(place[0], 0.0), p[Parameter.width]),
+        ti.min(ti.max(place[1], 0.0), p[Parameter.length]),
+    )
+    moved = place - here
+    water = vec2(0.0)
+    if moved.norm_sqr() > 0.0:
+        water = moved / p[Parameter.step] - current
+    move_to(worlds, w, k, place, water)
+
+
+@func
+def drifted(worlds: ti.template(), w, k) -> ti.f32:
+    """1 where AUV k has moved over ground in this step; 0 where it has held its place, which it senses."""
+    moved = vec2(worlds.auv[w, k, AuvColumn.moved_x], worlds.auv[w, k, AuvColumn.moved_y])
+    return ti.select(moved.norm_sqr() > 0.0, 1.0, 0.0)
+
+
+@func
+def respond(worlds: ti.template(), w, k, commanded: vec2) -> vec2:
+    """Mean velocity of AUV k through the water in this step, m/s, under a velocity that it is commanded.
+
+    Its velocity follows the command with the lag τ and has a Gauss–Markov error of that memory,
+
+        v(t + Δt) = c + (v − c) e^{−Δt/τ} + noise,   mean over Δt: c + (v − c) (τ/Δt) (1 − e^{−Δt/τ}) + noise,
+
+    the noise of both jointly normal, exact for any Δt (as in `navigation`). With τ = 0 it is the command.
+    """
+    p = ti.static(worlds.p)
+    auv = ti.static(worlds.auv)
+    apart = vec2(auv[w, k, AuvColumn.velocity_x], auv[w, k, AuvColumn.velocity_y]) - commanded
+    end = commanded + p[Parameter.speed_memory] * apart
+    mean = commanded + p[Parameter.speed_share] * apart
+    if p[Parameter.speed_noise] > 0.0:
+        noise = normals(worlds, w, Draw.speed, k)
+        shared = vec2(noise[0], noise[1])
+        end += p[Parameter.speed_noise] * shared
+        mean += p[Parameter.speed_noise_mean] * shared + p[Parameter.speed_noise_rest] * vec2(noise[2], noise[3])
+    auv[w, k, AuvColumn.velocity_x] = end[0]
+    auv[w, k, AuvColumn.velocity_y] = end[1]
+    return mean
+
+
+@func
+def renew_depth_error(worlds: ti.template(), w, k):
+    """The error with which AUV k keeps its depth: a Gauss–Markov process, in its stationary state from the start."""
+    p = ti.static(worlds.p)
+    if p[Parameter.depth_noise] > 0.0:
+        memory = p[Parameter.depth_memory]
+        if worlds.clock[w, 1] == 0:
+            memory = 0.0
+        new = p[Parameter.depth_noise] * ti.sqrt(1.0 - memory * memory)
+        noise = normals(worlds, w, Draw.depth, k)
+        error = memory * worlds.auv[w, k, AuvColumn.depth_error] + new * noise[0]
+        worlds.auv[w, k, AuvColumn.depth_error] = error
+
+
+@func
+def travel(worlds: ti.template(), w, k, a0, a1):
+    """Move AUV k for one step as its action commands and with the water; where that crosses the border it hovers."""
+    p = ti.static(worlds.p)
+    auv = ti.static(worlds.auv)
+    velocity = respond(worlds, w, k, water_velocity(p, a0, a1))
+    current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
+    place = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y]) + p[Parameter.step] * (velocity + current)
+    inside = place[0] >= 0.0 and place[0] <= p[Parameter.width]
+    inside = inside and place[1] >= 0.0 and place[1] <= p[Parameter.length]
     if inside:
-        auv[w, k, AuvColumn.x] = moved[0]
-        auv[w, k, AuvColumn.y] = moved[1]
-        auv[w, k, AuvColumn.moved_x] = moved[0] - x
-        auv[w, k, AuvColumn.moved_y] = moved[1] - y
+        auv[w, k, AuvColumn.power] = travelling_power(velocity.norm())
+        move_to(worlds, w, k, place, velocity)
     else:
         auv[w, k, AuvColumn.border] = 1.0
-        if p[Parameter.refused_hovers] > 0.5:
-            auv[w, k, AuvColumn.power] = hovering_power(current.norm())
+        hold(worlds, w, k, vec2(0.0))
 
 
 @func

@@ -20,6 +20,7 @@ Source: Gelb, "Applied Optimal Estimation" (1974), §3.6 and §4.5, for integrat
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, ExchangeColumn, Parameter, Sensor
 from usvauv.kernels.mission.worlds import normals
 from usvauv.kernels.positioning import tracker
@@ -90,8 +91,7 @@ def reckon(worlds: ti.template(), w, k):
     moved = vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
     adrift = step
     if ti.static(worlds.program.sensor == Sensor.water):
-        if auv[w, k, AuvColumn.hovering] + auv[w, k, AuvColumn.border] > 0.0:  # it holds its place, which it senses
-            adrift = 0.0
+        adrift *= motion.drifted(worlds, w, k)
         moved = adrift * vec2(auv[w, k, AuvColumn.water_x], auv[w, k, AuvColumn.water_y])
     noise = normals(worlds, w, Draw.navigation, k)
     memory = p[Parameter.bias_memory]

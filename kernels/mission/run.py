@@ -122,6 +122,7 @@ def begin_episode(worlds: ti.template(), w):
     place_vortices(worlds, worlds.water.vortex, w)
     for k in range(num_auvs):
         place_auv(worlds, w, k)
+        motion.renew_depth_error(worlds, w, k)
         begin_estimate(worlds, w, k)
     for c in range(worlds.tally.shape[1]):
         worlds.tally[w, c] = 0.0
@@ -158,6 +159,7 @@ def advance(worlds: ti.template(), w):
     worlds.clock[w, 1] = worlds.clock[w, 1] + 1
     for k in range(num_auvs):
         motion.clear_last_step(worlds, w, k)
+        motion.renew_depth_error(worlds, w, k)
         worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
         if ti.static(worlds.program.tracker):
             fixes.predict(worlds, w, k)

@@ -89,8 +89,8 @@ def test_what_0_2_had_is_refused_in_a_file_and_read_from_what_was_stored(tmp_pat
 
 
 def test_a_file_that_0_2_printed_is_read(tmp_path):
-    (tmp_path / "printed.toml").write_text("[planner]\nhorizon = 10\n")
-    assert Scenario.load(tmp_path / "printed.toml").planner == Scenario.from_dict({}).planner
+    (tmp_path / "printed.toml").write_text('[planner]\nhorizon = 10\n[auv]\nrefused_power = "hovering"\n')
+    assert Scenario.load(tmp_path / "printed.toml") == Scenario.from_dict({})
 
 
 def test_unknown_name_lists_the_shipped_ones():

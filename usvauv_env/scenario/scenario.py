@@ -31,10 +31,13 @@ MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 RETIRED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (),
     "planner.objective": ("e",),
+    "auv.refused_power": (),
 }
-UNUSED = {
-    "planner.horizon": 10
-}  # what 0.2 printed into every file, of use for a strategy that is gone; read without it
+# What 0.2 printed into every file and has no effect on what is left; read without it.
+UNUSED: dict[str, tuple[object, ...]] = {
+    "planner.horizon": (10,),
+    "auv.refused_power": ("travelling", "hovering"),
+}
 
 
 class ScenarioError(UserError, ValueError):
@@ -345,7 +348,7 @@ class Scenario(Section):
             text_files.check_plain(data)
             for section, field in _retired(data):
                 name, value = f"{section}.{field}", data[section][field]
-                if not stored and value != UNUSED.get(name):
+                if not stored and value not in UNUSED.get(name, ()):
                     raise ScenarioError(f"{source}: {name} = {value!r}: gone since 0.3")
                 data = {**data, section: {name: value for name, value in data[section].items() if name != field}}
             return cls.model_validate(data)

@@ -97,22 +97,30 @@ class Auv(Section):
     depth: float = Field(100.0, ge=0.5, le=11000, description="cruise depth, m")
     separation: Literal["geometry", "demonstration"] = Field(
         "geometry",
-        description="vertical distances by geometry, or the demonstration's: auv.depth both to boat and to node",
+        description="vertical distances by geometry, or the demonstration's: auv.depth to the node, and to the boat"
+        " auv.depth and the sea's elevation under it",
     )
     speed_min: float = Field(1.2, ge=0.01, le=FASTEST, description="lowest speed through the water, m/s")
     speed_max: float = Field(
         2.2, ge=0.01, le=FASTEST, description="highest speed through the water, m/s; the power law holds up to 2.5"
+    )
+    speed_lag: float = Field(
+        0.0, ge=0, le=100, description="time constant with which its velocity follows the commanded one, s"
+    )
+    speed_noise: float = Field(
+        0.0,
+        ge=0,
+        le=10,
+        description="standard deviation of that velocity's error, per axis, m/s; it changes in speed_lag",
+    )
+    depth_noise: float = Field(
+        0.0, ge=0, le=100, description="standard deviation of the error with which it keeps its depth, m"
     )
     action: Literal["vector", "polar"] = Field(
         "vector", description="action as a velocity vector, or as (heading, speed)"
     )
     start_margin: Distance = Field(10.0, description="least distance from the border at the start, m")
     start_separation: Distance = Field(20.0, description="least distance between AUVs at the start, m")
-    refused_power: Literal["travelling", "hovering"] = Field(
-        "travelling",
-        description="power of a move refused at the border: as of one made (travelling), or of hovering (the"
-        " demonstration's)",
-    )
     safe_distance: Distance = Field(12.0, description="distance below which the reward punishes proximity, m")
     collision_distance: Distance = Field(5.0, description="distance below which a step counts as a collision, m")
     hover_radius: float = Field(
@@ -123,4 +131,6 @@ class Auv(Section):
     def _check(self) -> Auv:
         if self.speed_max < self.speed_min:
             raise ValueError("speed_max must not be below speed_min")
+        if self.speed_noise and not self.speed_lag:
+            raise ValueError(f"speed_noise = {self.speed_noise:g}: needs a speed_lag above 0")
         return self

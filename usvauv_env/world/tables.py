@@ -44,6 +44,8 @@ from usvauv.kernels.positioning.sonar import (
 )
 
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
+DEPTH_TIME = 20.0  # s, in which the error of an AUV's depth changes
+SPEED_RESPONSE = Parameter.names[Parameter.span("speed_memory", "speed_noise_rest")]
 SERVICE_FILL = 0.65  # share of a full buffer that a typical service takes, for the boat's foresight
 GATE = 16  # of the receiver of coded pulses, chips
 STRONGEST = 50.0  # m/s, up to which Wu's drag of the sea surface is meant
@@ -310,6 +312,22 @@ def boundaries(site: Site) -> tuple[float, ...]:
     return depth, depth + site.mean_depth, roughness(site), *SEDIMENTS[s.acoustics.sediment]
 
 
+def speed_response(scenario: Scenario) -> dict[str, float]:
+    """Parameters of `usvauv.kernels.mission.motion.respond` for the time constant and the error of an AUV's velocity.
+
+    The noise of the velocity at a step's end and of its mean over the step have the covariance of a Gauss–Markov
+    process and its integral; see `usvauv.kernels.mission.navigation`.
+    """
+    step, lag, deviation = scenario.mission.step, scenario.auv.speed_lag, scenario.auv.speed_noise
+    if not lag:
+        return dict.fromkeys(SPEED_RESPONSE, 0.0)
+    a, ratio = math.exp(-step / lag), step / lag
+    end = deviation * math.sqrt(-math.expm1(-2 * ratio))
+    shared = deviation * math.expm1(-ratio) ** 2 / math.sqrt(-math.expm1(-2 * ratio)) / ratio
+    rest = math.sqrt(max(deviation**2 * (2 * ratio - 3 + 4 * a - a * a) / ratio**2 - shared**2, 0.0))
+    return dict(zip(SPEED_RESPONSE, (a, -math.expm1(-ratio) / ratio, end, shared, rest), strict=True))
+
+
 def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     """All numbers of a scenario in the order of `usvauv.kernels.mission.columns.Parameter`, float32.
 
@@ -351,10 +369,11 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "propagates": s.usbl.propagation,
         "current_variance": current_variance,
         "correlation_time": correlation_time,
-        "auv_speed": s.auv.speed_max + current_bound(site),
+        "auv_speed": s.auv.speed_max + 6 * s.auv.speed_noise + current_bound(site),
+        **speed_response(s),
+        "depth_memory": math.exp(-s.mission.step / DEPTH_TIME),
         "cruise": s.auv.depth,
         "separation_node": s.auv.depth if s.auv.separation == "demonstration" else 0.0,
-        "refused_hovers": s.auv.refused_power == "hovering",
         "polar": s.auv.action == "polar",
         "node_margin": s.nodes.margin,
         "formation_radius": s.stations.radius,

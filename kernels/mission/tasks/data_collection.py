@@ -16,7 +16,7 @@ import taichi as ti
 from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
-from usvauv.kernels.mission.motion import distance_to_target, hovering_power, target_of, travel
+from usvauv.kernels.mission.motion import distance_to_target, hold, offset_to_target, target_of, travel
 from usvauv.kernels.mission.target_rules import knowledge, share_nodes
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
@@ -129,7 +129,7 @@ def begin_service(worlds: ti.template(), w, k, distance):
     separation = p[Parameter.separation_node]
     if separation == 0.0:
         depth = grid_sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
-        separation = depth - p[Parameter.cruise]
+        separation = depth - p[Parameter.cruise] - auv[w, k, AuvColumn.depth_error]
     slant = ti.sqrt(distance * distance + separation * separation)
     loss = sonar.path_loss(slant, p[Parameter.data_spreading], p[Parameter.data_absorption])
     snr = p[Parameter.data_level] - loss
@@ -144,20 +144,25 @@ def begin_service(worlds: ti.template(), w, k, distance):
 
 @func
 def move(worlds: ti.template(), w, k, a0, a1):
-    """One step of AUV k: hover and send, or travel with the current."""
+    """One step of AUV k: hover and send, or travel with the current.
+
+    Data flow in a step that begins within the hover radius. An AUV that the current has carried out of it heads back;
+    its service goes on when it is there.
+    """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
     before = distance_to_target(worlds, w, k)
     after = before
     if auv[w, k, AuvColumn.hover] > 0.0:
-        current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
+        wanted = vec2(0.0)
+        if before > p[Parameter.hover_radius]:
+            wanted = offset_to_target(worlds, w, k) / p[Parameter.step]
+        else:
+            auv[w, k, AuvColumn.hover] = ti.max(auv[w, k, AuvColumn.hover] - p[Parameter.step], 0.0)
+        hold(worlds, w, k, wanted)
+        after = distance_to_target(worlds, w, k)
         auv[w, k, AuvColumn.hovering] = 1.0
-        auv[w, k, AuvColumn.water_x] = 0.0
-        auv[w, k, AuvColumn.water_y] = 0.0
-        auv[w, k, AuvColumn.power] = hovering_power(current.norm())
-        auv[w, k, AuvColumn.hover] = auv[w, k, AuvColumn.hover] - p[Parameter.step]
-        if auv[w, k, AuvColumn.hover] <= 0.0:
-            auv[w, k, AuvColumn.hover] = 0.0
+        if auv[w, k, AuvColumn.hover] == 0.0:
             auv[w, k, AuvColumn.service_rate] = auv[w, k, AuvColumn.rate]
             auv[w, k, AuvColumn.packets_delivered] = auv[w, k, AuvColumn.cargo]
             auv[w, k, AuvColumn.delivered] = megabits(p, auv[w, k, AuvColumn.cargo])
