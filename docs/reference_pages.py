@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # In a description the unit stands after a comma, at the end or before further remarks.
 UNIT = re.compile(
     r", (m|s|m/s|m/s²|m²/s|mm/h|rad|Hz|1/s|1/m|1/W|1/Mbit|dB|dB re 1 µPa at 1 m|dB re 1 µPa²/Hz|°C|W|Mbit|packets/s"
-    r"|whole packets|carrier periods|degrees east|degrees north|s/m\^\(1/3\))(?=$|[;:,]| \()"
+    r"|bit/s|whole packets|carrier periods|degrees east|degrees north|s/m\^\(1/3\))(?=$|[;:,]| \()"
 )
 COLUMNS = re.compile(r"\[\[(.*?)\]")  # of a list of points
 

@@ -18,7 +18,8 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 def short_missions(tmp_path_factory):
     """The scenario extreme with missions of 40 steps, so that a few hundred steps hold several."""
     path = tmp_path_factory.mktemp("scenario") / "short.toml"
-    path.write_text(Scenario.load("extreme", ["mission.duration=40"]).to_toml(), encoding="utf-8")
+    short = ["mission.duration=40", "auv.speed_lag=0", "auv.speed_noise=0"]
+    path.write_text(Scenario.load("extreme", short).to_toml(), encoding="utf-8")
     return path
 
 

@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 PURE = {  # numbers without a unit
     *("storm.gamma", "storm.spreading", "acoustics.water_salinity", "acoustics.ph", "acoustics.shipping"),
     *("usbl.packet_loss", "reward.border", "reward.overflow", "reward.service", "reward.collaboration"),
+    "boat.windage",
 }
 
 

@@ -1,10 +1,13 @@
 """`usvauv doctor` names what is broken."""
 
 import json
+import math
 
 import pytest
 
 from usvauv.cli.commands import inspect
+from usvauv.env import Scenario
+from usvauv.env.sea.build import coarse_cells
 
 GOOD = {"rate": 100.0, "threads": 2, "observation": [0.1, 0.2], "reward": [1.0], "sea": [0.5]}
 
@@ -46,6 +49,6 @@ def test_what_is_broken_is_named(run_usvauv, trials, arch, found, words):
 def test_the_trial_runs(monkeypatch):
     found = inspect.attempt("cpu")
     assert found["rate"] > 0
-    assert len(found["sea"]) == 50 * 50 * 4
+    assert len(found["sea"]) == 4 * math.prod(coarse_cells(Scenario.load("extreme")))
     assert inspect.difference(json.loads(json.dumps(found)), found) == ""
     assert inspect.attempt("abacus") == {"absent": "arch: 'abacus' is not one of auto, cpu, cuda, vulkan"}

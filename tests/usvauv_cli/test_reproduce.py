@@ -171,6 +171,9 @@ def test_a_missing_result_alone_is_made_again(whole, capsys):
     assert timeless.sub("", path.read_text()) == timeless.sub("", text)
 
 
+T1 = 12.706205  # Student's t of one degree of freedom, 95 %
+
+
 class TestCollaboration:
     @pytest.fixture
     def tables(self, tmp_path):
@@ -189,8 +192,8 @@ class TestCollaboration:
         axis = collaboration.AXES[0].name
         centroid = next(p for p in found if (p["axis"], p["value"], p["boat"]) == (axis, 200, "centroid"))
         assert centroid["share"] == pytest.approx(95 / 150)
-        assert centroid["mbit95"] == pytest.approx(1.96 * 15)  # deviation 15 √2 of 2 episodes
-        assert (centroid["belief_more"], centroid["belief_more95"]) == (25, pytest.approx(1.96 * 15))
+        assert centroid["mbit95"] == pytest.approx(T1 * 15, rel=1e-5)  # deviation 15 √2 of 2 episodes
+        assert (centroid["belief_more"], centroid["belief_more95"]) == (25, pytest.approx(T1 * 15, rel=1e-5))
         belief = next(p for p in found if p["boat"] == "belief")
         assert (belief["share"], belief["belief_more"], belief["belief_more95"]) == (pytest.approx(0.8), 0, 0)
         assert belief["outage_longest"] == 7
@@ -199,7 +202,7 @@ class TestCollaboration:
         path = reproduce("collaboration", tables)
         assert capsys.readouterr().out.startswith("all 53 runs are done already")
         text = path.read_text()
-        for words in ("`centroid` | 95.0 ± 29.4 | 63.3 % | 25.0 ± 29.4", "Number of boats", "bring in 150.0 Mbit"):
+        for words in ("`centroid` | 95.0 ± 190.6 | 63.3 % | 25.0 ± 190.6", "Number of boats", "bring in 150.0 Mbit"):
             assert words in text
         names = ("collaboration.csv", "collaboration.pdf", "collaboration-dark.png", "collaboration-light.png")
         assert {file.name for file in (tables / paper.RESULTS).iterdir()} == set(names)

@@ -44,6 +44,7 @@ def sets(overrides: list[str]) -> list[str]:
 def data(tmp_path_factory):
     """Path of 5 s of `extreme`, seed 3, on 8 m cells, an elongated area, and its scenario."""
     folder, overrides = tmp_path_factory.mktemp("sea"), ["area.length=240", *STEADY]
+    overrides += ["current.period=0", "current.decay_depth=0"]
     with pytest.MonkeyPatch.context() as monkeypatch:
         code = run(
             monkeypatch, folder, "--duration", 5, "--resolution", 8, "--out", "a.nc", "--seed", 3, *sets(overrides)

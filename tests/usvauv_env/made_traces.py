@@ -26,6 +26,7 @@ def synthetic_trace(
     width, length = area
     random = np.random.default_rng(seed)
     overrides = [f"area.width={width}", f"area.length={length}", f"auv.count={auvs}", f"nodes.count={nodes}"]
+    overrides += [f"current.count={vortices}"]
     scenario = Scenario.load("extreme", [*overrides, "auv.start_separation=1", f"mission.duration={steps}"])
     node = random.uniform(0.05, 0.95, (worlds, nodes, 2)) * area
     rate = random.choice([3.0, 5.0, 8.0, 12.0], (worlds, nodes))

@@ -79,7 +79,8 @@ class TestReplies:
     def test_a_fix_is_of_where_the_reply_left(self):
         """Without noise a fix lies behind a moving AUV by its way since: half the exchange, no turn-around."""
         changes = ["auv.count=1", "area.depth=2000", "auv.depth=1900", "acoustics.source_level=240", "mission.step=0.1"]
-        world = World(Scenario.load("ideal", [*SOUND, *changes, "channel.turn_around=1.0"]), 50, 6)
+        changes += ["channel.turn_around=1.0", "auv.speed_lag=0", "auv.speed_noise=0"]
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 50, 6)
         seen = right = 0
         for _ in sail(world, still(world), 300):
             auv = world.auv[:, 0].double().cpu().numpy()

@@ -17,7 +17,8 @@ WORLDS = 4
 
 @pytest.fixture
 def world():
-    world = World(Scenario.load("extreme"), WORLDS, 0, first_world=10)
+    at_once = ["auv.speed_lag=0", "auv.speed_noise=0"]
+    world = World(Scenario.load("extreme", at_once), WORLDS, 0, first_world=10)
     world.reset()
     world.step(torch.zeros(WORLDS, 2, 2))
     return world

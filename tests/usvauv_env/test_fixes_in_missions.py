@@ -234,7 +234,7 @@ def test_what_reflections_need(changes, words):
         Scenario.load("ideal", [*QUIET, "acoustics.multipath=true", *changes])
 
 
-CALM = ["acoustics.wind=0", "auv.depth=100", "area.depth=120"]
+CALM = ["acoustics.wind=0", "auv.depth=100", "area.depth=120", "auv.depth_noise=0"]
 
 
 @pytest.mark.parametrize(("wind", "sediment"), [(2, "sand"), (12, "gravel")])

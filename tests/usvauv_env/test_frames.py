@@ -188,7 +188,7 @@ class TestReplyField:
 
     def test_a_place_is_worth_what_is_heard_there(self):
         """Beside an AUV its share of the variance, far from both nothing, and where all is heard everything."""
-        field = self.field(139.0)
+        field = self.field(143.0)
         share = field.share(2)
         assert share[20, 6] == pytest.approx(0.75, abs=0.01)
         assert share[20, 34] == pytest.approx(0.25, abs=0.01)

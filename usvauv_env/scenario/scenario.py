@@ -130,10 +130,6 @@ class Scenario(Section):
                 f"stations.radius = {self.stations.radius:g}: must not be above half the area's smaller side,"
                 f" {smaller / 2:g} m"
             )
-        if self.sea.cell_size * 4 > smaller:
-            raise ValueError(
-                f"sea.cell_size = {self.sea.cell_size:g}: must be at most {smaller / 4:g} m, a quarter of the area"
-            )
         if self.navigation.sensor != "none" and self.channel.schedule == "every-step":
             raise ValueError("navigation.sensor: needs a channel.schedule other than every-step")
         if self.tracker.enabled and self.channel.schedule != "every-step":

@@ -17,7 +17,7 @@ SMALLEST_PERIOD = 7.5  # core radii δ; the images' cores, left out, are then e^
 TOGETHER = 16  # vortices; of more than these no more are taken to lie at one place
 VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
 INFRAGRAVITY = 1.2e-3  # 1/s, α1 of `usvauv.env.sea.build.long_wave_rms`
-FASTEST_WATER = 20.0  # m/s; the fastest tidal streams reach 11
+FASTEST_WATER = 40.0  # m/s, of all vortices in one place, where they hardly are; the fastest tidal streams reach 11
 
 WaveHeight = Annotated[float, Field(ge=0.001, le=30)]
 WavePeriod = Annotated[float, Field(ge=0.5, le=30)]

@@ -24,14 +24,15 @@ from usvauv.kernels.shallow_water.discretisation import LANES
 from usvauv.kernels.shallow_water.linear import COURANT, ShallowWater
 from usvauv.kernels.shallow_water.nonlinear import NonlinearBoundary, NonlinearShallowWater
 
+FEWEST_CELLS = 4
 MOST_SUBSTEPS = 1_000_000
 RESONANT_GAIN = 10.0  # |1/cos kL| above which a component starts from rest instead of in its steady state
 
 
 def coarse_cells(scenario: Scenario) -> tuple[int, int]:
-    """Cells (nx, ny) of about `sea.cell_size`, for training and evaluating."""
-    size = scenario.sea.cell_size
-    return round(scenario.area.width / size), round(scenario.area.length / size)
+    """Cells (nx, ny) of about `sea.cell_size`, for training and evaluating; at least `FEWEST_CELLS` a side."""
+    width, length = (side / scenario.sea.cell_size for side in (scenario.area.width, scenario.area.length))
+    return max(FEWEST_CELLS, round(width)), max(FEWEST_CELLS, round(length))
 
 
 def fine_cells(scenario: Scenario) -> tuple[int, int]:
@@ -68,7 +69,7 @@ def sea_bytes(scenario: Scenario, cells: tuple[int, int], num_seas: int) -> floa
     if scenario.sea.equations == "nonlinear":
         return count * (130.0 * num_seas + (12.0 if strips else 12.0 * LANES * blocks))
     packed = 20.0 if strips else 12.0 * LANES * blocks + 8.0 * LANES
-    drawn = 48.0 * num_seas  # three fields in double precision, apart and together
+    drawn = 24.0 * num_seas  # three fields in double precision
     forcing = 24.0 * num_seas * (scenario.sea.irregular_components + 1) + 4.0 * LANES * blocks
     return count * (packed + drawn) + substeps(scenario, cells) * forcing
 
