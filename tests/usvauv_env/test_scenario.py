@@ -179,7 +179,7 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
         ),
         ("usbl.carriers=[9000] usbl.carrier_max=20000", "usbl.sampling_rate", 40000, 39999, "two a period, 40000 Hz"),
         ("", "usbl.carrier_max", 12000, 11999, "carrier_max must not be below carrier_min"),
-        ("auv.speed_max=1.3", "auv.speed_min", 1.3, 1.31, "speed_max must not be below speed_min"),
+        ("auv.speed_max=1.6", "auv.speed_min", 1.6, 1.61, "speed_max must not be below speed_min"),
         ("", "nodes.buffer", 1000, 999, "start_backlog must not be above buffer"),
         ("", "sea.irregular_period_max", 75, 74, "must not be below irregular_period_min"),
         ("", "current.core_radius_max", 30, 29, "must not be below core_radius_min"),
