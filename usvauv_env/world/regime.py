@@ -83,6 +83,8 @@ def _long_waves(site: Site) -> list[Finding]:
     speed = math.sqrt(sea.gravity * depth)
     found = []
     for field, amplitude, shortest, longest in bands:
+        length = speed * shortest
+        kh, steepness = 2 * math.pi * depth / length, 2 * amplitude / length
         period, gain = forced_gain(scenario, shortest, longest, depth)
         most = max(most, gain)
         found += [
@@ -95,16 +97,16 @@ def _long_waves(site: Site) -> list[Finding]:
             ),
             Finding(
                 "kh of the shortest long wave",
-                f"{2 * math.pi * depth / (speed * shortest):.2g}",
+                f"{kh:.2g}",
                 f"at most {LARGEST_KH:g} in shallow water",
-                _judge(2 * math.pi * depth / (speed * shortest) > LARGEST_KH),
+                _judge(kh > LARGEST_KH),
                 field,
             ),
             Finding(
                 "steepness 2a/λ of the shortest long wave",
-                f"{2 * amplitude / (speed * shortest):.2g}",
+                f"{steepness:.2g}",
                 f"at most {LARGEST_LONG_STEEPNESS:g}",
-                _judge(2 * amplitude / (speed * shortest) > LARGEST_LONG_STEEPNESS),
+                _judge(steepness > LARGEST_LONG_STEEPNESS),
                 field,
             ),
         ]
@@ -125,19 +127,18 @@ def _long_waves(site: Site) -> list[Finding]:
 def _storm(site: Site) -> list[Finding]:
     uneven = uneven_bed_warning(site)
     found = [Finding("its waves are", uneven, "", "warning", "storm")] if uneven else []
-    return found + [
-        Finding(
-            "steepness Hs/(g Tp²/2π)",
-            f"{system.significant_height / (site.scenario.sea.gravity * system.peak_period**2 / (2 * math.pi)):.2g}",
-            f"at most {LARGEST_STEEPNESS:g}",
-            _judge(
-                2 * math.pi * system.significant_height
-                > LARGEST_STEEPNESS * site.scenario.sea.gravity * system.peak_period**2
-            ),
-            "storm.peak_period",
+    for system in wave_systems(site):
+        steepness = 2 * math.pi * system.significant_height / (site.scenario.sea.gravity * system.peak_period**2)
+        found.append(
+            Finding(
+                "steepness Hs/(g Tp²/2π)",
+                f"{steepness:.2g}",
+                f"at most {LARGEST_STEEPNESS:g}",
+                _judge(steepness > LARGEST_STEEPNESS),
+                "storm.peak_period",
+            )
         )
-        for system in wave_systems(site)
-    ]
+    return found
 
 
 def _currents(site: Site) -> list[Finding]:
@@ -178,8 +179,8 @@ def _boat(site: Site) -> list[Finding]:
 
 def _replies(site: Site) -> list[Finding]:
     scenario = site.scenario
-    worst = tables.link_table(site)[:, acoustic_link.RATIO_AT_1M].argmin()
-    link = tables.link_table(site)[worst].astype(float)
+    links = tables.link_table(site).astype(float)
+    link = links[links[:, acoustic_link.RATIO_AT_1M].argmin()]
     distance = np.geomspace(1.0, 1e5, 2000)
     loss = link[acoustic_link.SPREADING] * np.log10(distance) + link[acoustic_link.ABSORPTION] * distance / 1e3
     ratio = link[acoustic_link.RATIO_AT_1M] - link[acoustic_link.PATHS] * (loss + link[acoustic_link.BUBBLES])
