@@ -349,6 +349,17 @@ def _silent_stderr() -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def alone() -> Iterator[None]:
+    """No other thread starts Taichi or compiles meanwhile.
+
+    Taichi takes any of its functions that is called from Python while a kernel is compiled, in whatever thread, for a
+    part of that kernel.
+    """
+    with _alone:
+        yield
+
+
+@contextlib.contextmanager
 def settings(special: Settings = NONE) -> Iterator[None]:
     """Compile and launch kernels as `start` has Taichi do it, also in a program that other code has started.
 

@@ -147,6 +147,7 @@ class World:
     reward: torch.Tensor
     reward_terms: torch.Tensor
 
+    @runtime.alone()
     def __init__(
         self,
         scenario: Scenario | str | Path,
