@@ -2,18 +2,17 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from tests.usvauv_cli.pages import CHROMIUM
 from usvauv.cli.live.session import SLIDERS, Session
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.kernels.flow.vortex import Vortex
-from usvauv.kernels.mission.columns import BoatColumn, NodeColumn
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 
-CHROMIUM = Path("/usr/bin/chromium")
 SMALL = ["sea.fine_cells=32", "mission.duration=60", "current.mutual=false", "current.viscosity=0"]
 
 
@@ -178,45 +177,115 @@ def test_the_end_of_a_mission_waits_for_the_next_episode():
     stepped(session, 1)
 
 
-def test_sliders_and_choices_in_a_tab_change_the_world(running):
+def test_errors_are_those_of_the_last_seconds_before_what_is_shown(running):
+    running.run()
+    stepped(running, 12)
+    running.look_back(2.0)
+    times, errors = running.errors(5.0)
+    assert times.tolist() == [-5, -4, -3, -2, -1, 0]
+    assert errors.shape == (2, 6)
+    assert errors[:, -1] == pytest.approx(running.moment.mixed("auv")[:, AuvColumn.position_error])
+
+
+@pytest.fixture
+def in_tabs():
+    """Run a function of a browser and the address of a session's tab while the session is shown."""
     pytest.importorskip("viser")
     playwright = pytest.importorskip("playwright.sync_api")
-    if not CHROMIUM.exists():
-        pytest.skip(f"there is no {CHROMIUM}")
+    if not CHROMIUM:
+        pytest.skip("there is no Chromium: neither chromium nor google-chrome is on the path")
     from usvauv.cli.live.server import Show, listen, serve
 
-    asked = []
-
-    def use_tab(address: str) -> None:
+    def use(address: str, act) -> None:
         software = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
         with playwright.sync_playwright() as started:
-            browser = started.chromium.launch(executable_path=str(CHROMIUM), args=software)
-            page = browser.new_page(viewport={"width": 900, "height": 1000})
-            page.on("request", lambda request: asked.append(request.url))
-            page.goto(address)
-            page.get_by_text("pictures a second").wait_for(timeout=60_000)
-            page.get_by_role("slider").nth(2).focus()  # after the past and the current
-            for _ in range(5):
-                page.keyboard.press("ArrowRight")
-            page.get_by_role("combobox", name="AUVs").click()
-            page.get_by_role("option", name="straight").click()
-            page.get_by_role("button", name="Pause").click()
-            page.get_by_text("paused").wait_for()
+            browser = started.chromium.launch(executable_path=CHROMIUM, args=software)
+            act(browser, address)
             browser.close()
+
+    def run(session: Session, act) -> None:
+        with serve(listen(0), "test") as (server, address), ThreadPoolExecutor() as tabs:
+            show = Show(server, session)
+            tab = tabs.submit(use, address, act)
+            while not tab.done():
+                show.picture(0.02)
+                time.sleep(0.02)
+            tab.result()
+
+    return run
+
+
+def test_sliders_and_choices_in_a_tab_change_the_world(running, in_tabs):
+    asked = []
+
+    def act(browser, address: str) -> None:
+        page = browser.new_page(viewport={"width": 900, "height": 1000})
+        page.on("request", lambda request: asked.append(request.url.replace(address, "")))
+        page.goto(address)
+        page.get_by_role("slider").nth(2).focus(timeout=60_000)  # after the past and the current
+        for _ in range(5):
+            page.keyboard.press("ArrowRight")
+        page.get_by_role("combobox", name="AUVs").click()
+        page.get_by_role("option", name="straight").click()
+        page.get_by_role("button", name="Pause").click()
+        page.get_by_text("paused").wait_for()
 
     running.run()
     running.speed = 1.0
     height = running.values["storm"]
     before = float(running.world.storm.amplitude.sum())
-    with serve(listen(0), "test") as (server, address), ThreadPoolExecutor() as tabs:
-        show = Show(server, running)
-        tab = tabs.submit(use_tab, address)
-        while not tab.done():
-            show.picture(0.02)
-            time.sleep(0.02)
-        tab.result()
+    in_tabs(running, act)
     assert running.values["storm"] == pytest.approx(height + 0.5)
     assert float(running.world.storm.amplitude.sum()) == pytest.approx(before * (height + 0.5) / height)
     assert running.policy == "straight"
     assert running.paused
-    assert all(url.startswith((address, "data:", "blob:")) for url in asked), "nothing comes from elsewhere"
+    assert asked
+    assert not [url for url in asked if "://" in url and not url.startswith("blob:")], "nothing comes from elsewhere"
+
+
+CURVE = """() => {
+  const plot = Object.values(window.__viserTestpoints?.uplots ?? {})[0], scene = document.querySelector("canvas");
+  if (!plot || !scene) return null;
+  const { root, scales, data } = plot.chart, place = root.getBoundingClientRect();
+  return {
+    span: [scales.x.min, scales.x.max], highest: scales.y.max, data: data.map((row) => [...row]),
+    scene: scene.getBoundingClientRect().right, left: place.left, top: place.top, bottom: place.bottom,
+  };
+}"""
+
+
+def test_every_page_shows_the_errors_of_the_last_300_s_beside_the_scene(in_tabs):
+    session = Session(scenario("mission.duration=450"), seed=3)
+    session.pause()
+    seen = []
+
+    def look(page, least: int) -> None:
+        """What a page shows once its curve has so many points."""
+        page.wait_for_function(f"() => ({CURVE})()?.data[0].length >= {least}", timeout=60_000)
+        seen.append(page.evaluate(CURVE))
+
+    def act(browser, address: str) -> None:
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(address)
+        look(page, 1)  # nothing has been yet
+        session.speed = float("inf")
+        session.run()
+        page.get_by_text("the mission is over").wait_for(timeout=60_000)
+        look(page, 301)
+        page.reload()
+        look(page, 301)
+        other = browser.new_page(viewport={"width": 1000, "height": 700})
+        other.goto(address)
+        look(other, 301)
+
+    in_tabs(session, act)
+    times, errors = session.errors(300.0)
+    assert times.tolist() == list(range(-300, 1))
+    assert [len(shown["data"][0]) for shown in seen] == [1, 301, 301, 301]
+    for shown in seen:
+        assert shown["span"] == [-300, 0]
+        assert shown["left"] >= shown["scene"] > 550, "the panel begins where the scene ends"
+        assert 0 < shown["top"] < shown["bottom"] < 700, "seen without scrolling"
+    for shown in seen[1:]:
+        assert np.array(shown["data"]) == pytest.approx(np.stack([times, *errors]))
+        assert shown["highest"] >= errors.max()

@@ -21,7 +21,7 @@ SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "3
 STATUS_EVERY = 0.25  # s
 FIGURES_EVERY = 1.0  # s, and at most this share of the time is spent on them:
 FIGURES_SHARE = 0.05
-PLOTTED = 300  # states
+PLOTTED = 300.0  # s
 COMPILING = "compiling another world, which takes some seconds …"
 NARROW = 0.12  # rad, opening of the map's view, which is nearly parallel
 WIDE = 0.75
@@ -78,6 +78,7 @@ class Controls:
         self._pictures, self._since, self._since_time = 0, time.perf_counter(), 0.0
         gui = server.gui
         gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
+        gui.main_panel.dock_right()  # beside the scene, not over it
         server.initial_camera.fov = WIDE
         for name, value in self._view(flat=False).items():
             setattr(server.initial_camera, "up" if name == "up_direction" else name, value)
@@ -85,6 +86,7 @@ class Controls:
         self._add_time(gui)
         views = gui.add_button_group("View", ("Perspective", "Map"))
         views.on_click(lambda event: self.requests.put("view", lambda: self._look(event.client, views.value == "Map")))
+        self._plot = self._add_plot(gui)
         with gui.add_folder("Sea and sound"):
             self._sliders = {name: self._add_slider(gui, name) for name in session.values}
         with gui.add_folder("Decisions"):
@@ -99,7 +101,6 @@ class Controls:
             }
         with gui.add_folder("Figures"):
             self._table = gui.add_html("")
-            self._plot = self._add_plot(gui)
         with gui.add_folder("What is shown", expand_by_default=False):
             gui.add_markdown(LEGEND)
         self._listen_to_scene()
@@ -161,10 +162,11 @@ class Controls:
                 uplot.Series(label="s"),
                 *(uplot.Series(label=f"AUV {k + 1}", stroke=colour, width=2) for k, colour in enumerate(colours)),
             ),
-            title="Error of estimated positions, m",
-            scales={"x": uplot.Scale(time=False)},
+            title=f"Error of estimated positions, m, in the last {PLOTTED:g} s",
+            # A fixed span: one that follows the data is kept by each page as a share of the data that it saw first.
+            scales={"x": uplot.Scale(time=False, range=(-PLOTTED, 0.0)), "y": uplot.Scale(range=(0.0, None))},
             axes=(axis, axis),
-            height=190,
+            height=170,
         )
 
     @property
@@ -213,11 +215,9 @@ class Controls:
         size = max(area.width, area.length)
         if flat:
             above = np.array([0.0, 0.0, 0.62 * size / math.tan(NARROW / 2)])
-            middle[0] += 0.2 * area.width  # leaves room for the panel
             return {"position": middle + above, "look_at": middle, "up_direction": (0.0, 1.0, 0.0)}
         middle[2] = -0.42 * min(area.depth, size)
-        away = np.array([-0.75, -1.6, 0.9]) * size
-        middle[:2] += 0.2 * size * np.array([0.88, -0.47])  # leaves room for the panel
+        away = np.array([-0.8, -1.75, 1.0]) * size
         return {"position": middle + away, "look_at": middle, "up_direction": (0.0, 0.0, 1.0)}
 
     def _look(self, client: Any, flat: bool) -> None:
@@ -291,9 +291,7 @@ class Controls:
 
     def _show_figures(self) -> None:
         figures = self._session.figures()
-        if figures is None:
-            return
-        self._table.content = table(figures)
+        self._table.content = table(figures) if figures else ""
         times, errors = self._session.errors(PLOTTED)
         self._plot.data = (times, *errors)
 

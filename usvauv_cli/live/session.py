@@ -377,11 +377,17 @@ class Session:
             self._figures, self._figured = episode_metrics(trace)[0], len(self._recorder)
         return self._figures
 
-    def errors(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Times (T,), s, and errors of the estimated positions (K, T), m, in the last states, at most `count`."""
-        states = self.history.until(self.time, count)
-        times = np.array([state.time for state in states])
-        return times, np.stack([state.auv[:, AuvColumn.position_error].astype(float) for state in states], axis=1)
+    def errors(self, span: float) -> tuple[np.ndarray, np.ndarray]:
+        """Errors of the estimated positions (K, T), m, in the last `span` seconds up to what is shown.
+
+        Returns:
+            Times less the shown one (T,), −span to 0, s; and the errors.
+        """
+        now = self.moment.time
+        states = self.history.until(now, int(span / self.scenario.mission.step) + 1)
+        times = np.array([state.time - now for state in states])
+        errors = np.stack([state.auv[:, AuvColumn.position_error].astype(float) for state in states], axis=1)
+        return times[times >= -span], errors[:, times >= -span]
 
 
 def changed(scenario: Scenario, changes: Mapping[str, Mapping[str, Any]]) -> Scenario:
