@@ -92,10 +92,28 @@ class DeviceArrays:
         self._ahead = False
 
 
+class _Calls:
+    """Takes the calls of a launch context's methods, to make them later, again and again."""
+
+    def __init__(self) -> None:
+        self._calls: list[tuple[str, tuple[Any, ...]]] = []
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return lambda *arguments: self._calls.append((name, arguments))
+
+    def on(self, context: Any) -> Any:
+        """The context, after the calls."""
+        for name, arguments in self._calls:
+            getattr(context, name)(*arguments)
+        return context
+
+
 class Launch:
     """A kernel with fixed arguments; calling it runs it.
 
-    Where other code has started Taichi anew since, by `ti.init` or `ti.reset`, the kernel is compiled again.
+    With CUDA each launch has a context of its own: Taichi puts the address of a copy on the device, freed after the
+    launch, into the context that it launches. Where other code has started Taichi anew since, by `ti.init` or
+    `ti.reset`, the kernel is compiled again.
 
     Args:
         kernel: one without return value.
@@ -119,12 +137,14 @@ class Launch:
         self._compiled_in = runtime.start()
         tensors = (a.tensor if isinstance(a, DeviceArray) else a for a in self._held)
         made = self._primal.compiled_kernels[self._primal.ensure_compiled(*tensors)]
-        self._context = made.make_launch_context()
+        self._calls = _Calls()
         self._position: dict[int, int] = {}  # among the arguments that are not templates
         for index, (parameter, value) in enumerate(zip(self._primal.arguments, self._held, strict=True)):
             if not isinstance(parameter.annotation, ti.template):
                 self._position[index] = len(self._position)
                 self._set(index, parameter.annotation, value)
+        self._new_context = made.make_launch_context
+        self._kept = None if self._compiled_in.arch == "cuda" else self._calls.on(self._new_context())
         program: Any = impl.get_runtime().prog
         self._compiled = program.compile_kernel(program.config(), program.get_device_caps(), made)
         self._launch = program.launch_kernel
@@ -138,26 +158,26 @@ class Launch:
             element = getattr(annotation.dtype, "ndim", 0) if annotation.dtype is not None else 0
             shape = tuple(tensor.shape[: tensor.ndim - element])
         if isinstance(value, DeviceArray):
-            self._context.set_arg_ndarray(position, value.memory.arr)
+            self._calls.set_arg_ndarray(position, value.memory.arr)
             for axis, length in enumerate(shape):  # the memory is flat
-                self._context.set_arg_int((*position, SHAPE, axis), length)
+                self._calls.set_arg_int((*position, SHAPE, axis), length)
         elif isinstance(value, torch.Tensor):
             size = value.element_size() * value.nelement()
-            self._context.set_arg_external_array_with_shape(position, value.data_ptr(), size, shape, 0)
+            self._calls.set_arg_external_array_with_shape(position, value.data_ptr(), size, shape, 0)
         elif hasattr(annotation, "set_kernel_struct_args"):
-            annotation.set_kernel_struct_args(annotation(*value), self._context, position)
+            annotation.set_kernel_struct_args(annotation(*value), self._calls, position)
         elif isinstance(value, float | np.floating):
-            self._context.set_arg_float(position, float(value))
+            self._calls.set_arg_float(position, float(value))
         elif annotation in UNSIGNED:
-            self._context.set_arg_uint(position, int(value))
+            self._calls.set_arg_uint(position, int(value))
         else:
-            self._context.set_arg_int(position, int(value))
+            self._calls.set_arg_int(position, int(value))
 
     def __call__(self) -> None:
         for arrays in self._on_device:
             arrays.send()
         if self._launched_in is runtime.start():
-            self._launch(self._compiled, self._context)
+            self._launch(self._compiled, self._kept or self._calls.on(self._new_context()))
         else:
             self._launch_first()
         for arrays in self._on_device:
@@ -168,7 +188,7 @@ class Launch:
         with runtime.settings(self._settings):
             if self._compiled_in is not runtime.start():
                 self._compile()
-            self._launch(self._compiled, self._context)
+            self._launch(self._compiled, self._kept or self._calls.on(self._new_context()))
         self._launched_in = self._compiled_in
 
 
