@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from fractions import Fraction
 
 import av
@@ -13,7 +14,7 @@ from tests.usvauv_env.made_traces import paint, synthetic_trace
 from usvauv import write_video
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Layout
-from usvauv.env.render.video import Video
+from usvauv.env.render.video import Video, VideoSummary
 from usvauv.env.scenario.sea import Area
 from usvauv.env.storage.files import OutputError
 from usvauv.kernels.errors import UserError
@@ -113,6 +114,32 @@ class TestContent:
         assert decoded(tmp_path / "odd.mp4")[0].shape == (360, 482, 3)
 
 
+class TestGif:
+    def test_eight_seconds_take_less_than_eight_megabytes(self, tmp_path, trace):
+        summary = write_video(trace, tmp_path / "mission.gif", speedup=30.0)
+        assert summary.size == (640, 360)
+        assert summary.fps <= 12
+        assert (tmp_path / "mission.gif").stat().st_size / summary.frames * 8 * summary.fps < 8e6
+        assert summary.remark == ""
+
+    @pytest.mark.parametrize(
+        ("size", "fps", "speedup", "advice"),
+        [
+            ((1280, 720), 30.0, 30.0, "--size 640x360 --fps 12 or .mp4"),
+            ((640, 360), 10.0, 20.0, "--speedup 60 or .mp4"),
+        ],
+    )
+    def test_a_larger_one_says_why_and_what_to_do(self, tmp_path, size, fps, speedup, advice):
+        for ending in (".gif", ".mp4"):
+            path = tmp_path / f"mission{ending}"
+            path.touch()
+            os.truncate(path, 24_000_000)
+            remark = VideoSummary(path, 240, size, fps, speedup).remark
+            assert remark.endswith(advice if ending == ".gif" else "")
+            assert remark.startswith("mission.gif has 24 MB: " if ending == ".gif" else "")
+            assert "\n" not in remark
+
+
 class TestFile:
     @pytest.mark.parametrize(
         ("out", "options", "message"),
@@ -124,7 +151,7 @@ class TestFile:
             ("x.mp4", {"view": "front"}, "view 'front': must be one of map, sea, both"),
             ("x.mp4", {"theme": "pink"}, "theme 'pink': must be one of dark, light"),
             ("x.mp4", {"fps": 0}, "fps 0: must be at least 1"),
-            ("x.mp4", {"size": (200, 360)}, "x.mp4: size 200x360: each side must be from 320 to 7680"),
+            ("x.mp4", {"size": (200, 360)}, "x.mp4: size 200x360: each side must be from 240 to 7680"),
         ],
     )
     def test_what_there_is_not_is_refused_and_leaves_nothing(self, tmp_path, monkeypatch, trace, out, options, message):

@@ -46,8 +46,10 @@ VideoOut = Annotated[
     Path | None,
     typer.Option(help="Video (.mp4, .webm, .gif, .webp) or picture (.png) to write; default usvauv-SCENARIO.mp4."),
 ]
-Size = Annotated[str, typer.Option(metavar="WxH", help="Frame size in pixels.")]
-Fps = Annotated[int, typer.Option(help="Frames a second, at most.")]
+Size = Annotated[
+    str | None, typer.Option(metavar="WxH", help="Frame size in pixels; default 1280x720, of a GIF 640x360.")
+]
+Fps = Annotated[int | None, typer.Option(help="Frames a second, at most; default 30, of a GIF 12.")]
 Speedup = Annotated[
     float | None,
     typer.Option(help="Seconds of mission in a second of video; default one mission step a frame."),
@@ -239,20 +241,23 @@ def parse_size(text: str) -> tuple[int, int]:
     """Read WIDTHxHEIGHT.
 
     Raises:
-        UserError: not two whole numbers from 320 to 7680.
+        UserError: not two whole numbers from `SMALLEST` to `LARGEST`.
     """
+    from usvauv.env.render.video import LARGEST, SMALLEST
+
     found = re.fullmatch(r"([0-9]{3,4})[xX]([0-9]{3,4})", text)
     width, height = map(int, found.groups()) if found else (0, 0)
-    if not (320 <= width <= 7680 and 320 <= height <= 7680):
-        raise UserError(f"--size {text!r}: expected WIDTHxHEIGHT in pixels, each from 320 to 7680, like 1280x720")
+    if not all(SMALLEST <= side <= LARGEST for side in (width, height)):
+        allowed = f"each from {SMALLEST} to {LARGEST}, like 1280x720"
+        raise UserError(f"--size {text!r}: expected WIDTHxHEIGHT in pixels, {allowed}")
     return width, height
 
 
 def checked_video(
     context: typer.Context,
     out: Path,
-    size: str,
-    fps: int,
+    size: str | None,
+    fps: int | None,
     speedup: float | None,
     view: str,
     theme: str,
@@ -263,10 +268,12 @@ def checked_video(
     Raises:
         UserError: an option has a value that is not allowed, or the file cannot be written.
     """
-    from usvauv.env.render.video import ENDINGS, Video
+    from usvauv.env.render.video import ENDINGS, Video, usual
 
-    path, pixels = writable(context, out, "--out", ENDINGS), parse_size(size)
+    path = writable(context, out, "--out", ENDINGS)
+    pixels, most = usual(path)
+    pixels, most = parse_size(size) if size else pixels, most if fps is None else fps
     try:
-        return Video(path, view, theme, pixels, fps, speedup, at)
+        return Video(path, view, theme, pixels, most, speedup, at)
     except UserError as error:
         raise UserError(f"--{error}") from None  # it begins with the option's name

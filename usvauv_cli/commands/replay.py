@@ -37,8 +37,8 @@ def replay(
     ] = None,
     view: ViewOption = "map",
     theme: ThemeOption = "dark",
-    size: Size = "1280x720",
-    fps: Fps = 30,
+    size: Size = None,
+    fps: Fps = None,
     speedup: Speedup = None,
     at: At = None,
     force: Force = False,
@@ -85,3 +85,5 @@ def replay(
     with console.progress("drawing", len(video.steps(recorded))) as advance:
         summary = video.write(recorded, advance)
     typer.echo(f"{summary.frames} frames: {summary.path.resolve()}")
+    if summary.remark:
+        typer.echo(summary.remark)

@@ -61,8 +61,8 @@ def simulate(
     out: VideoOut = None,
     view: ViewOption = "map",
     theme: ThemeOption = "dark",
-    size: Size = "1280x720",
-    fps: Fps = 30,
+    size: Size = None,
+    fps: Fps = None,
     speedup: Speedup = None,
     at: At = None,
     trace: Annotated[Path | None, typer.Option(help="Also save everything that happened, as NetCDF.")] = None,
@@ -113,12 +113,14 @@ def simulate(
         if problem:
             break
     with console.progress("drawing", len(video.steps(recorded))) as advance:
-        video.write(recorded, advance)
+        written = video.write(recorded, advance)
     if trace:
         recorded[0].save(trace)
     for each in recorded:
         report.mission_summary(episode_metrics(each)[0], each)
     typer.echo(f"{'picture' if out.suffix.lower() == '.png' else 'video'}: {out.resolve()}")
+    if written.remark:
+        typer.echo(written.remark)
     if trace:
         typer.echo(f"trace: {trace.resolve()}")
     if problem:

@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import av.container
@@ -30,7 +31,7 @@ from usvauv.env.storage.files import OutputError, atomic_write
 from usvauv.env.storage.memory import require
 from usvauv.kernels.errors import UserError
 
-SMALLEST, LARGEST = 320, 7680  # pixels a side
+SMALLEST, LARGEST = 240, 7680  # pixels a side
 FRAME_BYTES = 40.0  # of memory, a pixel of a frame
 KEYFRAMES = 250  # frames from one key frame to the next, the encoder's default
 WAITING = 2  # pictures that are drawn and not encoded yet
@@ -45,6 +46,7 @@ class Format:
     Attributes:
         name: FFmpeg's, of the container. codec: FFmpeg's name of its encoder. pixels: how the encoder takes a picture.
         options: of the encoder. container: options of the container. matrix: from colours to yuv420p.
+        size, fps: width and height in pixels and frames a second, at most, where none are asked for.
     """
 
     name: str
@@ -53,6 +55,8 @@ class Format:
     options: dict[str, str]
     container: dict[str, str] = field(default_factory=dict)
     matrix: Colorspace = Colorspace.ITU709
+    size: tuple[int, int] = (1280, 720)
+    fps: int = 30
 
 
 # The fastest preset of H.264, with entropy coding added, which makes files smaller for little time.
@@ -71,7 +75,7 @@ FORMATS = {
         {"deadline": "realtime", "cpu-used": "8", "crf": QUALITY[".webm"], "b": "0", "row-mt": "1", "threads": "2"},
         {"fflags": "bitexact"},  # no random identifiers
     ),
-    ".gif": Format("gif", "gif", "pal8", {}),
+    ".gif": Format("gif", "gif", "pal8", {}, size=(640, 360), fps=12),
     ".webp": Format(
         "webp",
         "libwebp_anim",
@@ -85,6 +89,14 @@ FORMATS = {
 
 PICTURE = ".png"
 ENDINGS = (*FORMATS, PICTURE)
+PALETTE_FRAMES, COLOURS = 24, 128  # frames of a GIF with one palette, of so many colours
+LARGE_GIF = 8e6  # bytes from which on a GIF takes long to load in a page
+
+
+def usual(path: Path) -> tuple[tuple[int, int], int]:
+    """Size and frames a second, at most, of a file where none are asked for."""
+    kind = FORMATS.get(path.suffix.lower(), FORMATS[".mp4"])
+    return kind.size, kind.fps
 
 
 @dataclass(frozen=True)
@@ -159,17 +171,34 @@ class Video:
                     for t in shown:
                         append(frames.frame(t))
                         progress(1)
-        return VideoSummary(self.path, len(shown), size, float(rate))
+        return VideoSummary(self.path, len(shown), size, float(rate), float(rate) * stride * step)
 
 
 @dataclass(frozen=True)
 class VideoSummary:
-    """What was written: a file's path, its frames, their width and height in pixels, frames a second."""
+    """What was written: a file's path, its frames, their width and height in pixels, frames a second, play speed."""
 
     path: Path
     frames: int
     size: tuple[int, int]
     fps: float
+    speedup: float
+
+    @property
+    def remark(self) -> str:
+        """Why a GIF is above `LARGE_GIF`, and what makes it smaller; empty for other files."""
+        taken = self.path.stat().st_size
+        if self.path.suffix.lower() != ".gif" or taken <= LARGE_GIF:
+            return ""
+        (width, height), fps = usual(self.path)
+        advice = ""
+        if self.size[0] * self.size[1] > width * height:
+            advice += f"--size {width}x{height} "
+        if self.fps > fps:
+            advice += f"--fps {fps} "
+        advice = advice or f"--speedup {math.ceil(self.speedup * taken / LARGE_GIF):g} "
+        of = f"{self.frames} frames of {self.size[0]}x{self.size[1]}"
+        return f"{self.path.name} has {taken / 1e6:.0f} MB: a GIF compresses {of} badly; smaller: {advice}or .mp4"
 
 
 def write_video(
@@ -178,8 +207,8 @@ def write_video(
     *,
     view: str = "map",
     theme: str = "dark",
-    size: tuple[int, int] = (1280, 720),
-    fps: int = 30,
+    size: tuple[int, int] | None = None,
+    fps: int | None = None,
     speedup: float | None = None,
     at: float | None = None,
     progress: Callable[[int], object] = lambda frames: None,
@@ -193,8 +222,9 @@ def write_video(
         path: of a video, .mp4, .webm, .gif or .webp, or of a picture, .png.
         view: "map" (from above, with plots), "sea" (in perspective) or "both".
         theme: "dark" or "light".
-        size: width and height, each from 320 to 7680 pixels; odd numbers are reduced by 1.
-        fps: largest number of frames a second.
+        size: width and height, each from 240 to 7680 pixels; odd numbers are reduced by 1. Default (1280, 720), of a
+            GIF (640, 360).
+        fps: largest number of frames a second; default 30, of a GIF 12.
         speedup: seconds of mission in a second of video; None shows each mission step for one frame.
         at: moment that a picture shows, s of mission; None for its end.
         progress: called with 1 after each frame.
@@ -205,7 +235,9 @@ def write_video(
         MemoryNeeded: frames of that size do not fit into memory.
     """
     traces = [traces] if isinstance(traces, Trace) else list(traces)
-    return Video(Path(path), view, theme, size, fps, speedup, at).write(traces, progress)
+    pixels, most = usual(Path(path))
+    video = Video(Path(path), view, theme, size or pixels, most if fps is None else fps, speedup, at)
+    return video.write(traces, progress)
 
 
 def even(size: tuple[int, int], out: Path) -> tuple[int, int]:
@@ -303,35 +335,57 @@ def _pixels(frame: av.VideoFrame) -> np.ndarray:
 
 
 def _converter(kind: Format, width: int, height: int, fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
-    """Function from pictures to what the encoder takes; for GIF each picture has a palette of its own."""
+    """Function from pictures to what the encoder takes."""
     if kind.pixels == "pal8":
-        graph = av.filter.Graph()
-        tick, bgr = 1 / Fraction(fps), av.VideoFormat("bgr24")
-        source = graph.add_buffer(width=width, height=height, format=bgr, time_base=tick)
-        split, palette = graph.add("split"), graph.add("palettegen", "stats_mode=single")
-        use, sink = graph.add("paletteuse", "new=1:dither=none"), graph.add("buffersink")
-        source.link_to(split)
-        split.link_to(use, 0, 0)
-        split.link_to(palette, 1, 0)
-        palette.link_to(use, 0, 1)
-        use.link_to(sink)
-        graph.configure()
-        number = iter(range(1 << 62))
-
-        def with_palette(frame: av.VideoFrame) -> av.VideoFrame:
-            frame.pts, frame.time_base = next(number), tick
-            graph.push(frame)
-            shown = graph.pull()
-            assert isinstance(shown, av.VideoFrame)
-            return shown
-
-        return with_palette
+        return _palettes(fps)
     converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
 
     def convert(frame: av.VideoFrame) -> av.VideoFrame:
         return converter.reformat(frame, format="yuv420p", dst_colorspace=kind.matrix)
 
     return convert
+
+
+def _palettes(fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
+    """Function from pictures to those of a GIF; `PALETTE_FRAMES` in a row share the palette of the first of them.
+
+    Where the palette stays, pixels that do not change cost little.
+    """
+    tick, numbers = 1 / Fraction(fps), iter(range(1 << 62))
+    ends: tuple[Any, Any, Any] = None, None, None
+
+    def with_palette(frame: av.VideoFrame) -> av.VideoFrame:
+        nonlocal ends
+        frame.pts, frame.time_base = next(numbers), tick
+        if frame.pts % PALETTE_FRAMES == 0:
+            ends = _paletting(frame, tick)
+        ends[0].push(frame)
+        shown = ends[1].pull()
+        assert isinstance(shown, av.VideoFrame)
+        return shown
+
+    return with_palette
+
+
+def _paletting(frame: av.VideoFrame, tick: Fraction) -> tuple[Any, Any, av.filter.Graph]:
+    """Ends of a graph from pictures to those with the palette of a frame, and the graph."""
+    making, graph = av.filter.Graph(), av.filter.Graph()
+    source = making.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=tick)
+    making.link_nodes(source, making.add("palettegen", f"max_colors={COLOURS}"), making.add("buffersink")).configure()
+    making.push(frame)
+    making.push(None)
+    palette = making.pull()
+    assert isinstance(palette, av.VideoFrame)
+    pictures = graph.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=tick)
+    colours = graph.add_buffer(width=palette.width, height=palette.height, format=palette.format, time_base=tick)
+    use, sink = graph.add("paletteuse", "dither=none"), graph.add("buffersink")
+    pictures.link_to(use, 0, 0)
+    colours.link_to(use, 0, 1)
+    use.link_to(sink)
+    graph.configure()
+    colours.push(palette)
+    colours.push(None)
+    return pictures, sink, graph
 
 
 def expected_bytes(pictures: list[np.ndarray], frames: int, fps: int) -> int:
