@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 
 LONGEST_NAME = 120  # bytes; the name of a file, of which it is a part, may have 255
+MOST_CHANGES = 12  # that `repr` lists
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 # Fields of 0.2 that are gone since 0.3, or values of a field; none: all. A stored scenario is read without them.
 RETIRED: dict[str, tuple[object, ...]] = {
@@ -353,6 +354,25 @@ class Scenario(Section):
         except ValidationError as error:
             raise ScenarioError(one_line(error, source, cls)) from None
 
+    def __repr__(self) -> str:
+        """Name and sizes, and what differs from the shipped scenario of that name, or else from the defaults."""
+        shipped = self.name in self.shipped()
+        base = self.load(self.name) if shipped else self.from_dict({})
+        changes = [
+            f"  {name} = {_toml(value)}, {'shipped' if shipped else 'default'} {_toml(usual)}"
+            for name, value, usual in _differences(self, base)
+        ]
+        area, auvs, boats = self.area, self.auv.count, self.boat.count
+        head = (
+            f"Scenario {self.name!r}{' as shipped' if shipped and not changes else ''}: {self.task},"
+            f" {area.width:g} × {area.length:g} m, {area.depth:g} m deep, {auvs} AUV{'s' * (auvs > 1)},"
+            f" {boats} boat{'s' * (boats > 1)}, {self.mission.duration:g} s"
+        )
+        rest = [f"  … and {len(changes) - MOST_CHANGES} more"] if len(changes) > MOST_CHANGES else []
+        return "\n".join([head, *changes[:MOST_CHANGES], *rest])
+
+    __str__ = __repr__
+
     def to_dict(self) -> dict[str, Any]:
         """Nested plain values, the inverse of `from_dict`."""
         return self.model_dump(mode="json")
@@ -374,6 +394,19 @@ class Scenario(Section):
                 ]
                 lines += [f"{key} = {_toml(value)}" for key, value in (section.model_extra or {}).items()]
         return "\n".join(lines) + "\n"
+
+
+def _differences(one: Section, other: Section, before: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Fields whose values differ, but for names: name with its section, and both values."""
+    here, there = dict(one), dict(other)
+    for field in here:
+        if not before and field in ("name", "description"):
+            continue
+        value, usual = here[field], there.get(field, "none")
+        if isinstance(value, Section):
+            yield from _differences(value, usual, f"{field}.")
+        elif value != usual:
+            yield f"{before}{field}", value, usual
 
 
 def _retired(data: Mapping[str, Any]) -> list[tuple[str, str]]:

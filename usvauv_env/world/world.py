@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -228,6 +229,20 @@ class World:
         if name[0] != "_" and name in self.__dict__:
             raise AttributeError(f"World.{name}: cannot be rebound; a tensor can be written in place, {name}[:] = ...")
         super().__setattr__(name, value)
+
+    def __repr__(self) -> str:
+        """Number of missions, seed and device, what policies meet, and the scenario."""
+        scenario, seed = self.scenario, self._made_with[1]
+        targets = f", targets {scenario.nodes.target_rule}" if scenario.task_definition.targets == "nodes" else ""
+        of = f"seeds {reprlib.repr(list(seed))}" if isinstance(seed, Sequence | np.ndarray) else f"seed {seed}"
+        team = f"({self.num_worlds}, {self.num_auvs},"
+        lines = [
+            f"World of {self.num_worlds} mission{'s' * (self.num_worlds > 1)}, {of}, on {self.device}",
+            f"boat {self.strategy.name}{targets}, {self.steps} steps of {scenario.mission.step:g} s",
+            f"observation {team} {self.observation_size}), action {team} 2)",
+            *repr(scenario).splitlines(),
+        ]
+        return "\n  ".join(lines)
 
     @property
     def seed(self) -> int:
