@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from usvauv.env.record.heading import headings
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.frames import MapFrames
 from usvauv.env.render.style import DARK
@@ -105,6 +106,7 @@ def synthetic_trace(
         border=np.zeros(shape, np.int8),
         reward_terms=service_rate[..., None],
         boat_position=boat[:, :, None],
+        boat_heading=headings(np.diff(boat, axis=0, prepend=boat[:1]), 1.0)[:, :, None],
         boat_goal=boat[:, :, None] + np.array([4.0, 3.0]),
         boat_surface=np.stack([elevation, 0 * elevation, 0 * elevation], -1)[:, :, None],
         backlog=backlog,
@@ -117,6 +119,7 @@ def synthetic_trace(
         stream_time=np.zeros(0),
         stream=np.zeros((0, 0, 0, 2)),
         surface=surface if sea else np.zeros((0, 0, 0), np.float32),
+        storm=np.zeros((0, 5)),
     )
 
 
@@ -126,6 +129,7 @@ def with_second_boat(trace: Trace) -> Trace:
     return replace(
         trace,
         boat_position=np.concatenate([trace.boat_position, place], axis=2),
+        boat_heading=np.concatenate([trace.boat_heading, np.zeros_like(trace.boat_heading)], axis=2),
         boat_goal=np.concatenate([trace.boat_goal, place + np.array([0.0, 120.0])], axis=2),
         boat_surface=trace.boat_surface.repeat(2, axis=2),
         fix_boat=trace.fix_boat + np.array([0, 1] + [0] * (trace.fix_boat.shape[-1] - 2), np.int8),

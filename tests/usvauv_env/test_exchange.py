@@ -29,7 +29,7 @@ def trace():
     velocity, slope, fix = made.auv_velocity.copy(), made.boat_surface.copy(), made.fix.copy()
     velocity[:3, :, 0] = 0.0
     velocity[3, :, 0], velocity[4:, :, 0] = (-1.0, 2.0), 0.0
-    slope[..., 1:] = random.normal(size=slope[..., 1:].shape)
+    slope[1:, ..., 1:] = random.normal(size=slope[1:, ..., 1:].shape)
     fix[3, :, 0] = np.nan
     covariance = random.uniform(1, 3, made.fix_covariance.shape) * (1, 0.2, 1)
     delivered = np.zeros_like(made.delivered)
@@ -158,7 +158,11 @@ class TestMcap:
             assert header.frame_id == "map"
 
     def test_everything_is_at_its_place_height_and_turn(self, trace, bag):
-        """An AUV that has not moved yet looks east, one that hovers keeps its heading; boats lie on their slope."""
+        """An AUV that has not moved yet looks east, one that hovers keeps its heading; boats lie on their slope.
+
+        Their bows point along their headings on level water, and on a slope to what that becomes by the turn of the
+        vertical to the normal.
+        """
         depth, frame = trace.scenario.auv.depth, Site(trace.scenario).frame
         for t in range(STEPS):
             elevation, x, y = trace.boat_surface[t, 1, 0]
@@ -171,6 +175,11 @@ class TestMcap:
             }
             transforms = {each.child_frame_id: each.transform for each in bag["/tf"][t][1].transforms}
             assert [*transforms] == [*expected]
+            bow, heading = numbers(bag["/usv_0/pose"][t][1].pose.orientation), trace.boat_heading[t, 1, 0]
+            level, axis = np.array([np.cos(heading), np.sin(heading), 0.0]), np.cross((0, 0, 1.0), up)
+            turn = np.array([*axis, 1 + up[2]])  # of which the angle has this half tangent
+            turn /= np.linalg.norm(turn)
+            np.testing.assert_allclose(rotated(bow, (1.0, 0, 0)), rotated(turn, level), atol=1e-6)
             for name, (place, axis, turned) in expected.items():
                 pose, transform = bag[f"/{name}/pose"][t][1].pose, transforms[name]
                 np.testing.assert_allclose(numbers(pose.position), place)
@@ -229,6 +238,8 @@ class TestRerun:
                 np.testing.assert_allclose(axes.T @ np.diag(half[:2] ** 2 / 4) @ axes, [[xx, xy], [xy, yy]], rtol=1e-5)
                 np.testing.assert_allclose(centre[:2], trace.fix[t, 1, k], rtol=1e-6)
         np.testing.assert_allclose(np.concatenate(scene["/backlog"]["Scalars:scalars"]), trace.backlog[:, 1].sum(1))
+        bow, heading = scene["/scene/usv_0/bow"]["Arrows3D:vectors"][0][0], trace.boat_heading[0, 1, 0]
+        np.testing.assert_allclose(bow / np.linalg.norm(bow), [np.cos(heading), np.sin(heading), 0], atol=1e-6)
         latitude, longitude = np.stack(scene["/earth/usv_0"]["GeoPoints:positions"][2])[0]
         back = Site(trace.scenario).frame.to_local(longitude, latitude)
         np.testing.assert_allclose(back, trace.boat_position[2, 1, 0], atol=1e-6)

@@ -9,17 +9,19 @@ import xarray
 
 from usvauv import policies
 from usvauv.env import Scenario, Trace, TraceError, World
+from usvauv.env.record.heading import SLOWEST, TURN_RATE, headings, turned
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import INTEGERS, LARGEST, VARIABLES
 from usvauv.env.site.place import LocalFrame
+from usvauv.kernels.mission.columns import BoatColumn
 from usvauv.kernels.positioning import usbl
 
 STEP, STEPS, WORLDS, AUVS, BOATS, NODES = 2.0, 11, 3, 4, 2, 5
 SIZES = {
     "time": STEPS, "world": WORLDS, "auv": AUVS, "boat": BOATS, "node": NODES, "axis": 2, "component": 3,
     "reward_term": 2, "surface_component": 3, "vortex": 6, "vortex_parameter": 4, "stream_time": 3, "stream_y": 4,
-    "stream_x": 5, "y": 7, "x": 9,
+    "stream_x": 5, "y": 7, "x": 9, "wave": 6, "wave_parameter": 5,
 }  # fmt: skip
 FLAGS = 0, usbl.DETECTED, usbl.DETECTED | usbl.WRAPPED, usbl.DETECTED | usbl.NO_DEPTH, usbl.LOST
 PLACE = LocalFrame(114.02, 22.51)
@@ -219,8 +221,59 @@ def test_trace_survives_its_file(tmp_path):
             assert (variable.attrs["long_name"], variable.attrs.get("units")) == (about.long_name, about.units)
         for variable in file.variables.values():
             variable.attrs.clear()  # as earlier versions wrote it
-        file.load().to_netcdf(tmp_path / "older.nc", engine="h5netcdf")
-    np.testing.assert_array_equal(Trace.load(tmp_path / "older.nc").fix, trace.fix)
+        older = file.load().drop_vars(["boat_heading", "storm"])
+        older.to_netcdf(tmp_path / "older.nc", engine="h5netcdf")
+    loaded = Trace.load(tmp_path / "older.nc")
+    np.testing.assert_array_equal(loaded.fix, trace.fix)
+    assert loaded.storm.shape == (0, 5)
+    way = np.diff(trace.boat_position, axis=0, prepend=trace.boat_position[:1])
+    np.testing.assert_array_equal(loaded.boat_heading, headings(way, 1.0), err_msg="from the way over ground")
     for row, as_before in zip(episode_metrics(again), episode_metrics(trace), strict=True):
         assert str(row) == str(as_before)  # numbers in full; NaN equals NaN there
     assert episode_metrics(trace.episode(1))[0].sdr == episode_metrics(trace)[1].sdr
+
+
+class TestHeading:
+    STEP = 0.5  # s
+    MOST = TURN_RATE * STEP
+
+    def test_a_boat_turns_the_short_way_at_its_rate_and_then_points_where_it_goes(self):
+        """From east to 170° anticlockwise, then to 190°, across the cut of the angle."""
+        east, there, beyond = (np.array([np.cos(a), np.sin(a)]) for a in np.radians([0, 170, 190]))
+        velocity = np.concatenate([np.tile(way, (20, 1)) for way in (east, there, beyond)])[:, None]
+        found = headings(velocity, self.STEP)[:, 0]
+        first = np.radians(170) / self.MOST
+        expected = [0.0] * 20 + [min(k / first, 1.0) * np.radians(170) for k in range(1, 21)]
+        expected += [min(np.radians(170) + k * self.MOST, np.radians(190)) for k in range(1, 21)]
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+    def test_it_keeps_its_heading_while_it_hardly_moves(self):
+        """Before it first moves it has the heading that it then takes; a boat that never moves points east."""
+        random = np.random.default_rng(0)
+        velocity = random.uniform(-0.6, 0.6, (200, 2, 2)) * SLOWEST
+        velocity[50:60, 0] = (0.0, -1.0)
+        found = headings(velocity, self.STEP)
+        np.testing.assert_allclose(found[:, 0], -np.pi / 2, rtol=1e-6)
+        np.testing.assert_array_equal(found[:, 1], 0.0)
+
+    def test_no_step_turns_it_by_more_than_the_rate_and_steps_can_be_made_one_by_one(self):
+        velocity = np.random.default_rng(1).normal(size=(300, 3, 2)).astype(np.float32)
+        whole, now = headings(velocity, self.STEP), np.full(3, np.nan)
+        assert np.abs(np.diff(whole, axis=0)).max() <= self.MOST * (1 + 1e-5)  # float32
+        for row, expected in zip(velocity, whole, strict=True):
+            now = turned(now, row, self.STEP)
+            assert np.isnan(now).any() or np.allclose(now, expected, atol=1e-5)
+
+
+def test_a_world_has_the_headings_of_its_boats_motion_through_the_water():
+    scenario = Scenario.load("extreme", ["mission.duration=40", "current.count=0", "storm.spectrum=none"])
+    world, seen = World(scenario, seed=1), []
+    policy = policies.load("straight", world)
+
+    def act(observation):
+        seen.append(world.boat[..., BoatColumn.span("water_x", "water_y")].numpy().copy())
+        return policy.act(observation)
+
+    trace = record(world, act, "straight")
+    expected = headings(np.stack([*seen[1:], world.boat[..., BoatColumn.span("water_x", "water_y")].numpy()]), 1.0)
+    np.testing.assert_array_equal(trace.boat_heading, expected)

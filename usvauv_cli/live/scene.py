@@ -12,6 +12,7 @@ import numpy as np
 
 from usvauv.cli.live.history import History, Moment
 from usvauv.cli.live.session import Session
+from usvauv.env.exchange.poses import afloat
 from usvauv.env.render import style
 from usvauv.env.render.map import error_axes
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
@@ -122,15 +123,6 @@ def turned(heading: float) -> np.ndarray:
     return np.array([math.cos(heading / 2), 0.0, 0.0, math.sin(heading / 2)])
 
 
-def tilted(heading: float, slope: np.ndarray) -> np.ndarray:
-    """The same on a surface of a slope (2,): what stands upright is then normal to it."""
-    normal = np.array([-slope[0], -slope[1], 1.0]) / math.sqrt(1 + float(slope @ slope))
-    w, x, y = 1 + normal[2], -normal[1], normal[0]  # from (0, 0, 1) to the normal: their cross product is (x, y, 0)
-    w, x, y = np.array([w, x, y]) / math.sqrt(w * w + x * x + y * y)
-    c, s = math.cos(heading / 2), math.sin(heading / 2)
-    return np.array([w * c, x * c + y * s, y * c - x * s, w * s])
-
-
 def rgb(colour: style.Colour) -> tuple[int, int, int]:
     """A colour of the videos, which have it blue first."""
     blue, green, red = colour
@@ -156,7 +148,7 @@ class Scene:
         self._depth = scenario.auv.depth
         self._colours = [np.array(rgb(style.auv_colour(k)), np.uint8) for k in range(scenario.auv.count)]
         self._shown: Any = None  # the snapshot whose nodes, flow and trails are drawn
-        self._headings = np.zeros(scenario.auv.count), np.zeros(scenario.boat.count)
+        self._headings = np.zeros(scenario.auv.count)  # of the AUVs
         scene = server.scene
         scene.set_background_image(_gradient())
         scene.configure_environment_map(None)
@@ -276,7 +268,7 @@ class Scene:
         place = self._at_depth(auv[:, AuvColumn.span("x", "y")])
         known = self._at_depth(estimate[:, EstimateColumn.span("x", "y")])
         velocity = moment.after.auv[:, AuvColumn.span("water_x", "water_y")]
-        heading = _headings(velocity, self._headings[0])
+        heading = _headings(velocity, self._headings)
         for k, (body, label, ball) in enumerate(zip(self._auvs, self._labels, self._known, strict=True)):
             body.position, body.wxyz = place[k], turned(heading[k])
             label.position = place[k] + [0, 0, 0.7 * self._unit]
@@ -297,14 +289,13 @@ class Scene:
     def _show_boats(self, moment: Moment, surface: np.ndarray) -> None:
         boat, grid = moment.mixed("boat"), self._session.grid
         goal = moment.after.boat[:, BoatColumn.span("goal_x", "goal_y")]
-        velocity = moment.after.boat[:, BoatColumn.span("water_x", "water_y")]
-        heading = _headings(velocity, self._headings[1])
+        heading = np.nan_to_num(moment.mixed("heading"))
         lines = []
         for b, (body, mark) in enumerate(zip(self.boats, self._goals, strict=True)):
             place = boat[b, BoatColumn.span("x", "y")]
             height, slope = grid.height(surface, place)
             body.position = np.array([*place, height])
-            body.wxyz = tilted(heading[b], slope)
+            body.wxyz = np.roll(afloat(heading[b], slope), 1)
             mark.position = np.array([*goal[b], grid.height(surface, goal[b])[0]])
             way = place + np.linspace(0, 1, 13)[:, None] * (goal[b] - place)
             lines.append(_path(np.array([[*at, grid.height(surface, at)[0] + 0.05 * self._unit] for at in way])))

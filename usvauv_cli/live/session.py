@@ -13,6 +13,7 @@ import torch
 
 from usvauv import policies
 from usvauv.cli.live.history import History, Moment, Snapshot, SurfaceGrid
+from usvauv.env.record.heading import turned
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import Recorder, trace_bytes
 from usvauv.env.scenario import Scenario
@@ -253,13 +254,19 @@ class Session:
         def copied(tensor: torch.Tensor) -> np.ndarray:
             return tensor[0].cpu().numpy().copy()
 
+        boat, step = copied(world.boat), self.scenario.mission.step
+        if not self._done:
+            self._heading = np.full(len(boat), np.nan)
+        elif self.history.latest.time < self.time:
+            self._heading = turned(self._heading, boat[:, BoatColumn.span("water_x", "water_y")], step)
         self.history.add(
             Snapshot(
                 time=self.time,
                 auv=copied(world.auv),
-                boat=copied(world.boat),
+                boat=boat,
                 node=copied(world.node),
                 estimate=copied(world.estimate),
+                heading=self._heading,
                 own=copied(world.own_position),
                 flow=copied(self._flow),
                 long_waves=self.grid.long_waves(world),

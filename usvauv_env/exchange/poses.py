@@ -17,8 +17,8 @@ class Poses(NamedTuple):
         boats: (T, B, 3), on the waves.
         nodes: (M, 3), at the area's depth.
         sea: (T, N, 3), the surface row by row from the south; T = 0 where it was not recorded.
-        auv_turn, boat_turn: quaternions x, y, z, w: (T, K, 4) of an AUV's heading through the water, (T, B, 4) of the
-            slope of the surface under a boat.
+        auv_turn, boat_turn: quaternions x, y, z, w: (T, K, 4) of an AUV's heading through the water, (T, B, 4) of a
+            boat's heading and of the slope of the surface under it.
     """
 
     auvs: np.ndarray
@@ -42,7 +42,7 @@ class Poses(NamedTuple):
             nodes=_raised(trace.node_position[0], -trace.scenario.area.depth),
             sea=_sea(trace),
             auv_turn=_headings(trace.auv_velocity[:, 0]),
-            boat_turn=_tilts(trace.boat_surface[:, 0, :, 1:]),
+            boat_turn=afloat(trace.boat_heading[:, 0], trace.boat_surface[:, 0, :, 1:]),
         )
 
 
@@ -82,11 +82,18 @@ def _headings(velocity: np.ndarray) -> np.ndarray:
     return np.stack([nothing, nothing, np.sin(half), np.cos(half)], axis=-1)
 
 
-def _tilts(slope: np.ndarray) -> np.ndarray:
-    """Quaternions (T, B, 4) of the least turn from the vertical to the normal of a surface of slopes (T, B, 2)."""
+def afloat(heading: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Quaternions x, y, z, w (…, 4) of the turn to headings (…), then of the least turn from the vertical to the normal
+    of a surface of slopes (…, 2).
+    """
     x, y = np.moveaxis(slope, -1, 0)
-    length = np.sqrt(1 + x**2 + y**2)
-    turn = np.stack(
-        [y, -x, np.zeros_like(x), 1 + length], axis=-1
-    )  # vertical × normal, 1 + their scalar product, × length
+    upright = 1 + np.sqrt(1 + x**2 + y**2)  # vertical × normal is (y, −x, 0), 1 + their product this, over the length
+    c, s = np.cos(heading / 2), np.sin(heading / 2)
+    turn = np.stack([y * c - x * s, -x * c - y * s, upright * s, upright * c], axis=-1)
     return turn / np.linalg.norm(turn, axis=-1, keepdims=True)
+
+
+def ahead(turn: np.ndarray) -> np.ndarray:
+    """Unit vectors (…, 3) forward from bodies turned by quaternions x, y, z, w (…, 4)."""
+    x, y, z, w = np.moveaxis(turn, -1, 0)
+    return np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)], axis=-1)

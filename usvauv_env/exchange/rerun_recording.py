@@ -13,7 +13,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from usvauv.env.exchange.poses import Poses, triangles
+from usvauv.env.exchange.poses import Poses, ahead, triangles
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.style import SEA, WHITE, auv_colour
 from usvauv.env.site.site import Site
@@ -23,6 +23,7 @@ TIME = "mission"
 TRAIL = 60.0  # s
 SIGMAS = 2.0  # of the ellipses of fixes
 CURVES = {"error": "Error of the estimate, m", "power": "Power, W", "backlog": "Packets waiting"}
+BOW = 3.0  # length of the arrow ahead of a vehicle over its radius
 OF_AREA = 0.008  # radius of a vehicle over the area's diagonal
 
 
@@ -75,17 +76,20 @@ def _log(log: _Log, trace: Trace) -> None:
     radius = OF_AREA * float(np.hypot(area.width, area.length))
     log.constant("/scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     log.constant("/scene/nodes", rr.Points3D(poses.nodes, radii=radius / 2, colors=WHITE))
-    bodies = {f"usv_{b}": (poses.boats[:, b], WHITE) for b in range(poses.boats.shape[1])}
-    bodies |= {f"auv_{k}": (poses.auvs[:, k], auv_colour(k)[::-1]) for k in range(poses.auvs.shape[1])}
-    for name, (positions, colour) in bodies.items():
+    boats, auvs = range(poses.boats.shape[1]), range(poses.auvs.shape[1])
+    bodies = {f"usv_{b}": (poses.boats[:, b], poses.boat_turn[:, b], WHITE) for b in boats}
+    bodies |= {f"auv_{k}": (poses.auvs[:, k], poses.auv_turn[:, k], auv_colour(k)[::-1]) for k in auvs}
+    for name, (positions, turn, colour) in bodies.items():
         log.constant(f"/scene/{name}", rr.Points3D.from_fields(radii=radius, colors=colour))
         log.series(f"/scene/{name}", rr.Points3D.columns(positions=positions))
+        log.constant(f"/scene/{name}/bow", rr.Arrows3D.from_fields(radii=0.3 * radius, colors=colour))
+        log.series(f"/scene/{name}/bow", rr.Arrows3D.columns(origins=positions, vectors=BOW * radius * ahead(turn)))
         if frame is not None:
             longitude, latitude = frame.to_geographic(positions[:, 0], positions[:, 1])
             log.constant(f"/earth/{name}", rr.GeoPoints.from_fields(radii=rr.Radius.ui_points(6), colors=colour))
             log.series(f"/earth/{name}", rr.GeoPoints.columns(positions=np.column_stack([latitude, longitude])))
     error = np.linalg.norm(poses.estimates - poses.auvs, axis=-1)
-    for k in range(poses.auvs.shape[1]):
+    for k in auvs:
         name, colour = f"auv_{k}", auv_colour(k)[::-1]
         _log_fixes(log, f"/scene/fixes/{name}", poses.fixes[:, k], trace.fix_covariance[:, 0, k], colour)
         for curve, values in (("error", error[:, k]), ("power", trace.power[:, 0, k])):

@@ -8,7 +8,7 @@ start. Messages are CDR and travel with their definitions, so that no ROS 2 need
     /auv_0/velocity      geometry_msgs/TwistStamped               through the water, in "map"
     /auv_0/fix           geometry_msgs/PoseWithCovarianceStamped  when a reply is detected
     /auv_0/estimate      geometry_msgs/PoseWithCovarianceStamped  where the boat takes the AUV to be
-    /usv_0/pose          geometry_msgs/PoseStamped                on the waves, as steep as they are
+    /usv_0/pose          geometry_msgs/PoseStamped                its heading, on the waves as steep as they are
     /usv_0/goal          geometry_msgs/PointStamped
     /nodes               sensor_msgs/PointCloud2                  x, y, z and the packets waiting, "backlog"
     /sea                 sensor_msgs/PointCloud2                  the surface, where the trace has it

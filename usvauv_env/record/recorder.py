@@ -9,6 +9,7 @@ from contextlib import nullcontext
 import numpy as np
 import torch
 
+from usvauv.env.record.heading import headings
 from usvauv.env.record.trace import Trace
 from usvauv.env.storage.memory import RowsOnDisk, require
 from usvauv.env.world.world import World
@@ -20,6 +21,7 @@ from usvauv.kernels.types import Level
 SURFACE_PIXELS = 128
 COPIES = 2.5  # of a state in memory: as recorded, together with the others, and what is made of it
 EACH = 1000.0  # bytes of Python's own for a state
+NO_STORM = np.zeros((0, 5))
 
 
 class Diverged(DivergenceError):
@@ -81,6 +83,7 @@ class Recorder:
         self,
         policy: str,
         surface: np.ndarray,
+        storm: np.ndarray = NO_STORM,
         *,
         first: int = 0,
         start: float = 0.0,
@@ -90,7 +93,7 @@ class Recorder:
 
         Args:
             policy: name of the policy.
-            surface: as in `Trace`.
+            surface, storm: as in `Trace`.
             first: number of the first state.
             start: time of that state, s.
             worlds: the worlds to take.
@@ -139,6 +142,7 @@ class Recorder:
             border=column("border").astype(np.int8),
             reward_terms=terms,
             boat_position=boats[..., BoatColumn.span("x", "y")],
+            boat_heading=headings(boats[..., BoatColumn.span("water_x", "water_y")], world.scenario.mission.step),
             boat_goal=boats[..., BoatColumn.span("goal_x", "goal_y")],
             boat_surface=boats[..., BoatColumn.span("elevation", "slope_y")],
             backlog=backlog,
@@ -151,6 +155,7 @@ class Recorder:
             stream_time=self._flow.times if self._flow else np.zeros(0),
             stream=self._flow.velocity[:, Level.cruise] if self._flow else np.zeros((0, 0, 0, 2), np.float32),
             surface=surface,
+            storm=storm,
         )
 
 
@@ -198,7 +203,8 @@ def record(
                 sea.append(world.surface(SURFACE_PIXELS)[None])
             on_step(done)
         elevation = sea.array() if sea else np.zeros((0, 0, 0), np.float32)
-    trace = recorder.trace(policy, elevation, start=world.scenario.mission.step)
+    storm = world.short_waves() if surface else NO_STORM
+    trace = recorder.trace(policy, elevation, storm, start=world.scenario.mission.step)
     if problem:
         raise Diverged(str(problem), trace) from problem
     return trace

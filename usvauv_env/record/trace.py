@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from usvauv.env.record.heading import headings
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site import place
 from usvauv.env.site.cf import OceanError
@@ -51,7 +52,13 @@ class Stored(NamedTuple):
 _AUV, _BOAT, _WORLD = ("time", "world", "auv"), ("time", "world", "boat"), ("time", "world")
 _AUV_XY, _BOAT_XY, _COVARIANCE = (*_AUV, "axis"), (*_BOAT, "axis"), (*_AUV, "component")
 
-OPTIONAL = {"stream_time": (0,), "stream": (0, 0, 0, 2), "surface": (0, 0, 0)}  # may be empty, with this shape
+OPTIONAL = {  # may be empty, with this shape
+    "stream_time": (0,),
+    "stream": (0, 0, 0, 2),
+    "surface": (0, 0, 0),
+    "storm": (0, 5),
+}
+DERIVED = "boat_heading"  # missing in files of earlier versions
 PLACED = ("node", "auv", "boat")  # whose `…_position` also is in longitude and latitude where the area has a place
 
 INTEGERS = (
@@ -132,6 +139,9 @@ class Trace:
         metadata=_stored((*_AUV, "reward_term"), "1", "weighted terms of the reward, which is their sum")
     )
     boat_position: np.ndarray = field(metadata=_stored(_BOAT_XY, "m", "position of the boat"))
+    boat_heading: np.ndarray = field(
+        metadata=_stored(_BOAT, "rad", "where its bow points, anticlockwise from east, not reduced to one turn")
+    )
     boat_goal: np.ndarray = field(metadata=_stored(_BOAT_XY, "m", "where the boat heads for"))
     boat_surface: np.ndarray = field(
         metadata=_stored((*_BOAT, "surface_component"), None, "elevation under the boat, m, and its two slopes")
@@ -164,6 +174,13 @@ class Trace:
     surface: np.ndarray = field(
         metadata=_stored(("time", "y", "x"), "m", "elevation of world 0's sea over the area, row 0 in the south")
     )
+    storm: np.ndarray = field(
+        metadata=_stored(
+            ("wave", "wave_parameter"),
+            None,
+            "short waves of that sea: a, m, kx and ky, rad m-1, ω, rad s-1, φ: Σ a cos(kx x + ky y − ω t + φ)",
+        )
+    )
 
     def save(self, path: str | Path) -> None:
         """Write NetCDF-4; the file appears only when it is complete.
@@ -195,7 +212,7 @@ class Trace:
 
         try:
             with remote.open_remote(path) as (variables, attributes):
-                stored = [name for name in VARIABLES if name in variables or name not in OPTIONAL]
+                stored = [name for name in VARIABLES if name in variables or name not in (*OPTIONAL, DERIVED)]
                 arrays = {name: _read(variables, name) for name in stored}
                 start = place.start_of(variables["time"].attributes.get("units", ""))
             if start:
@@ -208,6 +225,9 @@ class Trace:
                 if not isinstance(texts[name], str):
                     raise TraceError(f"its attribute {name} is not text")
             scenario = Scenario.from_dict(text_files.parse(texts["scenario"], "JSON"), "its scenario", stored=True)
+            if DERIVED not in arrays:
+                way = np.diff(arrays["boat_position"], axis=0, prepend=arrays["boat_position"][:1])
+                arrays[DERIVED] = headings(way / scenario.mission.step, scenario.mission.step)
             names = tuple(texts["reward_names"].split(","))
             _check_sizes(arrays, scenario, names)
             seed = attributes.get("seed")
@@ -380,6 +400,7 @@ def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_na
         "component": 3,
         "surface_component": 3,
         "vortex_parameter": 4,
+        "wave_parameter": 5,
         "auv": scenario.auv.count,
         "boat": scenario.boat.count,
         "node": scenario.targets,

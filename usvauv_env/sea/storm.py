@@ -92,18 +92,32 @@ class AirySea:
         self.time = time
         self.wave[:, :, airy.PHASE] = torch.remainder(self._start - self._frequency * time, 1.0)
 
-    def elevation(self, sea: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Elevation of one sea on the grid of the points x (X,) and y (Y,), (Y, X) float32, m.
-
-        cos(α + β) = cos α cos β − sin α sin β: one product of real matrices, which libraries do far faster than one of
-        complex matrices.
-        """
+    def components(self, sea: int) -> np.ndarray:
+        """Waves of one sea: a (m), kx, ky (rad/m), ω (rad/s), φ (rad), (N, 5)."""
         k, direction = self.k[sea], self.direction[sea]
-        along_x = np.outer(k * np.cos(direction), x)
-        along_y = np.outer(y, k * np.sin(direction)) - self.omega[sea] * self.time + self.phase[sea]
-        left = np.concatenate([np.cos(along_y), -np.sin(along_y)], 1) * np.tile(self.amplitude[sea], 2)
-        right = np.concatenate([np.cos(along_x), np.sin(along_x)])
-        return left.astype(np.float32) @ right.astype(np.float32)
+        own = self.amplitude[sea], k * np.cos(direction), k * np.sin(direction), self.omega[sea], self.phase[sea]
+        return np.stack(own, axis=-1)
+
+    def elevation(self, sea: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Elevation of one sea on the grid of the points x (X,) and y (Y,), (Y, X) float32, m."""
+        return elevation(self.components(sea), x, y, self.time)
+
+
+def elevation(waves: np.ndarray, x: np.ndarray, y: np.ndarray, time: float) -> np.ndarray:
+    """Elevation Σ a cos(kx x + ky y − ω t + φ) on the grid of the points x (X,) and y (Y,), (Y, X) float32, m.
+
+    cos(α + β) = cos α cos β − sin α sin β: one product of real matrices, which libraries do far faster than one of
+    complex matrices.
+
+    Args:
+        waves: a, kx, ky, ω and φ of N waves, (N, 5). time: t, s.
+    """
+    a, kx, ky, omega, phase = waves.T
+    along_x = np.outer(kx, x)
+    along_y = np.outer(y, ky) - omega * time + phase
+    left = np.concatenate([np.cos(along_y), -np.sin(along_y)], 1) * np.tile(a, 2)
+    right = np.concatenate([np.cos(along_x), np.sin(along_x)])
+    return left.astype(np.float32) @ right.astype(np.float32)
 
 
 def wave_systems(site: Site) -> tuple[System, ...]:

@@ -581,6 +581,10 @@ class World:
         elevation, x, y = self.long_waves(pixels, world)
         return elevation + self.storm.elevation(int(self._water.sea_index[world]), x, y)
 
+    def short_waves(self, world: int = 0) -> np.ndarray:
+        """The waves of the storm upon a world's sea, (N, 5), see `usvauv.env.sea.storm.AirySea.components`."""
+        return self.storm.components(int(self._water.sea_index[world]))
+
     def long_waves(self, pixels: int, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same of the long waves alone, and the middles x (X,) and y (Y,) of what is averaged, m."""
         return self._water.mean_elevation(pixels, world)
