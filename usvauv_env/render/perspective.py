@@ -16,7 +16,7 @@ from usvauv.env.render.map import OLD, Popups, error_axes
 from usvauv.env.render.mission import Exchanges, Itinerary, ReplyField, RunningMetrics, track
 from usvauv.env.render.scene import BOAT_BODY, WATER, Canvas, PinholeCamera, Scene, Swing, auv_body, turned
 from usvauv.env.render.sea import Columns, SeaShading, Sheet, colour_scale, elevation_limit, look
-from usvauv.env.render.style import shorten, text_width, write
+from usvauv.env.render.style import Theme, shorten, text_width, write
 
 OPACITY = 0.78  # of the surface before what is below
 LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note
@@ -42,7 +42,7 @@ class PerspectiveView:
         self._swing = Swing.around(sides, 0.8 * limit * scene.heights, scene.bed, room).shifted(left, top)
         self._shading = SeaShading(trace.surface, limit, sides, self._swing.middle, scene.heights)
         self._glass = GlassBox(scene, layout)
-        self._backdrop = _backdrop(box.width, box.height)
+        self._backdrop = _backdrop(box.width, box.height, layout.theme)
         self._write_still(limit)
         floating = trace.boat_surface[:, 0] * (scene.heights if trace.surface.size else 0.0)
         self.boats = scene.place(trace.boat_position[:, 0], floating[..., 0])
@@ -92,7 +92,7 @@ class PerspectiveView:
             shorten(text, size, width - 20 * unit),
             (width - 10 * unit, height - 9 * unit),
             size,
-            style.DARK.muted,
+            self._layout.theme.muted,
             anchor="right",
         )
         line, right = round(18 * unit), width - 10 * unit
@@ -100,11 +100,11 @@ class PerspectiveView:
         across, up, gap = round(90 * unit), round(9 * unit), 6 * unit
         if text_width(high + low, size) + across + 2 * gap > right:
             return
-        write(picture, high, (right, line), size, style.DARK.muted, anchor="right")
+        write(picture, high, (right, line), size, self._layout.theme.muted, anchor="right")
         if limit:
             left = round(right - text_width(high, size) - gap) - across
             picture[line - up : line, left : left + across] = colour_scale(across, up)
-            write(picture, low, (left - gap, line), size, style.DARK.muted, anchor="right")
+            write(picture, low, (left - gap, line), size, self._layout.theme.muted, anchor="right")
 
     def _draw_sound(self, canvas: Canvas, t: int) -> None:
         """Lines to the AUVs that were heard, and two half circles of each ping's sphere, down to the bed."""
@@ -162,11 +162,11 @@ class PerspectiveView:
         BOAT_BODY.draw(canvas, place, axes, BOAT_LENGTH * max(scene.sides))
 
 
-def _backdrop(width: int, height: int) -> np.ndarray:
-    """A dark room, a little lighter in the middle, whatever the theme."""
+def _backdrop(width: int, height: int, theme: Theme) -> np.ndarray:
+    """A room in the theme's colour, a little lighter in the middle."""
     x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
     glow = np.exp(-1.4 * (x * x + (y + 0.25) ** 2))[:, :, None]
-    low, high = np.array(style.DARK.background, float), np.array(style.colour("#1d3346"), float)
+    low, high = np.array(theme.background, float), np.array(theme.glow, float)
     grain = np.random.default_rng(0).uniform(-0.5, 0.5, (height, width, 1))  # against bands
     return np.clip(low + (high - low) * glow + grain, 0, 255).round().astype(np.uint8)
 
@@ -280,22 +280,22 @@ class GlassBox:
             ends[:, :, axis] = self._ticks[axis] - self._half[axis]
             ends[1, :, 1 - axis] += math.copysign(out, near[1 - axis])
             ends = camera.pixel(ends).swapaxes(0, 1)
-            canvas.pieces(ends, style.DARK.muted)
+            canvas.pieces(ends, self._layout.theme.muted)
             anchor, gap = ("left", 3 * unit) if ends[0, 1, 0] > ends[0, 0, 0] else ("right", -3 * unit)
             words = [f"{tick:g}" for tick in self._ticks[axis]]
             words[-1] += " m"
             every = _labels_apart(ends[:, 1], text_width(words[-1], size), size)
             for text, (_, (x, y)) in list(zip(words, ends, strict=True))[(len(words) - 1) % every :: every]:
-                write(picture, text, (x + gap, y + 10 * unit), size, style.DARK.muted, anchor=anchor)
+                write(picture, text, (x + gap, y + 10 * unit), size, self._layout.theme.muted, anchor=anchor)
         corners = np.array([(near[0], -near[1]), (-near[0], near[1])])
         left = corners[np.argmin(corners @ camera.right)]
         marks = [np.array([*left, -depth * self._scene.depths]) for depth in self._depths]
         places = camera.pixel(np.array(marks))
         every = _labels_apart(places, math.inf, size)
         for depth, (x, y) in list(zip(self._depths, places, strict=True))[::every]:
-            shapes.stroke(picture, np.array([(x, y), (x - 5 * unit, y)]), style.DARK.muted)
+            shapes.stroke(picture, np.array([(x, y), (x - 5 * unit, y)]), self._layout.theme.muted)
             words = f"−{depth:g} m" if depth else "0 m"
-            write(picture, words, (x - 8 * unit, y + 4 * unit), size, style.DARK.muted, anchor="right")
+            write(picture, words, (x - 8 * unit, y + 4 * unit), size, self._layout.theme.muted, anchor="right")
 
     def draw_compass(self, canvas: Canvas) -> None:
         """An arrow to the north, lying level, at the lower left."""
@@ -303,12 +303,12 @@ class GlassBox:
         middle = np.array([34 * unit, picture.shape[0] - 34 * unit])
         level = np.array([camera.right, camera.forward * -camera.height / camera.distance]) * 20 * unit
         turns = np.linspace(0.0, 2 * np.pi, 48)
-        shapes.stroke(picture, middle + np.stack([np.cos(turns), np.sin(turns)], 1) @ level.T, style.DARK.line)
+        shapes.stroke(picture, middle + np.stack([np.cos(turns), np.sin(turns)], 1) @ level.T, self._layout.theme.line)
         arrow = np.array([(0.0, 0.95), (0.26, -0.55), (0.0, -0.3), (-0.26, -0.55)]) @ level.T + middle
-        shapes.fill(picture, arrow[[0, 1, 2]], style.DARK.muted)
-        shapes.fill(picture, arrow[[0, 2, 3]], style.DARK.text)
+        shapes.fill(picture, arrow[[0, 1, 2]], self._layout.theme.muted)
+        shapes.fill(picture, arrow[[0, 2, 3]], self._layout.theme.text)
         x, y = middle + level @ (0.0, 1.55)
-        write(picture, "N", (x, y + 4 * unit), 11 * unit, style.DARK.text, bold=True, anchor="centre")
+        write(picture, "N", (x, y + 4 * unit), 11 * unit, self._layout.theme.text, bold=True, anchor="centre")
 
 
 AUV_LENGTH = 0.06  # as drawn, of the area's longer side

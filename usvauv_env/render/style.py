@@ -84,7 +84,7 @@ class Theme:
     Attributes:
         background, card, line, muted, text: of the frame, of panels, of thin lines, of notes, of text.
         vehicles: of the first AUVs on cards. brightness: of further ones, 0 to 1.
-        water: line of the sea's elevation on cards.
+        water: line of the sea's elevation on cards. glow: the lightest of the room around the sea in perspective.
     """
 
     background: Colour
@@ -95,6 +95,7 @@ class Theme:
     vehicles: tuple[Colour, ...]
     brightness: float
     water: Colour
+    glow: Colour
 
     def auv(self, auv: int) -> Colour:
         """Colour of AUV number `auv` on a card."""
@@ -110,6 +111,7 @@ DARK = Theme(
     vehicles=_ON_SEA,
     brightness=1.0,
     water=SEA[4],
+    glow=colour("#1d3346"),
 )
 LIGHT = Theme(
     background=colour("#e9eef2"),
@@ -120,6 +122,7 @@ LIGHT = Theme(
     vehicles=tuple(colour(code) for code in CATEGORICAL_ON_WHITE),
     brightness=0.6,
     water=SEA[2],
+    glow=colour("#ffffff"),
 )
 THEMES = {"dark": DARK, "light": LIGHT}
 
