@@ -1,8 +1,9 @@
 """Errors that a user can cause and correct, each a message of one line."""
 
+import re
 import sysconfig
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 TRACEBACK = "USVAUV_TRACEBACK"  # environment variable: show where an error comes from
@@ -26,6 +27,24 @@ class UserError(Exception):
 
 class DivergenceError(UserError, ArithmeticError):
     """A simulation or a training run diverged: a number is not finite, or outside its physical range."""
+
+
+def choices(value: object, names: Iterable[str], others: str = "") -> str:
+    """Say which names are allowed in place of a value, and which of them it most resembles.
+
+    Args:
+        value: that is none of them, with or without what follows a colon.
+        names: may have their arguments behind them, as in "hold:X,Y" and "greedy[:ALPHA]".
+        others: what else is allowed, in words.
+    """
+    import difflib  # seldom needed
+
+    names = list(names)
+    bare = {re.split(r"[:\[]", name)[0]: name for name in reversed(names)}
+    given = str(value).partition(":")[0].strip().lower()
+    close = difflib.get_close_matches(given, bare, 1, 0.5) or [name for name in bare if name.partition(".")[2] == given]
+    guess = f"; did you mean {close[0]!r}?" if close else ""
+    return f"allowed are {', '.join(names)}{others}{guess}"
 
 
 def in_words(error: BaseException) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from typing import Any, Generic, TypeVar
 
-from usvauv.kernels.errors import UserError, blaming, wrong_return
+from usvauv.kernels.errors import UserError, blaming, choices, wrong_return
 
 T = TypeVar("T")
 
@@ -19,15 +20,23 @@ class Registry(Mapping[str, T], Generic[T]):
         kind: what an item is, in the singular, for error messages, e.g. "boat strategy".
         error: the class of the error for an unknown name.
         form: what an item is an instance of, or a subclass.
+        documented: item → the function or class whose docstring says what it is; default: the item.
 
     Raises:
         error: an unknown name; the message lists the known ones.
     """
 
-    def __init__(self, kind: str, error: Callable[[str], UserError] = UserError, form: Any = Callable) -> None:
+    def __init__(
+        self,
+        kind: str,
+        error: Callable[[str], UserError] = UserError,
+        form: Any = Callable,
+        documented: Callable[[T], Any] = lambda item: item,
+    ) -> None:
         self.kind = kind
         self._error = error
         self._form = form
+        self._documented = documented
         self._items: dict[str, T] = {}
         self._files: dict[str, str] = {}  # of items that plugins registered
         self._taichi: dict[str, object] = {}  # the state of Taichi whose fields these items may read
@@ -54,6 +63,16 @@ class Registry(Mapping[str, T], Generic[T]):
     def described(self, name: str) -> str:
         """An item of a plugin in words, with the file that registered it; empty for one of the packages."""
         return f"{self.kind} {name!r} of {self._files[name]}" if name in self._files else ""
+
+    def meaning(self, name: str) -> str:
+        """What an item is, in a sentence: its own text `about` where it has one, else the first of its docstring."""
+        item = self[name]
+        text = getattr(item, "about", "") or inspect.getdoc(self._documented(item)) or ""
+        return " ".join(text.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".").replace("`", "")
+
+    def file(self, name: str) -> str:
+        """The plugin that registered an item; empty for one of the packages."""
+        return self._files.get(name, "")
 
     def check_fields(self, name: str) -> None:
         """Refuse a plugin's item that may read fields of Taichi which another `ti.init` has ended.
@@ -91,7 +110,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def __getitem__(self, name: str) -> T:
         if name not in self._items:
-            raise self._error(f"{self.kind} {name!r}: allowed are {', '.join(self._items)}")
+            raise self._error(f"{self.kind} {name!r}: {choices(name, self._items)}")
         return self._items[name]
 
     def __contains__(self, name: object) -> bool:

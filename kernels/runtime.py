@@ -29,7 +29,7 @@ from taichi._lib import core
 from taichi.lang import impl
 
 from usvauv.kernels import kernel_cache
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import UserError, choices
 
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
@@ -139,7 +139,7 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
 def _start(arch: str, threads: int | None) -> Runtime:
     global _running, _taichi
     if arch not in ARCHITECTURES:
-        raise RuntimeUnavailable(f"arch: {arch!r} is not one of {', '.join(ARCHITECTURES)}")
+        raise RuntimeUnavailable(f"arch: {arch!r}: {choices(arch, ARCHITECTURES)}")
     if _running is not None:
         if arch not in ("auto", _running.arch):
             raise RuntimeUnavailable(f"arch: {_running.arch!r} is running already, so {arch!r} cannot be started")

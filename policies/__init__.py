@@ -14,7 +14,7 @@ From outside: the names below; the registries of `usvauv.policies.heuristics`, `
 from usvauv.policies.checkpoint import read_history, read_run
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.learned import LearnedPolicy
-from usvauv.policies.loading import acting, available, check, default, load, load_learned, named, trained
+from usvauv.policies.loading import about, acting, available, check, default, load, load_learned, named, trained
 from usvauv.policies.policy import Policy, PolicyError
 from usvauv.policies.training import Seeds, Trainer, TrainingWorld, figures_of_merit
 
@@ -26,6 +26,7 @@ __all__ = [
     "Trainer",
     "TrainingConfig",
     "TrainingWorld",
+    "about",
     "acting",
     "available",
     "check",

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from usvauv.kernels.errors import choices
 from usvauv.policies.algorithms import ALGORITHMS
 from usvauv.policies.frames import FRAMES
 from usvauv.policies.policy import PolicyError
@@ -81,10 +82,11 @@ class TrainingConfig:
             value, kind = getattr(self, field.name), type(field.default)
             if type(value) is not kind and not (kind is float and type(value) is int):
                 raise PolicyError(f"training: {field.name} = {value!r}: must be of type {kind.__name__}")
+        for name, known in (("algorithm", ALGORITHMS), ("frame", FRAMES)):
+            if (value := getattr(self, name)) not in known:
+                raise PolicyError(f"training: {name} = {value!r}: {choices(value, known)}")
         widths = self.hidden
         allowed = {
-            "algorithm": (self.algorithm in ALGORITHMS, f"one of {', '.join(ALGORITHMS)}"),
-            "frame": (self.frame in FRAMES, f"one of {', '.join(FRAMES)}"),
             "hidden": (
                 1 <= len(widths) <= MOST_LAYERS and all(type(w) is int and 1 <= w <= WIDEST for w in widths),
                 f"from 1 to {MOST_LAYERS} widths, each from 1 to {WIDEST}",
@@ -116,7 +118,7 @@ class TrainingConfig:
         for assignment in assignments:
             name, _, text = assignment.partition("=")
             if name not in TUNABLE or not text:
-                raise PolicyError(f"training: {assignment!r}: must be NAME=VALUE with a NAME of {', '.join(TUNABLE)}")
+                raise PolicyError(f"training: {assignment!r}: expected NAME=VALUE; {choices(name, TUNABLE)}")
             try:
                 values[name] = _value(text, getattr(self, name))
             except ValueError:

@@ -18,7 +18,7 @@ from torch import Tensor
 from usvauv.env.record.evaluation import Act, act_of
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
-from usvauv.kernels.errors import blaming, with_place, wrong_return
+from usvauv.kernels.errors import blaming, choices, with_place, wrong_return
 from usvauv.policies.checkpoint import BEST, ENDING, LAST, POLICY, load_policy, path_of, read
 from usvauv.policies.heuristics import HEURISTICS
 from usvauv.policies.learned import LearnedPolicy
@@ -100,6 +100,13 @@ def trained() -> list[str]:
 def available() -> list[str]:
     """Names that `load` takes: the trained policies, the highest score first, then the heuristics."""
     return [*trained(), *HEURISTICS]
+
+
+def about(name: str) -> str:
+    """What a trained policy in the package is, in a sentence, by its checkpoint."""
+    made = read(_shipped() / f"{name}{ENDING}", POLICY)[0]
+    where, boat = made["scenario"]["name"], made["usv"]
+    return f"{made['algorithm'].upper()}, trained in {where} with {made['num_auvs']} AUVs and the boat {boat}"
 
 
 def default(scenario: Scenario) -> str:
@@ -197,8 +204,8 @@ def load_learned(
     if path is None and os.path.exists(name):
         raise PolicyError(f"{text}: not a checkpoint, and holds no {BEST}{ENDING} or {LAST}{ENDING} of a training run")
     if path is None:
-        known = ", ".join(available())
-        raise PolicyError(f"policy {text!r}: neither a checkpoint nor one of {known}, nor MODULE:CLASS")
+        known = choices(text, available(), ", a checkpoint, the folder of a run, or MODULE:CLASS")
+        raise PolicyError(f"policy {text!r}: {known}")
     return load_policy(path, text, scenario, device)
 
 

@@ -77,12 +77,16 @@ def rounding() -> float:
 
 @pytest.fixture
 def run_usvauv(tmp_path, monkeypatch, capfd):
-    """Function that runs `usvauv` in this process and an empty folder: exit code, standard output, standard error."""
+    """Function that runs `usvauv` in this process and an empty folder: exit code, standard output, standard error.
+
+    Standard error is without the lines that say what is being done, which end with "…".
+    """
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["usvauv", *map(str, arguments)])
-        return app.run(), *capfd.readouterr()
+        code, (out, err) = app.run(), capfd.readouterr()
+        return code, out, "".join(line for line in err.splitlines(keepends=True) if not line.endswith("…\n"))
 
     return run
 

@@ -14,6 +14,7 @@ from usvauv.cli.commands import (
     evaluate,
     export,
     inspect,
+    lists,
     live,
     plan,
     replay,
@@ -44,6 +45,9 @@ app.command("reproduce")(sweep.reproduce)
 app.command("plan")(plan.plan)
 app.command("sea")(sea.sea)
 app.command("scenarios")(inspect.scenarios)
+app.command("policies")(lists.policies)
+app.command("boats")(lists.boats)
+app.command("targets")(lists.targets)
 app.command("doctor")(inspect.doctor)
 
 

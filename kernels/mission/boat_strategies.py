@@ -16,14 +16,14 @@ from usvauv.kernels.types import vec2
 
 @func
 def hold(worlds: ti.template(), w, b) -> vec2:
-    """The point that the strategy was given, for each boat or for all."""
+    """Stays at a point; several boats at one each, or all at the same."""
     first = 2 * b % worlds.strategy_arguments.shape[0]
     return vec2(worlds.strategy_arguments[first], worlds.strategy_arguments[first + 1])
 
 
 @func
 def centroid(worlds: ti.template(), w, b) -> vec2:
-    """Mean of the AUVs' positions."""
+    """Goes to the mean of the estimated positions of its AUVs."""
     return motion.centre_of_served(worlds, w, b)
 
 
@@ -37,7 +37,7 @@ def foresee(worlds: ti.template(), w, b):
 
 @func
 def visit(worlds: ti.template(), w, b) -> vec2:
-    """Where the boat foresees the AUV that is least certain of its own position."""
+    """Goes to the AUV that is least certain of its own position, where it expects it to be."""
     foresee(worlds, w, b)
     goal = motion.boat_place(worlds, w, b)
     least = belief_planner.least_certain(worlds, w, b)
@@ -48,14 +48,14 @@ def visit(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def belief(worlds: ti.template(), w, b) -> vec2:
-    """Where the AUVs' uncertainty of their own positions is expected to cost least."""
+    """Plans visits: goes where AUVs' uncertainty of their own positions will cost least over the minutes to come."""
     foresee(worlds, w, b)
     return belief_planner.go(worlds, w, b)
 
 
 @func
 def agent(worlds: ti.template(), w, b) -> vec2:
-    """The goal that was written into the boat's columns before the step."""
+    """Goes where the actions lead that `World.step(action, boat_action)` is given: to train boats from Python."""
     foresee(worlds, w, b)
     return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
 
@@ -94,7 +94,7 @@ def last_goal(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def fim(worlds: ti.template(), w, b) -> vec2:
-    """The place in the area with the best information."""
+    """Goes to the place from which it can locate all its AUVs best, by their Fisher information."""
     count = motion.num_served(worlds, w, b)
     chosen = members(worlds, w, b)
     team = ti.static(team_of(worlds, w, count, chosen))
@@ -122,7 +122,7 @@ def best_within(worlds: ti.template(), w, b, reach) -> vec2:
 
 @func
 def fim_greedy(worlds: ti.template(), w, b) -> vec2:
-    """The place with the best information among those so near that the boat slows down towards them."""
+    """As `fim`, but looks only at places so near that the boat slows down towards them."""
     return best_within(worlds, w, b, motion.reach(worlds))
 
 

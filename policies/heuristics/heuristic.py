@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from torch import Tensor
 
@@ -19,7 +19,12 @@ class Heuristic(Policy):
         name: what it is called in tables, such as "crab:1.4".
         world: the world it acts in, whose true state it may read.
         argument: value that `parse` gave for the text after the colon in `name`.
+
+    Attributes:
+        parameter: name of that argument and its unit, as lists show them; empty without one.
     """
+
+    parameter: ClassVar[tuple[str, str]] = ("", "")
 
     def __init__(self, name: str, world: World, argument: Any) -> None:
         super().__init__(name, world.scenario)

@@ -12,9 +12,10 @@ SEED = 0
 
 
 class Random(Heuristic):
-    """Uniform actions, drawn anew in every step; the n-th action is the same in every run.
+    """Uniform actions, drawn anew in every step: the lower end of every comparison.
 
-    The draw is a hash of (seed, step, world, AUV, component), so it is the same for any number of worlds.
+    The n-th action is the same in every run. The draw is a hash of (seed, step, world, AUV, component), so it is the
+    same for any number of worlds.
     """
 
     def __init__(self, name: str, world: World, argument: None = None) -> None:

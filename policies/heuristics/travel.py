@@ -22,6 +22,7 @@ class ConstantSpeed(Heuristic):
     """
 
     reference: ClassVar[str]
+    parameter = ("SPEED", "m/s")
     argument: float
 
     @classmethod
@@ -39,7 +40,7 @@ class ConstantSpeed(Heuristic):
 
 
 class Straight(ConstantSpeed):
-    """Heads for the target through the water."""
+    """Heads straight for the target at one speed through the water; the current carries it off course."""
 
     reference = "straight_speed"
 
@@ -48,7 +49,7 @@ class Straight(ConstantSpeed):
 
 
 class Crab(ConstantSpeed):
-    """Heads so that the track over ground points at the target, see `guidance.crab`."""
+    """Heads up the current so that its track over ground leads to the target, at one speed. See `guidance.crab`."""
 
     reference = "crab_speed"
 
@@ -59,13 +60,14 @@ class Crab(ConstantSpeed):
 
 
 class Pace(Heuristic):
-    """As `crab`, at the speed through the water that `guidance.SpeedToFly` gives for a price of time in W.
+    """As `crab`, at the most economical speed for a price of time. See `guidance.SpeedToFly`.
 
     Attributes:
         reference: field of the scenario's section `reference` with the default price.
     """
 
     reference: ClassVar[str] = "pace_price"
+    parameter = ("PRICE", "W")
     argument: float
 
     def __init__(self, name: str, world: World, argument: float) -> None:
@@ -92,9 +94,9 @@ class Pace(Heuristic):
 
 
 class Clear(Pace):
-    """As `pace`, on a track over ground that the nearest other AUV repels, see `guidance.clear_of_others`.
+    """As `pace`, and keeps clear of the nearest other AUV.
 
-    Positions are the estimated ones.
+    It repels the track over ground, see `guidance.clear_of_others`; positions are the estimated ones.
     """
 
     reference = "clear_price"
@@ -110,7 +112,7 @@ class Clear(Pace):
 
 
 class Keep(Heuristic):
-    """Commands the velocity over ground that reaches the target in one step, within the limits of speed.
+    """Keeps station: the velocity over ground that reaches the target in one step, within the limits of speed.
 
     It uses the current at the AUV and the measured position.
     """

@@ -22,7 +22,7 @@ def test_without_a_device_it_is_one_line_and_code_2(monkeypatch, capfd):
     assert gpu.main() == 2
     out, err = capfd.readouterr()
     assert out == ""
-    assert err == "arch: 'abacus' is not one of auto, cpu, cuda, vulkan\n"
+    assert err == "arch: 'abacus': allowed are auto, cpu, cuda, vulkan\n"
 
 
 def test_a_part_that_fails_is_told():

@@ -82,7 +82,7 @@ START = "import sys; from usvauv.kernels import runtime; print(runtime.start(sys
 @pytest.mark.parametrize(
     ("arch", "said"),
     [
-        ("metal", "arch: 'metal' is not one of auto, cpu, cuda, vulkan"),
+        ("metal", "arch: 'metal': allowed are auto, cpu, cuda, vulkan"),
         ("cuda", "arch: 'cuda' was asked for, but torch sees no CUDA device here"),
         ("vulkan", "arch: 'vulkan' was asked for, but Taichi finds no such device here"),
     ],

@@ -42,7 +42,7 @@ def load_example(name: str, folder: Path) -> None:
 def test_a_policy_leads_its_target_by_the_drift(tmp_path):
     world = ToyWorld(scenario(), 16, seed=2)
     observation = world.reset()
-    with pytest.raises(PolicyError, match="neither a checkpoint nor one of"):
+    with pytest.raises(PolicyError, match="allowed are sac-ideal"):
         policies.load("lead:20", world)
     load_example("policy.py", tmp_path)
     assert policies.available()[-1] == "lead"
@@ -56,7 +56,7 @@ def test_a_policy_leads_its_target_by_the_drift(tmp_path):
 
 
 def test_an_algorithm_trains_and_its_policy_is_kept(tmp_path):
-    with pytest.raises(PolicyError, match=r"algorithm = 'ensemble': must be one of sac, td3, ddpg$"):
+    with pytest.raises(PolicyError, match=r"algorithm = 'ensemble': allowed are sac, td3, ddpg$"):
         dataclasses.replace(LEARNING, algorithm="ensemble")
     load_example("algorithm.py", tmp_path)
     config = dataclasses.replace(LEARNING, algorithm="ensemble", warmup=320)

@@ -38,7 +38,7 @@ class TestFace:
     @pytest.mark.parametrize(
         ("name", "part"),
         [
-            ("nonsense", "neither a checkpoint nor one of"),
+            ("nonsense", "allowed are sac-ideal"),
             ("straight:fast", "'fast' is not a speed"),
             ("straight:nan", "between 1.2 and 2.2 m/s"),
             ("zermelo:2.3", "between 1.2 and 2.2 m/s"),

@@ -25,7 +25,7 @@ COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 SIZES = "12x9", "³²⁰x³²⁰", "３２０x３２０", "-640x480", "640x480x2", f"{5000 * '9'}x480", "640x+480", "6_40x480"
 SHORT = ["--set", "mission.duration=12"]
 SEE = "(set USVAUV_TRACEBACK=1 to see where it comes from)"
-LOADING = "loading torch and Taichi …\n"  # first line of `train`
+LOADING = "loading torch and Taichi …\n"  # first line of every command
 
 
 def usvauv(*arguments: object, cwd: Path, code: int = 0) -> subprocess.CompletedProcess:
@@ -61,11 +61,10 @@ class TestPlugin:
     @pytest.mark.parametrize("command", ["train", "scenarios", "reproduce all --out b"])
     def test_that_fails_or_is_missing_gives_one_line(self, tmp_path, run_usvauv, command):
         (tmp_path / "a.py").write_text("1 / 0")
-        said = LOADING if command == "train" else ""
         raised = f"ZeroDivisionError: division by zero, in {tmp_path}/a.py, line 1 {SEE}"
         for name, problem in (("a", raised), ("b", "must be a Python file")):
             refused = f"error: plugin {name}.py: {problem}\n"
-            assert run_usvauv(*command.split(), "--plugin", f"{name}.py") == (2, said, refused)
+            assert run_usvauv(*command.split(), "--plugin", f"{name}.py") == (2, "", refused)
 
     def test_of_an_installed_distribution(self, tmp_path, monkeypatch, run_usvauv):
         (tmp_path / "mine.py").write_text("print('installed')")
@@ -119,7 +118,7 @@ def test_a_terminal_without_a_letter_gets_another(encoding, tmp_path):
     assert encoding.startswith("utf") or stdout.isascii()
     square = {"cp1252": "²", "ascii": "2"}.get(encoding, "²")
     known = "海σ" if encoding.startswith("utf") else "?sigma"
-    assert run("scenarios", "海σ²")[2].startswith(f"error: scenario: '{known}{square}' is neither")
+    assert run("scenarios", "海σ²")[2].startswith(f"error: scenario '{known}{square}': allowed are extreme")
 
 
 SETTINGS = """
@@ -278,7 +277,7 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
         "warning: --steps 40: nothing will be learned: the first update comes after 40 world-steps (warmup = 40)\n",
     )
     *stages, begun, first, _, _ = said.splitlines()
-    assert stages == ["loading torch and Taichi …", "compiling the world …", "evaluating clear …"]
+    assert stages == ["evaluating clear …"]
     assert begun.startswith("training sac in ideal; evaluation beside clear, arps ")
     assert "; evaluation at 4: arps " in first
     assert ", of the untrained policy (clear " in said.splitlines()[-1]
@@ -295,10 +294,13 @@ def test_a_policy_of_another_team_is_warned_of(run_usvauv):
     assert run_usvauv(*learned) == (2, "", refused)
 
 
-def test_train_says_what_it_does_before_what_takes_long(tmp_path):
-    without_torch = "import sys; sys.modules['torch'] = None; from usvauv.cli.app import main; main()"
-    done = subprocess.run([sys.executable, "-c", without_torch, "train"], capture_output=True, text=True, cwd=tmp_path)
-    assert done.stdout == LOADING
+@pytest.mark.parametrize("command", ["simulate", "eval", "train", "train-targets", "sea", "live"])
+def test_a_command_says_what_it_does_before_it_imports_what_takes_long(tmp_path, command):
+    without = "import sys; sys.modules |= dict.fromkeys(('torch', 'numpy', 'rich', 'matplotlib'))"
+    code = f"{without}; from usvauv.cli.app import main; main()"
+    done = subprocess.run([sys.executable, "-c", code, command], capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(LOADING)
 
 
 def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):

@@ -51,4 +51,4 @@ def test_the_trial_runs(monkeypatch):
     assert found["rate"] > 0
     assert len(found["sea"]) == 4 * math.prod(coarse_cells(Scenario.load("extreme")))
     assert inspect.difference(json.loads(json.dumps(found)), found) == ""
-    assert inspect.attempt("abacus") == {"absent": "arch: 'abacus' is not one of auto, cpu, cuda, vulkan"}
+    assert inspect.attempt("abacus") == {"absent": "arch: 'abacus': allowed are auto, cpu, cuda, vulkan"}

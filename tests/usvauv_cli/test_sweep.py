@@ -79,7 +79,7 @@ class TestFile:
             ),
             ('[[runs]]\npolicy = "clear"\nseeds = 1', "runs[0]: seeds: unknown field; allowed here: name, scenario, "),
             ('[[runs]]\npolicy = "clear"\nseed = []', "runs[0]: seed = []: must have at least one entry"),
-            ('[[runs]]\npolicy = "cleer"', "runs[0]: policy 'cleer': neither a checkpoint"),
+            ('[[runs]]\npolicy = "cleer"', "runs[0]: policy 'cleer': allowed are"),
             ('[[runs]]\nalgorithm = "sac"\nlearn = ["tau=2"]', "runs[0]: training: tau = 2.0: must be from 1e-06"),
             ("[evaluation]\nepisodes = 0", "evaluation: episodes = 0: input should be greater than or equal to 1"),
             ('[evaluation]\nscore = "joy"', "evaluation: score: 'joy': allowed are sdr, "),

@@ -21,10 +21,11 @@ from usvauv.cli.commands.options import (
     at_least,
     check_regime,
     make_folder,
+    preparing,
     warn_team_size,
     writable,
 )
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import UserError, choices
 
 
 def evaluate(
@@ -125,17 +126,18 @@ def evaluate(
     }
     figures = (*FIGURES, *(name for name, metric in task_metrics.items() if metric.task == setting.task))
     if score not in figures:
-        raise UserError(f"--score {score!r}: must be one of {', '.join(figures)}")
+        raise UserError(f"--score {score!r}: {choices(score, figures)}")
     reference = next((which for which in scenarios if against in (None, *filter(None, which))), None)
     if reference is None:
         parts = dict.fromkeys(part for which in scenarios for part in which if part)
-        raise UserError(f"--against {against!r}: must be one of {', '.join(parts)}")
+        raise UserError(f"--against {against!r}: {choices(against, parts)}")
     if report_folder:
         if resume:
             raise UserError("--report: cannot go with --resume: its figures are of missions that are not run again")
         make_folder(report_folder, "--report")
         writable(context, report_folder / "index.html", "--report", (".html",))
     check_regime(setting)
+    preparing(setting, arch)
     recordings = Recordings(len(scenarios))
     kept = front_episodes(len(scenarios)) if report_folder else 0
     comparison = Comparison(list(scenarios), reference, kept, setting.random_seas)

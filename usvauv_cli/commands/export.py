@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from usvauv.cli.commands.options import Force, Overrides, Plugins, keep_others, make_folder, writable
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import UserError, choices
 
 
 def export(
@@ -104,7 +104,7 @@ def _export_trace(context: typer.Context, path: Path, to: str, out: Path | None,
     from usvauv.env.exchange import FOLDERS, WRITERS, export_trace
 
     if to not in WRITERS:
-        raise UserError(f"--to {to!r}: allowed are {', '.join(WRITERS)}")
+        raise UserError(f"--to {to!r}: {choices(to, WRITERS)}")
     if to in FOLDERS:
         target = out or Path(path.stem)
     else:

@@ -9,13 +9,18 @@ import shutil
 import subprocess
 import sys
 from importlib import metadata
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from usvauv.cli.commands import lists
 from usvauv.cli.commands.options import Overrides, Plugins
 from usvauv.cli.letters import PLAIN
+from usvauv.cli.words import counted, duration
 from usvauv.kernels.errors import UserError
+
+if TYPE_CHECKING:
+    from usvauv.env import Scenario
 
 PACKAGES = ("usvauv", "taichi", "torch", "numpy", "pydantic", "gymnasium", "av", "opencv-python-headless")
 LIMIT = 300  # s, for the trial of an architecture
@@ -88,8 +93,15 @@ def scenarios(
             text = re.sub(r'"(?:[^"\\\n]|\\.)*"', _escaped, text).encode("ascii", PLAIN).decode()
         typer.echo(text, nl=False)
         return
-    for name in Scenario.shipped():
-        typer.echo(tables.wrapped(f"{name:16} {Scenario.load(name).description}", 17))
+    lists.show(lists.SHIPPED, ((name, _sentence(Scenario.load(name))) for name in Scenario.shipped()))
+    lists.show("Your own:", [("PATH", "TOML file; `usvauv scenarios extreme > mine.toml` is one to begin with.")])
+
+
+def _sentence(scenario: Scenario) -> str:
+    """Description and size."""
+    area, boats = scenario.area, counted(scenario.boat.count, "boat")
+    size = f"{area.width:g} m × {area.length:g} m, {counted(scenario.auv.count, 'AUV')}, {boats}"
+    return f"{scenario.description}. {size}, {duration(scenario.mission.duration)}."
 
 
 def _escaped(found: re.Match[str]) -> str:

@@ -17,6 +17,7 @@ from usvauv.cli.commands.options import (
     Targets,
     Usv,
     check_regime,
+    preparing,
     warn_team_size,
 )
 from usvauv.kernels.interruption import stoppable
@@ -55,6 +56,7 @@ def live(
     setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
     check_regime(setting)
     with listen(port) as listening, serve(listening, f"usvauv {setting.name}") as (server, address):
+        preparing(setting, arch)
         session = Session(setting, seed, usv, policy, arch)
         warn_team_size(session.policy, setting)
         show = Show(server, session)

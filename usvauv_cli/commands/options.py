@@ -7,8 +7,9 @@ import json
 import math
 import os
 import re
-from collections.abc import Sequence
-from contextlib import suppress
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -60,17 +61,45 @@ At = Annotated[float | None, typer.Option(help="Moment that a picture shows, s o
 
 Force = Annotated[bool, typer.Option("--force", help="Replace results that are there and were made otherwise.")]
 NOT_DECISIVE = ("out", "trace", "json_file", "report_folder", "onnx", "force", "resume")  # arguments, for a result
+QUIET = ("scenarios", "policies", "boats", "targets", "plan", "replay", "export")  # commands soon done
 MADE_BY = "user.usvauv"  # extended attribute of a result: the JSON of `_decisive`
+
+
+@contextmanager
+def loading(command: str | None) -> Iterator[None]:
+    """Say on standard error that the first import of what takes seconds is under way; a terminal forgets it after."""
+    line, terminal = "loading torch and Taichi …", sys.stderr.isatty()
+    if "taichi" in sys.modules or (command in QUIET and not terminal):
+        yield
+        return
+    print(line, end="" if terminal else "\n", file=sys.stderr, flush=True)
+    try:
+        yield
+    finally:
+        if terminal:
+            print(f"\r{' ' * len(line)}\r", end="", file=sys.stderr, flush=True)
+
+
+def preparing(scenario: Scenario, arch: str) -> None:
+    """Say that a world is made, which may take long: its kernels are compiled where they are in no cache.
+
+    Raises:
+        UserError: the architecture cannot be used.
+    """
+    from usvauv.kernels import runtime
+
+    runtime.start(arch)
+    line = f"preparing {scenario.name}; its kernels are compiled the first time, for about 15 s …"
+    print(line, file=sys.stderr, flush=True)
 
 
 def _load_plugins(context: typer.Context, files: list[Path] | None) -> list[Path] | None:
     """Import the plugins of installed distributions, then those named, before other arguments are processed.
 
-    The first import takes seconds; the command that has a log of its stages says so.
+    The first import takes seconds, and every command begins with it.
     """
-    if context.command.name == "train":
-        typer.echo("loading torch and Taichi …")
-    from usvauv.env import plugins
+    with loading(context.command.name):
+        from usvauv.env import plugins
 
     plugins.load_installed()
     for file in files or ():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, writable
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import UserError, choices
 
 if TYPE_CHECKING:
     from usvauv.cli.planning.fix_log import Log, PositionEstimate
@@ -227,7 +227,7 @@ def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
         UserError: it is not one of those allowed.
     """
     if value not in allowed:
-        raise UserError(f"{option} {value!r}: allowed are {', '.join(allowed)}")
+        raise UserError(f"{option} {value!r}: {choices(value, allowed)}")
     return value
 
 

@@ -97,7 +97,7 @@ def sea(
 
     `usvauv sea --out calm.png --set storm.spectrum=none --set sea.irregular_rms=0.5`
     """
-    from usvauv.cli import console
+    from usvauv.cli import console, words
     from usvauv.env import Scenario
     from usvauv.env.render.style import clock
     from usvauv.env.sea.simulation import SeaSimulation, cells
@@ -137,7 +137,8 @@ def sea(
         if not made:
             stop.raise_if_asked()
         expected = file.expected_bytes(records)
-        typer.echo(f"expect about {duration_words((records - made) * pace)} of work and about {size_words(expected)}")
+        left, expected_size = words.duration((records - made) * pace, rough=True), words.size(expected)
+        typer.echo(f"this takes about {left}; the file will have about {expected_size}")
         with console.progress("solving and writing", records) as advance:
             advance(made)
             while made < records and not stop.asked:
@@ -149,7 +150,7 @@ def sea(
                 file.add(water)
                 made += 1
                 advance(1)
-    cost = f"{size_words(out.stat().st_size)} in {duration_words(time.perf_counter() - begun)}"
+    cost = f"{words.size(out.stat().st_size)} in {words.duration(time.perf_counter() - begun, rough=True)}"
     typer.echo(f"{ {'.mp4': 'video', '.nc': 'data'}.get(kind, 'figure') }: {out.resolve()} ({cost})")
     if made < records:
         typer.echo(f"stopped at {clock(water.time)} of {clock((records - 1) * interval)}; the file holds that much")
@@ -208,19 +209,3 @@ def trial(water: SeaSimulation, file: Sink, records: int, stop: Stop) -> tuple[i
         if made > 2:
             seconds.append(time.perf_counter() - begun)
     return made, statistics.median(seconds or [0.0])
-
-
-def duration_words(seconds: float) -> str:
-    """A time to two digits, in one unit."""
-    for unit, length in (("h", 3600), ("min", 60)):
-        if seconds >= 1.5 * length:
-            return f"{seconds / length:.2g} {unit}"
-    return f"{max(seconds, 1):.0f} s"
-
-
-def size_words(count: int) -> str:
-    """A size to three digits, in one unit."""
-    for unit, size in (("GB", 1e9), ("MB", 1e6)):
-        if count >= 0.95 * size:
-            return f"{count / size:.3g} {unit}"
-    return f"{max(count / 1e3, 1):.0f} kB"

@@ -28,6 +28,7 @@ from usvauv.cli.commands.options import (
     at_least,
     check_regime,
     checked_video,
+    preparing,
     warn_reflections,
     warn_team_size,
     writable,
@@ -106,6 +107,7 @@ def simulate(
         StrategyChoice.parse(run.usv, setting)
     check_regime(setting)
     warn_reflections(setting)
+    preparing(setting, arch)
     recorded, problem = [], None
     for run in runs:
         shown, problem = simulated(run, setting, seed, duration, arch)

@@ -22,6 +22,7 @@ from usvauv.cli.commands.options import (
     at_least,
     check_regime,
     make_folder,
+    preparing,
 )
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import Interrupted
@@ -149,7 +150,8 @@ def train(
             return place, runs, begun.get("usv", usv), steps or begun.get("total", STEPS)
 
         place, runs, boats, total = ranks.from_first(begin)
-        typer.echo("compiling the world …")
+        if ranks.leads:
+            preparing(next(iter(runs.values()))[0], arch)
         trainers, baselines = [], []
         for folder, (setting, config, begun) in runs.items():
             mine, evaluate = ranks.share(config.num_worlds), None

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from usvauv.cli import tables
 from usvauv.cli.commands.options import (
     Arch,
     Force,
@@ -22,6 +21,7 @@ from usvauv.cli.commands.options import (
     Usv,
     at_least,
     check_regime,
+    preparing,
     writable,
 )
 from usvauv.kernels.errors import UserError
@@ -90,6 +90,7 @@ def train_targets(
         if difference := first_difference(kept.get("definition"), decides):
             raise UserError(f"{last}: is of another command: {difference}")
         begun = {**kept["about"], "steps": kept["iteration"]}
+    preparing(setting, arch)
     trainer = DecisionTrainer(setting, steering, config, usv, arch=arch)
     if resume:
         trainer.resume(last)
@@ -102,6 +103,9 @@ def train_targets(
 
 def _learn(trainer: DecisionTrainer, evaluations: Iterable[Progress], out: Path) -> None:
     """Train, with a line for each evaluation beside baselines in the same worlds; Ctrl-C keeps the run."""
+    from usvauv.cli import tables
+    from usvauv.cli.words import duration
+
     iterations, first = trainer.config.iterations, trainer.iteration
     against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in BASELINES)
     typer.echo(tables.wrapped(f"evaluation, Mbit: {against}", 2))
@@ -110,7 +114,7 @@ def _learn(trainer: DecisionTrainer, evaluations: Iterable[Progress], out: Path)
         left = (time.monotonic() - begun) * (iterations - result.iteration) / (result.iteration - first)
         typer.echo(
             f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit drawn,"
-            f" evaluation {result.evaluated:.1f}, best {trainer.best:.1f}; {left:.0f} s left"
+            f" evaluation {result.evaluated:.1f}, best {trainer.best:.1f}; {duration(left, rough=True)} left"
         )
     if trainer.iteration < iterations:
         typer.echo(

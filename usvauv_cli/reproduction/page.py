@@ -16,11 +16,12 @@ from usvauv import policies
 from usvauv.cli.reproduction import collaboration, fig4, learning, paper
 from usvauv.cli.reproduction.runs import Settings, best
 from usvauv.cli.sweep.engine import Engine
-from usvauv.cli.sweep.perform import duration, perform_all
+from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import Piece, seconds
+from usvauv.cli.words import counted, duration
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, inside, locked
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import UserError, choices
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 
 
@@ -63,7 +64,7 @@ def reproduce(
         KeyboardInterrupt: after Ctrl-C, when everything is saved.
     """
     if target not in TARGETS:
-        raise UserError(f"{target}: must be one of {', '.join(TARGETS)}")
+        raise UserError(f"{target!r}: {choices(target, TARGETS)}")
     title = "Table 2 and Figures 3 and 4 of the paper, made again"
     wanted, name = list(PAPER.values()), "reproduction"
     if target != "all":
@@ -150,8 +151,8 @@ def made_section(pieces: Sequence[Piece], settings: Settings, folder: Path, comm
             f"Commits: {', '.join(sorted(commits))}.",
         ]
     taken = sum(seconds(piece.place(folder)) or 0.0 for piece in pieces)
-    lines.append(f"Time taken: {duration(taken)} for {len(pieces)} runs, one after the other.")
+    lines.append(f"Time taken: {duration(taken, rough=True)} for {counted(len(pieces), 'run')}, one after the other.")
     if trained:
         learning = sum(policies.read_run(piece.place(folder))[2]["seconds"] for piece in trained)
-        lines.append(f"The {len(trained)} trainings took {duration(learning)} of it.")
+        lines.append(f"The {len(trained)} trainings took {duration(learning, rough=True)} of it.")
     return "\n\n".join(["## How it was made", f"    {command}", "\n".join(f"- {line}" for line in lines)])

@@ -12,7 +12,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from usvauv.cli import tables
+from usvauv.cli import tables, words
 from usvauv.cli.sweep.clusters import OnRay, OnSlurm
 from usvauv.cli.sweep.engine import Ended, Engine, Task, conduct, remove_signs, reported, signs_in
 from usvauv.cli.sweep.local import Local
@@ -155,10 +155,10 @@ class Board:
         self.update({result.name: self._work[result.name]})
         if bad or not self._console.is_terminal:
             piece, number = self._pieces[result.name], len(self._pieces) - len(self.unfinished)
-            words = f"failed: {result.words}" if bad else "done"
-            line = f"{number}/{len(self._pieces)} {piece.method} in {piece.task}, seed {piece.seed}: {words}"
+            how = f"failed: {result.words}" if bad else "done"
+            line = f"{number}/{len(self._pieces)} {piece.method} in {piece.task}, seed {piece.seed}: {how}"
             left = self.bars.tasks[0].time_remaining
-            line += f", about {duration(left)} left" if left and self.unfinished else ""
+            line += f", about {words.duration(left, rough=True)} left" if left and self.unfinished else ""
             self._console.print(tables.wrapped(f"{line} ({result.name})", 2), soft_wrap=True)
 
     def update(self, done: Mapping[str, float]) -> None:
@@ -175,15 +175,7 @@ class Board:
             self.bars.update(row, visible=place < MOST_ROWS)
         count, waiting = len(self._pieces), len(self.unfinished) - len(self._rows)
         ended = count - len(self.unfinished)
-        words = f"{len(self._rows)} running, {waiting} waiting, {self.failed} failed"
+        state = f"{len(self._rows)} running, {waiting} waiting, {self.failed} failed"
         self.bars.update(
-            self._all, completed=sum(self._done.values()), description=f"{ended} of {count} ended", task=words
+            self._all, completed=sum(self._done.values()), description=f"{ended} of {count} ended", task=state
         )
-
-
-def duration(seconds: float) -> str:
-    """A time in words."""
-    minutes = round(seconds / 60)
-    if minutes < 2:
-        return f"{seconds:.0f} s"
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"

@@ -29,7 +29,7 @@ from usvauv.env.render.frames import VIEWS, frames_of
 from usvauv.env.render.style import THEMES
 from usvauv.env.storage.files import OutputError, atomic_write
 from usvauv.env.storage.memory import require
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import UserError, choices
 
 SMALLEST, LARGEST = 240, 7680  # pixels a side
 FRAME_BYTES = 40.0  # of memory, a pixel of a frame
@@ -120,7 +120,7 @@ class Video:
     def __post_init__(self) -> None:
         for name, value, allowed in (("view", self.view, VIEWS), ("theme", self.theme, THEMES)):
             if value not in allowed:
-                raise UserError(f"{name} {value!r}: must be one of {', '.join(allowed)}")
+                raise UserError(f"{name} {value!r}: {choices(value, allowed)}")
         for name, value, least in (("fps", self.fps, 1), ("speedup", self.speedup, 0.01), ("at", self.at, 0.0)):
             if value is not None and not least <= value < math.inf:
                 raise UserError(f"{name} {value}: must be at least {least}, and finite")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection
 from typing import Annotated, Any, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
+
+from usvauv.kernels.errors import choices
 
 LARGEST = 1e6  # of a weight or a price; sums of a step's terms keep three digits beside it in single precision
 LOWEST_TONE, HIGHEST_TONE = 100.0, 2e5  # Hz; below and above the laws of absorption and noise mean nothing
@@ -26,7 +30,7 @@ def known(name: str, names: Collection[str]) -> str:
         ValueError: it is not; the message lists them.
     """
     if name not in names:
-        raise ValueError(f"{name!r}: allowed are {', '.join(names)}")
+        raise ValueError(f"{name!r}: {choices(name, names)}")
     return name
 
 
@@ -43,10 +47,24 @@ def one_line(error: ValidationError, source: str, model: type[Section]) -> str:
         section: Any = model
         for part in problem["loc"][:-1]:
             section = section.model_fields[part].annotation
-        return f"{source}: {field}: unknown field; allowed here: {', '.join(section.model_fields)}"
+        names = list(section.model_fields)
+        if len(problem["loc"]) == 1:  # the section may be what was left out
+            names += [f"{name}.{inner}" for name, info in model.model_fields.items() for inner in _fields(info)]
+        guess = choices(problem["loc"][-1], names).partition("; ")[2]
+        found = f"unknown field; allowed here: {', '.join(section.model_fields)}"
+        return f"{source}: {field}: {found}{guess and f'; {guess}'}"
+    if problem["type"] == "literal_error":
+        names = re.findall(r"'([^']*)'", problem.get("ctx", {})["expected"])
+        return f"{source}: {field} = {problem['input']!r}: {choices(problem['input'], names)}"
     if problem["type"] == "value_error":
         return f"{source}: {field}: {message}" if field else f"{source}: {message}"
     return f"{source}: {field} = {problem['input']!r}: {message[0].lower()}{message[1:]}"
+
+
+def _fields(info: FieldInfo) -> Collection[str]:
+    """Names of the fields of a field that is a section."""
+    kind = info.annotation
+    return kind.model_fields if isinstance(kind, type) and issubclass(kind, BaseModel) else ()
 
 
 S = TypeVar("S", bound=Section)

@@ -21,7 +21,7 @@ from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
 from usvauv.env.scenario.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
 from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Planner, Tracker
 from usvauv.env.storage import text_files
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import UserError, choices
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 
@@ -435,8 +435,8 @@ def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
     try:
         return text_files.read(name_or_path, "TOML"), name
     except FileNotFoundError:
-        known = ", ".join(Scenario.shipped())
-        raise ScenarioError(f"scenario: {name!r} is neither a file nor one of the shipped ones: {known}") from None
+        known = choices(name, Scenario.shipped(), ", or the path of a TOML file")
+        raise ScenarioError(f"scenario {name!r}: {known}") from None
     except text_files.TextFileError as error:
         raise ScenarioError(f"{name}: {error}") from None
 

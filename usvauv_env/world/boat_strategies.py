@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site.place import SIDED, position
+from usvauv.kernels.errors import choices
 from usvauv.kernels.mission import boat_strategies as kernel
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.registry import Registry
@@ -30,15 +31,21 @@ class BoatStrategy:
             `worlds.strategy_arguments`. X and Y, m, can be given as latitude and longitude, see `site.positions`.
         refuse: (scenario, numbers) → why they cannot be used together, or an empty text.
         repeats: the numbers can also be given for each boat, one boat after the other.
+        units: of the arguments, one for all.
+        about: what it does, in a sentence; default: the docstring of `functions.goal`.
     """
 
     functions: Strategy
     arguments: tuple[str, ...] = ()
     refuse: Callable[[Scenario, Sequence[float]], str] = _no_check
     repeats: bool = False
+    units: str = ""
+    about: str = ""
 
 
-boat_strategies: Registry[BoatStrategy] = Registry("usv", ScenarioError, BoatStrategy)
+boat_strategies: Registry[BoatStrategy] = Registry(
+    "usv", ScenarioError, BoatStrategy, lambda strategy: strategy.functions.goal
+)
 
 
 @dataclass(frozen=True)
@@ -71,7 +78,7 @@ class StrategyChoice:
         if strategy is None and name in RETIRED:
             raise ScenarioError(f"{field}: {text!r}: gone since 0.3")
         if strategy is None or (colon and not strategy.arguments):
-            raise ScenarioError(f"{field}: {text!r}: allowed are {', '.join(map(_usage, boat_strategies))}")
+            raise ScenarioError(f"{field}: {text!r}: {choices(text, map(usage, boat_strategies))}")
         numbers = _numbers_of(field, text, scenario)
         with boat_strategies.calling(name):
             problem = strategy.refuse(scenario, numbers)
@@ -100,11 +107,12 @@ def _numbers_of(field: str, text: str, scenario: Scenario) -> tuple[float, ...]:
         counts.add(scenario.boat.count * len(strategy.arguments))
     if numbers is None or len(numbers) not in counts or not all(map(math.isfinite, numbers)):
         examples = " or ".join(f"{name}:{','.join(['100'] * count)}" for count in sorted(counts))
-        raise ScenarioError(f"{field}: {text!r}: expected {_usage(name)}, for example {examples}")
+        raise ScenarioError(f"{field}: {text!r}: expected {usage(name)}, for example {examples}")
     return numbers
 
 
-def _usage(name: str) -> str:
+def usage(name: str) -> str:
+    """How a strategy is written: its name, and the numbers that follow."""
     arguments = boat_strategies[name].arguments
     return f"{name}:{','.join(arguments)}" if arguments else name
 
@@ -123,13 +131,10 @@ def _in_area(scenario: Scenario, numbers: Sequence[float]) -> str:
     return f": the point must lie in the area [0, {scenario.area.width:g}] × [0, {scenario.area.length:g}]"
 
 
-# By planner.objective: the best place; the best one within reach of a step.
 boat_strategies.register("fim", BoatStrategy(kernel.FIM))
 boat_strategies.register("fim-greedy", BoatStrategy(kernel.FIM_GREEDY))
-boat_strategies.register("centroid", BoatStrategy(kernel.CENTROID))  # the mean of the AUVs' estimated positions
-# Where the AUV is that is least certain of itself; where the AUVs' uncertainty costs least over the minutes to come.
+boat_strategies.register("centroid", BoatStrategy(kernel.CENTROID))
 boat_strategies.register("visit", BoatStrategy(kernel.VISIT, refuse=_needs_reckoning))
 boat_strategies.register("belief", BoatStrategy(kernel.BELIEF, refuse=_needs_reckoning))
-# Where its actions lead, see `World.step`.
 boat_strategies.register(AGENT, BoatStrategy(kernel.AGENT, refuse=_needs_reckoning))
-boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area, repeats=True))  # points of the area, m
+boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area, repeats=True, units="m"))

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_bound
+from usvauv.kernels.errors import choices
 from usvauv.kernels.mission import observation as kernel
 from usvauv.kernels.mission.observation import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
 from usvauv.kernels.registry import Registry
@@ -99,7 +100,7 @@ class ObservationLayout:
         extra = {*scenario.observation.extra, *scenario.task_definition.observation}
         for name in extra:
             if name not in observation_terms:
-                raise ScenarioError(f"observation.extra: {name!r}: allowed are {', '.join(observation_terms)}")
+                raise ScenarioError(f"observation.extra: {name!r}: {choices(name, observation_terms)}")
         present = []
         for name, term in observation_terms.items():
             with observation_terms.calling(name):

@@ -259,4 +259,9 @@ def workspace(num_nodes: int, num_auvs: int) -> int:
     return rollout.workspace(num_nodes, num_auvs) + num_auvs * (HEAD + num_nodes * (FEATURES + 1))
 
 
-LEARNED = TargetRule(learned, workspace=workspace, read=read_weights)
+LEARNED = TargetRule(
+    learned,
+    workspace=workspace,
+    read=read_weights,
+    about="The node that a network prefers, which `usvauv train-targets` trained",
+)

@@ -171,7 +171,7 @@ def try_candidates(worlds: ti.template(), w, k):
 
 @func
 def rollout(worlds: ti.template(), w, k):
-    """The free node after which the most packets are expected."""
+    """The free node after which all AUVs together are expected to collect most; they are simulated for some HORIZON."""
     best = try_candidates(worlds, w, k)
     if best < 0:
         best = k % worlds.node.shape[1]
@@ -183,4 +183,4 @@ def workspace(num_nodes: int, num_auvs: int) -> int:
     return num_nodes + NUMBERS * num_auvs + num_nodes
 
 
-ROLLOUT = TargetRule(rollout, arguments=(("HORIZON", 90.0),), workspace=workspace)
+ROLLOUT = TargetRule(rollout, arguments=(("HORIZON", 90.0),), units=("s",), workspace=workspace)

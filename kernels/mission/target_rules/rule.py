@@ -7,6 +7,7 @@ from typing import Any
 
 import taichi as ti
 
+from usvauv.kernels.errors import choices
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter
 from usvauv.kernels.mission.target_rules import knowledge
@@ -46,6 +47,8 @@ class TargetRule:
             `worlds.workspace[w, :]`; what is in them is lost between two calls.
         foreseen: a Taichi function (worlds, w, i) → the node that an AUV heads for after node i, as far as others can
             know; node i where they cannot.
+        units: of the arguments, one each; "" for a number.
+        about: what it does, in a sentence; default: the docstring of `choose`.
         read: for a rule whose numbers are in a file: what follows the name → the numbers; raises ValueError.
     """
 
@@ -54,10 +57,12 @@ class TargetRule:
     arguments: tuple[tuple[str, float], ...] = ()
     workspace: Callable[[int, int], int] = no_workspace
     foreseen: Callable[..., Any] = unknown
+    units: tuple[str, ...] = ()
+    about: str = ""
     read: Callable[[str], tuple[float, ...]] | None = None
 
 
-target_rules: Registry[TargetRule] = Registry("target rule", form=TargetRule)
+target_rules: Registry[TargetRule] = Registry("target rule", form=TargetRule, documented=lambda rule: rule.choose)
 
 
 def usage(name: str) -> str:
@@ -76,7 +81,7 @@ def parse(text: str) -> tuple[TargetRule, tuple[float, ...]]:
     """
     name, colon, rest = text.partition(":")
     if name not in target_rules:
-        raise ValueError(f"{text!r}: allowed are {', '.join(map(usage, target_rules))}")
+        raise ValueError(f"{text!r}: {choices(text, map(usage, target_rules))}")
     rule = target_rules[name]
     if rule.read is not None:
         with target_rules.calling(name, allowed=(ValueError,)):
@@ -170,25 +175,28 @@ def pace_of_data(worlds: ti.template(), w, k, i):
 
 @func
 def greedy(worlds: ti.template(), w, k):
-    """The paper's rule with the horizontal distance."""
+    """The node with the largest rate times filling, less ALPHA times its distance, as in the paper.
+
+    λ b/C − α d with the horizontal distance d.
+    """
     return best_free(worlds, worth, w, k)
 
 
 @func
 def nearest(worlds: ti.template(), w, k):
-    """The nearest node that has some packets."""
+    """The nearest node that has at least PACKETS."""
     return best_free(worlds, nearness, w, k)
 
 
 @func
 def rate(worlds: ti.template(), w, k):
-    """The node with the most data per time."""
+    """The node with the most data for the time to get there and SECONDS more."""
     return best_free(worlds, pace_of_data, w, k)
 
 
-GREEDY = TargetRule(greedy, arguments=(("ALPHA", 0.015),))  # 1/(m s)
-NEAREST = TargetRule(nearest, arguments=(("PACKETS", 1000.0),))
-RATE = TargetRule(rate, arguments=(("SECONDS", 10.0),))
+GREEDY = TargetRule(greedy, arguments=(("ALPHA", 0.015),), units=("1/(m s)",))
+NEAREST = TargetRule(nearest, arguments=(("PACKETS", 1000.0),), units=("",))
+RATE = TargetRule(rate, arguments=(("SECONDS", 10.0),), units=("s",))
 
 
 @func
@@ -236,4 +244,9 @@ def demonstration(worlds: ti.template(), w, k):
     return chosen
 
 
-DEMONSTRATION = TargetRule(demonstration, arguments=(("ALPHA", 0.05),))  # 1/(m s)
+DEMONSTRATION = TargetRule(
+    demonstration,
+    arguments=(("ALPHA", 0.05),),
+    units=("1/(m s)",),
+    about="The rule of the paper's demonstration, with the slant distance",
+)

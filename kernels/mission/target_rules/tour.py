@@ -205,5 +205,15 @@ def successor(worlds: ti.template(), w, i):
     return ti.cast(worlds.node[w, i, NodeColumn.successor], ti.i32)
 
 
-TOUR = TargetRule(follow, prepare=prepare_tour, foreseen=successor)
-SECTORS = TargetRule(follow, prepare=prepare_sectors, foreseen=successor)
+TOUR = TargetRule(
+    follow,
+    prepare=prepare_tour,
+    foreseen=successor,
+    about="All AUVs follow one closed tour of the nodes, spaced along it",
+)
+SECTORS = TargetRule(
+    follow,
+    prepare=prepare_sectors,
+    foreseen=successor,
+    about="Each AUV follows a closed tour of its own part of the nodes",
+)

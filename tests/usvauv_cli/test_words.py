@@ -1,0 +1,143 @@
+"""What commands list, what they say about a value that is not known, and numbers in words."""
+
+import pytest
+
+from usvauv.cli import words
+from usvauv.env import Scenario
+from usvauv.env.world.boat_strategies import boat_strategies
+from usvauv.kernels.errors import choices
+from usvauv.kernels.mission.target_rules import target_rules
+from usvauv.policies import trained
+from usvauv.policies.heuristics import HEURISTICS
+
+PLUGIN = '''
+import taichi as ti
+from usvauv.extend import HEURISTICS, BoatStrategy, Heuristic, Strategy, TargetRule, boat_strategies, target_rules, vec2
+
+@ti.func
+def north(worlds: ti.template(), w, b) -> vec2:
+    """Goes to the northern edge. Nobody knows why."""
+    return vec2(0.0, 200.0)
+
+class Lazy(Heuristic):
+    """Stays where
+    it is."""
+
+    parameter = ("PATIENCE", "s")
+
+boat_strategies.register("north", BoatStrategy(Strategy(start=north, goal=north), ("AUV",)))
+HEURISTICS.register("lazy", Lazy)
+target_rules.register("last", TargetRule(north, arguments=(("AGE", 3.0),), units=("s",), about="The last node"))
+'''
+
+
+def listed(text: str) -> dict[str, str]:
+    """Name → the rest of its paragraph, of a list in the terminal."""
+    found, name = {}, ""
+    for line in text.splitlines():
+        if line.startswith("   "):
+            found[name] += f" {line.strip()}"
+        elif line.startswith("  "):
+            name, _, about = line.strip().partition(" ")
+            found[name] = about.strip()
+    return found
+
+
+class TestLists:
+    @pytest.mark.parametrize(
+        ("command", "names", "parts"),
+        [
+            (
+                "policies",
+                [*HEURISTICS, *trained()],
+                {"clear[:PRICE]": "PRICE in W;", "keep": "Default in station-keeping"},
+            ),
+            ("boats", boat_strategies, {"hold:X,Y": "X, Y in m.", "belief": "Default in wide.", "agent": "World.step"}),
+            ("targets", target_rules, {"rollout[:HORIZON]": "HORIZON in s, default 90. Default in survey."}),
+            ("scenarios", Scenario.shipped(), {"wide": "600 m × 600 m, 8 AUVs, 1 boat, 16 min 40 s."}),
+        ],
+    )
+    def test_have_all_that_there_is_each_in_a_sentence(self, run_usvauv, command, names, parts):
+        code, text, errors = run_usvauv(command)
+        assert (code, errors) == (0, "")
+        assert max(map(len, text.splitlines())) <= 80
+        rows = listed(text)
+        assert {name.partition(":")[0].partition("[")[0] for name in rows} - {"PATH", "MODULE"} == set(names)
+        assert all(len(about.split()) > 3 and about.endswith(".") for about in rows.values())
+        for name, part in parts.items():
+            assert part in rows[name]
+
+    def test_which_policy_is_learned_and_in_what(self, run_usvauv):
+        learned = run_usvauv("policies")[1].partition("Learned, shipped with usvauv:\n")[2].partition("Your own:")[0]
+        assert list(listed(learned)) == trained()
+        assert listed(learned)["sac-wide"] == "SAC, trained in wide with 8 AUVs and the boat belief."
+
+    def test_have_what_a_plugin_adds(self, tmp_path, run_usvauv, own_registries):
+        (tmp_path / "mine.py").write_text(PLUGIN)
+        for command, name, about in (
+            ("policies", "lazy[:PATIENCE]", "Stays where it is. PATIENCE in s."),
+            ("boats", "north:AUV", "Goes to the northern edge."),
+            ("targets", "last[:AGE]", "The last node. AGE in s, default 3."),
+        ):
+            text = run_usvauv(command, "--plugin", "mine.py")[1]
+            assert listed(text.partition("Of the plugin mine.py:\n")[2])[name] == about
+
+
+@pytest.mark.parametrize(
+    ("arguments", "guess"),
+    [
+        ("simulate extrem", "extreme"),
+        ("simulate --policy cleer", "clear"),
+        ("simulate --policy straigt:1.5", "straight"),
+        ("simulate --compare usv=feem", "fim"),
+        ("simulate --usv hodl:1,2", "hold"),
+        ("simulate --targets toru", "tour"),
+        ("simulate --view se", "sea"),
+        ("simulate --theme drak", "dark"),
+        ("simulate --arch vulcan", "vulkan"),
+        ("simulate --set auv.cuont=3", "count"),
+        ("simulate --set target_rule=tour", "nodes.target_rule"),
+        ("simulate --set sea.forced_edge=souht", "south"),
+        ("simulate --set task=station-keping", "station-keeping"),
+        ("eval --score arsp", "arps"),
+        ("eval --against claer", "clear"),
+        ("train --algorithm sca", "sac"),
+        ("train --learn hiden=8", "hidden"),
+        ("plan --auv 9,9,9 --objective sun", "sum"),
+        ("export x.nc --to mcpa", "mcap"),
+        ("reproduce tabel2 --out a", "table2"),
+    ],
+)
+def test_a_name_that_is_mistyped_is_guessed(run_usvauv, arguments, guess):
+    code, _, error = run_usvauv(*arguments.split())
+    assert (code, error.count("\n")) == (2, 1)
+    assert error.endswith(f"; did you mean {guess!r}?\n")
+    assert "allowed" in error
+
+
+def test_nothing_is_guessed_from_a_name_that_resembles_none():
+    assert choices("runs/mine", ["clear", "hold:X,Y"]) == "allowed are clear, hold:X,Y"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "exact", "rough"),
+    [
+        (0, "0 s", "1 s"),
+        (0.25, "0.25 s", "1 s"),
+        (30, "30 s", "30 s"),
+        (60, "1 min", "60 s"),
+        (90, "1 min 30 s", "90 s"),
+        (600, "10 min", "10 min"),
+        (1000, "16 min 40 s", "17 min"),
+        (7200, "2 h", "2 h"),
+        (9000, "2 h 30 min", "2 h 30 min"),
+    ],
+)
+def test_durations(seconds, exact, rough):
+    assert (words.duration(seconds), words.duration(seconds, rough=True)) == (exact, rough)
+
+
+def test_counts_and_sizes():
+    assert [words.counted(n, "step") for n in (0, 1, 2, 12000)] == ["0 steps", "1 step", "2 steps", "12,000 steps"]
+    assert words.counted(2, "entry", "entries") == "2 entries"
+    assert [words.size(n) for n in (10, 5e4, 1.25e6, 3e9)] == ["1 kB", "50 kB", "1.25 MB", "3 GB"]
