@@ -6,7 +6,6 @@ In this folder: `usvauv eval --policy own_policy:Nearing --policy straight`; or 
 from torch import Tensor
 
 from usvauv import World, evaluate, policies
-from usvauv.extend import mean_figures
 
 SLOWING = 100.0  # m from the target
 
@@ -26,7 +25,4 @@ class Nearing:
 
 if __name__ == "__main__":
     compared = {"nearing": Nearing, **policies.named("straight", "pace")}
-    rows = evaluate("extreme", compared, episodes=10, seed=7)
-    for name in compared:
-        figures = mean_figures([row for row in rows if row.policy == name])
-        print(f"{name}: ARPS {figures['arps']:.2f}, SDR {figures['sdr']:.2f} Mbit/s, EC {figures['ec']:.1f} W")
+    print(evaluate("extreme", compared, episodes=10, seed=7).loc[["arps", "sdr", "ec"]].round(2).to_string())

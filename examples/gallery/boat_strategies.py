@@ -8,8 +8,9 @@ Eight AUVs out of hearing of one another: what they bring in depends on whom the
 import matplotlib.pyplot as plt
 import numpy as np
 
-from usvauv import Scenario, evaluate, policies
+from usvauv import Scenario, policies
 from usvauv.cli.evaluation.comparison import interval
+from usvauv.env import evaluate
 from usvauv.env.record.metrics import values_of
 
 # %%

@@ -9,7 +9,6 @@ import matplotlib.pyplot as plt
 from torch import Tensor
 
 from usvauv import Scenario, World, evaluate, policies
-from usvauv.extend import mean_figures
 
 # %%
 # A policy is made for a world and gets observations (W, K, O), for W worlds of K AUVs. Actions are velocities through
@@ -36,14 +35,12 @@ def steady(speed: float):
 scenario = Scenario.load("extreme", ["mission.duration=400"])
 speeds = (1.2, 1.5, 1.8, 2.1)
 compared = {f"{speed} m/s": steady(speed) for speed in speeds} | policies.named("clear")
-rows = evaluate(scenario, compared, episodes=16, seed=3)
-figures = {name: mean_figures([row for row in rows if row.policy == name]) for name in compared}
+table = evaluate(scenario, compared, episodes=16, seed=3)
 
 figure, axes = plt.subplots(figsize=(6.5, 4), layout="constrained")
-for name, values in figures.items():
-    axes.plot(values["ec"], values["delivered_mbit"], "o", ms=8, label=name)
+for name in compared:
+    axes.plot(table.loc[("ec", name), "mean"], table.loc[("delivered_mbit", name), "mean"], "o", ms=8, label=name)
 axes.set(xlabel="power, W", ylabel="data brought in, Mbit")
 axes.legend(frameon=False)
 plt.show()
-for name, values in figures.items():
-    print(f"{name}: {values['delivered_mbit']:.1f} Mbit at {values['ec']:.0f} W, {values['collisions']:.1f} collisions")
+table.loc[["delivered_mbit", "ec", "collisions"]].round(2)

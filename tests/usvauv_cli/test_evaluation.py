@@ -3,11 +3,14 @@
 import csv
 import math
 import tracemalloc
+from itertools import product
 
 import numpy as np
 import pytest
+import torch
 from scipy import stats
 
+import usvauv
 from usvauv import policies
 from usvauv.cli import report
 from usvauv.cli.evaluation.comparison import (
@@ -27,6 +30,7 @@ from usvauv.env.record.metrics import FIGURES
 from usvauv.env.record.recorder import EACH
 from usvauv.env.storage import memory
 from usvauv.env.storage.tables import Combination
+from usvauv.kernels.errors import UserError
 
 ONE, TWO, THREE = (Combination(name, "fim", "tour") for name in ("one", "two", "three"))
 EVAL = ("eval", "ideal", "--policy", "straight", "--policy", "random", "--set", "mission.duration=2", "--seed", 3)
@@ -305,6 +309,33 @@ def test_batches_are_halved_until_they_fit_into_memory(run_usvauv, tmp_path, mon
     code, _, error = run_usvauv(*few, "--out", "b.csv")
     assert (code, error) == (0, "batches of 2 episodes, which is what fits into memory\n")
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+def test_from_python_a_table_has_means_and_paired_differences_with_their_intervals():
+    scenario = Scenario.load("extreme", ["mission.duration=20"])
+    made = {
+        "east": lambda world: lambda observation: torch.ones_like(observation[..., :2]),
+        **policies.named("straight"),
+    }
+    table = usvauv.evaluate(scenario, made, usv=["centroid", "fim"], episodes=5, seed=4)
+    assert table.index.names == ["figure", "policy", "usv", "targets"]
+    assert [which[1::-1] for which in table.loc["ec"].index] == [*product(("centroid", "fim"), made)]
+    by_boat = {usv: evaluate(scenario, made, episodes=5, seed=4, usv=usv) for usv in ("centroid", "fim")}
+    for figure in ("ec", "position_error_rms"):
+        first = np.array([getattr(row, figure) for row in by_boat["centroid"] if row.policy == "east"])
+        for (policy, usv, _), row in table.loc[figure].iterrows():
+            values = np.array([getattr(each, figure) for each in by_boat[usv] if each.policy == policy])
+            low, high = stats.t.interval(0.95, 4, values.mean(), stats.sem(values))
+            assert (row["mean"], row["half"]) == pytest.approx((values.mean(), (high - low) / 2), rel=1e-6)
+            if (policy, usv) == ("east", "centroid"):
+                assert row[["difference", "difference_half"]].isna().all()
+                continue
+            paired = stats.ttest_rel(values, first).confidence_interval(0.95)
+            expected = (paired.low + paired.high) / 2, (paired.high - paired.low) / 2
+            assert (row["difference"], row["difference_half"]) == pytest.approx(expected, rel=1e-6, abs=1e-12)
+    for unknown in ({"policies": "none"}, {"usv": "none"}, {"targets": ["none"]}, {"episodes": 0}):
+        with pytest.raises(UserError, match=r"none|at least 1"):
+            usvauv.evaluate(scenario, **unknown)
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -101,13 +100,12 @@ def evaluate(
     from usvauv.cli import console, report
     from usvauv.cli.evaluation import run
     from usvauv.cli.evaluation.comparison import Comparison
-    from usvauv.cli.evaluation.run import definition, first_difference
-    from usvauv.cli.web_report.episodes import Recordings, collects_data, front_episodes
+    from usvauv.cli.evaluation.run import combinations, definition, first_difference
+    from usvauv.cli.web_report.episodes import Recordings, front_episodes
     from usvauv.env import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
     from usvauv.env.record.metrics import COLUMNS, FIGURES, task_metrics
-    from usvauv.env.storage.tables import Combination, GrowingTable
-    from usvauv.env.world.boat_strategies import StrategyChoice
+    from usvauv.env.storage.tables import GrowingTable
 
     at_least("--episodes", episodes, 1)
     if until is not None:
@@ -118,12 +116,7 @@ def evaluate(
     for name in names:
         policies.check(name, setting)
         warn_team_size(name, setting)
-    strategies = [StrategyChoice.parse(name, setting).name for name in usv or [None]]
-    settings = [setting.with_targets(rule) for rule in targets or [None]]
-    scenarios = {
-        Combination(name, strategy, chosen.nodes.target_rule if collects_data(chosen) else ""): chosen
-        for strategy, chosen, name in product(strategies, settings, names)
-    }
+    scenarios = combinations(setting, names, usv or [None], targets or [None])
     figures = (*FIGURES, *(name for name, metric in task_metrics.items() if metric.task == setting.task))
     if score not in figures:
         raise UserError(f"--score {score!r}: {choices(score, figures)}")
@@ -145,7 +138,8 @@ def evaluate(
         decides = definition(setting, scenarios, seed, arch)
         about = table.about
         if about is None:
-            size = min(batch_size(chosen, episodes, strategy, arch) for strategy in strategies for chosen in settings)
+            kinds = {which[1:]: chosen for which, chosen in scenarios.items()}
+            size = min(batch_size(chosen, episodes, strategy, arch) for (strategy, _), chosen in kinds.items())
             if size < min(WORLDS_PER_BATCH, episodes):
                 typer.echo(f"batches of {size} episodes, which is what fits into memory", err=True)
             about = {"definition": decides, "batch": size}

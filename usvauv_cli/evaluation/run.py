@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,28 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage import text_files
 from usvauv.env.storage.tables import Combination, GrowingTable
+from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
 from usvauv.policies.loading import source
 from usvauv.policies.policy import PolicyError
+
+
+def combinations(
+    scenario: Scenario, policies: Sequence[str], usv: Sequence[str | None], targets: Sequence[str | None]
+) -> dict[Combination, Scenario]:
+    """Each policy with each boat strategy and target rule, and the scenario with that rule; None: the scenario's.
+
+    Raises:
+        ScenarioError: an unknown strategy or rule.
+    """
+    strategies = [StrategyChoice.parse(name, scenario).name for name in usv]
+    settings = [scenario.with_targets(rule) for rule in targets]
+    to_nodes = scenario.task_definition.targets == "nodes"
+    return {
+        Combination(name, strategy, chosen.nodes.target_rule if to_nodes else ""): chosen
+        for strategy, chosen, name in product(strategies, settings, policies)
+    }
 
 
 def definition(scenario: Scenario, combinations: Iterable[Combination], seed: int, arch: str) -> dict[str, Any]:
