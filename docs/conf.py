@@ -13,6 +13,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 from tests.import_graph import sources  # noqa: E402
 
 project = "usvauv"
+copyright = "2026 the usvauv authors, MIT licence"  # in the footer of each page
 extensions = [
     "myst_parser",  # Markdown
     "autoapi.extension",  # docstrings from the source, which is not imported: kernels are shown as they are written
