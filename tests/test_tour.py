@@ -1,6 +1,7 @@
 """The tours run: README's first, as one script in an empty folder, and after it the quick lines of docs/tour.md."""
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -37,15 +38,6 @@ def short(line: str) -> str:
     return f"{command.rstrip()} {added}".rstrip() if added else line
 
 
-def run(folder: Path, commands: list[str]) -> None:
-    """As one shell script, which ends at the first line that fails."""
-    assert commands
-    start = f'set -eux\nusvauv() {{ "{sys.executable}" -m usvauv.cli "$@"; }}\n'
-    script = start + "\n".join(map(short, commands))
-    done = subprocess.run(["sh", "-c", script], cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr + done.stdout
-
-
 def made(commands: list[str]) -> list[str]:
     """The files and folders that lines say they write."""
     return re.findall(r"(?:--(?:out|trace|report)| >) (\S+)", "\n".join(commands))
@@ -53,9 +45,12 @@ def made(commands: list[str]) -> list[str]:
 
 @pytest.fixture(scope="module")
 def toured(tmp_path_factory) -> Path:
-    """The folder in which the first tour has been made."""
+    """The folder in which the first tour was made: as one shell script, which ends at the first line that fails."""
     folder = tmp_path_factory.mktemp("tour")
-    run(folder, lines(README, "A first tour"))
+    start = f'set -eux\nusvauv() {{ "{sys.executable}" -m usvauv.cli "$@"; }}\n'
+    script = start + "\n".join(map(short, lines(README, "A first tour")))
+    done = subprocess.run(["sh", "-c", script], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr + done.stdout
     return folder
 
 
@@ -65,7 +60,11 @@ def test_the_first_tour_runs(toured):
     assert [name for name in names if not (toured / name).exists()] == []
 
 
-def test_the_quick_lines_of_the_tour_run_after_it(toured):
+def test_the_quick_lines_of_the_tour_run_after_it(toured, run_usvauv, monkeypatch):
+    """In this process, which has imported everything already."""
+    monkeypatch.chdir(toured)
     commands = lines(TOUR, "A closer look", "Without a mission")
-    run(toured, commands)
+    for line in commands:
+        code, _, error = run_usvauv(*shlex.split(short(line), comments=True)[1:])
+        assert code == 0, f"{line}: {error}"
     assert [name for name in made(commands) if not (toured / name).exists()] == []
