@@ -1,29 +1,33 @@
 """USV-AUV collaboration under extreme seas: the names that most programs need.
 
 `Scenario` says what to simulate and `World` simulates a batch of it; `record` runs one mission into a `Trace`,
-`evaluate` compares policies, boat strategies and target rules in a table, `write_video` draws. They are imported when
-they are first used, so that `import usvauv` takes no time. `usvauv.extend` is the one import of a plugin. `usvauv.env`,
-`usvauv.policies` and `usvauv.kernels` have the rest, `usvauv.cli` is the command.
+`evaluate` compares policies, boat strategies and target rules in a table, `play` shows traces in a notebook and
+`write_video` as a film. They are imported when they are first used, so that `import usvauv` takes no time.
+`usvauv.extend` is the one import of a plugin. `usvauv.env`, `usvauv.policies` and `usvauv.kernels` have the rest,
+`usvauv.cli` is the command.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from usvauv.cli.evaluation.table import evaluate
+    from usvauv.cli.web_report.cell import play
     from usvauv.env.record.recorder import record
     from usvauv.env.record.trace import Trace
     from usvauv.env.render.video import write_video
     from usvauv.env.scenario import Scenario
     from usvauv.env.world.world import World
 
-__all__ = ["Scenario", "Trace", "World", "evaluate", "record", "write_video"]
+__all__ = ["Scenario", "Trace", "World", "evaluate", "play", "record", "write_video"]
 
 _MODULES = {
     "Scenario": "usvauv.env.scenario",
     "Trace": "usvauv.env.record.trace",
     "World": "usvauv.env.world.world",
     "evaluate": "usvauv.cli.evaluation.table",
+    "play": "usvauv.cli.web_report.cell",
     "record": "usvauv.env.record.recorder",
     "write_video": "usvauv.env.render.video",
 }
@@ -33,3 +37,14 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module 'usvauv' has no attribute {name!r}")
     return getattr(import_module(_MODULES[name]), name)
+
+
+def _show_traces_in_notebooks() -> None:
+    """A trace at the end of a cell is played; the class is known by name, because nothing is imported here."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is not None:
+        html = shell.display_formatter.formatters["text/html"]
+        html.for_type_by_name(_MODULES["Trace"], "Trace", lambda trace: __getattr__("play")(trace)._repr_html_())
+
+
+_show_traces_in_notebooks()

@@ -14,7 +14,7 @@ from pyproj import CRS, Transformer
 from scipy import stats
 
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
-from usvauv import policies
+from usvauv import play, policies
 from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.tables import column_tables
 from usvauv.cli.web_report import figure_style, figures, page
@@ -35,6 +35,7 @@ from usvauv.env.scenario.task import MAX_NODES
 from usvauv.env.site.place import grid_mapping
 from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import Combination
+from usvauv.kernels.errors import UserError
 from usvauv.kernels.planning.information import MAX_AUVS
 
 LARGEST = 3_000_000  # bytes of a page
@@ -318,6 +319,34 @@ def test_in_a_browser(made, tmp_path, width):
     assert answer["words"] == ["Play", "Pause", "Play"]
     assert answer["played"] > 0
     assert re.fullmatch(r"0:30 min · [\d.]+ Wh · [\d.]+ Mbit · estimates off by [\d.]+, [\d.]+ m", answer["said"])
+
+
+def in_cell(*traces) -> str:
+    """The page in the cell of a notebook."""
+    ((tag, attributes),) = Elements(play(*traces)._repr_html_()).found
+    assert tag == "iframe"
+    return attributes["srcdoc"]
+
+
+def test_a_cell_of_a_notebook_has_the_player_and_needs_nothing_else(made):
+    text = in_cell(*made.traces)
+    assert not [name for _, given in Elements(text).found for name in given if name in ("src", "href")]
+    assert "default-src 'none'" in html.unescape(text)
+    shown, expected = embedded(text), embedded(made.text)
+    assert [each["name"] for each in shown["episodes"]] == ["fim", "hold:0,0"]
+    assert shown == expected, "so short an episode is kept whole in both"
+    with pytest.raises(UserError, match="0 areas"):
+        play()
+    elsewhere = Scenario.load("extreme", ["area.width=300"])
+    with pytest.raises(UserError, match="2 areas"):
+        play(made.traces[0], replace(made.traces[0], scenario=elsewhere))
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_a_cell_of_a_notebook_plays(made, tmp_path):
+    answer = in_browser(in_cell(*made.traces), tmp_path, 640, TRY)
+    assert answer["different"] == 6
+    assert answer["played"] > 0
 
 
 class TestPlaceOnEarth:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import platform
 from collections.abc import Mapping
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from usvauv.cli.web_report import figure_style
@@ -54,16 +55,10 @@ def write(folder: Path, template: str, title: str, file: Mapping[str, str], arch
     Raises:
         OutputError: the page cannot be written.
     """
-    environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        loader=FunctionLoader(text),
-    )
-    html = environment.get_template(template).render(
+    html = filled(
+        template,
         policy=NOTHING_EXTERNAL,
-        style=Markup(_variables() + text("web_report/style.css")),
+        style=style(),
         title=title,
         made=_made(arch),
         file=file,
@@ -73,6 +68,37 @@ def write(folder: Path, template: str, title: str, file: Mapping[str, str], arch
     with atomic_write(page) as partial:
         partial.write_text(html, encoding="utf-8", errors="backslashreplace")
     return page
+
+
+def filled(template: str, **fields: Any) -> str:
+    """A template of this package, filled in."""
+    return _template(template).render(fields)
+
+
+def block(template: str, name: str, **fields: Any) -> Markup:
+    """One block of a template of this package, filled in."""
+    found = _template(template)
+    return Markup("".join(found.blocks[name](found.new_context(fields))))
+
+
+def _template(name: str) -> Template:
+    return Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=FunctionLoader(text),
+    ).get_template(name)
+
+
+def style() -> Markup:
+    """The style of all pages."""
+    return Markup(_variables() + text("web_report/style.css"))
+
+
+def json_for_script(data: Any) -> Markup:
+    """JSON that does not end the script element it stands in."""
+    return Markup(json.dumps(data, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c"))
 
 
 def text(name: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -65,15 +64,10 @@ def write(folder: Path, scenario: Scenario, seed: int, comparison: Comparison, r
         reference=" · ".join(filter(None, comparison.reference)),
         tables=_tables(comparison, scenario),
         pictures=_pictures(comparison, scenario, recordings, folder),
-        player=Markup(_json(_player(scenario, recordings))),
+        player=document.json_for_script(_player(scenario, recordings)),
         shown=next(iter(recordings.values())).episode,
         omitted=len(several) - len(recordings),
     )
-
-
-def _json(data: Any) -> str:
-    """JSON that does not end the script element it stands in."""
-    return json.dumps(data, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
 
 
 def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:

@@ -78,7 +78,7 @@ class TraceError(UserError, ValueError):
     """A trace file cannot be read."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trace:
     """One recorded run of W paired episodes.
 
@@ -181,6 +181,16 @@ class Trace:
             "short waves of that sea: a, m, kx and ky, rad m-1, ω, rad s-1, φ: Σ a cos(kx x + ky y − ω t + φ)",
         )
     )
+
+    def __repr__(self) -> str:
+        """Number of missions and steps, seed, who acted, and the scenario."""
+        steps, worlds = self.collisions.shape
+        lines = [
+            f"Trace of {worlds} mission{'s' * (worlds > 1)} of {steps} steps, seed {self.seed}",
+            f"policy {self.policy}, boat {self.usv}",
+            *repr(self.scenario).splitlines(),
+        ]
+        return "\n  ".join(lines)
 
     def save(self, path: str | Path) -> None:
         """Write NetCDF-4; the file appears only when it is complete.
