@@ -16,7 +16,7 @@ from usvauv.policies.config import TrainingConfig
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.loading import about, acting, available, check, default, load, load_learned, named, trained
 from usvauv.policies.policy import Policy, PolicyError
-from usvauv.policies.training import Seeds, Trainer, TrainingWorld, figures_of_merit
+from usvauv.policies.training import Seeds, Trainer, TrainingWorld, evaluated, figures_of_merit
 
 __all__ = [
     "LearnedPolicy",
@@ -31,6 +31,7 @@ __all__ = [
     "available",
     "check",
     "default",
+    "evaluated",
     "figures_of_merit",
     "load",
     "load_learned",

@@ -34,10 +34,12 @@ class Frame:
     Attributes:
         any_team: whether the number of features is the same for any number of AUVs.
         features: F, number of features of one AUV.
+        start: name of the policy that the network's action 0 stands for, near which it begins; empty without one.
     """
 
     any_team: ClassVar[bool] = False
     features: int
+    start: str = ""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
@@ -92,6 +94,7 @@ class TargetFrame(Frame):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.features = 9 + sum(place.stop - place.start for name, place in self.layout if name not in RELATIVE)
+        self.start = f"straight:{(scenario.auv.speed_min + scenario.auv.speed_max) / 2:g}"
         self.reach = max(2.0 * scenario.auv.safe_distance, 1.0) / scenario.area.diagonal
 
     def encode(self, observation: Tensor) -> Tensor:
@@ -147,6 +150,7 @@ class GuidedFrame(TargetFrame):
         self.speed_to_fly = SpeedToFly(scenario)
         self._side = torch.tensor([scenario.area.width, scenario.area.length])
         self.price = PRICE if "current" in self.layout else self.speed_to_fly.free_price()
+        self.start = f"clear:{self.price:.3g}"
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         others = self.term(observation, "others").unflatten(-1, (self.layout.num_auvs - 1, 2))

@@ -13,6 +13,8 @@ from rich.live import Live
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from usvauv.cli.words import duration
+
 SHOW_AFTER = 2.0  # seconds of work; shorter work shows nothing
 LINE_EVERY = 10.0  # seconds between lines where the output is not a terminal
 
@@ -61,7 +63,7 @@ def progress(description: str, total: int) -> Iterator[Advance]:
         elif now - shown >= LINE_EVERY and first < done < total:
             shown = now
             left = (now - started) * (total - done) / (done - first)
-            print(f"{description}: {done / total:.0%}, {left:.0f} s left", file=sys.stderr, flush=True)
+            print(f"{description}: {done / total:.0%}, {duration(left, rough=True)} left", file=sys.stderr, flush=True)
             if new:
                 print(*said, sep="\n", file=sys.stderr, flush=True)
                 new = False

@@ -15,8 +15,9 @@ from rich.table import Table
 
 from usvauv.cli import tables
 from usvauv.cli.console import LINE_EVERY
-from usvauv.cli.evaluation.comparison import Comparison, labels, words
+from usvauv.cli.evaluation.comparison import Comparison, Estimate, interval, labels, words
 from usvauv.cli.tables import Column, column_tables
+from usvauv.cli.words import counted, duration
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
@@ -37,12 +38,12 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
     first, count = comparison.combinations[0], comparison.episodes
     nodes = scenario.task_definition.targets == "nodes"
     parts = column_tables(nodes, comparison.of_task)
-    episodes = "1 episode" if count == 1 else f"{count} episodes"
-    about = f"{scenario.name}, seed {seed}, {episodes}"
+    about = f"{scenario.name}, seed {seed}, {counted(count, 'episode')}"
     several = comparison.combinations
     varied = ["policy", *(name for name in ("usv", "targets") if len({getattr(which, name) for which in several}) > 1)]
     about += "".join(f", {name} {getattr(first, name)}" for name in ("usv", "targets") if name not in varied)
-    print(tables.wrapped(f"{about.removesuffix(', targets ')}: mean ± standard deviation"))
+    shown_as = ": mean ± standard deviation" if count > 1 else ""
+    print(tables.wrapped(f"{about.removesuffix(', targets ')}{shown_as}"))
     if not wide:
         middle = BY_TASK.get(scenario.task, comparison.of_task)
         everything = {column.name: column for part in parts.values() for column in part}
@@ -54,7 +55,8 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
     if said := dependence(comparison, "arps"):
         print("\n" + tables.wrapped(said))
     if not wide:
-        print("\nrms: of the positions' error; fixes: share of seconds with one. More: --wide")
+        print("\nrms: error of the AUVs' estimated positions; fixes: share of steps with one")
+        print("all figures: --wide")
 
 
 def _table(comparison: Comparison, varied: Sequence[str], shown: Sequence[Column], limit: int) -> None:
@@ -63,8 +65,9 @@ def _table(comparison: Comparison, varied: Sequence[str], shown: Sequence[Column
     for which in comparison.combinations:
         spreads = []
         for name, _, digits, *_ in shown:
-            mean, deviation = comparison.score(which, name).mean, comparison.deviation(which, name)
-            spreads.append("–" if math.isnan(mean) else f"{mean:.{digits}f} ± {deviation:.{digits}f}")
+            (mean, _, n), deviation = comparison.score(which, name), comparison.deviation(which, name)
+            spread = f" ± {deviation:.{digits}f}" if n > 1 else ""
+            spreads.append("–" if math.isnan(mean) else f"{mean:.{digits}f}{spread}")
         cells.append([*(getattr(which, name) for name in varied), *spreads])
     long = [] if limit else [name for row in cells for name in row[: len(varied)]]
     short = tables.shortened(long, LONGEST_NAME[len(varied)])
@@ -80,7 +83,7 @@ def intervals(comparison: Comparison, name: str) -> list[str]:
     """A figure of each combination so far, and its difference to the reference, with 95 % intervals, as lines."""
     names = labels(comparison.combinations)
     short = tables.shortened(names, LONGEST_NAME[1])
-    lines = [f"{name} of {comparison.episodes} episodes, with 95 % intervals:"]
+    lines = [f"{name}, mean of {counted(comparison.episodes, 'episode')} with 95 % interval:"]
     for which, label in zip(comparison.combinations, names, strict=True):
         line = f"  {short[label]}: {words(comparison.score(which, name))}"
         if which != comparison.reference:
@@ -95,41 +98,44 @@ def dependence(comparison: Comparison, name: str) -> str:
     """What it means for a figure that episodes share seas; empty where they do not."""
     effective = comparison.effective(name)
     if comparison.seas == 1 < comparison.episodes:
-        return f"{comparison.episodes} episodes share one sea: without intervals, for nothing is known of other seas"
+        return f"no intervals: all {comparison.episodes} episodes are on one sea, which says nothing of other seas"
     if not 0 < comparison.seas < comparison.episodes or effective > 0.95 * comparison.episodes:
         return ""
-    shared = f"{comparison.episodes} episodes on {comparison.seas} seas"
-    return f"{shared} tell as much of {name} as {effective:.0f} episodes on seas of their own"
+    shared = f"{comparison.episodes} episodes take turns on {counted(comparison.seas, 'sea')}"
+    return f"{shared}: the mean of {name} is as certain as from {effective:.0f} episodes with a sea each"
 
 
 def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
-    """Print the metrics of one mission as sentences."""
-    minutes, seconds = divmod(round(float(trace.time[-1])), 60)
-    if trace.scenario.task == "station-keeping":
-        done = f"  {row.target_distance:.2f} m off station in the mean for {row.energy_wh:.1f} Wh (EC {row.ec:.1f} W)"
-    else:
-        done = (
-            f"  {row.services} services brought {row.delivered_mbit:.1f} Mbit (SDR {row.sdr:.2f} Mbit/s)"
-            f" for {row.energy_wh:.1f} Wh (EC {row.ec:.1f} W)"
-        )
+    """Print the metrics of one mission in sentences."""
+    scenario, found = trace.scenario, row.of_task
     heave = trace.boat_surface[:, 0, :, 0]
-    boats = "boat" if heave.shape[1] == 1 else "boats"
+    boats = "boats" if heave.shape[1] > 1 else "boat"
     lines = [
-        f"{row.scenario}, policy {row.policy}, boat {row.usv}, seed {row.seed}: {minutes} min {seconds} s of mission",
-        f"{done}; ARPS {row.arps:.2f}",
-        f"  positions are {row.position_error_median:.2f} m off in the median, {row.position_error_rms:.2f} m rms,"
-        f" {row.position_error_p95:.2f} m at 95 %; the {boats} heaved from {heave.min():+.2f} to {heave.max():+.2f} m",
-        f"  {row.collisions} steps too close, {row.border} moves refused at the border,"
-        f" {row.overflow} node-steps of overflow",
-        f"  usable fixes in {row.fix_availability:.1%} of the steps, at most {row.outage_longest:.0f} s without one",
+        f"{row.scenario}, seed {row.seed}, policy {row.policy}, {boats} {row.usv}:"
+        f" {duration(float(trace.time[-1]))} of mission",
+        f"energy: {row.energy_wh:.1f} Wh; mean power of an AUV under way (EC) {row.ec:.0f} W",
+        f"position error: {row.position_error_rms:.2f} m rms, median {row.position_error_median:.2f} m,"
+        f" 95th percentile {row.position_error_p95:.2f} m",
+        f"fixes: usable in {100 * row.fix_availability:.1f} % of the time, longest gap {duration(row.outage_longest)}",
+        f"safety: {counted(row.collisions, 'step')} with two AUVs closer than {scenario.auv.collision_distance:g} m,"
+        f" {counted(row.border, 'move')} stopped at the border",
+        f"sea: the {boats} heaved from {heave.min():+.2f} to {heave.max():+.2f} m".replace("-", "−"),
+        f"score: average reward per step (ARPS) {row.arps:.2f}",
     ]
-    if trace.scenario.task == "data-collection":
-        of_task = row.of_task
-        lines.append(
-            f"  data {of_task['aoi_mean']:.0f} s old in the mean, {of_task['aoi_peak']:.0f} s before a service;"
-            f" {of_task['lost_mbit']:.1f} Mbit lost, {of_task['joule_per_mbit']:.0f} J/Mbit"
-        )
-    print("\n".join(tables.wrapped(line, 4) for line in lines))
+    if scenario.task == "station-keeping":
+        lines.insert(1, f"stations: AUVs are off theirs by {row.target_distance:.2f} m on average")
+    if scenario.task == "data-collection":
+        before, cost = found["aoi_peak"], found["joule_per_mbit"]
+        lines[1:2] = [
+            f"data: {row.delivered_mbit:.1f} Mbit from {counted(row.services, 'service')} of nodes,"
+            f" {found['lost_mbit']:.1f} Mbit lost to full buffers"
+            f"{'' if math.isnan(cost) else f'; {cost:.0f} J/Mbit'}",
+            f"age of the data: {found['aoi_mean']:.0f} s on average"
+            f"{'' if math.isnan(before) else f', {before:.0f} s just before a service'}",
+            lines[1],
+        ]
+        lines[-1] += f", sum of data rates (SDR) {row.sdr:.2f} Mbit/s"
+    print("\n".join(tables.wrapped(line if line is lines[0] else f"  {line}", 4) for line in lines))
 
 
 def mean_of(several: Sequence[Mapping]) -> dict:
@@ -145,9 +151,14 @@ def mean_of(several: Sequence[Mapping]) -> dict:
 
 
 def of_seeds(figures: Sequence[dict]) -> dict:
-    """Figures of several runs as those of one: means, and as text the evaluations' score with its deviation."""
-    scores = [own["evaluation"]["arps"] for own in figures]
-    return mean_of(figures) | {"score": mean_and_spread(scores, 2)}
+    """Figures of several runs as those of one: means, the margin's interval over the runs, and as text the evaluations'
+    score with its deviation."""
+    evaluations = [own["evaluation"] for own in figures]
+    means = mean_of(figures) | {"score": mean_and_spread([own["arps"] for own in evaluations], 2)}
+    if all("margin" in own for own in evaluations):
+        margin = interval([own["margin"] for own in evaluations])
+        means["evaluation"] |= {"margin": margin.mean, "margin_half": margin.half}
+    return means
 
 
 def mean_and_spread(values: Sequence[float], digits: int) -> str:
@@ -162,14 +173,14 @@ def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable
     console = Console(markup=False, emoji=False)
     title = f"{algorithm} in {scenario}"
     if not console.is_terminal:
-        print(tables.wrapped(f"training {title}; evaluation beside {baseline['policy']}, arps {baseline['arps']:.2f}"))
-        yield _print_lines()
+        print(tables.wrapped(f"training {title}: {beginning(baseline)}", 2))
+        yield _print_lines(baseline["policy"])
         return
     with Live(console=console, refresh_per_second=4) as live:
         yield lambda figures: live.update(training_table(figures, baseline, title))
 
 
-def _print_lines() -> Callable[[dict], None]:
+def _print_lines(baseline: str) -> Callable[[dict], None]:
     """Function that prints figures as one line, at most every `LINE_EVERY` seconds and at the end."""
     printed = -LINE_EVERY
 
@@ -179,12 +190,32 @@ def _print_lines() -> Callable[[dict], None]:
             return
         printed = figures["seconds"]
         print(
-            f"{_share(figures)}: arps {figures['arps']:.2f}, ec {figures['ec']:.1f};"
-            f" evaluation at {figures['evaluated_at']}: arps {_score(figures)}",
+            f"{_share(figures)}: ARPS {figures['arps']:.2f} in training;"
+            f" at {figures['evaluated_at']:,} {evaluation(figures, baseline)}",
             flush=True,
         )
 
     return show
+
+
+def beginning(baseline: dict) -> str:
+    """Where a training run begins, and what its margin is."""
+    start = baseline["start"]
+    begins = f"an untrained network steers much like {start}; " if start else ""
+    return f"{begins}the margin is that over {baseline['policy']} (ARPS {baseline['arps']:.2f}) in the same episodes"
+
+
+def evaluation(figures: dict, baseline: str) -> str:
+    """Score of an evaluation, and its margin over the baseline with the 95 % interval."""
+    return f"ARPS {_score(figures)} in evaluation{_margin(figures, f', margin over {baseline} ')}"
+
+
+def _margin(figures: dict, before: str) -> str:
+    """The margin over the baseline after some words; empty in a run of an earlier version."""
+    found = figures["evaluation"]
+    if "margin" not in found:
+        return ""
+    return f"{before}{words(Estimate(found['margin'], found.get('margin_half', math.nan), 1), sign=True)}"
 
 
 def _score(figures: dict) -> str:
@@ -194,8 +225,8 @@ def _score(figures: dict) -> str:
 
 def _share(figures: dict) -> str:
     """How much of a run is done, and the time left."""
-    hours, seconds = divmod(round(figures["eta"]), 3600)
-    return f"{figures['steps'] / figures['total']:.0%}, {hours}:{seconds // 60:02d}:{seconds % 60:02d} left"
+    left = f", {duration(figures['eta'], rough=True)} left" if figures["steps"] < figures["total"] else ""
+    return f"{figures['steps'] / figures['total']:.0%}{left}"
 
 
 TRAINED = {
@@ -236,4 +267,7 @@ def training_table(figures: dict, baseline: dict, title: str) -> RenderableType:
         for first in range(0, len(pairs), PAIRS):
             terms.add_row("" if first else group, *chain.from_iterable(pairs[first : first + PAIRS]))
     (named,) = tables.shortened([title], 40).values()
-    return Group(f"training {named}: {_share(figures)}", f"{steps}, {figures['updates']:,} updates", table, "", terms)
+    margin = _margin(figures, f"margin over {brief} in ARPS: ")
+    about = "; ".join(filter(None, (margin, baseline["start"] and f"began near {baseline['start']}")))
+    done = f"{steps}, {counted(figures['updates'], 'update')}"
+    return Group(f"training {named}: {_share(figures)}", done, table, about, terms)

@@ -4,8 +4,8 @@ From outside: the names below; `Replay`, `CorrelatedNoise` and `Meter` from thei
 """
 
 from usvauv.policies.training.exploration import TrainingWorld
-from usvauv.policies.training.figures import figures_of_merit
+from usvauv.policies.training.figures import evaluated, figures_of_merit
 from usvauv.policies.training.seeds import Seeds
 from usvauv.policies.training.trainer import Trainer
 
-__all__ = ["Seeds", "Trainer", "TrainingWorld", "figures_of_merit"]
+__all__ = ["Seeds", "Trainer", "TrainingWorld", "evaluated", "figures_of_merit"]

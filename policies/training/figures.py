@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from usvauv.env.record.metrics import episode_metrics, mean_figures
+from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics, mean_figures
 from usvauv.env.record.recorder import record
 from usvauv.env.storage.files import writing
 from usvauv.env.world.world import World
@@ -81,7 +81,14 @@ EVALUATION_SEED_OFFSET = 1_000_003  # evaluation worlds are never those trained 
 def figures_of_merit(
     worlds: World, policy: str | Path | LearnedPolicy, on_step: Callable[[int], None] = lambda done: None
 ) -> dict[str, float]:
-    """Mean of every figure over the first episode of all `worlds`, the same episode in every call.
+    """Mean of every figure over the episodes of `evaluated`."""
+    return mean_figures(evaluated(worlds, policy, on_step))
+
+
+def evaluated(
+    worlds: World, policy: str | Path | LearnedPolicy, on_step: Callable[[int], None] = lambda done: None
+) -> list[EpisodeMetrics]:
+    """Figures of the first episode of each of `worlds`, the same episode in every call.
 
     Args:
         policy: a name as `load` takes it, or a learned policy for the worlds' scenario.
@@ -90,7 +97,7 @@ def figures_of_merit(
     learned = isinstance(policy, LearnedPolicy)
     act, name = (policy.act, policy.name) if learned else (acting(policy, worlds), str(policy))
     worlds.rewind()
-    return mean_figures(episode_metrics(record(worlds, act, name, on_step=on_step)))
+    return episode_metrics(record(worlds, act, name, on_step=on_step))
 
 
 AXES = ("steps", "total", "seconds", "eta", "evaluated_at")  # figures that are no curves of their own

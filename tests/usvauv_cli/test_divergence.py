@@ -56,7 +56,7 @@ def test_eval_keeps_the_episodes_that_are_complete(tmp_path, capsys, monkeypatch
     with kept.open() as stream:
         stream.readline()
         assert [row["policy"] for row in csv.DictReader(stream)] == ["straight"] * 2
-    assert said == f"stopped; 2 complete episodes are in {kept}, which --resume takes up\n"
+    assert said == f"stopped; 2 complete episodes kept in {kept}; --resume goes on from there\n"
     assert not out.exists()
     assert list(report.iterdir()) == []
 

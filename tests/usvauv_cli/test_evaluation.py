@@ -169,7 +169,7 @@ class TestComparison:
         comparison = Comparison([ONE], seas=1)
         comparison.add({ONE: rows(np.random.default_rng(8).normal(0, 1, LEAST_EPISODES))})
         assert (comparison.half("luck"), comparison.floor("luck")) == (math.inf, math.inf)
-        assert "share one sea" in report.dependence(comparison, "luck")
+        assert "are on one sea" in report.dependence(comparison, "luck")
 
     def test_the_seas_leave_a_floor(self):
         """Of two policies that the seas tell apart; of episodes on their own there is none."""
@@ -241,7 +241,7 @@ def test_resumed_it_is_bit_for_bit_what_it_would_have_been(tmp_path, run_usvauv,
         kept = {1: 4, 3: 12, 5: 18}[number // 2]
         assert (code, said) == (
             130,
-            f"stopped; {kept} complete episodes are in m.csv.partial, which --resume takes up\n",
+            f"stopped; {kept} complete episodes kept in m.csv.partial; --resume goes on from there\n",
         )
         assert not out.exists()
         done = stopping(None)
@@ -287,7 +287,7 @@ def test_it_ends_when_differences_are_known_well_enough(tmp_path, run_usvauv, st
     done = stopping(None)
     _, said, _ = run_usvauv(*asked, "--until-halfwidth", bound)
     assert len(done) == ends
-    assert f"energy_wh of {ends} episodes, with 95 % intervals:\n  straight: " in said
+    assert f"energy_wh, mean of {ends} episodes with 95 % interval:\n  straight: " in said
     assert "not reached" not in said
     data = (tmp_path / "m.csv").read_bytes()
     with (tmp_path / "m.csv").open() as stream:
@@ -307,7 +307,7 @@ def test_batches_are_halved_until_they_fit_into_memory(run_usvauv, tmp_path, mon
     a_third = 0.3 * memory.SHARE * memory.available()
     monkeypatch.setattr(evaluation, "trace_bytes", lambda world, steps: EACH * steps + a_third * world.num_worlds)
     code, _, error = run_usvauv(*few, "--out", "b.csv")
-    assert (code, error) == (0, "batches of 2 episodes, which is what fits into memory\n")
+    assert (code, error) == (0, "batches of 2 episodes: what fits into memory\n")
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 

@@ -84,14 +84,18 @@ def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
     learner = learner_figures(algorithm)
     reward = {f"a-term-of-a-plugin-{n}": -12345.678 * n for n in range(15)}
     worlds = {"arps": -12345.67, "sdr": 12.34, "ec": 187.21, "services": 123.4, "border": 3.0, "position_error": 12.3}
-    evaluation = dict.fromkeys(report.TRAINED, -12345.67)
+    evaluation = dict.fromkeys(report.TRAINED, -12345.67) | {"margin": -12.345, "margin_half": 0.123}
     figures = {
         **worlds, "steps": 123_456_789, "total": 200_000_000, "eta": 359_999.0, "steps_per_second": 123_456.0,
         "updates": 12_345_678, "evaluation": evaluation, "evaluated_at": 123_456_789, "reward": reward,
         "learner": learner,
     }  # fmt: skip
     console = Console(width=80, height=24, file=io.StringIO(), markup=False)
-    console.print(report.training_table(figures, evaluation | {"policy": LONG[0]}, f"{algorithm} in {'x' * 60}"))
+    console.print(
+        report.training_table(
+            figures, evaluation | {"policy": LONG[0], "start": "clear:80"}, f"{algorithm} in {'x' * 60}"
+        )
+    )
     text = console.file.getvalue()
     lines = text.splitlines()
     assert len(lines) <= 22
@@ -100,7 +104,12 @@ def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
     for name, value in (reward | learner).items():
         assert f"{value:.3g}" in text, name
     assert all(name in text for name in learner)
-    for whole in ("62%, 99:59:59 left", "123,456,789 of 200,000,000", "12,345,678 updates"):
+    for whole in (
+        "62%, 100 h left",
+        "123,456,789 of 200,000,000",
+        "12,345,678 updates",
+        "−12.35 ± 0.12; began near clear:80",
+    ):
         assert whole in text
 
 

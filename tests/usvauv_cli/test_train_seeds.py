@@ -5,13 +5,16 @@ import re
 import signal
 import sys
 
+import numpy as np
 import pytest
 
 from tests.policies.test_seeds import same_runs
 from usvauv import policies
 from usvauv.cli import app
+from usvauv.env import Scenario, World
 from usvauv.policies import TrainingConfig, checkpoint
 from usvauv.policies.training import seeds
+from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 
 BEGIN = ["train", "ideal", "--worlds", "4", "--set", "mission.duration=12"]
 SMALL = {"hidden": (8, 8), "batch": 16, "n_step": 2, "warmup": 24, "replay": 4000}
@@ -26,10 +29,13 @@ def quick(monkeypatch):
 def test_each_folder_is_a_run_of_its_own(tmp_path, run_usvauv, quick):
     code, shown, _ = run_usvauv(*BEGIN, "--steps", 80, "--seed", 3, "--seeds", 2, "--out", "many")
     assert code == 0
-    assert "training sac in ideal, seeds 3, 4; evaluation beside clear" in shown
-    lines = shown.splitlines()
-    assert re.match(r"100%, 0:00:00 left: arps .* evaluation at 80: arps -?[\d.]+ ± [\d.]+$", lines[-2])
-    assert re.match(r"best arps -?[\d.]+ ± [\d.]+.* \(clear -?[\d.]+\) in many/seed-\*/best\.safetensors$", lines[-1])
+    shown = " ".join(shown.split())
+    assert "training sac in ideal, seeds 3, 4: an untrained network steers much like clear:80;" in shown
+    score, margin = r"ARPS -?[\d.]+ ± [\d.]+ in evaluation", r"margin over clear [+−][\d.]+ ± [\d.]+"
+    assert re.search(rf"100%: ARPS \S+ in training; at 80 {score}, {margin} best", shown)
+    assert re.search(
+        rf"best policy\S*( the untrained one:)? {score}, {margin}, in many/seed-\*/best\.safetensors", shown
+    )
     for seed in (3, 4):
         assert sorted(path.name for path in (tmp_path / f"many/seed-{seed}").iterdir()) == [
             "best.safetensors",
@@ -97,3 +103,17 @@ def test_what_is_wrong_is_one_line(tmp_path, monkeypatch, capsys, options, said)
     assert error.startswith("error: ")
     assert said in error
     assert error.count("\n") == 1
+
+
+def test_the_margin_is_that_of_paired_episodes(tmp_path, run_usvauv, quick):
+    """With half of its interval by Student's t from the table, found anew from the best policy that was kept."""
+    code, shown, _ = run_usvauv(*BEGIN, "--steps", 80, "--out", "one")
+    assert code == 0
+    found = re.findall(r"margin over clear ([+−][\d.]+) ± ([\d.]+)", shown)[-1]
+    mean, half = (float(text.replace("−", "-")) for text in found)
+    worlds = World(Scenario.load("ideal", ["mission.duration=12"]), EVALUATION_EPISODES, EVALUATION_SEED_OFFSET)
+    scores = [np.array([row.arps for row in policies.evaluated(worlds, name)]) for name in (tmp_path / "one", "clear")]
+    margins = scores[0] - scores[1]
+    assert len(margins) == 32
+    assert mean == pytest.approx(margins.mean(), abs=0.01)
+    assert half == pytest.approx(2.0395 * margins.std(ddof=1) / np.sqrt(32), abs=0.01)  # t of 31 degrees of freedom

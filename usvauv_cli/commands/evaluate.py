@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -102,6 +103,7 @@ def evaluate(
     from usvauv.cli.evaluation.comparison import Comparison
     from usvauv.cli.evaluation.run import combinations, definition, first_difference
     from usvauv.cli.web_report.episodes import Recordings, front_episodes
+    from usvauv.cli.words import counted
     from usvauv.env import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
     from usvauv.env.record.metrics import COLUMNS, FIGURES, task_metrics
@@ -141,7 +143,7 @@ def evaluate(
             kinds = {which[1:]: chosen for which, chosen in scenarios.items()}
             size = min(batch_size(chosen, episodes, strategy, arch) for (strategy, _), chosen in kinds.items())
             if size < min(WORLDS_PER_BATCH, episodes):
-                typer.echo(f"batches of {size} episodes, which is what fits into memory", err=True)
+                typer.echo(f"batches of {counted(size, 'episode')}: what fits into memory", err=True)
             about = {"definition": decides, "batch": size}
             table.begin(about)
         elif difference := first_difference(about["definition"], decides):
@@ -165,7 +167,8 @@ def evaluate(
                 )
         except (KeyboardInterrupt, UserError):
             if table.count:
-                typer.echo(f"stopped; {table.count} complete episodes are in {table.path}, which --resume takes up")
+                there = f"{counted(table.count, 'complete episode')} kept in {table.path}"
+                typer.echo(f"stopped; {there}; --resume goes on from there")
             raise
         table.finish()
     report.metrics_tables(comparison, setting, seed, wide)
@@ -173,12 +176,13 @@ def evaluate(
         print("\n".join(report.intervals(comparison, score)))
         if (floor := comparison.floor(score)) > until:
             typer.echo(
-                f"--until-halfwidth {until:g}: cannot be reached with sea.realisations = {comparison.seas}, which"
-                f" alone leaves ± {floor:.2g}"
+                f"--until-halfwidth {until:g}: cannot be reached: episodes take turns on only"
+                f" {counted(comparison.seas, 'sea')} (sea.realisations), which leaves"
+                f" {'no interval' if math.isinf(floor) else f'± {floor:.2g}'} however many episodes there are"
             )
         elif not comparison.reached(score, until):
             typer.echo(f"--until-halfwidth {until:g}: not reached in {comparison.episodes} episodes")
-    typer.echo(f"{table.count} episodes written to {out}")
+    typer.echo(f"{counted(table.count, 'episode')} written to {out}")
     if report_folder:
         from usvauv.cli.web_report import page
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -28,8 +29,8 @@ from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import Interrupted
 
 if TYPE_CHECKING:
-    from usvauv.env import Scenario
-    from usvauv.policies import Seeds, Trainer, TrainingConfig
+    from usvauv.env import Scenario, World
+    from usvauv.policies import LearnedPolicy, Seeds, Trainer, TrainingConfig
 
     Run = tuple[Scenario, TrainingConfig, dict[str, Any]]  # a run's scenario, settings, and JSON of where it was saved
 
@@ -88,8 +89,9 @@ def train(
     `torchrun --nproc-per-node 2 -m usvauv.cli train --out runs/second`
     """
     from usvauv import policies
-    from usvauv.cli import report
+    from usvauv.cli import report, tables
     from usvauv.env import Scenario, World
+    from usvauv.env.record.metrics import mean_figures
     from usvauv.env.storage.files import inside, locked
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
@@ -166,8 +168,9 @@ def train(
                 )
                 if not baselines:
                     typer.echo(f"evaluating {name} …")
-                baselines.append(policies.figures_of_merit(evaluation_worlds, name))
-                evaluate = partial(policies.figures_of_merit, evaluation_worlds)
+                rows = policies.evaluated(evaluation_worlds, name)
+                baselines.append(mean_figures(rows))
+                evaluate = partial(_beside, evaluation_worlds, [row.arps for row in rows])
             about = provenance(begun, ranks.command) | {"usv": world.strategy.name, "total": total}
             trainers.append(policies.Trainer(world, config, folder, evaluate, about, ranks=ranks))
             if begun:
@@ -179,7 +182,7 @@ def train(
             trainer = policies.Seeds(trainers, running.threads if running.torch_on_host else 1)
         name, baseline = policies.default(first.world.scenario), {}
         if ranks.leads:
-            baseline = report.mean_of(baselines) | {"policy": name}
+            baseline = report.mean_of(baselines) | {"policy": name, "start": first.frame.start}
             if total <= config.before_learning:
                 typer.echo(
                     f"warning: --steps {total}: nothing will be learned: the first update comes after"
@@ -197,12 +200,19 @@ def train(
                 again = "".join(f" --plugin {file}" for file in plugins or ())
                 done = min(run.steps for run in trainers)
                 typer.echo(f"stopped at {done} of {total} world-steps; go on with: --out {place} --resume{again}")
-            learned = all(max(run.history, key=lambda row: row["arps"])["updates"] > 0 for run in trainers)
+            bests = [max(run.history, key=lambda row: row["arps"]) for run in trainers]
+            learned = all(best["updates"] > 0 for best in bests)
+            found = report.of_seeds([{"evaluation": best} for best in bests]) if together else {"evaluation": bests[0]}
             typer.echo(
-                f"best arps {report.mean_and_spread([run.best for run in trainers], 3)}"
-                f"{'' if learned else ', of the untrained policy'}"
-                f" ({name} {baseline['arps']:.3f}) in {place / f'{FOLDER}*' if together else place}/best.safetensors"
+                tables.wrapped(
+                    f"best policy{'' if learned else ', the untrained one'}: {report.evaluation(found, name)},"
+                    f" in {place / f'{FOLDER}*' if together else place}/best.safetensors",
+                    2,
+                )
             )
+            if learned:  # the best of several evaluations in the same episodes
+                own = place / f"{FOLDER}{config.seed}" if together else place
+                typer.echo(f"compare them in other episodes: usvauv eval {setting.name} --policy {own} --policy {name}")
     trainer.interruption.raise_if_asked()
 
 
@@ -211,6 +221,19 @@ def _folders(out: Path) -> dict[int, Path]:
     found = {path.name.removeprefix(FOLDER): path for path in out.glob(f"{FOLDER}*") if path.is_dir()}
     seeds = (seed for seed in found if seed.isascii() and seed.isdecimal())
     return {int(seed): found[seed] for seed in sorted(seeds, key=int)}
+
+
+def _beside(worlds: World, baseline: Sequence[float], policy: LearnedPolicy) -> dict[str, float]:
+    """Figures of a policy in an evaluation, with its margin in ARPS over those of a baseline in the same episodes, and
+    half of the margin's 95 % interval where there is one."""
+    from usvauv import policies
+    from usvauv.cli.evaluation.comparison import interval
+    from usvauv.env.record.metrics import mean_figures
+
+    rows = policies.evaluated(worlds, policy)
+    margins = [row.arps - score for row, score in zip(rows, baseline, strict=True)]
+    mean, half, _ = interval(margins, worlds.scenario.random_seas)
+    return mean_figures(rows) | {"margin": mean} | ({"margin_half": half} if math.isfinite(half) else {})
 
 
 def _show(show: Callable[[dict], None], trainer: Trainer | Seeds, figures: dict | list[dict]) -> None:

@@ -158,7 +158,7 @@ class Moments:
         return math.sqrt(self._squares[figure] / max(self._n[figure] - 1, 1))
 
 
-def interval(values: np.ndarray, seas: int = 0) -> Estimate:
+def interval(values: np.ndarray | Sequence[float], seas: int = 0) -> Estimate:
     """Mean and 95 % interval of the figures (n,) of episodes 0, 1, … that take turns on so many random seas.
 
     `Scenario.random_seas` has their number.
