@@ -40,7 +40,6 @@ ITERATIONS = 16  # of a loop that a thread takes at a time
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 Settings = Mapping[str, object]
 NONE: Settings = {}
-QUICKLY: Settings = {"cfg_optimization": False}  # compiled in half to two thirds of the time, a tenth to a fifth slower
 # Beginnings of names of settings that are of a whole program, of its device and of what is printed.
 OF_A_PROGRAM = (
     "_",
@@ -377,6 +376,16 @@ def settings(special: Settings = NONE) -> Iterator[None]:
         finally:
             for owner, name, _, theirs in changes:
                 setattr(owner, name, theirs)
+
+
+def quickly() -> Settings:
+    """A large kernel is compiled in a third of the time on a CPU, and in half to two thirds of it elsewhere.
+
+    Left out are Taichi's own passes over it, which search it again and again until nothing changes any more: all of
+    them on a CPU, where LLVM's passes follow and the mission is as fast, bit for bit, and elsewhere that of the control
+    flow. Not the default, because small kernels over large batches are up to half as slow again: `docs/performance.md`.
+    """
+    return {"advanced_optimization": False} if start().on_cpu else {"cfg_optimization": False}
 
 
 def vectors_in_registers() -> Settings:

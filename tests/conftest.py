@@ -1,7 +1,6 @@
 """Fixtures that tests of more than one module use."""
 
 import gc
-import os
 import signal
 import sys
 from collections.abc import Generator
@@ -13,10 +12,6 @@ from usvauv.cli import app
 from usvauv.env import plugins
 from usvauv.kernels import runtime
 from usvauv.kernels.registry import Registry
-
-# Read by Taichi at its start, also in child processes. Its repeated passes over a kernel take three quarters of the
-# compiling of a world and save a tenth of a step; `test_golden` checks that they change no bit.
-os.environ.setdefault("TI_ADVANCED_OPTIMIZATION", "0")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

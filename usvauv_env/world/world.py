@@ -567,7 +567,7 @@ class World:
         plugins = self._plugins()  # whose Taichi functions may not compile
         with blaming(plugins, ScenarioError) if plugins else nullcontext():
             self._reset, self._step = (
-                Launch(run, *({"phase": phase, **arguments}[name] for name in PARAMETERS), settings=runtime.QUICKLY)
+                Launch(run, *({"phase": phase, **arguments}[name] for name in PARAMETERS), settings=runtime.quickly())
                 for phase in (Phase.reset, Phase.step)
             )
 
