@@ -1,6 +1,7 @@
 """World-steps and agent-steps a second, memory and start of the batched world, with VMAS beside it.
 
     python -m benchmarks.worlds --json
+    python -m benchmarks.worlds --curve wide --largest 65536 --arch cuda
 
 Scenario `extreme` with all its physics: sea, currents, a plan of the boat every step, fixes, 30 nodes, 2 AUVs. Resets
 at the end of an episode are in the time. "environment" steps with random actions drawn before; "with_policy" with those
@@ -47,6 +48,11 @@ print(json.dumps({"ready": ready - begin, "first_step_done": time.perf_counter()
 """
 
 
+def sizes_up_to(largest: int) -> list[int]:
+    """Numbers of worlds: powers of 4."""
+    return [4**power for power in range(11) if 4**power <= largest]
+
+
 def stepper(world: World, act: Callable[[torch.Tensor], torch.Tensor] | None) -> Callable[[], None]:
     """One world-step of all worlds, with a reset where the episode ends; `act` None takes random actions."""
     generator = torch.Generator().manual_seed(0)
@@ -80,14 +86,12 @@ def training_rates(world: World, seconds: float) -> dict[str, float]:
     return {"world_steps_per_second": per_second, "agent_steps_per_second": per_second * world.num_auvs}
 
 
-def measure_batch(num_worlds: int, scenario: Scenario, policy: str, seconds: float) -> dict[str, object]:
-    """The columns of one batch size."""
+def measure_batch(num_worlds: int, scenario: Scenario, policy: str, seconds: float) -> dict[str, dict[str, float]]:
+    """The columns of one batch size, without training."""
     world = World(scenario, num_worlds)
     return {
-        "worlds": num_worlds,
         "environment": rates(world, None, seconds),
         "with_policy": rates(world, policies.load(policy, world).act, seconds),
-        "with_training": training_rates(world, seconds),
     }
 
 
@@ -172,8 +176,12 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
     machine = describe()
     scenario = Scenario.load("extreme")
     name = "sac-extreme"
-    sizes = [size for size in (1, 4, 16, 64, 256, 1024, 4096, 16384) if size <= largest]
-    batches = [measure_batch(size, scenario, name, seconds) for size in sizes]
+    batches = [
+        {"worlds": size}
+        | measure_batch(size, scenario, name, seconds)
+        | {"with_training": training_rates(World(scenario, size), seconds)}
+        for size in sizes_up_to(largest)
+    ]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # of the batches, before VMAS
     worlds = min(1024, largest)
     vmas = measure_vmas(machine["threads"], seconds)
@@ -194,11 +202,27 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
     }
 
 
+def print_curve(scenario: Scenario, sizes: list[int], seconds: float) -> None:
+    """Rates against the number of worlds alone, and with the learned policy that ships."""
+    print(json.dumps(describe()))
+    name = f"sac-{scenario.name}"
+    for size in sizes:
+        for part, found in measure_batch(size, scenario, name, seconds).items():
+            rate = found["agent_steps_per_second"]
+            print(f"{scenario.name} {size:7d} worlds, {part}: {rate:13,.0f} agent-steps/s", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--largest", type=int, default=16384, help="largest number of worlds")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
+    parser.add_argument(
+        "--curve", metavar="SCENARIO", help="the number of worlds against rates alone, without training"
+    )
     arguments = parse(parser)
+    if arguments.curve:
+        print_curve(Scenario.load(arguments.curve), sizes_up_to(arguments.largest), arguments.seconds)
+        return
     result = measure(arguments.largest, arguments.seconds)
     if arguments.json:
         print(json.dumps(result, indent=1))

@@ -47,7 +47,7 @@ class TestCollect:
         """With no discount the decisions of a world earn what it delivers."""
         world, act = worlds(6, "mission.duration=300")
         decisions = collect(world, act, 1e12)
-        earned = torch.zeros(6).index_add(0, decisions.world, decisions.earned)
+        earned = torch.zeros(6, device=world.device).index_add(0, decisions.world, decisions.earned)
         assert earned.tolist() == pytest.approx(decisions.total.tolist(), rel=1e-5)
         assert decisions.total.min() > 1
 
@@ -81,8 +81,8 @@ class TestAdvantages:
 
 class TestNetwork:
     def test_kernel_chooses_by_the_same_scores(self):
-        scores = network(seed=8)
         world, act = worlds(16, "mission.duration=200")
+        scores = network(seed=8).to(world.device)
         world.rule_numbers[learned.EXPLORE] = 0.0
         world.rule_numbers[learned.WEIGHTS :] = torch.tensor(scores.weights())
         features, free, chosen = split(collect(world, act, 100.0).seen)
@@ -117,6 +117,7 @@ def test_evaluation_is_that_of_the_rule(tmp_path):
     assert policies.figures_of_merit(world, "straight")["delivered_mbit"] == content["evaluated"]
 
 
+@pytest.mark.cpu("numbers drawn by the CPU")
 def test_learns_what_pays():
     """Of six nodes with features drawn at random, one decision a world; it earns the travel time of its node."""
     trainer = DecisionTrainer(

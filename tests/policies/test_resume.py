@@ -24,7 +24,7 @@ def trainer(directory: Path, algorithm: str, seed: int = 5) -> Trainer:
     """In worlds of its own; its evaluations depend on every weight of the actor."""
     config = TrainingConfig(algorithm=algorithm, num_worlds=WORLDS, replay=WORLDS * 40, **SMALL)
     world = World(Scenario.load("extreme", SCENARIO), WORLDS, seed)
-    probe = torch.rand((8, 2, world.observation_size), generator=torch.Generator().manual_seed(0))
+    probe = torch.rand((8, 2, world.observation_size), generator=torch.Generator().manual_seed(0)).to(world.device)
     return Trainer(world, config, directory, lambda policy: {"arps": float(policy.act(probe).sum())})
 
 

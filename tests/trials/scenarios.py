@@ -116,7 +116,7 @@ def fault_of(world: World, before: torch.Tensor | None) -> str | None:
         if not torch.isfinite(getattr(world, name)).all():
             return f"{name} is not finite"
     area = world.scenario.area
-    limit = torch.tensor([area.width, area.length])
+    limit = torch.tensor([area.width, area.length], device=world.device)
     for place in (world.auv[..., AuvColumn.x : AuvColumn.y + 1], world.boat[..., BoatColumn.x : BoatColumn.y + 1]):
         if not ((place >= 0) & (place <= limit)).all():
             return "somebody is outside"

@@ -37,7 +37,7 @@ def sailed(world, steps, current=None):
             world.boat[..., CURRENT] = torch.tensor(current)
         world.step(torch.zeros(world.num_worlds, world.num_auvs, 2))
         places.append(world.boat[:, 0, PLACE].double().clone())
-    return torch.stack(places).numpy()
+    return torch.stack(places).cpu().numpy()
 
 
 @pytest.mark.parametrize("step", [0.5, 7.0])

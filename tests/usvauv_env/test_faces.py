@@ -44,11 +44,11 @@ def actions(count, num_envs=3, num_auvs=2):
 
 def episode(world, moves):
     """Observations (n + 1, W, K, O) and rewards (n, W, K) of the world's next episode, straight from the world."""
-    observations, rewards = [world.reset().numpy().copy()], []
+    observations, rewards = [world.reset().cpu().numpy().copy()], []
     for move in moves:
         observation, reward, *_ = world.step(torch.from_numpy(move))
-        observations.append(observation.numpy().copy())
-        rewards.append(reward.numpy().copy())
+        observations.append(observation.cpu().numpy().copy())
+        rewards.append(reward.cpu().numpy().copy())
     return observations, rewards
 
 
@@ -222,8 +222,8 @@ class TestSpaces:
         observation = world.reset()
         assert space.shape == (world.observation_size,)
         for move in actions(60, 64, world.num_auvs):
-            assert (observation >= torch.from_numpy(space.low)).all()
-            assert (observation <= torch.from_numpy(space.high)).all()
+            assert (observation.cpu() >= torch.from_numpy(space.low)).all()
+            assert (observation.cpu() <= torch.from_numpy(space.high)).all()
             observation, *_ = world.step(torch.from_numpy(move))
 
     def test_current_bound_is_reached_at_the_peak_of_a_vortex(self):

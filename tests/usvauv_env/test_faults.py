@@ -8,11 +8,18 @@ import torch
 
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.sea.simulation import SeaSimulation
+from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.worlds import STATE
 
 WORLDS = 4
+
+
+def until_seen(step):
+    """One step; on a graphics card two, because what one wrote is looked at in the next."""
+    for _ in range(1 if runtime.start().on_cpu else 2):
+        step()
 
 
 @pytest.fixture
@@ -33,16 +40,16 @@ def test_a_state_that_is_not_finite_stops_the_step(world, array, value):
     column = {"auv": AuvColumn.x, "node": 2, "vortex": 3}.get(array, 0)
     values = getattr(world, array)
     values.view(WORLDS, -1)[2, column] = value
-    with pytest.raises(DivergenceError, match=r"^world 12 at 2 s: \S.* is (nan|inf|-inf|1e\+\d+)[^\n]*$"):
-        world.step(torch.zeros(WORLDS, 2, 2))
+    with pytest.raises(DivergenceError, match=r"^world 12 at [23] s: \S.* is (nan|inf|-inf|1e\+\d+)[^\n]*$"):
+        until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
 
 
 @pytest.mark.parametrize("value", [math.nan, 500.0, -500.0])
 def test_a_sea_that_runs_away_stops_the_step(world, value):
     world.sea.eta[0, 5] = value
-    rule = r"^sea of world 1\d: the elevation is \S+ m at 2 s: must be within 120 m$"
+    rule = r"^sea of world 1\d: the elevation is \S+ m at [23] s: must be within 120 m$"
     with pytest.raises(DivergenceError, match=rule):
-        world.step(torch.zeros(WORLDS, 2, 2))
+        until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
 
 
 @pytest.mark.parametrize("equations", ["linear", "nonlinear"])
@@ -59,7 +66,7 @@ def test_a_sea_that_runs_away_names_the_worlds_on_it(equations):
         fields[1] = math.nan
     world.sea.load_state(fields, state["sea_clock"])
     with pytest.raises(DivergenceError, match=r"^sea of worlds 11, 13: "):
-        world.step(torch.zeros(WORLDS, 2, 2))
+        until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
 
 
 @pytest.mark.parametrize("equations", ["linear", "nonlinear"])
@@ -69,7 +76,7 @@ def test_a_sea_alone_that_runs_away_stops(equations):
     fields, clock = sea.long_waves.state()
     sea.long_waves.load_state(fields * math.nan, clock)
     with pytest.raises(DivergenceError, match=r"^the sea: [^\n]* s[^\n]*$"):
-        sea.advance()
+        until_seen(sea.advance)
 
 
 @pytest.mark.parametrize("array", ["auv", "vortex", "boat", "estimate", "belief", "sea"])
@@ -79,7 +86,7 @@ def test_all_worlds_begin_anew_after_a_divergence(world, array):
     other.reset()
     (world.sea.eta if array == "sea" else getattr(world, array))[...] = math.nan
     with pytest.raises(DivergenceError):
-        world.step(torch.zeros(WORLDS, 2, 2))
+        until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
     world.reset()
     other.reset()
     for _ in range(2):
@@ -90,13 +97,14 @@ def test_all_worlds_begin_anew_after_a_divergence(world, array):
 def test_a_world_that_diverged_begins_anew_alone(world):
     world.auv[2] = math.nan
     with pytest.raises(DivergenceError):
-        world.step(torch.zeros(WORLDS, 2, 2))
+        until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
     with pytest.raises(DivergenceError, match=r"^world 12 at .*"):
         world.reset(torch.arange(WORLDS) == 1)
     world.reset(torch.arange(WORLDS) == 2)
     world.step(torch.zeros(WORLDS, 2, 2))
 
 
+@pytest.mark.cpu("actions that a step looks at before it begins")
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_an_action_that_is_not_finite_changes_nothing(world, value):
     before = world.state()
@@ -112,7 +120,7 @@ def test_an_action_beyond_its_bounds_is_the_nearest_in_its_direction(world):
     world.step(torch.tensor([3e30, 4e30]).expand(WORLDS, 2, 2))
     velocity = world.auv[..., AuvColumn.water_x : AuvColumn.water_y + 1]
     travelling = world.auv[..., AuvColumn.hovering] == 0
-    expected = torch.tensor([0.6, 0.8]) * world.scenario.auv.speed_max
+    expected = torch.tensor([0.6, 0.8], device=world.device) * world.scenario.auv.speed_max
     torch.testing.assert_close(velocity[travelling], expected.expand_as(velocity[travelling]))
 
 

@@ -34,7 +34,7 @@ class TestMotion:
         speed = 2.2 * math.sqrt(0.5)
         expected = (
             before[..., AuvColumn.span("x", "y")]
-            + speed * torch.tensor([1.0, 1.0]) / math.sqrt(2)
+            + speed * torch.tensor([1.0, 1.0], device=world.device) / math.sqrt(2)
             + before[..., AuvColumn.span("current_x", "current_y")]
         )
         moving = (after[..., AuvColumn.hovering] == 0) & (after[..., AuvColumn.border] == 0)
@@ -57,7 +57,7 @@ class TestMotion:
         world.reset()
         world.step(torch.tensor([[[0.5, 0.0], [-1.0, 1.0]]]))
         water = world.auv[0, :, AuvColumn.span("water_x", "water_y")]
-        torch.testing.assert_close(water, torch.tensor([[0.0, 1.7], [-2.2, 0.0]]), atol=1e-5, rtol=0)
+        torch.testing.assert_close(water.cpu(), torch.tensor([[0.0, 1.7], [-2.2, 0.0]]), atol=1e-5, rtol=0)
 
 
 def storm_at(world: World, xy: torch.Tensor, level: int) -> torch.Tensor:
@@ -142,9 +142,9 @@ class TestStorm:
             current.append(world.current().norm(dim=-1))
         elevation, slope_x, slope_y = torch.stack(boat)[..., BoatColumn.span("elevation", "slope_y")].unbind(-1)
         assert elevation.square().mean().sqrt() == pytest.approx(1.67, abs=0.03)
-        tilt = np.degrees(np.arctan(torch.hypot(slope_x, slope_y).numpy()))
+        tilt = np.degrees(np.arctan(torch.hypot(slope_x, slope_y).cpu().numpy()))
         assert np.quantile(tilt, 0.99) == pytest.approx(14, abs=0.7)
-        low, high, strong = np.quantile(torch.stack(current).numpy(), [0.25, 0.75, 0.95])
+        low, high, strong = np.quantile(torch.stack(current).cpu().numpy(), [0.25, 0.75, 0.95])
         assert (low, high, strong) == pytest.approx((0.3, 0.75, 1.15), abs=0.04)
 
 
@@ -329,7 +329,7 @@ class TestObservation:
         target = world.auv[0, 0, AuvColumn.target].long()
         world.auv[0, 0, AuvColumn.span("x", "y")] = world.node[0, target, NodeColumn.span("x", "y")]
         world.auv[0, 0, AuvColumn.hover] = 30.0  # it stays at its target, where the beams point to the east
-        o = world.step(torch.zeros(4, 2, 2))[0].double().numpy()
+        o = world.step(torch.zeros(4, 2, 2))[0].double().cpu().numpy()
         assert o.shape == (4, 2, world.observation_size) == (4, 2, 23)
         towards = o[..., world.observation_layout.slice("target")]
         assert (np.linalg.norm(towards, axis=-1) == 0.0).tolist() == [[True, False], *[[False, False]] * 3]
@@ -338,10 +338,10 @@ class TestObservation:
         for point, (reach, turn) in enumerate((reach, turn) for reach in (25.0, 50.0) for turn in (-1.0, 0.0, 1.0)):
             c, s = math.cos(turn), math.sin(turn)
             beam = np.stack((c * bearing[..., 0] - s * bearing[..., 1], s * bearing[..., 0] + c * bearing[..., 1]), -1)
-            place = world.auv[..., AuvColumn.span("x", "y")].double().numpy() + reach * beam
+            place = world.auv[..., AuvColumn.span("x", "y")].double().cpu().numpy() + reach * beam
             expected = np.zeros((4, 2, 2))
             for w in range(4):
-                for x0, y0, circulation, core in world.vortex[w].double().numpy():
+                for x0, y0, circulation, core in world.vortex[w].double().cpu().numpy():
                     dx, dy = place[w, :, 0] - x0, place[w, :, 1] - y0
                     r2 = dx**2 + dy**2
                     turning = circulation / (2 * math.pi * r2) * (1 - np.exp(-r2 / core**2))

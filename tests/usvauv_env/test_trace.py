@@ -271,9 +271,11 @@ def test_a_world_has_the_headings_of_its_boats_motion_through_the_water():
     policy = policies.load("straight", world)
 
     def act(observation):
-        seen.append(world.boat[..., BoatColumn.span("water_x", "water_y")].numpy().copy())
+        seen.append(world.boat[..., BoatColumn.span("water_x", "water_y")].cpu().numpy().copy())
         return policy.act(observation)
 
     trace = record(world, act, "straight")
-    expected = headings(np.stack([*seen[1:], world.boat[..., BoatColumn.span("water_x", "water_y")].numpy()]), 1.0)
+    expected = headings(
+        np.stack([*seen[1:], world.boat[..., BoatColumn.span("water_x", "water_y")].cpu().numpy()]), 1.0
+    )
     np.testing.assert_array_equal(trace.boat_heading, expected)

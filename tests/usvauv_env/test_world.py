@@ -31,7 +31,7 @@ def run(world: World, steps: int) -> dict[str, np.ndarray]:
         observation, reward, *_ = world.step(steer(observation, world.num_auvs))
         total += reward
     names = ("auv", "node", "vortex", "boat", "estimate", "observation", "reward_terms")
-    return {name: getattr(world, name).numpy().copy() for name in names} | {"total": total.numpy()}
+    return {name: getattr(world, name).cpu().numpy().copy() for name in names} | {"total": total.cpu().numpy()}
 
 
 @pytest.fixture(scope="module")
@@ -226,10 +226,10 @@ class TestStart:
             world.step(torch.rand(64, 2, 2, generator=torch.Generator().manual_seed(0)))
         fields = np.stack(world.sea.velocity(), axis=-1)
         cells = np.array([world.sea.dx, world.sea.dy])
-        boat = world.boat[..., BoatColumn.span("x", "y")].numpy()
-        place = np.concatenate([world.auv[..., AuvColumn.span("x", "y")].numpy(), boat], axis=1)
-        water = world.boat[..., BoatColumn.span("current_x", "current_y")].numpy()
-        found = np.concatenate([world.current().numpy(), water], axis=1)
+        boat = world.boat[..., BoatColumn.span("x", "y")].cpu().numpy()
+        place = np.concatenate([world.auv[..., AuvColumn.span("x", "y")].cpu().numpy(), boat], axis=1)
+        water = world.boat[..., BoatColumn.span("current_x", "current_y")].cpu().numpy()
+        found = np.concatenate([world.current().cpu().numpy(), water], axis=1)
         p = place / cells - 0.5
         low = np.clip(np.floor(p).astype(int), 0, np.array(fields.shape[2:0:-1]) - 2)
         (a, b), (j, i) = np.moveaxis(p - low, -1, 0)[..., None], np.moveaxis(low, -1, 0)
@@ -246,7 +246,7 @@ class TestStart:
         surface = world.sea.elevation()
         slope_y, slope_x = np.gradient(surface, *cells[::-1], axis=(1, 2))
         expected = at_places(np.stack([surface, slope_x, slope_y], -1))[:, -1]
-        found = world.boat[:, 0, BoatColumn.span("elevation", "slope_y")].numpy()
+        found = world.boat[:, 0, BoatColumn.span("elevation", "slope_y")].cpu().numpy()
         assert (np.abs(expected).max(0) > 0).sum() > 1  # waves along an edge have one slope
         np.testing.assert_array_less(np.abs(found - expected).max(0), 0.02 * np.abs(expected).max(0) + 1e-7)
 
@@ -328,9 +328,9 @@ class TestAction:
     @pytest.mark.parametrize(
         "given",
         [
-            lambda action: action.numpy(),
-            lambda action: action.numpy().astype(np.float64)[::-1][::-1],
-            lambda action: np.broadcast_to(action.numpy(), action.shape),
+            lambda action: action.cpu().numpy(),
+            lambda action: action.cpu().numpy().astype(np.float64)[::-1][::-1],
+            lambda action: np.broadcast_to(action.cpu().numpy(), action.shape),
             lambda action: action.tolist(),
             lambda action: action.double().requires_grad_(),
             lambda action: action.repeat(1, 1, 2)[..., :2],

@@ -118,8 +118,8 @@ def test_speed_follows_its_command_and_errs():
         world.auv[..., AuvColumn.span("x", "y")] = 100.0
         world.auv[..., AuvColumn.hover] = 0.0
         world.step(action)
-        ends.append(world.auv[:, 0, AuvColumn.velocity_x].double().numpy())
-        moves.append(world.auv[:, 0, AuvColumn.moved_x].double().numpy())
+        ends.append(world.auv[:, 0, AuvColumn.velocity_x].double().cpu().numpy())
+        moves.append(world.auv[:, 0, AuvColumn.moved_x].double().cpu().numpy())
     t = 0.5 * np.arange(61)
     way = 1.7 * (t - 3.0 * (1 - np.exp(-t / 3.0)))
     np.testing.assert_allclose(np.mean(ends, axis=1), 1.7 * (1 - np.exp(-t[1:] / 3.0)), atol=0.005)
@@ -144,7 +144,7 @@ def test_a_tracker_sees_the_drift():
     for _ in range(30):
         step_in(world, (0.0, -3.0))
     place = world.auv[0, 0, AuvColumn.span("x", "y")]
-    torch.testing.assert_close(place, torch.tensor([100.0, 76.0]), atol=1e-3, rtol=0)
+    torch.testing.assert_close(place.cpu(), torch.tensor([100.0, 76.0]), atol=1e-3, rtol=0)
     torch.testing.assert_close(world.estimate[0, 0, :2], place, atol=1.0, rtol=0)
 
 
@@ -184,9 +184,9 @@ def test_a_mission_charges_hovering_by_the_current_at_the_auv():
         hovering = world.auv[..., AuvColumn.hovering] > 0
         paid.append(world.auv[..., AuvColumn.power][hovering])
         current.append(before[hovering].norm(dim=-1))
-    speed = torch.cat(current).double().numpy()
+    speed = torch.cat(current).double().cpu().numpy()
     expected = np.maximum(law(np.minimum(speed, 2.2)), 105.0)
-    np.testing.assert_allclose(torch.cat(paid).double().numpy(), expected, rtol=1e-4)
+    np.testing.assert_allclose(torch.cat(paid).double().cpu().numpy(), expected, rtol=1e-4)
     assert 0.2 < (expected > 105.0).mean() < 1.0
 
 
@@ -200,7 +200,7 @@ def setting(*overrides):
 def test_stations_stand_evenly_on_a_circle_turned_at_random():
     world = World(setting("auv.count=5", "stations.radius=33"), 200, seed=2)
     world.reset()
-    place = world.node[..., : NodeColumn.y + 1].double().numpy() - 100
+    place = world.node[..., : NodeColumn.y + 1].double().cpu().numpy() - 100
     np.testing.assert_allclose(np.linalg.norm(place, axis=-1), 33, rtol=1e-5)
     angle = np.unwrap(np.arctan2(place[..., 1], place[..., 0]), axis=1)
     np.testing.assert_allclose(np.diff(angle, axis=1), 2 * math.pi / 5, atol=1e-5)

@@ -38,12 +38,12 @@ class Seen:
     """A world as NumPy arrays of double precision."""
 
     def __init__(self, world: World) -> None:
-        node, auv = world.node.double().numpy().copy(), world.auv.double().numpy().copy()
+        node, auv = world.node.double().cpu().numpy().copy(), world.auv.double().cpu().numpy().copy()
         self.place, self.rate = node[..., NodeColumn.span("x", "y")], node[..., NodeColumn.rate]
         self.backlog, self.successor = node[..., NodeColumn.backlog], node[..., NodeColumn.successor].astype(int)
         self.target, self.served = auv[..., AuvColumn.target].astype(int), auv[..., AuvColumn.service_rate] > 0
         self.hover = auv[..., AuvColumn.hover]
-        self.position = world.estimate.double().numpy()[..., :2].copy()
+        self.position = world.estimate.double().cpu().numpy()[..., :2].copy()
 
 
 def run(world: World, steps: int) -> Iterator[tuple[int, Seen, Seen]]:
@@ -281,7 +281,7 @@ class TestKnowledge:
                 last[w, i] = number - 1
                 weights += 1
         assert weights > 50
-        belief = world.belief[:, 0].double().numpy()
+        belief = world.belief[:, 0].double().cpu().numpy()
         np.testing.assert_allclose(belief[..., BeliefColumn.count], count, rtol=1e-4)
         np.testing.assert_allclose(belief[..., BeliefColumn.exposure], exposure, rtol=1e-4)
         np.testing.assert_allclose(belief[..., BeliefColumn.since], last)
@@ -293,10 +293,12 @@ class TestKnowledge:
         world = World(Scenario.load("ideal", overrides), 64, seed=3, targets="tour")
         for _ in run(world, 600):
             pass
-        belief = world.belief[:, 0].double().numpy()
+        belief = world.belief[:, 0].double().cpu().numpy()
         visited = belief[..., BeliefColumn.since] > 0
         count, exposure = belief[visited, BeliefColumn.count], belief[visited, BeliefColumn.exposure]
-        error = (world.node[..., NodeColumn.rate].numpy()[visited] - count / exposure) / (np.sqrt(count) / exposure)
+        error = (world.node[..., NodeColumn.rate].cpu().numpy()[visited] - count / exposure) / (
+            np.sqrt(count) / exposure
+        )
         assert visited.mean() > 0.6
         assert abs(error.mean()) < 0.15
         assert 0.8 < error.std() < 1.25
@@ -315,7 +317,7 @@ class TestKnowledge:
         ]
         world = World(Scenario.load("ideal", [*overrides, "auv.count=4"]), 8, seed=1, targets="tour")
         world.reset()
-        known = world.belief[:, 0].double().numpy().copy()
+        known = world.belief[:, 0].double().cpu().numpy().copy()
         world.rewind()
         first, full, errors = 0, 0, []
         for number, before, after in run(world, 300):
@@ -336,11 +338,11 @@ class TestKnowledge:
                     density = likelihood * np.exp(logarithm - logarithm[likelihood > 0].max())
                     mean = np.average(rates, weights=density)
                     deviation = math.sqrt(np.average((rates - mean) ** 2, weights=density))
-                    now = world.belief[w, 0, i].double().numpy()
+                    now = world.belief[w, 0, i].double().cpu().numpy()
                     errors.append((now[0] / now[1] / mean - 1, math.sqrt(now[0]) / now[1] / deviation - 1))
                     first += start > 0
                     full += found == buffer
-            known = world.belief[:, 0].double().numpy().copy()
+            known = world.belief[:, 0].double().cpu().numpy().copy()
         assert first > 100
         assert full > 20 or buffer == 5000
         mean, deviation = np.abs(errors).T
@@ -392,7 +394,7 @@ class TestKnowledge:
         for _, before, after in run(world, 300):
             for w, k in np.argwhere((before.hover == 0) & (after.hover > 0)):
                 visits[w, k, after.target[w, k]] = True
-        assert ((world.belief[..., BeliefColumn.since] > 0).numpy() == visits).all()
+        assert ((world.belief[..., BeliefColumn.since] > 0).cpu().numpy() == visits).all()
         assert not (visits[:, 0] == visits[:, 1]).all()
 
     @pytest.mark.parametrize(
@@ -409,7 +411,7 @@ class TestKnowledge:
         sectors.reset()
         owner = np.zeros((6, 30), int)
         for w in range(6):
-            parts = cycles(sectors.node[w, :, NodeColumn.successor].long().numpy())
+            parts = cycles(sectors.node[w, :, NodeColumn.successor].long().cpu().numpy())
             for k in range(3):
                 (mine,) = (part for part in parts if int(sectors.auv[w, k, AuvColumn.target]) in part)
                 owner[w, list(mine)] = k
