@@ -7,6 +7,7 @@ import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
+from typing import Any
 
 from rich import box
 from rich.console import Console, Group, RenderableType
@@ -154,7 +155,7 @@ def of_seeds(figures: Sequence[dict]) -> dict:
     """Figures of several runs as those of one: means, the margin's interval over the runs, and as text the evaluations'
     score with its deviation."""
     evaluations = [own["evaluation"] for own in figures]
-    means = mean_of(figures) | {"score": mean_and_spread([own["arps"] for own in evaluations], 2)}
+    means: dict[str, Any] = mean_of(figures) | {"score": mean_and_spread([own["arps"] for own in evaluations], 2)}
     if all("margin" in own for own in evaluations):
         margin = interval([own["margin"] for own in evaluations])
         means["evaluation"] |= {"margin": margin.mean, "margin_half": margin.half}

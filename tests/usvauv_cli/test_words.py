@@ -1,5 +1,7 @@
 """What commands list, what they say about a value that is not known, and numbers in words."""
 
+import re
+
 import pytest
 
 from usvauv.cli import words
@@ -117,6 +119,16 @@ def test_a_name_that_is_mistyped_is_guessed(run_usvauv, arguments, guess):
 
 def test_nothing_is_guessed_from_a_name_that_resembles_none():
     assert choices("runs/mine", ["clear", "hold:X,Y"]) == "allowed are clear, hold:X,Y"
+
+
+def test_what_can_be_reproduced_is_listed_with_its_time(tmp_path, run_usvauv):
+    code, text, errors = run_usvauv("reproduce")
+    assert (code, errors) == (0, "")
+    rows = listed(text)
+    assert list(rows) == ["table2", "fig3", "fig4a", "fig4b", "all", "collaboration"]
+    assert all(re.search(r"; about \d+ min on two cores, \d+ min with --quick\.$", about) for about in rows.values())
+    assert run_usvauv("reproduce", "fig3")[::2] == (2, "error: --out: needed, the folder of the results\n")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -65,34 +65,51 @@ def sweep(
 
 
 def reproduce(
-    target: Annotated[
-        str, typer.Argument(metavar="TARGET", help="table2, fig3, fig4a, fig4b, all of these, or collaboration.")
-    ],
-    out: Annotated[Path, typer.Option(help="Folder of everything; the same one goes on.")],
+    target: Annotated[str | None, typer.Argument(metavar="[TARGET]", help="What to make; without it, a list.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of everything; the same one goes on.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A small version, in minutes.")] = False,
     ray: Ray = None,
     slurm: Slurm = None,
     jobs: Jobs = None,
     plugins: Plugins = None,
 ) -> None:
-    """Train and evaluate what a table or figure of the paper needs; write CSV, PNG, PDF and a page with the paper's
-    numbers beside ours and every convention named. `collaboration` compares the boat's strategies where they decide.
+    """Make the paper's table and figures again: train, evaluate, and write a page with the paper's numbers beside ours.
+
+    Without a target: list them, with about how long each takes. A page comes with CSV, PNG and PDF, and names every
+    convention. `collaboration` is not of the paper: it compares boat strategies where they decide the mission.
 
     What is done is kept in the folder and not done again. Ctrl-C ends it cleanly; the same command goes on.
 
     **Examples:**
 
+    `usvauv reproduce`
+
     `usvauv reproduce all --quick --out quick`
 
     `usvauv reproduce table2 --out full`
     """
-    from usvauv.cli.reproduction.page import reproduce
+    from usvauv.cli.commands.lists import show
+    from usvauv.cli.reproduction.page import listed, reproduce
     from usvauv.cli.reproduction.runs import FULL, QUICK
     from usvauv.cli.sweep.perform import engine
     from usvauv.cli.sweep.study import Resources
+    from usvauv.cli.words import duration
     from usvauv.kernels import runtime
 
     _check(ray, slurm, jobs)
+    if target is None:
+        both = zip(listed(FULL), listed(QUICK), strict=True)
+        rows = [
+            (
+                name,
+                f"{about[0].upper()}{about[1:]}; about {duration(full)} on two cores, {duration(quick)} with --quick.",
+            )
+            for (name, about, full), (_, _, quick) in both
+        ]
+        show("Targets of `usvauv reproduce TARGET --out FOLDER`:", rows)
+        return
+    if out is None:
+        raise UserError("--out: needed, the folder of the results")
     make_folder(out)
     options = [*(["--quick"] if quick else []), *(f"--plugin {file}" for file in plugins or ())]
     command = " ".join(["usvauv reproduce", target, *options, "--out DIR"])

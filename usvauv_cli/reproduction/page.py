@@ -7,7 +7,8 @@ together.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
@@ -26,21 +27,58 @@ from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 
 
 class Target(NamedTuple):
-    """A table or figure: title of its page, the runs it needs, and what draws it and gives its section of the page."""
+    """A table or figure: title of its page, what it shows, its runs, what draws it and gives its section of the page.
+
+    `pace` is the work of runs that is done in a second on two cores, as measured for all of `PAPER` and for `WIDE`.
+    """
 
     title: str
+    about: str
     runs: Callable[[Settings], list[Piece]]
     make: Callable[[Settings, Path, Path], str]
+    pace: float = 23.7e6 / (67 * 60)
 
 
 PAPER = {
-    "table2": Target("Table 2, made again", learning.table_runs, learning.make_table),
-    "fig3": Target("Fig. 3, made again", learning.curve_runs, learning.make_curves),
-    "fig4a": Target("Fig. 4(a), made again", fig4.track_runs, fig4.make_tracks),
-    "fig4b": Target("Fig. 4(b), made again", fig4.error_runs, fig4.make_errors),
+    "table2": Target(
+        "Table 2, made again",
+        "Table 2: DDPG, SAC, TD3, the baseline and heuristics, in ideal and extreme sea",
+        learning.table_runs,
+        learning.make_table,
+    ),
+    "fig3": Target(
+        "Fig. 3, made again",
+        "Figure 3: learning curves of the three algorithms",
+        learning.curve_runs,
+        learning.make_curves,
+    ),
+    "fig4a": Target(
+        "Fig. 4(a), made again",
+        "Figure 4(a): tracks of the AUVs and the boat in extreme sea",
+        fig4.track_runs,
+        fig4.make_tracks,
+    ),
+    "fig4b": Target(
+        "Fig. 4(b), made again", "Figure 4(b): position errors by where the boat is", fig4.error_runs, fig4.make_errors
+    ),
 }
-WIDE = Target("When the boat decides the mission", collaboration.runs, collaboration.make)
+WIDE = Target(
+    "When the boat decides the mission",
+    "boat strategies in wide, by range of hearing, ping interval, drift and number of boats",
+    collaboration.runs,
+    collaboration.make,
+    1.99e6 / (10 * 60),
+)
 TARGETS = (*PAPER, "all", collaboration.NAME)
+
+
+def listed(settings: Settings) -> Iterator[tuple[str, str, float]]:
+    """Each target, what it shows, and about how long it takes on two cores, s, in whole minutes."""
+    for name in TARGETS:
+        wanted = list(PAPER.values()) if name == "all" else [PAPER.get(name, WIDE)]
+        about = "all of these on one page" if name == "all" else wanted[0].about
+        work = {piece.key: piece.work / each.pace for each in wanted for piece in each.runs(settings)}
+        yield name, about, 60 * math.ceil(sum(work.values()) / 60)
 
 
 def reproduce(
