@@ -11,11 +11,12 @@ import pytest
 ROOT = Path(__file__).parents[1]
 README, TOUR = ROOT / "README.md", ROOT / "docs" / "tour.md"
 SHORTER = {  # what is added to the lines of a command, so that they take seconds; nothing else is changed
-    "simulate": "--duration 20",
-    "eval": "--episodes 2 --set mission.duration=20",
-    "train": "--steps 256 --worlds 16 --set mission.duration=20",
+    "simulate": "--duration 10",
+    "eval": "--episodes 2 --set mission.duration=10",
+    "train": "--steps 256 --worlds 16 --set mission.duration=10",
     "sea": "--duration 5",
 }
+pytestmark = pytest.mark.timeout(1500)  # a dozen commands, which all import and compile: minutes on a busy machine
 
 
 def lines(page: Path, *headings: str) -> list[str]:
