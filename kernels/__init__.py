@@ -12,4 +12,7 @@ os.environ.setdefault("HOME", os.path.expanduser("~").replace("~", "/"))
 # Taichi otherwise prints a banner when it is imported, and from Python 3.12 on there is a warning of a docstring of it
 # at each import where its files are not stored compiled.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
+# In a notebook it otherwise says at its import that it collects what kernels print; without that the text goes to the
+# process's standard output, which a notebook shows as well.
+os.environ.setdefault("TI_ENABLE_PYBUF", "0")
 warnings.filterwarnings("ignore", category=SyntaxWarning, module=r".*[/\\]taichi[/\\]")

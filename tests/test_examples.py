@@ -1,4 +1,4 @@
-"""The examples that learn with other people's libraries: each for a few hundred steps of short missions."""
+"""The notebook, and for a few hundred steps of short missions the examples that learn with other people's libraries."""
 
 import importlib
 from pathlib import Path
@@ -72,3 +72,21 @@ def test_a_team_as_one_agent_of_stable_baselines3(short_missions):
     learner.learn(100)
     assert len(learner.ep_info_buffer) == 2
     assert any((new != old).any() for new, old in zip(learner.actor.parameters(), actor, strict=True))
+
+
+def test_the_notebook_shows_a_table_and_plays_a_trace_and_nothing_else_is_printed(tmp_path, monkeypatch):
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    for name in ("JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "IPYTHONDIR"):
+        monkeypatch.setenv(name, str(tmp_path))
+    monkeypatch.delenv("PYTEST_CURRENT_TEST")  # with it the kernel passes on only what Python prints
+    notebook = nbformat.read(EXAMPLES / "first_mission.ipynb", as_version=4)
+    nbclient.NotebookClient(notebook, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert [output.output_type for output in outputs] == ["execute_result"] * 4, "Taichi prints nothing"
+    scenario, table, world, trace = (output["data"] for output in outputs)
+    assert scenario["text/plain"].startswith("Scenario 'wide': data-collection, 600 × 600 m")
+    assert world["text/plain"].startswith("World of 1 mission, seed 0, on ")
+    assert "difference_half" in table["text/html"]
+    assert trace["text/plain"].startswith("Trace of 1 mission of 400 steps")
+    assert trace["text/html"].startswith("<iframe ")
