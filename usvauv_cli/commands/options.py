@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
 Seed = Annotated[int, typer.Option(help="Seed from 0 up; the same seed gives the same result.")]
-Arch = Annotated[
-    str, typer.Option(help="Where the kernels run: auto, cpu, cuda, vulkan (experimental).")
-]
+Arch = Annotated[str, typer.Option(help="Where the kernels run: auto, cpu, cuda, vulkan (experimental).")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
