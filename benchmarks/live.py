@@ -1,4 +1,4 @@
-"""Pictures a second that a tab of `usvauv live` gets, and how fast the mission runs meanwhile.
+"""Frames per second that a tab of `usvauv live` gets, and how fast the mission runs meanwhile.
 
     python -m benchmarks.live
 
@@ -86,7 +86,7 @@ def main() -> None:
     print(result["machine"])
     for row in result["rows"]:
         print(
-            f"{row['scenario']:8s} {row['speed']:20s} {row['pictures_per_second']:5.1f} pictures/s"
+            f"{row['scenario']:8s} {row['speed']:20s} {row['pictures_per_second']:5.1f} frames/s"
             f"  {row['megabytes_per_second']:5.2f} MB/s  {row['times_real_time']:6.1f} × real time"
         )
 

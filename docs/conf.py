@@ -65,6 +65,6 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_signature": False,
-    "capture_repr": (),  # of the last expression, nothing is shown
+    "capture_repr": ("_repr_html_",),  # tables, and traces that play
     "min_reported_time": 1,
 }

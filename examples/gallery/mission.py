@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import matplotlib.pyplot as plt
 import numpy as np
 
-from usvauv import Scenario, World, policies, record, write_video
+from usvauv import Scenario, World, play, policies, record, write_video
 from usvauv.env.record.metrics import position_error, usable
 
 # %%
@@ -52,3 +52,7 @@ with TemporaryDirectory() as folder:
 figure = plt.figure(figsize=(8, 4.5))
 figure.figimage(picture, resize=True)
 plt.show()
+
+# %%
+# In a notebook a trace plays.
+play(trace)

@@ -284,7 +284,7 @@ class Controls:
         elif session.paused:
             doing = "paused"
         else:
-            doing = f"{self._pace[0]:.3g} × real time · {self._pace[1]:.0f} pictures a second"
+            doing = f"{self._pace[0]:.2g} × real time · {self._pace[1]:.0f} frames/s"
         self._status.content = f"**{clock(session.moment.time)}** of {clock(duration)} · {doing}"
         self._run.label = "Run" if session.paused or session.ended else "Pause"
         self._next_status = now + STATUS_EVERY
