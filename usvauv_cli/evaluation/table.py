@@ -1,4 +1,4 @@
-"""`usvauv.evaluate`: what `usvauv eval` compares, from Python, as a table of pandas."""
+"""What `usvauv eval` compares, from Python, as a table of pandas: `evaluate`, also in the package itself."""
 
 from __future__ import annotations
 
@@ -47,12 +47,11 @@ def evaluate(
         seed, arch: as `World` takes them.
 
     Returns:
-        A row for each figure and combination, with the index figure, policy, usv, targets, in the columns
-
-        - `mean` over the episodes, and `half` of its 95 % interval, so that the interval is mean ± half;
-        - `difference`, mean over the worlds of the figure less that of the first combination in the same world, and
-          `difference_half`; NaN in the first combination's row;
-        - `episodes` that have the figure: the energy for each Mbit, say, only those that brought in data.
+        A row for each figure and combination, with the index figure, policy, usv, targets. Its columns: `mean` over the
+        episodes, and `half` of its 95 % interval, so that the interval is mean ± half; `difference`, mean over the
+        worlds of the figure less that of the first combination in the same world, and `difference_half`, both NaN in
+        the first combination's row; `episodes` that have the figure: the energy for each Mbit, say, only those that
+        brought in data.
 
         Figures are named as in the CSV of `usvauv eval`, with the unit where it is not obvious.
 
