@@ -58,7 +58,8 @@ def cases() -> dict[str, Case]:
         "map": Case((mission,)),
         "map-light": Case((mission,), theme="light", t=35),
         "map-upright": Case((mission,), size=(360, 640)),
-        "map-smallest": Case((mission,), size=(320, 320)),
+        "map-small": Case((mission,), size=(480, 270)),
+        "map-square": Case((mission,), theme="light", size=(480, 480)),
         "map-large": Case((team,), size=(1920, 1080), reduced=3),
         "map-boats": Case((team,), t=12),
         "map-station": Case((station,), theme="light"),
@@ -68,8 +69,12 @@ def cases() -> dict[str, Case]:
         "sea": Case((missed,), "sea", t=35),
         "sea-boats": Case((team,), "sea", "light", t=12),
         "sea-station": Case((station,), "sea"),
+        "sea-upright": Case((mission,), "sea", size=(360, 640)),
         "both": Case((missed,), "both", "light"),
+        "both-square": Case((mission,), "both", size=(480, 480)),
         "compared": Case((mission, other)),
+        "compared-small": Case((mission, mission), size=(480, 270)),
+        "compared-upright": Case((mission, other), theme="light", size=(360, 640)),
         "compared-stations": Case((station, keeping_station(other)), theme="light"),
     }
 

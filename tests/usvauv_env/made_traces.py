@@ -8,7 +8,7 @@ import numpy as np
 
 from usvauv.env.record.heading import headings
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.frames import MapFrames
+from usvauv.env.render.frames import MissionFrames
 from usvauv.env.render.style import DARK
 from usvauv.env.scenario import Scenario
 
@@ -152,15 +152,15 @@ def keeping_station(trace: Trace) -> Trace:
     )
 
 
-def paint(trace: Trace, t: int, size: tuple[int, int] = (640, 360)) -> tuple[np.ndarray, MapFrames]:
+def paint(trace: Trace, t: int, size: tuple[int, int] = (640, 360)) -> tuple[np.ndarray, MissionFrames]:
     """The frame of step t."""
-    painter = MapFrames(trace.episode(0), size, DARK, 1.0)
+    painter = MissionFrames(trace.episode(0), size, DARK, 1.0)
     for step in range(t + 1):
         frame = painter.frame(step)
     return frame.copy(), painter
 
 
-def place(painter: MapFrames, x: float, y: float, area: tuple[float, float] = (200.0, 200.0)) -> tuple[int, int]:
+def place(painter: MissionFrames, x: float, y: float, area: tuple[float, float] = (200.0, 200.0)) -> tuple[int, int]:
     """Row and column where a position in metres belongs, by proportion."""
     box = painter.layout.map
     return round(box.bottom - y / area[1] * box.height), round(box.left + x / area[0] * box.width)

@@ -12,18 +12,22 @@ from tests.usvauv_env.made_traces import keeping_station, paint, place, syntheti
 from usvauv.env import Scenario, Trace
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.render import style
-from usvauv.env.render.frames import MapFrames, frames_of
-from usvauv.env.render.layout import MapView, Rectangle, nice, nice_above
+from usvauv.env.render.arrangement import Sheet
+from usvauv.env.render.comparison import ComparisonFrames, difference, entries
+from usvauv.env.render.frames import MissionFrames, frames_of
+from usvauv.env.render.layout import MapView, Rectangle, nice, nice_above, within_margins
 from usvauv.env.render.map import error_axes
 from usvauv.env.render.mission import ReplyField, RunningMetrics, figures
-from usvauv.env.render.sea import CurrentStreaks
+from usvauv.env.render.sea import CurrentStreaks, elevation_limit
 from usvauv.env.scenario.sea import Area
 from usvauv.kernels.errors import UserError
 
 VIEWS = [("map", 1), ("sea", 1), ("both", 1), ("map", 2)]  # traces beside each other
 
 
-def near(frame: np.ndarray, frames: MapFrames, x: float, y: float, reach: int = 9, area=(200.0, 200.0)) -> np.ndarray:
+def near(
+    frame: np.ndarray, frames: MissionFrames, x: float, y: float, reach: int = 9, area=(200.0, 200.0)
+) -> np.ndarray:
     """The pixels of a frame around a place of the area."""
     row, column = place(frames, x, y, area)
     return frame[row - reach : row + reach + 1, column - reach : column + reach + 1].astype(int)
@@ -58,24 +62,57 @@ class TestFrames:
         for name, value in arrays.items():
             np.testing.assert_array_equal(value, getattr(trace, name), err_msg=name)
 
+    @pytest.mark.parametrize(("view", "traces"), VIEWS)
     @pytest.mark.parametrize(
-        ("size", "options"),
-        [
-            ((640, 480), {"area": (2000.0, 100.0)}),
-            ((320, 320), {"area": (50.0, 2000.0), "auvs": 7}),
-            ((1920, 400), {}),
-            ((3840, 2160), {"auvs": 4}),
-        ],
+        "size", [(1280, 720), (640, 360), (480, 270), (1920, 400), (720, 720), (360, 640), (240, 240)]
     )
-    def test_any_size_and_area_is_drawn_in_boxes_that_keep_apart(self, size, options):
-        frame, frames = paint(synthetic_trace(steps=3, **options), 2, size)
-        assert frame.shape == (size[1], size[0], 3)
-        layout = frames.layout
-        boxes = [layout.map, layout.panel, *([layout.legend] if layout.legend else [])]
-        assert all(box.left >= 0 and box.top >= 0 and box.right <= size[0] and box.bottom <= size[1] for box in boxes)
-        for first, second in combinations(boxes, 2):
+    @pytest.mark.parametrize("area", [(200.0, 200.0), (2000.0, 200.0), (50.0, 1000.0)])
+    def test_any_size_and_area_is_divided_into_boxes_that_keep_apart(self, view, traces, size, area):
+        names = ["SDR, Mbit/s", "EC, W", "services", "delivered, Mbit", "full nodes"]
+        sheet = Sheet.of(size, Area(width=area[0], length=area[1]), names)
+        boxes = sheet.boxes(view) if traces == 1 else sheet.compared()
+        for box in boxes.values():
+            assert min(box.left, box.top) >= 0
+            assert min(box.width, box.height) >= 5
+            assert box.right <= size[0]
+            assert box.bottom <= size[1]
+        for first, second in combinations(boxes.values(), 2):
             beside = first.right <= second.left or second.right <= first.left
             assert beside or first.bottom <= second.top or second.bottom <= first.top
+
+    @pytest.mark.parametrize("options", [{"area": (2000.0, 100.0)}, {"area": (50.0, 2000.0), "auvs": 7}])
+    @pytest.mark.parametrize(("view", "traces"), VIEWS)
+    def test_small_frames_of_long_areas_are_drawn(self, options, view, traces):
+        frames = frames_of([synthetic_trace(steps=3, **options)] * traces, (480, 270), view)
+        assert frames.frame(2).shape == (270, 480, 3)
+
+    @pytest.mark.parametrize("size", [(640, 360), (480, 270), (360, 640), (400, 400)])
+    def test_letters_of_small_frames_are_legible(self, monkeypatch, size):
+        trace, sizes = synthetic_trace(steps=30), []
+        mask = style._mask
+        monkeypatch.setattr(style, "_mask", lambda text, size, *bold: sizes.append(size) or mask(text, size, *bold))
+        for view, traces in VIEWS:
+            frames_of([trace] * traces, size, view).frame(29)
+        assert min(sizes) >= 8.0
+
+    @pytest.mark.parametrize("size", [(1280, 720), (720, 720), (720, 1280)])
+    @pytest.mark.parametrize(("view", "traces"), VIEWS)
+    def test_no_band_of_a_frame_is_empty(self, view, traces, size):
+        """Of squares and upright frames too: no empty rows or columns over a twentieth of the frame."""
+        picture = frames_of([synthetic_trace(steps=30)] * traces, size, view).frame(29)
+        for axis, side in enumerate((size[1], size[0])):
+            drawn = np.flatnonzero((picture != style.DARK.background).any(axis=-1).any(axis=1 - axis))
+            edges = np.concatenate([[-1], drawn, [side]])
+            assert np.diff(edges).max() <= 0.05 * side
+
+    def test_both_views_give_the_perspective_half_of_the_frame_in_the_colours_of_the_theme(self):
+        for theme, (low, high) in {"dark": (0, 70), "light": (200, 255)}.items():
+            for size in ((1280, 720), (720, 1280)):
+                frames = MissionFrames(synthetic_trace(steps=3), size, style.THEMES[theme], 30.0, "both")
+                box = frames.layout.boxes["perspective"]
+                assert box.width * box.height > 0.47 * size[0] * size[1]
+                corner = box._replace(width=box.width // 8, height=box.height // 8).of(frames.frame(2))
+                assert low <= corner.mean() <= high
 
     def test_other_worlds_are_not_shown(self):
         trace = synthetic_trace(steps=4, worlds=3)
@@ -114,11 +151,41 @@ class TestComparison:
 
     def test_ends_with_the_shorter_and_shows_both(self):
         first, second = synthetic_trace(steps=9), synthetic_trace(steps=6, seed=4)
-        both = frames_of([first, second], (640, 360)).frame(5).copy()
-        same = frames_of([first, first], (640, 360)).frame(5)
-        half = np.s_[60:180, 40:300]  # the left map
-        np.testing.assert_array_equal(both[half], same[half])
-        assert (both[60:180, 360:620] != same[60:180, 360:620]).any()
+        both, same = (ComparisonFrames(first, other, (640, 360), style.DARK, 30.0) for other in (second, first))
+        left, right = (shown.view.rectangle for shown in both.maps)
+        seen, alike = both.frame(5).copy(), same.frame(5)
+        np.testing.assert_array_equal(left.of(seen), left.of(alike))
+        assert (right.of(seen) != right.of(alike)).any()
+        np.testing.assert_array_equal(left.of(alike), right.of(alike))
+
+    def test_both_maps_have_one_scale_of_lengths_and_of_colours(self):
+        calm = synthetic_trace(steps=4, sea=False)
+        rough = synthetic_trace(steps=4, area=(400.0, 300.0))
+        rougher = replace(rough, surface=3 * rough.surface)
+        for first, second in ((calm, rough), (rough, rougher)):
+            frames = ComparisonFrames(first, second, (640, 360), style.DARK, 30.0)
+            one, other = frames.maps
+            assert one.surface.limit == other.surface.limit == elevation_limit(second.surface)
+            assert one.view.per_metre == pytest.approx(other.view.per_metre, rel=0.01)
+            frames.frame(3)
+
+    @pytest.mark.parametrize("theme", style.THEMES.values(), ids=style.THEMES)
+    def test_the_legend_tells_equal_curves_apart(self, theme):
+        trace = synthetic_trace(steps=60)
+        one, other = entries(trace, replace(trace, usv="fim"), theme)
+        assert (one.words, other.words) == (f"boat {trace.usv}", "boat fim")
+        assert one.colour != other.colour
+        assert one.dash == 0.0 < other.dash
+        frames = ComparisonFrames(trace, trace, (1280, 720), theme, 30.0)
+        box = frames.layout.boxes["errors"]
+        curves = within_margins(box, 1.0, top=28, sides=18, bottom=20).of(frames.frame(59))
+        seen = [(np.abs(curves.astype(int) - entry.colour).max(-1) < 40).sum() for entry in (one, other)]
+        assert min(seen) > 0.3 * max(seen) > 50
+
+    def test_differences_are_those_of_the_numbers_that_are_shown(self):
+        assert difference(12.34, 12.34, ".1f") == difference(0.001, -0.001, ".2f") == "same"
+        assert difference(12.25, 12.34, ".2f") == "−0.09"
+        assert difference(12.26, 12.24, ".1f") == "+0.1"
 
 
 class TestMap:

@@ -189,7 +189,7 @@ class SeaPainter:
 
     def __init__(self, sea: SeaSimulation, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int) -> None:
         area = sea.scenario.area
-        self.layout = layout = Layout.fit(*size, area, with_legend=False)
+        self.layout = layout = Layout.fit(*size, area)
         self._frames, self._frame, self._fps = frames, 0, fps
         self._duration = max(frames - 1, 1) * sea.interval
         self.view = MapView(area, layout.map)
@@ -227,7 +227,7 @@ class SeaPainter:
     def _draw_still_panel(self, sea: SeaSimulation, sample: np.ndarray) -> None:
         """Draw the still parts of the panel and set up its plots."""
         layout, unit, still = self.layout, self.layout.unit, self._still
-        box, gap = layout.panel, round(7 * layout.unit)
+        box, gap = layout.boxes["panel"], round(7 * layout.unit)
         heights = [round(height * unit) for height in (56, 54)]
         rest = box.height - sum(heights) - 4 * gap
         block, section = round(0.45 * rest), round(0.3 * rest)

@@ -1,17 +1,17 @@
-"""Layout of a frame: map on the left, panel on the right; title, tiles, cards and bars of panels; the legend."""
+"""Layout of a frame: its rectangles and the unit of its letters; title, tiles, cards and bars of panels."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from usvauv.env.render import shapes, style
-from usvauv.env.render.style import Colour, Theme, clock, shorten, text_width, write
+from usvauv.env.render.style import Theme, clock, shorten, text_width, write
 from usvauv.env.scenario.sea import Area
 
 
@@ -36,8 +36,9 @@ class Rectangle(NamedTuple):
         return image[self.top : self.bottom, self.left : self.right]
 
 
-LEGEND_HEIGHT = 146  # pixels of the design
-SMALLEST_PANEL = 430  # height in pixels of the design; panels below it have no legend
+SMALLEST_LETTERS = 8.8  # size in pixels below which letters are not legible
+LEAST_UNIT = SMALLEST_LETTERS / 11  # the design's smallest letters are of 11 pixels
+AXES = (46.0, 14.0, 36.0, 34.0)  # at the left, at the right, above and below a map, pixels of the design
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,7 @@ class Layout:
         width, height: of the frame, pixels.
         unit: pixels to one pixel of the design, for text and margins. It has a lower bound, so that text in small
             frames is legible.
-        map: the operating area. panel: numbers and plots.
-        legend: below the map if there is room, else below the panel if there is room, else None.
+        boxes: by name; "map" is the operating area.
         theme: colours around the map.
         left: of the part of the frame that the map and its scales keep to, pixels.
     """
@@ -57,20 +57,16 @@ class Layout:
     width: int
     height: int
     unit: float
-    map: Rectangle
-    panel: Rectangle
-    legend: Rectangle | None
+    boxes: Mapping[str, Rectangle]
     theme: Theme = style.DARK
     left: int = 0
 
     @classmethod
-    def fit(cls, width: int, height: int, area: Area, with_legend: bool = True, theme: Theme = style.DARK) -> Layout:
-        """Divide a frame into the map of an area, true to scale, the panel and, if wanted, the legend."""
+    def fit(cls, width: int, height: int, area: Area, theme: Theme = style.DARK) -> Layout:
+        """A map, true to scale, beside a panel, or above it in an upright frame."""
         long, short = max(width, height), min(width, height)
-        unit = design_unit(width, height)
-        upright = height > width
-        box = min(short, round((0.5 if upright else 0.5625) * long))
-        margin, gap = round(10 * unit), round(7 * unit)
+        unit, upright = design_unit(width, height), height > width
+        box, margin = min(short, round((0.5 if upright else 0.5625) * long)), round(10 * unit)
         if upright:
             panel = Rectangle(margin, box, width - 2 * margin, height - box - margin)
         else:
@@ -78,18 +74,14 @@ class Layout:
         left, right, top, bottom = (round(unit * size) for size in (46, 14, 46, 40))
         room_x = (width if upright else box) - left - right
         room_y = (box if upright else height) - top - bottom
-        scale = min(room_x / area.width, room_y / area.length)
+        scale = fitting_scale(room_x, room_y, area)
         across, up = max(round(scale * area.width), 8), max(round(scale * area.length), 8)
-        below, legend = round(LEGEND_HEIGHT * unit), None
-        spare = room_y - up
-        if with_legend and spare >= below + gap and room_x >= 500 * unit:
-            spare -= below + gap
-            legend = Rectangle(margin, top + spare // 2 + up + bottom + gap, room_x + left + right - 2 * margin, below)
-        elif with_legend and panel.height >= SMALLEST_PANEL * unit:
-            panel = panel._replace(height=panel.height - below - gap)
-            legend = Rectangle(panel.left, panel.bottom + gap, panel.width, below)
-        area_map = Rectangle(left + (room_x - across) // 2, top + spare // 2, across, up)
-        return cls(width, height, unit, area_map, panel, legend, theme)
+        chart = Rectangle(left + (room_x - across) // 2, top + (room_y - up) // 2, across, up)
+        return cls(width, height, unit, {"map": chart, "panel": panel}, theme)
+
+    @property
+    def map(self) -> Rectangle:
+        return self.boxes["map"]
 
     @property
     def zoom(self) -> int:
@@ -104,7 +96,19 @@ class Layout:
 def design_unit(width: int, height: int) -> float:
     """Pixels of a frame to one pixel of the design; bounded from below, so that text in small frames is legible."""
     long, short = max(width, height), min(width, height)
-    return max(min(long / 1280, short / 720), 0.72 * min(1.0, long / 640))
+    return max(min(long / 1280, short / 720), LEAST_UNIT)
+
+
+def fitting_scale(width: float, height: float, area: Area) -> float:
+    """Pixels a metre with which an area fits into a width and height; its longer side has at least 8 pixels."""
+    return max(min(width / area.width, height / area.length), 8.0 / max(area.width, area.length))
+
+
+def tile_columns(names: Sequence[str], width: float, unit: float) -> int:
+    """Figures in a row of tiles of a width in pixels, so that names are legible, and rows are about equally long."""
+    widest = max(text_width(name, 11 * unit) for name in names) + 14 * unit
+    most = min(max(int(width / widest), 1), len(names))
+    return -(-len(names) // -(-len(names) // most))
 
 
 class MapView:
@@ -139,13 +143,13 @@ def nice_above(value: float, steps: tuple[float, ...] = (1, 2, 5, 10)) -> float:
 
 
 class Head:
-    """Title with clock, and tiles with figures below or beside it.
+    """Title with clock, and tiles with figures.
 
     Args:
         still: picture that frames are copied from.
-        title, tiles: their boxes.
+        title, tiles: their boxes; no tiles for None.
         words: first line of the title, and what its second line begins with; both are shortened to what there is room
-            for beside the clock, the duration and the play speed.
+            for beside the clock and the play speed.
         names: of the figures.
         end: duration, s. speed_up: play speed, s of mission in a second.
     """
@@ -154,30 +158,43 @@ class Head:
         self,
         still: np.ndarray,
         title: Rectangle,
-        tiles: Rectangle,
+        tiles: Rectangle | None,
         layout: Layout,
         words: tuple[str, str],
         names: list[str],
         end: float,
         speed_up: float,
     ) -> None:
-        self.title, self.tiles, self._layout = title, tiles, layout
+        self.title, self._layout = title, layout
         unit, theme, edge = layout.unit, layout.theme, 2 * layout.unit
         room = title.width - text_width(clock(end), 24 * unit, bold=True) - 14 * unit
-        name = shorten(words[0], 21 * unit, room, bold=True)
-        write(still, name, (title.left + edge, title.top + 24 * unit), 21 * unit, theme.text, bold=True)
+        size = max(fitting(words[0], 21 * unit, room, bold=True), 13 * unit)
+        name = shorten(words[0], size, room, bold=True)
+        write(still, name, (title.left + edge, title.top + 24 * unit), size, theme.text, bold=True)
         line, size = title.top + 44 * unit, 12 * unit
-        pace = f"of {clock(end)} · {speed_up:g} × speed"
-        run = shorten(words[1], size, title.width - text_width(pace, size) - 14 * unit)
+        room = title.width - 14 * unit
+        paces = [f"of {clock(end)} · {speed_up:g} × speed", f"{speed_up:g} × speed", f"{speed_up:g} ×"]
+        fits = [pace for pace in paces if text_width(words[1], size) + text_width(pace, size) <= room]
+        pace = (fits or paces[-1:])[0]
+        run = shorten(words[1], size, room - text_width(pace, size))
         write(still, run, (title.left + edge, line), size, theme.muted)
         write(still, pace, (title.right - edge, line), size, theme.muted, anchor="right")
-        draw_card(still, tiles, layout)
-        across = tiles.width / len(names)
-        self._columns = [tiles.left + place * across + 10 * unit for place in range(len(names))]
+        self._places: list[tuple[float, float]] = []
+        if tiles:
+            self._draw_tiles(still, tiles, names)
+
+    def _draw_tiles(self, still: np.ndarray, tiles: Rectangle, names: list[str]) -> None:
+        unit = self._layout.unit
+        draw_card(still, tiles, self._layout)
+        columns, height = tile_columns(names, tiles.width, unit), tiles.height - 8 * unit
+        rows = min(-(-len(names) // columns), max(1, int(height / (45 * unit))))
+        across, down = tiles.width / columns, height / rows
         self._room = across - 14 * unit
-        size = min(_fitting(name, 11 * unit, self._room) for name in names)
-        for left, name in zip(self._columns, names, strict=True):
-            write(still, name, (left, tiles.top + 17 * unit), size, theme.muted)
+        for place, name in enumerate(names[: rows * columns]):
+            left = tiles.left + place % columns * across + 10 * unit
+            top = tiles.top + 4 * unit + place // columns * down + (down - 46 * unit) / 2
+            write(still, name, (left, top + 13 * unit), 11 * unit, self._layout.theme.muted)
+            self._places.append((left, top + 37 * unit))
 
     def draw(self, picture: np.ndarray, time: float, share: float, values: list[str]) -> None:
         """Draw the time in s, a progress bar filled to `share`, and the values of the figures."""
@@ -187,15 +204,16 @@ class Head:
         top, done = round(title.bottom - 2 * unit), round(title.width * share)
         bar = picture[top : top + self._layout.px(3), title.left : title.right]
         bar[:], bar[:, :done] = theme.line, theme.muted
-        for left, value in zip(self._columns, values, strict=True):
-            size = _fitting(value, 20 * unit, self._room, bold=True)
-            write(picture, value, (left, self.tiles.top + 42 * unit), size, theme.text, bold=True)
+        for place, value in zip(self._places, values, strict=False):
+            size = fitting(value, 20 * unit, self._room, bold=True)
+            write(picture, value, place, size, theme.text, bold=True)
 
 
-def _fitting(text: str, size: float, room: float, bold: bool = False) -> float:
-    """Font size, reduced where needed so that the text is no wider than `room` pixels."""
-    width = text_width(text, size, bold)
-    return size if width <= room else size * max(room, 1.0) / width
+def fitting(text: str, size: float, room: float, bold: bool = False) -> float:
+    """Font size, reduced down to legible ones where needed so that the text is no wider than `room` pixels."""
+    while (width := text_width(text, size, bold)) > room and size > SMALLEST_LETTERS:
+        size = max(size * min(room / width, 0.99), SMALLEST_LETTERS)
+    return size
 
 
 def write_heading(picture: np.ndarray, layout: Layout, box: Rectangle, text: str, note: str = "") -> None:
@@ -239,15 +257,26 @@ class Bars:
         unit, theme = layout.unit, layout.theme
         for line, words in enumerate(title):
             write(still, words, (box.left + 10 * unit, box.top + (18 + 15 * line) * unit), 11 * unit, theme.muted)
-        start = box.left + max(text_width(words, 11 * unit) for words in title) + 26 * unit
+        start = box.left + self._title_width(title, unit)
         across = (box.right - start) / len(names)
         self._layout, self._scale, self._row = layout, scale, box.top
         self._left, self._room = [start + place * across for place in range(len(names))], across - 10 * unit
-        self._size = min(_fitting(f"{name} +00.00", 11 * unit, self._room) for name in names)
+        self._size = min(fitting(f"{name} +00.00", 11 * unit, self._room) for name in names)
         row = box.top + 30 * unit
         for left, name in zip(self._left, names, strict=True):
             write(still, name, (left, box.top + 18 * unit), self._size, theme.muted)
             shapes.stroke(still, np.array([(left, row), (left + self._room, row)]), theme.line, layout.px(2))
+
+    @staticmethod
+    def _title_width(title: tuple[str, str], unit: float) -> float:
+        return max(text_width(words, 11 * unit) for words in title) + 26 * unit
+
+    @classmethod
+    def most(cls, box: Rectangle, layout: Layout, title: tuple[str, str], names: list[str]) -> int:
+        """How many of the names, from the first one on, are legible side by side."""
+        widths = [text_width(f"{name} +00.00", SMALLEST_LETTERS) + 10 * layout.unit for name in names]
+        room = box.width - cls._title_width(title, layout.unit)
+        return max((n for n in range(1, len(names) + 1) if n * max(widths[:n]) <= room), default=1)
 
     def draw(self, picture: np.ndarray, values: list[float]) -> None:
         """Draw the values over a copy of the still picture."""
@@ -259,144 +288,3 @@ class Bars:
             middle, length = left + room / 2, room / 2 * min(max(value / self._scale, -1.0), 1.0)
             ink = style.GAUGE[0] if value > 0 else style.GAUGE[2]
             shapes.stroke(picture, np.array([(middle, row), (middle + length, row)]), ink, layout.px(4))
-
-
-class LegendSymbol(NamedTuple):
-    """Draws symbols of the map at a place of a picture."""
-
-    picture: np.ndarray
-    at: np.ndarray
-    layout: Layout
-
-    def _line(self, points: Sequence[tuple[float, float]], ink: Colour, width: float = 1.3) -> None:
-        """A line through points (N, 2) from the place, pixels of the design."""
-        ends = self.at + np.array(points) * self.layout.unit
-        shapes.stroke(self.picture, ends, ink, self.layout.px(width))
-
-    def _rings(self, rings: tuple[tuple[float, float], ...], ink: Colour, width: float) -> None:
-        """Rings of radii, each in a share of an ink."""
-        for radius, share in rings:
-            faded = style.mix(self.layout.theme.card, ink, share)
-            shapes.ring(self.picture, self.at, radius * self.layout.unit, faded, self.layout.px(width))
-
-    def _gauges(self, *gauges: tuple[float, float, float]) -> None:
-        """Nodes beside each other: offset, how full, age."""
-        sprites = shapes.NodeGauges(5.5 * self.layout.unit)
-        for x, share, old in gauges:
-            sprites.draw(self.picture, self.at + np.array([x, 0]) * self.layout.unit, share, old, pulse=0.6)
-
-    def auv(self) -> None:
-        shapes.auv(self.picture, self.at, 0.35, 22 * self.layout.unit, self.layout.theme.auv(0), self.layout.zoom)
-
-    def boat(self) -> None:
-        shapes.boat(self.picture, self.at, 0.35, 22 * self.layout.unit, self.layout.zoom)
-
-    def goal(self) -> None:
-        shapes.cross(self.picture, self.at, 4.5 * self.layout.unit, style.BOAT, self.layout.px(2))
-
-    def ping(self) -> None:
-        self._rings(((4, 0.7), (9, 0.35)), self.layout.theme.text, 1.3)
-
-    def heard(self) -> None:
-        theme = self.layout.theme
-        self._line([(-12, 5), (12, -5)], style.mix(theme.card, theme.auv(0), 0.6), 1.2)
-
-    def target(self) -> None:
-        ends = self.at + np.array([(-11, 5), (11, -5)]) * self.layout.unit
-        for piece in shapes.dashes(ends[0], ends[1], 4 * self.layout.unit):
-            shapes.stroke(self.picture, piece, self.layout.theme.auv(0), self.layout.px(1.3))
-
-    def next(self) -> None:
-        points, theme = [(-12, 5), (-3, -4), (5, 5), (13, -3)], self.layout.theme
-        for place, share in enumerate((0.4, 0.6, 0.75)):
-            self._line(points[place : place + 2], style.mix(theme.auv(0), theme.card, share))
-
-    def age(self) -> None:
-        self._gauges((-13, 0.25, 0.0), (0, 0.25, 0.5), (13, 0.25, 1.0))
-
-    def node(self) -> None:
-        self._gauges((-13, 0.12, 0.0), (0, 0.5, 0.0), (13, 0.85, 0.0))
-
-    def full(self) -> None:
-        self._gauges((0, 1.0, 0.0))
-
-    def station(self) -> None:
-        shapes.station(self.picture, self.at, 6.5 * self.layout.unit, self.layout.theme.auv(0), self.layout.zoom)
-
-    def service(self) -> None:
-        unit, colour = self.layout.unit, self.layout.theme.auv(0)
-        shapes.progress_ring(self.picture, self.at, 8 * unit, 0.65, colour, 2.8 * unit, self.layout.zoom)
-
-    def fix(self) -> None:
-        unit, ink, aside = self.layout.unit, self.layout.theme.text, np.array([7, 0]) * self.layout.unit
-        shapes.plus(self.picture, self.at - aside, 4.5 * unit, ink, self.layout.px(1))
-        shapes.fix(self.picture, self.at + aside, 4.5 * unit, ink, 1.5 * unit, self.layout.zoom)
-
-    def ellipse(self) -> None:
-        axes = np.array([(11.0, -3.0), (1.5, 5.0)]) * self.layout.unit
-        outline = shapes.ellipse_points(self.at, axes)
-        shapes.stroke(self.picture, outline, self.layout.theme.text, self.layout.px(1.2), closed=True)
-
-    def current(self) -> None:
-        for y, length in ((-4, 11), (4, 6)):
-            self._line([(-length, y), (0, y)], self.layout.theme.line, 1.5)
-            self._line([(0, y), (length, y)], self.layout.theme.muted, 1.5)
-
-    def foreseen(self) -> None:
-        unit, colour = self.layout.unit, self.layout.theme.auv(0)
-        shapes.foreseen(self.picture, self.at, 5 * unit, colour, 1.5 * unit, self.layout.zoom)
-
-    def field(self) -> None:
-        self._rings(((3, 0.8), (6, 0.55), (9, 0.3)), self.layout.theme.muted, 1.2)
-
-
-Entry = tuple[Callable[[LegendSymbol], None], str]
-AUV: Entry = LegendSymbol.auv, "underwater vehicle (AUV), last 2 min"
-BOAT: Entry = LegendSymbol.boat, "boat (USV): finds the AUVs by sound"
-PING: Entry = LegendSymbol.ping, "ring: the boat asks where they are"
-HEARD: Entry = LegendSymbol.heard, "line from the boat: an AUV it heard"
-GOAL: Entry = LegendSymbol.goal, "where the boat plans to go"
-FIX: Entry = LegendSymbol.fix, "true place of an AUV, and estimated"
-ELLIPSE: Entry = LegendSymbol.ellipse, "2-σ ellipse: 86 % of errors expected"
-CURRENT: Entry = LegendSymbol.current, "drifting streaks: water current"
-TO_NODE: Entry = LegendSymbol.target, "way to the sensor node it heads for"
-TO_STATION: Entry = LegendSymbol.target, "way back to its station"
-NEXT: Entry = LegendSymbol.next, "its way to the next three nodes"
-NODE: Entry = LegendSymbol.node, "sensor nodes: how full with data"
-FULL: Entry = LegendSymbol.full, "full: new data is being lost"
-SERVICE: Entry = LegendSymbol.service, "AUV hovers and takes over data"
-AGE: Entry = LegendSymbol.age, "white ring: last visited 5 min ago"
-STATION: Entry = LegendSymbol.station, "station that it holds"
-ENTRIES = AUV, BOAT, PING, HEARD, TO_NODE, GOAL, NEXT, FIX, NODE, ELLIPSE, FULL, SERVICE, AGE, CURRENT
-STATION_ENTRIES = AUV, BOAT, PING, HEARD, TO_STATION, GOAL, CURRENT, FIX, STATION, ELLIPSE
-FORESIGHT: tuple[Entry, ...] = (
-    (LegendSymbol.foreseen, "where the boat foresees an AUV"),
-    (LegendSymbol.field, "lines: what the boat would learn there"),
-)
-
-ON_MAP = replace(style.DARK, card=style.SEA[1])
-"""Colours of symbols: those of the map, on a stripe of water."""
-
-ABBREVIATIONS = "SDR: data rates of all services, added up · EC: an AUV's energy per second of travel"
-
-
-def draw_legend(picture: np.ndarray, box: Rectangle, layout: Layout, task: str, foresees: bool) -> None:
-    """Two columns of symbols and words, and what the abbreviations stand for; `foresees`: the boat foresees AUVs."""
-    draw_card(picture, box, layout)
-    unit, size = layout.unit, 11 * layout.unit
-    entries = (ENTRIES if task == "data-collection" else STATION_ENTRIES) + FORESIGHT * foresees
-    rows, widest = len(entries) // 2, max(text_width(words, size) for _, words in entries)
-    size *= min(1.0, (box.width / 2 - 48 * unit) / widest)
-    position = box.left + 8 * unit, box.bottom - 5 * unit
-    meaning = ABBREVIATIONS if task == "data-collection" else ABBREVIATIONS.split(" · ")[1]
-    write(picture, shorten(meaning, size, box.width - 16 * unit), position, size, layout.theme.muted)
-    box = box._replace(top=box.top + round(3 * unit), height=box.height - round(22 * unit))
-    on_map = replace(layout, theme=ON_MAP)
-    for column in range(2):
-        left = round(box.left + column * box.width / 2)
-        draw_card(picture, Rectangle(left, box.top, round(40 * unit), box.height), on_map)
-    for place, (symbol, words) in enumerate(entries):
-        left = box.left + (place % 2) * box.width / 2
-        middle = box.top + (place // 2 + 0.5) * box.height / rows
-        symbol(LegendSymbol(picture, np.array([left + 20 * unit, middle]), on_map))
-        write(picture, words, (left + 43 * unit, middle + 0.36 * size), size, layout.theme.text)

@@ -24,6 +24,7 @@ from usvauv.kernels.types import Level
 TRAIL_PIECES = 6  # of one opacity each
 OLD = 300.0  # s, age from which on a node's ring is brightest
 REFRESH = 3  # steps from which on streaks, which change slowly, are made anew
+WORDLESS = 240.0  # shorter side in pixels of the design of a map with smaller vehicles and no words over nodes
 SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
 
 
@@ -40,11 +41,12 @@ class MissionMap:
         view: metres to pixels. surface, streaks: layers, whose scales `draw_map_axes` draws.
     """
 
-    def __init__(self, trace: Trace, running: RunningMetrics, layout: Layout) -> None:
+    def __init__(self, trace: Trace, running: RunningMetrics, layout: Layout, limit: float | None = None) -> None:
+        """`limit`: end of the sea's colour scale, m; None for one that fits the trace."""
         scenario = trace.scenario
         self._trace, self._running, self._layout = trace, running, layout
         self.view = MapView(scenario.area, layout.map)
-        self.surface = SeaSurface(trace.surface, self.view)
+        self.surface = SeaSurface(trace.surface, self.view, limit=limit)
         self.streaks = CurrentStreaks(
             trace.vortex[0, 0], trace.stream_at(0.0), scenario.area.width, scenario.area.length, self.view, layout.unit,
             Eddies(scenario.current.period, cruise=scenario.eddies_at_cruise), Level.cruise,
@@ -59,6 +61,9 @@ class MissionMap:
         self._nodes = self.view.pixel(trace.node_position[0])
         self._exchanges, self._itinerary = Exchanges(trace), Itinerary(trace)
         self._popups = Popups(trace, self._itinerary, layout.unit)
+        shorter = min(layout.map.width, layout.map.height) / layout.unit
+        self._wordless = shorter < WORDLESS
+        self._size = layout.unit * float(np.clip(shorter / WORDLESS, 0.6, 1.0))  # of vehicles
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         # Stations have no data that could be old.
         self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
@@ -91,7 +96,8 @@ class MissionMap:
             self._draw_boat(picture, t, boat)
         for auv in range(self._auvs.shape[1]):
             self._draw_auv(picture, t, auv)
-        self._popups.draw(picture, self._layout.map, t, self._nodes, self._hover_radius, self._labels[t])
+        if not self._wordless:
+            self._popups.draw(picture, self._layout.map, t, self._nodes, self._hover_radius, self._labels[t])
 
     def _draw_trails(self, t: int) -> None:
         width = self._layout.px(2)
@@ -172,7 +178,7 @@ class MissionMap:
             for piece in shapes.dashes(position, goal, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.BOAT, layout.px(1))
             shapes.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
-        shapes.boat(picture, position, self._running.boat_heading[t, boat], 34 * layout.unit, layout.zoom)
+        shapes.boat(picture, position, self._running.boat_heading[t, boat], 34 * self._size, layout.zoom)
 
     def _draw_auv(self, picture: np.ndarray, t: int, auv: int) -> None:
         layout, position, colour = self._layout, self._auvs[t, auv], style.auv_colour(auv)
@@ -185,7 +191,7 @@ class MissionMap:
             for piece in shapes.dashes(foreseen, position, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
             shapes.foreseen(picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
-        shapes.auv(picture, position, self._running.heading[t, auv], 29 * layout.unit, colour, layout.zoom)
+        shapes.auv(picture, position, self._running.heading[t, auv], 29 * self._size, colour, layout.zoom)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
             shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         shapes.badge(picture, str(auv + 1), self._labels[t, auv], 11 * layout.unit, colour)
@@ -205,7 +211,9 @@ def draw_map_axes(picture: np.ndarray, layers: MapLayers, layout: Layout, area: 
     corners = [(0, 0), (area.width, 0), (area.width, area.length), (0, area.length)]
     frame = layers.view.pixel(np.array(corners, float)) + np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)]) * unit
     shapes.stroke(picture, frame, layout.theme.line, layout.px(1.5), closed=True)
-    size, spacing = 11 * unit, nice_above(max(area.width, area.length) / 5)
+    size = 11 * unit
+    apart = max(text_width(f"{max(area.width, area.length):g}", size) + 8 * unit, 0.2 * max(box.width, box.height))
+    spacing = nice_above(apart / layers.view.per_metre)
     for x in np.arange(0, area.width * 1.0001, spacing):
         at = layers.view.pixel(np.array([x, 0]))[0]
         shapes.stroke(picture, np.array([(at, box.bottom + unit), (at, box.bottom + 5 * unit)]), layout.theme.muted)
@@ -215,15 +223,16 @@ def draw_map_axes(picture: np.ndarray, layers: MapLayers, layout: Layout, area: 
         shapes.stroke(picture, np.array([(box.left - unit, at), (box.left - 5 * unit, at)]), layout.theme.muted)
         write(picture, f"{y:g}", (box.left - 8 * unit, at + 0.36 * size), size, layout.theme.muted, anchor="right")
     below = box.bottom + 32 * unit
-    east = "metres east →"
-    write(picture, east, (box.right, below), size, layout.theme.muted, anchor="right")
-    room = box.width - text_width(east, size) - _scale_bar(picture, layers, layout, below) - 30 * unit
-    if text_width(note, size) < room:
-        position = box.right - text_width(east, size) - 15 * unit, below
-        write(picture, note, position, size, layout.theme.muted, anchor="right")
-    free = box.left - 8 * unit, _scales(picture, layers, layout)
-    if text_width("metres north ↑", size) + 12 * unit < free[1] - free[0]:
-        write(picture, "metres north ↑", (free[0], box.top - 8 * unit), size, layout.theme.muted)
+    free = box.right - 8 * unit - _scale_bar(picture, layers, layout, below) - box.left
+    right = float(box.right)
+    for words in ("metres east →", note):  # the more important one first
+        if text_width(words, size) <= free:
+            write(picture, words, (right, below), size, layout.theme.muted, anchor="right")
+            right -= text_width(words, size) + 15 * unit
+            free -= text_width(words, size) + 15 * unit
+    free = _scales(picture, layers, layout) - box.left + 8 * unit
+    if text_width("metres north ↑", size) + 12 * unit < free:
+        write(picture, "metres north ↑", (box.left - 8 * unit, box.top - 8 * unit), size, layout.theme.muted)
 
 
 def view_note(scenario: Scenario) -> str:
@@ -255,13 +264,17 @@ def _scales(picture: np.ndarray, layers: MapLayers, layout: Layout) -> float:
         right -= text_width(text, size) + round(gap * unit)
 
     limit, streaks = layers.surface.limit, layers.streaks
+    start = f"−{limit:g}" if limit else "flat sea"
     if limit:
         words(f"+{limit:g} m", 6)
-        width, height = round(90 * unit), round(9 * unit)
+        room = right - layout.left - text_width(start, size) - 12 * unit
+        width, height = max(round(min(90 * unit, room)), layout.px(8)), round(9 * unit)
         top = round(line - height)
         picture[top : top + height, right - width : right] = colour_scale(width, height)
         right -= width + round(6 * unit)
-    words(f"sea surface  −{limit:g}" if limit else "flat sea", 18)
+        if right - text_width(f"sea surface  {start}", size) >= layout.left:
+            start = f"sea surface  {start}"
+    words(start, 18)
     if streaks.fastest == 0.0:
         words("no current", 0)
         return right

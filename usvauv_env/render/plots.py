@@ -9,14 +9,24 @@ import numpy as np
 
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
-from usvauv.env.render.layout import Layout, MapView, Rectangle, nice, nice_above, within_margins, write_heading
+from usvauv.env.render.layout import (
+    SMALLEST_LETTERS,
+    Layout,
+    MapView,
+    Rectangle,
+    fitting,
+    nice,
+    nice_above,
+    within_margins,
+    write_heading,
+)
 from usvauv.env.render.map import error_axes
 from usvauv.env.render.mission import Exchanges, RunningMetrics
 from usvauv.env.render.style import Colour, clock, text_width, write
 from usvauv.env.storage.memory import extremes
 
 LOG_STEPS = (1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)
-FEWEST_TICKS = 3
+FEWEST_TICKS, MOST_TICKS = 3, 6
 TIME_TICKS = (5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200)  # s
 
 
@@ -71,7 +81,8 @@ class Plot:
                 ticks = [tick for tick in ticks if low <= tick <= high]
                 if len(ticks) >= FEWEST_TICKS:
                     return ticks
-        spacing = nice_above((high - low) / max(5 if self._log else 2, self.box.height // (18 * self._unit)))
+        most = min(max(5 if self._log else 2, self.box.height // (18 * self._unit)), MOST_TICKS)
+        spacing = nice_above((high - low) / most)
         return [i * spacing for i in range(math.ceil(low / spacing), math.floor(high / spacing) + 1)]
 
     def _draw_axes(self) -> None:
@@ -115,8 +126,11 @@ class RecordedPlot(Plot):
         for point in self._points(time, values):
             shapes.disc(self._fine, point, 0.9 * self._unit * self._zoom, colour)
 
-    def curve(self, time: np.ndarray, values: np.ndarray, colour: Colour) -> None:
-        shapes.stroke(self._fine, self._points(time, values), colour, self._line_width)
+    def curve(self, time: np.ndarray, values: np.ndarray, colour: Colour, dash: float = 0.0) -> None:
+        """A line, or dashes of a length in pixels, between which other curves are seen."""
+        points = self._points(time, values)
+        for piece in shapes.dashed(points, dash * self._zoom) if dash else [points]:
+            shapes.stroke(self._fine, piece, colour, self._line_width)
 
     def area(self, time: np.ndarray, values: np.ndarray, colour: Colour) -> None:
         """Fill between a curve and zero."""
@@ -210,8 +224,9 @@ class FixInsets:
         self._radius = max(self._diameter(box, count, rows, label) / 2, 4.0)
         self._across = across = box.width / columns
         down = box.height / rows
+        above = min(max(down - 2 * self._radius - label, 0.0) / 2, 0.5 * down) + self._radius
         self._centres = [
-            np.array([box.left + (k % columns + 0.5) * across, box.top + (k // columns) * down + self._radius])
+            np.array([box.left + (k % columns + 0.5) * across, box.top + (k // columns) * down + above])
             for k in range(count)
         ]
         self._tints = np.array(
@@ -278,10 +293,11 @@ class FixInsets:
         unit, centre = self._layout.unit, self._centres[auv]
         error = self._running.position_error[t, auv]
         digits = sum(error < limit for limit in (9.995, 99.95))  # three in all, so that captions are of one size
-        text = f"{auv + 1}: {error:.{digits}f} m"
-        if self._radius >= 42 * unit:
-            text = f"AUV {text} off"
-        size = 12.5 * unit * min(1.0, 0.93 * self._across / text_width(text, 12.5 * unit, bold=True))
+        text, room = f"{auv + 1}: {error:.{digits}f} m", 0.93 * self._across
+        texts = [f"AUV {text} off"] * (self._radius >= 42 * unit) + [text, f"{auv + 1}"]
+        fits = [text for text in texts if text_width(text, SMALLEST_LETTERS, bold=True) <= room]
+        text = (fits or texts[-1:])[0]
+        size = fitting(text, 12.5 * unit, room, bold=True)
         below = centre[1] + self._radius + 16 * unit
         write(picture, text, (centre[0], below), size, self._layout.theme.auv(auv), bold=True, anchor="centre")
 
@@ -317,7 +333,10 @@ class DepthSection:
         self._auvs, self._boats = trace.auv_position[:, 0], trace.boat_position[:, 0]
         self._exchanges = Exchanges(trace)
         boats = "boat" if self._boats.shape[1] == 1 else "boats"
-        write_heading(still, layout, box, f"Section from the south: {boats}, AUVs, nodes")
+        titles = f"Section from the south: {boats}, AUVs, nodes", "Section from the south", "Section"
+        room_left = box.width - 32 * unit - text_width("heave −0.00 m · tilt 00.0°", 12 * unit, bold=True)
+        fits = [title for title in titles if text_width(title, 12 * unit, bold=True) <= room_left]
+        write_heading(still, layout, box, (fits or [""])[0])
         self._x = np.linspace(0.0, scenario.area.width, POINTS)
 
     def draw(self, picture: np.ndarray, t: int) -> None:

@@ -44,18 +44,23 @@ class SeaSurface:
         limit: elevation (m) of the colour scale's ends, ±, about the 99th percentile; 0 for a flat sea.
     """
 
-    def __init__(self, surface: np.ndarray, view: MapView, pixels: int = RELIEF_PIXELS) -> None:
+    def __init__(
+        self, surface: np.ndarray, view: MapView, pixels: int = RELIEF_PIXELS, limit: float | None = None
+    ) -> None:
         """
         Args:
             surface: elevation that the scales are fitted to, (T, Y, X) m, row 0 in the south; empty for a flat sea.
             view: the map.
             pixels: largest side of the relief as it is shaded, before it is enlarged.
+            limit: of the colour scale; None for one that fits.
         """
         self._surface = surface
         self._view = view
         self._pixels = pixels
-        self.limit = elevation_limit(surface)
-        if self.limit == 0.0:
+        own = elevation_limit(surface)
+        self.limit = own if limit is None else limit
+        self._flat = own == 0.0
+        if self._flat:
             return
         # Slopes are exaggerated until steep ones, the 98th percentile, are drawn at about 30°.
         some = surface[:: max(1, len(surface) // 20)].astype(np.float32)
@@ -83,7 +88,7 @@ class SeaSurface:
     def paint(self, picture: np.ndarray, t: int) -> None:
         """Draw the surface of step t over the map."""
         region = self._view.rectangle.of(picture)
-        if self.limit == 0.0:
+        if self._flat:
             region[:] = style.SEA[2]
             return
         small = self.relief(self._surface[t])
@@ -92,7 +97,7 @@ class SeaSurface:
     def relief(self, field: np.ndarray) -> np.ndarray:
         """A surface (Y, X) m, row 0 in the south, as a picture with the north on top, at the resolution of shading."""
         field = self._small(field)
-        if self.limit == 0.0:
+        if self._flat:
             return np.full((*field.shape, 3), style.SEA[2], np.uint8)
         east, north = self._slopes(field)
         east, north = east * self._steepen, north * self._steepen

@@ -92,6 +92,17 @@ def dashes(start: np.ndarray, end: np.ndarray, dash: float) -> list[np.ndarray]:
     return [np.stack([start + a * direction, start + b * direction]) for a, b in zip(begin, stop, strict=True)]
 
 
+def dashed(points: np.ndarray, dash: float) -> list[np.ndarray]:
+    """The pieces of a dashed line through points (P, 2); dashes and gaps are `dash` pixels long."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    pieces = []
+    for begin in np.arange(0.0, along[-1], 2 * dash):
+        ends = begin, min(begin + dash, along[-1])
+        first, last = (np.array([[np.interp(end, along, axis) for axis in points.T]]) for end in ends)
+        pieces.append(np.concatenate([first, points[(along > ends[0]) & (along < ends[1])], last]))
+    return pieces
+
+
 def smooth(
     image: np.ndarray,
     centre: np.ndarray,

@@ -85,6 +85,7 @@ class Theme:
         background, card, line, muted, text: of the frame, of panels, of thin lines, of notes, of text.
         vehicles: of the first AUVs on cards. brightness: of further ones, 0 to 1.
         water: line of the sea's elevation on cards. glow: the lightest of the room around the sea in perspective.
+        runs: of two missions that are compared.
     """
 
     background: Colour
@@ -96,6 +97,7 @@ class Theme:
     brightness: float
     water: Colour
     glow: Colour
+    runs: tuple[Colour, Colour]
 
     def auv(self, auv: int) -> Colour:
         """Colour of AUV number `auv` on a card."""
@@ -112,6 +114,7 @@ DARK = Theme(
     brightness=1.0,
     water=SEA[4],
     glow=colour("#1d3346"),
+    runs=(colour("#eef3f7"), colour("#ff8f3f")),
 )
 LIGHT = Theme(
     background=colour("#e9eef2"),
@@ -123,6 +126,7 @@ LIGHT = Theme(
     brightness=0.6,
     water=SEA[2],
     glow=colour("#ffffff"),
+    runs=(colour("#12202c"), colour("#c4500c")),
 )
 THEMES = {"dark": DARK, "light": LIGHT}
 
