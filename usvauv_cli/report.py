@@ -17,6 +17,7 @@ from rich.table import Table
 from usvauv.cli import tables
 from usvauv.cli.console import LINE_EVERY
 from usvauv.cli.evaluation.comparison import Comparison, Estimate, interval, labels, words
+from usvauv.cli.evaluation.differences import dependence, headline, sentences
 from usvauv.cli.tables import Column, column_tables
 from usvauv.cli.words import counted, duration
 from usvauv.env.record.metrics import EpisodeMetrics
@@ -28,12 +29,14 @@ BY_TASK = {"data-collection": ("delivered_mbit", "ec"), "station-keeping": ("tar
 LONGEST_NAME = {1: 30, 2: 24, 3: 16}  # by the number of columns with names
 
 
-def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: bool) -> None:
-    """Print mean ± standard deviation over the episodes of each policy, boat strategy and target rule.
+def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: bool, score: str | None = None) -> None:
+    """Print mean ± standard deviation over the episodes of each policy, boat strategy and target rule, differences to
+    the reference in the same worlds with their intervals, and a sentence on the headline of each.
 
     Args:
         comparison: of the episodes.
         scenario, seed: what was run.
+        score: figure of the sentence, by default `headline`.
         wide: all figures in three tables of any width, instead of those that matter most in one that fits.
     """
     first, count = comparison.combinations[0], comparison.episodes
@@ -50,25 +53,40 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
         everything = {column.name: column for part in parts.values() for column in part}
         names = ("arps", *middle, "position_error_rms", "fix_availability")
         parts = {"": [everything[name] for name in names]}
+    limit = tables.UNLIMITED if wide else 0
     for shown in filter(None, parts.values()):
         print()
-        _table(comparison, varied, shown, tables.UNLIMITED if wide else 0)
-    if said := dependence(comparison, "arps"):
+        _table(comparison, varied, shown, limit)
+    score = score or headline(scenario)
+    if len(several) > 1:
+        name = labels(several)[several.index(comparison.reference)]
+        print("\n" + tables.wrapped(f"less {name} in the same world: mean ± half of its 95 % interval"))
+        for shown in filter(None, parts.values()):
+            print()
+            _table(comparison, varied, shown, limit, less=True)
+        print()
+        for said in sentences(comparison, score):
+            print(tables.wrapped(said, 2))
+    if said := dependence(comparison, score):
         print("\n" + tables.wrapped(said))
     if not wide:
         print("\nrms: error of the AUVs' estimated positions; fixes: share of steps with one")
         print("all figures: --wide")
 
 
-def _table(comparison: Comparison, varied: Sequence[str], shown: Sequence[Column], limit: int) -> None:
-    """One table, then the names that were shortened."""
+def _table(
+    comparison: Comparison, varied: Sequence[str], shown: Sequence[Column], limit: int, less: bool = False
+) -> None:
+    """One table, of means or of differences (`less`), then the names that were shortened."""
     cells: list[list[str]] = []
     for which in comparison.combinations:
+        if less and which == comparison.reference:
+            continue
         spreads = []
         for name, _, digits, *_ in shown:
             (mean, _, n), deviation = comparison.score(which, name), comparison.deviation(which, name)
-            spread = f" ± {deviation:.{digits}f}" if n > 1 else ""
-            spreads.append("–" if math.isnan(mean) else f"{mean:.{digits}f}{spread}")
+            spread = "–" if math.isnan(mean) else f"{mean:.{digits}f}{f' ± {deviation:.{digits}f}' if n > 1 else ''}"
+            spreads.append(words(comparison.difference(which, name), sign=True) if less else spread)
         cells.append([*(getattr(which, name) for name in varied), *spreads])
     long = [] if limit else [name for row in cells for name in row[: len(varied)]]
     short = tables.shortened(long, LONGEST_NAME[len(varied)])
@@ -76,7 +94,7 @@ def _table(comparison: Comparison, varied: Sequence[str], shown: Sequence[Column
     brief_cells = [[short.get(cell, cell) for cell in row] for row in cells]
     tables.print_table(headings, brief_cells, len(varied), limit)
     for name, brief in short.items():
-        if name != brief:
+        if name != brief and not less:
             print(tables.wrapped(f"{brief} = {name}", 2))
 
 
@@ -93,17 +111,6 @@ def intervals(comparison: Comparison, name: str) -> list[str]:
     if said := dependence(comparison, name):
         lines.append(said)
     return lines
-
-
-def dependence(comparison: Comparison, name: str) -> str:
-    """What it means for a figure that episodes share seas; empty where they do not."""
-    effective = comparison.effective(name)
-    if comparison.seas == 1 < comparison.episodes:
-        return f"no intervals: all {comparison.episodes} episodes are on one sea, which says nothing of other seas"
-    if not 0 < comparison.seas < comparison.episodes or effective > 0.95 * comparison.episodes:
-        return ""
-    shared = f"{comparison.episodes} episodes take turns on {counted(comparison.seas, 'sea')}"
-    return f"{shared}: the mean of {name} is as certain as from {effective:.0f} episodes with a sea each"
 
 
 def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:

@@ -12,7 +12,6 @@ from scipy import stats
 
 import usvauv
 from usvauv import policies
-from usvauv.cli import report
 from usvauv.cli.evaluation.comparison import (
     EXACT,
     LEAST_EPISODES,
@@ -24,6 +23,7 @@ from usvauv.cli.evaluation.comparison import (
     t_quantile,
     words,
 )
+from usvauv.cli.evaluation.differences import dependence, sentence, sentences
 from usvauv.env import Scenario, World, evaluate
 from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import FIGURES
@@ -169,7 +169,7 @@ class TestComparison:
         comparison = Comparison([ONE], seas=1)
         comparison.add({ONE: rows(np.random.default_rng(8).normal(0, 1, LEAST_EPISODES))})
         assert (comparison.half("luck"), comparison.floor("luck")) == (math.inf, math.inf)
-        assert "are on one sea" in report.dependence(comparison, "luck")
+        assert "are on one sea" in dependence(comparison, "luck")
 
     def test_the_seas_leave_a_floor(self):
         """Of two policies that the seas tell apart; of episodes on their own there is none."""
@@ -183,6 +183,43 @@ class TestComparison:
         assert many.effective("luck") == 640
         assert many.half("luck") < 0.2 * few.half("luck")
         assert few.effective("luck") == pytest.approx(16, rel=0.1)
+
+    def test_who_is_ahead_in_words(self):
+        """By the paired interval; where it holds 0, or there is none, it is said."""
+        rng = np.random.default_rng(9)
+        base, gain = rng.normal(100, 30, 40), rng.normal(30, 20, 40)
+        comparison = Comparison([ONE, TWO, THREE], reference=TWO)
+        comparison.add({ONE: rows(base + gain), TWO: rows(base), THREE: rows(base - gain + 30)})
+        half = stats.t.ppf(0.975, 39) * stats.sem(gain)
+        ahead, level = sentences(comparison, "delivered_mbit")
+        assert ahead == f"one brings in {gain.mean():.1f} ± {half:.1f} Mbit more than two"
+        assert level.startswith("data: no difference beyond chance between three and two (")
+        assert level.endswith(f" ± {half:.1f} Mbit)")
+
+    @pytest.mark.parametrize(
+        ("less", "name", "expected"),
+        [
+            (Estimate(-30.21, 9.13, 9), "delivered_mbit", "a brings in 30.2 ± 9.1 Mbit less than b"),
+            (Estimate(0.61, math.nan, 1), "arps", "a earns 0.610 more reward per step than b (one world: no interval)"),
+            (
+                Estimate(-2.0, math.nan, 64),
+                "target_distance",
+                "a keeps 2 m nearer to its stations than b (fewer than two seas: no interval)",
+            ),
+            (Estimate(-5.0, 0.0, 9), "energy_wh", "a uses 5 Wh less than b in every world"),
+            (Estimate(0.0, 0.0, 9), "jain", "Jain's index: a and b are equal in every world"),
+            (Estimate(12.0, 3.0, 9), "aoi_mean", "age is 12.0 ± 3.0 s higher with a than with b"),
+            (
+                Estimate(-0.2, 0.3, 9),
+                "position_error_rms",
+                "position error rms: no difference beyond chance between a and b (−0.20 ± 0.30 m)",
+            ),
+            (Estimate(2.0, 1.0, 9), "luck", "luck is 2.0 ± 1.0 higher with a than with b"),
+            (Estimate(math.nan, math.nan, 0), "aoi_peak", "peak age: no world has it for both a and b"),
+        ],
+    )
+    def test_sentences(self, less, name, expected):
+        assert sentence(less, "a", "b", name) == expected
 
     def test_what_is_kept_does_not_grow(self):
         comparison = Comparison([ONE, TWO], kept=20)
@@ -333,6 +370,7 @@ def test_from_python_a_table_has_means_and_paired_differences_with_their_interva
             paired = stats.ttest_rel(values, first).confidence_interval(0.95)
             expected = (paired.low + paired.high) / 2, (paired.high - paired.low) / 2
             assert (row["difference"], row["difference_half"]) == pytest.approx(expected, rel=1e-6, abs=1e-12)
+    assert len(table.attrs["sentences"]) == 3
     for unknown in ({"policies": "none"}, {"usv": "none"}, {"targets": ["none"]}, {"episodes": 0}):
         with pytest.raises(UserError, match=r"none|at least 1"):
             usvauv.evaluate(scenario, **unknown)

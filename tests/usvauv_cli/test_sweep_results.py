@@ -107,6 +107,41 @@ def test_summary_takes_the_better_direction_and_whole_runs():
     assert profile[0.9] == pytest.approx(2 / 3)
 
 
+@pytest.mark.parametrize("seeds", [1, 5])
+def test_differences_are_paired_by_world(seeds):
+    """Of several trainings the interval is that of their means, of one that of its episodes, less those not known."""
+    draw = np.random.default_rng(4)
+    base = draw.normal(0, 9, (seeds, 6))
+    values = {"a": base, "b": base + draw.normal(2, 0.3, (seeds, 6)), "c": base + draw.normal(0, 0.3, (seeds, 6))}
+    values["b"][0, 2] = np.nan
+    table = [
+        {
+            "task": "x",
+            "method": name,
+            "training_seed": str(seed),
+            "episode": str(episode),
+            "ec": str(each[seed, episode]),
+        }
+        for name, each in values.items()
+        for seed, episode in product(range(seeds), range(6))
+    ]
+    found = summary.differences(table, "ec", {"x": 0})
+    assert [(row["method"], row["over"]) for row in found] == [("b", "a"), ("c", "a")]
+    for row in found:
+        less = values[row["method"]] - base
+        independent = np.nanmean(less, axis=1) if seeds > 1 else less[0][~np.isnan(less[0])]
+        interval = stats.ttest_1samp(independent, 0).confidence_interval(0.95)
+        assert (row["difference"] - row["half"], row["difference"] + row["half"]) == pytest.approx(tuple(interval))
+        assert row["sentence"].endswith(", of one run each") == (seeds == 1)
+    assert found[0]["sentence"].startswith("EC is ")
+    assert " W higher with b than with a" in found[0]["sentence"]
+    assert found[1]["sentence"].startswith("EC: no difference beyond chance between c and a (")
+    on_one_sea = summary.differences(table, "ec", {"x": 1})
+    assert (on_one_sea[0]["half"] is None) == (seeds == 1)
+    apart = [row for row in table if (row["method"] == "a") != (row["training_seed"] == "0")]
+    assert seeds == 1 or summary.differences(apart, "ec", {"x": 0})[0]["difference"] is None
+
+
 def test_of_many_methods_the_best_is_compared_with_the_others():
     found = {task: {f"m{n}": np.array([n, n + 0.5]) for n in range(summary.COMPARED + 1)} for task in "xy"}
     results = summary.summary(found, Evaluation())
@@ -215,6 +250,7 @@ def test_runs_have_their_state_seconds_and_last_line(made):
 def test_page_needs_nothing_else_and_its_figures_are_described(made):
     said = html.unescape(made.text)
     assert all(words in said for words in (STUDY.strip(), "Python 3.", "taichi 1.7.4", "kernels on cpu"))
+    assert "<li>ideal: straight earns 0.100 more reward per step than clear in every world</li>" in said
     check_alone(made.folder / "report")
     check_figures(made.folder / "report", FIGURES)
     assert "<b>sac" not in made.text
@@ -270,6 +306,7 @@ def test_the_largest_page_is_below_its_bound(made, tmp_path):
         "aggregates": {method: dict.fromkeys(("iqm", "median", "mean"), one) for method in long},
         "profiles": {method: [{"above": t / 40, **one} for t in range(41)] for method in long},
         "improvement": [{"method": long[0], "over": other, **one} for other in long[1:]],
+        "differences": [{"sentence": f"{other} earns more than {long[0]}"} for other in long[1:]],
     }
     pieces = [dataclasses.replace(piece, method=long[0], task=next(iter(found["tasks"]))) for piece in made.study.runs]
     runs = tuple(pieces[i % 18] for i in range(report.MOST_RUNS + 100))

@@ -16,6 +16,7 @@ from scipy import stats
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
 from usvauv import play, policies
 from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.cli.evaluation.differences import dependence, sentences
 from usvauv.cli.tables import column_tables
 from usvauv.cli.web_report import figure_style, figures, page
 from usvauv.cli.web_report.episodes import (
@@ -138,6 +139,24 @@ class TestPage:
             if half and float(mean) != pytest.approx(float(half)):
                 assert bool(bold) == (abs(float(mean)) > float(half)), text
         assert {bool(bold) for bold, _ in cells} == {True, False}
+
+    def test_the_head_says_who_is_ahead(self, made):
+        head, comparison = made.text.partition("</header>")[0], compared(made.rows)
+        assert f"<li>{sentences(comparison, 'delivered_mbit')[0]}</li>" in head
+
+    def test_the_head_says_what_shared_seas_leave(self, made, tmp_path):
+        """As the console does."""
+        comparison = Comparison(list(made.recordings), seas=2)
+        rng = np.random.default_rng(0)
+        row = made.rows[0].columns()
+        batch = {
+            which: [row | {"delivered_mbit": 9.0 * (episode % 2) + luck} for episode, luck in enumerate(rng.random(8))]
+            for which in comparison.combinations
+        }
+        comparison.add(batch)
+        text = page.write(tmp_path, made.scenario, 4, comparison, made.recordings).read_text(encoding="utf-8")
+        assert dependence(comparison, "delivered_mbit").startswith("8 episodes take turns on 2 seas: ")
+        assert dependence(comparison, "delivered_mbit") in text.partition("</header>")[0]
 
     def test_needs_nothing_else(self, made):
         check_alone(made.folder)

@@ -49,9 +49,15 @@ def evaluate(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with OUT.csv.partial, which the same command left when it stopped.")
     ] = False,
-    score: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Figure whose interval is shown meanwhile and decides the end.")
-    ] = "arps",
+    chosen_score: Annotated[
+        str | None,
+        typer.Option(
+            "--score",
+            metavar="COLUMN",
+            help="Figure that is compared in words, whose interval is shown meanwhile and decides the end."
+            " Default: data brought in or distance to stations in words, else arps.",
+        ),
+    ] = None,
     against: Annotated[
         str | None,
         typer.Option(
@@ -77,7 +83,8 @@ def evaluate(
     force: Force = False,
     plugins: Plugins = None,
 ) -> None:
-    """Run policies on the same seeded worlds, write one CSV row an episode, print mean ± standard deviation.
+    """Run policies on the same seeded worlds, write one CSV row an episode, print mean ± standard deviation,
+    differences to the first combination in the same worlds with 95 % intervals, and who is ahead.
 
     Rows are kept in OUT.csv.partial until all are there, so that `--resume` can go on after Ctrl-C or a crash.
 
@@ -120,6 +127,7 @@ def evaluate(
         warn_team_size(name, setting)
     scenarios = combinations(setting, names, usv or [None], targets or [None])
     figures = (*FIGURES, *(name for name, metric in task_metrics.items() if metric.task == setting.task))
+    score = chosen_score or "arps"
     if score not in figures:
         raise UserError(f"--score {score!r}: {choices(score, figures)}")
     reference = next((which for which in scenarios if against in (None, *filter(None, which))), None)
@@ -171,7 +179,7 @@ def evaluate(
                 typer.echo(f"stopped; {there}; --resume goes on from there")
             raise
         table.finish()
-    report.metrics_tables(comparison, setting, seed, wide)
+    report.metrics_tables(comparison, setting, seed, wide, chosen_score)
     if until is not None:
         print("\n".join(report.intervals(comparison, score)))
         if (floor := comparison.floor(score)) > until:
@@ -186,4 +194,6 @@ def evaluate(
     if report_folder:
         from usvauv.cli.web_report import page
 
-        typer.echo(f"report: {page.write(report_folder, setting, seed, comparison, recordings).resolve()}")
+        typer.echo(
+            f"report: {page.write(report_folder, setting, seed, comparison, recordings, chosen_score).resolve()}"
+        )

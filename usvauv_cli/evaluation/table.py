@@ -10,6 +10,7 @@ import pandas as pd
 
 from usvauv import policies as by_name
 from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.cli.evaluation.differences import headline, sentences
 from usvauv.cli.evaluation.run import combinations
 from usvauv.env.record import evaluation
 from usvauv.env.record.evaluation import MakePolicy
@@ -53,7 +54,8 @@ def evaluate(
         the first combination's row; `episodes` that have the figure: the energy for each Mbit, say, only those that
         brought in data.
 
-        Figures are named as in the CSV of `usvauv eval`, with the unit where it is not obvious.
+        Figures are named as in the CSV of `usvauv eval`, with the unit where it is not obvious. `attrs["sentences"]`
+        has what `usvauv eval` says of the differences in words.
 
     Raises:
         UserError: an argument that cannot be used, or what `Scenario.load`, `World` and `record` raise.
@@ -92,7 +94,9 @@ def evaluate(
             rows.append((figure, *which, score.mean, score.half, less.mean, less.half, score.n))
     names = ["figure", *Combination._fields]
     columns = ["mean", "half", "difference", "difference_half", "episodes"]
-    return pd.DataFrame(rows, columns=[*names, *columns]).set_index(names)
+    table = pd.DataFrame(rows, columns=[*names, *columns]).set_index(names)
+    table.attrs["sentences"] = sentences(comparison, headline(setting))
+    return table
 
 
 def _several(names: str | Sequence[str] | None) -> Sequence[str | None]:

@@ -77,6 +77,7 @@ def write_report(folder: Path, study: Study, results: Mapping[str, Any]) -> Path
         results=results,
         methods=methods[:MOST_METHODS],
         tasks=list(results["tasks"])[:MOST_TASKS],
+        ahead=results["differences"][:PAIRS],
         pairs=results["improvement"][:MOST_PAIRS],
         runs=runs[:MOST_RUNS],
         left_out=[

@@ -19,6 +19,7 @@ from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.study import Study
 from usvauv.env.record.metrics import EpisodeMetrics
+from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, locked
 from usvauv.env.storage.tables import write_rows
 from usvauv.kernels.errors import UserError
@@ -61,7 +62,10 @@ def write_results(study: Study, folder: Path) -> None:
         write_rows(folder / TABLE, list(columns), rows())
         parquet = _write_parquet(folder / TABLE)
         print(f"{len(done) * study.evaluation.episodes} episodes written to {folder / TABLE}{parquet}")
-    results = summary.summary(summary.scores(rows(), study.evaluation.score), study.evaluation)
+    score = study.evaluation.score
+    seas = {piece.task: Scenario.from_dict(piece.definition["scenario"]).random_seas for piece in done}
+    told = summary.differences(rows(), score, seas)
+    results = summary.summary(summary.scores(rows(), score), study.evaluation, told)
     with atomic_write(folder / "summary.json") as partial:
         partial.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     summary.show(results)

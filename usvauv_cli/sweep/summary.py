@@ -17,7 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usvauv.cli import tables
+from usvauv.cli.evaluation import comparison
 from usvauv.cli.evaluation.comparison import digits
+from usvauv.cli.evaluation.differences import sentence
 from usvauv.cli.sweep.study import Evaluation
 
 Scores = Sequence[np.ndarray]  # one array a task, (…, N) over its runs
@@ -107,8 +109,54 @@ def scores(rows: Iterable[Mapping[str, Any]], score: str) -> dict[str, dict[str,
     return {task: {m: np.array(v) for m, v in methods.items()} for task, methods in found.items()}
 
 
-def summary(found: Mapping[str, Mapping[str, np.ndarray]], evaluation: Evaluation) -> dict[str, Any]:
-    """Statistics of a study as JSON values; None stands for what cannot be known.
+def differences(rows: Iterable[Mapping[str, Any]], score: str, seas: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Of each task and method the score less that of the task's first method, with a sentence.
+
+    Runs of the same seed are evaluated in the same worlds, so the difference is taken episode by episode. Over several
+    seeds, of which each is another training and other worlds, the interval is that of the seeds' means; of one seed
+    that of its episodes, see `usvauv.cli.evaluation.comparison`, which says nothing of other trainings.
+
+    Args:
+        rows: of all runs.
+        score: a figure.
+        seas: number of random seas by task, as `Scenario.random_seas` has it.
+    """
+    found: dict[str, dict[str, dict[tuple[int, int], list[float]]]] = {}
+    for row in rows:
+        value, place = float(row.get(score) or "nan"), (int(row["training_seed"]), int(row["episode"]))
+        found.setdefault(row["task"], {}).setdefault(row["method"], {}).setdefault(place, []).append(value)
+    told = []
+    for task, methods in found.items():
+        first, *others = methods
+        for method in others:
+            places = sorted(methods[method].keys() & methods[first].keys())
+            less = np.array([np.mean(methods[method][at]) - np.mean(methods[first][at]) for at in places])
+            of = np.array([seed for seed, _ in places])
+            seeds = np.unique(of[~np.isnan(less)])
+            if len(seeds) > 1:
+                value = comparison.interval(np.array([np.nanmean(less[of == seed]) for seed in seeds]))
+            else:
+                value = comparison.interval(less if len(less) else np.full(1, np.nan), seas[task])
+            said = sentence(value, method, first, score)
+            if len(seeds) == 1 < value.n:
+                said += ", of one run each"
+            told.append(
+                {
+                    "task": task,
+                    "method": method,
+                    "over": first,
+                    "difference": None if math.isnan(value.mean) else value.mean,
+                    "half": None if math.isnan(value.half) else value.half,
+                    "sentence": said if len(found) == 1 else f"{task}: {said}",
+                }
+            )
+    return told
+
+
+def summary(
+    found: Mapping[str, Mapping[str, np.ndarray]], evaluation: Evaluation, told: Sequence[Mapping[str, Any]] = ()
+) -> dict[str, Any]:
+    """Statistics of a study as JSON values; None stands for what cannot be known. `told` are its `differences`.
 
     Aggregates, profiles and probabilities are over the tasks in which every method has a run, with scores scaled as
     `normalised` does it. Of more than `COMPARED` methods only the one of highest interquartile mean is
@@ -131,6 +179,7 @@ def summary(found: Mapping[str, Mapping[str, np.ndarray]], evaluation: Evaluatio
     curve = partial(profile, levels=CURVE)
     return {
         **evaluation.model_dump(),
+        "differences": list(told),
         "tasks": {
             task: {m: {"runs": len(v), **as_json(interval(mean, [v]))} for m, v in methods_of.items()}
             for task, methods_of in found.items()
@@ -155,7 +204,7 @@ def as_json(value: Interval) -> dict[str, float | None]:
 
 
 def show(results: Mapping[str, Any]) -> None:
-    """Print the summary, if there is a score."""
+    """Print the summary with its differences, if there is a score."""
     if not results["tasks"]:
         return
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))
@@ -168,6 +217,8 @@ def show(results: Mapping[str, Any]) -> None:
         for method, about in of_methods.items()
     ]
     tables.print_table(["task", "method", "runs", score], rows, 2)
+    for less in results["differences"]:
+        print(tables.wrapped(less["sentence"], 2))
     if len(results["aggregates"]) > 1:
         print("\n" + tables.wrapped("Scores scaled so that in each task the worst run is 0 and the best 1:"))
         rows = [[short[m], *map(in_words, figures_of.values())] for m, figures_of in results["aggregates"].items()]

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from usvauv.cli import tables
 from usvauv.cli.evaluation.comparison import Comparison, labels, words
+from usvauv.cli.evaluation.differences import dependence, headline, sentences
 from usvauv.cli.web_report import document, figures
 from usvauv.cli.web_report.episodes import Recordings, collects_data, front_episodes, player_data
 from usvauv.env.scenario import Scenario
@@ -30,7 +31,14 @@ class Cell(NamedTuple):
     excludes_zero: bool
 
 
-def write(folder: Path, scenario: Scenario, seed: int, comparison: Comparison, recordings: Recordings) -> Path:
+def write(
+    folder: Path,
+    scenario: Scenario,
+    seed: int,
+    comparison: Comparison,
+    recordings: Recordings,
+    score: str | None = None,
+) -> Path:
     """Write the PDFs, then the page; each file appears only when it is complete.
 
     Args:
@@ -39,6 +47,7 @@ def write(folder: Path, scenario: Scenario, seed: int, comparison: Comparison, r
         seed: of the worlds.
         comparison: of all combinations, with the points of their first `front_episodes`.
         recordings: of the same evaluation.
+        score: figure of the sentences in the head, by default `headline`.
 
     Returns:
         The page.
@@ -46,7 +55,7 @@ def write(folder: Path, scenario: Scenario, seed: int, comparison: Comparison, r
     Raises:
         OutputError: a file cannot be written.
     """
-    several = comparison.combinations
+    several, score = comparison.combinations, score or headline(scenario)
     return document.write(
         folder,
         "web_report/page.html",
@@ -61,6 +70,8 @@ def write(folder: Path, scenario: Scenario, seed: int, comparison: Comparison, r
         count=comparison.episodes,
         combinations=len(several),
         seed=seed,
+        sentences=sentences(comparison, score),
+        dependence=dependence(comparison, score),
         reference=" · ".join(filter(None, comparison.reference)),
         tables=_tables(comparison, scenario),
         pictures=_pictures(comparison, scenario, recordings, folder),
