@@ -220,9 +220,10 @@ def test_sliders_and_choices_in_a_tab_change_the_world(running, in_tabs):
 
     def act(browser, address: str) -> None:
         page = browser.new_page(viewport={"width": 900, "height": 1000})
+        page.set_default_timeout(120_000)  # on a busy machine
         page.on("request", lambda request: asked.append(request.url.replace(address, "")))
         page.goto(address)
-        page.get_by_role("slider").nth(2).focus(timeout=60_000)  # after the past and the current
+        page.get_by_role("slider").nth(2).focus()  # after the past and the current
         for _ in range(5):
             page.keyboard.press("ArrowRight")
         page.get_by_role("combobox", name="AUVs").click()
@@ -259,24 +260,26 @@ def test_every_page_shows_the_errors_of_the_last_300_s_beside_the_scene(in_tabs)
     session.pause()
     seen = []
 
-    def look(page, least: int) -> None:
-        """What a page shows once its curve has so many points."""
-        page.wait_for_function(f"() => ({CURVE})()?.data[0].length >= {least}", timeout=60_000)
+    def look(page) -> None:
+        """What a page shows once its curve ends with the latest errors."""
+        latest = session.errors(300.0)[1][:, -1].tolist()
+        ends = f"(row, k) => row.at(-1) == {latest}[k]"
+        page.wait_for_function(f"() => ({CURVE})()?.data.slice(1).every({ends})", timeout=120_000)
         seen.append(page.evaluate(CURVE))
 
     def act(browser, address: str) -> None:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.goto(address)
-        look(page, 1)  # nothing has been yet
+        look(page)  # nothing has been yet
         session.speed = float("inf")
         session.run()
-        page.get_by_text("the mission is over").wait_for(timeout=60_000)
-        look(page, 301)
+        page.get_by_text("the mission is over").wait_for(timeout=120_000)
+        look(page)
         page.reload()
-        look(page, 301)
+        look(page)
         other = browser.new_page(viewport={"width": 1000, "height": 700})
         other.goto(address)
-        look(other, 301)
+        look(other)
 
     in_tabs(session, act)
     times, errors = session.errors(300.0)
