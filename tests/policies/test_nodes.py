@@ -152,7 +152,10 @@ class TestCommand:
         code, stdout, stderr = run_usvauv("train-targets", *self.SHORT, "--out", "rule.json")
         assert (code, stderr) == (0, "")
         others = r"tour [\d.]+, rollout:40 [\d.]+, rollout:90 [\d.]+"
-        assert re.match(rf"evaluation, Mbit: {others}\niteration 1 of 1: [\d.]+ Mbit drawn, evaluation [\d.]+,", stdout)
+        assert re.match(
+            rf"in evaluation, Mbit: {others}\niteration 1 of 1: [\d.]+ Mbit while exploring, [\d.]+ in evaluation,",
+            stdout,
+        )
         content = json.loads((tmp_path / "rule.json").read_text())
         assert content["scenario"] == "ideal"
         assert content["settings"]["worlds"] == 2

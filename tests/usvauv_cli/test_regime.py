@@ -29,7 +29,7 @@ def test_a_quarter_wave_pool_resonates():
     found = verdicts(*area, *POOL)["sea.irregular_period_min"]
     gain = abs(1 / math.cos(2 * math.pi * 600 / (75 * math.sqrt(9.81 * 120))))
     assert found.verdict == "warning"
-    assert f"{gain:.3g} times at 75 s" in str(found)
+    assert f"{gain:.3g}-fold at a period of 75 s" in str(found)
     assert "sea.irregular_period_min" not in verdicts(*area, *POOL, "sea.irregular_period_min=160")
     leaves = ["sea.forcing=incident", "sea.radiating_edges=['west']"]
     assert "sea.irregular_period_min" not in verdicts(*area, *POOL, *leaves)
@@ -116,7 +116,7 @@ def test_commands_warn_once_and_refuse(run_usvauv, tmp_path):
     assert "warning" not in out
     code, _, err = run_usvauv(*command, "--force", "--set", "acoustics.source_level=90")
     assert code == 2
-    assert "acoustics.source_level: replies are understood to" in err
+    assert "acoustics.source_level: replies can be decoded up to" in err
 
 
 def _set(settings):

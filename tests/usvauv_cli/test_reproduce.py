@@ -164,7 +164,7 @@ def test_a_missing_result_alone_is_made_again(whole, capsys):
     kept = {file: at for file, at in times.items() if piece.place(folder) not in file.parents}
     result.unlink()
     assert reproduce("all", folder) == path
-    assert "1 of 19 runs to do, 18 are done" in capsys.readouterr().out
+    assert "1 of 19 runs to do, 18 done already" in capsys.readouterr().out
     assert result.read_bytes() == before
     assert {file: file.stat().st_mtime_ns for file in kept} == kept
     timeless = re.compile("Time taken.*")
@@ -200,7 +200,7 @@ class TestCollaboration:
 
     def test_the_page_needs_no_more_than_the_tables(self, tables, capsys):
         path = reproduce("collaboration", tables)
-        assert capsys.readouterr().out.startswith("all 53 runs are done already")
+        assert capsys.readouterr().out.startswith("nothing to do: 53 runs done already")
         text = path.read_text()
         for words in ("`centroid` | 95.0 ± 190.6 | 63.3 % | 25.0 ± 190.6", "Number of boats", "bring in 150.0 Mbit"):
             assert words in text

@@ -206,7 +206,7 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     (tmp_path / "repaired").touch()
     code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")
     assert (code, complaints) == (0, "")
-    assert said.startswith("1 of 3 runs to do, 2 are done\n")
+    assert said.startswith("1 of 3 runs to do, 2 done already\n")
     assert {path: path.stat().st_mtime_ns for path in results} == before
     assert set(counted(tmp_path / "a").values()) == {1}
     assert len(counted(tmp_path / "a")) == 3 * 3
@@ -216,7 +216,7 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     (tmp_path / "a" / ".signs").mkdir()  # of a command that was killed
     code, said, _ = run_usvauv("sweep", "study.toml", "--out", "a")
     assert code == 0
-    assert said.startswith("all 3 runs are done already; nothing is left to do\n")
+    assert said.startswith("nothing to do: 3 runs done already\n")
     assert max(map(len, said.splitlines())) <= 80
     assert not list((tmp_path / "a").glob(".signs*"))
 
@@ -290,7 +290,7 @@ def test_a_full_disk_of_one_process_fails_its_run_and_leaves_no_half(tmp_path, r
     (tmp_path / "repaired").touch()
     code, said, _ = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "2")
     assert code == 0
-    assert said.startswith("1 of 2 runs to do, 1 are done\n")
+    assert said.startswith("1 of 2 runs to do, 1 done already\n")
     assert len(counted(tmp_path / "a")) == 2 * 40
 
 

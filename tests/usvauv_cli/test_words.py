@@ -153,3 +153,25 @@ def test_counts_and_sizes():
     assert [words.counted(n, "step") for n in (0, 1, 2, 12000)] == ["0 steps", "1 step", "2 steps", "12,000 steps"]
     assert words.counted(2, "entry", "entries") == "2 entries"
     assert [words.size(n) for n in (10, 5e4, 1.25e6, 3e9)] == ["1 kB", "50 kB", "1.25 MB", "3 GB"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "simulate ideal --duration 1 --trace a.nc --at 0 --out a.png",
+        "replay a.nc --at 0 --out b.png",
+        "eval ideal --episodes 1 --policy clear --set mission.duration=4",
+        "eval --episodes 64 --policy keep --until-halfwidth 1e-9 --set sea.realisations=1 --set mission.duration=1",
+        "sea ideal --duration 1 --interval 1 --set sea.fine_cells=16 --out a.nc",
+        "train ideal --steps 1 --worlds 1 --set mission.duration=4 --out run",
+    ],
+)
+def test_a_command_counts_as_one_does_in_english(tmp_path_factory, monkeypatch, run_usvauv, command):
+    """One thing has no plural, and what is not known is not printed as a number."""
+    folder = tmp_path_factory.getbasetemp() / "in-turn"
+    folder.mkdir(exist_ok=True)
+    monkeypatch.chdir(folder)
+    code, text, errors = run_usvauv(*command.split(), *([] if "train" in command else ["--force"]))
+    assert code == 0, errors
+    said = " ".join((text + errors).split())
+    assert not re.search(r"(?<![\d.,])1 (?!is |as )[a-z-]+s\b|\bnan\b|\binf\b|\b0 min|\D0 h\b", said), said

@@ -54,8 +54,8 @@ def evaluate(
         typer.Option(
             "--score",
             metavar="COLUMN",
-            help="Figure that is compared in words, whose interval is shown meanwhile and decides the end."
-            " Default: data brought in or distance to stations in words, else arps.",
+            help="Figure of merit that is compared in words, and whose interval --until-halfwidth watches."
+            " Default: data collected, or distance to stations, in words; else arps.",
         ),
     ] = None,
     against: Annotated[
@@ -73,7 +73,7 @@ def evaluate(
             help="End when the 95 % intervals of all differences in --score are at most ± X, before --episodes.",
         ),
     ] = None,
-    wide: Annotated[bool, typer.Option("--wide", help="All figures, in tables of any width.")] = False,
+    wide: Annotated[bool, typer.Option("--wide", help="Print all figures, in tables wider than the terminal.")] = False,
     report_folder: Annotated[
         Path | None,
         typer.Option("--report", metavar="DIR", help="Folder for a page with intervals, figures and a player."),
@@ -83,8 +83,9 @@ def evaluate(
     force: Force = False,
     plugins: Plugins = None,
 ) -> None:
-    """Run policies on the same seeded worlds, write one CSV row an episode, print mean ± standard deviation,
-    differences to the first combination in the same worlds with 95 % intervals, and who is ahead.
+    """Compare policies, boats and target rules in the same worlds: means, and who is ahead by how much.
+
+    Differences are to the first combination, with 95 % intervals. A CSV gets a row per episode.
 
     Rows are kept in OUT.csv.partial until all are there, so that `--resume` can go on after Ctrl-C or a crash.
 

@@ -22,23 +22,19 @@ if TYPE_CHECKING:
     from usvauv.env.render.video import Video
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
-Seed = Annotated[int, typer.Option(help="Seed from 0 up; the same seed gives the same result.")]
+Seed = Annotated[int, typer.Option(help="Random seed, 0 or more; the same seed gives the same result.")]
 Arch = Annotated[str, typer.Option(help="Where the kernels run: auto, cpu, cuda, vulkan (experimental).")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
 ]
 POLICIES = (
-    "Policy: sac-extreme, sac-ideal, sac-wide, straight:SPEED, crab:SPEED, pace:PRICE, clear:PRICE, zermelo:SPEED,"
-    " keep, random, a checkpoint or the folder of a run, or MODULE:CLASS of your own"
+    "Who steers the AUVs: a name of `usvauv policies`, a checkpoint or the folder of a run, or MODULE:CLASS of your own"
 )
-BOATS = "Boat: fim, fim-greedy, visit, belief, hold:X,Y or centroid"
+BOATS = "Where the boat goes: a name of `usvauv boats`, such as fim or hold:X,Y"
 Usv = Annotated[str | None, typer.Option(help=f"{BOATS}. Default: the scenario's.")]
 
-TARGETS = (
-    "Which node next: greedy[:ALPHA], nearest[:PACKETS], rate[:SECONDS], rollout[:HORIZON], tour, sectors, or"
-    " learned:FILE (of train-targets)"
-)
+TARGETS = "Which node is next: a name of `usvauv targets`, such as tour or learned:FILE"
 Targets = Annotated[str | None, typer.Option(help=f"{TARGETS}. Default: the scenario's.")]
 
 VideoOut = Annotated[
@@ -55,9 +51,9 @@ Speedup = Annotated[
 ]
 ViewOption = Annotated[str, typer.Option("--view", help="map (from above, with plots), sea (in perspective), or both.")]
 ThemeOption = Annotated[str, typer.Option("--theme", help="dark or light.")]
-At = Annotated[float | None, typer.Option(help="Moment that a picture shows, s of mission; default its end.")]
+At = Annotated[float | None, typer.Option(help="Time in the mission that a picture shows, s; default the end.")]
 
-Force = Annotated[bool, typer.Option("--force", help="Replace results that are there and were made otherwise.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite results that other arguments made.")]
 NOT_DECISIVE = ("out", "trace", "json_file", "report_folder", "onnx", "force", "resume")  # arguments, for a result
 QUIET = ("scenarios", "policies", "boats", "targets", "plan", "replay", "export")  # commands soon done
 MADE_BY = "user.usvauv"  # extended attribute of a result: the JSON of `_decisive`
@@ -120,12 +116,14 @@ Plugins = Annotated[
 def warn_team_size(name: str, scenario: Scenario) -> None:
     """Say so where a trained policy that ships was trained with another number of AUVs than a scenario has."""
     from usvauv import policies
+    from usvauv.cli.words import counted
 
     if name in policies.trained():
         count, trained = scenario.auv.count, policies.load_learned(name).scenario.auv.count
         if count != trained:
             typer.echo(
-                f"policy {name}: was trained with {trained} AUVs; scenario {scenario.name!r} has {count}", err=True
+                f"policy {name}: was trained with {counted(trained, 'AUV')}; scenario {scenario.name!r} has {count}",
+                err=True,
             )
 
 

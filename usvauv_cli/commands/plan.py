@@ -278,7 +278,7 @@ def expectation(place: BoatPlace) -> str:
     if not place.located:
         return "no AUV is located from there" if count > 1 else "the AUV is not located from there"
     of = "" if place.located == count else f", {place.located} of {count} AUVs located"
-    return f"the error of a fix is unbounded{of}" if place.rms is None else f"a fix is {place.rms:.2f} m off (rms{of})"
+    return f"the error of a fix is unbounded{of}" if place.rms is None else f"rms error of a fix {place.rms:.2f} m{of}"
 
 
 def print_budget(name: str, place: BoatPlace) -> None:
@@ -342,8 +342,8 @@ def print_table(result: Plan) -> None:
     typer.echo(tables.wrapped(found, 2))
     array = "level array" if result.slope == (0, 0) else f"array on a slope of {', '.join(map(str, result.slope))}"
     about = (
-        f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors 1-σ, rms"
-        f" of the AUVs that are located, which are those with at least {LEAST_GOOD:.0%} good fixes"
+        f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors are 1 σ;"
+        f" rms over the AUVs that are located, those with at least {LEAST_GOOD:.0%} good fixes"
     )
     typer.echo(f"{tables.wrapped(about, 2)}\n")
     tables.print_table(("boat", "x m", "y m", OBJECTIVE_NAMES[result.objective], "mean m", "rms m"), boats)

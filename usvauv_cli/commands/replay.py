@@ -46,7 +46,7 @@ def replay(
 ) -> None:
     """Draw a recorded mission as a video or a picture, without simulating it again, or write it for a map.
 
-    GeoJSON has the area, the ways with their times, nodes and services, in longitude and latitude.
+    GeoJSON has the area, the tracks with their times, nodes and services, in longitude and latitude.
 
     **Examples:**
 
@@ -59,6 +59,7 @@ def replay(
     `usvauv replay mission.nc --out mission.geojson`
     """
     from usvauv.cli import console
+    from usvauv.cli.words import counted
     from usvauv.env import Trace
     from usvauv.env.exchange import geojson
 
@@ -80,10 +81,10 @@ def replay(
     if video is None:
         features = geojson.of_mission(recorded[0])
         geojson.write(out, features)
-        typer.echo(f"{len(features)} features: {out.resolve()}")
+        typer.echo(f"{counted(len(features), 'feature')}: {out.resolve()}")
         return
     with console.progress("drawing", len(video.steps(recorded))) as advance:
         summary = video.write(recorded, advance)
-    typer.echo(f"{summary.frames} frames: {summary.path.resolve()}")
+    typer.echo(f"{counted(summary.frames, 'frame')}: {summary.path.resolve()}")
     if summary.remark:
         typer.echo(summary.remark)

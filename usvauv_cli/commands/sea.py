@@ -127,9 +127,7 @@ def sea(
     typer.echo(describe(water, records))
     check_regime(setting)
     if kind == ".mp4":
-        typer.echo(
-            f"{records / fps:.3g} s of video at {fps} frames a second, {fps * interval:g} × the speed of the sea"
-        )
+        typer.echo(f"{records / fps:.3g} s of video at {fps} frames a second, played at {fps * interval:g} × real time")
     begun = time.perf_counter()
     problem = None
     with stoppable() as stop, sink(out, water, records, pixels, fps) as file:
@@ -161,14 +159,21 @@ def sea(
 
 def describe(water: SeaSimulation, records: int) -> str:
     """Grid and time steps in two lines."""
+    from usvauv.cli.words import counted
+
     area, (dx, dy) = water.scenario.area, water.spacing
     spacing = f"{dx:.3g} m" if abs(dx / dy - 1) < 1e-3 else f"{dx:.3g} × {dy:.3g} m"
     substeps = getattr(water.long_waves, "substeps", None)  # the nonlinear solver chooses them step by step
-    solved = f"in {substeps} of {water.interval / substeps:.3g} s" if substeps else "in as many as it takes"
+    solved = (
+        f"{counted(substeps, 'solver step')} of {water.interval / substeps:.3g} s"
+        if substeps
+        else "as many solver steps as it takes"
+    )
     return (
         f"{water.scenario.name}, seed {water.seed}: {area.width:g} × {area.length:g} m of sea on"
         f" {len(water.x)} × {len(water.y)} cells of {spacing}\n"
-        f"{(records - 1) * water.interval:g} s in {records - 1} steps of {water.interval:.4g} s, each solved {solved}"
+        f"{(records - 1) * water.interval:g} s in {counted(records - 1, 'step')} of {water.interval:.4g} s, each of"
+        f" {solved}"
     )
 
 

@@ -12,7 +12,10 @@ from usvauv.cli.commands.options import Plugins, at_least, check_regime, make_fo
 from usvauv.kernels.errors import UserError
 
 Ray = Annotated[
-    str | None, typer.Option(metavar="local|auto|ADDRESS", help="Run on Ray: begun here, found, or at an address.")
+    str | None,
+    typer.Option(
+        metavar="local|auto|ADDRESS", help="Run on Ray: started here (local), found (auto), or at an address."
+    ),
 ]
 Slurm = Annotated[
     str | None, typer.Option(metavar="PARTITION", help="Run under Slurm, in that partition (or several: a,b).")
@@ -30,8 +33,7 @@ def sweep(
     jobs: Jobs = None,
     plugins: Plugins = None,
 ) -> None:
-    """Train and evaluate what a study file names; write one CSV row an episode and a summary with
-    intervals.
+    """Train and evaluate what a study file names; write a CSV row per episode and a summary with intervals.
 
     What is done is kept in the folder and not done again, whatever the engine. Ctrl-C ends it cleanly; the same command
     goes on. A run that fails is shown with its last line; the others go on, and the exit code is 2.

@@ -45,10 +45,10 @@ def train(
     steps: Annotated[
         int | None,
         typer.Option(
-            help="World-steps in all: one step of W worlds counts W. Default 2000000; with --resume, as begun."
+            help="Steps of all worlds together: one step of W worlds is W. Default 2000000; with --resume, as begun."
         ),
     ] = None,
-    worlds: Annotated[int, typer.Option(help="Worlds stepped together.")] = 128,
+    worlds: Annotated[int, typer.Option(help="Worlds simulated in parallel.")] = 128,
     seed: Seed = 0,
     seeds: Annotated[
         int, typer.Option(help="Runs trained together, which differ in the seed alone: --seed and those after it.")
@@ -61,7 +61,9 @@ def train(
     shared: Annotated[bool, typer.Option("--shared", help="One network for all AUVs instead of one each.")] = False,
     learn: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=VALUE", help="Change one setting of the learning; may be repeated."),
+        typer.Option(
+            metavar="NAME=VALUE", help="Change one setting of the training, such as updates=4; may be repeated."
+        ),
     ] = None,
     usv: Usv = None,
     targets: Targets = None,
@@ -71,8 +73,9 @@ def train(
 ) -> None:
     """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with TensorBoard files beside them.
 
-    Before the first step and now and then it is evaluated on worlds it is not trained in, beside `clear` on the
-    same worlds (`keep` in station-keeping). Ctrl-C ends the run cleanly; `--resume` goes on.
+    An untrained network steers much like the heuristic `clear`. It is evaluated before training and ten times during
+    it, in other worlds and beside `clear` (in station-keeping `keep`): its margin is shown with a 95 % interval. Ctrl-C
+    ends the run cleanly; `--resume` goes on.
 
     **Examples:**
 

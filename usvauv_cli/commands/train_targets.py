@@ -37,7 +37,7 @@ def train_targets(
     scenario: ScenarioName = "survey",
     out: Annotated[Path, typer.Option(help="File of the learned rule, JSON.")] = Path("targets.json"),
     iterations: Annotated[int, typer.Option(help="Episodes of all worlds to learn from.")] = 100,
-    worlds: Annotated[int, typer.Option(help="Worlds stepped together.")] = 128,
+    worlds: Annotated[int, typer.Option(help="Worlds simulated in parallel.")] = 128,
     seed: Seed = 0,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with OUT.json.partial, which the same command left when it stopped.")
@@ -108,13 +108,13 @@ def _learn(trainer: DecisionTrainer, evaluations: Iterable[Progress], out: Path)
 
     iterations, first = trainer.config.iterations, trainer.iteration
     against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in BASELINES)
-    typer.echo(tables.wrapped(f"evaluation, Mbit: {against}", 2))
+    typer.echo(tables.wrapped(f"in evaluation, Mbit: {against}", 2))
     begun = time.monotonic()
     for result in evaluations:
         left = (time.monotonic() - begun) * (iterations - result.iteration) / (result.iteration - first)
         typer.echo(
-            f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit drawn,"
-            f" evaluation {result.evaluated:.1f}, best {trainer.best:.1f}; {duration(left, rough=True)} left"
+            f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit while exploring,"
+            f" {result.evaluated:.1f} in evaluation, best {trainer.best:.1f}; {duration(left, rough=True)} left"
         )
     if trainer.iteration < iterations:
         typer.echo(

@@ -68,10 +68,13 @@ def perform_all(
     left = {piece.key: piece for piece in pieces if not piece.finished(folder)}
     if not left:
         remove_signs(folder)  # of a killed command, whose runs went on elsewhere
-        print(f"all {len(pieces)} runs are done already; nothing is left to do")
+        print(f"nothing to do: {words.counted(len(pieces), 'run')} done already")
         return ""
     done = len(pieces) - len(left)
-    print(f"{len(left)} of {len(pieces)} runs to do" + (f", {done} are done" if done else ""), flush=True)
+    print(
+        f"{len(left)} of {words.counted(len(pieces), 'run')} to do" + (f", {done} done already" if done else ""),
+        flush=True,
+    )
     files = tuple(plugins.loaded())
     with signs_in(folder) as signs, Board(list(left.values())) as board:
 
@@ -102,7 +105,8 @@ def perform_all(
     if not board.failed:
         return ""
     where = folder / "runs"
-    return f"{board.failed} of {len(pieces)} runs failed, see {where}/*/{FAILURE}; the same command tries them again"
+    failed = f"{board.failed} of {words.counted(len(pieces), 'run')} failed"
+    return f"{failed}, see {where}/*/{FAILURE}; the same command tries them again"
 
 
 class Board:

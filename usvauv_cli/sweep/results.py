@@ -18,6 +18,7 @@ from usvauv.cli.sweep import report, summary
 from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.study import Study
+from usvauv.cli.words import counted
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, locked
@@ -61,7 +62,7 @@ def write_results(study: Study, folder: Path) -> None:
         columns = dict.fromkeys(name for row in rows() for name in row)
         write_rows(folder / TABLE, list(columns), rows())
         parquet = _write_parquet(folder / TABLE)
-        print(f"{len(done) * study.evaluation.episodes} episodes written to {folder / TABLE}{parquet}")
+        print(f"{counted(len(done) * study.evaluation.episodes, 'episode')} written to {folder / TABLE}{parquet}")
     score = study.evaluation.score
     seas = {piece.task: Scenario.from_dict(piece.definition["scenario"]).random_seas for piece in done}
     told = summary.differences(rows(), score, seas)

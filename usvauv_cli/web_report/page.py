@@ -147,7 +147,7 @@ def _pictures(
     add(
         "trajectories",
         figures.trajectories(names, recorded, scenario),
-        "Ways of AUVs and boat",
+        "Tracks of AUVs and boat",
         f"Maps of {scenario.area.width:g} by {scenario.area.length:g} m for {', '.join(names)}.",
         f"The first episode, world 0, the same for all{thinned}.",
     )

@@ -90,7 +90,7 @@ def _long_waves(site: Site) -> list[Finding]:
         found += [
             Finding(
                 "long waves grow towards the wall",
-                f"{gain:.3g} times at {period:.4g} s",
+                f"{gain:.3g}-fold at a period of {period:.4g} s",
                 f"at most {LARGEST_GAIN:g}, or sea.forcing = incident and an edge that radiates",
                 _judge(gain > LARGEST_GAIN),
                 field,
@@ -193,7 +193,7 @@ def _replies(site: Site) -> list[Finding]:
         verdict = _judge(reach < scenario.auv.depth, "error")
     return [
         Finding(
-            "replies are understood to",
+            "replies can be decoded up to",
             f"{reach:.3g} m",
             f"the AUVs' depth, {scenario.auv.depth:g} m, at least",
             verdict,
