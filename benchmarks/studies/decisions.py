@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -49,7 +49,16 @@ TUNED = {
 }
 SHIPPED = "greedy:0.015"  # the paper's, and the rule that shipped before
 BASELINE = "tour"
-FIGURES = ("delivered_mbit", "lost_mbit", "aoi_mean", "aoi_peak", "jain", "joule_per_mbit", "services", "collisions")
+DATA = "delivered_mbit"
+FIGURES = {  # name → heading, digits
+    "lost_mbit": ("lost Mbit", 1),
+    "aoi_mean": ("mean age s", 1),
+    "aoi_peak": ("peak age s", 1),
+    "jain": ("jain", 2),
+    "joule_per_mbit": ("J/Mbit", 0),
+    "services": ("services", 1),
+    "collisions": ("collisions", 1),
+}
 
 
 @cache
@@ -63,21 +72,28 @@ def run(
 def tuned(rule: str, changes: Sequence[str], episodes: int, seed: int, scenario: str = "extreme") -> str:
     """The rule with its best number."""
     names = [f"{rule}:{number:g}" for number in TUNED[rule]] or [rule]
-    return max(names, key=lambda name: figure(run(name, changes, episodes, seed, scenario), "delivered_mbit").mean())
+    return max(names, key=lambda name: figure(run(name, changes, episodes, seed, scenario), DATA).mean())
+
+
+def table(
+    names: Mapping[str, str], less: str, changes: Sequence[str], episodes: int, seed: int, scenario: str = "extreme"
+) -> None:
+    """All figures of rules, by name and what is shown of it, and their data less those of one of them."""
+    head(["rule", "Mbit", f"less `{less}`", *(heading for heading, _ in FIGURES.values())])
+    against = figure(run(less, changes, episodes, seed, scenario), DATA)
+    for name, shown in names.items():
+        rows = run(name, changes, episodes, seed, scenario)
+        data = figure(rows, DATA)
+        others = [interval(figure(rows, each), digits) for each, (_, digits) in FIGURES.items()]
+        line([f"`{shown}`", interval(data), interval(data - against), *others])
 
 
 def settings(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
     """All rules in each setting."""
     for title, changes in SETTINGS.items():
         print(f"\n### {title}\n")
-        head(["rule", "Mbit", "less `tour`", *(name for name in FIGURES[1:])])
         names = [SHIPPED, *(tuned(rule, changes, *tuning) for rule in TUNED)]
-        against = figure(run(BASELINE, changes, episodes, seed), FIGURES[0])
-        for name in names:
-            rows = run(name, changes, episodes, seed)
-            data = figure(rows, FIGURES[0])
-            others = [interval(figure(rows, each), 2 if each == "jain" else 1) for each in FIGURES[1:]]
-            line([f"`{name}`", interval(data), interval(data - against), *others])
+        table(dict(zip(names, names, strict=True)), BASELINE, changes, episodes, seed)
 
 
 def knowledge(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
@@ -88,7 +104,7 @@ def knowledge(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
         for rule in ("rate", "rollout", "tour", "sectors"):
             name = tuned(rule, ("nodes.information=full",), *tuning, scenario)
             changes = [(f"nodes.information={known}",) for known in INFORMATION]
-            cells = [interval(figure(run(name, each, episodes, seed, scenario), FIGURES[0])) for each in changes]
+            cells = [interval(figure(run(name, each, episodes, seed, scenario), DATA)) for each in changes]
             line([f"`{name}`", *cells])
 
 
@@ -98,18 +114,12 @@ def survey(episodes: int, seed: int, tuning: tuple[int, int], learned: Sequence[
         changes = (f"nodes.information={known}",)
         print(f"\n### `survey`, `{known}`\n")
         best = tuned("rollout", changes, *tuning, "survey")
-        head(["rule", "Mbit", f"less `{best}`", *(name for name in FIGURES[1:])])
         names = {name: name for name in (tuned("rate", changes, *tuning, "survey"), best, "tour", "sectors")}
         for file in learned:
             made = json.loads(file.read_text())
             if made["information"] == known:
                 names[f"learned:{file}"] = f"learned, seed {made['settings']['seed']}"
-        against = figure(run(best, changes, episodes, seed, "survey"), FIGURES[0])
-        for name, shown in names.items():
-            rows = run(name, changes, episodes, seed, "survey")
-            data = figure(rows, FIGURES[0])
-            others = [interval(figure(rows, each), 2 if each == "jain" else 1) for each in FIGURES[1:]]
-            line([f"`{shown}`", interval(data), interval(data - against), *others])
+        table(names, best, changes, episodes, seed, "survey")
 
 
 def main() -> None:

@@ -18,7 +18,7 @@ def figure(rows: Sequence[EpisodeMetrics], name: str) -> np.ndarray:
 def interval(values: np.ndarray, digits: int = 1) -> str:
     """Mean and 95 % interval of the finite ones, of episodes on seas of their own."""
     mean, half, _ = comparison.interval(np.where(np.isfinite(values), values, np.nan))
-    return f"{mean:.{digits}f} ± {half:.{digits}f}"
+    return f"{mean:.{digits}f} ± {half:.{digits}f}".replace("-", "−")
 
 
 def line(cells: Sequence[str]) -> None:
