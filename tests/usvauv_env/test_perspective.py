@@ -126,8 +126,8 @@ class TestSurface:
         for quarter in range(4):
             camera = replace(CAMERA, heading=0.5 * math.pi * quarter)
             rising = 0.05 * (x * camera.right[0] + y * camera.right[1])
-            shading = SeaShading(np.stack([rising, -rising]), 5.0, (200.0, 200.0), camera, 1.0)
-            light.append([shading.at(t)[1].mean() for t in range(2)])
+            shading = SeaShading(5.0, (200.0, 200.0), camera, 1.0)
+            light.append([shading.of(field)[1].mean() for field in (rising, -rising)])
         assert np.ptp(light, axis=0).max() < 0.3
         assert light[0][0] > light[0][1] + 15.0
 
@@ -186,7 +186,7 @@ class TestView:
             camera, heights = view.camera(t), view.surface(t)[0]
             columns = Columns.of(camera, SIDES, BOX.width)
             sheet = look(camera, columns, SIDES, heights, BOX.height)
-            waterline = camera.pixel(view.boats[t, 0])
+            waterline = camera.pixel(view.boats.at(t)[0])
             texel = boat[t] / SIDES * heights.shape[::-1] - 0.5
             off = np.hypot(sheet.texel_x - texel[0], sheet.texel_y - texel[1])
             row, column = np.unravel_index(np.where(sheet.covered, off, np.inf).argmin(), off.shape)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from fractions import Fraction
 
 import av
 import cv2
@@ -26,6 +25,11 @@ CODECS = {".mp4": "h264", ".webm": "vp9", ".gif": "gif", ".webp": "webp"}
 @pytest.fixture(scope="module")
 def trace():
     return synthetic_trace(steps=12)
+
+
+@pytest.fixture(scope="module")
+def mission():
+    return synthetic_trace(steps=300)
 
 
 def decoded(path) -> list[np.ndarray]:
@@ -85,20 +89,29 @@ class TestContent:
             np.testing.assert_array_equal(cv2.imread(str(path)), frames_of([trace], SMALL, speed_up=30.0).frame(t))
 
     @pytest.mark.parametrize(
-        ("step", "fps", "speedup", "stride", "rate"),
+        ("options", "first", "pace", "count"),
         [
-            (1.0, 30, None, 1, 30),
-            (0.5, 30, None, 1, 30),
-            (1.0, 30, 10.0, 1, 10),
-            (1.0, 30, 45.0, 2, Fraction(45, 2)),
-            (0.1, 25, 1.0, 1, 10),
-            (2.0, 24, 100.0, 3, Fraction(50, 3)),
+            ({}, 0, 1.0, 300),
+            ({"view": "both", "fps": 12}, 0, 1.0, 300),
+            ({"speedup": 1.0}, 0, 1 / 30, 299 * 30 + 1),
+            ({"speedup": 45.0}, 0, 1.5, 200),
+            ({"speedup": 20.0, "fps": 10, "at": (11.0, 21.0)}, 10, 2.0, 6),
+            ({"view": "sea"}, 0, 4 / 30, 1801),
+            ({"view": "sea", "at": (0.0, 300.0)}, 0, 4 / 30, 2243),
+            ({"view": "sea", "speedup": 30.0}, 0, 1.0, 300),
         ],
     )
-    def test_pace(self, tmp_path, step, fps, speedup, stride, rate):
-        assert Video(tmp_path / "x.mp4", fps=fps, speedup=speedup).pace(step) == (stride, rate)
-        assert stride * step * rate == (speedup or fps * step)  # s of mission in a second
-        assert rate <= fps
+    def test_moments(self, tmp_path, mission, options, first, pace, count):
+        """Of a mission of 300 steps of 1 s; the sea is shown 4 times faster than it is, for a minute."""
+        moments = Video(tmp_path / "x.mp4", **options).moments([mission])
+        np.testing.assert_allclose(moments, first + pace * np.arange(count), atol=1e-9)
+
+    def test_a_video_of_the_beginning_alone_says_so(self, tmp_path, mission):
+        short = Video(tmp_path / "x.mp4", "sea", size=SMALL, fps=1)
+        assert short.write([mission]).part == (
+            "the first 244 of 300 s at 4 × speed; --at 0:300 shows all, --speedup another speed"
+        )
+        assert Video(tmp_path / "x.mp4", "sea", size=SMALL, fps=1, at=(0, 20)).write([mission]).part == ""
 
     def test_a_faster_video_has_fewer_frames_of_the_same_steps(self, tmp_path, trace):
         path = tmp_path / "fast.mp4"
@@ -145,7 +158,11 @@ class TestFile:
         ("out", "options", "message"),
         [
             ("x.avi", {}, "out x.avi: must end in one of .mp4, .webm, .gif, .webp, .png"),
-            ("x.mp4", {"at": 3.0}, "at 3: is the moment of a picture; x.mp4 does not end in .png"),
+            ("x.mp4", {"at": 3.0}, "at 3: x.mp4 is a video, which takes a stretch, BEGIN:END"),
+            ("x.png", {"at": (3.0, 4.0)}, "at 3:4: x.png is a picture, which shows one moment"),
+            ("x.mp4", {"at": (3.0, 2.0)}, "at 2.0: must be at least 3.0, and finite"),
+            ("x.mp4", {"at": (3.0, 13.0)}, "at 13: the mission is from 0 to 12 s"),
+            ("x.mp4", {"follow": "auv:3"}, "follow 'auv:3': must be usv, or auv:1 to auv:2"),
             ("x.png", {"at": 13.0}, "at 13: the mission is from 0 to 12 s"),
             ("x.png", {"at": float("nan")}, "at nan: must be at least 0.0, and finite"),
             ("x.mp4", {"view": "front"}, "view 'front': allowed are map, sea, both"),

@@ -44,14 +44,26 @@ VideoOut = Annotated[
 Size = Annotated[
     str | None, typer.Option(metavar="WxH", help="Frame size in pixels; default 1280x720, of a GIF 640x360.")
 ]
-Fps = Annotated[int | None, typer.Option(help="Frames a second, at most; default 30, of a GIF 12.")]
+Fps = Annotated[int | None, typer.Option(help="Frames a second; default 30, of a GIF 12.")]
 Speedup = Annotated[
     float | None,
-    typer.Option(help="Seconds of mission in a second of video; default one mission step a frame."),
+    typer.Option(
+        help="Seconds of mission in a second of video, 1 is real time; default one mission step a frame, with"
+        " --view sea 4 and a minute of video."
+    ),
 ]
 ViewOption = Annotated[str, typer.Option("--view", help="map (from above, with plots), sea (in perspective), or both.")]
 ThemeOption = Annotated[str, typer.Option("--theme", help="dark or light.")]
-At = Annotated[float | None, typer.Option(help="Time in the mission that a picture shows, s; default the end.")]
+At = Annotated[
+    str | None,
+    typer.Option(
+        metavar="T|T1:T2",
+        help="Time in the mission that a picture shows, s, default the end; of a video begin and end.",
+    ),
+]
+Follow = Annotated[
+    str | None, typer.Option(metavar="usv|auv:N", help="Go along with a vehicle, nearer; usv:N with several boats.")
+]
 
 Force = Annotated[bool, typer.Option("--force", help="Overwrite results that other arguments made.")]
 NOT_DECISIVE = ("out", "trace", "json_file", "report_folder", "onnx", "force", "resume")  # arguments, for a result
@@ -286,7 +298,8 @@ def checked_video(
     speedup: float | None,
     view: str,
     theme: str,
-    at: float | None,
+    at: str | None,
+    follow: str | None,
 ) -> Video:
     """What the options ask for, checked before long work.
 
@@ -297,8 +310,39 @@ def checked_video(
 
     path = writable(context, out, "--out", ENDINGS)
     pixels, most = usual(path)
+    moment = _parse_at(at) if at else None
     pixels, most = parse_size(size) if size else pixels, most if fps is None else fps
     try:
-        return Video(path, view, theme, pixels, most, speedup, at)
+        return Video(path, view, theme, pixels, most, speedup, moment, follow or "")
     except UserError as error:
         raise UserError(f"--{error}") from None  # it begins with the option's name
+
+
+def check_follow(video: Video, *scenarios: Scenario) -> None:
+    """Refuse a vehicle to go along with that a scenario has not.
+
+    Raises:
+        UserError: it has none of that name.
+    """
+    from usvauv.env.render.between import Vehicle
+
+    try:
+        for scenario in scenarios if video.follow else ():
+            Vehicle.parse(video.follow, scenario)
+    except UserError as error:
+        raise UserError(f"--{error}") from None
+
+
+def _parse_at(text: str) -> float | tuple[float, float]:
+    """Read a moment, or begin and end of a stretch, s.
+
+    Raises:
+        UserError: not one or two numbers.
+    """
+    try:
+        begin, *end = map(float, text.split(":"))
+    except ValueError:
+        begin, end = 0.0, [0.0, 0.0]
+    if len(end) > 1:
+        raise UserError(f"--at {text!r}: expected seconds of mission, like 120, or a stretch of it, like 120:180")
+    return (begin, end[0]) if end else begin

@@ -9,6 +9,7 @@ import typer
 
 from usvauv.cli.commands.options import (
     At,
+    Follow,
     Force,
     Fps,
     Plugins,
@@ -16,6 +17,7 @@ from usvauv.cli.commands.options import (
     Speedup,
     ThemeOption,
     ViewOption,
+    check_follow,
     checked_video,
     writable,
 )
@@ -41,6 +43,7 @@ def replay(
     fps: Fps = None,
     speedup: Speedup = None,
     at: At = None,
+    follow: Follow = None,
     force: Force = False,
     plugins: Plugins = None,
 ) -> None:
@@ -53,6 +56,8 @@ def replay(
     `usvauv replay mission.nc --view both --theme light --out mission.webm`
 
     `usvauv replay mission.nc --at 120 --out moment.png`
+
+    `usvauv replay mission.nc --view sea --speedup 1 --at 120:150 --follow auv:1 --out close.mp4`
 
     `usvauv replay fim.nc belief.nc --out compared.mp4`
 
@@ -69,22 +74,26 @@ def replay(
         raise UserError(
             f"{len(traces)} traces: {f'--out {out} takes one' if mapped else 'at most two can be compared'}"
         )
+    if mapped and follow:
+        raise UserError(f"--follow {follow}: {out} shows the whole area")
     if mapped:
         writable(context, out, "--out", (geojson.ENDING,))
-    video = None if mapped else checked_video(context, out, size, fps, speedup, view, theme, at)
+    video = None if mapped else checked_video(context, out, size, fps, speedup, view, theme, at, follow)
     recorded = [Trace.load(path) for path in traces]
     for path, trace in zip(traces, recorded, strict=True):
         worlds = trace.power.shape[1]
         if not 0 <= episode < worlds:
             raise UserError(f"--episode {episode}: {path} has episodes 0 to {worlds - 1}")
     recorded = [trace.episode(episode) for trace in recorded]
+    if video:
+        check_follow(video, *(trace.scenario for trace in recorded))
     if video is None:
         features = geojson.of_mission(recorded[0])
         geojson.write(out, features)
         typer.echo(f"{counted(len(features), 'feature')}: {out.resolve()}")
         return
-    with console.progress("drawing", len(video.steps(recorded))) as advance:
+    with console.progress("drawing", len(video.moments(recorded))) as advance:
         summary = video.write(recorded, advance)
     typer.echo(f"{counted(summary.frames, 'frame')}: {summary.path.resolve()}")
-    if summary.remark:
-        typer.echo(summary.remark)
+    for line in filter(None, (summary.part, summary.remark)):
+        typer.echo(line)

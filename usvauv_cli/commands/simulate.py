@@ -12,6 +12,7 @@ from usvauv.cli.commands.options import (
     POLICIES,
     Arch,
     At,
+    Follow,
     Force,
     Fps,
     Overrides,
@@ -26,6 +27,7 @@ from usvauv.cli.commands.options import (
     VideoOut,
     ViewOption,
     at_least,
+    check_follow,
     check_regime,
     checked_video,
     preparing,
@@ -66,6 +68,7 @@ def simulate(
     fps: Fps = None,
     speedup: Speedup = None,
     at: At = None,
+    follow: Follow = None,
     trace: Annotated[Path | None, typer.Option(help="Also save everything that happened, as NetCDF.")] = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
@@ -84,6 +87,8 @@ def simulate(
 
     `usvauv simulate --view both --theme light --speedup 20 --out storm.webm`
 
+    `usvauv simulate --view sea --speedup 1 --at 100:130 --follow usv --out real-time.mp4`
+
     `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
     from usvauv import policies
@@ -94,7 +99,8 @@ def simulate(
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
-    video = checked_video(context, out, size, fps, speedup, view, theme, at)
+    video = checked_video(context, out, size, fps, speedup, view, theme, at, follow)
+    check_follow(video, setting)
     if trace:
         writable(context, trace, "--trace", (".nc",))
     at_least("--duration", 1.0 if duration is None else duration, 0.1)
@@ -114,15 +120,15 @@ def simulate(
         recorded.append(shown)
         if problem:
             break
-    with console.progress("drawing", len(video.steps(recorded))) as advance:
+    with console.progress("drawing", len(video.moments(recorded))) as advance:
         written = video.write(recorded, advance)
     if trace:
         recorded[0].save(trace)
     for each in recorded:
         report.mission_summary(episode_metrics(each)[0], each)
     typer.echo(f"{'picture' if out.suffix.lower() == '.png' else 'video'}: {out.resolve()}")
-    if written.remark:
-        typer.echo(written.remark)
+    for line in filter(None, (written.part, written.remark)):
+        typer.echo(line)
     if trace:
         typer.echo(f"trace: {trace.resolve()}")
     if problem:

@@ -221,7 +221,7 @@ class SeaPainter:
         self._picture = np.empty_like(self._still)
         cells = f"{len(sea.x)} × {len(sea.y)} cells of {sea.spacing[0]:.3g} m"
         note = f"colours about η = {level:+g} m" if level else cells
-        draw_map_axes(self._still, self, layout, area, note)
+        draw_map_axes(self._still, self, layout, note)
         self._draw_still_panel(sea, sample)
 
     def _draw_still_panel(self, sea: SeaSimulation, sample: np.ndarray) -> None:

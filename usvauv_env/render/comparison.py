@@ -10,6 +10,7 @@ import numpy as np
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes
 from usvauv.env.render.arrangement import Sheet
+from usvauv.env.render.between import Series, Vehicle, step_of
 from usvauv.env.render.layout import AXES, Head, Layout, Rectangle, draw_card, fitting, within_margins, write_heading
 from usvauv.env.render.map import MissionMap, draw_map_axes
 from usvauv.env.render.mission import RunningMetrics, figures
@@ -52,10 +53,20 @@ class ComparisonFrames:
         maps: of both. layout: of the frame, with its boxes.
     """
 
-    def __init__(self, first: Trace, second: Trace, size: tuple[int, int], theme: Theme, speed_up: float) -> None:
+    def __init__(
+        self,
+        first: Trace,
+        second: Trace,
+        size: tuple[int, int],
+        theme: Theme,
+        speed_up: float,
+        pace: float = 1.0,
+        follow: Vehicle | None = None,
+    ) -> None:
         check_comparable(first, second)
         self._traces = first, second
-        self._running = [RunningMetrics.of(trace) for trace in self._traces]
+        self._running = [RunningMetrics.of(trace, pace) for trace in self._traces]
+        self._follow, self._time = follow, Series(first.time)
         self._entries = entries(first, second, theme)
         self._still = np.full((size[1], size[0], 3), theme.background, np.uint8)
         self._picture = np.empty_like(self._still)
@@ -83,8 +94,8 @@ class ComparisonFrames:
         across, up = round(box.width * area.width / largest.width), round(box.height * area.length / largest.length)
         box = Rectangle(box.left + (box.width - across) // 2, box.bottom - up, across, up)
         layout = replace(layout, boxes={"map": box}, left=max(0, box.left - round(AXES[0] * unit)))
-        shown = MissionMap(trace, self._running[side], layout, limit)
-        draw_map_axes(self._still, shown, layout, area, "")
+        shown = MissionMap(trace, self._running[side], layout, limit, self._follow)
+        draw_map_axes(self._still, shown, layout, "")
         self._sample(entry, box.left, box.top - 33 * unit)
         left, room = box.left + (SAMPLE + 8) * unit, box.width - (SAMPLE + 8 - AXES[1]) * unit
         size = max(fitting(entry.words, 14 * unit, room, bold=True), 11 * unit)
@@ -113,7 +124,7 @@ class ComparisonFrames:
             rows.append((left, right, line + 15 * unit))
         return rows
 
-    def _draw_figures(self, picture: np.ndarray, t: int) -> None:
+    def _draw_figures(self, picture: np.ndarray, t: float) -> None:
         """Values of both missions in their colours, and how much more the second one has."""
         unit, theme = self.layout.unit, self.layout.theme
         one, other = self._figures(0, t), self._figures(1, t)
@@ -125,9 +136,9 @@ class ComparisonFrames:
                 write(picture, words, (left + place * across, line), size, entry.colour, bold=True)
             write(picture, difference(second, value, form), (right, line), 12 * unit, theme.muted, anchor="right")
 
-    def _figures(self, side: int, t: int) -> list[tuple[str, float, str]]:
+    def _figures(self, side: int, t: float) -> list[tuple[str, float, str]]:
         """Those of a mission, and its position error as it is plotted."""
-        error = "position error, m", float(self._errors[side][t]), ".2f"
+        error = "position error, m", float(self._errors[side][step_of(t)]), ".2f"
         return [*figures(self._traces[side], self._running[side], t), error]
 
     def _plot_yield(self, box: Rectangle) -> RecordedPlot:
@@ -183,8 +194,8 @@ class ComparisonFrames:
             left += (width + 16 * unit) if beside else 0
         return 0 if beside else 2
 
-    def frame(self, t: int) -> np.ndarray:
-        time = float(self._traces[0].time[t])
+    def frame(self, t: float) -> np.ndarray:
+        time = float(self._time.at(t))
         for plot in self._plots:
             plot.show_until(time)
         np.copyto(self._picture, self._still)

@@ -10,13 +10,13 @@ import numpy as np
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import style
 from usvauv.env.render.arrangement import Sheet
+from usvauv.env.render.between import Series, Vehicle, step_of
 from usvauv.env.render.comparison import ComparisonFrames
 from usvauv.env.render.layout import (
     AXES,
     Bars,
     Head,
     Layout,
-    MapView,
     Rectangle,
     draw_card,
     within_margins,
@@ -36,13 +36,19 @@ VIEWS = ("map", "sea", "both")
 class Frames(Protocol):
     """Draws frames in order of time."""
 
-    def frame(self, t: int) -> np.ndarray:
-        """Picture (height, width, 3) BGR of step t; overwritten by the next."""
+    def frame(self, t: float) -> np.ndarray:
+        """Picture (height, width, 3) BGR of a moment, in steps from the first; overwritten by the next."""
         ...
 
 
 def frames_of(
-    traces: Sequence[Trace], size: tuple[int, int], view: str = "map", theme: str = "dark", speed_up: float = 1.0
+    traces: Sequence[Trace],
+    size: tuple[int, int],
+    view: str = "map",
+    theme: str = "dark",
+    speed_up: float = 1.0,
+    pace: float = 1.0,
+    follow: str = "",
 ) -> Frames:
     """Frames of world 0 of a trace, or of two traces side by side.
 
@@ -52,16 +58,21 @@ def frames_of(
         view: one of `VIEWS`: the map from above with plots, the sea in perspective, or the map with it beside.
         theme: name of one of `style.THEMES`.
         speed_up: play speed that the title states, s of mission in a second.
+        pace: steps of the mission from one frame to the next.
+        follow: a vehicle that views go along with: usv, usv:N or auv:N; "" for all of the area.
 
     Raises:
-        UserError: more than two traces, or two that cannot be compared.
+        UserError: more than two traces, two that cannot be compared, or no such vehicle.
     """
     if len(traces) > 2:
         raise UserError(f"{len(traces)} traces: at most two can be compared")
     shown = [trace.episode(0) for trace in traces]
+    vehicle = None
+    for trace in shown if follow else ():
+        vehicle = Vehicle.parse(follow, trace.scenario)
     if len(shown) == 2:
-        return ComparisonFrames(shown[0], shown[1], size, style.THEMES[theme], speed_up)
-    return MissionFrames(shown[0], size, style.THEMES[theme], speed_up, view)
+        return ComparisonFrames(shown[0], shown[1], size, style.THEMES[theme], speed_up, pace, vehicle)
+    return MissionFrames(shown[0], size, style.THEMES[theme], speed_up, view, pace, vehicle)
 
 
 def title_of(trace: Trace) -> tuple[str, str]:
@@ -78,11 +89,22 @@ class MissionFrames:
     Still parts are drawn once on the picture `_still`, plots step by step, the rest on each frame.
 
     Attributes:
-        layout: of the frame, with its boxes.
+        layout: of the frame, with its boxes. map: of a view that has one.
     """
 
-    def __init__(self, trace: Trace, size: tuple[int, int], theme: Theme, speed_up: float, view: str = "map") -> None:
-        self._trace, self._running = trace, RunningMetrics.of(trace)
+    map: MissionMap
+
+    def __init__(
+        self,
+        trace: Trace,
+        size: tuple[int, int],
+        theme: Theme,
+        speed_up: float,
+        view: str = "map",
+        pace: float = 1.0,
+        follow: Vehicle | None = None,
+    ) -> None:
+        self._trace, self._running, self._time = trace, RunningMetrics.of(trace, pace), Series(trace.time)
         scenario, names = trace.scenario, [name for name, _, _ in figures(trace, self._running, 0)]
         sheet = Sheet.of(size, scenario.area, names)
         boxes = sheet.boxes(view)
@@ -94,15 +116,15 @@ class MissionFrames:
             draw_card(still, boxes[name], layout)
         self._parts: list[Part] = []
         if "map" in boxes:
-            shown = MissionMap(trace, self._running, layout)
-            draw_map_axes(still, shown, layout, scenario.area, view_note(scenario))
-            self._parts.append(shown)
+            self.map = MissionMap(trace, self._running, layout, follow=follow)
+            draw_map_axes(still, self.map, layout, view_note(scenario))
+            self._parts.append(self.map)
         if "perspective" in boxes:
-            self._parts.append(PerspectiveView(trace, self._running, boxes["perspective"], layout))
+            self._parts.append(PerspectiveView(trace, self._running, boxes["perspective"], layout, follow))
         if "fixes" in boxes:
             self._parts.append(self._insets(boxes["fixes"]))
         if "section" in boxes:
-            self._parts.append(DepthSection(still, trace, boxes["section"], layout))
+            self._parts.append(DepthSection(still, trace, self._running, boxes["section"], layout))
         if "reward" in boxes:
             self._parts.append(self._reward(boxes["reward"]))
         if "legend" in boxes:
@@ -116,7 +138,7 @@ class MissionFrames:
         self._head = Head(still, boxes["title"], boxes.get("tiles"), layout, words, names, end, speed_up)
 
     def _insets(self, box: Rectangle) -> FixInsets:
-        layout, view = self.layout, MapView(self._trace.scenario.area, self.layout.map)
+        layout, view = self.layout, self.map.view
         room = within_margins(box, layout.unit, top=30, sides=8, bottom=2)
         insets = FixInsets(self._trace, self._running, layout, room, view)
         scale = insets.magnification
@@ -130,8 +152,8 @@ class MissionFrames:
     def _reward(self, box: Rectangle) -> RewardBars:
         return RewardBars(self._still, self._trace, self._running, box, self.layout)
 
-    def frame(self, t: int) -> np.ndarray:
-        time = float(self._trace.time[t])
+    def frame(self, t: float) -> np.ndarray:
+        time = float(self._time.at(t))
         if self._errors:
             self._errors.show_until(time)
         np.copyto(self._picture, self._still)
@@ -147,8 +169,8 @@ class MissionFrames:
 class Part(Protocol):
     """A part of a frame that is drawn anew each time."""
 
-    def draw(self, picture: np.ndarray, t: int) -> None:
-        """Draw step t."""
+    def draw(self, picture: np.ndarray, t: float) -> None:
+        """Draw a moment."""
         ...
 
 
@@ -166,9 +188,9 @@ class RewardBars:
         scale = max(float(np.quantile(np.abs(running.reward[:, self._terms]), 0.98)), 1e-9)
         self._bars = Bars(still, box, layout, title, [trace.reward_names[term] for term in self._terms], scale)
 
-    def draw(self, picture: np.ndarray, t: int) -> None:
-        """Draw step t."""
-        self._bars.draw(picture, self._running.reward[t, self._terms].tolist())
+    def draw(self, picture: np.ndarray, t: float) -> None:
+        """Draw a moment."""
+        self._bars.draw(picture, self._running.reward[step_of(t), self._terms].tolist())
 
 
 def error_plot(

@@ -112,14 +112,36 @@ def tile_columns(names: Sequence[str], width: float, unit: float) -> int:
 
 
 class MapView:
-    """Metres of the area (x east, y north) to pixels of the frame."""
+    """Metres of the area (x east, y north) to pixels of the frame.
 
-    def __init__(self, area: Area, rectangle: Rectangle) -> None:
-        self.rectangle = rectangle
-        self.per_metre = rectangle.width / area.width
-        self._scale = np.array([rectangle.width / area.width, -rectangle.height / area.length])
+    Args:
+        area: the whole area. rectangle: that shows it. zoom: ≥ 1, shows a part of it that is so many times smaller.
+
+    Attributes:
+        bounds: south-western and north-eastern corner of what is shown, (2, 2) m.
+    """
+
+    def __init__(self, area: Area, rectangle: Rectangle, zoom: float = 1.0) -> None:
+        self.rectangle, self.zoom = rectangle, zoom
+        self.per_metre = zoom * rectangle.width / area.width
+        self._sides = np.array([area.width, area.length])
+        self._scale = zoom * np.array([rectangle.width, -rectangle.height]) / self._sides
+        self.look(0.5 * self._sides)
+
+    def look(self, place: np.ndarray) -> None:
+        """Show what is around a place (2,), m, as far as it is within the area."""
+        shown = self._sides / self.zoom
+        corner = np.clip(place - 0.5 * shown, 0.0, self._sides - shown)
+        self.bounds = np.stack([corner, corner + shown])
         # Pixel centres are whole numbers, so the left edge of the first pixel is at −½.
-        self._origin = np.array([rectangle.left - 0.5, rectangle.bottom - 0.5])
+        self._origin = np.array([self.rectangle.left - 0.5, self.rectangle.bottom - 0.5]) - corner * self._scale
+
+    def grid(self, pixels: int = 160) -> tuple[np.ndarray, np.ndarray]:
+        """Middles x (X,) and y (Y,) of cells that cover what is shown, at most `pixels` on a side, m."""
+        low, high = self.bounds
+        counts = np.maximum(np.round((high - low) / (high - low).max() * pixels).astype(int), 2)
+        x, y = (a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(low, high, counts, strict=True))
+        return x, y
 
     def pixel(self, position: np.ndarray) -> np.ndarray:
         """Pixels (..., 2) of positions (..., 2) in metres."""

@@ -11,18 +11,19 @@ import numpy as np
 from usvauv.env.record.metrics import age
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
+from usvauv.env.render.between import ROUNDING, Series, Vehicle, step_of
 from usvauv.env.render.layout import Layout, MapView, Rectangle, nice, nice_above
 from usvauv.env.render.mission import TRAIL, Exchanges, Itinerary, ReplyField, RunningMetrics, track
 from usvauv.env.render.sea import CurrentStreaks, SeaSurface, colour_scale
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import text_width, write
 from usvauv.env.scenario import Scenario
-from usvauv.env.scenario.sea import Area
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
 TRAIL_PIECES = 6  # of one opacity each
 OLD = 300.0  # s, age from which on a node's ring is brightest
+FOLLOWED = 3.0  # magnification of a map that goes along with a vehicle
 REFRESH = 3  # steps from which on streaks, which change slowly, are made anew
 WORDLESS = 240.0  # shorter side in pixels of the design of a map with smaller vehicles and no words over nodes
 SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
@@ -41,120 +42,143 @@ class MissionMap:
         view: metres to pixels. surface, streaks: layers, whose scales `draw_map_axes` draws.
     """
 
-    def __init__(self, trace: Trace, running: RunningMetrics, layout: Layout, limit: float | None = None) -> None:
+    def __init__(
+        self,
+        trace: Trace,
+        running: RunningMetrics,
+        layout: Layout,
+        limit: float | None = None,
+        follow: Vehicle | None = None,
+    ) -> None:
         """`limit`: end of the sea's colour scale, m; None for one that fits the trace."""
         scenario = trace.scenario
         self._trace, self._running, self._layout = trace, running, layout
-        self.view = MapView(scenario.area, layout.map)
+        self.view = MapView(scenario.area, layout.map, FOLLOWED if follow else 1.0)
         self.surface = SeaSurface(trace.surface, self.view, limit=limit)
         self.streaks = CurrentStreaks(
             trace.vortex[0, 0], trace.stream_at(0.0), scenario.area.width, scenario.area.length, self.view, layout.unit,
             Eddies(scenario.current.period, cruise=scenario.eddies_at_cruise), Level.cruise,
         )  # fmt: skip
         self._step = scenario.mission.step
-        # Streaks drift at the true speed, up to a quarter of their length a step.
-        self._streak_step = min(self._step, 0.25 * self.streaks.tail)
+        # Streaks drift at the true speed, up to a quarter of their length a frame.
+        self._streak_step = min(self._step * running.pace, 0.25 * self.streaks.tail)
         self._overlay = Overlay(*layout.map)
-        self._boats = self.view.pixel(trace.boat_position[:, 0])
-        self._auvs = self.view.pixel(trace.auv_position[:, 0])
-        self._labels = self._auvs + np.array([14, -12]) * layout.unit
-        self._nodes = self.view.pixel(trace.node_position[0])
-        self._exchanges, self._itinerary = Exchanges(trace), Itinerary(trace)
-        self._popups = Popups(trace, self._itinerary, layout.unit)
+        self._boats = Series(trace.boat_position[:, 0], smooth=True)
+        self._auvs = Series(trace.auv_position[:, 0], smooth=True)
+        self._followed = follow.way(trace) if follow else None
+        self._boat_heading, self._heading = Series(trace.boat_heading[:, 0]), Series(running.heading)
+        self._label = np.array([14, -12]) * layout.unit
+        self._exchanges, self._itinerary = Exchanges(trace, running.pace), Itinerary(trace)
+        self._popups = Popups(trace, self._itinerary, layout.unit, running.pace)
         shorter = min(layout.map.width, layout.map.height) / layout.unit
         self._wordless = shorter < WORDLESS
         self._size = layout.unit * float(np.clip(shorter / WORDLESS, 0.6, 1.0))  # of vehicles
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         # Stations have no data that could be old.
         self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
-        spacing = np.sqrt(layout.map.width * layout.map.height / len(self._nodes))
+        spacing = self.view.zoom * np.sqrt(layout.map.width * layout.map.height / trace.node_position.shape[1])
         self._node_radius = float(np.clip(spacing / 7, 3.0 * layout.unit, 9.5 * layout.unit))
-        self._estimated = self.view.pixel(trace.estimate[:, 0])
-        self._error_axes = self.view.vector(error_axes(trace.estimate_covariance[:, 0]))
-        self._foreseen = self.view.pixel(trace.foreseen_position[:, 0])
+        self._estimated, self._covariance = Series(trace.estimate[:, 0]), Series(trace.estimate_covariance[:, 0])
+        self._foreseen, self._goals = Series(trace.foreseen_position[:, 0]), Series(trace.boat_goal[:, 0])
         self._field = ReplyField(trace)
         self._made = -REFRESH
         self._gauges = shapes.NodeGauges(self._node_radius)
         self._hover_radius = max(scenario.auv.hover_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
 
-    def draw(self, picture: np.ndarray, t: int) -> None:
-        """Draw step t over the map's rectangle."""
-        self.surface.paint(picture, t)
+    def draw(self, picture: np.ndarray, t: float) -> None:
+        """Draw a moment over the map's rectangle, and with a followed vehicle the axes around it."""
+        if not self._followed:
+            self._draw(picture, t)
+            return
+        around, box = picture.copy(), self._layout.map
+        self.view.look(self._followed.at(t))
+        self._draw(picture, t)
+        box.of(around)[:] = box.of(picture)
+        np.copyto(picture, around)
+        draw_ticks(picture, self.view, self._layout)
+
+    def _draw(self, picture: np.ndarray, t: float) -> None:
+        step, view = step_of(t), self.view
+        sea = self._running.sea
+        self.surface.paint(picture, sea.on(t, *view.grid()) if self._followed else sea.at(t))
         self._overlay.clear()
-        if not self._made <= t < self._made + REFRESH:
-            self._made = t
-            self.streaks.update(self._trace.vortex[t, 0], self._trace.stream_at(float(self._trace.time[t])))
-        self.streaks.draw(self._overlay, t * self._streak_step, self._layout.px(1.2))
-        self._draw_field(t)
-        self._draw_ellipses(t)
-        self._draw_pings(t)
+        if not self._made <= step < self._made + REFRESH:
+            self._made = step
+            self.streaks.update(self._trace.vortex[step, 0], self._trace.stream_at(float(self._trace.time[step])))
+        self.streaks.draw(self._overlay, t / self._running.pace * self._streak_step, self._layout.px(1.2))
+        auvs, boats, nodes = (
+            view.pixel(places) for places in (self._auvs.at(t), self._boats.at(t), self._trace.node_position[0])
+        )
+        estimated = view.pixel(self._estimated.at(t))
+        self._draw_field(step)
+        self._draw_ellipses(t, estimated)
+        self._draw_pings(t, auvs, boats)
         self._draw_trails(t)
-        self._draw_links(t)
+        self._draw_links(t, auvs, nodes)
         self._overlay.blend(picture)
-        self._draw_nodes(picture, t)
-        for boat in range(self._boats.shape[1]):
-            self._draw_boat(picture, t, boat)
-        for auv in range(self._auvs.shape[1]):
-            self._draw_auv(picture, t, auv)
+        self._draw_nodes(picture, t, nodes)
+        for boat, place in enumerate(boats):
+            self._draw_boat(picture, t, boat, place)
+        for auv, place in enumerate(auvs):
+            self._draw_auv(picture, t, auv, place, estimated[auv], nodes)
         if not self._wordless:
-            self._popups.draw(picture, self._layout.map, t, self._nodes, self._hover_radius, self._labels[t])
+            self._popups.draw(picture, self._layout.map, t, nodes, self._hover_radius, auvs + self._label)
 
-    def _draw_trails(self, t: int) -> None:
-        width = self._layout.px(2)
-        for boat in range(self._boats.shape[1]):
-            self._fade(self._boats[:, boat], t, style.BOAT, 0.45, width)
-        for auv in range(self._auvs.shape[1]):
-            self._fade(self._auvs[:, auv], t, style.auv_colour(auv), 0.85, width)
+    def _draw_trails(self, t: float) -> None:
+        width, steps = self._layout.px(2), track(t, self._step, 120)
+        boats, auvs = (self.view.pixel(series.until(t, steps)) for series in (self._boats, self._auvs))
+        for boat in range(boats.shape[1]):
+            self._fade(boats[:, boat], t - steps[0], style.BOAT, 0.45, width)
+        for auv in range(auvs.shape[1]):
+            self._fade(auvs[:, auv], t - steps[0], style.auv_colour(auv), 0.85, width)
 
-    def _fade(self, places: np.ndarray, t: int, colour: style.Colour, opacity: float, width: int) -> None:
-        steps = track(t, self._step, 120)
-        points = places[steps]
+    def _fade(self, points: np.ndarray, steps: float, colour: style.Colour, opacity: float, width: int) -> None:
+        """A trail over some steps."""
         length = max(2, len(points) // TRAIL_PIECES + 1)
         pieces = [points[begin : begin + length + 1] for begin in range(0, len(points) - 1, length)]
         for place, piece in enumerate(pieces):
             share = (place + 1) / len(pieces)
             # A trail shorter than TRAIL fades less.
-            full = min(1.0, (t - int(steps[0])) * self._step / TRAIL)
+            full = min(1.0, steps * self._step / TRAIL)
             self._overlay.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
 
-    def _draw_field(self, t: int) -> None:
+    def _draw_field(self, step: int) -> None:
         """Lines of what replies heard at a place are worth, brighter where it is more; none where all is heard."""
-        for level, lines in self._field.lines(t):
+        for level, lines in self._field.lines(step):
             self._overlay.strokes(
                 [self.view.pixel(line) for line in lines], style.FIELD, 0.15 + 0.6 * level, self._layout.px(1.2)
             )
 
-    def _draw_ellipses(self, t: int) -> None:
-        for auv, position in enumerate(self._estimated[t]):
-            axes = self._error_axes[t, auv]
+    def _draw_ellipses(self, t: float, estimated: np.ndarray) -> None:
+        for auv, axes in enumerate(self.view.vector(error_axes(self._covariance.at(t)))):
             if np.abs(axes).max() > 2 * self._layout.unit:
-                outline = shapes.ellipse_points(position, axes)
+                outline = shapes.ellipse_points(estimated[auv], axes)
                 line = np.concatenate([outline, outline[:1]])
                 self._overlay.strokes([line], style.auv_colour(auv), 0.8, self._layout.px(1))
 
-    def _draw_pings(self, t: int) -> None:
+    def _draw_pings(self, t: float, auvs: np.ndarray, boats: np.ndarray) -> None:
         """A ring from each boat that has asked, and lines from the boats to the AUVs they have heard."""
-        for boat, share in zip(self._boats[t], self._exchanges.ping(t), strict=True):
+        for boat, share in zip(boats, self._exchanges.ping(t), strict=True):
             if share is not None:
-                reach = np.hypot(*(self._auvs[t] - boat).T).max()
+                reach = np.hypot(*(auvs - boat).T).max()
                 self._overlay.ring(boat, share * reach, style.BOAT, 0.45 * (1 - 0.7 * share), self._layout.px(1.3))
-        for auv, position in enumerate(self._auvs[t]):
+        for auv, position in enumerate(auvs):
             boat, fresh = self._exchanges.heard(t, auv)
             lit = 0.5 * fresh
             if lit > 0.03:  # what is drawn later replaces what is there
-                boat = self._boats[t, boat]
-                self._overlay.strokes([np.stack([boat, position])], style.auv_colour(auv), lit, self._layout.px(1.2))
+                ends = np.stack([boats[boat], position])
+                self._overlay.strokes([ends], style.auv_colour(auv), lit, self._layout.px(1.2))
 
-    def _draw_links(self, t: int) -> None:
+    def _draw_links(self, t: float, auvs: np.ndarray, nodes: np.ndarray) -> None:
         """Dashed lines to the targets, rings around services."""
-        unit, phase = self._layout.unit, (t % 24) / 24
-        for auv, position in enumerate(self._auvs[t]):
+        unit, phase, step = self._layout.unit, (t / self._running.pace % 24) / 24, step_of(t)
+        for auv, position in enumerate(auvs):
             colour = style.auv_colour(auv)
-            node = self._nodes[self._itinerary.node(t, auv)]
-            stops = self._nodes[[self._itinerary.node(t, auv), *self._itinerary.after(t, auv)]]
+            stops = nodes[[self._itinerary.node(step, auv), *self._itinerary.after(step, auv)]]
+            node = stops[0]
             for place, leg in enumerate(pairwise(stops)):
                 self._overlay.strokes([np.stack(leg)], colour, 0.55 - 0.12 * place, self._layout.px(1.3))
-            if self._trace.hovering[t, 0, auv]:
+            if self._trace.hovering[step, 0, auv]:
                 self._overlay.disc(node, self._hover_radius, colour, 0.16)
                 self._overlay.ring(node, self._hover_radius * (0.35 + 0.65 * phase), colour, 0.8 * (1 - phase))
             else:
@@ -162,39 +186,40 @@ class MissionMap:
                 if pieces:
                     self._overlay.strokes(pieces, colour, 0.7, self._layout.px(1.3))
 
-    def _draw_nodes(self, picture: np.ndarray, t: int) -> None:
+    def _draw_nodes(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
         if self._trace.scenario.task == "station-keeping":
-            for auv, centre in enumerate(self._nodes):
+            for auv, centre in enumerate(nodes):
                 shapes.station(picture, centre, self._node_radius, style.auv_colour(auv), self._layout.zoom)
             return
-        pulse = 0.5 + 0.5 * math.sin(0.35 * t)
-        for centre, share, old in zip(self._nodes, self._fill[t], self._age[t], strict=True):
+        pulse, step = 0.5 + 0.5 * math.sin(0.35 * t / self._running.pace), step_of(t)
+        for centre, share, old in zip(nodes, self._fill[step], self._age[step], strict=True):
             self._gauges.draw(picture, centre, share, old, pulse)
 
-    def _draw_boat(self, picture: np.ndarray, t: int, boat: int) -> None:
-        layout, goal = self._layout, self.view.pixel(self._trace.boat_goal[t, 0, boat])
-        position = self._boats[t, boat]
+    def _draw_boat(self, picture: np.ndarray, t: float, boat: int, position: np.ndarray) -> None:
+        layout, goal = self._layout, self.view.pixel(self._goals.at(t)[boat])
         if np.hypot(*(goal - position)) > 20 * layout.unit:  # nearer goals are below the boat
             for piece in shapes.dashes(position, goal, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.BOAT, layout.px(1))
             shapes.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
-        shapes.boat(picture, position, self._running.boat_heading[t, boat], 34 * self._size, layout.zoom)
+        shapes.boat(picture, position, float(self._boat_heading.at(t)[boat]), 34 * self._size, layout.zoom)
 
-    def _draw_auv(self, picture: np.ndarray, t: int, auv: int) -> None:
-        layout, position, colour = self._layout, self._auvs[t, auv], style.auv_colour(auv)
-        if self._trace.hovering[t, 0, auv]:
-            node = self._nodes[self._itinerary.node(t, auv)]
-            share = self._running.service_share[t, auv]
+    def _draw_auv(
+        self, picture: np.ndarray, t: float, auv: int, position: np.ndarray, fix: np.ndarray, nodes: np.ndarray
+    ) -> None:
+        layout, colour, step = self._layout, style.auv_colour(auv), step_of(t)
+        if self._trace.hovering[step, 0, auv]:
+            node = nodes[self._itinerary.node(step, auv)]
+            share = self._running.service_share[step, auv]
             shapes.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
-        fix, foreseen = self._estimated[t, auv], self._foreseen[t, auv]
+        foreseen = self.view.pixel(self._foreseen.at(t)[auv])
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
             for piece in shapes.dashes(foreseen, position, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
             shapes.foreseen(picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
-        shapes.auv(picture, position, self._running.heading[t, auv], 29 * self._size, colour, layout.zoom)
+        shapes.auv(picture, position, float(self._heading.at(t)[auv]), 29 * self._size, colour, layout.zoom)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
             shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
-        shapes.badge(picture, str(auv + 1), self._labels[t, auv], 11 * layout.unit, colour)
+        shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour)
 
 
 class MapLayers(Protocol):
@@ -205,23 +230,16 @@ class MapLayers(Protocol):
     streaks: CurrentStreaks
 
 
-def draw_map_axes(picture: np.ndarray, layers: MapLayers, layout: Layout, area: Area, note: str) -> None:
+def draw_map_axes(picture: np.ndarray, layers: MapLayers, layout: Layout, note: str) -> None:
     """Draw axes and scales on a picture, and a note below the map if there is room."""
     unit, box = layout.unit, layout.map
-    corners = [(0, 0), (area.width, 0), (area.width, area.length), (0, area.length)]
-    frame = layers.view.pixel(np.array(corners, float)) + np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)]) * unit
+    (left, below), (right, above) = layers.view.bounds
+    corners = layers.view.pixel(np.array([(left, below), (right, below), (right, above), (left, above)]))
+    frame = corners + np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)]) * unit
     shapes.stroke(picture, frame, layout.theme.line, layout.px(1.5), closed=True)
     size = 11 * unit
-    apart = max(text_width(f"{max(area.width, area.length):g}", size) + 8 * unit, 0.2 * max(box.width, box.height))
-    spacing = nice_above(apart / layers.view.per_metre)
-    for x in np.arange(0, area.width * 1.0001, spacing):
-        at = layers.view.pixel(np.array([x, 0]))[0]
-        shapes.stroke(picture, np.array([(at, box.bottom + unit), (at, box.bottom + 5 * unit)]), layout.theme.muted)
-        write(picture, f"{x:g}", (at, box.bottom + 17 * unit), size, layout.theme.muted, anchor="centre")
-    for y in np.arange(0, area.length * 1.0001, spacing):
-        at = layers.view.pixel(np.array([0, y]))[1]
-        shapes.stroke(picture, np.array([(box.left - unit, at), (box.left - 5 * unit, at)]), layout.theme.muted)
-        write(picture, f"{y:g}", (box.left - 8 * unit, at + 0.36 * size), size, layout.theme.muted, anchor="right")
+    if layers.view.zoom == 1:
+        draw_ticks(picture, layers.view, layout)
     below = box.bottom + 32 * unit
     free = box.right - 8 * unit - _scale_bar(picture, layers, layout, below) - box.left
     right = float(box.right)
@@ -233,6 +251,22 @@ def draw_map_axes(picture: np.ndarray, layers: MapLayers, layout: Layout, area: 
     free = _scales(picture, layers, layout) - box.left + 8 * unit
     if text_width("metres north ↑", size) + 12 * unit < free:
         write(picture, "metres north ↑", (box.left - 8 * unit, box.top - 8 * unit), size, layout.theme.muted)
+
+
+def draw_ticks(picture: np.ndarray, view: MapView, layout: Layout) -> None:
+    """Metres along the western and southern border of what is shown of the area."""
+    unit, box, size = layout.unit, layout.map, 11 * layout.unit
+    low, high = view.bounds
+    apart = max(text_width(f"{float(high.max()):g}", size) + 8 * unit, 0.2 * max(box.width, box.height))
+    spacing = nice_above(apart / view.per_metre)
+    first, last = np.ceil(low / spacing - 1e-9), high / spacing * 1.0001
+    across, up = (np.arange(a, b) * spacing for a, b in zip(first, last, strict=True))
+    for x, at in zip(across, view.pixel(np.column_stack([across, 0 * across]))[:, 0], strict=True):
+        shapes.stroke(picture, np.array([(at, box.bottom + unit), (at, box.bottom + 5 * unit)]), layout.theme.muted)
+        write(picture, f"{x:g}", (at, box.bottom + 17 * unit), size, layout.theme.muted, anchor="centre")
+    for y, at in zip(up, view.pixel(np.column_stack([0 * up, up]))[:, 1], strict=True):
+        shapes.stroke(picture, np.array([(box.left - unit, at), (box.left - 5 * unit, at)]), layout.theme.muted)
+        write(picture, f"{y:g}", (box.left - 8 * unit, at + 0.36 * size), size, layout.theme.muted, anchor="right")
 
 
 def view_note(scenario: Scenario) -> str:
@@ -293,26 +327,30 @@ FRAMES = 45  # for which the data of a completed service is shown
 
 
 class Popups:
-    """Words over nodes, each with the data of a service in world 0; `unit` is a pixel of the design."""
+    """Words over nodes, each with the data of a service in world 0.
 
-    def __init__(self, trace: Trace, itinerary: Itinerary, unit: float) -> None:
+    `unit` is a pixel of the design, `pace` in steps a frame.
+    """
+
+    def __init__(self, trace: Trace, itinerary: Itinerary, unit: float, pace: float) -> None:
         self._delivered, self._itinerary, self._unit = trace.delivered[:, 0], itinerary, unit
+        self._steps = max(FRAMES * pace, 1.0)
 
     def draw(
-        self, picture: np.ndarray, box: Rectangle, t: int, nodes: np.ndarray, above: float, badges: np.ndarray
+        self, picture: np.ndarray, box: Rectangle, t: float, nodes: np.ndarray, above: float, badges: np.ndarray
     ) -> None:
         """Write them within a box, apart from each other and from the AUVs' numbers at `badges` (K, 2), each from
         `above` pixels over its node (M, 2) on.
         """
-        unit = self._unit
-        first, size = max(0, t - FRAMES + 1), 13 * unit
+        unit, size = self._unit, 13 * self._unit
+        first, step = max(0, math.floor(t - self._steps + ROUNDING) + 1), step_of(t)
         taken = [(x, y + 4 * unit, 10 * unit) for x, y in badges]  # middle, baseline and half the width
         for auv in range(self._delivered.shape[1]):
-            recent = np.flatnonzero(self._delivered[first : t + 1, auv] > 0)
+            recent = np.flatnonzero(self._delivered[first : step + 1, auv] > 0)
             if not recent.size:
                 continue
             done = first + int(recent[-1])
-            age = (t - done) / FRAMES
+            age = (t - done) / self._steps
             text = f"+{self._delivered[done, auv]:.2f} Mbit"
             half = text_width(text, size, bold=True) / 2
             x, y = nodes[self._itinerary.node(done, auv)]

@@ -12,6 +12,7 @@ from contourpy import contour_generator
 from usvauv.env.planning.fix_errors import reception
 from usvauv.env.record.metrics import energy_consumption, position_error, target_distance
 from usvauv.env.record.trace import Trace
+from usvauv.env.render.between import Sea, step_of
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels import runtime
@@ -33,8 +34,9 @@ class RunningMetrics:
         error_median: (T, K) its median over the last 30 s.
         off_target: (T,) mean over AUVs of the distance to the target, m. power: (T,) of the AUVs together, W.
         reward: (T, R) terms of the reward a step, summed over AUVs, mean of the last 30 s.
-        heading: (T, K) of the AUVs, boat_heading: (T, B) of the boats, anticlockwise from east, rad.
+        heading: (T, K) of the AUVs, anticlockwise from east and continuous, rad.
         service_share: (T, K) completed part of the service under way, 0 when travelling.
+        sea: its surface. pace: steps of the mission from one frame to the next.
     """
 
     sdr: np.ndarray
@@ -48,16 +50,16 @@ class RunningMetrics:
     power: np.ndarray
     reward: np.ndarray
     heading: np.ndarray
-    boat_heading: np.ndarray
     service_share: np.ndarray
+    sea: Sea
+    pace: float
 
     @classmethod
-    def of(cls, trace: Trace) -> RunningMetrics:
+    def of(cls, trace: Trace, pace: float = 1.0) -> RunningMetrics:
         step = trace.scenario.mission.step
         rate = trace.service_rate[:, 0].astype(float)
         hovering = trace.hovering[:, 0].astype(bool)
         error = position_error(trace)[:, 0].astype(float)
-        moves = np.diff(trace.boat_position[:, 0].astype(float), axis=0, prepend=trace.boat_position[:1, 0])
         return cls(
             sdr=np.cumsum(rate.sum(axis=1)),
             ec=energy_consumption(trace)[:, 0],
@@ -69,14 +71,16 @@ class RunningMetrics:
             off_target=target_distance(trace)[:, 0].mean(axis=1),
             power=trace.power[:, 0].sum(axis=1),
             reward=_smooth(trace.reward_terms[:, 0].sum(axis=1, dtype=float), max(1, round(MEDIAN_WINDOW / step))),
-            heading=_heading(trace.auv_velocity[:, 0], 1e-3),
-            boat_heading=_heading(_smooth(moves, 5), 0.02 * step),
+            heading=np.unwrap(_heading(trace.auv_velocity[:, 0], 1e-3), axis=0),
             service_share=_service_share(hovering, rate > 0),
+            sea=Sea(trace),
+            pace=pace,
         )
 
 
-def figures(trace: Trace, running: RunningMetrics, t: int) -> list[tuple[str, float, str]]:
-    """Figures of step t: name with unit, value, and how it is written (a format specification)."""
+def figures(trace: Trace, running: RunningMetrics, t: float) -> list[tuple[str, float, str]]:
+    """Figures of a moment: name with unit, value, and how it is written (a format specification)."""
+    t = step_of(t)
     if trace.scenario.task == "station-keeping":
         return [
             ("off station, m", running.off_target[t], ".2f"),
@@ -137,8 +141,8 @@ def _service_share(hovering: np.ndarray, completed: np.ndarray) -> np.ndarray:
     return share
 
 
-PING_FRAMES = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
-HEARD_FRAMES = 6.0  # in which the line to an AUV that was heard fades to 1/e
+PING_STEPS = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
+HEARD_STEPS = 6.0  # in which the line to an AUV that was heard fades to 1/e
 
 
 def latest(happened: np.ndarray) -> np.ndarray:
@@ -147,38 +151,42 @@ def latest(happened: np.ndarray) -> np.ndarray:
     return np.maximum.accumulate(np.where(happened, rows, -1))
 
 
-def pings(asked: np.ndarray) -> np.ndarray:
-    """Row (T,) in which the ring that is shown began, of flags (T,) of exchanges; −1 before the first."""
+def pings(asked: np.ndarray, apart: float = PING_STEPS) -> np.ndarray:
+    """Row (T,) in which the ring that is shown began, of flags (T,) of exchanges; −1 before the first.
+
+    Rings begin at least `apart` rows after each other.
+    """
     shown = np.zeros(len(asked), bool)
-    last = -PING_FRAMES
+    last = -apart
     for row in np.flatnonzero(asked):
-        if row - last >= PING_FRAMES:
+        if row - last >= apart:
             shown[row], last = True, row
     return latest(shown)
 
 
 class Exchanges:
-    """Pings that are on their way, and replies that were heard, in world 0 of a trace."""
+    """Pings that are on their way, and replies that were heard, in world 0 of a trace; `pace` in steps a frame."""
 
-    def __init__(self, trace: Trace) -> None:
+    def __init__(self, trace: Trace, pace: float) -> None:
         flags, self._by = trace.fix_flags[:, 0], trace.fix_boat[:, 0]
         self._heard = latest((flags & usbl.DETECTED) > 0)
         boats = np.arange(trace.boat_position.shape[2])
         asked = (((flags & usbl.SILENT) == 0)[..., None] & (self._by[..., None] == boats)).any(axis=1)
-        self._pinged = np.stack([pings(by_boat) for by_boat in asked.T], axis=1)
+        self._steps = PING_STEPS * math.sqrt(pace)  # in slow motion faster, but calm enough for the eye
+        self._pinged = np.stack([pings(by_boat, self._steps) for by_boat in asked.T], axis=1)
 
-    def ping(self, t: int) -> list[float | None]:
-        """For each boat the share of its way that its ping has run in step t; None without one."""
-        shares = ((t - self._pinged[t]) / PING_FRAMES).tolist()
+    def ping(self, t: float) -> list[float | None]:
+        """For each boat the share of its way that its ping has run at a moment; None without one."""
+        pinged = self._pinged[step_of(t)]
+        shares = ((t - pinged) / self._steps).tolist()
         return [
-            share if began >= 0 and share < 1 else None
-            for began, share in zip(self._pinged[t].tolist(), shares, strict=True)
+            share if began >= 0 and share < 1 else None for began, share in zip(pinged.tolist(), shares, strict=True)
         ]
 
-    def heard(self, t: int, auv: int) -> tuple[int, float]:
-        """The boat that last heard an AUV, and how fresh that is in step t: 1 in that step, 0 if it never was."""
-        last = int(self._heard[t, auv])
-        return int(self._by[last, auv]), math.exp((last - t) / HEARD_FRAMES) if last >= 0 else 0.0
+    def heard(self, t: float, auv: int) -> tuple[int, float]:
+        """The boat that last heard an AUV, and how fresh that is at a moment: 1 in that step, 0 if it never was."""
+        last = int(self._heard[step_of(t), auv])
+        return int(self._by[last, auv]), math.exp((last - t) / HEARD_STEPS) if last >= 0 else 0.0
 
 
 NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
@@ -256,7 +264,10 @@ class ReplyField:
         return self._lines
 
 
-def track(t: int, step: float, most: int) -> np.ndarray:
-    """Steps of a trail that ends at step t, with a mission step in s; at most `most` pieces, however short the step."""
+def track(t: float, step: float, most: int) -> np.ndarray:
+    """Steps of a trail that ends at the one before a moment, with a mission step in s; at most `most` pieces, however
+    short the step.
+    """
+    t = step_of(t)
     first = max(0, t - round(TRAIL / step))
     return np.unique(np.linspace(first, t, min(t - first, most) + 1).astype(int))

@@ -11,15 +11,17 @@ import numpy as np
 from usvauv.env.record.metrics import age
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
-from usvauv.env.render.layout import Layout, Rectangle, nice_above
+from usvauv.env.render.between import Series, Vehicle, step_of
+from usvauv.env.render.layout import Layout, MapView, Rectangle, nice_above
 from usvauv.env.render.map import OLD, Popups, error_axes
 from usvauv.env.render.mission import Exchanges, Itinerary, ReplyField, RunningMetrics, track
 from usvauv.env.render.scene import BOAT_BODY, WATER, Canvas, PinholeCamera, Scene, Swing, auv_body, turned
-from usvauv.env.render.sea import Columns, SeaShading, Sheet, colour_scale, elevation_limit, look
+from usvauv.env.render.sea import TEXELS, Columns, SeaShading, Sheet, colour_scale, elevation_limit, look
 from usvauv.env.render.style import Theme, shorten, text_width, write
 
 OPACITY = 0.78  # of the surface before what is below
 LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note
+FINE = 320  # cells along the longer side, of the sea in a view that goes along with a vehicle
 BOAT_LENGTH = 0.085  # as drawn, of the area's longer side
 FAINTEST = 0.1  # share of its colour to which the line to an AUV that was heard fades
 
@@ -29,10 +31,17 @@ class PerspectiveView:
 
     Attributes:
         scene: where things are drawn and at which scales.
-        boats: (T, B, 3) places of their waterlines in it.
+        boats: places (B, 3) of their waterlines in it.
     """
 
-    def __init__(self, trace: Trace, running: RunningMetrics, box: Rectangle, layout: Layout) -> None:
+    def __init__(
+        self,
+        trace: Trace,
+        running: RunningMetrics,
+        box: Rectangle,
+        layout: Layout,
+        follow: Vehicle | None = None,
+    ) -> None:
         self._trace, self._running, self._box, self._layout = trace, running, box, layout
         sides, limit = (trace.scenario.area.width, trace.scenario.area.length), elevation_limit(trace.surface)
         self.scene = scene = Scene.of(trace.scenario, limit)
@@ -40,26 +49,38 @@ class PerspectiveView:
         left, right, top, bottom = (round(margin * size) for size in (54, 38, 16, 30))
         room = box.width - left - right, box.height - top - bottom
         self._swing = Swing.around(sides, 0.8 * limit * scene.heights, scene.bed, room).shifted(left, top)
-        self._shading = SeaShading(trace.surface, limit, sides, self._swing.middle, scene.heights)
+        self._followed = self._grid = None
+        texels, self._enlarged = TEXELS, 1.0
+        if follow:
+            up = scene.auvs if follow.kind == "auv" else 0.0
+            self._followed = Series(scene.place(follow.way(trace).values, up), smooth=True)
+            self._grid = MapView(trace.scenario.area, box).grid(FINE)
+            texels, self._enlarged = FINE, 1 / 2
+        self._shading = SeaShading(limit, sides, self._swing.middle, scene.heights, texels)
         self._glass = GlassBox(scene, layout)
         self._backdrop = _backdrop(box.width, box.height, layout.theme)
         self._write_still(limit)
         floating = trace.boat_surface[:, 0] * (scene.heights if trace.surface.size else 0.0)
-        self.boats = scene.place(trace.boat_position[:, 0], floating[..., 0])
-        self._slopes = floating[..., 1:]
-        self._below = BelowSurface(trace, running, scene, layout, self._swing.middle)
-        self._exchanges, self._field = Exchanges(trace), ReplyField(trace)
+        self.boats = Series(scene.place(trace.boat_position[:, 0], floating[..., 0]), smooth=True)
+        self._slopes, self._headings = Series(floating[..., 1:], smooth=True), Series(trace.boat_heading[:, 0])
+        self._goals = Series(trace.boat_goal[:, 0])
+        self._below = BelowSurface(trace, running, scene, layout, self._swing.middle, self._enlarged)
+        self._exchanges, self._field = Exchanges(trace, running.pace), ReplyField(trace)
 
-    def camera(self, t: int) -> PinholeCamera:
-        """The camera of step t; its pixels are those of the box."""
-        return self._swing.at(t)
+    def camera(self, t: float) -> PinholeCamera:
+        """The camera of a moment; its pixels are those of the box."""
+        frame = t / self._running.pace
+        if self._followed is None:
+            return self._swing.at(frame)
+        return self._swing.along(frame, self._followed.at(t), (0.5 * self._box.width, 0.5 * self._box.height))
 
-    def surface(self, t: int) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (Y, X) m as drawn and colours (Y, X, 3) of the sea in step t, row 0 in the south."""
-        return self._shading.at(t)
+    def surface(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Heights (Y, X) m as drawn and colours (Y, X, 3) of the sea at a moment, row 0 in the south."""
+        sea = self._running.sea
+        return self._shading.of(sea.on(t, *self._grid) if self._grid else sea.at(t))
 
-    def draw(self, picture: np.ndarray, t: int) -> None:
-        """Draw step t inside the box of a BGR picture."""
+    def draw(self, picture: np.ndarray, t: float) -> None:
+        """Draw a moment inside the box of a BGR picture."""
         canvas = Canvas(self._box.of(picture), self.camera(t))
         np.copyto(canvas.picture, self._backdrop)
         columns = Columns.of(canvas.camera, self.scene.sides, self._box.width)
@@ -72,9 +93,9 @@ class PerspectiveView:
         self._below.draw_auvs(canvas, t)
         _paint_surface(canvas.picture, columns, sheet, colours)
         self._glass.draw_edges(canvas, columns, sheet)
-        self._draw_field(canvas, t, heights)
+        self._draw_field(canvas, step_of(t), heights)
         self._draw_pings(canvas, t, heights)
-        for boat in np.argsort(-canvas.camera.away(self.boats[t])):
+        for boat in np.argsort(-canvas.camera.away(self.boats.at(t))):
             self._draw_boat(canvas, t, int(boat), heights)
         self._glass.write_lengths(canvas)
         self._glass.draw_compass(canvas)
@@ -106,14 +127,14 @@ class PerspectiveView:
             picture[line - up : line, left : left + across] = colour_scale(across, up)
             write(picture, low, (left - gap, line), size, self._layout.theme.muted, anchor="right")
 
-    def _draw_sound(self, canvas: Canvas, t: int) -> None:
+    def _draw_sound(self, canvas: Canvas, t: float) -> None:
         """Lines to the AUVs that were heard, and two half circles of each ping's sphere, down to the bed."""
-        auvs, width = self._below.auvs[t], self._layout.px(1.2)
+        auvs, boats, width = self._below.auvs.at(t), self.boats.at(t), self._layout.px(1.2)
         for auv, place in enumerate(auvs):
             boat, fresh = self._exchanges.heard(t, auv)
             lit = 0.85 * fresh
             if lit > FAINTEST:
-                ends = np.stack([self.boats[t, boat], place])
+                ends = np.stack([boats[boat], place])
                 canvas.line(ends, style.mix(WATER, style.auv_colour(auv), lit), width)
         turn = np.linspace(0, np.pi, 40)[:, None]
         for boat, radius, share in self._pings(t):
@@ -123,43 +144,43 @@ class PerspectiveView:
                 for line in self.scene.inside(arc):
                     canvas.line(line, ink, width)
 
-    def _draw_pings(self, canvas: Canvas, t: int, heights: np.ndarray) -> None:
+    def _draw_pings(self, canvas: Canvas, t: float, heights: np.ndarray) -> None:
         """The circles in which the spheres of pings meet the surface."""
         turn = np.linspace(0, 2 * np.pi, 73)
         for boat, radius, share in self._pings(t):
             circle = boat[:2] + radius * np.stack([np.cos(turn), np.sin(turn)], 1)
             for line in self.scene.inside(self.scene.afloat(circle, heights)):
-                canvas.line(line, style.mix(style.BOAT, style.SEA[3], share), self._layout.px(1.3))
+                canvas.line(line, style.mix(style.BOAT, style.SEA[3], 0.4 + 0.6 * share), self._layout.px(1.3))
 
-    def _pings(self, t: int) -> list[tuple[np.ndarray, float, float]]:
+    def _pings(self, t: float) -> list[tuple[np.ndarray, float, float]]:
         """Place (3,) of each boat whose ping runs, its radius in m, and the share of its way."""
         running = []
-        for boat, share in zip(self.boats[t], self._exchanges.ping(t), strict=True):
+        for boat, share in zip(self.boats.at(t), self._exchanges.ping(t), strict=True):
             if share:
-                way = (self._below.auvs[t] - boat) / (1.0, 1.0, self.scene.depths)
+                way = (self._below.auvs.at(t) - boat) / (1.0, 1.0, self.scene.depths)
                 running.append((boat, float(share * np.linalg.norm(way, axis=1).max()), share))
         return running
 
-    def _draw_field(self, canvas: Canvas, t: int, heights: np.ndarray) -> None:
+    def _draw_field(self, canvas: Canvas, step: int, heights: np.ndarray) -> None:
         """Lines on the water of what replies heard at a place are worth, brighter where it is more."""
-        for level, lines in self._field.lines(t):
+        for level, lines in self._field.lines(step):
             ink = style.mix(style.SEA[2], style.FIELD, 0.15 + 0.6 * level)
             for line in lines:
                 canvas.line(self.scene.afloat(self.scene.place(line, 0.0)[:, :2], heights), ink, self._layout.px(1.2))
 
-    def _draw_boat(self, canvas: Canvas, t: int, boat: int, heights: np.ndarray) -> None:
+    def _draw_boat(self, canvas: Canvas, t: float, boat: int, heights: np.ndarray) -> None:
         """Wake, way to the goal, goal and body."""
-        layout, place, scene = self._layout, self.boats[t, boat], self.scene
-        wake = self.boats[track(t, self._trace.scenario.mission.step, 60), boat, :2]
+        layout, place, scene = self._layout, self.boats.at(t)[boat], self.scene
+        wake = self.boats.until(t, track(t, self._trace.scenario.mission.step, 60))[:, boat, :2]
         canvas.trail(scene.afloat(wake, heights), style.BOAT, style.SEA[3], layout.px(1.3))
-        goal = scene.place(self._trace.boat_goal[t, 0, boat], 0.0)
+        goal = scene.place(self._goals.at(t)[boat], 0.0)
         way = place[:2] + np.linspace(0, 1, 24)[:, None] * (goal[:2] - place[:2])
         pixels = canvas.camera.pixel(scene.afloat(way, heights))
         if np.hypot(*(pixels[-1] - pixels[0])) > 20 * layout.unit:  # nearer goals are below the boat
             canvas.pieces(pixels.reshape(-1, 2, 2), style.BOAT)
             shapes.cross(canvas.picture, pixels[-1], 5 * layout.unit, style.BOAT, layout.px(2))
-        axes = turned(self._running.boat_heading[t, boat], self._slopes[t, boat])
-        BOAT_BODY.draw(canvas, place, axes, BOAT_LENGTH * max(scene.sides))
+        axes = turned(float(self._headings.at(t)[boat]), self._slopes.at(t)[boat])
+        BOAT_BODY.draw(canvas, place, axes, self._enlarged * BOAT_LENGTH * max(scene.sides))
 
 
 def _backdrop(width: int, height: int, theme: Theme) -> np.ndarray:
@@ -212,7 +233,7 @@ def paint_water(canvas: Canvas, columns: Columns, bed: float, sheet: Sheet) -> N
     picture, camera = canvas
     foot = camera.centre[1] + camera.focal * (camera.height - bed) / columns.near
     top = max(int(sheet.horizon.min()), 0)
-    rows = np.arange(top + 0.5 * COARSE - 0.5, foot.max() + COARSE, COARSE)
+    rows = np.arange(top + 0.5 * COARSE - 0.5, min(float(foot.max()), picture.shape[0]) + COARSE, COARSE)
     coarse = columns.every(COARSE // 2)
     small = _light(camera, coarse, bed, rows)
     large = cv2.resize(small, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)
@@ -320,18 +341,25 @@ class BelowSurface:
     """AUVs and nodes of world 0 of a trace, with trails, ways to the next nodes, error ellipses and numbers.
 
     Attributes:
-        auvs: (T, K, 3) their places in the scene.
+        auvs: their places (K, 3) in the scene.
     """
 
     def __init__(
-        self, trace: Trace, running: RunningMetrics, scene: Scene, layout: Layout, camera: PinholeCamera
+        self,
+        trace: Trace,
+        running: RunningMetrics,
+        scene: Scene,
+        layout: Layout,
+        camera: PinholeCamera,
+        enlarged: float,
     ) -> None:
         scenario, unit = trace.scenario, layout.unit
         self._trace, self._running, self._scene, self._layout = trace, running, scene, layout
-        self.auvs = scene.place(trace.auv_position[:, 0], scene.auvs)
-        self._foreseen = scene.place(trace.foreseen_position[:, 0], scene.auvs)
-        self._estimated = scene.place(trace.estimate[:, 0], scene.auvs)
-        self._error_axes = error_axes(trace.estimate_covariance[:, 0])
+        places = trace.auv_position, trace.foreseen_position, trace.estimate
+        auvs, foreseen, estimated = (scene.place(place[:, 0], scene.auvs) for place in places)
+        self.auvs, self._foreseen, self._estimated = Series(auvs, smooth=True), Series(foreseen), Series(estimated)
+        self._covariance, self._heading = Series(trace.estimate_covariance[:, 0]), Series(running.heading)
+        self._length = enlarged * AUV_LENGTH * max(scene.sides)
         self._nodes = scene.place(trace.node_position[0], scene.nodes)
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         # Stations have no data that could be old.
@@ -340,10 +368,10 @@ class BelowSurface:
         self._radii = np.clip(spacing / 8, 3.0 * unit, 9.0 * unit) * np.array(ZOOMS)
         self._gauges = [shapes.NodeGauges(float(radius)) for radius in self._radii]
         self._serving, self._itinerary = trace.hovering[:, 0].astype(bool), Itinerary(trace)
-        self._popups = Popups(trace, self._itinerary, layout.unit)
-        self._bodies = [auv_body(style.auv_colour(auv)) for auv in range(self.auvs.shape[1])]
+        self._popups = Popups(trace, self._itinerary, layout.unit, running.pace)
+        self._bodies = [auv_body(style.auv_colour(auv)) for auv in range(trace.auv_position.shape[2])]
 
-    def draw_nodes(self, canvas: Canvas, t: int) -> None:
+    def draw_nodes(self, canvas: Canvas, t: float) -> None:
         """Gauges on stalks, far to near, or the stations."""
         away, feet = canvas.camera.away(self._nodes), canvas.camera.pixel(self._nodes)
         zoom = np.digitize(canvas.camera.distance / away, (0.93, 1.07))
@@ -353,46 +381,49 @@ class BelowSurface:
             for auv, (head, radius) in enumerate(zip(heads, self._radii[zoom], strict=True)):
                 shapes.station(canvas.picture, head, radius, style.auv_colour(auv), self._layout.zoom)
             return
-        pulse = 0.5 + 0.5 * math.sin(0.35 * t)
+        pulse, step = 0.5 + 0.5 * math.sin(0.35 * t / self._running.pace), step_of(t)
         for node in np.argsort(-away):
             gauges = self._gauges[zoom[node]]
-            gauges.draw(canvas.picture, heads[node], self._fill[t, node], self._age[t, node], pulse)
+            gauges.draw(canvas.picture, heads[node], self._fill[step, node], self._age[step, node], pulse)
 
-    def draw_auvs(self, canvas: Canvas, t: int) -> None:
+    def draw_auvs(self, canvas: Canvas, t: float) -> None:
         """All AUVs, far to near."""
-        for auv in np.argsort(-canvas.camera.away(self.auvs[t])):
+        for auv in np.argsort(-canvas.camera.away(self.auvs.at(t))):
             self._draw_auv(canvas, t, int(auv))
 
-    def draw_words(self, canvas: Canvas, t: int) -> None:
+    def draw_words(self, canvas: Canvas, t: float) -> None:
         """The AUVs' numbers beside them, and the data of their latest services, which a small view leaves out."""
         (height, width), unit = canvas.picture.shape[:2], self._layout.unit
-        nodes, labels = canvas.camera.pixel(self._nodes), canvas.camera.pixel(self.auvs[t]) + np.array([14, -13]) * unit
+        nodes, auvs = canvas.camera.pixel(self._nodes), canvas.camera.pixel(self.auvs.at(t))
+        labels = auvs + np.array([14, -13]) * unit
         if height > SMALL * unit:
             box = Rectangle(0, 0, width, height)
             self._popups.draw(canvas.picture, box, t, nodes, 3 * float(self._radii[-1]), labels)
         for auv, label in enumerate(labels):
             shapes.badge(canvas.picture, str(auv + 1), label, 11 * unit, style.auv_colour(auv))
 
-    def _draw_auv(self, canvas: Canvas, t: int, auv: int) -> None:
+    def _draw_auv(self, canvas: Canvas, t: float, auv: int) -> None:
         """Trail, line down to the bed, ways to its next nodes, error ellipse, estimate, and the body."""
-        colour, place, layout, size = style.auv_colour(auv), self.auvs[t, auv], self._layout, max(self._scene.sides)
-        dim = style.mix(WATER, colour, 0.6)
-        canvas.trail(self.auvs[track(t, self._trace.scenario.mission.step, 60), auv], colour, WATER, layout.px(2))
+        colour, place, layout, size = style.auv_colour(auv), self.auvs.at(t)[auv], self._layout, max(self._scene.sides)
+        dim, step = style.mix(WATER, colour, 0.6), step_of(t)
+        trail = self.auvs.until(t, track(t, self._trace.scenario.mission.step, 60))[:, auv]
+        canvas.trail(trail, colour, WATER, layout.px(2))
         foot = np.array([*place[:2], self._scene.bed])
         canvas.line(np.stack([place, foot]), dim)
         canvas.circle(foot, 0.012 * size, dim)
-        stops = self._nodes[[self._itinerary.node(t, auv), *self._itinerary.after(t, auv)]]
+        stops = self._nodes[[self._itinerary.node(step, auv), *self._itinerary.after(step, auv)]]
         for number, leg in enumerate(pairwise(stops)):
             canvas.line(np.stack(leg), style.mix(WATER, colour, 0.5 - 0.12 * number), layout.px(1.3))
         node = stops[0]
-        if self._serving[t, auv]:
+        if self._serving[step, auv]:
             reach = max(self._trace.scenario.auv.hover_radius, 0.04 * size)
             canvas.circle(node, reach, dim)
-            canvas.circle(node, reach, colour, layout.px(3), self._running.service_share[t, auv])
-        ends = np.stack([place, node, self._estimated[t, auv], self._foreseen[t, auv]])
+            canvas.circle(node, reach, colour, layout.px(3), self._running.service_share[step, auv])
+        estimated = self._estimated.at(t)[auv]
+        ends = np.stack([place, node, estimated, self._foreseen.at(t)[auv]])
         begin, end, fix, foreseen = canvas.camera.pixel(ends)
         canvas.pieces(np.array(shapes.dashes(begin, end, 4 * layout.unit)), dim, layout.px(1.3))
-        outline = shapes.ellipse_points(self._estimated[t, auv, :2], self._error_axes[t, auv], 64)[[*range(64), 0]]
+        outline = shapes.ellipse_points(estimated[:2], error_axes(self._covariance.at(t)[auv]), 64)[[*range(64), 0]]
         for line in self._scene.inside(np.column_stack([outline, np.full(len(outline), place[2])])):
             canvas.line(line, style.mix(colour, style.WHITE, 0.3), layout.px(1.2))
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
@@ -400,5 +431,5 @@ class BelowSurface:
             shapes.foreseen(canvas.picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         if np.hypot(*(fix - begin)) > 5 * layout.unit:
             shapes.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
-        axes = turned(self._running.heading[t, auv], np.zeros(2))
-        self._bodies[auv].draw(canvas, place, axes, AUV_LENGTH * size)
+        axes = turned(float(self._heading.at(t)[auv]), np.zeros(2))
+        self._bodies[auv].draw(canvas, place, axes, self._length)

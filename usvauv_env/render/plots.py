@@ -9,6 +9,7 @@ import numpy as np
 
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
+from usvauv.env.render.between import Series, step_of
 from usvauv.env.render.layout import (
     SMALLEST_LETTERS,
     Layout,
@@ -215,9 +216,9 @@ class FixInsets:
         self._running, self._layout = running, layout
         truth = trace.auv_position[:, 0]
         self._fix_error = (trace.fix[:, 0] - trace.heard_position[:, 0]).astype(float)
-        self._error = (trace.estimate[:, 0] - truth).astype(float)
-        self._axes = error_axes(trace.estimate_covariance[:, 0])
-        count = self._error.shape[1]
+        self._error = Series((trace.estimate[:, 0] - truth).astype(float))
+        self._covariance = Series(trace.estimate_covariance[:, 0])
+        count = truth.shape[1]
         label = 30 * layout.unit
         rows = min((1, 2, 3), key=lambda rows: -self._diameter(box, count, rows, label))
         columns = -(-count // rows)
@@ -235,7 +236,7 @@ class FixInsets:
                 for auv in range(count)
             ]
         )
-        longest = np.linalg.norm(self._axes, axis=-1).max(-1)
+        longest = np.linalg.norm(error_axes(trace.estimate_covariance[:, 0]), axis=-1).max(-1)
         reach = max(
             float(np.quantile(np.nan_to_num(np.linalg.norm(self._fix_error, axis=-1)), 0.96)),
             float(np.quantile(longest, 0.95)),
@@ -265,33 +266,33 @@ class FixInsets:
 
         shapes.smooth(picture, centre, self._radius + 2 * unit, self._layout.zoom, draw)
 
-    def draw(self, picture: np.ndarray, t: int) -> None:
+    def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw the latest fixes, older ones fainter; the estimate as a diamond with its predicted ellipse."""
-        layout, unit = self._layout, self._layout.unit
-        first = max(0, t - FIXES + 1)
+        layout, unit, step = self._layout, self._layout.unit, step_of(t)
+        first, errors, axes_of = max(0, step - FIXES + 1), self._error.at(t), error_axes(self._covariance.at(t))
         for auv, centre in enumerate(self._centres):
-            offsets = self._fix_error[first : t + 1, auv] * (self._scale, -self._scale)
+            offsets = self._fix_error[first : step + 1, auv] * (self._scale, -self._scale)
             shown = self._inside(offsets)
             tints = self._tints[auv, FIXES - len(offsets) :][shown]
             shapes.dots(picture, centre + offsets[shown], 1.5 * unit, tints)
-            axes = self._axes[t, auv] * (self._scale, -self._scale)
+            axes = axes_of[auv] * (self._scale, -self._scale)
             outline = shapes.ellipse_points(np.zeros(2), axes)
             distance = np.hypot(outline[:, :1], outline[:, 1:])
             outline *= np.minimum(1.0, self._radius / np.maximum(distance, 1e-9))  # parts outside are drawn on the rim
             shapes.stroke(picture, centre + outline, style.WHITE, layout.px(1.2), closed=True)
             shapes.plus(picture, centre, 5 * unit, style.WHITE, layout.px(1))
-            estimate = self._error[t, auv] * (self._scale, -self._scale)
+            estimate = errors[auv] * (self._scale, -self._scale)
             if self._inside(estimate):
                 shapes.fix(picture, centre + estimate, 4.5 * unit, style.WHITE, 1.5 * unit, layout.zoom)
-            self._caption(picture, t, auv)
+            self._caption(picture, step, auv)
 
     def _inside(self, offsets: np.ndarray) -> np.ndarray:
         """Whether points (..., 2), pixels from the centre, lie in an inset; false for NaN, a fix without detection."""
         return np.hypot(offsets[..., 0], offsets[..., 1]) < self._radius - 2 * self._layout.unit
 
-    def _caption(self, picture: np.ndarray, t: int, auv: int) -> None:
+    def _caption(self, picture: np.ndarray, step: int, auv: int) -> None:
         unit, centre = self._layout.unit, self._centres[auv]
-        error = self._running.position_error[t, auv]
+        error = self._running.position_error[step, auv]
         digits = sum(error < limit for limit in (9.995, 99.95))  # three in all, so that captions are of one size
         text, room = f"{auv + 1}: {error:.{digits}f} m", 0.93 * self._across
         texts = [f"AUV {text} off"] * (self._radius >= 42 * unit) + [text, f"{auv + 1}"]
@@ -311,8 +312,10 @@ HULL = np.array([(-1.0, 0.45), (1.0, 0.45), (0.62, -0.3), (-0.62, -0.3)])  # hal
 class DepthSection:
     """Draws world 0 of a trace; widths, heights of the sea and depths have scales of their own."""
 
-    def __init__(self, still: np.ndarray, trace: Trace, box: Rectangle, layout: Layout) -> None:
-        self._trace, self._layout, self._card = trace, layout, box
+    def __init__(
+        self, still: np.ndarray, trace: Trace, running: RunningMetrics, box: Rectangle, layout: Layout
+    ) -> None:
+        self._trace, self._sea, self._layout, self._card = trace, running.sea, layout, box
         unit, scenario = layout.unit, trace.scenario
         self._box = room = within_margins(box, unit, top=28, sides=12, bottom=8)
         elevation = trace.boat_surface[:, 0, :, 0]
@@ -330,17 +333,18 @@ class DepthSection:
         self._upright = (2 * above * self._across) / (middle - room.top)
         nodes = self._column(trace.node_position[0, :, 0])
         self._nodes = np.stack([nodes, np.full(len(nodes), self._bed - 1.0)], 1)
-        self._auvs, self._boats = trace.auv_position[:, 0], trace.boat_position[:, 0]
-        self._exchanges = Exchanges(trace)
-        boats = "boat" if self._boats.shape[1] == 1 else "boats"
+        moving = trace.auv_position, trace.boat_position, trace.boat_surface
+        self._auvs, self._boats, self._floating = (Series(values[:, 0], smooth=True) for values in moving)
+        self._exchanges = Exchanges(trace, running.pace)
+        boats = "boat" if trace.boat_position.shape[2] == 1 else "boats"
         titles = f"Section from the south: {boats}, AUVs, nodes", "Section from the south", "Section"
         room_left = box.width - 32 * unit - text_width("heave −0.00 m · tilt 00.0°", 12 * unit, bold=True)
         fits = [title for title in titles if text_width(title, 12 * unit, bold=True) <= room_left]
         write_heading(still, layout, box, (fits or [""])[0])
         self._x = np.linspace(0.0, scenario.area.width, POINTS)
 
-    def draw(self, picture: np.ndarray, t: int) -> None:
-        """Draw step t."""
+    def draw(self, picture: np.ndarray, t: float) -> None:
+        """Draw a moment."""
         layout, unit, theme = self._layout, self._layout.unit, self._layout.theme
         surface = np.stack([self._column(self._x), self._row(self._elevation(t))], 1)
         foot = np.array([(self._box.right, self._bed), (self._box.left, self._bed)])
@@ -348,7 +352,8 @@ class DepthSection:
         shapes.stroke(picture, foot, theme.muted, layout.px(1.5))
         shapes.dots(picture, self._nodes, 2.0 * unit, np.broadcast_to(np.array(theme.muted), (len(self._nodes), 3)))
         lines = self._boat_outlines(t)
-        places = np.stack([self._column(self._auvs[t, :, 0]), np.full(self._auvs.shape[1], self._row(-self._depth))], 1)
+        across = self._column(self._auvs.at(t)[:, 0])
+        places = np.stack([across, np.full(len(across), self._row(-self._depth))], 1)
         for auv, place in enumerate(places):
             boat, fresh = self._exchanges.heard(t, auv)
             if fresh > FAINTEST:
@@ -362,29 +367,29 @@ class DepthSection:
             shapes.disc(picture, place, 3.2 * unit, theme.auv(auv))
         self._write_motion(picture, t)
 
-    def _elevation(self, t: int) -> np.ndarray:
+    def _elevation(self, t: float) -> np.ndarray:
         """The sea from west to east through the first boat, (POINTS,) m; level there if it was not recorded."""
         if not self._trace.surface.size:
-            return np.full(POINTS, self._trace.boat_surface[t, 0, 0, 0])
-        field = self._trace.surface[t]
-        row = int(np.clip(self._boats[t, 0, 1] / self._trace.scenario.area.length * len(field), 0, len(field) - 1))
+            return np.full(POINTS, self._floating.at(t)[0, 0])
+        field = self._sea.at(t)
+        row = int(np.clip(self._boats.at(t)[0, 1] / self._trace.scenario.area.length * len(field), 0, len(field) - 1))
         along = np.linspace(0.0, self._trace.scenario.area.width, field.shape[1])
         return np.interp(self._x, along, field[row])
 
-    def _boat_outlines(self, t: int) -> list[np.ndarray]:
+    def _boat_outlines(self, t: float) -> list[np.ndarray]:
         """Hulls on their sea, tilted as the surface is from west to east, pixels."""
         size = 9.0 * self._layout.unit
         outlines = []
-        for (x, _), (elevation, slope, _) in zip(self._boats[t], self._trace.boat_surface[t, 0], strict=True):
+        for (x, _), (elevation, slope, _) in zip(self._boats.at(t), self._floating.at(t), strict=True):
             angle = math.atan(slope / self._upright)  # as steep as the drawn sea
             turn = np.array([(math.cos(angle), -math.sin(angle)), (-math.sin(angle), -math.cos(angle))])
             outlines.append(np.array([self._column(x), self._row(elevation)]) + size * HULL @ turn.T)
         return outlines
 
-    def _write_motion(self, picture: np.ndarray, t: int) -> None:
+    def _write_motion(self, picture: np.ndarray, t: float) -> None:
         """Heave and tilt of the first boat at the right of the heading."""
         unit = self._layout.unit
-        elevation, *slope = self._trace.boat_surface[t, 0, 0].tolist()
+        elevation, *slope = self._floating.at(t)[0].tolist()
         tilt = math.degrees(math.atan(math.hypot(*slope)))
         words = f"heave {elevation:+.2f} m · tilt {tilt:.1f}°".replace("-", "−")
         corner = self._card.right - 10 * unit, self._card.top + 18 * unit

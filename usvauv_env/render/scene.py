@@ -25,6 +25,7 @@ DISTANCE = 2.6  # from the camera to the scene's centre, in diagonals of the are
 OFF_AXIS = math.radians(28)  # from the direction in which a side of the area is seen frontally
 SWING = math.radians(9)  # to both sides, by which the camera moves around the scene
 SWING_FRAMES = 3600  # of one movement there and back
+FOLLOWED = 3.0  # magnification of a view that goes along with a vehicle
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class PinholeCamera:
     Attributes:
         heading: in which it looks, anticlockwise from east, rad. distance, height: from the scene's centre, m.
         focal: length in pixels. centre: pixel (x, y) of what is straight ahead at infinity.
+        aim: place (east, north) that it looks over from that distance, m.
     """
 
     heading: float
@@ -41,6 +43,12 @@ class PinholeCamera:
     height: float
     focal: float
     centre: tuple[float, float]
+    aim: tuple[float, float] = (0.0, 0.0)
+
+    @cached_property
+    def eye(self) -> np.ndarray:
+        """Its place (2,) seen from above, m."""
+        return np.array(self.aim) - self.distance * self.forward
 
     @cached_property
     def forward(self) -> np.ndarray:
@@ -57,11 +65,11 @@ class PinholeCamera:
         """Linear (3, 3) and constant (3,) part of the map to homogeneous pixels, transposed."""
         lens = np.array([(self.focal, 0, self.centre[0]), (0, self.focal, self.centre[1]), (0, 0, 1)])
         axes = np.array([(*self.right, 0.0), (0.0, 0.0, -1.0), (*self.forward, 0.0)])
-        return (lens @ axes).T, lens @ (0.0, self.height, self.distance)
+        return (lens @ axes).T, lens @ (-self.eye @ self.right, self.height, -self.eye @ self.forward)
 
     def away(self, points: np.ndarray) -> np.ndarray:
         """Distances (...) of points (..., 2 or 3) along the direction in which it looks, m."""
-        return points[..., :2] @ self.forward + self.distance
+        return (points[..., :2] - self.eye) @ self.forward
 
     def pixel(self, points: np.ndarray) -> np.ndarray:
         """Pixels (..., 2) of points (..., 3)."""
@@ -96,7 +104,15 @@ class Swing(NamedTuple):
         x, y = 0.5 * np.array(size) - 0.5 * focal * (low + high)
         return cls(replace(camera, focal=focal, centre=(float(x), float(y))))
 
-    def at(self, frame: int) -> PinholeCamera:
+    def along(self, frame: float, place: np.ndarray, middle: tuple[float, float]) -> PinholeCamera:
+        """The camera in a frame, that sees a place (3,) from nearer, at the pixel `middle`."""
+        camera = self.at(frame)
+        focal = FOLLOWED * camera.focal
+        down = focal * (camera.height - float(place[2])) / camera.distance
+        x, y = place[:2].tolist()
+        return replace(camera, focal=focal, centre=(middle[0], middle[1] - down), aim=(x, y))
+
+    def at(self, frame: float) -> PinholeCamera:
         """The camera in a frame."""
         turn = SWING * math.sin(2 * math.pi * frame / SWING_FRAMES)
         return replace(self.middle, heading=self.middle.heading + turn)

@@ -54,7 +54,6 @@ class SeaSurface:
             pixels: largest side of the relief as it is shaded, before it is enlarged.
             limit: of the colour scale; None for one that fits.
         """
-        self._surface = surface
         self._view = view
         self._pixels = pixels
         own = elevation_limit(surface)
@@ -67,6 +66,7 @@ class SeaSurface:
         slopes = [np.hypot(*self._slopes(self._small(field))) for field in some]
         # The lower bound keeps rounding errors of an almost level surface from being exaggerated.
         self._steepen = 0.55 / max(float(np.quantile(slopes, 0.98)), 1e-3 * self.limit)
+        self._columns = slopes[0].shape[1]
 
     def _small(self, field: np.ndarray) -> np.ndarray:
         """A field with the north on top, reduced to the resolution of shading."""
@@ -85,13 +85,13 @@ class SeaSurface:
         south = cv2.Sobel(field, cv2.CV_32F, 0, 1, scale=0.125, borderType=cv2.BORDER_REPLICATE)
         return east, -south
 
-    def paint(self, picture: np.ndarray, t: int) -> None:
-        """Draw the surface of step t over the map."""
+    def paint(self, picture: np.ndarray, field: np.ndarray) -> None:
+        """Draw a surface (Y, X) m of what the map shows, row 0 in the south, over it."""
         region = self._view.rectangle.of(picture)
         if self._flat:
             region[:] = style.SEA[2]
             return
-        small = self.relief(self._surface[t])
+        small = self.relief(field)
         region[:] = cv2.resize(small, (region.shape[1], region.shape[0]), interpolation=cv2.INTER_CUBIC)
 
     def relief(self, field: np.ndarray) -> np.ndarray:
@@ -100,7 +100,8 @@ class SeaSurface:
         if self._flat:
             return np.full((*field.shape, 3), style.SEA[2], np.uint8)
         east, north = self._slopes(field)
-        east, north = east * self._steepen, north * self._steepen
+        steepen = self._steepen * (field.shape[1] * self._view.zoom / self._columns)
+        east, north = east * steepen, north * steepen
         normal_light = LIGHT[2] - LIGHT[0] * east - LIGHT[1] * north
         shade = normal_light / np.sqrt(1.0 + east * east + north * north) / LIGHT[2]
         index = np.clip((field / self.limit + 1.0) * 127.5, 0, 255).astype(np.uint8)
@@ -184,8 +185,8 @@ class CurrentStreaks:
         return particle_paths(vortex, stream, seeds, step=step, count=count, **drawn).cpu().numpy()
 
     def _paths(self) -> np.ndarray:
-        """Pixels (P, points, 2) of the paths over a whole life."""
-        return self._view.pixel(self._follow(self._step, self.LIVES * self.TAIL_POINTS).astype(float))
+        """Paths (P, points, 2) over a whole life, m."""
+        return self._follow(self._step, self.LIVES * self.TAIL_POINTS).astype(float)
 
     def update(self, vortex: np.ndarray, stream: np.ndarray) -> None:
         """Set the vortices (V, 4) and the real current (rows, columns, 2)."""
@@ -204,6 +205,7 @@ class CurrentStreaks:
         part = (ages - whole)[:, :, None]
         each = np.arange(len(age))[:, None]
         tails = self._path[each, whole] * (1 - part) + self._path[each, whole + 1] * part
+        tails = self._view.pixel(tails)
         overlay.white_lines(tails, 0.22, width)
         overlay.white_lines(tails[:, : self.TAIL_POINTS // 2 + 1], 0.5, width)
 
@@ -221,27 +223,32 @@ FAINT = 0.24  # of the light that haze takes at the far border
 
 
 class SeaShading:
-    """The sea of a trace as heights and colours on one grid, row 0 in the south."""
+    """A sea as heights and colours on one grid, row 0 in the south."""
 
     def __init__(
-        self, surface: np.ndarray, limit: float, sides: tuple[float, float], camera: PinholeCamera, scale: float
+        self,
+        limit: float,
+        sides: tuple[float, float],
+        camera: PinholeCamera,
+        scale: float,
+        texels: int = TEXELS,
     ) -> None:
         """
         Args:
-            surface: (T, Y, X) m, row 0 in the south; empty for a flat sea.
             limit: elevation (m) of the colour scale's ends, ±; 0 for a flat sea.
             sides: of the area in x and y, m.
             camera: from which it is seen; that it moves a little is neglected.
             scale: by which heights are drawn exaggerated.
+            texels: of the longer side of the area.
         """
-        self._surface, self._limit, self._sides, self._scale = surface, limit, sides, scale
-        fit = TEXELS / max(sides)
+        self._limit, self._sides, self._scale = limit, sides, scale
+        fit = texels / max(sides)
         self._shape = max(8, round(sides[0] * fit)), max(8, round(sides[1] * fit))
         self._per_metre = self._shape[0] / sides[0]
         x = (np.arange(self._shape[0], dtype=np.float32) + 0.5) / self._shape[0] - 0.5
         y = (np.arange(self._shape[1], dtype=np.float32) + 0.5) / self._shape[1] - 0.5
         place = np.stack(np.broadcast_arrays(x * sides[0], (y * sides[1])[:, None]), -1)
-        eye = np.array([*(-camera.distance * camera.forward), camera.height])
+        eye = np.array([*camera.eye, camera.height])
         view = np.concatenate([eye[:2] - place, np.full((*place.shape[:2], 1), eye[2])], -1)
         self._view = _planes(view)
         sun = SUN_AHEAD * camera.forward - SUN_LEFT * camera.right
@@ -259,11 +266,11 @@ class SeaShading:
         self._noise = np.exp(0.35 * sum(grains)).astype(np.float32)  # patches of foam
         self._still = None if self._limit else self._shade(*np.zeros((2, *size), np.float32))
 
-    def at(self, t: int) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (Y, X) m as drawn, float32, and colours (Y, X, 3) of step t."""
+    def of(self, coarse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Heights (Y, X) m as drawn, float32, and colours (Y, X, 3) of a surface, m, row 0 in the south."""
         if self._still is not None:
             return np.zeros(self._shape[::-1], np.float32), self._still
-        coarse = self._surface[t].astype(np.float32, copy=False)
+        coarse = coarse.astype(np.float32, copy=False)
         field = cv2.resize(coarse, self._shape, interpolation=cv2.INTER_CUBIC)
         return field * np.float32(self._scale), self._shade(field, cv2.resize(self._crests(coarse), self._shape))
 
@@ -330,7 +337,7 @@ class Columns(NamedTuple):
         """Columns of a picture `width` pixels wide that see an area with `sides` in x and y, m."""
         x = 2.0 * np.arange(width // 2) + 0.5
         ray = camera.forward + ((x - camera.centre[0]) / camera.focal)[:, None] * camera.right
-        eye = -camera.distance * camera.forward
+        eye = camera.eye
         half = 0.5 * np.array(sides)
         ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
         crossings = np.sort(np.stack([(-half - eye) / ray, (half - eye) / ray]), axis=0)
@@ -385,7 +392,7 @@ def look(camera: PinholeCamera, columns: Columns, sides: tuple[float, float], fi
     scale = cells / sides
     # Columns and rows of the field at distance D are ray·D + start.
     ray = (columns.ray * scale).astype(np.float32)
-    start = (-camera.distance * camera.forward * scale + 0.5 * cells - 0.5).astype(np.float32)
+    start = (camera.eye * scale + 0.5 * cells - 0.5).astype(np.float32)
     near = (1.0 / columns.near).astype(np.float32)
     change = ((1.0 / columns.far - 1.0 / columns.near) / (SAMPLES - 1)).astype(np.float32)
     inverse = near + np.arange(SAMPLES, dtype=np.float32)[:, None] * change

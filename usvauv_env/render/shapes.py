@@ -345,7 +345,7 @@ class NodeGauges:
         half = ink.shape[0] // 2
         x, y = round(float(centre[0])), round(float(centre[1]))
         x0, y0 = max(x - half, 0), max(y - half, 0)
-        region = image[y0 : y + half + 1, x0 : x + half + 1]
+        region = image[y0 : max(y + half + 1, 0), x0 : max(x + half + 1, 0)]
         below = slice(y0 - y + half, y0 - y + half + region.shape[0])
         beside = slice(x0 - x + half, x0 - x + half + region.shape[1])
         region[:] = ink[below, beside] + ((region * rest[below, beside]) >> 8)

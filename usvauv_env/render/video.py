@@ -25,6 +25,7 @@ import numpy as np
 from av.video.reformatter import Colorspace, VideoReformatter
 
 from usvauv.env.record.trace import Trace
+from usvauv.env.render.between import ROUNDING
 from usvauv.env.render.frames import VIEWS, frames_of
 from usvauv.env.render.style import THEMES
 from usvauv.env.storage.files import OutputError, atomic_write
@@ -36,6 +37,8 @@ FRAME_BYTES = 40.0  # of memory, a pixel of a frame
 KEYFRAMES = 250  # frames from one key frame to the next, the encoder's default
 WAITING = 2  # pictures that are drawn and not encoded yet
 BT709 = 1  # FFmpeg's number of its primaries, transfer function and matrix
+SEA_SPEED = 4.0  # s of mission in a second, of the sea in perspective where none is asked for
+SEA_LENGTH = 60.0  # s of video at most, of that
 QUALITY = {".mp4": "24", ".webm": "32"}  # constant rate factors
 
 
@@ -115,74 +118,108 @@ class Video:
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
     speedup: float | None = None
-    at: float | None = None
+    at: float | tuple[float, float] | None = None
+    follow: str = ""
 
     def __post_init__(self) -> None:
         for name, value, allowed in (("view", self.view, VIEWS), ("theme", self.theme, THEMES)):
             if value not in allowed:
                 raise UserError(f"{name} {value!r}: {choices(value, allowed)}")
-        for name, value, least in (("fps", self.fps, 1), ("speedup", self.speedup, 0.01), ("at", self.at, 0.0)):
+        begin, end = (self.at, None) if isinstance(self.at, float | int | None) else self.at
+        bounds = ("fps", self.fps, 1), ("speedup", self.speedup, 0.01), ("at", begin, 0.0), ("at", end, begin or 0.0)
+        for name, value, least in bounds:
             if value is not None and not least <= value < math.inf:
                 raise UserError(f"{name} {value}: must be at least {least}, and finite")
         ending = self.path.suffix.lower()
         if ending not in ENDINGS:
             raise UserError(f"out {self.path}: must end in one of {', '.join(ENDINGS)}")
-        if self.at is not None and ending != PICTURE:
-            raise UserError(f"at {self.at:g}: is the moment of a picture; {self.path} does not end in {PICTURE}")
+        if begin is not None and (end is None) != (ending == PICTURE):
+            kind = (
+                "a picture, which shows one moment" if end is not None else "a video, which takes a stretch, BEGIN:END"
+            )
+            raise UserError(f"at {begin:g}{'' if end is None else f':{end:g}'}: {self.path} is {kind}")
         width, height = even(self.size, self.path)
         require(video_bytes(width, height), f"size {width}x{height}")
 
-    def pace(self, step: float) -> tuple[int, Fraction]:
-        """Mission steps of `step` seconds from one frame to the next, and frames a second."""
-        speedup = self.speedup or self.fps * step
-        stride = max(1, math.ceil(speedup / (self.fps * step) - 1e-9))
-        return stride, Fraction(speedup / (step * stride)).limit_denominator(1000)
+    def speed(self, traces: Sequence[Trace]) -> float:
+        """Seconds of mission in a second of video."""
+        if self.speedup is not None:
+            return self.speedup
+        return SEA_SPEED if self._sea(traces) else self.fps * traces[0].scenario.mission.step
 
-    def steps(self, traces: Sequence[Trace]) -> list[int]:
-        """Steps that are shown, one a frame, up to the end of the shorter trace.
+    def _sea(self, traces: Sequence[Trace]) -> bool:
+        return self.view == "sea" and len(traces) == 1
+
+    def moments(self, traces: Sequence[Trace]) -> np.ndarray:
+        """Moments that are shown, one a frame, in steps from the first, up to the end of the shorter trace.
 
         Raises:
-            UserError: the moment `at` lies beyond the mission.
+            UserError: `at` lies beyond the mission.
             OutputError: the trace has no steps.
         """
-        time = traces[0].time[: min(len(trace.time) for trace in traces)]
+        time, step = traces[0].time[: min(len(trace.time) for trace in traces)], traces[0].scenario.mission.step
         if not len(time):
             raise OutputError(f"{self.path}: there is nothing to show: the trace has no steps")
-        if self.path.suffix.lower() != PICTURE:
-            return list(range(0, len(time), self.pace(traces[0].scenario.mission.step)[0]))
-        if self.at is None:
-            return [len(time) - 1]
-        if self.at > time[-1]:
-            raise UserError(f"at {self.at:g}: the mission is from 0 to {time[-1]:g} s")
-        return [max(0, int(time.searchsorted(self.at, "right")) - 1)]
+        begin, end = self.at if isinstance(self.at, tuple) else (0.0, self.at)
+        if end is not None and end > time[-1]:
+            raise UserError(f"at {end:g}: the mission is from 0 to {time[-1]:g} s")
+        last = len(time) - 1.0
+        if self.path.suffix.lower() == PICTURE:
+            return np.array([last if end is None else max(0, int(time.searchsorted(end, "right")) - 1)], float)
+        speed = self.speed(traces)
+        if end is not None:
+            last = max((end - time[0]) / step, 0.0)
+        elif self.speedup is None and self._sea(traces):
+            last = min(last, SEA_LENGTH * speed / step)
+        return np.arange(max((begin - time[0]) / step, 0.0), last + ROUNDING, speed / (self.fps * step))
 
     def write(self, traces: Sequence[Trace], progress: Callable[[int], object] = lambda frames: None) -> VideoSummary:
         """Draw world 0 of a trace, or of two traces side by side; `progress` is called with 1 after each frame."""
-        size, step, shown = even(self.size, self.path), traces[0].scenario.mission.step, self.steps(traces)
-        stride, rate = self.pace(step)
+        size, shown, speed = even(self.size, self.path), self.moments(traces), self.speed(traces)
+        step, whole = traces[0].scenario.mission.step, self.at is not None or self.speedup is not None
         with one_drawing_thread():
-            frames = frames_of(traces, size, self.view, self.theme, float(rate) * stride * step)
+            pace = speed / (self.fps * step)
+            frames = frames_of(traces, size, self.view, self.theme, speed, pace, self.follow)
             if self.path.suffix.lower() == PICTURE:
                 with atomic_write(self.path) as partial:
                     partial.write_bytes(cv2.imencode(PICTURE, frames.frame(shown[0]))[1].tobytes())
                 progress(1)
+                whole = True
             else:
-                with video_file(self.path, *size, rate) as append:
-                    for t in shown:
+                with video_file(self.path, *size, self.fps) as append:
+                    for t in shown.tolist():
                         append(frames.frame(t))
                         progress(1)
-        return VideoSummary(self.path, len(shown), size, float(rate), float(rate) * stride * step)
+        mission = float(traces[0].time[-1])
+        left = 0.0 if whole else mission - (float(traces[0].time[0]) + float(shown[-1]) * step)
+        return VideoSummary(self.path, len(shown), size, self.fps, speed, mission if left > pace * step else 0.0)
 
 
 @dataclass(frozen=True)
 class VideoSummary:
-    """What was written: a file's path, its frames, their width and height in pixels, frames a second, play speed."""
+    """What was written: a file's path, its frames, their width and height in pixels, frames a second, play speed.
+
+    Attributes:
+        mission: end of the mission, s, where the video by default shows its beginning alone, else 0.
+    """
 
     path: Path
     frames: int
     size: tuple[int, int]
     fps: float
     speedup: float
+    mission: float = 0.0
+
+    @property
+    def part(self) -> str:
+        """Which part of the mission a video shows where it does not show all, and how to see more; else empty."""
+        if not self.mission:
+            return ""
+        shown = self.frames / self.fps * self.speedup
+        return (
+            f"the first {shown:.0f} of {self.mission:.0f} s at {self.speedup:g} × speed; --at 0:{self.mission:.0f}"
+            " shows all, --speedup another speed"
+        )
 
     @property
     def remark(self) -> str:
@@ -210,7 +247,8 @@ def write_video(
     size: tuple[int, int] | None = None,
     fps: int | None = None,
     speedup: float | None = None,
-    at: float | None = None,
+    at: float | tuple[float, float] | None = None,
+    follow: str = "",
     progress: Callable[[int], object] = lambda frames: None,
 ) -> VideoSummary:
     """Draw world 0 of a mission as a video or as a picture, or two missions side by side.
@@ -224,9 +262,12 @@ def write_video(
         theme: "dark" or "light".
         size: width and height, each from 240 to 7680 pixels; odd numbers are reduced by 1. Default (1280, 720), of a
             GIF (640, 360).
-        fps: largest number of frames a second; default 30, of a GIF 12.
-        speedup: seconds of mission in a second of video; None shows each mission step for one frame.
-        at: moment that a picture shows, s of mission; None for its end.
+        fps: frames a second; default 30, of a GIF 12.
+        speedup: seconds of mission in a second of video; 1 is real time. Frames are of moments between mission steps as
+            well. None shows each mission step for one frame, and the sea in perspective `SEA_SPEED` times faster than
+            in reality, its first `SEA_LENGTH` s of video.
+        at: moment that a picture shows, s of mission, None for its end; of a video begin and end of what it shows.
+        follow: a vehicle that map and perspective go along with, nearer: usv, usv:N or auv:N.
         progress: called with 1 after each frame.
 
     Raises:
@@ -236,7 +277,7 @@ def write_video(
     """
     traces = [traces] if isinstance(traces, Trace) else list(traces)
     pixels, most = usual(Path(path))
-    video = Video(Path(path), view, theme, size or pixels, most if fps is None else fps, speedup, at)
+    video = Video(Path(path), view, theme, size or pixels, most if fps is None else fps, speedup, at, follow)
     return video.write(traces, progress)
 
 
