@@ -36,10 +36,11 @@ scenario = Scenario.load("extreme", ["mission.duration=400"])
 speeds = (1.2, 1.5, 1.8, 2.1)
 compared = {f"{speed} m/s": steady(speed) for speed in speeds} | policies.named("clear")
 table = evaluate(scenario, compared, episodes=16, seed=3)
+means = table["mean"].unstack("figure").droplevel(["usv", "targets"])
 
 figure, axes = plt.subplots(figsize=(6.5, 4), layout="constrained")
 for name in compared:
-    axes.plot(table.loc[("ec", name), "mean"], table.loc[("delivered_mbit", name), "mean"], "o", ms=8, label=name)
+    axes.plot(means.loc[name, "ec"], means.loc[name, "delivered_mbit"], "o", ms=8, label=name)
 axes.set(xlabel="power, W", ylabel="data brought in, Mbit")
 axes.legend(frameon=False)
 plt.show()
