@@ -45,7 +45,7 @@ from usvauv.policies.policy import PolicyError
 
 FORMAT = 2  # 1 had a guided frame without repulsion
 POLICY, TRAINING = "policy", "training"
-LAST, BEST, TENSORBOARD = "last", "best", "tensorboard"
+LAST, BEST, TENSORBOARD, WANDB = "last", "best", "tensorboard", "wandb"
 ENDING = ".safetensors"
 METADATA = "usvauv"  # name of the JSON; of several metadata a file's bytes would depend on chance
 CPU = torch.device("cpu")
@@ -89,7 +89,7 @@ def clean(run: Path) -> None:
     """
     if not text_files.is_text(os.path.realpath(run)):
         raise OutputError(f"{run}: cannot hold checkpoints: its path must be in UTF-8")
-    for name in (f"{LAST}{ENDING}", f"{BEST}{ENDING}", TENSORBOARD):
+    for name in (f"{LAST}{ENDING}", f"{BEST}{ENDING}", TENSORBOARD, WANDB):
         inside(run, run / name)
     with writing(run):
         for left in run.glob(f"*{ENDING}.*.partial"):

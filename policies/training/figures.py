@@ -1,9 +1,11 @@
-"""Figures of a training run: gathered while it runs, found by an evaluation, written for TensorBoard."""
+"""Figures of a training run: gathered while it runs, found by an evaluation, written as curves."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics, mean_figu
 from usvauv.env.record.recorder import record
 from usvauv.env.storage.files import writing
 from usvauv.env.world.world import World
+from usvauv.kernels.errors import UserError, choices
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.loading import acting
 from usvauv.policies.training.exploration import TrainingWorld
@@ -103,6 +106,32 @@ def evaluated(
 AXES = ("steps", "total", "seconds", "eta", "evaluated_at")  # figures that are no curves of their own
 
 
+LOGS = ("tensorboard", "wandb")
+
+
+def check_log(log: str) -> None:
+    """Refuse a name that is not in `LOGS`, and one whose package is not installed.
+
+    Raises:
+        UserError: which, and what is allowed or installs it.
+    """
+    if log not in LOGS:
+        raise UserError(f"--log {log!r}: {choices(log, LOGS)}")
+    if log == "wandb" and find_spec("wandb") is None:
+        raise UserError("--log wandb: needs the extra 'wandb'; install it with: pip install 'usvauv[wandb]'")
+
+
+def curves(figures: Mapping[str, Any]) -> dict[str, float]:
+    """Figures as curves: `run/NAME`, and `GROUP/NAME` of those in a group, such as the terms of the reward."""
+    found = {}
+    for name, value in figures.items():
+        if isinstance(value, Mapping):
+            found |= {f"{name}/{part}": number for part, number in value.items()}
+        elif name not in AXES:
+            found[f"run/{name}"] = value
+    return found
+
+
 @contextmanager
 def scalar_writer(directory: Path, first_step: int) -> Iterator[Callable[[Mapping[str, Any]], None]]:
     """A function that writes the figures of a step; what is in the directory from `first_step` on is discarded.
@@ -115,11 +144,38 @@ def scalar_writer(directory: Path, first_step: int) -> Iterator[Callable[[Mappin
     with writing(directory), SummaryWriter(directory, purge_step=first_step) as writer:
 
         def write(figures: Mapping[str, Any]) -> None:
-            for name, value in figures.items():
-                if isinstance(value, Mapping):
-                    for part, number in value.items():
-                        writer.add_scalar(f"{name}/{part}", number, figures["steps"])
-                elif name not in AXES:
-                    writer.add_scalar(f"run/{name}", value, figures["steps"])
+            for name, value in curves(figures).items():
+                writer.add_scalar(name, value, figures["steps"])
 
         yield write
+
+
+@contextmanager
+def wandb_writer(directory: Path, config: Mapping[str, Any]) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """A function that logs the figures of a step to a run of Weights & Biases, by world-steps.
+
+    The run is one of the project `usvauv` and of the group of the directory's name, in which that of a resumed training
+    is another. Files are in DIRECTORY/wandb. Login, project and mode can be changed by the environment, see
+    https://docs.wandb.ai/models/track/environment-variables; with WANDB_MODE=offline nothing is sent.
+
+    Args:
+        directory: of the training run.
+        config: what the run was trained with.
+
+    Raises:
+        UserError: wandb cannot begin a run, such as without a login.
+    """
+    import wandb  # pyright: ignore[reportMissingImports]  # extra `wandb`
+
+    project = os.environ.get("WANDB_PROJECT", "usvauv")
+    try:
+        run = wandb.init(
+            project=project, group=directory.name, dir=directory, config=dict(config), reinit="create_new",
+            settings=wandb.Settings(console="off"),
+        )  # fmt: skip
+    except wandb.Error as error:
+        raise UserError(f"--log wandb: {' '.join(str(error).split())}") from None
+    run.define_metric("steps")
+    run.define_metric("*", step_metric="steps")
+    with run:
+        yield lambda figures: run.log({"steps": figures["steps"], **curves(figures)})

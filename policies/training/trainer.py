@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import TrainingWorld, explore
-from usvauv.policies.training.figures import Meter, scalar_writer
+from usvauv.policies.training.figures import LOGS, Meter, scalar_writer, wandb_writer
 from usvauv.policies.training.ranks import ALONE, Ranks
 from usvauv.policies.training.saved_run import SavedRun
 
@@ -70,6 +71,7 @@ class Trainer(SavedRun):
         provenance: recorded in every checkpoint beside the figures, such as command and commit.
         evaluations: number of calls of `evaluate` in a run, beside that of the untrained policy.
         ranks: the processes that train together; rank 0 evaluates and writes.
+        log: one of `figures.LOGS`, where the curves go.
 
     Attributes:
         history: every evaluation of the run so far: its figures, with steps and updates; saved with the run.
@@ -91,8 +93,10 @@ class Trainer(SavedRun):
         provenance: Mapping[str, Any] | None = None,
         evaluations: int = EVALUATIONS,
         ranks: Ranks = ALONE,
+        log: str = LOGS[0],
     ) -> None:
         super().__init__(world, config, directory, provenance, ranks)
+        self.log = log
         self.evaluate = evaluate
         self.evaluations = evaluations
         self.meter = Meter(world)
@@ -185,9 +189,11 @@ class Trainer(SavedRun):
         self.stopped = True
 
     def writer(self) -> AbstractContextManager[Callback]:
-        """A function that writes figures for TensorBoard; without a directory it does nothing."""
+        """A function that writes figures for TensorBoard or Weights & Biases; without a directory it does nothing."""
         if self.directory is None or not self.ranks.leads:
             return nullcontext(lambda figures: None)
+        if self.log == "wandb":
+            return wandb_writer(self.directory, asdict(self.config) | {"scenario": self.world.scenario.to_dict()})
         return scalar_writer(self.directory / TENSORBOARD, self.steps)
 
     def evaluation_due(self, total: int) -> bool:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
+from types import ModuleType, SimpleNamespace
 
 import pytest
 import torch
 
 from tests.nothing_waits import NothingWaits
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
+from usvauv.kernels.errors import UserError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
 from usvauv.policies.algorithms.learner import AVERAGED
@@ -216,3 +219,54 @@ def test_a_step_of_training_does_not_wait_for_the_device(monkeypatch, algorithm,
         for _ in range(12):
             trainer._advance(Now(), 1000)
     assert trainer.learner.updates >= 8
+
+
+class StandIn(ModuleType):
+    """The part of wandb that is used, as https://docs.wandb.ai/ref/python describes it."""
+
+    class Error(Exception):
+        pass
+
+    def __init__(self) -> None:
+        super().__init__("wandb")
+        self.begun, self.logged, self.ended = {}, [], 0
+        self.Settings = SimpleNamespace
+
+    def init(self, **how):
+        self.begun = how
+        if not how["project"]:
+            raise self.Error("no project\nat all")
+        return self
+
+    def define_metric(self, name, step_metric=None):
+        assert step_metric in (None, "steps")
+
+    def log(self, values):
+        self.logged.append(values)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.ended += 1
+
+
+def test_curves_in_weights_and_biases(tmp_path, monkeypatch):
+    """The figures that a caller gets, by steps, instead of TensorBoard's files."""
+    wandb, got = StandIn(), []
+    monkeypatch.setitem(sys.modules, "wandb", wandb)
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    trainer = Trainer(ToyWorld(scenario(), 32, seed=1), LEARNING, folder, log="wandb")
+    trainer.train(1600, got.append)
+    assert (wandb.begun["project"], wandb.begun["group"], wandb.begun["dir"]) == ("usvauv", "mine", folder)
+    assert wandb.begun["config"]["num_worlds"] == 32
+    assert wandb.begun["config"]["scenario"]["auv"]["count"] == trainer.world.scenario.auv.count
+    assert [values["steps"] for values in wandb.logged] == [figures["steps"] for figures in got]
+    assert [values["run/arps"] for values in wandb.logged] == [figures["arps"] for figures in got]
+    assert {name.partition("/")[0] for name in wandb.logged[-1]} >= {"steps", "run", "reward"}
+    assert wandb.ended == 1
+    assert not (folder / "tensorboard").exists()
+    monkeypatch.setenv("WANDB_PROJECT", "")
+    with pytest.raises(UserError, match="--log wandb: no project at all"):
+        trainer.train(3200)

@@ -269,6 +269,18 @@ def test_train_then_resume_then_eval(tmp_path, run_usvauv):
     assert run_usvauv("eval", "--policy", "run/last", "--episodes", 1, "--out", "m.csv", *SHORT)[0] == 0
 
 
+@pytest.mark.parametrize(
+    ("log", "said"),
+    [("wandb", "--log wandb: needs the extra 'wandb'"), ("tensorbord", "did you mean 'tensorboard'")],
+)
+def test_a_log_that_cannot_be_is_refused_in_one_line(tmp_path, run_usvauv, monkeypatch, log, said):
+    monkeypatch.setattr("usvauv.policies.training.figures.find_spec", lambda name: None)
+    code, out, error = run_usvauv("train", "ideal", "--log", log, "--out", "run")
+    assert (code, out, error.count("\n")) == (2, "", 1)
+    assert said in error
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
     begin = ["train", "ideal", "--worlds", 2, "--learn", "warmup=40", "--learn", "hidden=8", "--out", "run", *SHORT]
     code, said, warned = run_usvauv(*begin, "--steps", 40)

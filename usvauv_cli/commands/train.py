@@ -65,13 +65,17 @@ def train(
             metavar="NAME=VALUE", help="Change one setting of the training, such as updates=4; may be repeated."
         ),
     ] = None,
+    log: Annotated[
+        str, typer.Option(help="Where the curves go: tensorboard, beside the checkpoints, or wandb (extra `wandb`).")
+    ] = "tensorboard",
     usv: Usv = None,
     targets: Targets = None,
     arch: Arch = "auto",
     overrides: Overrides = None,
     plugins: Plugins = None,
 ) -> None:
-    """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with TensorBoard files beside them.
+    """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with curves for TensorBoard beside
+    them or in Weights & Biases.
 
     An untrained network steers much like the heuristic `clear`. It is evaluated before training and ten times during
     it, in other worlds and beside `clear` (in station-keeping `keep`): its margin is shown with a 95 % interval. Ctrl-C
@@ -98,7 +102,7 @@ def train(
     from usvauv.env.storage.files import inside, locked
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
-    from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+    from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, check_log
     from usvauv.policies.training.ranks import joined
 
     with joined(arch) as ranks, ExitStack() as stack:
@@ -107,6 +111,7 @@ def train(
             """The folder, which is this process's from here on, the runs in it by folder, boat strategy and steps."""
             at_least("--steps", STEPS if steps is None else steps, 1)
             at_least("--worlds", worlds, 1)
+            check_log(log)
             if not 1 <= seeds <= MOST_SEEDS:
                 raise UserError(f"--seeds {seeds}: must be from 1 to {MOST_SEEDS}")
             if resume and seeds != 1:
@@ -175,7 +180,7 @@ def train(
                 baselines.append(mean_figures(rows))
                 evaluate = partial(_beside, evaluation_worlds, [row.arps for row in rows])
             about = provenance(begun, ranks.command) | {"usv": world.strategy.name, "total": total}
-            trainers.append(policies.Trainer(world, config, folder, evaluate, about, ranks=ranks))
+            trainers.append(policies.Trainer(world, config, folder, evaluate, about, ranks=ranks, log=log))
             if begun:
                 trainers[-1].resume()
         together, first, config = place not in runs, trainers[0], trainers[0].config
