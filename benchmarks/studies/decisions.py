@@ -97,15 +97,17 @@ def settings(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
 
 
 def knowledge(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
-    """Mbit of the best rules when less is known; their numbers are tuned with everything known."""
+    """Mbit of the best rules when less is known, and less that with everything known, for which they are tuned."""
     for scenario in KNOWING:
         print(f"\n### `{scenario}`: Mbit by what is known\n")
         head(["rule", *(f"`{known}`" for known in INFORMATION)])
         for rule in ("rate", "rollout", "tour", "sectors"):
             name = tuned(rule, ("nodes.information=full",), *tuning, scenario)
-            changes = [(f"nodes.information={known}",) for known in INFORMATION]
-            cells = [interval(figure(run(name, each, episodes, seed, scenario), DATA)) for each in changes]
-            line([f"`{name}`", *cells])
+            full, *others = (
+                figure(run(name, (f"nodes.information={known}",), episodes, seed, scenario), DATA)
+                for known in INFORMATION
+            )
+            line([f"`{name}`", interval(full), *(f"{interval(data)} ({interval(data - full)})" for data in others)])
 
 
 def survey(episodes: int, seed: int, tuning: tuple[int, int], learned: Sequence[Path]) -> None:
