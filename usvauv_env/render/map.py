@@ -259,7 +259,7 @@ def draw_ticks(picture: np.ndarray, view: MapView, layout: Layout) -> None:
     low, high = view.bounds
     apart = max(text_width(f"{float(high.max()):g}", size) + 8 * unit, 0.2 * max(box.width, box.height))
     spacing = nice_above(apart / view.per_metre)
-    first, last = np.ceil(low / spacing - 1e-9), high / spacing * 1.0001
+    first, last = np.ceil(low / spacing - 1e-9) + 0.0, high / spacing * 1.0001  # 0, not −0
     across, up = (np.arange(a, b) * spacing for a, b in zip(first, last, strict=True))
     for x, at in zip(across, view.pixel(np.column_stack([across, 0 * across]))[:, 0], strict=True):
         shapes.stroke(picture, np.array([(at, box.bottom + unit), (at, box.bottom + 5 * unit)]), layout.theme.muted)
