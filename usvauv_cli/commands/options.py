@@ -95,7 +95,7 @@ def preparing(scenario: Scenario, arch: str) -> None:
     from usvauv.kernels import runtime
 
     runtime.start(arch)
-    line = f"preparing {scenario.name}; its kernels are compiled the first time, for about 15 s …"
+    line = f"preparing {scenario.name}; its kernels are compiled the first time, for about 6 s …"
     print(line, file=sys.stderr, flush=True)
 
 
