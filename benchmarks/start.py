@@ -1,0 +1,148 @@
+"""How long commands take from their start to their first output and to their end, and where a first step's time goes.
+
+    python -m benchmarks.start
+
+Each command runs in a terminal of its own, first with an empty cache of compiled kernels, then with the one that this
+left. `processor` is the time of all its threads, which other programs lengthen less than the time by the clock. Stages
+are processor time of a new process that imports, makes one world and steps it once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import pty
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest import mock
+
+import torch
+from taichi.lang import impl, kernel_impl
+
+from benchmarks.machine import describe
+from usvauv.env import Scenario, World
+from usvauv.kernels import runtime
+
+CACHE = "TI_OFFLINE_CACHE_FILE_PATH"
+COMMANDS = (
+    "policies",
+    "plan --auv 60,80,100 --auv 140,120,100",
+    "sea --duration 60 --out sea.mp4",
+    "simulate --trace mission.nc",
+    "simulate wide --duration 300 --out wide.mp4",
+    "replay mission.nc --out replay.mp4",
+    "eval",
+    "train --steps 50000 --out run",
+)
+
+
+class Run(NamedTuple):
+    """Seconds of a command: to its first output, to its end, and of processor time."""
+
+    first: float
+    end: float
+    processor: float
+
+
+def run(command: str, folder: Path, cache: str) -> Run:
+    """Run `usvauv COMMAND` in a folder.
+
+    Raises:
+        RuntimeError: it fails.
+    """
+    ours, its = pty.openpty()
+    begin, first, said = time.perf_counter(), 0.0, b""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "usvauv.cli", *command.split()],
+        stdin=subprocess.DEVNULL,
+        stdout=its,
+        stderr=its,
+        cwd=folder,
+        env=os.environ | {CACHE: cache},
+    )
+    os.close(its)
+    try:
+        while part := os.read(ours, 1 << 16):
+            first, said = first or time.perf_counter() - begin, part
+    except OSError:  # the terminal's other end is closed
+        pass
+    os.close(ours)
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"usvauv {command}: {said.decode(errors='replace')}")
+    return Run(first, time.perf_counter() - begin, used.ru_utime + used.ru_stime)
+
+
+def stages(scenario: str, cache: str) -> dict[str, float]:
+    """Processor seconds of a new process until a world has made its first step."""
+    begin = time.process_time()  # since the process began: all is imported
+    os.environ[CACHE] = cache
+    runtime.start()
+    spent: dict[str, float] = dict.fromkeys(("sources read", "compiled", "machine code made, and run"), 0.0)
+
+    def timed(name: str, work: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            start = time.process_time()
+            try:
+                return work(*arguments, **options)
+            finally:
+                spent[name] += time.process_time() - start
+
+        return call
+
+    program: Any = type(impl.pytaichi.prog)
+    steps = ((kernel_impl.Kernel, "materialize"), (program, "compile_kernel"), (program, "launch_kernel"))
+    for name, (owner, method) in zip(spent, steps, strict=True):
+        mock.patch.object(owner, method, timed(name, getattr(owner, method))).start()
+    world = World(Scenario.load(scenario))
+    world.reset()
+    world.step(torch.zeros((1, world.num_auvs, 2), device=world.device))
+    whole = time.process_time()
+    runtime.stop()
+    return {"imports": begin, **spent, "rest": whole - begin - sum(spent.values()), "all": whole}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=3, help="of which the least counts")
+    rounds = parser.parse_args().rounds
+    print(describe(), flush=True)
+    print(
+        "| stage, s | " + " | ".join(f"{name}, {state}" for name in ("extreme", "wide") for state in ("cold", "warm"))
+    )
+    found: list[dict[str, float]] = []
+    for name in ("extreme", "wide"):
+        tries = []
+        for _ in range(rounds):
+            with tempfile.TemporaryDirectory() as cache:
+                for _ in range(2):
+                    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+                        tries.append(pool.submit(stages, name, cache).result())
+        found += (min(tries[first::2], key=lambda spent: spent["all"]) for first in (0, 1))
+    for stage in found[0]:
+        print(f"| {stage} | " + " | ".join(f"{spent[stage]:.2f}" for spent in found) + " |", flush=True)
+    print("| command | cold: first output, end, processor, s | warm | compiling, processor s |")
+    with tempfile.TemporaryDirectory() as place:
+        for command in COMMANDS:
+            least = []
+            for state in ("cold", "warm"):
+                tries = []
+                for number in range(rounds):
+                    cache = Path(place, f"cache-{state}{number}" if state == "cold" else "cache-cold0")
+                    cache.mkdir(exist_ok=True)
+                    tries.append(run(command, Path(place), str(cache)))
+                least.append(Run(*map(min, zip(*tries, strict=True))))
+            cold, warm = (", ".join(f"{value:.1f}" for value in result) for result in least)
+            print(f"| `{command}` | {cold} | {warm} | {least[0].processor - least[1].processor:.1f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
