@@ -24,7 +24,7 @@ from usvauv.cli.web_report.episodes import (
     MOST_SHOWN,
     Recordings,
     at_arrows,
-    fix_quantiles,
+    error_quantiles,
     front_episodes,
     thinned,
 )
@@ -88,14 +88,20 @@ def decoded(array: dict) -> np.ndarray:
 
 
 class TestRecordings:
-    def test_quantiles_of_fix_errors(self, made):
-        """Over the fixes of all episodes, to the width of a class."""
+    def test_quantiles_of_errors(self, made):
+        """Over the fixes, and over the positions, of all episodes, to the width of a class."""
         for trace, recording in zip(made.traces, made.recordings.values(), strict=True):
             error = np.linalg.norm(trace.fix - trace.heard_position, axis=-1)[usable(trace)]
-            found = fix_quantiles(recording.fixes.sum(axis=0), (0.05, 0.5, 0.95))
+            found = error_quantiles(recording.fixes.sum(axis=0), (0.05, 0.5, 0.95))
             assert found == pytest.approx(np.quantile(error, [0.05, 0.5, 0.95]), rel=0.08)
             assert recording.fixes.sum() == len(error)
-        assert np.isnan(fix_quantiles(np.zeros((2, len(ERRORS) - 1)), (0.5,))).all()
+            error = np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)
+            found = error_quantiles(recording.positions.sum(axis=0), (0.05, 0.5, 0.95))
+            assert found == pytest.approx(np.quantile(error, [0.05, 0.5, 0.95]), rel=0.08)
+            assert recording.positions.sum() == error.size
+            last = error_quantiles(recording.positions[59 * 100 // 60], (0.5,))[0]
+            assert last == pytest.approx(np.median(error[-1:]), rel=0.5)
+        assert np.isnan(error_quantiles(np.zeros((2, len(ERRORS) - 1)), (0.5,))).all()
 
     def test_current_at_the_arrows(self):
         """A bilinear field is met exactly, at each of its times."""
@@ -132,7 +138,7 @@ class TestPage:
 
     def test_bold_is_what_differs_clearly(self, made):
         """Fixes are worse from the corner in each world; the data collected need not differ."""
-        cells = re.findall(r"<br><span( class=\"clear\")?>([^<]*)</span></td>", made.text)
+        cells = re.findall(r"<br><span class=\"less( clear)?\">([^<]*)</span></td>", made.text)
         assert len(cells) == sum(len(shown) for shown in column_tables(True, list(made.rows[0].of_task)).values())
         for bold, text in cells:
             mean, _, half = text.replace("−", "-").replace(",", "").partition(" ± ")
@@ -283,7 +289,7 @@ def test_a_figure_that_no_episode_has_is_a_dash(run_usvauv, tmp_path):
     none = ["--set", "mission.duration=2", "--set", "usbl.packet_loss=0.999999", "--episodes", 2]
     code, _, _ = run_usvauv("eval", "ideal", "--policy", "straight", *none, "--report", "report")
     assert code == 0
-    assert sorted(path.stem for path in tmp_path.glob("report/*.pdf")) == ["ages", "front", "trajectories"]
+    assert sorted(path.stem for path in tmp_path.glob("report/*.pdf")) == ["ages", "errors", "front", "trajectories"]
     text = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
     _, ages, fixes = Elements(text).tables
     assert ages[1][-1] == "–"
@@ -304,8 +310,10 @@ def test_a_folder_that_cannot_be_is_refused_before_the_run(run_usvauv, tmp_path,
 
 
 TRY = """
-  const canvas = document.getElementById("map"), slider = document.getElementById("time"), pictures = {};
+  const [canvas, second] = document.querySelectorAll("canvas"), slider = document.getElementById("time"), pictures = {};
   const look = (name) => { pictures[name] = canvas.toDataURL(); };
+  const away = () => second.getBoundingClientRect().width;
+  const beside = [away(), canvas.getBoundingClientRect().width, second.toDataURL() !== canvas.toDataURL()];
   const change = (id, values, kind) => {
     Object.assign(document.getElementById(id), values);
     document.getElementById(id).dispatchEvent(new Event(kind));
@@ -313,7 +321,12 @@ TRY = """
   const scrub = (share) => change("time", { value: +slider.min + share * (slider.max - slider.min) }, "input");
   scrub(0); look("start");
   scrub(0.5); look("middle");
-  const said = document.getElementById("readout").value;
+  const said = [...document.querySelectorAll("output")].map((each) => each.value);
+  change("other", { value: 0 }, "change");
+  const same = second.toDataURL() === canvas.toDataURL();
+  change("other", { value: -1 }, "change");
+  scrub(0); look("start"); scrub(0.5); look("middle");
+  const alone = away();
   change("current", { checked: true }, "change"); look("current");
   change("magnify", { value: 1 }, "change"); look("true size");
   change("episode", { value: 1 }, "change"); look("other");
@@ -325,19 +338,28 @@ TRY = """
   await new Promise((resolve) => setTimeout(resolve, 1000));
   play.click(); words.push(play.textContent);
   const different = new Set(Object.values(pictures)).size;
-  return { different, said, words, played: slider.value - before };
+  const scrolls = [...document.querySelectorAll(".scroll")].filter((each) => each.scrollWidth > each.clientWidth);
+  return { different, said, beside, same, alone, words, scrolls: scrolls.length, played: slider.value - before };
 """
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-@pytest.mark.parametrize("width", [360, 390, 1200])
+@pytest.mark.parametrize("width", [360, 390, 1280])
 def test_in_a_browser(made, tmp_path, width):
-    """No problem is reported, the player draws what it is asked for, and nothing is wider than the window."""
+    """No problem is reported, the player draws what it is asked for, two episodes side by side at first, and neither
+    the page nor a table is wider than the window.
+    """
     answer = in_browser(made.text, tmp_path, width, TRY)
     assert answer["different"] == 6
     assert answer["words"] == ["Play", "Pause", "Play"]
     assert answer["played"] > 0
-    assert re.fullmatch(r"0:30 min · [\d.]+ Wh · [\d.]+ Mbit · estimates off by [\d.]+, [\d.]+ m", answer["said"])
+    first, other = answer["said"]
+    assert re.fullmatch(r"fim · 0:30 min · [\d.]+ Wh · [\d.]+ Mbit · estimates off by [\d.]+, [\d.]+ m", first)
+    assert other.startswith("hold:0,0 · 0:30 min · ")
+    across, own, unlike = answer["beside"]
+    assert (across, unlike) == (own, True)
+    assert (answer["same"], answer["alone"]) == (True, 0)
+    assert answer["scrolls"] == 0
 
 
 def in_cell(*traces) -> str:

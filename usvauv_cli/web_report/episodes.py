@@ -1,4 +1,4 @@
-"""What the page keeps of traces: one episode for the player, and the distribution of fix errors over all episodes.
+"""What the page keeps of traces: one episode for the player, and how errors of positions and fixes are distributed.
 
 The player, `player.js`, reads the episodes as JSON. An array of numbers is {"shape", "low", "step", "bits",
 "data"} with value = low + step × unsigned number of so many bits, little-endian, in base64. The rounding error is half
@@ -68,9 +68,12 @@ class Episode:
 
 @dataclass
 class Recording:
-    """One combination: its recorded episode, and counts (PERIODS, classes of `ERRORS`) of fixes of all episodes."""
+    """One combination: its recorded episode, and counts (PERIODS, classes of `ERRORS`) over all episodes of the errors
+    of the boat's estimates of positions, at each step, and of usable fixes.
+    """
 
     episode: Episode
+    positions: np.ndarray = field(default_factory=lambda: np.zeros((PERIODS, len(ERRORS) - 1), np.int64))
     fixes: np.ndarray = field(default_factory=lambda: np.zeros((PERIODS, len(ERRORS) - 1), np.int64))
 
 
@@ -89,14 +92,16 @@ class Recordings(dict[Combination, Recording]):
             if len(self) == self.shown:
                 return
             self[combination] = Recording(thinned(trace.episode(0), self.shown))
-        step, world, auv = np.nonzero(usable(trace))
-        off = trace.fix[step, world, auv] - trace.heard_position[step, world, auv]
-        level = np.searchsorted(ERRORS, np.hypot(off[:, 0], off[:, 1]), side="right") - 1
-        np.add.at(
-            self[combination].fixes,
-            (step * PERIODS // len(trace.time), np.clip(level, 0, len(ERRORS) - 2)),
-            1,
-        )
+        off = np.linalg.norm(trace.fix - trace.heard_position, axis=-1)
+        _count(self[combination].positions, metrics.position_error(trace), np.ones_like(off, bool))
+        _count(self[combination].fixes, off, usable(trace))
+
+
+def _count(counts: np.ndarray, error: np.ndarray, known: np.ndarray) -> None:
+    """Add the errors (T, W, K), m, that are known to counts (PERIODS, classes)."""
+    period = np.nonzero(known)[0] * PERIODS // len(error)
+    level = np.searchsorted(ERRORS, error[known], side="right") - 1
+    np.add.at(counts, (period, np.clip(level, 0, len(ERRORS) - 2)), 1)
 
 
 def front_episodes(combinations: int) -> int:
@@ -159,8 +164,8 @@ def ellipses(covariance: np.ndarray, largest: float) -> np.ndarray:
     return np.stack([*axes, angle], axis=-1)
 
 
-def fix_quantiles(counts: np.ndarray, shares: tuple[float, ...]) -> np.ndarray:
-    """Quantiles of errors from counts (..., classes), (shares, ...), m: the middle of their class; NaN of no fixes."""
+def error_quantiles(counts: np.ndarray, shares: tuple[float, ...]) -> np.ndarray:
+    """Quantiles of errors from counts (..., classes), (shares, ...), m: the middle of their class; NaN of no errors."""
     total = counts.sum(axis=-1)
     below = np.cumsum(counts, axis=-1)
     middle = np.sqrt(ERRORS[1:] * ERRORS[:-1])

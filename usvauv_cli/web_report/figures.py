@@ -1,15 +1,16 @@
-"""Figures of the page: data and energy, errors of fixes, and maps of tracks and ages with their graticule."""
+"""Figures of the page: data and energy, errors of positions and fixes, maps of tracks and ages with their graticule."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from usvauv.cli.evaluation.comparison import Comparison, words
-from usvauv.cli.web_report.episodes import ERRORS, PERIODS, Recording, collects_data, fix_quantiles
+from usvauv.cli.web_report.episodes import ERRORS, PERIODS, Recording, collects_data, error_quantiles
 from usvauv.cli.web_report.figure_style import (
     AGES,
     COLUMN,
@@ -37,6 +38,16 @@ from usvauv.env.site.site import Site
 STEPS = (1, 2, 4, 5, 10)  # none is more than twice the one before, so that two lines wanted are one at least
 POINTS = 33  # of a line; parallels and meridians are curved on a plane
 BAR = 0.28  # longest scale bar, of the width
+
+
+class Kind(NamedTuple):
+    """A kind of error: its title, and its counts in a recording."""
+
+    title: str
+    counts: Callable[[Recording], np.ndarray]
+
+
+KINDS = (Kind("positions", lambda each: each.positions), Kind("fixes", lambda each: each.fixes))
 
 
 def draw_graticule(axes: Axes, frame: LocalFrame, width: float, length: float, lines: int) -> None:
@@ -127,34 +138,37 @@ def about_front(names: Sequence[str], comparison: Comparison) -> str:
 
 
 def errors(names: Sequence[str], recordings: Sequence[Recording], duration: float) -> Figure:
-    """Errors of fixes over time, median and 90 % of the fixes of the first combination, and their distribution.
-
-    Some combination has fixes.
+    """Errors of positions beside those of fixes: over time, the median and of the first combination what holds 90 %,
+    and their distribution.
     """
     with drawing("errors"):
-        figure = new(3.9 + rows_of_legend(names))
-        over_time, whole = figure.subplots(2, 1)
+        figure = new(3.6 + rows_of_legend(names))
+        plots = figure.subplots(2, 2, sharex="row", sharey="row")
         time = (np.arange(PERIODS) + 0.5) / PERIODS * duration
-        handles, reach = [], []
-        for i, (name, recording) in enumerate(zip(names, recordings, strict=True)):
-            low, median, high = fix_quantiles(recording.fixes, (0.05, 0.5, 0.95))
-            if i == 0:
-                over_time.fill_between(time, low, high, color=colour(0), alpha=0.18, lw=0)
-            over_time.plot(time, median, color=colour(i), ls=dash(i))
-            count = recording.fixes.sum(axis=0)
-            if count.any():
-                whole.plot(ERRORS[1:], np.cumsum(count) / count.sum(), color=colour(i), ls=dash(i))
-                reach += list(fix_quantiles(count, (0.0005, 0.9995)))
-            handles.append(Line2D([], [], color=colour(i), ls=dash(i), label=name))
-        over_time.set(xlabel="time, s", ylabel="error of a fix, m", xlim=(0, duration), yscale="log")
-        whole.set(xlabel="error of a fix, m", ylabel="share of fixes below it", ylim=(0, 1.02), xscale="log")
-        for axis in (over_time.yaxis, whole.xaxis):
-            axis.set_major_formatter(WrittenOut())
-            axis.set_minor_formatter(WrittenOut())
-        whole.set_xlim(min(reach), max(reach))
-        for axes in (over_time, whole):
+        reach = []
+        for column, kind in enumerate(KINDS):
+            over_time, whole = plots[:, column]
+            over_time.set_title(kind.title, loc="left", pad=3)
+            for i, recording in enumerate(recordings):
+                counts = kind.counts(recording)
+                low, median, high = error_quantiles(counts, (0.05, 0.5, 0.95))
+                if i == 0:
+                    over_time.fill_between(time, low, high, color=colour(0), alpha=0.18, lw=0)
+                over_time.plot(time, median, color=colour(i), ls=dash(i))
+                count = counts.sum(axis=0)
+                if count.any():
+                    whole.plot(ERRORS[1:], np.cumsum(count) / count.sum(), color=colour(i), ls=dash(i))
+                    reach += list(error_quantiles(count, (0.0005, 0.9995)))
+            over_time.set(xlabel="time, s", xlim=(0, duration), yscale="log")
+            whole.set(xlabel="error, m", ylim=(0, 1.02), xscale="log", xlim=(min(reach), max(reach) * 1.06))
+            for axis in (over_time.yaxis, whole.xaxis):
+                axis.set_major_formatter(WrittenOut())
+                axis.set_minor_formatter(WrittenOut())
+        plots[0, 0].set_ylabel("error, m")
+        plots[1, 0].set_ylabel("share below it")
+        for axes in plots.ravel():
             style_axes(axes)
-        legend(figure, handles)
+        legend(figure, [Line2D([], [], color=colour(i), ls=dash(i), label=name) for i, name in enumerate(names)])
     return figure
 
 
@@ -162,8 +176,10 @@ def about_errors(names: Sequence[str], recordings: Sequence[Recording]) -> str:
     """The medians and 95th percentiles of `errors` in words."""
     said = []
     for name, recording in zip(names, recordings, strict=True):
-        median, high = fix_quantiles(recording.fixes.sum(axis=0), (0.5, 0.95))
-        said.append(f"{name}: no fixes" if np.isnan(median) else f"{name}: median {median:.2g} m, 95 % {high:.2g} m")
+        for kind in KINDS:
+            median, high = error_quantiles(kind.counts(recording).sum(axis=0), (0.5, 0.95))
+            found = "none" if np.isnan(median) else f"median {median:.2g} m, 95 % {high:.2g} m"
+            said.append(f"{name}, {kind.title}: {found}")
     return "; ".join(said)
 
 

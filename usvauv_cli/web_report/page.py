@@ -132,16 +132,15 @@ def _pictures(
             figures.about_front(names, comparison),
             f"Small and faint: episodes{some}; large: their means with 95 % intervals. Better is further up and left.",
         )
-    if any(recording.fixes.any() for recording in recorded):
-        add(
-            "errors",
-            figures.errors(names, recorded, duration),
-            "Errors of fixes",
-            figures.about_errors(names, recorded),
-            "Of all usable fixes of all episodes. Above: the median in each hundredth of the mission, and for the"
-            " first combination a band that holds 90 %. Below: the share of fixes with a smaller error, which is known"
-            " to 6 %.",
-        )
+    add(
+        "errors",
+        figures.errors(names, recorded, duration),
+        "Errors of positions and fixes",
+        figures.about_errors(names, recorded),
+        "Left: of the boat's estimates of the AUVs' positions, at each step; right: of usable fixes. Of all episodes."
+        " Above: the median in each hundredth of the mission, and for the first combination a band that holds 90 %."
+        " Below: the share with a smaller error, which is known to 6 %.",
+    )
     steps = scenario.mission.steps
     thinned = f"; each way is drawn through {points} of {steps} points" if points < steps else ""
     add(

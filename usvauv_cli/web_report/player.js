@@ -4,7 +4,10 @@
   const SIGMAS = 2, TRAIL = 120, NICE = [1, 2, 5];
   const data = JSON.parse(document.getElementById("data").textContent);
   const element = (id) => document.getElementById(id);
-  const canvas = element("map"), context = canvas.getContext("2d");
+  const views = [...document.querySelectorAll(".maps > div")].map((place) => {
+    const canvas = place.querySelector("canvas");
+    return { place, canvas, context: canvas.getContext("2d"), output: place.querySelector("output"), episode: null };
+  });
   const [width, length] = data.area;
 
   // An array as `player.py` writes it: its shape, and its values one after another.
@@ -51,7 +54,7 @@
     return Array.from({ length: count }, (_, k) => [0, 1].map((axis) => between(array, 2 * count, place, 2 * k + axis)));
   }
 
-  let episode, time = 0, playing = false, last = 0, colours = {}, unit = 1, perMetre = 1, margin = 0, offset = 0;
+  let episode, context, time = 0, playing = false, last = 0, colours = {}, unit = 1, perMetre = 1, margin = 0, offset = 0;
   const names = ["ink", "muted", "line", "sea", "node", "card", ...Array.from({ length: data.colours }, (_, i) => `series${i}`)];
   function readColours() {
     const style = getComputedStyle(document.documentElement);
@@ -61,16 +64,18 @@
   const pixel = ([x, y]) => [margin + x * perMetre, margin / 2 + (length - y) * perMetre];
 
   function resize() {
-    const ratio = window.devicePixelRatio || 1, across = canvas.clientWidth;
+    const ratio = window.devicePixelRatio || 1, across = views[0].canvas.clientWidth;
     margin = 34;
     const most = Math.min(across - margin * 3 / 2, 0.8 * Math.max(window.innerHeight, 480) * width / length);
     perMetre = most / width;
     const tall = length * perMetre + margin * 3 / 2;
-    canvas.style.height = `${tall}px`;
-    canvas.width = Math.round(across * ratio);
-    canvas.height = Math.round(tall * ratio);
     offset = (across - margin * 3 / 2 - most) / 2;
-    context.setTransform(ratio, 0, 0, ratio, offset * ratio, 0);
+    for (const { canvas, context } of views) {
+      canvas.style.height = `${tall}px`;
+      canvas.width = Math.round(across * ratio);
+      canvas.height = Math.round(tall * ratio);
+      context.setTransform(ratio, 0, 0, ratio, offset * ratio, 0);
+    }
     unit = Math.min(Math.max(most / 500, 0.75), 1.4);
     draw();
   }
@@ -280,6 +285,11 @@
   }
 
   function draw() {
+    for (const view of views) if (view.episode) ({ episode, context } = view), drawView(view);
+    episode = views[0].episode;
+  }
+
+  function drawView({ canvas, output, name }) {
     const place = placeOf(time, episode.time.values);
     context.save();
     context.setTransform(1, 0, 0, 1, 0, 0);
@@ -297,7 +307,7 @@
     const said = [`${minutes}:${seconds} min`, `${between(episode.energy, 1, place, 0).toFixed(1)} Wh`];
     if (episode.fill.shape[1]) said.push(`${between(episode.data, 1, place, 0).toFixed(1)} Mbit`);
     said.push(`estimates off by ${off.map((metres) => metres.toFixed(metres < 10 ? 2 : 0)).join(", ")} m`);
-    element("readout").value = [...said, ...(current ? [current] : [])].join(" · ");
+    output.value = [...(views[1].episode ? [name] : []), ...said, ...(current ? [current] : [])].join(" · ");
   }
 
   function show(seconds) {
@@ -326,13 +336,21 @@
     element(id).replaceChildren(...values.map((value, i) => new Option(words[i], value, value === chosen, value === chosen)));
   }
 
-  function choose(index) {
-    episode = episodeOf(index);
+  // The episodes on the maps: one, and another beside it or none (−1).
+  function choose(index, other) {
+    [index, other].forEach((number, i) => {
+      views[i].episode = number < 0 ? null : episodeOf(number);
+      views[i].name = number < 0 ? "" : data.episodes[number].name;
+    });
+    views[1].place.hidden = !views[1].episode;
+    episode = views[0].episode;
     const times = episode.time.values, slider = element("time");
     slider.min = times[0];
     slider.max = times[times.length - 1];
     element("resolution").textContent = `${(500 * Math.max(episode.auv.step, episode.estimate.step, episode.boat.step)).toPrecision(2)} mm`;
-    show(time);
+    time = Math.min(Math.max(time, times[0]), times[times.length - 1]);
+    slider.value = time;
+    resize();
   }
 
   readColours();
@@ -350,10 +368,12 @@
   const factors = [1, 2, 5, 10, 20, 50, 100];
   const fitting = factors.filter((factor) => factor * usualError <= Math.min(width, length) / 20);
   offer("magnify", factors, factors.map((factor) => `× ${factor}`), fitting.length ? fitting[fitting.length - 1] : 1);
-  episode = begun;
+  const numbers = data.episodes.map((_, i) => i), several = numbers.length > 1;
+  offer("other", [-1, ...numbers], ["none", ...data.episodes.map(({ name }) => name)], several ? 1 : -1);
+  element("beside").hidden = !several;
   time = begun.time.values[0];
-  choose(0);
-  element("episode").addEventListener("change", () => choose(Number(element("episode").value)));
+  const chosen = () => choose(Number(element("episode").value), Number(element("other").value));
+  for (const id of ["episode", "other"]) element(id).addEventListener("change", chosen);
   for (const id of ["magnify", "current"]) element(id).addEventListener("change", draw);
   element("play").addEventListener("click", () => {
     if (!playing && time >= Number(element("time").max)) show(0);
@@ -362,5 +382,5 @@
   element("time").addEventListener("input", () => show(Number(element("time").value)));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { readColours(); draw(); });
   addEventListener("resize", resize);
-  resize();
+  chosen();
 })();
