@@ -354,6 +354,8 @@ class Popups:
             text = f"+{self._delivered[done, auv]:.2f} Mbit"
             half = text_width(text, size, bold=True) / 2
             x, y = nodes[self._itinerary.node(done, auv)]
+            if not (box.left <= x < box.right and box.top <= y < box.bottom):
+                continue  # of a node that a view which goes along does not show
             x = np.clip(x, box.left + half, max(box.right - half, box.left + half))
             y = max(y - above - (5 + 16 * age) * unit, box.top + 1.2 * size)
             while any(abs(x - at) < half + other and abs(y - row) < 1.15 * size for at, row, other in taken):
