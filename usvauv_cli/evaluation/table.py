@@ -61,13 +61,14 @@ def evaluate(
         UserError: an argument that cannot be used, or what `Scenario.load`, `World` and `record` raise.
     """
     setting = Scenario.of(scenario)
-    if policies is None or isinstance(policies, str):
-        policies = [policies or by_name.default(setting)]
-    if not isinstance(policies, Mapping):
-        for name in policies:
+    if isinstance(policies, Mapping):
+        makers = dict(policies)
+    else:
+        names = [policies or by_name.default(setting)] if policies is None or isinstance(policies, str) else policies
+        for name in names:
             by_name.check(name, setting)
-        policies = by_name.named(*policies)
-    found = combinations(setting, list(policies), _several(usv), _several(targets))
+        makers = by_name.named(*names)
+    found = combinations(setting, list(makers), _several(usv), _several(targets))
     comparison = Comparison(list(found), seas=setting.random_seas)
     comparison.add(
         {
@@ -75,7 +76,7 @@ def evaluate(
                 row.columns()
                 for row in evaluation.evaluate(
                     chosen,
-                    {which.policy: policies[which.policy]},
+                    {which.policy: makers[which.policy]},
                     episodes=episodes,
                     seed=seed,
                     usv=which.usv,
@@ -92,9 +93,9 @@ def evaluate(
             if which == comparison.reference:
                 less = less._replace(mean=math.nan, half=math.nan)
             rows.append((figure, *which, score.mean, score.half, less.mean, less.half, score.n))
-    names = ["figure", *Combination._fields]
+    index = ["figure", *Combination._fields]
     columns = ["mean", "half", "difference", "difference_half", "episodes"]
-    table = pd.DataFrame(rows, columns=[*names, *columns]).set_index(names)
+    table = pd.DataFrame(rows, columns=[*index, *columns]).set_index(index)
     table.attrs["sentences"] = sentences(comparison, headline(setting))
     return table
 
