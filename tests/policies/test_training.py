@@ -176,7 +176,7 @@ class TestSettings:
         ("text", "part"),
         [
             ("updates", "NAME=VALUE"),
-            ("speed=3", "NAME=VALUE with a NAME of frame"),
+            ("speed=3", "expected NAME=VALUE; allowed are frame"),
             ("updates=many", "updates = 'many': must be of type int"),
             ("hidden=12,x", "must be of type tuple"),
             ("gamma=1.5", "gamma = 1.5: must be at least 0 and below 1"),
