@@ -139,6 +139,7 @@ ARTEFACTS = {
     "validation": Artefact("validation.md", ("python -m tests.cases",)),
     "sea-rates": _study("performance.md", "sea", "--json"),
     "world-rates": _study("performance.md", "worlds"),
+    "learning": _study("performance.md", "learning"),
     "start": _study("performance.md", "start"),
     "step-profile": _study("performance.md", "step_profile", picture="step-profile"),
     "step-profile-wide": _study("performance.md", "step_profile", "wide", picture="step-profile-wide"),
