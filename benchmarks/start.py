@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import pty
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -131,13 +132,14 @@ def main() -> None:
         print(f"| {stage} | " + " | ".join(f"{spent[stage]:.2f}" for spent in found) + " |", flush=True)
     print("| command | cold: first output, end, processor, s | warm | compiling, processor s |")
     with tempfile.TemporaryDirectory() as place:
-        for command in COMMANDS:
+        for position, command in enumerate(COMMANDS):
             least = []
             for state in ("cold", "warm"):
                 tries = []
                 for number in range(rounds):
-                    cache = Path(place, f"cache-{state}{number}" if state == "cold" else "cache-cold0")
+                    cache = Path(place, f"cache-{position}-{number if state == 'cold' else 0}")
                     cache.mkdir(exist_ok=True)
+                    shutil.rmtree(Path(place, "run"), ignore_errors=True)  # of the training before
                     tries.append(run(command, Path(place), str(cache)))
                 least.append(Run(*map(min, zip(*tries, strict=True))))
             cold, warm = (", ".join(f"{value:.1f}" for value in result) for result in least)
