@@ -59,7 +59,7 @@ ARTEFACTS = {
     "missions": Artefact(
         "video.md",
         (
-            "usvauv simulate --duration 160 --view sea --size 800x500 --fps 15 --out docs/mission.webp",
+            "usvauv simulate --duration 100 --at 64:100 --view sea --size 800x500 --fps 15 --out docs/mission.webp",
             "usvauv simulate --duration 641 --at 641 --out docs/mission.png",
             "usvauv simulate --duration 300 --at 300 --view both --theme dark --out docs/both-dark.png",
             "usvauv simulate --duration 300 --at 300 --view both --theme light --out docs/both-light.png",
@@ -171,7 +171,8 @@ def make(name: str, work: Path) -> None:
         for command in artefact.commands:
             program, *arguments = shlex.split(command.replace("WORK", str(work)))
             start = USVAUV if program == "usvauv" else (sys.executable,)
-            subprocess.run([*start, *arguments], cwd=ROOT, stdout=printed, check=True)
+            over = ["--force"] if arguments[0] == "simulate" else []  # a picture that other arguments made
+            subprocess.run([*start, *arguments, *over], cwd=ROOT, stdout=printed, check=True)
     for picture, source in artefact.pictures.items():
         if source:
             (ROOT / "docs" / picture).write_bytes((work / source).read_bytes())
