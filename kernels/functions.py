@@ -14,7 +14,6 @@ import gc
 import linecache
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
-from unittest import mock
 
 from taichi.lang import kernel_impl
 from taichi.lang.ast import ASTTransformerContext
@@ -102,9 +101,10 @@ class _Kernel(kernel_impl.Kernel):
         collects = gc.isenabled()
         gc.disable()  # or it would go through what grows here again and again
         try:
-            with mock.patch.object(kernel_impl, "_get_tree_and_ctx", _Reader()):
-                super().materialize(*args, **kwargs)
+            kernel_impl._get_tree_and_ctx = _Reader()
+            super().materialize(*args, **kwargs)
         finally:
+            kernel_impl._get_tree_and_ctx = AS_EVER
             if collects:
                 gc.enable()
 
