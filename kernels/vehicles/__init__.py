@@ -1,0 +1,1 @@
+"""Vehicles that move as vehicles: rigid bodies in water with actuators, controllers and limits, LANES at a time."""
