@@ -52,7 +52,7 @@ def _level(decibel: int) -> tuple[str, ...]:
 BASE = _level(146)
 NEAR = _level(144)
 AXES = (
-    Axis("replies understood to, m", {150: NEAR, 200: BASE, 300: _level(149), 850: _level(187)}),
+    Axis("replies decoded up to, m", {150: NEAR, 200: BASE, 300: _level(149), 850: _level(187)}),
     Axis(
         "time between pings at 200 m, s",
         {1.0: BASE} | {s: (*BASE, f"channel.interval={s:g}") for s in (10.0, 30.0)},
