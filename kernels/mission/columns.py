@@ -194,6 +194,72 @@ class AuvColumn(StateColumns):
     depth_error: Annotated[int, Range(-1e3, 1e3)]  # below its cruise depth, m
 
 
+Turn = Annotated[int, Range(-7.0, 7.0)]
+Rate = Annotated[int, Range(-1e3, 1e3)]
+Depth = Annotated[int, Range(-1e3, 2e4)]
+Memory = Annotated[int, Range(-1e12, 1e12)]
+Factor = Annotated[int, Range(0.01, 100.0)]
+
+
+class BodyColumn(StateColumns):
+    """A vehicle with dynamics, (W, K, Y): its `Body`, its autopilot's `Memory`, its `Surroundings`, and the last step.
+
+    Axes of the first three are those of `usvauv.kernels.vehicles.vehicle`, whose meanings and units they have.
+    """
+
+    depth: Depth
+    q0: Rate
+    q1: Rate
+    q2: Rate
+    q3: Rate
+    u: Velocity
+    v: Velocity
+    w: Velocity
+    p: Velocity
+    q: Velocity
+    r: Velocity
+    rudder: Turn
+    stern: Turn
+    propeller: Rate
+    memory_heading: Memory
+    memory_depth: Memory
+    memory_pitch: Memory
+    memory_speed: Memory
+    memory_heading_integral: Memory
+    memory_depth_integral: Memory
+    memory_speed_integral: Memory
+    memory_begun: Memory
+    north: Velocity
+    east: Velocity
+    down: Velocity
+    nn: Rate
+    ne: Rate
+    nd: Rate
+    en: Rate
+    ee: Rate
+    ed: Rate
+    dn: Rate
+    de: Rate
+    dd: Rate
+    rate_n: Rate
+    rate_e: Rate
+    rate_d: Rate
+    bed: Depth
+    bed_n: Slope
+    bed_e: Slope
+    mass: Factor
+    drag: Factor
+    fins: Factor
+    way_x: Displacement  # over ground in the last step, m, east
+    way_y: Displacement  # north
+    water_x: Velocity  # its mean velocity through the water in it, m/s
+    water_y: Velocity
+    power: Annotated[int, Range(0.0, 1e4)]  # mean electrical power in it, W
+    touched: Flag  # 1 where it touched the bed, or came to the surface, in it
+    sensor_error: Annotated[int, Range(-1e3, 1e3)]  # of its depth sensor, m
+    told_depth: Annotated[int, Range(-1e3, 2e4)]  # below its cruise depth, as its last reply told, m
+
+
 class EstimateColumn(StateColumns):
     """The boats' estimate of an AUV, (W, K, E)."""
 

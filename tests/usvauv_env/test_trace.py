@@ -22,6 +22,7 @@ SIZES = {
     "time": STEPS, "world": WORLDS, "auv": AUVS, "boat": BOATS, "node": NODES, "axis": 2, "component": 3,
     "reward_term": 2, "surface_component": 3, "vortex": 6, "vortex_parameter": 4, "stream_time": 3, "stream_y": 4,
     "stream_x": 5, "y": 7, "x": 9, "wave": 6, "wave_parameter": 5,
+    "angle": 3, "actuator": 3,
 }  # fmt: skip
 FLAGS = 0, usbl.DETECTED, usbl.DETECTED | usbl.WRAPPED, usbl.DETECTED | usbl.NO_DEPTH, usbl.LOST
 PLACE = LocalFrame(114.02, 22.51)

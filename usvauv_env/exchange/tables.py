@@ -22,6 +22,8 @@ ROWS = {
 PARTS = {
     "axis": ("x", "y"),
     "component": ("xx", "xy", "yy"),
+    "angle": ("heading", "pitch", "roll"),
+    "actuator": ("rudder", "stern", "propeller"),
     "surface_component": ("elevation", "slope_x", "slope_y"),
     "vortex_parameter": ("x", "y", "circulation", "radius"),
 }
@@ -68,7 +70,7 @@ def _table(trace: Trace, index: tuple[str, ...]) -> Table:
             columns = {f"{name}_{part}": values[..., i] for i, part in enumerate(parts[last])}
         else:
             own, columns = [*own, last], {name: values}
-        if own != ["time"] and own[-1] == index[-1]:
+        if values.size and own != ["time"] and own[-1] == index[-1]:
             missing = (None,) * (len(index) - len(own))
             table |= {column: np.broadcast_to(part[missing], shape).ravel() for column, part in columns.items()}
     return table

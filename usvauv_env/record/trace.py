@@ -7,7 +7,7 @@ except data, which is in Mbit and Mbit/s. Index t of a time series is the state 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -53,6 +53,10 @@ _AUV, _BOAT, _WORLD = ("time", "world", "auv"), ("time", "world", "boat"), ("tim
 _AUV_XY, _BOAT_XY, _COVARIANCE = (*_AUV, "axis"), (*_BOAT, "axis"), (*_AUV, "component")
 
 OPTIONAL = {  # may be empty, with this shape
+    "auv_depth": (0, 0, 0),
+    "auv_attitude": (0, 0, 0, 3),
+    "auv_fins": (0, 0, 0, 3),
+    "auv_touched": (0, 0, 0),
     "stream_time": (0,),
     "stream": (0, 0, 0, 2),
     "surface": (0, 0, 0),
@@ -63,7 +67,7 @@ PLACED = ("node", "auv", "boat")  # whose `…_position` also is in longitude an
 
 INTEGERS = (
     *("fix_flags", "fix_boat", "served_by", "target", "hovering", "border", "overflowing", "collisions"),
-    *("packets_created", "packets_lost", "packets_delivered"),
+    *("packets_created", "packets_lost", "packets_delivered", "auv_touched"),
 )
 LARGEST = 1e12  # of any number in a trace
 TOGETHER = 64  # steps of the surface that are read together
@@ -72,6 +76,11 @@ TOGETHER = 64  # steps of the surface that are read together
 def _stored(dimensions: tuple[str, ...], units: str | None, long_name: str) -> dict[str, Variable]:
     """Metadata of an array field, which is a variable of a trace's file."""
     return {"variable": Variable(dimensions, units, long_name)}
+
+
+def _empty(name: str) -> Callable[[], np.ndarray]:
+    """What an array of `OPTIONAL` is where nothing is given for it."""
+    return lambda: np.zeros(OPTIONAL[name], np.float32)
 
 
 class TraceError(UserError, ValueError):
@@ -180,6 +189,26 @@ class Trace:
             None,
             "short waves of that sea: a, m, kx and ky, rad m-1, ω, rad s-1, φ: Σ a cos(kx x + ky y − ω t + φ)",
         )
+    )
+    auv_depth: np.ndarray = field(
+        default_factory=_empty("auv_depth"),
+        metadata=_stored(_AUV, "m", "depth of a vehicle with dynamics below the mean surface"),
+    )
+    auv_attitude: np.ndarray = field(
+        default_factory=_empty("auv_attitude"),
+        metadata=_stored(
+            (*_AUV, "angle"), "rad", "its heading, anticlockwise from east, pitch, nose up, and roll, starboard down"
+        ),
+    )
+    auv_fins: np.ndarray = field(
+        default_factory=_empty("auv_fins"),
+        metadata=_stored(
+            (*_AUV, "actuator"), None, "its rudder, rad, to starboard, stern plane, rad, diving, and propeller, s-1"
+        ),
+    )
+    auv_touched: np.ndarray = field(
+        default_factory=_empty("auv_touched"),
+        metadata=_stored(_AUV, "1", "1 where it touched the bed, or came to the surface, in this step"),
     )
 
     def __repr__(self) -> str:
@@ -343,7 +372,7 @@ class Trace:
         picked = {
             name: getattr(self, name).take([world], axis=about.dimensions.index("world"))
             for name, about in VARIABLES.items()
-            if "world" in about.dimensions
+            if "world" in about.dimensions and self._has(name)
         }
         return replace(self, **picked)
 
@@ -411,6 +440,8 @@ def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_na
         "surface_component": 3,
         "vortex_parameter": 4,
         "wave_parameter": 5,
+        "angle": 3,
+        "actuator": 3,
         "auv": scenario.auv.count,
         "boat": scenario.boat.count,
         "node": scenario.targets,
