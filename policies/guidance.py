@@ -1,4 +1,4 @@
-"""Guidance towards a point: headings in a current, economical speeds, and the world's commands."""
+"""Guidance towards a point, along a line, round a circle: courses, headings in a current, economical speeds."""
 
 from __future__ import annotations
 
@@ -81,6 +81,59 @@ def clear_of_others(towards: Tensor, others: Tensor, safe_distance: float) -> Te
     away = -unit(others.gather(-2, nearest.expand_as(others[..., :1, :]))).squeeze(-2)
     ratio = REACH * safe_distance / distance.squeeze(-2).clamp_min(NEAREST)
     return unit(towards + (ratio - 1.0).clamp_min(0.0) * ratio.square() * away)
+
+
+def turned(track: Tensor, lead: float, curvature: Tensor) -> Tensor:
+    """A track as it is `lead` metres further on a path with this curvature (..., 1/m, positive to the left)."""
+    angle = lead * curvature
+    return rotate(torch.stack((angle.cos(), angle.sin()), -1), track)
+
+
+def follow_line(to_point: Tensor, direction: Tensor, lookahead: float, lead: float = 0.0) -> Tensor:
+    """Track over ground (unit vectors, (..., 2)) along a straight line, by line of sight with a lookahead distance.
+
+    Towards the point on the line that lies Δ ahead of the AUV's projection: the angle to the line is −atan(e/Δ), where
+    e is the cross-track error. Where the track is kept, e = e₀ exp(−x/Δ) over the way x along the line, at any speed
+    (Breivik and Fossen 2009, "Guidance laws for autonomous underwater vehicles", doi 10.5772/6696). In a current the
+    heading is `crab(track, speed, current)`, so that no error stays.
+
+    Args:
+        to_point: from the AUV to any point of the line, (..., 2), m.
+        direction: of the line, unit vectors (..., 2).
+        lookahead: Δ, m. Below the vehicle's turning radius it swings about the line.
+        lead: metres that the vehicle goes on before it has turned; the track is that of so much later.
+    """
+    error = -unrotate(to_point, direction)[..., 1] / lookahead
+    ahead = torch.stack((torch.ones_like(error), -error), -1)
+    course = unit(ahead)
+    bend = course[..., 0].square() * -course[..., 1] / lookahead
+    return turned(rotate(course, direction), lead, bend)
+
+
+def follow_circle(
+    to_centre: Tensor, radius: float, lookahead: float, turn: Tensor | float = 1.0, lead: float = 0.0
+) -> Tensor:
+    """Track over ground (unit vectors, (..., 2)) towards a circle and round it.
+
+    The tangent turned towards the circle by atan((d − R)/Δ), where d is the distance from the centre: line of sight on
+    the tangent, and the orbit's vector field of Nelson et al. (2007), doi 10.1109/TRO.2007.898976. Where the track is
+    kept, (d − R)/d = C exp(−R φ/Δ) over the angle φ gone round, so that it tends to R from inside and from outside.
+
+    Args:
+        to_centre: from the AUV to the centre, (..., 2), m.
+        radius: R, m; above the vehicle's turning radius.
+        lookahead: Δ, m.
+        turn: 1 anticlockwise, −1 clockwise, (...).
+        lead: metres that the vehicle goes on before it has turned; without it a slow one flies outside the circle.
+    """
+    distance = to_centre.norm(dim=-1)
+    turn = torch.as_tensor(turn, dtype=to_centre.dtype, device=to_centre.device)
+    inward = unit(to_centre)
+    outside = (distance - radius) / lookahead
+    course = unit(torch.stack((outside, -turn.expand_as(outside)), -1))  # along and left of the way to the centre
+    cosine, sine = -turn * course[..., 1], course[..., 0]
+    bend = turn * (cosine / distance.clamp_min(0.5 * radius) - cosine.square() * sine / lookahead)
+    return turned(rotate(course, inward), lead, bend)
 
 
 class SpeedToFly:

@@ -11,7 +11,16 @@ from scipy.optimize import minimize_scalar
 from tests.policies.toy import ToyWorld, scenario
 from usvauv import policies
 from usvauv.policies.frames import BORDER_MARGIN, PRICE, GuidedFrame, TargetFrame
-from usvauv.policies.guidance import SpeedToFly, clear_of_others, crab, rotate, unit, unrotate
+from usvauv.policies.guidance import (
+    SpeedToFly,
+    clear_of_others,
+    crab,
+    follow_circle,
+    follow_line,
+    rotate,
+    unit,
+    unrotate,
+)
 
 
 def directions(count, seed=0):
@@ -44,6 +53,69 @@ class TestCrab:
     def test_a_current_too_strong_is_met_head_on(self):
         heading = crab(torch.tensor([1.0, 0.0]), torch.tensor(1.2), torch.tensor([0.0, 1.5]))
         torch.testing.assert_close(heading, torch.tensor([0.0, -1.0]))
+
+
+def follow(at, track, step, steps, lag=0.0):
+    """Way of a point that goes `step` m at a time where `track` says; its course follows within `lag` m."""
+    at, way, course = torch.tensor(at, dtype=torch.float64), [], None
+    for _ in range(steps):
+        way.append(at)
+        wanted = track(at + 0.5 * step * track(at)) if lag == 0 else track(at)
+        if lag == 0 or course is None:
+            course = wanted
+        else:
+            turn = angle(unrotate(wanted, course)) * (step / lag)
+            course = rotate(torch.stack((turn.cos(), turn.sin())), course)
+        at = at + step * course
+    return torch.stack(way)
+
+
+class TestFollowLine:
+    DIRECTION, POINT = torch.tensor([0.6, -0.8], dtype=torch.float64), torch.tensor([30.0, 10.0], dtype=torch.float64)
+
+    @pytest.mark.parametrize("side", [40.0, -40.0])
+    def test_the_error_falls_exponentially_over_the_way_along_the_line(self, side):
+        start = (self.POINT + rotate(torch.tensor([0.0, side], dtype=torch.float64), self.DIRECTION)).tolist()
+        way = follow(start, lambda at: follow_line(self.POINT - at, self.DIRECTION, 12.0), 0.2, 500)
+        x, error = unrotate(way - self.POINT, self.DIRECTION).unbind(-1)
+        assert x[-1] > 50
+        torch.testing.assert_close(error, side * torch.exp(-x / 12.0), atol=1e-3, rtol=0)
+
+    def test_no_error_stays_in_a_current(self):
+        current = torch.tensor([0.5, 0.3], dtype=torch.float64)
+        at, speed = torch.tensor([-20.0, 25.0], dtype=torch.float64), torch.tensor(1.5, dtype=torch.float64)
+        for _ in range(400):
+            track = follow_line(self.POINT - at, self.DIRECTION, 8.0)
+            at = at + 0.25 * (speed * crab(track, speed, current) + current)
+        assert abs(float(unrotate(at - self.POINT, self.DIRECTION)[1])) < 1e-3
+
+
+class TestFollowCircle:
+    @pytest.mark.parametrize("turn", [1.0, -1.0])
+    @pytest.mark.parametrize("start", [60.0, 8.0])
+    def test_the_distance_tends_to_the_radius_as_the_closed_form_says(self, start, turn):
+        radius, lookahead = 20.0, 15.0
+        way = follow((start, 0.0), lambda at: follow_circle(-at, radius, lookahead, turn), 0.1, 1600)
+        x, y = way.unbind(-1)
+        gone = torch.cat((torch.zeros(1), torch.atan2(x[:-1] * y[1:] - y[:-1] * x[1:], (way[:-1] * way[1:]).sum(-1))))
+        round_it = turn * gone.cumsum(0)
+        assert round_it[-1] > math.pi
+        share = (start - radius) / start * torch.exp(-radius * round_it / lookahead)
+        torch.testing.assert_close(way.norm(dim=-1), radius / (1 - share), atol=2e-3, rtol=0)
+
+    @pytest.mark.parametrize("turn", [1.0, -1.0])
+    def test_a_slow_vehicle_flies_outside_by_its_lag_and_lead_takes_that_away(self, turn):
+        radius, lookahead, lag = 20.0, 10.0, 3.0
+        for lead in (0.0, lag):
+            way = follow(
+                (50.0, 0.0), lambda at, lead=lead: follow_circle(-at, radius, lookahead, turn, lead), 0.1, 4000, lag
+            )
+            distance = float(way[-1].norm())
+            error = lookahead * math.tan((lag - lead) / distance)
+            assert distance == pytest.approx(radius + error, abs=0.05)
+
+    def test_at_the_centre_it_is_finite(self):
+        assert torch.isfinite(follow_circle(torch.zeros(2), 20.0, 5.0)).all()
 
 
 class TestSpeedToFly:
