@@ -27,7 +27,7 @@ Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import motion, reception
+from usvauv.kernels.mission import boat_motion, reception
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
 from usvauv.kernels.planning.information import each_auv
 from usvauv.kernels.positioning import tracker
@@ -243,7 +243,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
     heads_for = each_auv(0.0)
     hovers = each_auv(0.0)
     for k in range(count):
-        if motion.serves(worlds, w, boat, k):
+        if boat_motion.serves(worlds, w, boat, k):
             s = own_uncertainty(worlds, w, k)
             a[k] = s[0]
             b[k] = s[1]
@@ -267,7 +267,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
         reached = distance <= reach
         least = 0
         for k in range(count):
-            if motion.serves(worlds, w, boat, k):
+            if boat_motion.serves(worlds, w, boat, k):
                 lost = ti.cast(a[k] > works * works, ti.i32)
                 after = Way(
                     place=vec2(x[k], y[k]),
@@ -298,7 +298,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
                     least = k
         if reached:
             visited = least
-    return total / (STEPS * motion.num_served(worlds, w, boat))
+    return total / (STEPS * boat_motion.num_served(worlds, w, boat))
 
 
 @func
@@ -314,7 +314,7 @@ def least_certain(worlds: ti.template(), w, b) -> ti.i32:
     largest = -1.0
     for k in range(worlds.estimate.shape[1]):
         a = own_uncertainty(worlds, w, k)[0]
-        if a > largest and motion.serves(worlds, w, b, k):
+        if a > largest and boat_motion.serves(worlds, w, b, k):
             least = k
             largest = a
     return least
@@ -326,8 +326,8 @@ def plan(worlds: ti.template(), w, b) -> vec2:
     count = worlds.estimate.shape[1]
     middle = vec2(0.0, 0.0)
     for k in range(count):
-        if motion.serves(worlds, w, b, k):
-            middle += foreseen_place(worlds, w, k) / motion.num_served(worlds, w, b)
+        if boat_motion.serves(worlds, w, b, k):
+            middle += foreseen_place(worlds, w, k) / boat_motion.num_served(worlds, w, b)
     usual = least_certain(worlds, w, b)
     last = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
     best = last
@@ -338,7 +338,7 @@ def plan(worlds: ti.template(), w, b) -> vec2:
         goal = last
         mine = True
         if candidate < count:
-            mine = motion.serves(worlds, w, b, candidate)
+            mine = boat_motion.serves(worlds, w, b, candidate)
             first = candidate
             goal = foreseen_place(worlds, w, candidate)
         elif candidate == count:
@@ -383,8 +383,8 @@ def is_due(worlds: ti.template(), w, b, patience):
     over = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step] - worlds.boat[w, b, BoatColumn.planned]
     due = over >= patience
     if visited != NO_AUV:
-        due = due or just_heard(worlds, w, visited) or not motion.serves(worlds, w, b, visited)
-    away = aim(worlds, w, b) - motion.boat_place(worlds, w, b)
+        due = due or just_heard(worlds, w, visited) or not boat_motion.serves(worlds, w, b, visited)
+    away = aim(worlds, w, b) - boat_motion.boat_place(worlds, w, b)
     near = worlds.p[Parameter.top_speed] * INTERVAL + worlds.p[Parameter.dead_band]
     due = due or away.norm() < near
     return worlds.clock[w, 1] == 1 or (due and over >= INTERVAL)
@@ -393,8 +393,8 @@ def is_due(worlds: ti.template(), w, b, patience):
 @func
 def go(worlds: ti.template(), w, b) -> vec2:
     """Boat b's goal: that of the last plan, until a new one is due; without an AUV it stays where it is, m."""
-    goal = motion.boat_place(worlds, w, b)
-    if motion.num_served(worlds, w, b) > 0:
+    goal = boat_motion.boat_place(worlds, w, b)
+    if boat_motion.num_served(worlds, w, b) > 0:
         goal = aim(worlds, w, b)
         if is_due(worlds, w, b, PATIENCE):
             goal = plan(worlds, w, b)

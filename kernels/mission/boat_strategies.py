@@ -6,7 +6,7 @@ A boat plans for the AUVs that it serves; without any it stays where it is.
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import belief_planner, motion
+from usvauv.kernels.mission import belief_planner, boat_motion
 from usvauv.kernels.mission.columns import BoatColumn, Parameter
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import search
@@ -24,14 +24,14 @@ def hold(worlds: ti.template(), w, b) -> vec2:
 @func
 def centroid(worlds: ti.template(), w, b) -> vec2:
     """Goes to the mean of the estimated positions of its AUVs."""
-    return motion.centre_of_served(worlds, w, b)
+    return boat_motion.centre_of_served(worlds, w, b)
 
 
 @func
 def foresee(worlds: ti.template(), w, b):
     """Foresee the AUVs that boat b serves."""
     for k in range(worlds.estimate.shape[1]):
-        if motion.serves(worlds, w, b, k):
+        if boat_motion.serves(worlds, w, b, k):
             belief_planner.foresee(worlds, w, k)
 
 
@@ -39,7 +39,7 @@ def foresee(worlds: ti.template(), w, b):
 def visit(worlds: ti.template(), w, b) -> vec2:
     """Goes to the AUV that is least certain of its own position, where it expects it to be."""
     foresee(worlds, w, b)
-    goal = motion.boat_place(worlds, w, b)
+    goal = boat_motion.boat_place(worlds, w, b)
     least = belief_planner.least_certain(worlds, w, b)
     if least != belief_planner.NO_AUV:
         goal = belief_planner.foreseen_place(worlds, w, ti.max(least, 0))
@@ -75,7 +75,7 @@ def members(worlds: ti.template(), w, b):
     if ti.static(worlds.program.fleet):
         count = 0
         for k in range(worlds.estimate.shape[1]):
-            if motion.serves(worlds, w, b, k):
+            if boat_motion.serves(worlds, w, b, k):
                 found[count] = k
                 count += 1
     return found
@@ -95,11 +95,11 @@ def last_goal(worlds: ti.template(), w, b) -> vec2:
 @func
 def fim(worlds: ti.template(), w, b) -> vec2:
     """Goes to the place from which it can locate all its AUVs best, by their Fisher information."""
-    count = motion.num_served(worlds, w, b)
+    count = boat_motion.num_served(worlds, w, b)
     chosen = members(worlds, w, b)
     team = ti.static(team_of(worlds, w, count, chosen))
     size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
-    goal = motion.boat_place(worlds, w, b)
+    goal = boat_motion.boat_place(worlds, w, b)
     if count > 0:
         best = search.plan(team, worlds.program.objective_code, last_goal(worlds, w, b), size)
         goal = vec2(best[0], best[1])
@@ -109,11 +109,11 @@ def fim(worlds: ti.template(), w, b) -> vec2:
 @func
 def best_within(worlds: ti.template(), w, b, reach) -> vec2:
     """The place with the best information at most `reach` (m) from the boat."""
-    count = motion.num_served(worlds, w, b)
+    count = boat_motion.num_served(worlds, w, b)
     chosen = members(worlds, w, b)
     team = ti.static(team_of(worlds, w, count, chosen))
     size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
-    goal = motion.boat_place(worlds, w, b)
+    goal = boat_motion.boat_place(worlds, w, b)
     if count > 0:
         best = search.greedy(team, worlds.program.objective_code, goal, reach, size)
         goal = vec2(best[0], best[1])
@@ -123,7 +123,7 @@ def best_within(worlds: ti.template(), w, b, reach) -> vec2:
 @func
 def fim_greedy(worlds: ti.template(), w, b) -> vec2:
     """As `fim`, but looks only at places so near that the boat slows down towards them."""
-    return best_within(worlds, w, b, motion.reach(worlds))
+    return best_within(worlds, w, b, boat_motion.reach(worlds))
 
 
 @func

@@ -13,7 +13,7 @@ Times count from the end of the present mission step, s; what lies before is neg
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import fixes, motion, navigation, reception
+from usvauv.kernels.mission import boat_motion, fixes, navigation, reception
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -53,7 +53,7 @@ def asks(worlds: ti.template(), w, b, k) -> bool:
     """Whether boat b ever asks AUV k, as long as it is where it is."""
     found = True
     if ti.static(worlds.program.schedule != Schedule.all):
-        found = motion.serves(worlds, w, b, k)
+        found = boat_motion.serves(worlds, w, b, k)
     return found
 
 
@@ -225,5 +225,5 @@ def exchange(worlds: ti.template(), w):
         if ti.static(worlds.program.fleet):
             pose = reception.array_pose(worlds, w, b)
         for k in range(count):
-            if motion.serves(worlds, w, b, k):
+            if boat_motion.serves(worlds, w, b, k):
                 fixes.finish(worlds, pose, w, k)

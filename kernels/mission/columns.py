@@ -270,7 +270,7 @@ class EstimateColumn(StateColumns):
     covariance_xy: Covariance
     covariance_yy: Covariance
     age: Duration  # of the last fix used when the next one is made, s; without a tracker
-    served_by: BoatIndex  # index of the boat that serves it, see `usvauv.kernels.mission.motion`
+    served_by: BoatIndex  # index of the boat that serves it, see `usvauv.kernels.mission.boat_motion`
 
 
 class Reply(Columns):

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import motion, navigation
+from usvauv.kernels.mission import boat_motion, motion, navigation
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Sensor
 from usvauv.kernels.mission.reception import ArrayPose, array_pose, covariance_at, measure
 from usvauv.kernels.mission.worlds import normals, uniforms
@@ -139,7 +139,7 @@ def take_fixes(worlds: ti.template(), w, b):
     """Fix the AUVs that boat b serves."""
     pose = array_pose(worlds, w, b)
     for k in range(worlds.auv.shape[1]):
-        if motion.serves(worlds, w, b, k):
+        if boat_motion.serves(worlds, w, b, k):
             take_fix(worlds, pose, w, k)
 
 

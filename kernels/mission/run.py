@@ -15,7 +15,7 @@ from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import channel, fixes, motion, navigation, observation, reception
+from usvauv.kernels.mission import boat_motion, channel, fixes, motion, navigation, observation, reception
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import ARRAYS, Worlds, address, key, uniforms
@@ -126,15 +126,15 @@ def begin_episode(worlds: ti.template(), w):
         begin_estimate(worlds, w, k)
     for c in range(worlds.tally.shape[1]):
         worlds.tally[w, c] = 0.0
-    motion.place_boats(worlds, w)
+    boat_motion.place_boats(worlds, w)
     if ti.static(worlds.program.schedule != Schedule.every_step):
         channel.open_channel(worlds, w)
     for b in range(worlds.boat.shape[1]):
-        motion.ride_waves(worlds, w, b)
-        motion.renew_gnss_error(worlds, w, b)
+        boat_motion.ride_waves(worlds, w, b)
+        boat_motion.renew_gnss_error(worlds, w, b)
         pose = reception.array_pose(worlds, w, b)
         for k in range(num_auvs):
-            if motion.serves(worlds, w, b, k):
+            if boat_motion.serves(worlds, w, b, k):
                 fixes.begin_estimate(worlds, pose, w, k)
                 if ti.static(worlds.program.tracker):
                     navigation.begin_filter(worlds, worlds.track, w, k)
@@ -165,12 +165,12 @@ def advance(worlds: ti.template(), w):
             fixes.predict(worlds, w, k)
         if ti.static(worlds.program.sensor != Sensor.none):
             navigation.reckon(worlds, w, k)
-    motion.assign_boats(worlds, w, motion.HYSTERESIS)
+    boat_motion.assign_boats(worlds, w, boat_motion.HYSTERESIS)
     for b in range(worlds.boat.shape[1]):
-        motion.set_goal(worlds, w, b, worlds.program.strategy.goal(worlds, w, b))
-        motion.move_boat(worlds, w, b)
-        motion.ride_waves(worlds, w, b)
-        motion.renew_gnss_error(worlds, w, b)
+        boat_motion.set_goal(worlds, w, b, worlds.program.strategy.goal(worlds, w, b))
+        boat_motion.move_boat(worlds, w, b)
+        boat_motion.ride_waves(worlds, w, b)
+        boat_motion.renew_gnss_error(worlds, w, b)
     if ti.static(worlds.program.schedule == Schedule.every_step):
         for b in range(worlds.boat.shape[1]):
             fixes.take_fixes(worlds, w, b)

@@ -20,8 +20,8 @@ from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice
 from usvauv.env.world.current_statistics import FOREVER, current_bound, current_model
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.kernels.mission import target_rules
+from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
-from usvauv.kernels.mission.motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives

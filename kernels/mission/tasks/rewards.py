@@ -3,7 +3,7 @@
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import motion
+from usvauv.kernels.mission import boat_motion, motion
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter, TallyColumn
 from usvauv.kernels.mission.tasks.task import RewardTerm
 from usvauv.kernels.types import vec3
@@ -59,7 +59,7 @@ def power(worlds: ti.template(), w, k, weight):
 @func
 def collaboration(worlds: ti.template(), w, k, weight):
     """l_max / l with the slant distance l to the boat that serves it (Eq. 5)."""
-    b = motion.serving_boat(worlds, w, k)
+    b = boat_motion.serving_boat(worlds, w, k)
     dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
     dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
     slant = vec3(dx, dy, worlds.estimate[w, k, EstimateColumn.separation]).norm()

@@ -1,0 +1,265 @@
+"""How boats move, and which boat serves which AUV.
+
+Each AUV is served by the boat that is nearest to where it is estimated: that boat plans for it, and interrogates it
+where AUVs are interrogated one at a time. Another boat takes over where it is nearer by more than the share
+`HYSTERESIS`. With one boat nothing of this is compiled.
+"""
+
+import taichi as ti
+
+from usvauv.kernels.flow import airy, current
+from usvauv.kernels.functions import func
+from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter
+from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.types import Level, vec2
+
+HYSTERESIS = 0.1  # of the distance to the boat that serves an AUV
+LLOYD_ITERATIONS = 8
+
+
+@func
+def serving_boat(worlds: ti.template(), w, k) -> ti.i32:
+    """Index of the boat that serves AUV k."""
+    b = 0
+    if ti.static(worlds.program.fleet):
+        b = ti.cast(worlds.estimate[w, k, EstimateColumn.served_by], ti.i32)
+    return b
+
+
+@func
+def serves(worlds: ti.template(), w, b, k) -> bool:
+    """Whether boat b serves AUV k."""
+    found = True
+    if ti.static(worlds.program.fleet):
+        found = serving_boat(worlds, w, k) == b
+    return found
+
+
+@func
+def num_served(worlds: ti.template(), w, b) -> ti.i32:
+    """Number of AUVs that boat b serves."""
+    count = worlds.estimate.shape[1]
+    if ti.static(worlds.program.fleet):
+        count = 0
+        for k in range(worlds.estimate.shape[1]):
+            count += ti.cast(serves(worlds, w, b, k), ti.i32)
+    return count
+
+
+@func
+def boat_place(worlds: ti.template(), w, b) -> vec2:
+    """Where boat b is, m."""
+    return vec2(worlds.boat[w, b, BoatColumn.x], worlds.boat[w, b, BoatColumn.y])
+
+
+@func
+def estimated_place(worlds: ti.template(), w, k) -> vec2:
+    """Where AUV k is estimated, m."""
+    return vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
+
+
+@func
+def centre_of_served(worlds: ti.template(), w, b) -> vec2:
+    """Mean of the estimated positions of the AUVs that boat b serves; where it serves none, its own place, m."""
+    count = num_served(worlds, w, b)
+    mean = vec2(0.0, 0.0)
+    for k in range(worlds.estimate.shape[1]):
+        if serves(worlds, w, b, k):
+            mean += estimated_place(worlds, w, k) / count
+    if count == 0:
+        mean = boat_place(worlds, w, b)
+    return mean
+
+
+@func
+def assign_boats(worlds: ti.template(), w, hysteresis):
+    """Decide which boat serves each AUV from now on; `hysteresis` is a share of the distance to the present one."""
+    if ti.static(worlds.program.fleet):
+        for k in range(worlds.estimate.shape[1]):
+            here = estimated_place(worlds, w, k)
+            best = serving_boat(worlds, w, k)
+            least = (1.0 - hysteresis) * (boat_place(worlds, w, best) - here).norm()
+            for b in range(worlds.boat.shape[1]):
+                distance = (boat_place(worlds, w, b) - here).norm()
+                if distance < least:
+                    best = b
+                    least = distance
+            worlds.estimate[w, k, EstimateColumn.served_by] = ti.cast(best, ti.f32)
+
+
+@func
+def put_boat(worlds: ti.template(), w, b, place: vec2):
+    """Put boat b at a place, m."""
+    worlds.boat[w, b, BoatColumn.x] = place[0]
+    worlds.boat[w, b, BoatColumn.y] = place[1]
+
+
+@func
+def partition(worlds: ti.template(), w):
+    """Split the AUVs among the boats by their places, and put each boat in the middle of its AUVs (k-means).
+
+    The first boat begins at the first AUV and each other one at the AUV that is farthest from the boats before it;
+    then Lloyd's iteration, Lloyd (1982), doi:10.1109/TIT.1982.1056489.
+    """
+    if ti.static(worlds.program.fleet):
+        for b in range(worlds.boat.shape[1]):
+            farthest = 0
+            largest = -1.0
+            for k in range(worlds.estimate.shape[1]):
+                nearest = 1e30
+                for other in range(b):
+                    nearest = ti.min(nearest, (boat_place(worlds, w, other) - estimated_place(worlds, w, k)).norm())
+                if nearest > largest:
+                    largest = nearest
+                    farthest = k
+            put_boat(worlds, w, b, estimated_place(worlds, w, farthest))
+        for _ in range(LLOYD_ITERATIONS):
+            assign_boats(worlds, w, 0.0)
+            for b in range(worlds.boat.shape[1]):
+                put_boat(worlds, w, b, centre_of_served(worlds, w, b))
+
+
+LARGEST = 1e12  # m, of a goal
+CONTROL_TIME = 10.0  # s, in which a boat with a lag makes good 63 % of an error of place, so that it follows the waves
+DRIFT_TIME = 30.0  # s, over which it takes the mean of the velocity with which it is carried
+
+
+@func
+def set_goal(worlds: ti.template(), w, b, goal: vec2):
+    """Make a place the goal of boat b; outside the area, the area's nearest point.
+
+    A goal that is no place stays in its columns, which ends the run; the boat itself stays in the area.
+    """
+    for axis in ti.static(range(2)):
+        side = worlds.p[Parameter.width + axis]
+        worlds.boat[w, b, BoatColumn.goal_x + axis] = ti.min(ti.max(goal[axis], 0.0), side)
+        if not (ti.abs(goal[axis]) <= LARGEST):
+            worlds.boat[w, b, BoatColumn.goal_x + axis] = ti.math.nan
+
+
+@func
+def place_boats(worlds: ti.template(), w):
+    """Put the boats where their strategy begins, each with AUVs of its own."""
+    boat = ti.static(worlds.boat)
+    for b in range(boat.shape[1]):
+        for c in range(boat.shape[2]):
+            boat[w, b, c] = 0.0
+    partition(worlds, w)
+    for b in range(boat.shape[1]):
+        set_goal(worlds, w, b, worlds.program.strategy.start(worlds, w, b))
+        boat[w, b, BoatColumn.x] = ti.min(ti.max(boat[w, b, BoatColumn.goal_x], 0.0), worlds.p[Parameter.width])
+        boat[w, b, BoatColumn.y] = ti.min(ti.max(boat[w, b, BoatColumn.goal_y], 0.0), worlds.p[Parameter.length])
+    assign_boats(worlds, w, 0.0)
+
+
+@func
+def reach(worlds: ti.template()) -> ti.f32:
+    """Distance from a goal at which a boat begins to slow down, m; without lag the way of a step at top speed."""
+    p = ti.static(worlds.p)
+    return p[Parameter.top_speed] * p[Parameter.control_time] + p[Parameter.dead_band]
+
+
+@func
+def way_through_water(worlds: ti.template(), w, b, way: vec2, drift: vec2) -> vec2:
+    """How far boat b with a lag gets through the water in a step, m; its velocity and its estimate of the drift follow.
+
+    Its velocity through the water v follows the command c with the response time T, T dv/dt = c − v, exactly over the
+    step of length Δt, in which c is constant and |c| is at most the top speed; so its thrust gives an acceleration of
+    at most the top speed over T from rest. It has learned d, the drift's mean over
+    `DRIFT_TIME`. Where it would come to rest over ground, x + T (v + d), moves with c + d, so that the command
+
+        c = (goal − x − T (v + d)), shortened by the dead band, over the control time, less d
+
+    leads to its goal without overshoot, however long T and Δt are.
+
+    Args:
+        way: to the goal, m.
+        drift: velocity with which water and wind carry it, m/s.
+    """
+    p = ti.static(worlds.p)
+    boat = ti.static(worlds.boat)
+    learned = vec2(boat[w, b, BoatColumn.drift_x], boat[w, b, BoatColumn.drift_y])
+    velocity = vec2(boat[w, b, BoatColumn.water_x], boat[w, b, BoatColumn.water_y])
+    ahead = way - p[Parameter.response_time] * (velocity + learned)
+    asked = ti.max(1.0 - p[Parameter.dead_band] / ti.max(ahead.norm(), 1e-6), 0.0) / p[Parameter.control_time]
+    command = asked * ahead - learned
+    speed = command.norm()
+    if speed > p[Parameter.top_speed]:
+        command *= p[Parameter.top_speed] / speed
+    lacking = velocity - command
+    memory = p[Parameter.response_memory]
+    velocity = command + memory * lacking
+    learned = drift + p[Parameter.drift_memory] * (learned - drift)
+    for axis in ti.static(range(2)):
+        boat[w, b, BoatColumn.water_x + axis] = velocity[axis]
+        boat[w, b, BoatColumn.drift_x + axis] = learned[axis]
+    return p[Parameter.step] * command + p[Parameter.response_time] * (1.0 - memory) * lacking
+
+
+@func
+def move_boat(worlds: ti.template(), w, b):
+    """Go towards the goal through the water, while water and wind carry the boat.
+
+    Without a lag it is the reachable point nearest to the goal that it goes to, at most at top speed.
+    """
+    p = ti.static(worlds.p)
+    boat = ti.static(worlds.boat)
+    dt = p[Parameter.step]
+    x = boat[w, b, BoatColumn.x]
+    y = boat[w, b, BoatColumn.y]
+    drift = p[Parameter.drifts] * dt * vec2(boat[w, b, BoatColumn.current_x], boat[w, b, BoatColumn.current_y])
+    wanted = vec2(boat[w, b, BoatColumn.goal_x] - x, boat[w, b, BoatColumn.goal_y] - y)
+    farthest = p[Parameter.top_speed] * dt
+    distance = 0.0
+    if p[Parameter.response_time] > 0.0:
+        drift += dt * vec2(p[Parameter.leeway_x], p[Parameter.leeway_y])
+        wanted = way_through_water(worlds, w, b, wanted, drift / dt)
+        distance = wanted.norm()
+    else:
+        wanted -= drift
+        distance = wanted.norm()
+        if distance > farthest:
+            wanted *= farthest / distance
+        boat[w, b, BoatColumn.water_x] = wanted[0] / dt
+        boat[w, b, BoatColumn.water_y] = wanted[1] / dt
+    boat[w, b, BoatColumn.effort] = ti.min(distance / farthest, 1.0)
+    boat[w, b, BoatColumn.x] = ti.min(ti.max(x + drift[0] + wanted[0], 0.0), p[Parameter.width])
+    boat[w, b, BoatColumn.y] = ti.min(ti.max(y + drift[1] + wanted[1], 0.0), p[Parameter.length])
+    boat[w, b, BoatColumn.moved_x] = boat[w, b, BoatColumn.x] - x
+    boat[w, b, BoatColumn.moved_y] = boat[w, b, BoatColumn.y] - y
+
+
+@func
+def ride_waves(worlds: ti.template(), w, b):
+    """Store elevation and slope of the sea under boat b, long and short waves, and the water's velocity at the surface.
+
+    That of the storm is, to second order, the one at its elevation: see `usvauv.kernels.flow.airy`.
+    """
+    boat = ti.static(worlds.boat)
+    water = ti.static(worlds.water)
+    x = boat[w, b, BoatColumn.x]
+    y = boat[w, b, BoatColumn.y]
+    dx = water.width / water.nx
+    dy = water.length / water.ny
+    surface = current.long_wave_surface(water.eta, water.sea_index[w], x, y, dx, dy, water.nx, water.ny)
+    storm = airy.motion(water.wave, water.sea_index[w], Level.surface, x, y)
+    velocity = current.velocity(water, Level.surface, w, x, y)
+    boat[w, b, BoatColumn.elevation] = surface[0] + storm[0]
+    boat[w, b, BoatColumn.slope_x] = surface[1] + storm[1]
+    boat[w, b, BoatColumn.slope_y] = surface[2] + storm[2]
+    boat[w, b, BoatColumn.current_x] = velocity[0] + storm[3] + storm[0] * storm[6]
+    boat[w, b, BoatColumn.current_y] = velocity[1] + storm[4] + storm[0] * storm[7]
+
+
+@func
+def renew_gnss_error(worlds: ti.template(), w, b):
+    """The error of the boat's own position: a Gauss–Markov process, in its stationary state from the start."""
+    p = ti.static(worlds.p)
+    memory = p[Parameter.gnss_memory]
+    if worlds.clock[w, 1] == 0:
+        memory = 0.0
+    noise = normals(worlds, w, Draw.gnss, b)
+    new = p[Parameter.gnss_error] * ti.sqrt(1.0 - memory * memory)
+    for axis in ti.static(range(2)):
+        column = ti.static(BoatColumn.gnss_x + axis)
+        worlds.boat[w, b, column] = memory * worlds.boat[w, b, column] + new * noise[axis]
