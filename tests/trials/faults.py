@@ -267,7 +267,7 @@ def leftovers(folder: Path, temporary: bool) -> list[str]:
     """What is wrong in a folder; where it was made unwritable, temporaries cannot be removed."""
     wrong = []
     for path in folder.rglob("*"):
-        if path.name == "a.csv.partial":  # of `eval`, for --resume
+        if "a.csv.partial" in path.parts and path.name != ".lock":  # of `eval`, for --resume
             continue
         if (path.name.endswith(".partial") or path.name == ".lock") and not temporary:
             wrong.append(f"left {path.relative_to(folder)}")

@@ -53,8 +53,7 @@ def test_eval_keeps_the_episodes_that_are_complete(tmp_path, capsys, monkeypatch
     assert code == 2
     assert error.splitlines()[-1].startswith("error: world 1 at 3 s: ")
     kept = tmp_path / "m.csv.partial"
-    with kept.open() as stream:
-        stream.readline()
+    with (kept / "0-0-2.csv").open() as stream:
         assert [row["policy"] for row in csv.DictReader(stream)] == ["straight"] * 2
     assert said == f"stopped; 2 complete episodes kept in {kept}; --resume goes on from there\n"
     assert not out.exists()

@@ -114,8 +114,8 @@ def evaluate(
     from usvauv.cli.words import counted
     from usvauv.env import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
-    from usvauv.env.record.metrics import COLUMNS, FIGURES, task_metrics
-    from usvauv.env.storage.tables import GrowingTable
+    from usvauv.env.record.metrics import FIGURES, task_metrics
+    from usvauv.env.storage.tables import growing_table
 
     at_least("--episodes", episodes, 1)
     if until is not None:
@@ -145,7 +145,7 @@ def evaluate(
     recordings = Recordings(len(scenarios))
     kept = front_episodes(len(scenarios)) if report_folder else 0
     comparison = Comparison(list(scenarios), reference, kept, setting.random_seas)
-    with GrowingTable(out, resume, (*COLUMNS, *figures[len(FIGURES) :])) as table:
+    with growing_table(out, resume) as table:
         decides = definition(setting, scenarios, seed, arch)
         about = table.about
         if about is None:
