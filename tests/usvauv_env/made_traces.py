@@ -158,9 +158,3 @@ def paint(trace: Trace, t: int, size: tuple[int, int] = (640, 360)) -> tuple[np.
     for step in range(t + 1):
         frame = painter.frame(step)
     return frame.copy(), painter
-
-
-def place(painter: MissionFrames, x: float, y: float, area: tuple[float, float] = (200.0, 200.0)) -> tuple[int, int]:
-    """Row and column where a position in metres belongs, by proportion."""
-    box = painter.layout.map
-    return round(box.bottom - y / area[1] * box.height), round(box.left + x / area[0] * box.width)

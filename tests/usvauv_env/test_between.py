@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -107,21 +106,6 @@ class TestSeries:
 
 
 class TestFrames:
-    def correlations(self, trace: Trace, moments: np.ndarray) -> np.ndarray:
-        frames, seen = frames_of([trace], (1280, 720), "sea", "dark", 4.0, float(moments[1] - moments[0])), []
-        for t in moments:
-            seen.append(frames.frame(t)[64:650].mean(axis=2).ravel())  # between the clock and the figures
-        return np.array([np.corrcoef(pair)[0, 1] for pair in pairwise(seen)])
-
-    def test_neighbouring_frames_of_the_sea_are_alike(self, trace, tmp_path):
-        """At the default speed; mission steps as frames would flicker."""
-        moments = Video(tmp_path / "x.mp4", "sea").moments([trace])
-        assert len(moments) == 83  # 11 s at 4 × speed, 30 frames a second
-        found = self.correlations(trace, moments[:40])
-        assert found.min() > 0.98
-        assert np.median(found) > 0.99
-        assert self.correlations(trace, np.arange(0.0, 6.0)).max() < 0.98
-
     @pytest.mark.parametrize("follow", ["", "usv", "auv:2"])
     def test_frames_depend_on_the_moment_alone(self, trace, follow):
         one, other = (frames_of([trace], (640, 360), "sea", "dark", 4.0, 0.2, follow) for _ in range(2))

@@ -1,43 +1,20 @@
-"""The perspective view: its camera, what hides what, and that vehicles stand where the camera sees them."""
+"""The perspective view: its camera, what hides what, and how a vehicle stands on the waves."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv.env import Scenario, Trace
-from usvauv.env.render.layout import Layout, Rectangle
-from usvauv.env.render.mission import RunningMetrics
-from usvauv.env.render.perspective import PerspectiveView
+from usvauv.env import Scenario
 from usvauv.env.render.scene import SWING_FRAMES, PinholeCamera, Scene, Swing, turned
-from usvauv.env.render.sea import Columns, SeaShading, look
+from usvauv.env.render.sea import Columns, look
 
 SIDES = (200.0, 160.0)
 WIDTH, HEIGHT = 640, 480
 CAMERA = Swing.around(SIDES, 8.0, -100.0, (WIDTH, HEIGHT)).middle
 COLUMNS = Columns.of(CAMERA, SIDES, WIDTH)
-BOX = Rectangle(30, 20, 600, 450)
-
-
-def view_of(trace: Trace, box: Rectangle = BOX) -> PerspectiveView:
-    return PerspectiveView(trace, RunningMetrics.of(trace), box, Layout.fit(1280, 720, trace.scenario.area))
-
-
-def draw(view: PerspectiveView, t: int) -> np.ndarray:
-    """Step t in a picture of 720 × 1280."""
-    picture = np.full((720, 1280, 3), 77, np.uint8)
-    view.draw(picture, t)
-    return picture
-
-
-def around(picture: np.ndarray, place: np.ndarray, reach: int) -> np.ndarray:
-    """The pixels around a place of the box."""
-    x, y = np.rint(place).astype(int)
-    return BOX.of(picture)[y - reach : y + reach + 1, x - reach : x + reach + 1]
 
 
 class TestCamera:
@@ -119,18 +96,6 @@ class TestSurface:
         assert sheet.top == 0
         assert 2 * sheet.covered.shape[0] <= HEIGHT
 
-    def test_a_square_sea_has_the_same_light_from_all_four_sides(self):
-        """Slopes that rise to the right face the sun, which stands to the left."""
-        x, y = np.linspace(-100, 100, 64), np.linspace(-100, 100, 64)[:, None]
-        light = []
-        for quarter in range(4):
-            camera = replace(CAMERA, heading=0.5 * math.pi * quarter)
-            rising = 0.05 * (x * camera.right[0] + y * camera.right[1])
-            shading = SeaShading(5.0, (200.0, 200.0), camera, 1.0)
-            light.append([shading.of(field)[1].mean() for field in (rising, -rising)])
-        assert np.ptp(light, axis=0).max() < 0.3
-        assert light[0][0] > light[0][1] + 15.0
-
 
 class TestScene:
     @pytest.mark.parametrize(
@@ -160,35 +125,3 @@ class TestScene:
         assert np.linalg.det(axes) == pytest.approx(1)
         assert axes[2] == pytest.approx(np.array([-0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0]))
         assert math.atan2(axes[0, 1], axes[0, 0]) == pytest.approx(0.7)
-
-
-class TestView:
-    def test_nothing_outside_the_box_is_touched(self):
-        covariance = np.zeros((4, 1, 2, 3)) + np.array([5000.0, 0.0, 5000.0])
-        trace = replace(synthetic_trace(steps=4, area=(400.0, 150.0)), estimate_covariance=covariance)
-        for box in (BOX, Rectangle(100, 80, 97, 71), Rectangle(5, 7, 33, 20)):
-            picture = draw(view_of(trace, box), 3)
-            box.of(picture)[:] = 77
-            assert (picture == 77).all()
-
-    def test_the_boat_stands_on_the_drawn_surface(self):
-        """The pixel that shows the surface at the boat's place is where the boat's waterline is drawn."""
-        trace = synthetic_trace(steps=30, area=(200.0, 160.0))
-        y, x = np.mgrid[0:160, 0:200] + 0.5
-        wave = [5 * np.sin(0.09 * x - 0.3 * t) * np.cos(0.05 * y) for t in range(30)]
-        boat = trace.boat_position[:, 0, 0]
-        rides = [5 * np.sin(0.09 * bx - 0.3 * t) * np.cos(0.05 * by) for t, (bx, by) in enumerate(boat)]
-        surface = np.stack([rides, np.zeros(30), np.zeros(30)], 1)[:, None, None]
-        trace = replace(trace, surface=np.array(wave, np.float32), boat_surface=surface)
-        away = replace(trace, boat_position=trace.boat_position + np.array([60.0, 40.0]))
-        view, other = view_of(trace), view_of(away)
-        for t in (0, 17):
-            camera, heights = view.camera(t), view.surface(t)[0]
-            columns = Columns.of(camera, SIDES, BOX.width)
-            sheet = look(camera, columns, SIDES, heights, BOX.height)
-            waterline = camera.pixel(view.boats.at(t)[0])
-            texel = boat[t] / SIDES * heights.shape[::-1] - 0.5
-            off = np.hypot(sheet.texel_x - texel[0], sheet.texel_y - texel[1])
-            row, column = np.unravel_index(np.where(sheet.covered, off, np.inf).argmin(), off.shape)
-            assert np.hypot(*(waterline - (columns.x[column], sheet.top + 0.5 + 2.0 * row))) < 2, t
-            assert (around(draw(view, t), waterline, 1) != around(draw(other, t), waterline, 1)).any()

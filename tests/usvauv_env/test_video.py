@@ -113,14 +113,6 @@ class TestContent:
         )
         assert Video(tmp_path / "x.mp4", "sea", size=SMALL, fps=1, at=(0, 20)).write([mission]).part == ""
 
-    def test_a_faster_video_has_fewer_frames_of_the_same_steps(self, tmp_path, trace):
-        path = tmp_path / "fast.mp4"
-        summary = write_video(trace, path, size=SMALL, fps=4, speedup=20.0)
-        assert (summary.frames, summary.fps) == (3, 4.0)
-        frames = frames_of([trace], SMALL, speed_up=20.0)
-        for picture, t in zip(decoded(path), (0, 5, 10), strict=True):
-            assert np.abs(picture.astype(float) - frames.frame(t)).mean() < 5.0
-
     def test_odd_sizes_become_even_and_one_step_is_enough(self, tmp_path):
         summary = write_video(synthetic_trace(steps=1), tmp_path / "odd.mp4", size=(483, 361))
         assert (summary.frames, summary.size) == (1, (482, 360))
