@@ -145,7 +145,10 @@ class Vehicle(NamedTuple):
         control: (table, body, memory, command, surroundings, depth_error, dt) → (Actuators, Memory), the autopilot;
             `depth_error` is what its depth sensor adds, m.
         trim: (table, speed, depth, heading) → Body, level and straight at a speed through the water (m/s).
+        drive: (table, rudder, stern, propeller) → Actuators, what numbers in [−1, 1] tell the actuators: shares of
+            their limits.
         substep: longest dt, s.
+        turning: radius of its turning circle, m, by which it keeps away from the area's border.
     """
 
     numbers: Mapping[str, float]
@@ -153,7 +156,9 @@ class Vehicle(NamedTuple):
     advance: Callable[..., Any]
     control: Callable[..., Any]
     trim: Callable[..., Any]
+    drive: Callable[..., Any]
     substep: float
+    turning: float
 
 
 vehicles: Registry[Vehicle] = Registry("vehicle", form=Vehicle)
