@@ -165,6 +165,7 @@ def pack(
     *,
     depth: float,
     levels: Sequence[float],
+    more: Sequence[np.ndarray] = (),
 ) -> np.ndarray:
     """The array `wave` with all phases 0, (seas, groups, LEVEL + 2 len(levels), LANES) float32.
 
@@ -175,11 +176,13 @@ def pack(
             each (seas, N).
         depth: h, m.
         levels: heights z at which velocities are wanted, −h ≤ z ≤ 0, m.
+        more: further columns, each (seas, N).
     """
     columns = [k * np.cos(direction) / TWO_PI, k * np.sin(direction) / TWO_PI, np.zeros_like(k), amplitude]
     for z in levels:
         C, D = decay(k, z, depth)
         columns += [TWO_PI * amplitude * omega * C / k, amplitude * omega * D]
+    columns += more
     return np.ascontiguousarray(group(np.stack(columns, axis=1)).swapaxes(1, 2), np.float32)
 
 

@@ -35,6 +35,7 @@ from usvauv.env.site.site import Site
 from usvauv.env.site.waves import Partition, WaveSpectrum
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import airy
+from usvauv.kernels.flow.at_depth import deep_columns
 
 System = Storm | WaveSpectrum  # each with significant_height (m), peak_period (s) and direction of travel (rad)
 
@@ -60,6 +61,7 @@ class AirySea:
         depth: h, m.
         gravity: g, m/s².
         levels: heights z of the water velocities, −h ≤ z ≤ 0, m.
+        step: mission step, s, where the motion is wanted at any depth too, as `usvauv.kernels.flow.at_depth` has it.
 
     Attributes:
         k: wave number (seas, N), rad/m.
@@ -77,11 +79,13 @@ class AirySea:
         depth: float,
         gravity: float,
         levels: Sequence[float],
+        step: float | None = None,
     ) -> None:
         device = runtime.start().device
         self.amplitude, self.omega, self.direction, self.phase = amplitude, omega, direction, phase
         self.k = airy.wavenumber(omega, depth, gravity)
-        packed = airy.pack(amplitude, self.k, direction, omega, depth=depth, levels=levels)
+        deep = deep_columns(amplitude, self.k, omega, depth, step) if step else ()
+        packed = airy.pack(amplitude, self.k, direction, omega, depth=depth, levels=levels, more=deep)
         self.wave = torch.tensor(packed, device=device)
         self._start = torch.tensor(airy.group(phase / airy.TWO_PI), device=device)
         self._frequency = torch.tensor(airy.group(omega / airy.TWO_PI), device=device)
@@ -214,6 +218,7 @@ def build_storm(
     gravity: float,
     levels: Sequence[float],
     seas: Sequence[tuple[int, int]],
+    step: float | None = None,
 ) -> AirySea:
     """Seas at t = 0; each depends on its seed and index alone.
 
@@ -222,7 +227,7 @@ def build_storm(
             the logarithm of 1/`shortest_wave`.
         systems: spectra and their parameters. Hs = 4 √m0 is that of the waves above `shortest_wave`. Tp is for "tma"
             that of the JONSWAP spectrum it is made from; "pm" takes γ = 1.
-        depth, gravity, levels: as for `AirySea`.
+        depth, gravity, levels, step: as for `AirySea`.
         seas: seed, any non-negative integer below 2¹²⁸, and index of each sea.
 
     Raises:
@@ -250,7 +255,7 @@ def build_storm(
             _directions(system, frequency, sector),
             2 * math.pi * phase,
         )
-    return AirySea(*drawn, depth=depth, gravity=gravity, levels=levels)
+    return AirySea(*drawn, depth=depth, gravity=gravity, levels=levels, step=step)
 
 
 def _sectors(system: System, random: np.random.Generator, count: int) -> np.ndarray:

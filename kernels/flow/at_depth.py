@@ -1,0 +1,156 @@
+"""The water around a vehicle at any depth: velocity, gradient and rate of change, axes x east, y north, z up.
+
+Vortices fade with the depth d as e^{−d/D}, D of `current.decay_depth`. Real currents are linear between the two levels
+at which they are known, the surface and cruise depth, and below it as there. Long waves are alike at all depths; their
+vertical velocity, at most that of the surface, is left out. The storm has, of each component,
+
+    C = (e^{−kd} + e^{−k(2h − d)})/(1 − e^{−2kh}),   D = (e^{−kd} − e^{−k(2h − d)})/(1 − e^{−2kh})
+
+(`usvauv.kernels.flow.airy`), so it is exact at any depth. Its rate is the change over a mission step Δ divided by Δ,
+exact at both ends: cos(θ − ωΔ) − cos θ = (cos ωΔ − 1) cos θ + sin ωΔ sin θ. The gradient of vortices and real currents
+is a central difference over 2 `REACH`. Left out are the gradient and the rate of long waves, which are kilometres long
+and stand for `sea.update_interval`, and the rate of vortices and real currents, of order V²/δ.
+"""
+
+import numpy as np
+import taichi as ti
+
+from usvauv.kernels.flow import airy, current, vortex
+from usvauv.kernels.flow.airy import TWO_PI, half_cosine, half_sine, lanes
+from usvauv.kernels.functions import func
+from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
+
+REACH = 1.0  # m, of the differences; cores are at least as large
+Deep = columns("k", "speed", "lift", "bottom", "cosine", "sine")  # columns of a sea after those of its levels
+DEEP = airy.LEVEL + 2 * len(Level.names)
+LARGEST = 40.0  # of the exponents, beyond which e^{−x} counts as e^{−40}
+
+
+@ti.dataclass
+class Flow:
+    """Water at a point: `velocity` (m/s), `gradient` with ∂(row)/∂(column) (1/s), `rate` at a fixed place (m/s²)."""
+
+    velocity: vec3
+    gradient: mat3
+    rate: vec3
+
+
+def deep_columns(
+    amplitude: np.ndarray, k: np.ndarray, omega: np.ndarray, depth: float, step: float
+) -> list[np.ndarray]:
+    """The columns `Deep` of wave components, each (seas, N), float64.
+
+    Args:
+        amplitude, k, omega: a (m), k (rad/m), ω (rad/s), each (seas, N).
+        depth: h, m.
+        step: Δ, s.
+    """
+    scale = -np.expm1(-2 * k * depth)
+    turn = omega * step
+    return [
+        k,
+        TWO_PI * amplitude * omega / k / scale,
+        amplitude * omega / scale,
+        np.exp(-2 * k * depth),
+        -2 * np.sin(turn / 2) ** 2 / step,
+        np.sin(turn) / step,
+    ]
+
+
+@func
+def decaying(x: lanes) -> lanes:
+    """e^{−x} for x ≥ 0, within 1e-5 of itself up to x = 20; not below e^{−40}."""
+    t = ti.min(x, LARGEST) * (1.0 / 64.0)
+    e = 1.0 - t * (1.0 - t / 2.0 * (1.0 - t / 3.0 * (1.0 - t / 4.0 * (1.0 - t / 5.0 * (1.0 - t / 6.0)))))
+    for _ in ti.static(range(6)):
+        e *= e
+    return e
+
+
+@func
+def storm(wave: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32) -> Flow:
+    """Orbital motion of a sea whose components have the columns `Deep`, at (x, y) and a depth, m."""
+    u, v, w = lanes(0.0), lanes(0.0), lanes(0.0)
+    u_x, u_y, u_z = lanes(0.0), lanes(0.0), lanes(0.0)
+    v_y, v_z = lanes(0.0), lanes(0.0)
+    u_t, v_t, w_t = lanes(0.0), lanes(0.0), lanes(0.0)
+    for n in range(wave.shape[1]):
+        kx = wave[sea, n, airy.TURNS_X]
+        ky = wave[sea, n, airy.TURNS_Y]
+        turns = kx * x + ky * y + wave[sea, n, airy.PHASE]
+        t = turns - ti.floor(turns + 0.5)
+        half = half_sine(t)
+        cosine = 1.0 - 2.0 * half * half
+        sine = 2.0 * half * half_cosine(t)
+        down = decaying(wave[sea, n, DEEP + Deep.k] * depth)
+        up = wave[sea, n, DEEP + Deep.bottom] / down
+        along = wave[sea, n, DEEP + Deep.speed] * (down + up)
+        rising = wave[sea, n, DEEP + Deep.lift] * (down - up)
+        c, s = wave[sea, n, DEEP + Deep.cosine], wave[sea, n, DEEP + Deep.sine]
+        later_cosine = c * cosine + s * sine
+        u += along * kx * cosine
+        v += along * ky * cosine
+        w += rising * sine
+        u_x -= along * kx * kx * sine
+        u_y -= along * kx * ky * sine
+        v_y -= along * ky * ky * sine
+        u_z += rising * kx * cosine
+        v_z += rising * ky * cosine
+        u_t += along * kx * later_cosine
+        v_t += along * ky * later_cosine
+        w_t += rising * (c * sine - s * cosine)
+    xx, xy, xz = TWO_PI * u_x.sum(), TWO_PI * u_y.sum(), TWO_PI * u_z.sum()
+    yy, yz = TWO_PI * v_y.sum(), TWO_PI * v_z.sum()
+    return Flow(
+        velocity=vec3(u.sum(), v.sum(), w.sum()),
+        gradient=mat3([[xx, xy, xz], [xy, yy, yz], [xz, yz, -xx - yy]]),
+        rate=vec3(u_t.sum(), v_t.sum(), w_t.sum()),
+    )
+
+
+@func
+def real_current(water: ti.template(), x: ti.f32, y: ti.f32, share: ti.f32) -> vec2:
+    """Velocity (m/s) of real currents at a share of the way from the surface to cruise depth."""
+    V = vec2(0.0, 0.0)
+    if water.stream.shape[1] > 1:
+        for axis in ti.static(range(2)):
+            top = current.grid_sample(water.stream, Level.surface, axis, x, y, water.width, water.length)
+            below = current.grid_sample(water.stream, Level.cruise, axis, x, y, water.width, water.length)
+            V[axis] = top + share * (below - top)
+    return V
+
+
+@func
+def steady(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, fade: ti.f32, share: ti.f32) -> vec2:
+    """Velocity (m/s) of `fade` times the vortices, and of real currents as `real_current` has them."""
+    return fade * vortex.current(water.vortex, w, x, y, water.eddies.period) + real_current(water, x, y, share)
+
+
+@func
+def around(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32, cruise: ti.f32, decay: ti.f32) -> Flow:
+    """All of the water of world w at (x, y) and a depth, m.
+
+    Args:
+        water: `usvauv.kernels.flow.current.Water` whose waves have the columns `Deep`.
+        cruise: depth of `Level.cruise`, m. decay: in which vortices fade, m; 0: they do not.
+    """
+    found = storm(water.wave, water.sea_index[w], x, y, depth)
+    fade = 1.0
+    fading = 0.0
+    if decay > 0.0:
+        fade = ti.exp(-depth / decay)
+        fading = 1.0 / decay
+    share = ti.math.clamp(depth / cruise, 0.0, 1.0)
+    here = steady(water, w, x, y, fade, share)
+    along_x = steady(water, w, x + REACH, y, fade, share) - steady(water, w, x - REACH, y, fade, share)
+    along_y = steady(water, w, x, y + REACH, fade, share) - steady(water, w, x, y - REACH, fade, share)
+    shear = fading * (here - real_current(water, x, y, share))
+    if depth < cruise:
+        shear += (real_current(water, x, y, 0.0) - real_current(water, x, y, 1.0)) / cruise
+    waves = current.long_wave_velocity(water, water.sea_index[w], x, y)
+    for axis in ti.static(range(2)):
+        found.velocity[axis] += here[axis] + waves[axis]
+        found.gradient[axis, 0] += along_x[axis] / (2.0 * REACH)
+        found.gradient[axis, 1] += along_y[axis] / (2.0 * REACH)
+        found.gradient[axis, 2] += shear[axis]
+    return found
