@@ -3,7 +3,10 @@
 Inside the functions of a vehicle axes are those of Fossen (2021), "Handbook of Marine Craft Hydrodynamics and Motion
 Control": body axes x forward, y to starboard, z down; the frame of reference north, east, down. The world outside has
 x east, y north, z up, and headings anticlockwise from east. A number of a vehicle is a vector of LANES numbers here, so
-that a function reads like that of one vehicle; where its value decides, `ti.select` takes the place of `if`.
+that a function reads like that of one vehicle. Kernels are compiled under `runtime.vectors_in_registers`, where vectors
+have no negation (write 0 − x), no comparison, no `ti.select`, no `abs` and no transcendental functions. There are
+`magnitude` and `positive` below, ti.min, ti.max, ti.sqrt and ti.floor; a loop over ti.static(range(LANES)) does the
+rest, slowly.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,10 +15,23 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.registry import Registry
 
 LANES = 16
 lanes = ti.types.vector(LANES, ti.f32)
+
+
+@func
+def magnitude(x: lanes) -> lanes:
+    """|x|."""
+    return ti.max(x, 0.0 - x)
+
+
+@func
+def positive(x: lanes) -> lanes:
+    """1 where x is above 1e-30, 0 where it is not above 0: a share that takes the place of a condition."""
+    return ti.min(ti.max(x * 1e30, 0.0), 1.0)
 
 
 @ti.dataclass
@@ -31,6 +47,8 @@ class Body:
         rudder, stern: angles of the fins, rad; a positive rudder turns to starboard, a positive stern plane dives.
         propeller: revolutions a second.
         energy: electrical energy since the beginning of the mission step, J.
+        time: since the beginning of the mission step, s.
+        surfaced, grounded: 1 if it has touched the surface or the bed since the beginning of the mission step.
     """
 
     north: lanes
@@ -50,6 +68,9 @@ class Body:
     stern: lanes
     propeller: lanes
     energy: lanes
+    time: lanes
+    surfaced: lanes
+    grounded: lanes
 
 
 @ti.dataclass
@@ -60,9 +81,11 @@ class Surroundings:
         north, east, down: velocity of the water at the vehicle's place at the beginning, m/s.
         nn, ne, nd, en, ee, ed, dn, de, dd: its gradient, ∂(first)/∂(second), 1/s.
         rate_n, rate_e, rate_d: ∂/∂t of it at a fixed place, m/s².
+        depth: of the vehicle at the beginning, m.
         bed: depth of the bed below the mean surface at that place, m.
         bed_n, bed_e: its slopes.
-        mass, drag, fins: factors on the vehicle's mass and inertia, damping, and lift of the fins; 1 for the model.
+        mass, drag, fins: factors on mass, inertia and displaced water (it stays trimmed), on damping, and on the lift
+            of the fins; 1 for the model.
     """
 
     north: lanes
@@ -80,6 +103,7 @@ class Surroundings:
     rate_n: lanes
     rate_e: lanes
     rate_d: lanes
+    depth: lanes
     bed: lanes
     bed_n: lanes
     bed_e: lanes
@@ -134,12 +158,27 @@ class Memory:
     begun: lanes
 
 
+class Quantity(NamedTuple):
+    """A number of a vehicle: what a field of its section of a scenario is made from.
+
+    Attributes:
+        default: in SI units.
+        low, high: least and greatest value that is allowed.
+        meaning: what it is, with its unit and the source of the default.
+    """
+
+    default: float
+    low: float
+    high: float
+    meaning: str
+
+
 class Vehicle(NamedTuple):
     """A model of an AUV. `table` below is a 1-D array argument of a kernel, from `table_of`.
 
     Attributes:
-        numbers: names and defaults of its numbers in SI units, as its section of a scenario has them.
-        table_of: those numbers → what the functions read, (N,) float32.
+        numbers: its numbers by name, of which its section of a scenario is made.
+        table_of: names → values, all of `numbers` → what the functions read, (N,) float32.
         advance: (table, body, actuators, surroundings, dt) → Body, one substep of dt s; position, attitude,
             velocities, actuators with their lags and limits, energy.
         control: (table, body, memory, command, surroundings, depth_error, dt) → (Actuators, Memory), the autopilot;
@@ -151,7 +190,7 @@ class Vehicle(NamedTuple):
         turning: radius of its turning circle, m, by which it keeps away from the area's border.
     """
 
-    numbers: Mapping[str, float]
+    numbers: Mapping[str, Quantity]
     table_of: Callable[[Mapping[str, float]], np.ndarray]
     advance: Callable[..., Any]
     control: Callable[..., Any]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
 from usvauv.env.scenario.fields import Distance, Section
 from usvauv.kernels.mission.motion import FASTEST
 from usvauv.kernels.planning.information import MAX_AUVS
+from usvauv.kernels.vehicles.numbers import NUMBERS
 
 
 class Navigation(Section):
@@ -134,3 +135,12 @@ class Auv(Section):
         if self.speed_noise and not self.speed_lag:
             raise ValueError(f"speed_noise = {self.speed_noise:g}: needs a speed_lag above 0")
         return self
+
+
+_fields: Any = {
+    name: (float, Field(number.default, ge=number.low, le=number.high, description=number.meaning))
+    for name, number in NUMBERS.items()
+}
+Torpedo: type[Section] = create_model(
+    "Torpedo", __base__=Section, __doc__="Numbers of `auv.model = torpedo`.", **_fields
+)
