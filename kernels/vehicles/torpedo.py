@@ -39,6 +39,7 @@ from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Body, Vehicle, lan
 
 SUBSTEP = 0.05  # s
 STAGES = 2
+TURNING = 10.0  # m
 TINY = 1e-12
 TWO_PI = 6.283185307179586
 Wrench = ti.types.struct(x=lanes, y=lanes, z=lanes, roll=lanes, pitch=lanes, yaw=lanes)
@@ -386,4 +387,11 @@ def hold(table: ti.template(), body, memory, command, water, depth_error, dt: ti
     return Actuators(rudder=zero, stern=zero, propeller=body.propeller), memory
 
 
-vehicles.register("torpedo", Vehicle(NUMBERS, table_of, advance, hold, trim, SUBSTEP))
+@func
+def drive(table: ti.template(), rudder, stern, propeller) -> Actuators:
+    """What shares of their limits, in [−1, 1], tell the actuators."""
+    limit, fastest = table[Constant.fin_limit], table[Constant.propeller_limit]
+    return Actuators(rudder=limit * rudder, stern=limit * stern, propeller=fastest * propeller)
+
+
+vehicles.register("torpedo", Vehicle(NUMBERS, table_of, advance, hold, trim, drive, SUBSTEP, TURNING))
