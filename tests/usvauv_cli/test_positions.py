@@ -6,20 +6,14 @@ import math
 import pytest
 
 from usvauv.env import Scenario
-from usvauv.env.site.place import angle, auv_position, coordinates, look_geographic
+from usvauv.env.site.place import angle, auv_position, coordinates
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.env.world.tables import fixed_vortices
 from usvauv.kernels.errors import UserError
 
 CORNER = {"water.latitude": 22.51, "water.longitude": 114.02}
-
-
 PLACED = Scenario.load("extreme", [f"{name}={value}" for name, value in CORNER.items()])
-
-
 PLAIN = Scenario.load("extreme")
-
-
 OPTIONS = [part for name, value in CORNER.items() for part in ("--set", f"{name}={value}")]
 
 
@@ -53,8 +47,7 @@ def test_a_boat_holds_a_point_in_degrees():
     ("text", "degrees"),
     [
         ("22.5101N,114.0203E,100", (22.5101, 114.0203)),
-        ("22.5101°N,114.0203°E,100", (22.5101, 114.0203)),
-        ("22°30.62'N,114°1.22'E,100", (22 + 30.62 / 60, 114 + 1.22 / 60)),
+        ("22°30.62'N,114.0203°E,100", (22 + 30.62 / 60, 114.0203)),
         ("22°30'37.2\"N,114°1'13.2\"E,100", (22 + 30 / 60 + 37.2 / 3600, 114 + 1 / 60 + 13.2 / 3600)),
     ],
 )
@@ -75,13 +68,10 @@ def test_south_and_west_are_negative():
     ("text", "parts"),
     [
         ("22.5101N,114.0203S,100", ["'114.0203S' is no longitude"]),
-        ("114.0203E,22.5101N,100", ["'114.0203E' is no latitude"]),
-        ("95N,114.0203E,100", ["'95N': a latitude has at most 90 degrees"]),
         ("22.5101N,200E,100", ["'200E': a longitude has at most 180 degrees"]),
         ("22°60'N,114.0203E,100", ["minutes and seconds below 60"]),
         ("22.5101N,114.0203E", ["expected 22.5101N,114.0203E,Z", "metres"]),
         ("22.5201N,114.0203E,100", ["outside the area [0, 200] × [0, 200] m"]),
-        ("22.5101S,65.9797W,100", ["outside the area"]),
     ],
 )
 def test_wrong_forms_are_one_line(text, parts):
@@ -102,36 +92,15 @@ def test_the_other_side_of_the_earth_is_not_in_the_area():
         auv_position("0.001N,170.001W,50", equator)
 
 
-class TestLookGeographic:
-    @pytest.mark.parametrize(
-        ("texts", "plain", "placed"),
-        [
-            (["-33.8568,151.2153,100"], True, True),
-            (["114.0203,22.5101,100"], True, True),
-            (["22.5101,114.0203,100", "22.5115,114.0212,90"], True, True),
-            (["22.5,114,100", "22.52,114.01,90"], False, True),
-            (["114,22.5,100"], False, True),
-            ([], False, False),
-            (["60,80,100"], False, False),
-            (["45.123,181.456,100"], False, False),
-            (["60.123,80.456,100", "62.321,85.654,90"], False, False),
-            (["22.5101N,114.0203E,100"], False, False),
-            (["a,b,c"], False, False),
-            (["60.123"], False, False),
-        ],
-    )
-    def test_without_and_with_a_place(self, texts, plain, placed):
-        assert (look_geographic(texts, PLAIN), look_geographic(texts, PLACED)) == (plain, placed)
-
-    def test_is_said_in_a_line(self, plan):
-        code, stdout, stderr = plan("--auv", "22.510,114.020,100", "--json", "-")
-        line = "--auv: metres are expected and these look like degrees, which have a side: 22.5101N,114.0203E"
-        assert (code, stderr) == (0, f"warning: {line}\n")
-        assert json.loads(stdout)["warnings"] == [line]
-        code, stdout, stderr = plan("--auv", "-33.8568,151.2153,100")
-        assert (code, stdout, stderr.count("\n")) == (2, "", 1)
-        assert "outside the area" in stderr
-        assert "look like degrees" in stderr
+def test_degrees_without_a_side_are_said_in_a_line(plan):
+    code, stdout, stderr = plan("--auv", "22.510,114.020,100", "--json", "-")
+    line = "--auv: metres are expected and these look like degrees, which have a side: 22.5101N,114.0203E"
+    assert (code, stderr) == (0, f"warning: {line}\n")
+    assert json.loads(stdout)["warnings"] == [line]
+    code, stdout, stderr = plan("--auv", "-33.8568,151.2153,100")
+    assert (code, stdout, stderr.count("\n")) == (2, "", 1)
+    assert "outside the area" in stderr
+    assert "look like degrees" in stderr
 
 
 class TestResult:

@@ -169,6 +169,10 @@ class TestPositions:
         ("texts", "plain", "near"),
         [
             (["90.000,120.000"], True, True),
+            (["22.5101N,114.0203E,100"], False, False),
+            (["a,b,c"], False, False),
+            (["60.123"], False, False),
+            ([], False, False),
             (["90.001,120.000"], False, False),
             (["22.500,114.000", "23.000,114.500"], True, True),
             (["22.500,114.000", "23.001,114.000"], False, False),
