@@ -244,21 +244,6 @@ class TestLock:
             os.umask(before)
 
 
-def nested(levels):
-    """A table with a number below so many levels of tables and lists."""
-    content = 1
-    for level in range(levels):
-        content = {"a": content} if level % 2 else [content, 2]
-    return {"a": content}
-
-
-def test_depth():
-    """A table's content counts as one."""
-    text_files.check_plain(nested(text_files.DEEPEST - 2))
-    with pytest.raises(TextFileError, match=r"^nested too deep$"):
-        text_files.check_plain(nested(text_files.DEEPEST - 1))
-
-
 @pytest.mark.parametrize("place", [{"\ud800": 1}, {"a": "\ud800"}, {"a": [1, ("b", {"c": "\ud800"})]}])
 def test_text_that_no_file_can_hold(place):
     with pytest.raises(TextFileError, match=r"holds '\\ud800', which is not text"):

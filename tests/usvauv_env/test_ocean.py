@@ -8,6 +8,7 @@ from pathlib import Path
 import h5netcdf
 import numpy as np
 import pytest
+from pyproj import Geod
 
 from tests.usvauv_env.ocean_files import (
     BED_FRAME,
@@ -36,31 +37,7 @@ from tests.usvauv_env.ocean_files import (
 from usvauv.env.site.ocean import read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame
 
-
-def geodesic(lon1, lat1, lon2, lat2) -> tuple[float, float]:
-    """Length (m) and azimuth at the first point (rad) of the geodesic on WGS84: Vincenty (1975), inverse formula."""
-    a, f = 6378137.0, 1 / 298.257223563
-    b = a * (1 - f)
-    U1, U2 = (math.atan((1 - f) * math.tan(math.radians(lat))) for lat in (lat1, lat2))
-    L = lam = math.radians(lon2 - lon1)
-    for _ in range(50):
-        east = math.cos(U2) * math.sin(lam)
-        north = math.cos(U1) * math.sin(U2) - math.sin(U1) * math.cos(U2) * math.cos(lam)
-        sin_s, cos_s = (
-            math.hypot(east, north),
-            math.sin(U1) * math.sin(U2) + math.cos(U1) * math.cos(U2) * math.cos(lam),
-        )
-        s = math.atan2(sin_s, cos_s)
-        sin_alpha = math.cos(U1) * math.cos(U2) * math.sin(lam) / sin_s
-        cos2_alpha = 1 - sin_alpha**2
-        cos_2m = cos_s - 2 * math.sin(U1) * math.sin(U2) / cos2_alpha if cos2_alpha > 1e-12 else 0.0
-        C = f / 16 * cos2_alpha * (4 + f * (4 - 3 * cos2_alpha))
-        lam = L + (1 - C) * f * sin_alpha * (s + C * sin_s * (cos_2m + C * cos_s * (2 * cos_2m**2 - 1)))
-    u2 = cos2_alpha * (a**2 - b**2) / b**2
-    A = 1 + u2 / 16384 * (4096 + u2 * (-768 + u2 * (320 - 175 * u2)))
-    B = u2 / 1024 * (256 + u2 * (-128 + u2 * (74 - 47 * u2)))
-    cubic = cos_s * (2 * cos_2m**2 - 1) - B / 6 * cos_2m * (4 * sin_s**2 - 3) * (4 * cos_2m**2 - 3)
-    return b * A * (s - B * sin_s * (cos_2m + B / 4 * cubic)), math.atan2(east, north)
+GEODESICS = Geod(ellps="WGS84")
 
 
 class TestLocalFrame:
@@ -71,12 +48,12 @@ class TestLocalFrame:
         x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 20000, 5), np.linspace(0, 20000, 5)))
         lon, lat = frame.to_geographic(x, y)
         for i, j in itertools.combinations(range(25), 2):
-            along, _ = geodesic(lon[i], lat[i], lon[j], lat[j])
+            *_, along = GEODESICS.inv(lon[i], lat[i], lon[j], lat[j])
             assert math.hypot(x[i] - x[j], y[i] - y[j]) == pytest.approx(along, abs=0.1)
         lon, lat = frame.to_geographic(1800.0, 2400.0)
-        along, azimuth = geodesic(179.95, latitude, float(lon), float(lat))
+        azimuth, _, along = GEODESICS.inv(179.95, latitude, float(lon), float(lat))
         assert along == pytest.approx(3000.0, abs=1e-3)
-        assert along * math.sin(azimuth) == pytest.approx(1800.0, abs=1e-3)
+        assert along * math.sin(math.radians(azimuth)) == pytest.approx(1800.0, abs=1e-3)
 
     def test_there_and_back(self):
         x, y = np.meshgrid(np.linspace(0, 20000, 7), np.linspace(0, 20000, 7))

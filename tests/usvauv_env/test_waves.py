@@ -58,12 +58,6 @@ class TestSpectra:
         spectrum = spectrum_of(make((4.0, 10.0, towards, 20)), tmp_path)
         assert (math.cos(spectrum.direction), math.sin(spectrum.direction)) == pytest.approx(expected, abs=1e-3)
 
-    def test_a_direction_called_from_means_the_opposite(self, tmp_path):
-        dataset = ww3(WIND_SEA)
-        there = spectrum_of(dataset, tmp_path)
-        dataset["direction"].attrs["standard_name"] = "sea_surface_wave_from_direction"
-        assert turn(spectrum_of(dataset, tmp_path).direction, there.direction) == pytest.approx(180)
-
     @pytest.mark.parametrize("make", [ww3, era5])
     @pytest.mark.parametrize("systems", [[WIND_SEA], [WIND_SEA, SWELL]])
     def test_height_period_direction_and_spread(self, make, systems, tmp_path):
@@ -252,12 +246,6 @@ class TestPartitions:
         for start in ("2014-01-29T16:00:00", "2014-01-29T17:00:00"):
             (only,) = waves_of(twice, tmp_path, start).partitions
             assert (only.height, only.period) == (3.0, 10.0)
-
-    def test_bulk(self, tmp_path):
-        dataset = fields(("hs", "tp", "dir", "spr"), ("m", "s", "degree", "degree"), (3.0, 10.0, 180.0, 25.0))
-        (only,) = waves_of(dataset, tmp_path).partitions
-        assert (only.height, only.period, only.moment, only.wind_sea) == (3.0, 10.0, 0, True)
-        assert turn(only.direction, math.pi / 2) < 1e-9
 
 
 class TestDrawn:
