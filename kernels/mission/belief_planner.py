@@ -62,7 +62,7 @@ class Way:
     Attributes:
         place: m.
         node: that it heads for.
-        hovers: time that it still serves this node, s.
+        hovers: time that it still serves this node, s; in passing it goes on towards it.
         speed: m/s.
     """
 
@@ -135,6 +135,15 @@ def works_within(worlds: ti.template()) -> ti.f32:
 
 
 @func
+def approached(worlds: ti.template(), w, way: Way, time) -> vec2:
+    """Where an AUV is that has gone straight towards its node for some time (s), at most to it, m."""
+    node = ti.static(worlds.node)
+    ahead = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y]) - way.place
+    distance = ahead.norm()
+    return way.place + ti.min(way.speed * time / ti.max(distance, 1e-6), 1.0) * ahead
+
+
+@func
 def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
     """An AUV's way after some time (s); one that is lost goes no farther than to the node it heads for."""
     p = ti.static(worlds.p)
@@ -143,6 +152,8 @@ def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
     for _ in range(8):
         if left > 0.0 and way.hovers > 0.0:
             spent = ti.min(way.hovers, left)
+            if ti.static(worlds.program.passing):
+                way.place = approached(worlds, w, way, spent)
             way.hovers -= spent
             left -= spent
             if way.hovers <= 0.0:
@@ -150,12 +161,20 @@ def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
         elif left > 0.0:
             there = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y])
             distance = (there - way.place).norm()
+            if ti.static(worlds.program.passing):
+                distance = ti.max(distance - p[Parameter.hover_radius], 0.0)
             needed = distance / ti.max(way.speed, SLOWEST)
             if needed > left:
-                way.place += left / needed * (there - way.place)
+                if ti.static(worlds.program.passing):
+                    way.place = approached(worlds, w, way, left)
+                else:
+                    way.place += left / needed * (there - way.place)
                 left = 0.0
             else:
-                way.place = there
+                if ti.static(worlds.program.passing):
+                    way.place = approached(worlds, w, way, needed)
+                else:
+                    way.place = there
                 left -= needed
                 if lost:
                     left = 0.0

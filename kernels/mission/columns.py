@@ -128,7 +128,8 @@ class Parameter(Columns):
     start_separation: int
     safe_distance: int
     collision_distance: int
-    hover_radius: int
+    hover_radius: int  # horizontal distance at which an AUV serves its node, as target rules reckon, m
+    service_range: int  # slant range up to which a node is served in passing, m
     node_margin: int
     formation_radius: int
     buffer: int
@@ -146,7 +147,7 @@ class Parameter(Columns):
     rate_mean: int  # of the nodes' arrivals, packets/s
     rate_variance: int
     reference_speed: int  # with which target rules reckon
-    reference_rate: int  # of the data link at the hover radius, Mbit/s
+    reference_rate: int  # of the data link in a typical service, Mbit/s
     service_time: int  # of a typical service, s
     duration: int  # of the mission, s
     array_depth: int
@@ -167,9 +168,9 @@ class AuvColumn(StateColumns):
     current_x: Velocity  # velocity of the water at the AUV, m/s
     current_y: Velocity
     target: NodeIndex  # index of its node
-    hover: Hover  # time left to hover, s
-    rate: Amount  # of the data link while hovering, Mbit/s
-    cargo: Amount  # packets of the service under way, else 0
+    hover: Hover  # time left of the service under way, s
+    rate: Amount  # of the data link in it, Mbit/s
+    cargo: Amount  # packets of it, in passing those that are still to be sent; else 0
     covariance_xx: Covariance  # of the fix, m²
     covariance_xy: Covariance
     covariance_yy: Covariance
@@ -185,10 +186,10 @@ class AuvColumn(StateColumns):
     power: Annotated[int, Range(0.0, 1e4)]  # W
     hovering: Flag  # 1 while it serves its node
     service_rate: Amount  # rate of a service completed in the last step, else 0, Mbit/s
-    delivered: Amount  # its data, Mbit
+    delivered: Amount  # data brought in by the last step, in hovering those of a whole service, Mbit
     border: Flag  # 1 where the last move was refused
     position_error: Amount  # |estimate − truth|, m
-    packets_delivered: Amount  # of a service completed in the last step
+    packets_delivered: Amount  # the same in packets
     velocity_x: Velocity  # velocity through the water at the end of the last step, m/s
     velocity_y: Velocity
     depth_error: Annotated[int, Range(-1e3, 1e3)]  # below its cruise depth, m
@@ -308,7 +309,7 @@ class ExchangeColumn(StateColumns):
     velocity_x: Velocity  # the same of the last reply heard
     velocity_y: Velocity
     sent_heads_for: NodeIndex  # index of the AUV's node when the reply left that is under way
-    sent_hovers: Hover  # time that it still hovered there, s
+    sent_hovers: Hover  # time that it still served it, s
     heads_for: NodeIndex  # the same of the last reply heard
     hovers: Hover
 
@@ -319,7 +320,7 @@ class ForesightColumn(StateColumns):
     x: X  # m
     y: Y
     heads_for: NodeIndex  # index of the node
-    hovers: Hover  # time that it still hovers there, s
+    hovers: Hover  # time that it still serves it, s
     elapsed: Elapsed  # the exchange's `elapsed` at that time, s
     speed: Annotated[int, Range(0.0, 100.0)]  # at which it travels, m/s
 

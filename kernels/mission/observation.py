@@ -12,6 +12,7 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.mission import navigation
 from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter, Sensor, TallyColumn
 from usvauv.kernels.mission.motion import distance_to_target, target_of
+from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.types import Level, vec2
 
 # A horizontal current profiler measures on beams towards the target and BEAM_ANGLE to its right and left, at
@@ -109,6 +110,29 @@ def current_profile(worlds: ti.template(), w, k, first):
         there = current.without_waves(worlds.water, Level.cruise, w, x, y)
         worlds.observation[w, k, first + 2 * point] = there[0]
         worlds.observation[w, k, first + 1 + 2 * point] = there[1]
+
+
+@func
+def service(worlds: ti.template(), w, k, first):
+    """Whether the AUV is taking data from its node, and those that are left, or before expected, over a buffer."""
+    serving = ti.select(worlds.auv[w, k, AuvColumn.hover] > 0.0, 1.0, 0.0)
+    left = worlds.auv[w, k, AuvColumn.cargo]
+    if serving == 0.0:
+        left = knowledge.backlog(worlds, w, k, target_of(worlds, w, k), 0.0)
+    worlds.observation[w, k, first] = serving
+    worlds.observation[w, k, first + 1] = left / worlds.p[Parameter.buffer]
+
+
+@func
+def next_node(worlds: ti.template(), w, k, first):
+    """The node after the target, as far as the target rule foresees it, relative to the target; else zeros."""
+    target = target_of(worlds, w, k)
+    after = worlds.program.target_rule.foreseen(worlds, w, target)
+    scale = 1.0 / worlds.p[Parameter.diagonal]
+    for axis in ti.static(range(2)):
+        column = ti.static(NodeColumn.x + axis)
+        ahead = worlds.node[w, after, column] - worlds.node[w, target, column]
+        worlds.observation[w, k, first + axis] = ahead * scale
 
 
 @func

@@ -67,6 +67,7 @@ class Program(NamedTuple):
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
         fleet: there is more than one boat.
         eddies: how vortices fill the water.
+        passing: nodes are served in passing, not hovering.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
     """
 
@@ -87,6 +88,7 @@ class Program(NamedTuple):
     turns: bool
     fleet: bool
     eddies: Eddies
+    passing: bool
     serial: bool = False
 
 

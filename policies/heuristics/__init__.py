@@ -5,6 +5,7 @@ From outside: `HEURISTICS`, the classes by name, and `Heuristic`, what a new one
 
 from usvauv.kernels.registry import Registry
 from usvauv.policies.heuristics.heuristic import Heuristic
+from usvauv.policies.heuristics.passing import Loiter, Pass
 from usvauv.policies.heuristics.random import Random
 from usvauv.policies.heuristics.travel import Clear, Crab, Keep, Pace, Straight
 from usvauv.policies.heuristics.zermelo import Zermelo
@@ -15,6 +16,8 @@ HEURISTICS.register("straight", Straight)
 HEURISTICS.register("crab", Crab)
 HEURISTICS.register("pace", Pace)
 HEURISTICS.register("clear", Clear)
+HEURISTICS.register("loiter", Loiter)
+HEURISTICS.register("pass", Pass)
 HEURISTICS.register("zermelo", Zermelo)
 HEURISTICS.register("keep", Keep)
 HEURISTICS.register("random", Random)

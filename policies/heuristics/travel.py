@@ -105,10 +105,14 @@ class Clear(Pace):
         super().__init__(name, world, argument)
         self._others = self.layout.slice("others")
 
-    def track(self, observation: Tensor) -> Tensor:
+    def clear(self, track: Tensor, observation: Tensor) -> Tensor:
+        """A track over ground, unit vectors (W, K, 2), repelled by the nearest other AUV."""
         scenario = self.scenario
         others = observation[..., self._others].unflatten(-1, (scenario.auv.count - 1, 2)) * scenario.area.diagonal
-        return clear_of_others(super().track(observation), others, scenario.auv.safe_distance)
+        return clear_of_others(track, others, scenario.auv.safe_distance)
+
+    def track(self, observation: Tensor) -> Tensor:
+        return self.clear(super().track(observation), observation)
 
 
 class Keep(Heuristic):

@@ -62,13 +62,14 @@ class Meter:
         auv_steps = world_steps * world.num_auvs
         terms = (terms / world_steps).tolist()
         sums = dict(zip(world.measure_names, measures.tolist(), strict=True))
+        hovers = world.scenario.nodes.service == "hover"
         names = self.losses[0] if self.losses else ()
         losses = [torch.stack([loss[name] for loss in self.losses]).mean() for name in names]
         losses = ranks.mean(losses, world.num_worlds / int(worlds)) if losses else losses
         return {
             "arps": sum(terms),
             "sdr": sums["service_rate"] / episodes,
-            "ec": sums["power"] / max(auv_steps - sums["hovering"], 1.0),
+            "ec": sums["power"] / max(auv_steps - (sums["hovering"] if hovers else 0.0), 1.0),
             "services": int(services) / episodes,
             "border": sums["border"] / episodes,
             "position_error": sums["position_error"] / auv_steps,

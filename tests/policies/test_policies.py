@@ -28,10 +28,10 @@ def angle(vector):
 class TestFace:
     def test_heuristics_come_after_the_trained_ones(self):
         names = policies.available()
-        assert names[-7:] == ["straight", "crab", "pace", "clear", "zermelo", "keep", "random"]
-        assert names[:-7] == policies.trained()
-        world = World(Scenario.load("extreme"))
-        for name in names[-7:]:
+        assert names[-9:] == ["straight", "crab", "pace", "clear", "loiter", "pass", "zermelo", "keep", "random"]
+        assert names[:-9] == policies.trained()
+        world = World(Scenario.load("extreme", ["nodes.service=passing"]))
+        for name in names[-9:]:
             assert policies.load(name, world).name == name
         assert policies.load("clear", world).argument == world.scenario.reference.clear_price
 
@@ -44,6 +44,7 @@ class TestFace:
             ("zermelo:2.3", "between 1.2 and 2.2 m/s"),
             ("random:3", "takes no parameter"),
             ("pace:-1", "must be at least 0 W"),
+            ("pass", "needs nodes.service = passing"),
         ],
     )
     def test_a_bad_name_gets_one_clear_line(self, name, part):

@@ -67,12 +67,12 @@ def by_loops(trace: Trace, w: int) -> dict[str, float]:
     for t in range(STEPS):
         before = [STEP * t - each if t else 0.0 for each in born]
         for k in range(AUVS):
+            node = trace.target[max(t - 1, 0), w, k]
+            data[node] += float(trace.delivered[t, w, k])
             if trace.service_rate[t, w, k] > 0:
-                node = trace.target[max(t - 1, 0), w, k]
                 arrival = next((s for s in range(t, -1, -1) if not trace.hovering[s, w, k]), -1)
                 peaks.append(before[node] + STEP)
                 born[node] = max(born[node], STEP * arrival)
-                data[node] += float(trace.delivered[t, w, k])
         ages += [STEP * (t + 1) - each for each in born]
     served = [(t, k) for t, k in every if trace.service_rate[t, w, k] > 0]
     energy = STEP * sum(float(trace.power[t, w, k]) for t, k in every)

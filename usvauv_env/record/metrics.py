@@ -31,7 +31,7 @@ class EpisodeMetrics:
     Attributes:
         scenario, policy, usv, seed, episode: what was run; rows with equal seed and episode are the same world.
         sdr: sum over services of the data rate, Mbit/s.
-        ec: mean over AUVs of energy/(T dt − hovering time), W; see `nodes.hovering_time`.
+        ec: mean over AUVs of energy/(T dt − hovering time), W; see `nodes.hovering_time`; in passing none hovers.
         arps: (1/T) Σ over steps and AUVs of the reward.
         services: number of completed services. delivered_mbit: their data, Mbit.
         energy_wh: energy of all AUVs, Wh.
@@ -145,6 +145,8 @@ def target_distance(trace: Trace) -> np.ndarray:
 def hovering_time(trace: Trace) -> np.ndarray:
     """What EC leaves out at each step, (T, W, K), s, see `nodes.hovering_time`; a step may correct those before it."""
     step = trace.scenario.mission.step
+    if trace.scenario.nodes.service == "passing":
+        return np.zeros(trace.hovering.shape)
     time = trace.hovering * float(step)
     if trace.scenario.nodes.hovering_time == "exact":
         served = trace.service_rate > 0
@@ -173,14 +175,19 @@ def energy_consumption(trace: Trace) -> np.ndarray:
 def served(trace: Trace) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Step, world, AUV and node of every completed service, each (S,), in the order of time."""
     step, world, auv = np.nonzero(trace.service_rate > 0)
-    return step, world, auv, trace.target[np.maximum(step - 1, 0), world, auv].astype(np.intp)  # it then has a new one
+    return step, world, auv, _served_node(trace, step, world, auv)
+
+
+def _served_node(trace: Trace, step: np.ndarray, world: np.ndarray, auv: np.ndarray) -> np.ndarray:
+    """The node that an AUV served in a step, (S,); after its service it has a new one."""
+    return trace.target[np.maximum(step - 1, 0), world, auv].astype(np.intp)
 
 
 def newest_birth(trace: Trace) -> np.ndarray:
     """U, (T, W, M), s: when the newest of the data collected so far from a node were born, at the end of each step.
 
-    A service takes what had arrived at its node when the AUV did; a node found empty counts as sampled. At the start
-    everything that has been born counts as known.
+    A service takes what had arrived at its node when the AUV did; a node found empty counts as sampled, one that
+    the AUV left before it was empty does not. At the start everything that has been born counts as known.
     """
     dt = trace.scenario.mission.step
     steps, worlds, nodes = trace.backlog.shape
@@ -222,10 +229,10 @@ def largest_age(trace: Trace) -> np.ndarray:
 
 def fairness(trace: Trace) -> np.ndarray:
     """Jain's index (Σx)²/(n Σx²) of the n nodes' collected data x, (W,): 1 if all are equal, 1/n if one has all."""
-    t, w, k, i = served(trace)
+    t, w, k = np.nonzero(trace.delivered > 0)
     _, worlds, nodes = trace.backlog.shape
     data = np.zeros((worlds, nodes))
-    np.add.at(data, (w, i), trace.delivered[t, w, k])
+    np.add.at(data, (w, _served_node(trace, t, w, k)), trace.delivered[t, w, k])
     square = nodes * (data**2).sum(axis=1)
     return np.divide(data.sum(axis=1) ** 2, square, out=np.full(worlds, np.nan), where=square > 0)
 

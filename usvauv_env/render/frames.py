@@ -129,7 +129,7 @@ class MissionFrames:
             self._parts.append(self._reward(boxes["reward"]))
         if "legend" in boxes:
             foresees = not np.array_equal(trace.foreseen_position, trace.estimate)
-            draw_legend(still, boxes["legend"], layout, scenario.task, foresees, "map" in boxes)
+            draw_legend(still, boxes["legend"], layout, scenario, foresees, "map" in boxes)
         duration = max(float(trace.time[-1]), scenario.mission.step)
         self._errors = None
         if "errors" in boxes:

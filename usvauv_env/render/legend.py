@@ -11,6 +11,7 @@ import numpy as np
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, Rectangle, draw_card
 from usvauv.env.render.style import Colour, text_width, write
+from usvauv.env.scenario import Scenario
 
 
 class LegendSymbol(NamedTuple):
@@ -117,6 +118,7 @@ NEXT: Entry = LegendSymbol.next, "its way to the next three nodes"
 NODE: Entry = LegendSymbol.node, "sensor nodes: how full with data"
 FULL: Entry = LegendSymbol.full, "full: new data is being lost"
 SERVICE: Entry = LegendSymbol.service, "AUV hovers and takes over data"
+IN_PASSING: Entry = LegendSymbol.service, "AUV in range takes over data"
 AGE: Entry = LegendSymbol.age, "white ring: last visited 5 min ago"
 STATION: Entry = LegendSymbol.station, "station that it holds"
 ENTRIES = AUV, BOAT, PING, HEARD, TO_NODE, GOAL, NEXT, FIX, NODE, ELLIPSE, FULL, SERVICE, AGE, CURRENT
@@ -133,7 +135,7 @@ ABBREVIATIONS = "SDR: data rates of all services, added up · EC: an AUV's energ
 
 
 def draw_legend(
-    picture: np.ndarray, box: Rectangle, layout: Layout, task: str, foresees: bool, from_above: bool = True
+    picture: np.ndarray, box: Rectangle, layout: Layout, scenario: Scenario, foresees: bool, from_above: bool = True
 ) -> None:
     """Symbols and words in one column or two, and what the abbreviations stand for.
 
@@ -142,8 +144,10 @@ def draw_legend(
     """
     draw_card(picture, box, layout)
     unit, size = layout.unit, 11 * layout.unit
+    task, passing = scenario.task, scenario.nodes.service == "passing"
     entries = (ENTRIES if task == "data-collection" else STATION_ENTRIES) + FORESIGHT * foresees
     entries = [entry for entry in entries if from_above or entry is not CURRENT]
+    entries = [IN_PASSING if passing and entry is SERVICE else entry for entry in entries]
     widest = max(text_width(words, size) for _, words in entries)
     columns = 2 if box.width >= 500 * unit else 1
     rows = -(-len(entries) // columns)

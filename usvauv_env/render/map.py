@@ -83,7 +83,7 @@ class MissionMap:
         self._field = ReplyField(trace)
         self._made = -REFRESH
         self._gauges = shapes.NodeGauges(self._node_radius)
-        self._hover_radius = max(scenario.auv.hover_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
+        self._hover_radius = max(scenario.service_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
 
     def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw a moment over the map's rectangle, and with a followed vehicle the axes around it."""

@@ -416,7 +416,7 @@ class BelowSurface:
             canvas.line(np.stack(leg), style.mix(WATER, colour, 0.5 - 0.12 * number), layout.px(1.3))
         node = stops[0]
         if self._serving[step, auv]:
-            reach = max(self._trace.scenario.auv.hover_radius, 0.04 * size)
+            reach = max(self._trace.scenario.service_radius, 0.04 * size)
             canvas.circle(node, reach, dim)
             canvas.circle(node, reach, colour, layout.px(3), self._running.service_share[step, auv])
         estimated = self._estimated.at(t)[auv]

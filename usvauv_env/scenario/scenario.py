@@ -102,6 +102,14 @@ class Scenario(Section):
                 )
         if self.auv.separation == "geometry" and self.auv.depth >= self.area.depth:
             raise ValueError(f"auv.depth = {self.auv.depth:g}: must be below area.depth, {self.area.depth:g} m")
+        nodes = self.nodes
+        if nodes.service == "passing" and self.service_radius < 1.0:
+            raise ValueError(
+                f"nodes.service_range = {nodes.service_range:g}: must reach farther than the AUVs' height over the"
+                f" nodes, {self.height_over_nodes:g} m"
+            )
+        if nodes.service == "passing" and nodes.hovering_time == "exact":
+            raise ValueError("nodes.hovering_time = exact: must be steps with nodes.service = passing")
         if self.boat.count > self.auv.count:
             raise ValueError(f"boat.count = {self.boat.count}: must not be above auv.count, {self.auv.count}")
         smaller = min(self.area.width, self.area.length)
@@ -279,6 +287,18 @@ class Scenario(Section):
     def task_definition(self) -> Task:
         """The task itself."""
         return tasks[self.task]
+
+    @property
+    def height_over_nodes(self) -> float:
+        """Of the AUVs, over a bed at `area.depth`, m."""
+        return self.auv.depth if self.auv.separation == "demonstration" else self.area.depth - self.auv.depth
+
+    @property
+    def service_radius(self) -> float:
+        """Horizontal distance at which an AUV at its depth begins to serve a node on a bed at `area.depth`, m."""
+        if self.nodes.service == "hover":
+            return self.auv.hover_radius
+        return math.sqrt(max(self.nodes.service_range**2 - self.height_over_nodes**2, 0.0))
 
     @property
     def targets(self) -> int:

@@ -29,6 +29,13 @@ class Nodes(Section):
         multiple_of=1,
         description="backlog at the start is uniform from 0 to this, whole packets",
     )
+    service: Literal["hover", "passing"] = Field(
+        "hover",
+        description="data flow while an AUV hovers over its node, or whatever it does within service_range (passing)",
+    )
+    service_range: float = Field(
+        40.0, ge=1, le=20000, description="slant range up to which a node is served in passing, m"
+    )
     hovering_time: Literal["steps", "exact"] = Field(
         "steps",
         description="hovering time that EC leaves out: in whole steps, or the exact length of the services (the"
@@ -140,4 +147,6 @@ class Reference(Section):
     crab_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `crab`, m/s")
     pace_price: Price = Field(0.0, description="best price of time of `pace`, W")
     clear_price: Price = Field(0.0, description="best price of time of `clear`, W")
+    loiter_price: Price = Field(0.0, description="best price of time of `loiter`, W")
+    pass_price: Price = Field(0.0, description="best price of time of `pass`, W")
     zermelo_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `zermelo`, m/s")

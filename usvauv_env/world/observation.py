@@ -191,6 +191,10 @@ def _always(scenario: Scenario) -> bool:
     return True
 
 
+def _serves_in_passing(scenario: Scenario) -> bool:
+    return scenario.task == "data-collection" and scenario.nodes.service == "passing"
+
+
 def _others(num_auvs: int) -> list[str]:
     return [
         f"{axis} of another AUV, number {number} of the others in the order of their index, minus own {axis}"
@@ -247,6 +251,25 @@ def _register() -> None:
             velocity,
             '`observation.current` is "profile"',
             _shows("profile"),
+        ),
+        (
+            "service",
+            kernel.service,
+            ["1 while data come in from the target, else 0", "data left there, or before that expected, over a buffer"],
+            share,
+            '`nodes.service` is "passing"',
+            _serves_in_passing,
+        ),
+        (
+            "next",
+            kernel.next_node,
+            [
+                f"{axis} of the node after the target, where the target rule foresees it, minus that of it"
+                for axis in "xy"
+            ],
+            position,
+            '`nodes.service` is "passing"',
+            _serves_in_passing,
         ),
     )
     for name, write, texts, kind, condition, present in shipped:

@@ -143,14 +143,13 @@ class DataLink(NamedTuple):
 
 
 def closest_range(site: Site) -> float:
-    """Slant range at the hover radius over the mean bed, m."""
-    auv = site.scenario.auv
-    separation = auv.depth if auv.separation == "demonstration" else site.scenario.area.depth - auv.depth
-    return math.hypot(separation, auv.hover_radius)
+    """Slant range of a typical service over the mean bed, m: at the hover radius, in passing half way in its range."""
+    share = 0.5 if site.scenario.nodes.service == "passing" else 1.0
+    return math.hypot(site.scenario.height_over_nodes, share * site.scenario.service_radius)
 
 
 def reference_rate(site: Site) -> float:
-    """Rate of the data link at the hover radius over the mean bed, Mbit/s."""
+    """Rate of the data link at `closest_range`, Mbit/s."""
     return DataLink.of(site).rate(site.scenario.nodes, closest_range(site))
 
 
@@ -200,6 +199,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         turns=usbl.turns_possible(link),
         fleet=s.boat.count > 1,
         eddies=site.eddies,
+        passing=s.nodes.service == "passing",
     )
 
 
@@ -373,6 +373,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         **speed_response(s),
         "depth_memory": math.exp(-s.mission.step / DEPTH_TIME),
         "cruise": s.auv.depth,
+        "hover_radius": s.service_radius,
         "separation_node": s.auv.depth if s.auv.separation == "demonstration" else 0.0,
         "polar": s.auv.action == "polar",
         "node_margin": s.nodes.margin,

@@ -512,6 +512,10 @@ class World:
         """
         return self.auv[..., CURRENT]
 
+    def water_velocity(self) -> torch.Tensor:
+        """True velocity of each AUV through the water at the end of the last step, (num_worlds, num_auvs, 2), m/s."""
+        return self.auv[..., AuvColumn.span("velocity_x", "velocity_y")]
+
     def current_field(self, flow: torch.Tensor, mask: torch.Tensor, margin: float = 0.0) -> None:
         """True velocity of the water at cruise level, without the storm, into `flow`, m/s.
 

@@ -153,6 +153,13 @@ def learn(worlds: ti.template(), w, k, i, found):
 
 
 @func
+def leave(worlds: ti.template(), w, k, i, packets):
+    """AUV k leaves node i with some of the packets that it found there."""
+    b = holder(worlds, k)
+    worlds.belief[w, b, i, BeliefColumn.left] = worlds.belief[w, b, i, BeliefColumn.left] + packets
+
+
+@func
 def is_free(worlds: ti.template(), w, k, i):
     """Whether AUV k may choose node i: it is no AUV's target, not even the one that AUV k has just emptied.
 

@@ -1,4 +1,4 @@
-"""The task of collecting data: nodes fill, AUVs go to them, hover, and take what they hold.
+"""The task of collecting data: nodes fill, AUVs go to them and take what they hold, hovering or in passing.
 
 Packets arrive at each node as a Poisson process with one of a few rates, drawn by inversion of the distribution from a
 table. A row of the table holds one rate, a guide, and the cumulative distribution of the number of arrivals in a
@@ -108,7 +108,7 @@ def unclaimed(worlds: ti.template(), w, i):
     packets = worlds.node[w, i, NodeColumn.backlog]
     for j in range(worlds.auv.shape[1]):
         if ti.cast(worlds.auv[w, j, AuvColumn.target], ti.i32) == i:
-            packets -= worlds.auv[w, j, AuvColumn.cargo]
+            packets -= ti.ceil(worlds.auv[w, j, AuvColumn.cargo])
     return packets
 
 
@@ -119,22 +119,36 @@ def megabits(p: ti.template(), packets):
 
 
 @func
-def begin_service(worlds: ti.template(), w, k, distance):
-    """Set the packets to take, the link's rate at this horizontal distance (m), and how long AUV k hovers for it."""
+def slant_range(worlds: ti.template(), w, k, distance):
+    """From AUV k to its node on the bed, at a horizontal distance, m."""
     p = ti.static(worlds.p)
-    auv = ti.static(worlds.auv)
     target = target_of(worlds, w, k)
     x = worlds.node[w, target, NodeColumn.x]
     y = worlds.node[w, target, NodeColumn.y]
     separation = p[Parameter.separation_node]
     if separation == 0.0:
         depth = grid_sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
-        separation = depth - p[Parameter.cruise] - auv[w, k, AuvColumn.depth_error]
-    slant = ti.sqrt(distance * distance + separation * separation)
+        separation = depth - p[Parameter.cruise] - worlds.auv[w, k, AuvColumn.depth_error]
+    return ti.sqrt(distance * distance + separation * separation)
+
+
+@func
+def link_rate(worlds: ti.template(), slant):
+    """Rate of the data link at a slant range (m), Mbit/s; at least `LEAST_RATE`."""
+    p = ti.static(worlds.p)
     loss = sonar.path_loss(slant, p[Parameter.data_spreading], p[Parameter.data_absorption])
     snr = p[Parameter.data_level] - loss
     bits = worlds.program.rate_law(p[Parameter.data_bandwidth], p[Parameter.rate_max], snr)
-    rate = ti.max(1e-6 * bits, LEAST_RATE)
+    return ti.max(1e-6 * bits, LEAST_RATE)
+
+
+@func
+def begin_service(worlds: ti.template(), w, k, slant):
+    """Set the packets to take, the link's rate at a slant range (m), and how long AUV k hovers for it."""
+    p = ti.static(worlds.p)
+    auv = ti.static(worlds.auv)
+    target = target_of(worlds, w, k)
+    rate = link_rate(worlds, slant)
     cargo = unclaimed(worlds, w, target)
     knowledge.learn(worlds, w, k, target, cargo)
     auv[w, k, AuvColumn.rate] = rate
@@ -143,8 +157,18 @@ def begin_service(worlds: ti.template(), w, k, distance):
 
 
 @func
-def move(worlds: ti.template(), w, k, a0, a1):
-    """One step of AUV k: hover and send, or travel with the current.
+def write_progress(worlds: ti.template(), w, k, before, after):
+    """The reward's quantity of distance, by the distances to the target before and after a step, m."""
+    auv = ti.static(worlds.auv)
+    if worlds.p[Parameter.progress] > 0.5:
+        auv[w, k, AuvColumn.closed] = before - after
+    else:
+        auv[w, k, AuvColumn.closed] = -after
+
+
+@func
+def move_and_hover(worlds: ti.template(), w, k, a0, a1):
+    """One step of AUV k: hover and receive, or travel with the current.
 
     Data flow in a step that begins within the hover radius. An AUV that the current has carried out of it heads back;
     its service goes on when it is there.
@@ -170,11 +194,78 @@ def move(worlds: ti.template(), w, k, a0, a1):
         travel(worlds, w, k, a0, a1)
         after = distance_to_target(worlds, w, k)
         if after <= p[Parameter.hover_radius]:
-            begin_service(worlds, w, k, after)
+            begin_service(worlds, w, k, slant_range(worlds, w, k, after))
+    write_progress(worlds, w, k, before, after)
+
+
+@func
+def is_within_range(worlds: ti.template(), slant) -> bool:
+    """Whether a node at a slant range (m) is served in passing: within `nodes.service_range`, by a link that works."""
+    return slant <= worlds.p[Parameter.service_range] and link_rate(worlds, slant) > LEAST_RATE
+
+
+@func
+def collect_in_passing(worlds: ti.template(), w, k, distance):
+    """What AUV k takes from its node in a step of travelling that has ended at this horizontal distance, m.
+
+    A service begins with the step after the one in which the AUV comes within range, and ends with the step in which
+    its last packet is across, or the AUV out of range: what has not been sent stays in the node. In between data flow
+    in each step at the rate r of the slant range half way through it. `cargo` counts the packets that are left with the
+    part of one that is on its way; packets come in whole: ⌈cargo⌉ before the step less ⌈cargo⌉ after it.
+    """
+    p = ti.static(worlds.p)
+    auv = ti.static(worlds.auv)
+    slant = slant_range(worlds, w, k, distance)
+    within = is_within_range(worlds, slant)
+    if auv[w, k, AuvColumn.hover] > 0.0:
+        half = 0.5 * vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
+        middle = (offset_to_target(worlds, w, k) + half).norm()
+        rate = link_rate(worlds, slant_range(worlds, w, k, middle))
+        before = auv[w, k, AuvColumn.cargo]
+        left = ti.max(before - rate * p[Parameter.step] * p[Parameter.buffer] / p[Parameter.payload], 0.0)
+        packets = ti.ceil(before) - ti.ceil(left)
+        target = target_of(worlds, w, k)
+        worlds.node[w, target, NodeColumn.backlog] = worlds.node[w, target, NodeColumn.backlog] - packets
+        auv[w, k, AuvColumn.hovering] = 1.0
+        auv[w, k, AuvColumn.rate] = rate
+        auv[w, k, AuvColumn.cargo] = left
+        auv[w, k, AuvColumn.packets_delivered] = packets
+        auv[w, k, AuvColumn.delivered] = megabits(p, packets)
+        auv[w, k, AuvColumn.hover] = ti.max(megabits(p, left) / rate, 1e-3 * p[Parameter.step])
+        if left == 0.0:
+            auv[w, k, AuvColumn.service_rate] = rate
+            auv[w, k, AuvColumn.hover] = 0.0
+        elif not within:
+            knowledge.leave(worlds, w, k, target, ti.ceil(left))
+            auv[w, k, AuvColumn.hover] = 0.0
+    elif within:
+        begin_service(worlds, w, k, slant)
+
+
+@func
+def move_in_passing(worlds: ti.template(), w, k, a0, a1):
+    """One step of AUV k, which travels as it is told and takes data as it comes within range of its node.
+
+    Progress towards the node counts as far as its range: inside, the data do.
+    """
+    p = ti.static(worlds.p)
+    edge = 0.0
     if p[Parameter.progress] > 0.5:
-        auv[w, k, AuvColumn.closed] = before - after
+        edge = p[Parameter.hover_radius]
+    before = ti.max(distance_to_target(worlds, w, k) - edge, 0.0)
+    travel(worlds, w, k, a0, a1)
+    distance = distance_to_target(worlds, w, k)
+    collect_in_passing(worlds, w, k, distance)
+    write_progress(worlds, w, k, before, ti.max(distance - edge, 0.0))
+
+
+@func
+def move(worlds: ti.template(), w, k, a0, a1):
+    """One step of AUV k."""
+    if ti.static(worlds.program.passing):
+        move_in_passing(worlds, w, k, a0, a1)
     else:
-        auv[w, k, AuvColumn.closed] = -after
+        move_and_hover(worlds, w, k, a0, a1)
 
 
 @func
@@ -208,14 +299,19 @@ def fill_nodes(worlds: ti.template(), w):
 def complete_services(worlds: ti.template(), w):
     """Take the packets of the services completed in this step from their nodes, and send their AUVs on.
 
-    What arrived during a service stays in the buffer.
+    What arrived during a service stays in the buffer. In passing packets have been taken as they came, and a service
+    that breaks off sends its AUV on too.
     """
     for k in range(worlds.auv.shape[1]):
-        if worlds.auv[w, k, AuvColumn.service_rate] > 0.0:
+        ended = worlds.auv[w, k, AuvColumn.service_rate] > 0.0
+        if ti.static(worlds.program.passing):
+            ended = worlds.auv[w, k, AuvColumn.hovering] > 0.5 and worlds.auv[w, k, AuvColumn.hover] == 0.0
+        elif ended:
             target = target_of(worlds, w, k)
             worlds.node[w, target, NodeColumn.backlog] = (
                 worlds.node[w, target, NodeColumn.backlog] - worlds.auv[w, k, AuvColumn.packets_delivered]
             )
+        if ended:
             worlds.auv[w, k, AuvColumn.cargo] = 0.0
             choose_target(worlds, w, k)
 
