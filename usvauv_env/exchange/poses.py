@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usvauv.env.record.trace import Trace
+from usvauv.env.site.site import Site
 
 
 class Poses(NamedTuple):
@@ -15,7 +16,7 @@ class Poses(NamedTuple):
     Attributes:
         auvs, fixes, estimates: (T, K, 3); a fix is NaN where none was made, all are at the AUVs' depth.
         boats: (T, B, 3), on the waves.
-        nodes: (M, 3), at the area's depth.
+        nodes: (M, 3), on the bed.
         sea: (T, N, 3), the surface row by row from the south; T = 0 where it was not recorded.
         auv_turn, boat_turn: quaternions x, y, z, w: (T, K, 4) of an AUV's heading through the water, (T, B, 4) of a
             boat's heading and of the slope of the surface under it.
@@ -39,7 +40,7 @@ class Poses(NamedTuple):
             fixes=_raised(trace.fix[:, 0], -depth),
             estimates=_raised(trace.estimate[:, 0], -depth),
             boats=_raised(trace.boat_position[:, 0], trace.boat_surface[:, 0, :, 0]),
-            nodes=_raised(trace.node_position[0], -trace.scenario.area.depth),
+            nodes=_raised(trace.node_position[0], -Site(trace.scenario).depth_at(trace.node_position[0])),
             sea=_sea(trace),
             auv_turn=_headings(trace.auv_velocity[:, 0]),
             boat_turn=afloat(trace.boat_heading[:, 0], trace.boat_surface[:, 0, :, 1:]),

@@ -34,6 +34,13 @@ class Area(Section):
     width: float = Field(200.0, ge=40, le=20000, description="extent in x (east), m")
     length: float = Field(200.0, ge=40, le=20000, description="extent in y (north), m")
     depth: float = Field(120.0, ge=5, le=11000, description="water depth h, m")
+    bed_rms: float = Field(
+        0.0, ge=0, le=1000, description="rms height of a random bed about that depth, m; 0: flat, or that of a file"
+    )
+    bed_length: float = Field(
+        50.0, ge=10, le=20000, description="length l of the random bed, whose covariance is e^(-r²/(2 l²)), m"
+    )
+    bed_seed: int = Field(0, ge=0, le=1_000_000, description="which random bed")
 
     @property
     def diagonal(self) -> float:

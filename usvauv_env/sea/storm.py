@@ -357,7 +357,7 @@ def shallowest_valid_depth(site: Site) -> float:
 def uneven_bed_warning(site: Site) -> str:
     """A line on where over an uneven bed the storm is wrong; empty where it is not, or where bed or sea are flat."""
     scenario = site.scenario
-    if not (scenario.water.bathymetry and wave_systems(site)):
+    if site.flat or not wave_systems(site):
         return ""
     size = max(scenario.area.width, scenario.area.length) / BED_CELLS
     cells = max(3, round(scenario.area.width / size)), max(3, round(scenario.area.length / size))

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.sea import Area
 from usvauv.env.site.ocean import Flow, iso, parse_time, read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
@@ -17,7 +18,24 @@ from usvauv.env.site.waves import Waves, read_waves
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
+BED_WAVES = 256  # of a random bed
 BED_CELLS = 256  # along the longer side of the area, of the bed that nodes lie on
+
+
+def random_bed(area: Area, cells: tuple[int, int]) -> np.ndarray:
+    """Depth of a random bed at the centres of cells (nx, ny), (ny, nx) float64, m, row 0 in the south.
+
+    h(x, y) = h0 + σ √(2/N) Σ cos(k_n · (x, y) + φ_n), N = `BED_WAVES`, with phases uniform and the components of k_n
+    normal of standard deviation 1/l: a stationary field of rms σ = `area.bed_rms` and, over all seeds, of covariance
+    σ² e^{−r²/(2 l²)}, normal for large N (spectral method: Shinozuka and Deodatis 1991, doi 10.1115/1.3119501).
+    """
+    draw = np.random.default_rng(area.bed_seed)
+    kx, ky = draw.normal(size=(2, BED_WAVES)) / area.bed_length
+    phase = draw.uniform(0, 2 * np.pi, BED_WAVES)
+    x, y = ((np.arange(n) + 0.5) * side / n for n, side in zip(cells, (area.width, area.length), strict=True))
+    along_x, along_y = np.outer(x, kx), np.outer(y, ky) + phase  # cos(a + b) = cos a cos b − sin a sin b
+    waves = np.cos(along_y) @ np.cos(along_x).T - np.sin(along_y) @ np.sin(along_x).T
+    return area.depth + area.bed_rms * math.sqrt(2 / BED_WAVES) * waves
 
 
 @dataclass(frozen=True)
@@ -43,11 +61,20 @@ class Site:
         On land it is at most 0: minus the height, where that is known.
         """
         area, water = self.scenario.area, self.scenario.water
-        if not water.bathymetry:
+        if self.flat:
             return np.broadcast_to(np.float64(area.depth), cells[::-1])
         if cells not in self._depths:
-            self._depths[cells] = read_bathymetry(water.bathymetry, self._frame, area.width, area.length, cells)
+            if water.bathymetry:
+                depth = read_bathymetry(water.bathymetry, self._frame, area.width, area.length, cells)
+            else:
+                depth = random_bed(area, cells)
+            self._depths[cells] = depth
         return self._depths[cells]
+
+    @property
+    def flat(self) -> bool:
+        """Whether the bed has the same depth everywhere."""
+        return not self.scenario.water.bathymetry and self.scenario.area.bed_rms == 0
 
     @cached_property
     def mean_depth(self) -> float:
@@ -63,7 +90,7 @@ class Site:
             ScenarioError: the bed rises to the AUVs.
         """
         area, water, auv = self.scenario.area, self.scenario.water, self.scenario.auv
-        if not water.bathymetry:
+        if self.flat:
             return np.full((1, 2, 2, 1), area.depth)
         depth = self.still_depth(self._bed_cells)
         for axis in (0, 1):  # from cell centres to the corners around them
@@ -74,11 +101,23 @@ class Site:
         if depth.min() <= auv.depth:
             i, j = np.unravel_index(depth.argmin(), depth.shape)
             x, y = j * area.width / (depth.shape[1] - 1), i * area.length / (depth.shape[0] - 1)
+            bed = water.bathymetry or f"area.bed_rms = {area.bed_rms:g}"
             raise ScenarioError(
-                f"auv.depth = {auv.depth:g}: must be above the bed everywhere, and {water.bathymetry} "
+                f"auv.depth = {auv.depth:g}: must be above the bed everywhere, and {bed} "
                 f"has {depth.min():.1f} m at x = {x:.0f} m, y = {y:.0f} m"
             )
         return depth[None, :, :, None]
+
+    def depth_at(self, places: np.ndarray) -> np.ndarray:
+        """Depth of the bed at positions (..., 2), m: bilinear in `bed`."""
+        bed, area = self.bed[0, :, :, 0], self.scenario.area
+        rows, columns = bed.shape
+        column = np.clip(places[..., 0] / area.width, 0, 1) * (columns - 1)
+        row = np.clip(places[..., 1] / area.length, 0, 1) * (rows - 1)
+        j, i = (np.minimum(at.astype(int), n - 2) for at, n in ((column, columns), (row, rows)))
+        s, t = column - j, row - i
+        south, north = ((1 - s) * bed[r, j] + s * bed[r, j + 1] for r in (i, i + 1))
+        return (1 - t) * south + t * north
 
     @cached_property
     def current(self) -> Flow | None:
