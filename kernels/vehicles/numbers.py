@@ -134,7 +134,7 @@ def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
     return alpha / (2.0 - alpha), beta / (2.0 - beta), turn
 
 
-def table_of(n: Mapping[str, float]) -> np.ndarray:
+def constants_of(n: Mapping[str, float]) -> np.ndarray:
     """Constants of the equations in `torpedo`, (N,) float32, from all of `NUMBERS` by name.
 
     Raises:

@@ -31,10 +31,15 @@ Left out: the body's own straining by a flow, with its moment of the order of I 
 surface, where it also loses no buoyancy; the propeller's race on the fins.
 """
 
+from collections.abc import Mapping
+
+import numpy as np
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.vehicles.numbers import GRAVITY, NUMBERS, Constant, table_of
+from usvauv.kernels.vehicles import autopilot, gains
+from usvauv.kernels.vehicles.kinematics import Triple, axes, dot, gradient, gradient_transposed, velocity_of_water
+from usvauv.kernels.vehicles.numbers import GRAVITY, NUMBERS, Constant, constants_of
 from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Body, Vehicle, lanes, magnitude, positive, vehicles
 
 SUBSTEP = 0.05  # s
@@ -55,56 +60,7 @@ Rates = ti.types.struct(
     r=lanes,
     energy=lanes,
 )
-Triple = ti.types.struct(x=lanes, y=lanes, z=lanes)
-Attitude = ti.types.struct(x=Triple, y=Triple, z=Triple)
 CrossFlow = ti.types.struct(force=lanes, moment=lanes)
-
-
-@func
-def dot(a, b) -> lanes:
-    return a.x * b.x + a.y * b.y + a.z * b.z
-
-
-@func
-def axes(body) -> Attitude:
-    """The body's axes in north, east, down: columns of R."""
-    q0, q1, q2, q3 = body.q0, body.q1, body.q2, body.q3
-    return Attitude(
-        x=Triple(1.0 - 2.0 * (q2 * q2 + q3 * q3), 2.0 * (q1 * q2 + q0 * q3), 2.0 * (q1 * q3 - q0 * q2)),
-        y=Triple(2.0 * (q1 * q2 - q0 * q3), 1.0 - 2.0 * (q1 * q1 + q3 * q3), 2.0 * (q2 * q3 + q0 * q1)),
-        z=Triple(2.0 * (q1 * q3 + q0 * q2), 2.0 * (q2 * q3 - q0 * q1), 1.0 - 2.0 * (q1 * q1 + q2 * q2)),
-    )
-
-
-@func
-def gradient(water, a) -> Triple:
-    """G a, with a in north, east, down."""
-    return Triple(
-        water.nn * a.x + water.ne * a.y + water.nd * a.z,
-        water.en * a.x + water.ee * a.y + water.ed * a.z,
-        water.dn * a.x + water.de * a.y + water.dd * a.z,
-    )
-
-
-@func
-def gradient_transposed(water, a) -> Triple:
-    """Gᵀ a."""
-    return Triple(
-        water.nn * a.x + water.en * a.y + water.dn * a.z,
-        water.ne * a.x + water.ee * a.y + water.de * a.z,
-        water.nd * a.x + water.ed * a.y + water.dd * a.z,
-    )
-
-
-@func
-def velocity_of_water(body, water) -> Triple:
-    """V at the vehicle, north, east, down, m/s."""
-    moved = gradient(water, Triple(body.north, body.east, body.depth - water.depth))
-    return Triple(
-        water.north + moved.x + body.time * water.rate_n,
-        water.east + moved.y + body.time * water.rate_e,
-        water.down + moved.z + body.time * water.rate_d,
-    )
 
 
 @func
@@ -381,17 +337,23 @@ def trim(table: ti.template(), speed, depth, heading) -> Body:
 
 
 @func
-def hold(table: ti.template(), body, memory, command, water, depth_error, dt: ti.f32):
-    """Fins amidships, the propeller as it is: in place of an autopilot."""
-    zero = body.rudder * 0.0
-    return Actuators(rudder=zero, stern=zero, propeller=body.propeller), memory
-
-
-@func
 def drive(table: ti.template(), rudder, stern, propeller) -> Actuators:
     """What shares of their limits, in [−1, 1], tell the actuators."""
     limit, fastest = table[Constant.fin_limit], table[Constant.propeller_limit]
     return Actuators(rudder=limit * rudder, stern=limit * stern, propeller=fastest * propeller)
 
 
-vehicles.register("torpedo", Vehicle(NUMBERS, table_of, advance, hold, trim, drive, SUBSTEP, TURNING))
+def table_of(n: Mapping[str, float]) -> np.ndarray:
+    """What the functions read, (N,) float32: constants of the equations, then those of the autopilot.
+
+    Raises:
+        ValueError: the length is not above the diameter.
+    """
+    constants = constants_of(n)
+    return np.concatenate((constants, gains.constants_of(n, constants)))
+
+
+vehicles.register(
+    "torpedo",
+    Vehicle({**NUMBERS, **gains.NUMBERS}, table_of, advance, autopilot.control, trim, drive, SUBSTEP, TURNING),
+)
