@@ -133,10 +133,10 @@ def forces(table: ti.template(), body, p, q, r, water) -> Wrench:
     place = table[Constant.hull_lift_place]
     lift = hull(table, u, v + place * r, w - place * q)
     tail = table[Constant.fin_place]
-    slope = table[Constant.rudder_lift] * water.fins
-    rudder = fin(table, table[Constant.rudder_area], slope, body.rudder, u, v + tail * r)
-    slope = table[Constant.stern_lift] * water.fins
-    stern = fin(table, table[Constant.stern_area], slope, body.stern, u, w - tail * q)
+    area, slope = table[Constant.rudder_area] * water.fins, table[Constant.rudder_lift]
+    rudder = fin(table, area, slope, body.rudder, u, v + tail * r)
+    area, slope = table[Constant.stern_area] * water.fins, table[Constant.stern_lift]
+    stern = fin(table, area, slope, body.stern, u, w - tail * q)
     thrust = propeller(table, body.propeller, u)
     across, linear = table[Constant.cross_drag] * 0.5, table[Constant.linear_sway]
     turning = table[Constant.linear_turn]

@@ -84,8 +84,8 @@ class Surroundings:
         depth: of the vehicle at the beginning, m.
         bed: depth of the bed below the mean surface at that place, m.
         bed_n, bed_e: its slopes.
-        mass, drag, fins: factors on mass, inertia and displaced water (it stays trimmed), on damping, and on the lift
-            of the fins; 1 for the model.
+        mass, drag, fins: factors on mass, inertia and displaced water (it stays trimmed), on damping, and on the
+            forces of the fins; 1 for the model.
     """
 
     north: lanes

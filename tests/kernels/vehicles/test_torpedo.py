@@ -1,0 +1,333 @@
+"""The torpedo-shaped AUV against closed forms, conservation laws and a vehicle in NumPy."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from tests.kernels.vehicles.reference import Reference, Water, lamb
+from usvauv.kernels import runtime
+from usvauv.kernels.functions import kernel
+from usvauv.kernels.launch import Launch
+from usvauv.kernels.types import array1
+from usvauv.kernels.vehicles import torpedo
+from usvauv.kernels.vehicles.fleet import Fleet, load, store, vectors
+from usvauv.kernels.vehicles.numbers import NUMBERS, lamb_factors, table_of
+from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Body, Command, Surroundings
+
+DEFAULTS = {name: number.default for name, number in NUMBERS.items()}
+NO_DAMPING = {"axial_drag": 0.0, "cross_drag": 0.0, "hull_lift": 0.0, "sway_time": math.inf, "turn_time": math.inf}
+BARE = DEFAULTS | NO_DAMPING | {"roll_damping": 0.0, "rudder_area": 0.0, "stern_area": 0.0}
+NO_KEEL, NO_TORQUE = {"weight_below": 0.0}, {"torque_0": 0.0, "torque_1": 0.0}
+DEPTH, SPEEDS, SPINS = 50.0, ("u", "v", "w"), ("p", "q", "r")
+DOWN = np.array([0.0, 0.0, 1.0])
+RHO, L, D, m = (DEFAULTS[name] for name in ("density", "length", "diameter", "mass"))
+
+
+@kernel
+def measure(state: vectors, water: vectors, table: array1, found: vectors):
+    for _ in range(1):
+        body, around = load(state, 0, Body), load(water, 0, Surroundings)
+        store(found, 0, torpedo.forces(table, body, body.p, body.q, body.r, around))
+        store(found, 6, torpedo.rates(table, body, around))
+
+
+def fleet(numbers: dict[str, float], told=(0.0, 0.0, 0.0), water: Water | None = None, **state) -> Fleet:
+    """LANES vehicles, level in water at rest where nothing else is said, their actuators where they are told to be."""
+    made = Fleet(LANES, numbers=numbers)
+    made.set(Actuators, rudder=told[0], stern=told[1], propeller=told[2])
+    made.set(**({"depth": DEPTH, "rudder": told[0], "stern": told[1], "propeller": told[2]} | state))
+    if water:
+        axes = list(enumerate("ned"))
+        made.set(Surroundings, depth=DEPTH, **dict(zip(("north", "east", "down"), water.velocity, strict=True)))
+        made.set(Surroundings, **{f"rate_{a}": water.rate[i] for i, a in axes})
+        made.set(Surroundings, **{a + b: water.gradient[i, j] for i, a in axes for j, b in axes})
+    return made
+
+
+def measured(vehicles: Fleet, numbers: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Forces and moments, and time derivatives of ν: each (LANES, 6)."""
+    found, table = torch.zeros(16, LANES), torch.from_numpy(table_of(numbers))
+    arrays = (tensor.view(-1, LANES).cpu() for tensor in (vehicles.state, vehicles.water))
+    Launch(measure, *arrays, table, found, settings=runtime.vectors_in_registers())()
+    return found[:6].double().numpy().T, found[9:15].double().numpy().T
+
+
+def fields(vehicles: Fleet, *names: str) -> np.ndarray:
+    return np.stack([vehicles.numpy(name) for name in names], -1)
+
+
+def anyhow(seed: int, speed: float = 1.0) -> dict[str, np.ndarray]:
+    """Random attitudes and velocities."""
+    rng = np.random.default_rng(seed)
+    q = Rotation.random(LANES, rng).as_quat()
+    state = {name: q[:, i] for name, i in zip(("q1", "q2", "q3", "q0"), range(4), strict=True)}
+    state |= {name: speed * rng.normal(size=LANES) for name in SPEEDS}
+    return state | {name: 0.5 * speed * rng.normal(size=LANES) for name in SPINS}
+
+
+def attitude(vehicles: Fleet) -> np.ndarray:
+    return Rotation.from_quat(fields(vehicles, "q1", "q2", "q3", "q0")).as_matrix()
+
+
+def mass_matrix(numbers: dict[str, float]) -> np.ndarray:
+    return Reference(numbers).mass_matrix
+
+
+def test_added_masses_are_lambs():
+    """His integrals; nearly a sphere has half the mass of its water, a needle none ahead and all of it across."""
+    for ratio in (1.5, 2.0, 5.0, 8.4):
+        assert lamb_factors(ratio, 1.0) == pytest.approx(lamb(ratio, 1.0), rel=1e-6)
+    assert lamb_factors(1.02, 1.0) == pytest.approx((0.5, 0.5, 0.0), abs=0.02)
+    assert lamb_factors(300.0, 1.0) == pytest.approx((0.0, 1.0, 1.0), abs=0.01)
+    with pytest.raises(ValueError, match="length = 1: must be above the diameter, 2"):
+        lamb_factors(1.0, 2.0)
+
+
+def test_drag_of_the_cross_flow():
+    """Pure sway −½ρ D C_d |v| v L, pure yaw −½ρ D C_d |r| r L⁴/32; between them and in heave, the integral."""
+    numbers = BARE | {"cross_drag": 0.9}
+    rng, half = np.random.default_rng(1), -0.5 * RHO * D * 0.9
+    v, r = rng.normal(size=LANES), 2.0 * rng.normal(size=LANES)
+    force = measured(fleet(numbers, v=v), numbers)[0]
+    assert force[:, 1] == pytest.approx(half * np.abs(v) * v * L, rel=1e-5)
+    assert force[:, [0, 2, 3, 4, 5]] == pytest.approx(0)
+    force = measured(fleet(numbers, r=r), numbers)[0]
+    assert force[:, 5] == pytest.approx(half * np.abs(r) * r * L**4 / 32, rel=1e-5)
+    force = measured(fleet(numbers, v=v, r=r, w=v, q=-r), numbers)[0]
+    x = np.linspace(-L / 2, L / 2, 200001)
+    along = v[:, None] + r[:, None] * x
+    drag = half * np.abs(along) * along
+    expected = np.trapezoid(drag, x), np.trapezoid(x * drag, x)
+    assert force[:, [1, 5]] == pytest.approx(np.stack(expected, -1), rel=2e-5, abs=1e-5)
+    assert force[:, [2, 4]] == pytest.approx(np.stack((expected[0], -expected[1]), -1), rel=2e-5, abs=1e-5)
+
+
+def test_munks_moment_turns_the_hull_across_the_flow():
+    """−(Y − X) u v in yaw and (Y − X) u w in pitch."""
+    numbers = BARE | NO_KEEL
+    k1, k2, _ = lamb(L, D)
+    M = np.diag(mass_matrix(numbers))
+    rates = measured(fleet(numbers, u=1.5, v=0.2, w=0.3), numbers)[1]
+    assert rates[:, 5] == pytest.approx(-(k2 - k1) * m * 1.5 * 0.2 / M[5], rel=1e-5)
+    assert rates[:, 4] == pytest.approx((k2 - k1) * m * 1.5 * 0.3 / M[4], rel=1e-5)
+
+
+def test_coriolis_forces_do_no_work():
+    """νᵀ M ν̇ is the work of the weight alone, from M and from Newton's law."""
+    vehicles = fleet(BARE, **anyhow(2))
+    nu, rates = fields(vehicles, *SPEEDS, *SPINS), measured(vehicles, BARE)[1]
+    down = attitude(vehicles)[:, 2]
+    weight = m * 9.81 * DEFAULTS["weight_below"] * np.cross(DOWN, down)
+    work = np.einsum("ij,ij->i", nu[:, 3:], weight)
+    assert np.einsum("ij,jk,ik->i", nu, mass_matrix(BARE), rates) == pytest.approx(work, abs=2e-4)
+    assert np.abs(work).max() > 1
+
+
+@pytest.mark.parametrize("told", [(0.0, 0.0, 0.0), (0.6, -0.6, 0.0), (-0.1, 0.3, 0.0)])
+def test_damping_and_fins_take_energy(told):
+    """In any flow, at any angle of the fins; more the faster, at least with the square of the speed."""
+    for seed in range(4):
+        for speed in (0.1, 1.0, 5.0):
+            vehicles = fleet(DEFAULTS, told, **anyhow(seed, speed))
+            nu = fields(vehicles, *SPEEDS, *SPINS)
+            power = np.einsum("ij,ij->i", nu, measured(vehicles, DEFAULTS)[0])
+            assert (power < -1e-3 * np.linalg.norm(nu, axis=1) ** 2).all()
+
+
+def test_energy_falls_without_thrust():
+    """Kinetic energy of body and water, and the weight's potential energy, from one second to the next."""
+    vehicles = fleet(DEFAULTS, **anyhow(3))
+    go, M, energies = vehicles.flight(20, 0.05), mass_matrix(DEFAULTS), []
+    for _ in range(30):
+        nu = fields(vehicles, *SPEEDS, *SPINS)
+        height = -m * 9.81 * DEFAULTS["weight_below"] * attitude(vehicles)[:, 2, 2]
+        energies.append(0.5 * np.einsum("ij,jk,ik->i", nu, M, nu) + height)
+        go()
+    assert (np.diff(energies, axis=0) < 0).all()
+    assert (energies[-1] < -0.9 * m * 9.81 * DEFAULTS["weight_below"]).all()
+
+
+def test_a_uniform_current_is_a_moving_frame():
+    """Steady or accelerated: the same motion through the water; the ground passes by. Without a keel no frame shows."""
+    numbers = DEFAULTS | NO_KEEL | NO_TORQUE
+    state, told = anyhow(4, 0.7), (0.1, -0.1, 15.0)
+    still = fleet(numbers, told, **state)
+    water = Water(np.array([0.8, -0.5, 0.1]), rate=np.array([0.05, 0.1, -0.02]))
+    carried = fleet(numbers, told, water, **state)
+    for vehicles in (still, carried):
+        vehicles.flight(200, 0.05)()
+    names = (*SPEEDS, *SPINS, "q0", "q1", "q2", "q3")
+    assert fields(carried, *names) == pytest.approx(fields(still, *names), abs=2e-4)
+    moved = fields(carried, "north", "east", "depth") - fields(still, "north", "east", "depth")
+    t = vehicles.numpy("time")[:, None]
+    assert moved == pytest.approx(water.velocity * t + 0.5 * water.rate * t**2, abs=5e-3)
+
+
+def test_an_accelerated_current_tilts_gravity():
+    """With its keel a vehicle at rest in water that accelerates hangs along g − DV/Dt."""
+    water = Water(rate=np.array([0.0, 1.2, 0.0]))
+    numbers = DEFAULTS | {"roll_damping": 2.0}
+    vehicles = fleet(numbers, water=water)
+    vehicles.flight(1200, 0.05)()
+    assert attitude(vehicles)[:, :, 2] == pytest.approx(
+        np.tile(np.array([0.0, -1.2, 9.81]) / math.hypot(1.2, 9.81), (LANES, 1)), abs=1e-4
+    )
+    assert fields(vehicles, *SPEEDS) == pytest.approx(0, abs=1e-3)
+
+
+def test_at_rest_in_turning_water_it_goes_round_with_it():
+    """In a solid rotation a trimmed body moves as the water does: no forces, no slip."""
+    numbers, spin, radius = DEFAULTS | NO_KEEL, 0.3, np.linspace(0.0, 15.0, LANES)
+    water = Water(gradient=spin * np.array([[0, -1, 0], [1, 0, 0], [0, 0, 0.0]]))
+    vehicles = fleet(numbers, water=water, r=spin)
+    vehicles.set(Surroundings, east=spin * radius)  # the axis is `radius` south
+    vehicles.flight(400, 0.05)()
+    angle = spin * vehicles.numpy("time")
+    assert fields(vehicles, *SPEEDS) == pytest.approx(0, abs=2e-3)
+    assert vehicles.numpy("north") == pytest.approx(radius * (np.cos(angle) - 1), abs=1e-2)
+    assert vehicles.numpy("east") == pytest.approx(radius * np.sin(angle), abs=1e-2)
+
+
+def test_a_stationary_potential_flow_keeps_the_first_integral():
+    """½ m |ẋ|² + ½ ẋ·A ẋ − ½ V·A V − ½ m_f |V|² + ½ ω·I ω stays, with A turned into the frame (`torpedo`)."""
+    numbers = BARE | NO_KEEL
+    strain = np.array([[0.06, 0.03, -0.04], [0.03, -0.08, 0.02], [-0.04, 0.02, 0.02]])
+    water = Water(np.array([0.3, 0.2, -0.1]), strain)
+    vehicles = fleet(numbers, water=water, **anyhow(5, 0.4))
+    M, integrals = mass_matrix(numbers), []
+    A = M[:3, :3] - m * np.eye(3)
+    for _ in range(3):
+        R, nu = attitude(vehicles), fields(vehicles, *SPEEDS, *SPINS)
+        place = fields(vehicles, "north", "east", "depth") - DOWN * DEPTH
+        V = np.einsum("nji,nj->ni", R, water.at(place, 0.0))
+        x = nu[:, :3] + V
+        kinetic = 0.5 * np.einsum("ni,ij,nj->n", np.hstack([x, nu[:, 3:]]), M, np.hstack([x, nu[:, 3:]]))
+        integrals.append(kinetic - 0.5 * np.einsum("ni,ij,nj->n", V, A + m * np.eye(3), V))
+        vehicles.flight(800, 0.005)()
+    assert np.array(integrals) == pytest.approx(np.tile(integrals[0], (3, 1)), abs=3e-3)
+
+
+def test_port_and_starboard_mirror():
+    """With a propeller that takes no torque."""
+    numbers = DEFAULTS | NO_TORQUE
+    state, told = anyhow(6), (0.2, 0.1, 15.0)
+    other = {name: -value if name in ("v", "p", "r", "q1", "q3") else value for name, value in state.items()}
+    mine, yours = fleet(numbers, told, **state), fleet(numbers, (-0.2, 0.1, 15.0), **other)
+    for vehicles in (mine, yours):
+        vehicles.flight(200, 0.05)()
+    for name in (*SPEEDS, *SPINS, "q0", "q1", "q2", "q3", "north", "east", "depth"):
+        sign = -1 if name in ("v", "p", "r", "q1", "q3", "east") else 1
+        assert mine.numpy(name) == pytest.approx(sign * yours.numpy(name), abs=2e-5), name
+
+
+def test_trim_stays_level_and_straight_at_its_power():
+    """Speed, depth, course and heel for five minutes; energy = (2π n Q/efficiency + hotel) t."""
+    vehicles = Fleet(LANES)
+    speed, heading = np.linspace(0.5, 2.4, LANES), np.linspace(-3.0, 3.0, LANES)
+    vehicles.set(Command, speed=speed, depth=DEPTH, heading=heading)
+    vehicles.trim()
+    n, heel = vehicles.numpy("propeller"), vehicles.numpy("q1")
+    vehicles.set(Actuators, propeller=n)
+    vehicles.flight(6000, 0.05)()
+    t = vehicles.numpy("time")
+    assert vehicles.numpy("u") == pytest.approx(speed, rel=1e-4)
+    assert vehicles.numpy("depth") == pytest.approx(DEPTH, abs=0.05)
+    assert np.unwrap(np.arctan2(vehicles.numpy("east"), vehicles.numpy("north"))) == pytest.approx(heading, abs=1e-3)
+    assert vehicles.numpy("energy") == pytest.approx(Reference(DEFAULTS).power(n, speed) * t, rel=1e-3)
+    assert (heel[np.abs(heading) < 1.5] < 0).all()  # to port
+
+
+def test_terminal_speed_is_where_thrust_is_drag():
+    n = np.linspace(5.0, 25.0, LANES)
+    vehicles = fleet(DEFAULTS, (0.0, 0.0, n))
+    vehicles.flight(2400, 0.05)()
+    drag = 0.5 * RHO * DEFAULTS["axial_drag"] * math.pi / 4 * D**2
+    propeller = Reference(DEFAULTS).propeller
+    known = [brentq(lambda u, n=n: propeller(np.float64(n), np.float64(u))[0] - drag * u * u, 0.01, 9.0) for n in n]
+    assert vehicles.numpy("u") == pytest.approx(np.array(known), rel=2e-4)
+
+
+def test_actuators_lag_and_have_limits():
+    """A rudder told 0.1 is at 0.1 (1 − e^(−t/T)); one told 1 turns at its rate and stops at its limit."""
+    told = np.where(np.arange(LANES) < 8, 0.1, 1.0)
+    vehicles = fleet(DEFAULTS, rudder=0.0, propeller=0.0)
+    vehicles.set(Actuators, rudder=told, propeller=100.0)
+    vehicles.flight(3, 0.05)()
+    expected = np.where(told == 0.1, 0.1 * (1 - math.exp(-1.5)), 0.15)
+    assert vehicles.numpy("rudder") == pytest.approx(expected, rel=1e-4)
+    vehicles.flight(100, 0.05)()
+    assert vehicles.numpy("rudder") == pytest.approx(np.where(told == 0.1, 0.1, DEFAULTS["fin_limit"]), rel=1e-4)
+    assert vehicles.numpy("propeller") == pytest.approx(DEFAULTS["propeller_limit"], rel=1e-4)
+
+
+def test_surface_and_bed_stop_it_and_are_reported():
+    """Half rise to the surface, half sink on a slope; neither comes through, nor gains speed."""
+    up = np.arange(LANES) < 8
+    vehicles = fleet(
+        DEFAULTS, (0.0, 0.0, 15.0), depth=3.0, u=1.5, q0=math.cos(0.3), q2=np.where(up, 1, -1) * math.sin(0.3)
+    )
+    vehicles.set(Surroundings, bed=6.0, bed_n=-0.02)
+    vehicles.flight(300, 0.05)()
+    depth, radius = vehicles.numpy("depth"), D / 2
+    assert (depth >= radius - 1e-6).all()
+    assert (depth <= 6.0 - 0.02 * vehicles.numpy("north") - radius + 1e-5).all()
+    assert (vehicles.numpy("surfaced") == up).all()
+    assert (vehicles.numpy("grounded") == ~up).all()
+    assert np.linalg.norm(fields(vehicles, *SPEEDS), axis=1).max() < 2.0
+
+
+def test_factors_on_mass_drag_and_fins():
+    """Half the forces, or twice the mass and keel: the same acceleration; each factor acts on its own."""
+    state = anyhow(7)
+
+    def rates(**factors):
+        vehicles = fleet(DEFAULTS, (0.1, 0.2, 0.0), **state)
+        vehicles.set(Surroundings, **factors)
+        return measured(vehicles, DEFAULTS)
+
+    forces, plain = rates()
+    inertial = rates(drag=0.0, fins=0.0)[1]
+    heavy = rates(mass=2.0)[1]
+    assert heavy - 0.5 * plain == pytest.approx(0.5 * inertial, abs=2e-3)
+    assert rates(drag=0.5, fins=0.5)[1] != pytest.approx(plain, abs=0.05)
+    no_fins = rates(fins=0.0)[0]
+    assert rates(drag=1.5)[0] - forces == pytest.approx(0.5 * (no_fins - rates(drag=0.0, fins=0.0)[0]), abs=0.3)
+
+
+@cache
+def flown(seconds: float, told: tuple[float, float, float]):
+    """The NumPy vehicle in a sheared and accelerating current, from random states; where it began, and where it is."""
+    rng = np.random.default_rng(8)
+    water = Water(0.5 * rng.normal(size=3), 0.03 * rng.normal(size=(3, 3)), 0.05 * rng.normal(size=3))
+    numbers = DEFAULTS | {"buoyancy": 4.0, "fin_rate": 100.0}
+    rotation = Rotation.from_euler("ZYX", rng.normal(size=(LANES, 3)) * [2.0, 0.3, 0.3])
+    v, omega = 0.3 * rng.normal(size=(LANES, 3)) + [1.2, 0, 0], 0.2 * rng.normal(size=(LANES, 3))
+    reference = Reference(numbers, water, told)
+    begin = reference.start(np.zeros((LANES, 3)), rotation.as_matrix(), v, omega, (0.0, 0.0, 10.0))
+    x, R, v_end, omega_end, *_ = reference.motion(reference.fly(begin, seconds), seconds)
+    q = rotation.as_quat()
+    state = dict(zip((*SPEEDS, *SPINS), [*v.T, *omega.T], strict=True))
+    state |= {"q0": q[:, 3], "q1": q[:, 0], "q2": q[:, 1], "q3": q[:, 2]}
+    state |= {"rudder": 0.0, "stern": 0.0, "propeller": 10.0}
+    return numbers, water, state, (x + DOWN * DEPTH, R, v_end, omega_end)
+
+
+def test_trajectories_are_those_of_the_numpy_vehicle():
+    """To integration error, of second order: halving the substep leaves a quarter, until rounding shows."""
+    seconds, told = 6.0, (0.15, -0.1, 18.0)
+    numbers, water, state, known = flown(seconds, told)
+    errors = []
+    for dt in (0.1, 0.05, 0.025):
+        vehicles = fleet(numbers, told, water, **state)
+        vehicles.flight(round(seconds / dt), dt)()
+        found = fields(vehicles, "north", "east", "depth"), attitude(vehicles), fields(vehicles, *SPEEDS)
+        found = *found, fields(vehicles, *SPINS)
+        errors.append([np.abs(mine - theirs).max() for mine, theirs in zip(found, known, strict=True)])
+    errors = np.array(errors)
+    assert (errors[1] < [2e-2, 3e-3, 5e-4, 5e-4]).all()
+    assert np.log2(errors[:-1] / errors[1:]).mean(0) == pytest.approx(2.0, abs=0.35)
