@@ -170,12 +170,10 @@ def rates(table: ti.template(), body, water) -> Rates:
     # The water's part of the acceleration, and gravity.
     m, X, Y = table[Constant.mass], table[Constant.added_surge], table[Constant.added_sway]
     slender = (Y - X) * u
-    impulse = gradient_transposed(
-        water,
-        Triple(
-            Y * through.x - slender * axis.x.x, Y * through.y - slender * axis.x.y, Y * through.z - slender * axis.x.z
-        ),
+    added = Triple(
+        Y * through.x - slender * axis.x.x, Y * through.y - slender * axis.x.y, Y * through.z - slender * axis.x.z
     )
+    impulse = gradient_transposed(water, added)
     down = water.rate_d + convected.z - GRAVITY
     falling = Triple(water.rate_n + convected.x, water.rate_e + convected.y, down)
     lighter = table[Constant.displaced]

@@ -9,7 +9,7 @@ from pydantic import Field, create_model, model_validator
 from usvauv.env.scenario.fields import Distance, Section
 from usvauv.kernels.mission.motion import FASTEST
 from usvauv.kernels.planning.information import MAX_AUVS
-from usvauv.kernels.vehicles.numbers import NUMBERS
+from usvauv.kernels.vehicles.torpedo import vehicles
 
 
 class Navigation(Section):
@@ -139,7 +139,7 @@ class Auv(Section):
 
 _fields: Any = {
     name: (float, Field(number.default, ge=number.low, le=number.high, description=number.meaning))
-    for name, number in NUMBERS.items()
+    for name, number in vehicles["torpedo"].numbers.items()
 }
 Torpedo: type[Section] = create_model(
     "Torpedo", __base__=Section, __doc__="Numbers of `auv.model = torpedo`.", **_fields
