@@ -44,6 +44,8 @@ KINDS = {  # share of the count
     "attributes": 0.004,
     "trace": 0.003,
     "bytes": 0.003,
+    "scenario": 0.003,
+    "run": 0.01,
 }
 TEXTS = (
     "",
@@ -156,6 +158,16 @@ def fuzz_override(r: random.Random, folder: Path) -> None:
     sometimes_run(r, setting)
 
 
+def fuzz_scenario(r: random.Random, folder: Path) -> None:
+    from tests.trials import scenarios
+    from usvauv.env import Scenario
+
+    base, options = r.choice(scenarios.OPTIONS)
+    setting = Scenario.load(base, [*options, *scenarios.random_overrides(r)])
+    if scenarios.short(setting, 3):
+        assert (fault := scenarios.run(setting, 0, 3)) is None, fault
+
+
 def fuzz_learn(r: random.Random, folder: Path) -> None:
     from usvauv.policies.config import TUNABLE, TrainingConfig
 
@@ -224,6 +236,12 @@ def fuzz_checkpoint(r: random.Random, folder: Path) -> None:
         place.write_bytes(damage(r, place.read_bytes()))
     policy = policies.load_learned(place)
     assert all(value.isfinite().all() for value in policy.actor.state_dict().values())
+
+
+def fuzz_run(r: random.Random, folder: Path) -> None:
+    from tests.trials.checkpoints import go_on
+
+    go_on(r, folder)
 
 
 def fuzz_plugin(r: random.Random, folder: Path) -> None:

@@ -1,18 +1,13 @@
 """Random scenarios within all bounds, each run for some mission steps: state finite, power above 0, nobody outside.
 
-    python -m tests.trials.scenarios --seed 0 --count 500
-
-A scenario is a shipped one with some numbers drawn anew: at a bound, or log-uniform between the bounds. What the
-scenario refuses in one line is counted; what it takes has to run. Options that make other kernels change seldom.
+A kind of `tests.trials.fuzz`. A scenario is a shipped one with some numbers drawn anew: at a bound, or log-uniform
+between the bounds. What it does not refuse has to run.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import random
-import time
-from collections import Counter
 from typing import Any
 
 import torch
@@ -21,7 +16,6 @@ from pydantic.fields import FieldInfo
 from tests.links import EVERY_STEP
 from usvauv.env import Scenario, World
 from usvauv.env.scenario.fields import Section
-from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
 
 STEPS = 12
@@ -125,6 +119,11 @@ def fault_of(world: World, before: torch.Tensor | None) -> str | None:
     return None
 
 
+def short(scenario: Scenario, worlds: int) -> bool:
+    """Whether the trial has time for it."""
+    return effort(scenario, worlds) <= LONGEST * (0.02 if scenario.sea.equations == "nonlinear" else 1)
+
+
 def run(scenario: Scenario, seed: int, worlds: int) -> str | None:
     """Run a mission for some steps; returns its fault."""
     world = World(scenario, worlds, seed)
@@ -139,43 +138,3 @@ def run(scenario: Scenario, seed: int, worlds: int) -> str | None:
         if fault := fault_of(world, action):
             return f"step {step}: {fault}"
     return None
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--count", type=int, default=300, help="scenarios that are run")
-    parser.add_argument("--options", type=int, nargs="*", help="only these sets of choices")
-    arguments = parser.parse_args()
-    counts: Counter[str] = Counter()
-    begun = time.perf_counter()
-    chosen = OPTIONS if arguments.options is None else [OPTIONS[i] for i in arguments.options]
-    for number, (base, options) in enumerate(chosen):
-        source = random.Random(f"{arguments.seed} {base} {options}")
-        done = 0
-        while done < math.ceil(arguments.count / len(chosen)):
-            overrides = [*options, *random_overrides(source)]
-            counts["drawn"] += 1
-            try:
-                scenario = Scenario.load(base, overrides)
-                if effort(scenario, 3) > LONGEST * (0.02 if "nonlinear" in str(options) else 1):
-                    counts["too long for the trial"] += 1
-                    continue
-                done += 1
-                fault = run(scenario, arguments.seed, 3)
-            except UserError as error:
-                counts[f"refused: {type(error).__name__}"] += 1
-                if "\n" not in str(error):
-                    continue
-                fault = f"a refusal of several lines: {error}"
-            except Exception as error:
-                fault = f"{type(error).__name__}: {error}"
-            counts["run"] += 1
-            if fault:
-                counts["faulty"] += 1
-                print(f"FAULT {fault}\n  {base} {' '.join(map(repr, overrides))}", flush=True)
-        print(f"options {number}: {dict(counts)}, {time.perf_counter() - begun:.0f} s", flush=True)
-
-
-if __name__ == "__main__":
-    main()
